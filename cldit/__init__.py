@@ -1,0 +1,5 @@
+"""cldit: differential infrared thermography of fuel sprays, simulated, acquired, evaluated."""
+
+from importlib.metadata import version
+
+__version__ = version("cldit")

@@ -1,0 +1,1 @@
+"""Lens, filter, sensor, noise: radiance -> electrons -> counts."""

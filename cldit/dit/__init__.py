@@ -1,0 +1,1 @@
+"""Images -> emissivity and apparent temperature."""

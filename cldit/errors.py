@@ -1,0 +1,37 @@
+"""The errors that users meet. Each message says what was found, where, and what is allowed."""
+
+
+class ClditError(Exception):
+    """Base of every error that cldit raises on purpose; the CLI prints it without a traceback."""
+
+
+class SceneError(ClditError, ValueError):
+    """A scene, rig or plan file holds something that is not allowed."""
+
+
+class SprayError(ClditError, ValueError):
+    """A spray source (grid file, CFD case) is missing something or holds impossible values."""
+
+
+class MediumError(ClditError, ValueError):
+    """The octree cannot hold the spray as asked."""
+
+
+class DeviceError(ClditError, RuntimeError):
+    """No usable OpenCL device, or the device refused what was asked of it."""
+
+
+class KernelError(ClditError, RuntimeError):
+    """A kernel did not assemble or build."""
+
+
+class TransportError(ClditError, RuntimeError):
+    """The transport solution cannot be trusted (not converged, not closed, not finite)."""
+
+
+class EvaluationError(ClditError, ValueError):
+    """The images cannot be evaluated (too few backgrounds, missing shots)."""
+
+
+class RunFolderError(ClditError, ValueError):
+    """A run or acquisition folder is incomplete, damaged, or belongs to something else."""

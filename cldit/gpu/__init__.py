@@ -1,0 +1,1 @@
+"""OpenCL: devices, source assembly, building, buffers."""

@@ -1,0 +1,1 @@
+"""Octree and the maps that carry a spray into it."""

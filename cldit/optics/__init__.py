@@ -1,0 +1,1 @@
+"""Planck, Mie and vapour: what the medium absorbs, scatters and emits."""

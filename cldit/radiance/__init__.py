@@ -1,0 +1,1 @@
+"""Weights x sources -> radiance per pixel."""

@@ -1,0 +1,1 @@
+"""Instruments as Protocols, the rig file, and the clock."""

@@ -1,0 +1,6 @@
+"""Scenes: frozen, validated data <-> YAML."""
+
+from cldit.scene.load import dump_scene, load_scene, parse_scene, shipped_scenes
+from cldit.scene.schema import Scene
+
+__all__ = ["Scene", "dump_scene", "load_scene", "parse_scene", "shipped_scenes"]

@@ -1,0 +1,152 @@
+"""Field types that check themselves, with messages that say what is allowed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, core_schema
+
+from cldit.errors import SceneError
+
+
+class Section(BaseModel):
+    """Base of every part of a scene, rig or plan file: frozen, and unknown keys are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False, allow_inf_nan=False)
+
+
+def _number(value: float) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True)
+class Within:
+    """A closed interval; numbers outside it are refused with `17 is outside 8..16`."""
+
+    low: float
+    high: float
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_wrap_validator_function(self._check, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        return {**handler(schema), "minimum": self.low, "maximum": self.high}
+
+    def _check(self, value: Any, inner: Any) -> Any:
+        if isinstance(value, (bool, str)):
+            raise PydanticCustomError(
+                "not_a_number",
+                "{value} is not a number; allowed is {low}..{high} without a unit",
+                {"value": repr(value), "low": _number(self.low), "high": _number(self.high)},
+            )
+        if isinstance(value, float) and not math.isfinite(value):
+            inside = False
+        elif isinstance(value, (int, float)):
+            inside = self.low <= value <= self.high
+        else:
+            inside = True  # the inner validator names the type it wants
+        if not inside:
+            raise PydanticCustomError(
+                "outside",
+                "{value} is outside {low}..{high}",
+                {
+                    "value": _number(value),
+                    "low": _number(self.low),
+                    "high": _number(self.high),
+                },
+            )
+        return inner(value)
+
+
+def _path(error: ErrorDetails) -> str:
+    """`camera.pixels` for a component of a short vector, `spray.plumes[2].mass_kg` in a list."""
+    parts: list[str] = []
+    loc = [part for part in error["loc"] if not (isinstance(part, str) and "[" in part)]
+    for index, part in enumerate(loc):
+        if isinstance(part, int):
+            if index < len(loc) - 1:
+                parts[-1] += f"[{part}]"
+        else:
+            parts.append(str(part))
+    return ".".join(parts)
+
+
+def _allowed_keys(model: type[BaseModel], loc: Sequence[int | str]) -> list[str]:
+    """Keys of the section in which `loc` ends, or nothing where it cannot be told."""
+    here: Any = model
+    for part in loc[:-1]:
+        candidates = _sections(here)
+        found = next((c.model_fields[part] for c in candidates if part in c.model_fields), None)
+        if found is not None:
+            here = found.annotation
+        elif not isinstance(part, int):
+            tagged = [c for c in candidates if _tag(c) == part]
+            here = tagged[0] if tagged else here
+    keys: list[str] = []
+    for section in _sections(here):
+        keys += [name for name in section.model_fields if name not in keys]
+    return keys
+
+
+def _tag(section: type[BaseModel]) -> str | None:
+    field = section.model_fields.get("model")
+    return None if field is None else str(field.default)
+
+
+def _sections(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    found: list[type[BaseModel]] = []
+    for argument in getattr(annotation, "__args__", ()):
+        found += _sections(argument)
+    return found
+
+
+def describe(model: type[BaseModel], errors: Sequence[ErrorDetails]) -> str:
+    """One line an error: path, value, what is allowed."""
+    lines: list[str] = []
+    for error in errors:
+        path = _path(error)
+        if error["type"] == "extra_forbidden":
+            keys = ", ".join(_allowed_keys(model, error["loc"]))
+            text = f"unknown key; allowed: {keys}"
+        elif error["type"] == "missing":
+            text = "is missing"
+        elif error["type"] in ("outside", "not_a_number", "not_allowed"):
+            text = error["msg"]
+        elif error["type"] == "value_error":
+            text = error["msg"].removeprefix("Value error, ")
+        else:
+            text = f"{error['input']!r}: {error['msg']}"
+        lines.append(f"{path}: {text}" if path else text)
+    unique = list(dict.fromkeys(lines))
+    return "\n".join(unique)
+
+
+def read_mapping(path: Path) -> dict[str, Any]:
+    """The mapping in a YAML file.
+
+    Raises:
+        SceneError: the file is missing, unreadable, not YAML, or not a mapping.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"{path}: cannot be read ({error})") from error
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise SceneError(f"{path}: is not valid YAML ({error})") from error
+    if not isinstance(data, dict):
+        raise SceneError(f"{path}: holds {type(data).__name__}, expected keys and values")
+    return data

@@ -1,0 +1,76 @@
+"""Scenes from YAML, by path or by the name under which they are shipped, and back to YAML."""
+
+from __future__ import annotations
+
+import difflib
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from cldit.errors import SceneError
+from cldit.scene.checks import describe, read_mapping
+from cldit.scene.schema import Scene
+
+_LIBRARY = "cldit.scene.library"
+
+
+def shipped_scenes() -> dict[str, str]:
+    """Name and description of every scene that comes with cldit."""
+    found: dict[str, str] = {}
+    for entry in sorted(resources.files(_LIBRARY).iterdir(), key=lambda item: item.name):
+        if entry.name.endswith(".yaml"):
+            data = yaml.safe_load(entry.read_text(encoding="utf-8"))
+            found[entry.name.removesuffix(".yaml")] = str(data.get("description", ""))
+    return found
+
+
+def load_scene(name_or_path: str | Path) -> Scene:
+    """Reads a scene.
+
+    Args:
+        name_or_path: name of a shipped scene (`gdi`), or path to a YAML file. Relative paths
+            inside the file are taken from the file's folder.
+
+    Raises:
+        SceneError: no such scene, or the file holds something that is not allowed; the message
+            names every offending key, its value, and what is allowed.
+    """
+    path = Path(name_or_path)
+    if path.suffix in (".yaml", ".yml") or path.is_file():
+        return parse_scene(read_mapping(path), source=str(path), folder=path.parent)
+    name = str(name_or_path)
+    known = shipped_scenes()
+    if name not in known:
+        close = difflib.get_close_matches(name, known, n=1)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        raise SceneError(
+            f"{name}: no such scene{hint} Shipped are {', '.join(known)}; "
+            "anything else must be the path of a .yaml file"
+        )
+    text = resources.files(_LIBRARY).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
+    return parse_scene(yaml.safe_load(text), source=name)
+
+
+def parse_scene(data: dict[str, Any], *, source: str = "scene", folder: Path | None = None) -> Scene:
+    """A scene from plain data, checked.
+
+    Raises:
+        SceneError: as in `load_scene`.
+    """
+    try:
+        scene = Scene.model_validate(data)
+    except ValidationError as error:
+        raise SceneError(f"{source}:\n{describe(Scene, error.errors())}") from error
+    file = getattr(scene.spray, "file", None)
+    if file is not None and folder is not None and not file.is_absolute():
+        spray = scene.spray.model_copy(update={"file": (folder / file).resolve()})
+        scene = scene.model_copy(update={"spray": spray})
+    return scene
+
+
+def dump_scene(scene: Scene) -> str:
+    """The scene as YAML, every default written out; `parse_scene` reads it back unchanged."""
+    return yaml.safe_dump(scene.model_dump(mode="json"), sort_keys=False, allow_unicode=True)

@@ -1,0 +1,264 @@
+"""What a scene is: frozen data with a range, a unit and a default for every key.
+
+The defaults are the paper's numbers where it gives them (Section "Ray Tracing"); the sensor's are
+typical of a cooled 640 x 512 InSb camera and are assumptions.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from cldit.scene.checks import Section, Within
+
+Length = Annotated[float, Within(1e-6, 100.0)]
+Coordinate = Annotated[float, Within(-100.0, 100.0)]
+Temperature = Annotated[float, Within(0.0, 5000.0)]
+Pixels = Annotated[int, Within(1, 16384)]
+Fraction = Annotated[float, Within(0.0, 1.0)]
+Angle = Annotated[float, Within(-360.0, 360.0)]
+Point = tuple[Coordinate, Coordinate, Coordinate]
+
+
+class Domain(Section):
+    """The cube that is traced, and how finely the octree may divide it."""
+
+    edge_m: Length = 0.20
+    centre_m: Point = (0.0, 0.0, 0.0)
+    leaf_edge_m: Annotated[float, Within(1e-6, 100.0)] = 0.5e-3
+    optical_depth_split: Annotated[float, Within(0.0, 1.0)] = 1e-5
+
+    @model_validator(mode="after")
+    def _depth(self) -> Domain:
+        if self.edge_m / self.leaf_edge_m > 4096:
+            raise ValueError(
+                f"leaf_edge_m: {self.leaf_edge_m:g} is finer than edge_m / 4096 = "
+                f"{self.edge_m / 4096:g}"
+            )
+        return self
+
+
+class Ambient(Section):
+    """The gas of the vessel before injection."""
+
+    pressure_Pa: Annotated[float, Within(1e3, 2e7)] = 0.6e6
+    temperature_K: Annotated[float, Within(200.0, 2000.0)] = 570.0
+
+
+class Plume(Section):
+    """One hole of the injector: where its plume points."""
+
+    inclination_deg: Annotated[float, Within(0.0, 89.0)]  # from the injector axis, -z
+    azimuth_deg: Angle  # from +x towards +y
+    cone_angle_deg: Annotated[float, Within(0.5, 120.0)] = 22.0  # full angle
+    mass_fraction: Annotated[float, Within(1e-6, 1e6)] = 1.0  # relative to the other plumes
+
+
+class NukiyamaTanasawa(Section):
+    """f(D) ~ D^p exp(-(D/m)^n), paper Eq. (5)."""
+
+    m_um: Annotated[float, Within(1e-3, 1e3)] = 1.5
+    n: Annotated[float, Within(0.05, 20.0)] = 1.0
+    p: Annotated[float, Within(-0.9, 50.0)] = 3.0
+
+
+class Monodisperse(Section):
+    """Every droplet leaves the nozzle with this diameter."""
+
+    diameter_um: Annotated[float, Within(1e-2, 1e3)]
+
+
+class ConeSpray(Section):
+    """Analytic plumes: mixing-limited evaporation in quasi-steady jets."""
+
+    model: Literal["cone"] = "cone"
+    time_s: Annotated[float, Within(1e-5, 0.1)] = 0.95e-3
+    injected_mass_kg: Annotated[float, Within(0.0, 1e-2)] = 10e-6
+    injection_duration_s: Annotated[float, Within(1e-5, 1.0)] = 1.5e-3
+    injection_pressure_Pa: Annotated[float, Within(1e5, 5e8)] = 20e6
+    hole_diameter_m: Annotated[float, Within(1e-6, 1e-2)] = 165e-6
+    fuel: Literal["n-heptane", "methane"] = "n-heptane"
+    fuel_temperature_K: Annotated[float, Within(180.0, 535.0)] = 370.0
+    ambient: Ambient = Ambient()
+    droplets: NukiyamaTanasawa | Monodisperse | None = NukiyamaTanasawa()
+    evaporation: bool = True
+    parcels_per_cell: Annotated[int, Within(1, 1000)] = 4
+    spacing_m: Annotated[float, Within(1e-5, 1e-2)] = 0.5e-3
+    seed: Annotated[int, Within(0, 2**31 - 1)] = 1
+    plumes: tuple[Plume, ...] = tuple(
+        Plume(inclination_deg=33.0, azimuth_deg=22.5 + 45.0 * hole) for hole in range(8)
+    )
+
+    @field_validator("plumes")
+    @classmethod
+    def _some(cls, plumes: tuple[Plume, ...]) -> tuple[Plume, ...]:
+        if not 1 <= len(plumes) <= 64:
+            raise ValueError(f"{len(plumes)} plumes, allowed is 1..64")
+        return plumes
+
+
+class GridSpray(Section):
+    """Optical coefficients on a regular grid, from an .npz file."""
+
+    model: Literal["grid"] = "grid"
+    file: Path
+
+
+class CfdSpray(Section):
+    """An OpenFOAM case, or what foamToVTK wrote of it."""
+
+    model: Literal["cfd"] = "cfd"
+    file: Path
+    time_s: Annotated[float, Within(0.0, 1e3)] | None = None
+    fuel_field: str = "C7H16"
+    fuel_molar_mass_kg_mol: Annotated[float, Within(1e-3, 1.0)] = 0.100204
+    cloud: str | None = None
+    nozzle_m: Point = (0.0, 0.0, 0.0)  # in the case's coordinates; becomes the origin
+    axis: Literal["-x", "+x", "-y", "+y", "-z", "+z"] = "-z"  # of the injection; becomes -z
+
+
+class EmptySpray(Section):
+    """Nothing at all between camera and background."""
+
+    model: Literal["none"] = "none"
+
+
+Spray = Annotated[ConeSpray | GridSpray | CfdSpray | EmptySpray, Field(discriminator="model")]
+
+
+class Sensor(Section):
+    """The infrared camera's chip. Pitch, f-number, well and read noise are typical, not measured."""
+
+    pixels: tuple[Pixels, Pixels] = (640, 512)
+    pitch_m: Annotated[float, Within(1e-6, 1e-3)] = 15e-6
+    f_number: Annotated[float, Within(0.5, 64.0)] = 2.5
+    quantum_efficiency: Annotated[float, Within(1e-3, 1.0)] = 0.8
+    integration_time_s: Annotated[float, Within(320e-9, 1.0)] = 25e-6
+    well_electrons: Annotated[float, Within(1e2, 1e9)] = 7e6
+    electrons_per_count: Annotated[float, Within(1e-3, 1e6)] = 40.0
+    offset_counts: Annotated[float, Within(0.0, 65535.0)] = 200.0
+    read_noise_electrons: Annotated[float, Within(0.0, 1e6)] = 200.0
+    bits: Annotated[int, Within(8, 16)] = 14
+    bad_pixels: Annotated[int, Within(0, 100_000)] = 20
+
+
+class Camera(Section):
+    """Stands on -y of its target and looks along +y; image right is +x, image up is +z."""
+
+    model: Literal["pinhole", "orthographic"] = "pinhole"
+    distance_m: Annotated[float, Within(1e-3, 1e3)] = 1.0
+    field_m: tuple[Length, Length] = (0.16, 0.16)  # width, height in the plane of the target
+    pixels: tuple[Pixels, Pixels] = (1000, 1000)  # columns, rows: one ray each
+    target_m: Point | None = None  # the middle of the picture; the domain's centre where left out
+    sensor: Sensor = Sensor()
+
+    @field_validator("pixels", mode="before")
+    @classmethod
+    def _square(cls, value: object) -> object:
+        return (value, value) if isinstance(value, int) else value
+
+
+class Background(Section):
+    """What is before the camera behind the spray: a disc that faces it, or all of the enclosure."""
+
+    shape: Literal["disc", "enclosure"] = "disc"
+    radius_m: Length = 0.05
+    centre_m: Point | None = None  # the middle of the domain's face on +y where left out
+    temperatures_K: tuple[Temperature, ...] = (400.0, 440.0, 480.0, 520.0, 560.0)
+    emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0
+
+    @field_validator("temperatures_K")
+    @classmethod
+    def _two(cls, temperatures: tuple[float, ...]) -> tuple[float, ...]:
+        if not 1 <= len(temperatures) <= 1000:
+            raise ValueError(f"{len(temperatures)} temperatures, allowed is 1..1000")
+        return temperatures
+
+
+class Walls(Section):
+    """The rest of the enclosure, a black body at one temperature."""
+
+    temperature_K: Temperature = 300.0
+
+
+class Optics(Section):
+    """`paper`: one wavelength and one refractive index, as in the paper's Section 2."""
+
+    preset: Literal["paper"] = "paper"
+    wavelength_um: Annotated[float, Within(0.2, 50.0)] = 3.4
+    filter_um: tuple[Annotated[float, Within(0.2, 50.0)], Annotated[float, Within(0.2, 50.0)]] = (
+        3.3,
+        3.5,
+    )
+    n: Annotated[float, Within(0.1, 10.0)] = 1.338
+    k: Annotated[float, Within(0.0, 10.0)] = 0.0341
+    vapour_m2_mol: Annotated[float, Within(0.0, 1e6)] = 50.0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Optics:
+        if self.filter_um[0] >= self.filter_um[1]:
+            raise ValueError(
+                f"filter_um: {self.filter_um[0]:g} to {self.filter_um[1]:g} is empty; "
+                "allowed is a lower and a higher wavelength"
+            )
+        return self
+
+
+class Transport(Section):
+    """How the equation of transfer is solved."""
+
+    method: Literal["source"] = "source"
+    order: Annotated[int, Within(0, 1000)] | None = None  # None: until the residual is met
+    accuracy_K: Annotated[float, Within(1e-4, 100.0)] = 0.1
+    phase: Literal["isotropic"] = "isotropic"
+    cutoff: Annotated[float, Within(0.0, 0.5)] = 1e-4
+    directions: Annotated[int, Within(4, 4096)] | None = None  # None: chosen from accuracy_K
+    seed: Annotated[int, Within(0, 2**31 - 1)] = 1
+
+
+class Rig(Section):
+    """How the simulated rig behaves."""
+
+    background_time_constant_s: Annotated[float, Within(0.0, 1e5)] = 120.0
+    background_start_K: Temperature = 295.0
+    shot_scatter: Annotated[float, Within(0.0, 1.0)] = 0.03  # relative, of the optical depth
+    shot_scatter_length_m: Annotated[float, Within(1e-5, 1.0)] = 4e-3
+    seed: Annotated[int, Within(0, 2**31 - 1)] = 1
+
+
+class PlanSize(Section):
+    """How often the rig records at each background."""
+
+    shots: Annotated[int, Within(1, 100_000)] = 5
+    references: Annotated[int, Within(1, 100_000)] = 5
+
+
+class Scene(Section):
+    """Everything a run needs; `cldit.load_scene` reads it from YAML."""
+
+    name: Annotated[str, Field(min_length=1, max_length=100)]
+    description: str = ""
+    domain: Domain = Domain()
+    spray: Spray
+    camera: Camera = Camera()
+    background: Background = Background()
+    walls: Walls = Walls()
+    optics: Optics = Optics()
+    transport: Transport = Transport()
+    rig: Rig = Rig()
+    plan: PlanSize = PlanSize()
+
+    @property
+    def target_m(self) -> Point:
+        """The point in the middle of the picture."""
+        return self.domain.centre_m if self.camera.target_m is None else self.camera.target_m
+
+    @property
+    def background_centre_m(self) -> Point:
+        """The middle of the background disc."""
+        if self.background.centre_m is not None:
+            return self.background.centre_m
+        x, y, z = self.domain.centre_m
+        return (x, y + self.domain.edge_m / 2, z)

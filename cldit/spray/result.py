@@ -1,0 +1,162 @@
+"""What every spray model yields: parcels of droplets, and gas in cells.
+
+Positions are in the project's frame: injector tip at the origin, injector axis -z.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.errors import SprayError
+
+Floats = NDArray[np.float64]
+
+
+def _checked(what: str, values: Floats, *, low: float, high: float) -> None:
+    if values.size and not np.all(np.isfinite(values)):
+        bad = int(np.flatnonzero(~np.isfinite(values).reshape(values.shape[0], -1).all(axis=1))[0])
+        raise SprayError(f"{what}: entry {bad} is not finite")
+    if values.size and (values.min() < low or values.max() > high):
+        bad = int(np.argmax((values < low) | (values > high)))
+        raise SprayError(
+            f"{what}: {values.reshape(-1)[bad]:g} (entry {bad}) is outside {low:g}..{high:g}"
+        )
+
+
+@dataclass(frozen=True)
+class Parcels:
+    """Packages of equal droplets.
+
+    position_m (N, 3); diameter_m, droplets (real number of droplets in the parcel), temperature_K
+    and density_kg_m3 (N,).
+    """
+
+    position_m: Floats
+    diameter_m: Floats
+    droplets: Floats
+    temperature_K: Floats
+    density_kg_m3: Floats
+
+    def __post_init__(self) -> None:
+        count = len(self.position_m)
+        if self.position_m.shape != (count, 3):
+            raise SprayError(f"parcels.position_m: shape {self.position_m.shape}, expected (N, 3)")
+        limits = {
+            "diameter_m": (1e-9, 1e-2),
+            "droplets": (0.0, 1e18),
+            "temperature_K": (0.0, 5000.0),
+            "density_kg_m3": (1.0, 1e5),
+        }
+        _checked("parcels.position_m", self.position_m, low=-1e3, high=1e3)
+        for name, (low, high) in limits.items():
+            values = getattr(self, name)
+            if values.shape != (count,):
+                raise SprayError(f"parcels.{name}: shape {values.shape}, expected ({count},)")
+            _checked(f"parcels.{name}", values, low=low, high=high)
+
+    @property
+    def mass_kg(self) -> float:
+        """Liquid mass, sum of n rho pi d^3 / 6."""
+        return float(np.sum(self.droplets * self.density_kg_m3 * self.diameter_m**3) * np.pi / 6)
+
+    @property
+    def sauter_mean_diameter_m(self) -> float:
+        """D32 = sum n d^3 / sum n d^2; NaN where there is no droplet."""
+        area = float(np.sum(self.droplets * self.diameter_m**2))
+        return float(np.sum(self.droplets * self.diameter_m**3)) / area if area > 0 else np.nan
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Axis-aligned boxes, lower_m and upper_m (N, 3), that carry the gas.
+
+    `volume_m3` (N,) is the cell's own volume; a cell that is no box is stood for by a box of the
+    same volume and centroid.
+    """
+
+    lower_m: Floats
+    upper_m: Floats
+
+    def __post_init__(self) -> None:
+        if self.lower_m.shape != self.upper_m.shape or self.lower_m.shape[1:] != (3,):
+            raise SprayError(
+                f"cells: corners of shape {self.lower_m.shape} and {self.upper_m.shape}, "
+                "expected (N, 3)"
+            )
+        _checked("cells.lower_m", self.lower_m, low=-1e3, high=1e3)
+        _checked("cells.upper_m", self.upper_m, low=-1e3, high=1e3)
+        if np.any(self.upper_m <= self.lower_m):
+            bad = int(np.argmax(np.any(self.upper_m <= self.lower_m, axis=1)))
+            raise SprayError(f"cells: cell {bad} has no volume")
+
+    @property
+    def volume_m3(self) -> Floats:
+        return np.asarray(np.prod(self.upper_m - self.lower_m, axis=1))
+
+
+@dataclass(frozen=True)
+class Vapour:
+    """Fuel vapour in cells: number_density_m3 (molecules per m3) and temperature_K, both (N,)."""
+
+    cells: Cells
+    number_density_m3: Floats
+    temperature_K: Floats
+    molar_mass_kg_mol: float
+
+    def __post_init__(self) -> None:
+        for name, high in (("number_density_m3", 1e32), ("temperature_K", 5000.0)):
+            values = getattr(self, name)
+            if values.shape != (len(self.cells.lower_m),):
+                raise SprayError(
+                    f"vapour.{name}: shape {values.shape}, expected ({len(self.cells.lower_m)},)"
+                )
+            _checked(f"vapour.{name}", values, low=0.0, high=high)
+
+    @property
+    def mass_kg(self) -> float:
+        molecule_kg = self.molar_mass_kg_mol / 6.02214076e23
+        return float(np.sum(self.number_density_m3 * self.cells.volume_m3) * molecule_kg)
+
+
+@dataclass(frozen=True)
+class Prescribed:
+    """Optical coefficients given as such, per metre, in cells; all arrays (N,)."""
+
+    cells: Cells
+    vapour_absorption_per_m: Floats
+    droplet_absorption_per_m: Floats
+    droplet_scattering_per_m: Floats
+    vapour_temperature_K: Floats
+    droplet_temperature_K: Floats
+
+    def __post_init__(self) -> None:
+        for name in (
+            "vapour_absorption_per_m",
+            "droplet_absorption_per_m",
+            "droplet_scattering_per_m",
+            "vapour_temperature_K",
+            "droplet_temperature_K",
+        ):
+            high = 5000.0 if name.endswith("_K") else 1e12
+            values = getattr(self, name)
+            if values.shape != (len(self.cells.lower_m),):
+                raise SprayError(
+                    f"{name}: shape {values.shape}, expected ({len(self.cells.lower_m)},)"
+                )
+            _checked(name, values, low=0.0, high=high)
+
+
+@dataclass(frozen=True)
+class Spray:
+    """The one result of every source; what a source does not have is None.
+
+    `notes` are figures for the report (name -> value in SI).
+    """
+
+    parcels: Parcels | None = None
+    vapour: Vapour | None = None
+    prescribed: Prescribed | None = None
+    notes: dict[str, float] = field(default_factory=dict)

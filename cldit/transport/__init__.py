@@ -1,0 +1,1 @@
+"""The equation of transfer: weights per pixel."""

@@ -1,0 +1,1 @@
+"""OpenCL C sources of cldit; `cldit.gpu.source` reads and assembles them."""
