@@ -1,0 +1,82 @@
+"""Images as ImageJ TIFF: what Fiji and napari open with names, units and scale."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from cldit.errors import RunFolderError
+
+
+def fsync_folder(folder: Path) -> None:
+    """Makes a rename in `folder` survive a power cut (where the system can: not on Windows)."""
+    if os.name == "nt":
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def write_image(
+    path: Path,
+    image: NDArray[Any],
+    *,
+    name: str,
+    unit: str,
+    pixel_m: tuple[float, float] | None = None,
+    meta: dict[str, Any] | None = None,
+) -> None:
+    """Writes one picture (H, W), row 0 at the top: float32, uint16 or uint8.
+
+    The file appears whole or not at all: it is written beside its place, synced, and renamed.
+
+    Args:
+        name: what the picture shows, as the viewer's label.
+        unit: unit of the pixel values ("K", "1", "counts").
+        pixel_m: width and height of a pixel on the object, for the viewer's scale bar.
+        meta: anything JSON can hold; `read_image` gives it back.
+    """
+    if image.dtype not in (np.float32, np.uint16, np.uint8) or image.ndim != 2:
+        raise ValueError(f"{path.name}: {image.dtype} of shape {image.shape} is no 2-D picture")
+    info = {"name": name, "unit": unit, **(meta or {})}
+    resolution = None
+    metadata: dict[str, Any] = {"axes": "YX", "Labels": [f"{name} [{unit}]"]}
+    if pixel_m is not None:
+        resolution = (1e-3 / pixel_m[0], 1e-3 / pixel_m[1])  # pixels per mm
+        metadata["unit"] = "mm"
+        info["pixel_m"] = list(pixel_m)
+    metadata["Info"] = json.dumps(info)
+    part = path.with_name(path.name + ".part")
+    with part.open("wb") as stream:
+        tifffile.imwrite(stream, image, imagej=True, resolution=resolution, metadata=metadata)
+        stream.flush()
+        os.fsync(stream.fileno())
+    part.replace(path)
+    fsync_folder(path.parent)
+
+
+def read_image(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
+    """Picture and metadata that `write_image` wrote; foreign TIFFs come with empty metadata.
+
+    Raises:
+        RunFolderError: the file is missing, damaged, or not a picture.
+    """
+    try:
+        with tifffile.TiffFile(path) as tiff:
+            image = np.asarray(tiff.asarray())
+            imagej = tiff.imagej_metadata or {}
+    except (OSError, ValueError, IndexError, tifffile.TiffFileError) as error:
+        raise RunFolderError(f"{path}: cannot be read as TIFF ({error})") from error
+    try:
+        info = json.loads(imagej.get("Info", "{}"))
+    except json.JSONDecodeError:
+        info = {}
+    return image, info if isinstance(info, dict) else {}
