@@ -1,0 +1,55 @@
+"""Arrays on the device, and the time that kernels take."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+from numpy.typing import NDArray
+
+from cldit.errors import DeviceError
+from cldit.gpu.device import Device
+
+
+def check_size(device: Device, what: str, size: int) -> None:
+    """Refuses a buffer that the device cannot hold in one piece.
+
+    Raises:
+        DeviceError: names the buffer, its size, and the limit.
+    """
+    if size > device.info.largest_buffer_bytes:
+        raise DeviceError(
+            f"{what}: {size / 1e9:.2f} GB is more than the {device.info.largest_buffer_bytes / 1e9:.2f} "
+            f"GB that {device.info.name} takes in one buffer; set domain.leaf_edge_m coarser"
+        )
+
+
+def upload(device: Device, what: str, array: NDArray[Any]) -> Any:
+    """A device buffer with the array's content; an empty array gets one element of padding."""
+    data = np.ascontiguousarray(array)
+    if data.nbytes == 0:
+        data = np.zeros(1, data.dtype)
+    check_size(device, what, data.nbytes)
+    flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+    return cl.Buffer(device.context, flags, hostbuf=data)
+
+
+def zeros(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any:
+    """A device buffer of `count` zeros (at least one)."""
+    size = max(1, count) * np.dtype(dtype).itemsize
+    check_size(device, what, size)
+    buffer = cl.Buffer(device.context, cl.mem_flags.READ_WRITE, size)
+    clear(device, buffer, size)
+    return buffer
+
+
+def clear(device: Device, buffer: Any, size: int) -> None:
+    """Sets every byte of the buffer to zero."""
+    cl.enqueue_fill_buffer(device.queue, buffer, np.zeros(1, np.uint8), 0, size)
+
+
+def download(device: Device, buffer: Any, out: NDArray[Any]) -> NDArray[Any]:
+    """Copies the buffer into `out` and waits for it."""
+    cl.enqueue_copy(device.queue, out, buffer)
+    return out

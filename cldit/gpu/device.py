@@ -1,0 +1,133 @@
+"""OpenCL devices: which there are, which is used, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import pyopencl as cl
+
+from cldit.errors import DeviceError
+
+_NO_DRIVER = (
+    "no OpenCL platform was found; install a driver, or the embedded one that needs none: "
+    'pip install "cldit[pocl]"'
+)
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """What a user wants to know of a device before choosing it."""
+
+    index: str  # platform:device, what --device takes
+    platform: str
+    name: str
+    kind: str  # cpu, gpu, accelerator
+    version: str
+    driver: str
+    compute_units: int
+    memory_bytes: int
+    largest_buffer_bytes: int
+    float64: bool
+
+
+@dataclass(frozen=True)
+class Device:
+    """A chosen device with its context and queue; `reason` says why it was chosen."""
+
+    info: DeviceInfo
+    reason: str
+    context: Any
+    queue: Any
+
+    @property
+    def is_cpu(self) -> bool:
+        return self.info.kind == "cpu"
+
+
+def _found() -> list[tuple[DeviceInfo, Any]]:
+    try:
+        platforms = cl.get_platforms()
+    except cl.LogicError as error:
+        raise DeviceError(_NO_DRIVER) from error
+    found: list[tuple[DeviceInfo, Any]] = []
+    for p, platform in enumerate(platforms):
+        try:
+            devices = platform.get_devices()
+        except cl.LogicError:
+            continue  # a platform without a device is listed by some loaders
+        for d, device in enumerate(devices):
+            found.append((_describe(f"{p}:{d}", platform, device), device))
+    if not found:
+        raise DeviceError(_NO_DRIVER)
+    return found
+
+
+def _describe(index: str, platform: Any, device: Any) -> DeviceInfo:
+    kinds = {cl.device_type.CPU: "cpu", cl.device_type.GPU: "gpu"}
+    kind = next((name for bit, name in kinds.items() if device.type & bit), "accelerator")
+    return DeviceInfo(
+        index=index,
+        platform=platform.name.strip(),
+        name=device.name.strip(),
+        kind=kind,
+        version=device.version.strip(),
+        driver=device.driver_version.strip(),
+        compute_units=device.max_compute_units,
+        memory_bytes=device.global_mem_size,
+        largest_buffer_bytes=device.max_mem_alloc_size,
+        float64=bool(device.double_fp_config),
+    )
+
+
+def list_devices() -> list[DeviceInfo]:
+    """Every OpenCL device of this machine.
+
+    Raises:
+        DeviceError: there is none; the message says what to install.
+    """
+    return [info for info, _ in _found()]
+
+
+def choose(devices: list[DeviceInfo], wanted: str | None) -> tuple[int, str]:
+    """Number of the device to use, and the reason.
+
+    Args:
+        wanted: `platform:device` or part of a device's or platform's name; None lets cldit choose
+            the GPU with the most memory, or else the CPU with the most compute units.
+
+    Raises:
+        DeviceError: nothing fits `wanted`; the message lists what there is.
+    """
+    if wanted is not None:
+        for number, info in enumerate(devices):
+            if wanted == info.index:
+                return number, f"asked for as {wanted}"
+        for number, info in enumerate(devices):
+            if wanted.lower() in f"{info.platform} {info.name} {info.kind}".lower():
+                return number, f"the first whose name holds {wanted!r}"
+        known = "; ".join(f"{info.index} {info.name}" for info in devices)
+        raise DeviceError(f"device: {wanted!r} is not here; there is {known}")
+    gpus = [number for number, info in enumerate(devices) if info.kind == "gpu"]
+    if gpus:
+        best = max(gpus, key=lambda number: devices[number].memory_bytes)
+        return best, "the GPU with the most memory"
+    best = max(range(len(devices)), key=lambda number: devices[number].compute_units)
+    return best, "no GPU here; the device with the most compute units"
+
+
+def open_device(wanted: str | None = None) -> Device:
+    """Opens a device (see `choose`).
+
+    Raises:
+        DeviceError: no device, not the one asked for, or it cannot be opened.
+    """
+    found = _found()
+    number, reason = choose([info for info, _ in found], wanted)
+    info, handle = found[number]
+    try:
+        context = cl.Context([handle])
+        queue = cl.CommandQueue(context)
+    except cl.Error as error:
+        raise DeviceError(f"device {info.index} ({info.name}) cannot be opened: {error}") from error
+    return Device(info=info, reason=reason, context=context, queue=queue)

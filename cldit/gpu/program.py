@@ -1,0 +1,61 @@
+"""Building: one source, specialised by defines, on one device."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+
+from cldit.errors import KernelError
+from cldit.gpu.device import Device
+from cldit.gpu.source import assemble
+
+Define = int | float | str
+
+
+@dataclass(frozen=True)
+class Program:
+    """A built program; `defines` are exactly what the compiler was given."""
+
+    name: str
+    defines: Mapping[str, Define]
+    build_s: float
+    _kernels: Mapping[str, Any]
+
+    def __getitem__(self, kernel: str) -> Any:
+        return self._kernels[kernel]
+
+
+def _literal(value: Define) -> str:
+    if isinstance(value, float):
+        return f"{np.float32(value):.9e}f"
+    return str(value)
+
+
+def build(device: Device, name: str, defines: Mapping[str, Define]) -> Program:
+    """Builds `kernels/name` for the device; floats become single-precision literals.
+
+    Raises:
+        KernelError: the source does not assemble or build; the message holds the compiler's log.
+    """
+    source = assemble(name)
+    options = [f"-D{key}={_literal(value)}" for key, value in sorted(defines.items())]
+    start = time.perf_counter()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", cl.CompilerWarning)  # PoCL reports its own headers
+            program = cl.Program(device.context, source).build(options=["-cl-std=CL1.2", *options])
+            kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
+    except cl.Error as error:
+        raise KernelError(f"kernels/{name} with {' '.join(options)}:\n{error}") from error
+    return Program(
+        name=name,
+        defines=dict(defines),
+        build_s=time.perf_counter() - start,
+        _kernels=kernels,
+    )

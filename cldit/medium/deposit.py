@@ -1,0 +1,178 @@
+"""Parcels and gas cells into bricks of finest cells, every amount conserved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.errors import MediumError
+from cldit.medium.frame import BRICK, Frame
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_CELLS_PER_BRICK = BRICK**3
+_PAIRS_AT_ONCE = 4_000_000  # bounds the memory of a deposit: some 60 bytes a pair
+_OUTSIDE = 1e-9  # share of a box that may stick out of the cube: rounding of its corners
+
+
+@dataclass(frozen=True)
+class Touched:
+    """The bricks that anything falls into.
+
+    directory: (nb, nb, nb) int32 in [z, y, x] order, slot of the brick or -1; slots: how many.
+    """
+
+    directory: NDArray[np.int32]
+    slots: int
+
+    def address(self, cell: Ints) -> Ints:
+        """Storage address of finest cells (N, 3; x, y, z)."""
+        brick, inside = np.divmod(cell, BRICK)
+        slot = self.directory[brick[:, 2], brick[:, 1], brick[:, 0]].astype(np.int64)
+        local = (inside[:, 2] * BRICK + inside[:, 1]) * BRICK + inside[:, 0]
+        return np.asarray(slot * _CELLS_PER_BRICK + local)
+
+
+def cells_of_points(frame: Frame, position_m: Floats, amount: Floats, *, what: str) -> Ints:
+    """Finest cell (N, 3) of every point.
+
+    Raises:
+        MediumError: part of `amount` lies outside the cube.
+    """
+    place = frame.to_cells(position_m)
+    outside = np.any((place < 0) | (place > frame.cells), axis=1) & (amount > 0)
+    if np.any(outside):
+        share = float(amount[outside].sum() / amount.sum())
+        _refuse(frame, what, share, position_m[outside].min(axis=0), position_m[outside].max(axis=0))
+    return np.clip(np.floor(place).astype(np.int64), 0, frame.cells - 1)
+
+
+def _refuse(frame: Frame, what: str, share: float, low: Floats, high: Floats) -> None:
+    corner = np.asarray(frame.lower_m)
+    raise MediumError(
+        f"{100 * share:.3g} % of the {what} lies outside the domain: found at "
+        f"{np.round(low, 4).tolist()} to {np.round(high, 4).tolist()} m, the cube reaches from "
+        f"{np.round(corner, 4).tolist()} to {np.round(corner + frame.edge_m, 4).tolist()} m; "
+        "enlarge domain.edge_m or move domain.centre_m"
+    )
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Axis-aligned boxes in units of finest cells, lower and upper (N, 3)."""
+
+    lower: Floats
+    upper: Floats
+
+    @classmethod
+    def place(cls, frame: Frame, lower_m: Floats, upper_m: Floats, *, what: str) -> Boxes:
+        """Boxes in the cube.
+
+        Raises:
+            MediumError: a box reaches out of the cube by more than rounding.
+        """
+        lower, upper = frame.to_cells(lower_m), frame.to_cells(upper_m)
+        slack = _OUTSIDE * frame.cells + _OUTSIDE * np.abs(lower).max(initial=0.0)
+        outside = np.any((lower < -slack) | (upper > frame.cells + slack), axis=1)
+        if np.any(outside):
+            _refuse(
+                frame,
+                f"{what} (cells)",
+                float(np.mean(outside)),
+                lower_m[outside].min(axis=0),
+                upper_m[outside].max(axis=0),
+            )
+        return cls(np.clip(lower, 0, frame.cells), np.clip(upper, 0, frame.cells))
+
+    def span(self) -> tuple[Ints, Ints]:
+        """First finest cell and number of finest cells that each box touches, (N, 3) both."""
+        # A face that lies on a cell face to within rounding does not touch the cell beyond it.
+        first = np.floor(self.lower + 1e-6).astype(np.int64)
+        last = np.ceil(self.upper - 1e-6).astype(np.int64)
+        return first, np.maximum(last - first, 1)
+
+    def overlaps(self) -> Iterator[tuple[Ints, Ints, Floats]]:
+        """Chunks of (box, finest cell (N, 3), share of the box in that cell); shares sum to 1."""
+        first, count = self.span()
+        pairs = np.prod(count, axis=1)
+        ends = np.cumsum(pairs)
+        start = 0
+        while start < len(pairs):
+            done = ends[start - 1] if start else 0
+            stop = max(start + 1, int(np.searchsorted(ends, done + _PAIRS_AT_ONCE, "right")))
+            yield self._chunk(start, stop, first, count, pairs)
+            start = stop
+
+    def _chunk(
+        self, start: int, stop: int, first: Ints, count: Ints, pairs: Ints
+    ) -> tuple[Ints, Ints, Floats]:
+        box = np.repeat(np.arange(start, stop), pairs[start:stop])
+        within = np.arange(len(box)) - np.repeat(
+            np.cumsum(pairs[start:stop]) - pairs[start:stop], pairs[start:stop]
+        )
+        cell = np.empty((len(box), 3), np.int64)
+        share = np.ones(len(box))
+        for axis in range(3):
+            within, step = np.divmod(within, count[box, axis])
+            cell[:, axis] = first[box, axis] + step
+            low = np.maximum(self.lower[box, axis], cell[:, axis])
+            high = np.minimum(self.upper[box, axis], cell[:, axis] + 1)
+            # A sliver that the span leaves to its neighbour goes there in full.
+            low = np.where(step == 0, self.lower[box, axis], low)
+            high = np.where(step == count[box, axis] - 1, self.upper[box, axis], high)
+            share *= (high - low) / (self.upper[box, axis] - self.lower[box, axis])
+        return box, cell, share
+
+
+def touched_bricks(frame: Frame, points: Ints, boxes: list[Boxes], *, limit: int) -> Touched:
+    """Marks the bricks that hold a point's cell or touch a box.
+
+    Raises:
+        MediumError: more finest cells than `limit` would have to be stored.
+    """
+    mark = np.zeros((frame.bricks,) * 3, bool)
+    brick = points // BRICK
+    mark[brick[:, 2], brick[:, 1], brick[:, 0]] = True
+    for group in boxes:
+        first, count = group.span()
+        low = first // BRICK
+        high = np.minimum((first + count - 1) // BRICK, frame.bricks - 1)
+        extent = high - low + 1
+        small = np.all(extent <= 4, axis=1)
+        steps = extent[small].max(axis=0, initial=0)
+        for dx, dy, dz in np.ndindex(*steps):
+            step = np.minimum(low[small] + (dx, dy, dz), high[small])
+            mark[step[:, 2], step[:, 1], step[:, 0]] = True
+        for lo, hi in zip(low[~small], high[~small] + 1, strict=True):
+            mark[lo[2] : hi[2], lo[1] : hi[1], lo[0] : hi[0]] = True
+    slots = int(mark.sum())
+    if slots * _CELLS_PER_BRICK > limit:
+        raise MediumError(
+            f"the spray fills {slots * _CELLS_PER_BRICK:.3g} cells of {frame.cell_m * 1e3:.3g} mm, "
+            f"allowed are {limit:.3g}; set domain.leaf_edge_m coarser than {2 * frame.cell_m:.3g}"
+        )
+    directory = np.full(mark.shape, -1, np.int32)
+    directory[mark] = np.arange(slots, dtype=np.int32)
+    return Touched(directory=directory, slots=slots)
+
+
+def add_points(touched: Touched, cell: Ints, amounts: list[Floats]) -> list[Floats]:
+    """Sum of every amount (N,) over the points in each stored cell."""
+    address = touched.address(cell)
+    size = touched.slots * _CELLS_PER_BRICK
+    return [np.bincount(address, amount, minlength=size) for amount in amounts]
+
+
+def add_boxes(touched: Touched, boxes: Boxes, amounts: list[Floats]) -> list[Floats]:
+    """Sum of every amount (N,), spread evenly over its box, in each stored cell."""
+    size = touched.slots * _CELLS_PER_BRICK
+    total = [np.zeros(size) for _ in amounts]
+    for box, cell, share in boxes.overlaps():
+        address = touched.address(cell)
+        for sum_, amount in zip(total, amounts, strict=True):
+            sum_ += np.bincount(address, amount[box] * share, minlength=size)
+    return total

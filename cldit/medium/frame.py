@@ -1,0 +1,50 @@
+"""The cube, its finest cells, and the bricks of 8 x 8 x 8 cells in which they are stored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+BRICK = 8  # cells along a brick's edge; the kernels are built with the same number
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A cube of `cells`**3 finest cells.
+
+    lower_m: the cube's lower corner; depth: how often the cube may be halved; cells = 2**depth.
+    """
+
+    lower_m: tuple[float, float, float]
+    edge_m: float
+    depth: int
+
+    @classmethod
+    def around(
+        cls, *, centre_m: tuple[float, float, float], edge_m: float, leaf_edge_m: float
+    ) -> Frame:
+        """The cube, halved until an edge is below `leaf_edge_m` (paper, Section "Ray Tracing")."""
+        depth = 0
+        while edge_m / 2**depth >= leaf_edge_m:
+            depth += 1
+        x, y, z = (middle - edge_m / 2 for middle in centre_m)
+        return cls(lower_m=(x, y, z), edge_m=edge_m, depth=depth)
+
+    @property
+    def cells(self) -> int:
+        return int(2**self.depth)
+
+    @property
+    def cell_m(self) -> float:
+        return self.edge_m / self.cells
+
+    @property
+    def bricks(self) -> int:
+        """Bricks along an edge; a cube of fewer than eight cells has one brick, partly used."""
+        return max(1, self.cells // BRICK)
+
+    def to_cells(self, position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Positions (N, 3) in units of cells from the lower corner."""
+        return np.asarray((position_m - np.asarray(self.lower_m)) / self.cell_m)

@@ -1,0 +1,286 @@
+"""The octree: how finely each part of the cube is resolved, and what each leaf absorbs and emits.
+
+Splitting follows the paper (Section "Ray Tracing"): a cube is halved while its vapour's optical
+depth exceeds a bound or droplets are in it, until its edge is below the leaf edge. Leaves of one
+finest cell are stored in bricks of 8^3 cells, so that kernels find them with two loads; a coarser
+leaf is one value for all the bricks (or cells) that it covers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.medium.deposit import (
+    Boxes,
+    Touched,
+    add_boxes,
+    add_points,
+    cells_of_points,
+    touched_bricks,
+)
+from cldit.medium.frame import BRICK, Frame
+
+Floats = NDArray[np.float64]
+_CELLS_PER_BRICK = BRICK**3
+
+FIELDS = (
+    "vapour_absorption",
+    "vapour_emission",
+    "droplet_absorption",
+    "droplet_scattering",
+    "droplet_emission",
+)
+
+
+@dataclass(frozen=True)
+class PointSource:
+    """Droplets at points: cross sections summed over a parcel's droplets, (N,) each.
+
+    absorption_m2, scattering_m2: cross sections; emission_m2: absorption_m2 x photon radiance.
+    """
+
+    position_m: Floats
+    absorption_m2: Floats
+    scattering_m2: Floats
+    emission_m2: Floats
+
+
+@dataclass(frozen=True)
+class CellSource:
+    """Coefficients in boxes, per metre, (N,) each; emission = absorption x photon radiance."""
+
+    lower_m: Floats
+    upper_m: Floats
+    vapour_absorption: Floats
+    vapour_emission: Floats
+    droplet_absorption: Floats
+    droplet_scattering: Floats
+    droplet_emission: Floats
+
+
+@dataclass(frozen=True)
+class Octree:
+    """Flat arrays of a built tree.
+
+    directory: (nb, nb, nb) int32, [z, y, x]. d >= 0: the brick's cells are values[d * 512 + local],
+        local = (z * 8 + y) * 8 + x. d < 0: all of the brick is in one coarse leaf, whose value is
+        values[slots * 512 - 1 - d]; coarse leaf 0 is empty space.
+    fields: one float32 array a name in FIELDS, coefficients per metre, emission in
+        photons s-1 m-3 sr-1.
+    leaves: how many leaves there are at each level, 0 (the cube) to depth.
+    """
+
+    frame: Frame
+    directory: NDArray[np.int32]
+    slots: int
+    fields: dict[str, NDArray[np.float32]]
+    leaves: tuple[int, ...]
+
+    @property
+    def has_vapour(self) -> bool:
+        return bool(np.any(self.fields["vapour_absorption"] > 0))
+
+    @property
+    def has_droplets(self) -> bool:
+        absorbs = np.any(self.fields["droplet_absorption"] > 0)
+        return bool(absorbs or np.any(self.fields["droplet_scattering"] > 0))
+
+    def integral(self, name: str) -> float:
+        """Field `name` integrated over the cube, m3 times the field's unit."""
+        values = self.fields[name].astype(np.float64)
+        fine = values[: self.slots * _CELLS_PER_BRICK].sum() * self.frame.cell_m**3
+        coarse = -1 - self.directory[self.directory < 0]
+        side = min(BRICK, self.frame.cells) * self.frame.cell_m
+        return float(fine + values[self.slots * _CELLS_PER_BRICK + coarse].sum() * side**3)
+
+
+def build_octree(
+    frame: Frame,
+    points: PointSource | None,
+    cells: list[CellSource],
+    *,
+    optical_depth_split: float,
+    max_cells: int = 60_000_000,
+) -> Octree:
+    """Deposits the sources and divides the cube.
+
+    Raises:
+        MediumError: something lies outside the cube, or the tree exceeds `max_cells` finest cells.
+    """
+    place = np.zeros((0, 3), np.int64)
+    if points is not None:
+        optical = points.absorption_m2 + points.scattering_m2
+        place = cells_of_points(frame, points.position_m, optical, what="droplets")
+    boxes = [
+        Boxes.place(frame, source.lower_m, source.upper_m, what="gas") for source in cells
+    ]
+    touched = touched_bricks(frame, place, boxes, limit=max_cells)
+    fields = _deposit(frame, touched, place, points, boxes, cells)
+    return _divide(frame, touched, fields, optical_depth_split)
+
+
+def _deposit(
+    frame: Frame,
+    touched: Touched,
+    place: NDArray[np.int64],
+    points: PointSource | None,
+    boxes: list[Boxes],
+    cells: list[CellSource],
+) -> dict[str, Floats]:
+    size = touched.slots * _CELLS_PER_BRICK
+    fields = {name: np.zeros(size) for name in FIELDS}
+    volume = frame.cell_m**3
+    if points is not None:
+        names = ("droplet_absorption", "droplet_scattering", "droplet_emission")
+        amounts = [points.absorption_m2, points.scattering_m2, points.emission_m2]
+        for name, total in zip(names, add_points(touched, place, amounts), strict=True):
+            fields[name] += total / volume
+    for box, source in zip(boxes, cells, strict=True):
+        in_cells = np.prod(box.upper - box.lower, axis=1)
+        names = tuple(name for name in FIELDS if np.any(getattr(source, name)))
+        amounts = [getattr(source, name) * in_cells for name in names]
+        for name, total in zip(names, add_boxes(touched, box, amounts), strict=True):
+            fields[name] += total
+    return fields
+
+
+def _blocks(values: NDArray[np.generic], edge: int) -> NDArray[np.generic]:
+    """View of (S, 8, 8, 8) values as blocks of edge^3: (S, n, edge, n, edge, n, edge)."""
+    count = BRICK // edge
+    return values.reshape(-1, count, edge, count, edge, count, edge)
+
+
+_IN_BLOCK = (2, 4, 6)
+
+
+def _divide(
+    frame: Frame, touched: Touched, fields: dict[str, Floats], bound: float
+) -> Octree:
+    """Top-down division of the cube by the sums of the finest cells."""
+    shape = (touched.slots, BRICK, BRICK, BRICK)
+    vapour = fields["vapour_absorption"].reshape(shape)
+    droplets = (fields["droplet_absorption"] + fields["droplet_scattering"]).reshape(shape) > 0
+    leaves = [0] * (frame.depth + 1)
+    edge = min(BRICK, frame.cells)  # a cube of fewer than eight cells is one brick, partly used
+    inside = (slice(None),) + (slice(0, edge),) * 3
+
+    mark = touched.directory >= 0
+    brick_vapour = np.zeros(mark.shape)
+    brick_droplets = np.zeros(mark.shape, bool)
+    brick_vapour[mark] = vapour[inside].mean(axis=(1, 2, 3))
+    brick_droplets[mark] = droplets[inside].any(axis=(1, 2, 3))
+    parent, split = _coarse_levels(frame, brick_vapour, brick_droplets, bound, leaves)
+
+    # Bricks that stay whole become coarse leaves, as do those of a larger leaf.
+    stored = mark & (split | (frame.depth == 0))  # a tree of one cell keeps it in a brick
+    directory = np.full(mark.shape, -1, np.int32)
+    keep = touched.directory[stored]
+    directory[stored] = np.arange(len(keep), dtype=np.int32)
+    values: dict[str, NDArray[np.float32]] = {}
+    whole = ~stored
+    node = parent[whole]
+    used, number = np.unique(node, return_inverse=True)
+    members = np.bincount(number, minlength=len(used))
+    means: dict[str, Floats] = {}
+    for name, data in fields.items():
+        total = np.zeros(mark.shape)
+        total[mark] = data.reshape(shape)[inside].mean(axis=(1, 2, 3))
+        means[name] = np.bincount(number, total[whole], minlength=len(used)) / members
+    filled = np.zeros(len(used), bool)
+    for mean in means.values():
+        filled |= mean > 0
+    index = np.zeros(len(used), np.int32)
+    index[filled] = 1 + np.arange(int(filled.sum()), dtype=np.int32)
+    directory[whole] = -1 - index[number]
+
+    unsplit = _merge_in_bricks(frame, fields, vapour, droplets, keep, bound, leaves)
+    for name, data in fields.items():
+        cells = data.reshape(shape)[keep]
+        for side, block in unsplit:
+            view = _blocks(cells, side)
+            mean = view.mean(axis=_IN_BLOCK, keepdims=True)
+            np.copyto(view, mean, where=block)
+        coarse = np.concatenate([[0.0], means[name][filled]])
+        values[name] = np.concatenate([cells.reshape(-1), coarse]).astype(np.float32)
+    return Octree(
+        frame=frame,
+        directory=directory,
+        slots=len(keep),
+        fields=values,
+        leaves=tuple(leaves),
+    )
+
+
+def _coarse_levels(
+    frame: Frame,
+    vapour: Floats,
+    droplets: NDArray[np.bool_],
+    bound: float,
+    leaves: list[int],
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Divides from the cube down to bricks.
+
+    Returns (nb, nb, nb) arrays: number of the leaf that covers a brick, and whether the brick
+    itself is divided further (where the leaf number means nothing).
+    """
+    pyramid = [(vapour, droplets)]
+    while pyramid[-1][0].shape[0] > 1:
+        v, d = pyramid[-1]
+        half = v.shape[0] // 2
+        v = v.reshape(half, 2, half, 2, half, 2).mean(axis=(1, 3, 5))
+        d = d.reshape(half, 2, half, 2, half, 2).any(axis=(1, 3, 5))
+        pyramid.append((v, d))
+    number = np.zeros((1, 1, 1), np.int64)
+    open_ = np.ones((1, 1, 1), bool)
+    following = 1
+    for level, (v, d) in enumerate(reversed(pyramid)):
+        edge_m = frame.edge_m / 2**level
+        finest = level == frame.depth
+        divide = open_ & (d | (v * edge_m > bound)) & (not finest)
+        closed = open_ & ~divide
+        leaves[level] += int(closed.sum())
+        number[closed] = following + np.arange(int(closed.sum()))
+        following += int(closed.sum())
+        if v.shape[0] == frame.bricks:
+            return number, divide
+        number = number.repeat(2, 0).repeat(2, 1).repeat(2, 2)
+        open_ = divide.repeat(2, 0).repeat(2, 1).repeat(2, 2)
+    raise AssertionError("the pyramid ends at the bricks")
+
+
+def _merge_in_bricks(
+    frame: Frame,
+    fields: dict[str, Floats],
+    vapour: Floats,
+    droplets: NDArray[np.bool_],
+    keep: NDArray[np.int32],
+    bound: float,
+    leaves: list[int],
+) -> list[tuple[int, NDArray[np.bool_]]]:
+    """Blocks of 4^3 and 2^3 cells in divided bricks that stay one leaf: (edge, where)."""
+    edge = min(BRICK, frame.cells)
+    level = frame.depth - edge.bit_length() + 1
+    open_: NDArray[np.bool_] | None = None
+    merged: list[tuple[int, NDArray[np.bool_]]] = []
+    side = edge // 2
+    while side >= 1:
+        level += 1
+        v = _blocks(vapour[keep], side).mean(axis=_IN_BLOCK, keepdims=True)
+        d = _blocks(droplets[keep], side).any(axis=_IN_BLOCK, keepdims=True)
+        if open_ is None:
+            present = np.zeros(v.shape, bool)
+            count = edge // side
+            present[:, :count, :, :count, :, :count] = True
+        else:
+            present = open_.repeat(2, 1).repeat(2, 3).repeat(2, 5)
+        divide = present & (d | (v * side * frame.cell_m > bound)) & (side > 1)
+        closed = present & ~divide
+        leaves[level] += int(closed.sum())
+        if side > 1:
+            merged.append((side, closed))
+        open_ = divide
+        side //= 2
+    return merged
