@@ -4,6 +4,11 @@
 
 #include "real.h"
 
+/* The type that the functions work on: one number, or a vector of them. */
+#ifndef REAL
+#define REAL real
+#endif
+
 /* Absorbed share, 1 - exp(-t), and mean transmission, (1 - exp(-t)) / t: what a ray's intensity
    falls to on average while it crosses the cell (1 at t = 0, 1/t for large t).
 
@@ -11,26 +16,26 @@
    difference of two near-equal numbers would lose it; plain exp keeps the loop vectorisable. */
 #ifdef USE_FLOAT64
 
-inline real absorbed(real t) { return -expm1(-t); }
+inline REAL absorbed(REAL t) { return -expm1(-t); }
 
-inline real mean_transmission(real t, real share) { return t > R(0) ? share / t : R(1); }
+/* share: absorbed(t), which the caller has at hand. */
+inline REAL mean_transmission(REAL t, REAL share)
+{
+    return t > (REAL)0.0 ? share / t : (REAL)1.0;
+}
 
 #else
 
 #define THIN 0.05f
 
-inline real absorbed(real t)
+inline REAL thin_mean(REAL t)
 {
-    float series = t * (1.0f - t * (0.5f - t * (0.16666667f - t * 0.041666667f)));
-    return t < THIN ? series : 1.0f - exp(-t);
+    return 1.0f - t * (0.5f - t * (0.16666667f - t * 0.041666667f));
 }
 
-/* share: absorbed(t), which the caller has at hand. */
-inline real mean_transmission(real t, real share)
-{
-    float series = 1.0f - t * (0.5f - t * (0.16666667f - t * 0.041666667f));
-    return t < THIN ? series : share / t;
-}
+inline REAL absorbed(REAL t) { return t < THIN ? t * thin_mean(t) : 1.0f - exp(-t); }
+
+inline REAL mean_transmission(REAL t, REAL share) { return t < THIN ? thin_mean(t) : share / t; }
 
 #endif
 #endif

@@ -11,7 +11,6 @@
    the cell is S + (I - S) q(t). Stored is the excess D = sum w (I - S) q over the source, not the
    mean: in thick cells it is far below S, and the difference would be lost to rounding. */
 
-#include "attenuation.h"
 #include "boundary.h"
 #include "components.h"
 
@@ -19,83 +18,115 @@
 #error "the sweep is for scenes that scatter: define HAS_SCATTERING"
 #endif
 
+#ifndef SLOTS
+#error "SLOTS: cells along u plus layers, the most of any order of the axes, plus 4"
+#endif
+
+/* Cells that a work-item takes at once: 8 on CPUs, in vector registers; 1 on GPUs. */
+#if VECTOR == 8
+#ifdef USE_FLOAT64
+typedef double8 lane_t;
+#else
+typedef float8 lane_t;
+#endif
+#define LOAD(p) vload8(0, p)
+#define STORE(x, p) vstore8(x, 0, p)
+#define EMPTY(t) (!any(t > R(0)))
+#elif VECTOR == 1
+typedef real lane_t;
+#define LOAD(p) (*(p))
+#define STORE(x, p) (*(p) = (x))
+#define EMPTY(t) (!(t > R(0)))
+#else
+#error "VECTOR: 1 or 8"
+#endif
+
+#define REAL lane_t
+#include "attenuation.h"
+
 /* How the axes u, v (of a layer) and l (across layers) lie in space. */
 #define LAYERS_Z 0 /* u = x, v = y, l = z */
 #define LAYERS_Y 1 /* u = x, v = z, l = y */
 #define LAYERS_X 2 /* u = y, v = z, l = x: in the transposed copy */
 
-/* On a CPU a barrier in the loop makes the compiler run each layer as one vector loop over the
-   row's work-items instead of one scalar loop a ray. */
-#ifdef VECTOR_ROWS
-#define END_OF_LAYER barrier(CLK_LOCAL_MEM_FENCE)
-#else
-#define END_OF_LAYER
-#endif
-
-inline int wrapped(int place, int shift, int count)
+/* What a ray brings that comes into the box at cell (u, v, l), from `back`. */
+inline real seen_from(int u, int v, int l, int layout, real4 back, real4 disc)
 {
-    int turned = shift % count;
-    turned += turned < 0 ? count : 0;
-    int moved = place + turned;
-    return moved >= count ? moved - count : moved;
+    const real pu = u + R(0.5);
+    const real pv = v + R(0.5);
+    const real pl = l + R(0.5);
+    return sees_background(
+        layout == LAYERS_X ? pl : pu,
+        layout == LAYERS_Z ? pv : layout == LAYERS_Y ? pl : pu,
+        layout == LAYERS_Z ? pl : pv,
+        back.x, back.y, back.z, disc);
 }
 
+/* One work-group carries one row of rays through all layers. A ray keeps its slot in local memory;
+   the cell u finds the ray that crosses it at slot u - moved + origin, so that rays shift along the
+   row at no cost, those that come in take the next unused slot, and every access to a row is
+   contiguous. */
 __kernel void sweep(
     __global const real *depth,    /* in: optical depth of a cell's edge */
     __global const real *source,   /* in: S, one plane of cells a component */
     __global real *excess,         /* inout: D, likewise */
+    __global const char *occupied, /* in: 1 where a row (l, v) holds anything, [l][v] */
+    __global const int4 *shifts,   /* in, per layer met: how far rays have moved in u and (modulo nv)
+                                      in v, and both since the layer before: -1, 0 or 1 */
+    const int origin,              /* slot of cell 0 before rays have moved */
     const int layout,
     const int nu, const int nv, const int nl,
     const int stride_v, const int stride_l,
     const int backwards,           /* the ray meets layer nl - 1 first */
-    const real slope_u, const real slope_v,   /* shift a layer, cells */
-    const real start_u, const real start_v,   /* shift in the first layer, 0..1 */
     const real stretch,            /* path in a cell / cell edge */
     const real weight,
     const real inflow,             /* 1: boundaries shine; 0: black */
     const real4 back,              /* direction from which the ray comes, x y z */
     const real4 disc)              /* in cells of this box */
 {
-    const int iu = get_global_id(0);
-    const int iv = get_global_id(1);
+    __local real rays[COMPONENTS][SLOTS];
+    const int lane = get_local_id(0);
+    const int lanes = get_local_size(0);
+    const int row = get_group_id(1);
     const int plane = nu * nv * nl;
-    int was_u = 0;
-    int was_v = 0;
-    real intensity[COMPONENTS];
-    for (int c = 0; c < COMPONENTS; ++c) intensity[c] = R(0);
 
     for (int step = 0; step < nl; ++step) {
         const int l = backwards ? nl - 1 - step : step;
-        const int shift_u = (int)floor(start_u + slope_u * step);
-        const int shift_v = (int)floor(start_v + slope_v * step);
-        const int u = wrapped(iu, shift_u, nu);
-        const int v = wrapped(iv, shift_v, nv);
-        const int enters = step == 0
-            || (shift_u > was_u && u == 0) || (shift_u < was_u && u == nu - 1)
-            || (shift_v > was_v && v == 0) || (shift_v < was_v && v == nv - 1);
-        was_u = shift_u;
-        was_v = shift_v;
+        const int4 shift = shifts[step];
+        const int moved = row + shift.y;
+        const int v = moved >= nv ? moved - nv : moved;
+        const int slot = origin - shift.x;
 
-        const real pu = u + R(0.5);
-        const real pv = v + R(0.5);
-        const real pl = l + R(0.5);
-        const real px = layout == LAYERS_X ? pl : pu;
-        const real py = layout == LAYERS_Z ? pv : layout == LAYERS_Y ? pl : pu;
-        const real pz = layout == LAYERS_Z ? pl : pv;
-        const real seen = sees_background(px, py, pz, back.x, back.y, back.z, disc);
-
-        const int cell = l * stride_l + v * stride_v + u;
-        const real t = depth[cell] * stretch;
-        const real share = absorbed(t);
-        const real q = weight * mean_transmission(t, share);
-        for (int c = 0; c < COMPONENTS; ++c) {
-            const real outside = c == BACKGROUND ? inflow * seen
-                : c == WALL ? inflow * (R(1) - seen) : R(0);
-            const real arriving = enters ? outside : intensity[c];
-            const real gap = arriving - source[c * plane + cell];
-            excess[c * plane + cell] += gap * q;
-            intensity[c] = arriving - gap * share;
+        /* Rays that come in: all of the row where it enters the box, else one at its end. */
+        int first = 0, last = -1;
+        if (step == 0 || (shift.w > 0 && v == 0) || (shift.w < 0 && v == nv - 1)) last = nu - 1;
+        else if (shift.z > 0) last = 0;
+        else if (shift.z < 0) first = last = nu - 1;
+        for (int u = first + lane; u <= last; u += lanes) {
+            const real seen = seen_from(u, v, l, layout, back, disc);
+            rays[BACKGROUND][slot + u] = inflow * seen;
+            rays[WALL][slot + u] = inflow * (R(1) - seen);
+            for (int c = 2; c < COMPONENTS; ++c) rays[c][slot + u] = R(0);
         }
-        END_OF_LAYER;
+        barrier(CLK_LOCAL_MEM_FENCE);
+
+        if (occupied[l * nv + v]) {
+            const int base = l * stride_l + v * stride_v;
+            for (int u = lane * VECTOR; u < nu; u += lanes * VECTOR) {
+                const lane_t t = LOAD(depth + base + u) * stretch;
+                if (EMPTY(t)) continue;
+                const lane_t share = absorbed(t);
+                const lane_t q = weight * mean_transmission(t, share);
+                for (int c = 0; c < COMPONENTS; ++c) {
+                    __global real *d = excess + c * plane + base + u;
+                    __local real *ray = &rays[c][slot + u];
+                    const lane_t intensity = LOAD(ray);
+                    const lane_t gap = intensity - LOAD(source + c * plane + base + u);
+                    STORE(LOAD(d) + gap * q, d);
+                    STORE(intensity - gap * share, ray);
+                }
+            }
+        }
+        barrier(CLK_LOCAL_MEM_FENCE);
     }
 }

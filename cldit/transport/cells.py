@@ -1,0 +1,138 @@
+"""The octree's coefficients as the kernels read them: optical depths, sources, albedos."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.medium.frame import BRICK
+from cldit.medium.octree import Octree
+
+_BRICK_CELLS = BRICK**3
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a scene needs; everything else is left out of the kernels when they are compiled."""
+
+    vapour: bool
+    droplets: bool
+    scattering: bool
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the light's parts, in the kernels' order."""
+        names = ["background", "wall"]
+        if self.vapour:
+            names.append("vapour")
+        if self.droplets:
+            names.append("liquid")
+        return tuple(names)
+
+    @property
+    def defines(self) -> dict[str, int]:
+        flags = {
+            "HAS_VAPOUR": self.vapour,
+            "HAS_DROPLETS": self.droplets,
+            "HAS_SCATTERING": self.scattering,
+        }
+        return {name: 1 for name, present in flags.items() if present}
+
+
+@dataclass(frozen=True)
+class Box:
+    """The part of the cube that is swept: cells low..low + shape, both (x, y, z)."""
+
+    low: tuple[int, int, int]
+    shape: tuple[int, int, int]
+
+    @property
+    def cells(self) -> int:
+        return int(np.prod(self.shape))
+
+
+@dataclass(frozen=True)
+class OpticalCells:
+    """Stored cells and coarse leaves, in the octree's addresses.
+
+    depth (P,): optical depth of a finest cell's edge. emitted: thermal part of the source function
+    a name of `needs.components`, in units of `scale` (photons s-1 m-2 sr-1). address (N,): the
+    scattering cells; albedo, coalbedo (N,): scattered and absorbed share of what they take out;
+    both are kept because 1 - albedo is lost to rounding where it is small.
+    """
+
+    tree: Octree
+    needs: Needs
+    scale: float
+    depth: NDArray[np.float64]
+    emitted: dict[str, NDArray[np.float64]]
+    address: NDArray[np.int64]
+    albedo: NDArray[np.float64]
+    coalbedo: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, tree: Octree) -> OpticalCells:
+        """Coefficients of a tree, in double precision."""
+        fields = {name: values.astype(np.float64) for name, values in tree.fields.items()}
+        absorption = fields["vapour_absorption"] + fields["droplet_absorption"]
+        scattering = fields["droplet_scattering"]
+        extinction = absorption + scattering
+        safe = np.where(extinction > 0, extinction, 1.0)
+        emitted = {
+            "vapour": fields["vapour_emission"] / safe,
+            "liquid": fields["droplet_emission"] / safe,
+        }
+        scale = max(float(values.max(initial=0.0)) for values in emitted.values()) or 1.0
+        address = np.flatnonzero(scattering > 0)
+        return cls(
+            tree=tree,
+            needs=Needs(
+                vapour=tree.has_vapour, droplets=tree.has_droplets, scattering=len(address) > 0
+            ),
+            scale=scale,
+            depth=extinction * tree.frame.cell_m,
+            emitted={name: values / scale for name, values in emitted.items()},
+            address=address,
+            albedo=scattering[address] / safe[address],
+            coalbedo=absorption[address] / safe[address],
+        )
+
+    def source_planes(self) -> NDArray[np.float64]:
+        """Thermal source (C, P) of the components that the image kernel reads without scattering,
+        or, with scattering, of all of them (background and wall then start at 0)."""
+        thermal = [self.emitted[name] for name in self.needs.components[2:]]
+        if self.needs.scattering:
+            thermal = [np.zeros_like(self.depth)] * 2 + thermal
+        return np.asarray(thermal).reshape(len(thermal), len(self.depth))
+
+    def box(self) -> Box:
+        """The smallest box of whole bricks around all divided bricks."""
+        z, y, x = np.nonzero(self.tree.directory >= 0)
+        cells = self.tree.frame.cells
+        low = tuple(int(axis.min()) * BRICK for axis in (x, y, z))
+        high = tuple(min((int(axis.max()) + 1) * BRICK, cells) for axis in (x, y, z))
+        shape = tuple(h - lo for lo, h in zip(low, high, strict=True))
+        return Box(low=low, shape=shape)  # type: ignore[arg-type]
+
+    def positions(self, address: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Finest cell (N, 3; x, y, z) of stored addresses."""
+        slot, local = np.divmod(address, _BRICK_CELLS)
+        z, y, x = np.nonzero(self.tree.directory >= 0)
+        order = np.argsort(self.tree.directory[z, y, x])
+        corner = np.stack([x, y, z], axis=1)[order] * BRICK
+        inside = np.stack([local % BRICK, local // BRICK % BRICK, local // BRICK**2], axis=1)
+        return np.asarray(corner[slot] + inside)
+
+    def dense(self, box: Box, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values of stored cells in the box, [z, y, x]; coarse leaves in it are left at 0."""
+        filled = np.flatnonzero(values[: self.tree.slots * _BRICK_CELLS])
+        out = np.zeros(box.cells, values.dtype)
+        out[self.place(box, filled)] = values[filled]
+        return out.reshape(box.shape[::-1])
+
+    def place(self, box: Box, address: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Where stored addresses lie in the box's flat [z, y, x] order."""
+        x, y, z = (self.positions(address) - np.asarray(box.low)).T
+        return np.asarray((z * box.shape[1] + y) * box.shape[0] + x)

@@ -1,0 +1,103 @@
+"""Sets of directions that integrate over the sphere, denser where the background disc is seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+_GOLDEN = (1 + 5**0.5) / 2
+
+
+@dataclass(frozen=True)
+class Directions:
+    """unit (N, 3): where the light comes from; weight (N,), summing to 1."""
+
+    unit: Floats
+    weight: Floats
+
+    def __len__(self) -> int:
+        return len(self.weight)
+
+
+def _band(count: int, low: float, high: float, turn: float) -> Floats:
+    """Fibonacci points between two heights of the unit sphere's z axis, turned about it."""
+    step = np.arange(count) + 0.5
+    z = low + (high - low) * step / count
+    angle = 2 * np.pi * (np.arange(count) / _GOLDEN + turn)
+    r = np.sqrt(np.maximum(0.0, 1 - z * z))
+    return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
+
+
+def _rotation(rng: np.random.Generator) -> Floats:
+    """A random rotation matrix, uniform over all rotations (QR of a normal matrix)."""
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q *= np.sign(np.diag(r))
+    return np.asarray(q * np.linalg.det(q))
+
+
+def _frame_about(axis: Floats) -> Floats:
+    """Columns: two directions across `axis`, and `axis`."""
+    across = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    first = np.cross(axis, across)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(axis, first), axis], axis=1)
+
+
+def isotropic(count: int, rng: np.random.Generator) -> Directions:
+    """A randomly rotated Fibonacci sphere of equal weights."""
+    return Directions(
+        unit=_band(count, -1.0, 1.0, 0.0) @ _rotation(rng).T, weight=np.full(count, 1 / count)
+    )
+
+
+def focused(
+    count: int, rng: np.random.Generator, *, axis: Floats, half_angle_rad: float, share: float
+) -> Directions:
+    """Two strata: `share` of the directions in the cone about `axis`, the rest around it.
+
+    Weights are those of the strata's solid angles, so smooth functions are integrated as well as
+    before, and what is only seen within the cone is sampled more finely.
+    """
+    edge = np.cos(half_angle_rad)
+    solid = (1 - edge) / 2
+    inside = int(np.clip(round(share * count), 1, count - 1))
+    turn = rng.random(2)
+    parts = [_band(inside, edge, 1.0, turn[0]), _band(count - inside, -1.0, edge, turn[1])]
+    weight = np.concatenate(
+        [np.full(inside, solid / inside), np.full(count - inside, (1 - solid) / (count - inside))]
+    )
+    frame = _frame_about(axis / np.linalg.norm(axis))
+    return Directions(unit=np.concatenate(parts) @ frame.T, weight=weight)
+
+
+def for_boundary(
+    count: int,
+    rng: np.random.Generator,
+    *,
+    low: Floats,
+    high: Floats,
+    disc_centre: Floats,
+    disc_radius: float,
+    enclosure: bool,
+) -> Directions:
+    """Directions for a box low..high before a disc (all lengths in one unit).
+
+    The cone holds every direction in which some point of the box sees some of the disc; where that
+    is most of a half space, or the background is all round, plain directions serve as well.
+    """
+    middle = (low + high) / 2
+    axis = disc_centre - middle
+    if enclosure or axis[1] <= 0:
+        return isotropic(count, rng)
+    reach = disc_radius + float(np.linalg.norm((high - low)[[0, 2]])) / 2
+    near = disc_centre[1] - high[1]
+    half = float(np.arctan2(reach, max(near + (high[1] - low[1]) / 2, 1e-9)))
+    solid = (1 - np.cos(half)) / 2
+    if solid > 0.25 or count < 8:
+        return isotropic(count, rng)
+    return focused(
+        count, rng, axis=axis, half_angle_rad=half, share=float(np.sqrt(solid))
+    )

@@ -1,0 +1,225 @@
+"""Sweeps on the device: the mean radiance of every scattering cell from the present source."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.gpu.buffers import clear, download, upload, zeros
+from cldit.gpu.device import Device
+from cldit.gpu.program import Program
+from cldit.transport.cells import Box, OpticalCells
+from cldit.transport.directions import Directions
+
+_TILE = 16
+_MEAN_STRETCH = 1.2  # mean over the sphere of 1 / |largest component| is 1.199
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How one of the three orders of axes runs through memory."""
+
+    number: int
+    axes: tuple[int, int, int]  # u, v, l as x, y, z = 0, 1, 2
+    size: tuple[int, int, int]
+    stride_v: int
+    stride_l: int
+    turned: bool
+
+
+def _layouts(shape: tuple[int, int, int]) -> dict[int, _Layout]:
+    """Layout for each axis (x, y, z) that layers are stacked along."""
+    nx, ny, nz = shape
+    return {
+        2: _Layout(0, (0, 1, 2), (nx, ny, nz), nx, nx * ny, turned=False),
+        1: _Layout(1, (0, 2, 1), (nx, nz, ny), nx * ny, nx, turned=False),
+        0: _Layout(2, (1, 2, 0), (ny, nz, nx), ny, ny * nz, turned=True),
+    }
+
+
+def sweep_defines(device: Device, box: Box) -> dict[str, int]:
+    """What the sweep kernel must know of the device and of the box when it is built."""
+    nx, ny, nz = box.shape
+    vector = 8 if device.is_cpu and nx % 8 == 0 and ny % 8 == 0 else 1
+    return {"VECTOR": vector, "SLOTS": max(nx + nz, nx + ny, ny + nx) + 4}
+
+
+class Sweeper:
+    """The swept box on the device.
+
+    Holds the optical depths, one source and one excess array a component, the first two also in
+    turned order so that rays along x read rows of memory as those along y and z do.
+    """
+
+    def __init__(
+        self, device: Device, cells: OpticalCells, sweep: Program, iterate: Program,
+        *, disc: NDArray[np.float64],
+    ) -> None:
+        """disc: centre x, y, z and squared radius in cells from the cube's lower corner."""
+        self.device = device
+        self.box: Box = cells.box()
+        self.count = len(cells.address)
+        self.components = len(cells.needs.components)
+        self._sweep = sweep["sweep"]
+        self._vector = int(sweep.defines["VECTOR"])
+        self._kernels = iterate
+        self._real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
+        self._disc = disc.copy()
+        self._disc[:3] -= self.box.low
+        planes = self.components * self.box.cells
+        real = self._real
+        depth = cells.dense(self.box, cells.depth).astype(real)
+        nx, ny, nz = self.box.shape
+        self._depth = {
+            False: upload(device, "optical depth", depth),
+            True: upload(device, "optical depth", depth.transpose(2, 0, 1)),
+        }
+        filled = depth > 0
+        self._occupied = {  # [l][v] for layers along x, y, z
+            0: upload(device, "rows", filled.any(axis=1).T.astype(np.int8)),
+            1: upload(device, "rows", filled.any(axis=2).T.astype(np.int8)),
+            2: upload(device, "rows", filled.any(axis=2).astype(np.int8)),
+        }
+        self._lanes = int(device.queue.device.max_work_group_size)
+        self._source = {t: zeros(device, "source", planes, real) for t in (False, True)}
+        self._excess = {t: zeros(device, "excess", planes, real) for t in (False, True)}
+        self._bytes = planes * np.dtype(real).itemsize
+        place = cells.place(self.box, cells.address)
+        self._place = upload(device, "places", place.astype(np.int32))
+        thermal = np.zeros((self.components, self.count), real)
+        base = np.zeros((self.components, self.box.cells), real)
+        for c, name in enumerate(cells.needs.components[2:], start=2):
+            base[c] = cells.dense(self.box, cells.emitted[name]).reshape(-1)
+            thermal[c] = cells.emitted[name][cells.address]
+        self._base = upload(device, "thermal source", base)
+        self._emission = upload(device, "emission", thermal)
+        self._albedo = upload(device, "albedo", cells.albedo.astype(real))
+        self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
+        self._list = zeros(device, "list", self.components * self.count, real)
+        self._out = zeros(device, "residual", self.components * self.count, real)
+        self.thermal = thermal
+        self.sweeps = 0
+
+    @property
+    def real(self) -> type[np.float32] | type[np.float64]:
+        return self._real
+
+    @property
+    def cells_swept(self) -> int:
+        """Cells visited so far, over all directions."""
+        return self.sweeps * self.box.cells
+
+    def _grid(self) -> tuple[int, int, int]:
+        nx, ny, nz = self.box.shape
+        return (-(-nx // _TILE) * _TILE, -(-ny // _TILE) * _TILE, nz * self.components)
+
+    def set_source(self, listed: NDArray[Any], *, shining: bool) -> None:
+        """Puts the source (C, N) of the scattering cells into the box.
+
+        shining: with the thermal source of all other cells; else these are black.
+        """
+        import pyopencl as cl
+
+        queue = self.device.queue
+        cl.enqueue_copy(queue, self._list, np.ascontiguousarray(listed, self._real))
+        self._fill(shining)
+
+    def _fill(self, shining: bool) -> None:
+        import pyopencl as cl
+
+        queue = self.device.queue
+        if shining:
+            cl.enqueue_copy(queue, self._source[False], self._base, byte_count=self._bytes)
+        else:
+            clear(self.device, self._source[False], self._bytes)
+        self._kernels["scatter_list"](
+            queue, (self.count,), None, self._source[False], self._list, self._place,
+            np.int32(self.box.cells), np.int32(self.count),
+        )
+        self._turn(self._source)
+
+    def _turn(self, arrays: dict[bool, Any]) -> None:
+        sizes = [np.int32(n) for n in self.box.shape]
+        self._kernels["turn"](
+            self.device.queue, self._grid(), (_TILE, _TILE, 1), arrays[True], arrays[False], *sizes
+        )
+
+    def sweep(self, directions: Directions, starts: NDArray[np.float64], *, shining: bool) -> None:
+        """Sweeps every direction; the excess D of the present source is then on the device.
+
+        starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer.
+        """
+        for turned in (False, True):
+            clear(self.device, self._excess[turned], self._bytes)
+        layouts = _layouts(self.box.shape)
+        main = np.argmax(np.abs(directions.unit), axis=1)
+        for axis, layout in layouts.items():
+            for i in np.flatnonzero(main == axis):
+                self._one(
+                    layout, directions.unit[i], float(directions.weight[i]), starts[i], shining
+                )
+        if np.any(main == 0):
+            sizes = [np.int32(n) for n in self.box.shape]
+            self._kernels["add_turned"](
+                self.device.queue, self._grid(), (_TILE, _TILE, 1),
+                self._excess[False], self._excess[True], *sizes,
+            )
+        self.sweeps += len(directions)
+
+    def _one(
+        self, layout: _Layout, unit: NDArray[np.float64], weight: float,
+        start: NDArray[np.float64], shining: bool,
+    ) -> None:
+        real = self._real
+        u, v, l = (-unit[axis] for axis in layout.axes)  # light runs away from where it comes from
+        nu, nv, nl = layout.size
+        lanes = 1 if self._vector > 1 else min(nu, self._lanes)
+        self._sweep(
+            self.device.queue, (lanes, nv), (lanes, 1),
+            self._depth[layout.turned], self._source[layout.turned], self._excess[layout.turned],
+            self._occupied[layout.axes[2]],
+            self._shifts(u / abs(l), v / abs(l), start, layout.size),
+            np.int32(nl + 1 if u > 0 else 1),
+            np.int32(layout.number), np.int32(nu), np.int32(nv), np.int32(nl),
+            np.int32(layout.stride_v), np.int32(layout.stride_l), np.int32(l < 0),
+            real(1 / abs(l)), real(weight), real(shining),
+            np.array([*unit, 0], real), self._disc.astype(real),
+        )
+
+    def _shifts(
+        self, slope_u: float, slope_v: float, start: NDArray[np.float64], size: tuple[int, int, int]
+    ) -> Any:
+        """(layers, 4) int32 on the device: shift in u and v, and since the layer before."""
+        layer = np.arange(size[2])
+        shift = np.stack(
+            [np.floor(start[0] + slope_u * layer), np.floor(start[1] + slope_v * layer)], axis=1
+        ).astype(np.int32)
+        moved = np.diff(shift, axis=0, prepend=shift[:1])
+        shift[:, 1] %= size[1]
+        return upload(self.device, "shifts", np.hstack([shift, moved]).astype(np.int32))
+
+    def residual(self, *, shining: bool) -> NDArray[Any]:
+        """Preconditioned residual (C, N) of the present source and its excess."""
+        self._kernels["residual"](
+            self.device.queue, (self.count,), None, self._out, self._excess[False], self._list,
+            self._emission, self._albedo, self._coalbedo, self._depth[False], self._place,
+            self._real(_MEAN_STRETCH), self._real(shining),
+            np.int32(self.box.cells), np.int32(self.count),
+        )
+        return download(
+            self.device, self._out, np.empty((self.components, self.count), self._real)
+        )
+
+    def next_order(self) -> NDArray[Any]:
+        """Replaces the source by a (S + D) + E and returns it, (C, N)."""
+        self._kernels["next_order"](
+            self.device.queue, (self.count,), None, self._list, self._excess[False],
+            self._emission, self._albedo, self._place,
+            np.int32(self.box.cells), np.int32(self.count),
+        )
+        return download(
+            self.device, self._list, np.empty((self.components, self.count), self._real)
+        )
