@@ -49,7 +49,8 @@ __kernel void image(
     __global const real *source,      /* in: S, one plane of stored cells a component */
     const int coarse,                 /* address of coarse leaf 0 */
     const int stored,                 /* length of a plane */
-    const int cells, const int bricks,
+    const int bricks,
+    const int4 low, const int4 high,  /* cells outside these bounds are empty */
     const int columns, const int rows,
     const real4 middle, const real pitch_x, const real pitch_z, const real distance,
     const real4 disc)
@@ -64,26 +65,25 @@ __kernel void image(
     real transmitted = R(1);
     int last = coarse;
 
-    const real size = cells;
-    real t = fmax(fmax(distance_from(ray.px, ray.dx, R(0), size),
-                       distance_from(ray.py, ray.dy, R(0), size)),
-                  fmax(distance_from(ray.pz, ray.dz, R(0), size), ray.start));
-    const real end = fmin(fmin(distance_to(ray.px, ray.dx, R(0), size),
-                               distance_to(ray.py, ray.dy, R(0), size)),
-                          distance_to(ray.pz, ray.dz, R(0), size));
+    real t = fmax(fmax(distance_from(ray.px, ray.dx, low.x, high.x),
+                       distance_from(ray.py, ray.dy, low.y, high.y)),
+                  fmax(distance_from(ray.pz, ray.dz, low.z, high.z), ray.start));
+    const real end = fmin(fmin(distance_to(ray.px, ray.dx, low.x, high.x),
+                               distance_to(ray.py, ray.dy, low.y, high.y)),
+                          distance_to(ray.pz, ray.dz, low.z, high.z));
     if (t < end) {
-        int x = cell_at(ray.px + t * ray.dx, 0, cells - 1);
-        int y = cell_at(ray.py + t * ray.dy, 0, cells - 1);
-        int z = cell_at(ray.pz + t * ray.dz, 0, cells - 1);
+        int x = cell_at(ray.px + t * ray.dx, low.x, high.x - 1);
+        int y = cell_at(ray.py + t * ray.dy, low.y, high.y - 1);
+        int z = cell_at(ray.pz + t * ray.dz, low.z, high.z - 1);
         while (transmitted > R(CUTOFF)) {
             const int slot = directory[((z / BRICK) * bricks + y / BRICK) * bricks + x / BRICK];
             const int whole = slot < 0;   /* all of the brick is one value: cross it in one step */
             const int mask = whole ? BRICK - 1 : 0;
             const int address = whole ? coarse - 1 - slot
                 : slot * BRICK_CELLS + ((z % BRICK) * BRICK + y % BRICK) * BRICK + x % BRICK;
-            const int lx = x & ~mask, hx = min((x | mask) + 1, cells);
-            const int ly = y & ~mask, hy = min((y | mask) + 1, cells);
-            const int lz = z & ~mask, hz = min((z | mask) + 1, cells);
+            const int lx = x & ~mask, hx = min((x | mask) + 1, high.x);
+            const int ly = y & ~mask, hy = min((y | mask) + 1, high.y);
+            const int lz = z & ~mask, hz = min((z | mask) + 1, high.z);
             const real tx = distance_to(ray.px, ray.dx, lx, hx);
             const real ty = distance_to(ray.py, ray.dy, ly, hy);
             const real tz = distance_to(ray.pz, ray.dz, lz, hz);
@@ -101,19 +101,19 @@ __kernel void image(
             t = fmax(t, next);
             if (next == tx) {
                 x = ray.dx > R(0) ? hx : lx - 1;
-                if (x < 0 || x >= cells) break;
+                if (x < low.x || x >= high.x) break;
             } else if (whole) {
                 x = cell_at(ray.px + t * ray.dx, lx, hx - 1);
             }
             if (next == ty) {
                 y = ray.dy > R(0) ? hy : ly - 1;
-                if (y < 0 || y >= cells) break;
+                if (y < low.y || y >= high.y) break;
             } else if (whole) {
                 y = cell_at(ray.py + t * ray.dy, ly, hy - 1);
             }
             if (next == tz) {
                 z = ray.dz > R(0) ? hz : lz - 1;
-                if (z < 0 || z >= cells) break;
+                if (z < low.z || z >= high.z) break;
             } else if (whole) {
                 z = cell_at(ray.pz + t * ray.dz, lz, hz - 1);
             }

@@ -99,22 +99,39 @@ class OpticalCells:
             coalbedo=absorption[address] / safe[address],
         )
 
-    def source_planes(self) -> NDArray[np.float64]:
+    def source_planes(self, real: type[np.floating]) -> NDArray[np.floating]:
         """Thermal source (C, P) of the components that the image kernel reads without scattering,
         or, with scattering, of all of them (background and wall then start at 0)."""
-        thermal = [self.emitted[name] for name in self.needs.components[2:]]
-        if self.needs.scattering:
-            thermal = [np.zeros_like(self.depth)] * 2 + thermal
-        return np.asarray(thermal).reshape(len(thermal), len(self.depth))
+        first = 0 if self.needs.scattering else 2
+        names = self.needs.components[first:]
+        planes = np.zeros((len(names), len(self.depth)), real)
+        for plane, name in zip(planes, names, strict=True):
+            if name in self.emitted:
+                plane[:] = self.emitted[name]
+        return planes
+
+    def bounds(self) -> Box:
+        """The smallest box of whole bricks around everything that is not empty space."""
+        return self._around(self.tree.directory != -1)
 
     def box(self) -> Box:
-        """The smallest box of whole bricks around all divided bricks."""
-        z, y, x = np.nonzero(self.tree.directory >= 0)
-        cells = self.tree.frame.cells
-        low = tuple(int(axis.min()) * BRICK for axis in (x, y, z))
-        high = tuple(min((int(axis.max()) + 1) * BRICK, cells) for axis in (x, y, z))
-        shape = tuple(h - lo for lo, h in zip(low, high, strict=True))
-        return Box(low=low, shape=shape)  # type: ignore[arg-type]
+        """The smallest box of whole bricks around all divided bricks: what is swept.
+
+        Undivided leaves outside it are thinner than the octree's bound each, and are left to the
+        image.
+        """
+        return self._around(self.tree.directory >= 0)
+
+    def _around(self, bricks: NDArray[np.bool_]) -> Box:
+        if not bricks.any():
+            return Box(low=(0, 0, 0), shape=(1, 1, 1))
+        low, shape = [], []
+        for others in ((0, 1), (0, 2), (1, 2)):  # what is left is x, y, z
+            along = np.flatnonzero(bricks.any(axis=others))
+            low.append(int(along[0]) * BRICK)
+            high = min((int(along[-1]) + 1) * BRICK, self.tree.frame.cells)
+            shape.append(high - low[-1])
+        return Box(low=(low[0], low[1], low[2]), shape=(shape[0], shape[1], shape[2]))
 
     def positions(self, address: NDArray[np.int64]) -> NDArray[np.int64]:
         """Finest cell (N, 3; x, y, z) of stored addresses."""
@@ -125,12 +142,18 @@ class OpticalCells:
         inside = np.stack([local % BRICK, local // BRICK % BRICK, local // BRICK**2], axis=1)
         return np.asarray(corner[slot] + inside)
 
-    def dense(self, box: Box, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def dense(self, box: Box, values: NDArray[np.floating]) -> NDArray[np.floating]:
         """Values of stored cells in the box, [z, y, x]; coarse leaves in it are left at 0."""
-        filled = np.flatnonzero(values[: self.tree.slots * _BRICK_CELLS])
-        out = np.zeros(box.cells, values.dtype)
-        out[self.place(box, filled)] = values[filled]
-        return out.reshape(box.shape[::-1])
+        z, y, x = np.nonzero(self.tree.directory >= 0)
+        slot = self.tree.directory[z, y, x]
+        bx, by, bz = (low // BRICK for low in box.low)
+        count = [-(-edge // BRICK) for edge in box.shape[::-1]]
+        bricks = np.zeros((*count, BRICK, BRICK, BRICK), values.dtype)
+        stored = values[: self.tree.slots * _BRICK_CELLS].reshape(-1, BRICK, BRICK, BRICK)
+        bricks[z - bz, y - by, x - bx] = stored[slot]
+        padded = bricks.transpose(0, 3, 1, 4, 2, 5).reshape([n * BRICK for n in count])
+        nx, ny, nz = box.shape
+        return padded[:nz, :ny, :nx]
 
     def place(self, box: Box, address: NDArray[np.int64]) -> NDArray[np.int64]:
         """Where stored addresses lie in the box's flat [z, y, x] order."""

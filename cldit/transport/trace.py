@@ -128,7 +128,9 @@ def trace(
         defines["USE_FLOAT64"] = 1
     seconds = {"compile": 0.0, "scattering": 0.0, "image": 0.0}
     programs = [build(device, "image.cl", {**defines, "CUTOFF": float(settings.cutoff)})]
-    pictures = [cells.source_planes()]
+    real = np.float64 if settings.float64 else np.float32
+    planes = cells.source_planes(real)
+    pictures: list[NDArray[np.floating] | None] = [None]
     solution = None
     counts: dict[str, int] = {}
     if cells.needs.scattering:
@@ -139,15 +141,11 @@ def trace(
         solution, halves = _scattering(
             cells, scene, device, settings, programs[1], programs[2], disc, counts, report
         )
-        pictures = []
-        for source in halves:
-            planes = cells.source_planes()
-            planes[:, cells.address] = source
-            pictures.append(planes)
+        pictures = list(halves)
         seconds["scattering"] = time.perf_counter() - start
     seconds["compile"] = sum(program.build_s for program in programs)
     start = time.perf_counter()
-    images = _images(cells, scene, device, programs[0], disc, pictures)
+    images = _images(cells, scene, device, programs[0], disc, planes, pictures)
     seconds["image"] = time.perf_counter() - start
     mean = np.mean(images, axis=0)
     difference = None if len(images) < 2 else (images[0] - images[1]) / 2
@@ -230,21 +228,28 @@ def _images(
     device: Device,
     program: Program,
     disc: Floats,
-    pictures: list[NDArray[np.float64]],
+    planes: NDArray[np.floating],
+    scattered: list[NDArray[np.floating] | None],
 ) -> list[NDArray[np.float64]]:
-    """Weights (C, H, W) for each set of source planes."""
+    """Weights (C, H, W), one picture for each source (C, N) of the scattering cells.
+
+    planes: thermal sources of all stored cells, overwritten where cells scatter.
+    """
     frame = cells.tree.frame
-    real = np.float64 if "USE_FLOAT64" in program.defines else np.float32
+    real = planes.dtype.type
     columns, rows = scene.camera.pixels
     components = len(cells.needs.components)
     middle = np.array([*frame.to_cells(np.asarray([scene.target_m]))[0], 0.0])
     width, height = (length / frame.cell_m for length in scene.camera.field_m)
+    bounds = cells.bounds()
     directory = upload(device, "octree", cells.tree.directory)
     depth = upload(device, "optical depth", cells.depth.astype(real))
     out = zeros(device, "picture", components * rows * columns, real)
     images = []
-    for planes in pictures:
-        source = upload(device, "source", planes.astype(real))
+    for listed in scattered:
+        if listed is not None:
+            planes[:, cells.address] = listed
+        source = upload(device, "source", planes)
         program["image"](
             device.queue,
             (-(-columns // 8) * 8, -(-rows // 8) * 8),
@@ -255,8 +260,9 @@ def _images(
             source,
             np.int32(cells.tree.slots * 512),
             np.int32(len(cells.depth)),
-            np.int32(frame.cells),
             np.int32(frame.bricks),
+            np.array([*bounds.low, 0], np.int32),
+            np.array([*np.add(bounds.low, bounds.shape), 0], np.int32),
             np.int32(columns),
             np.int32(rows),
             middle.astype(real),
