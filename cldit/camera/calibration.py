@@ -1,0 +1,94 @@
+"""What turns a camera's counts back into radiance, and says how noisy they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cldit.errors import EvaluationError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibration:
+    """A linear camera: counts = offset + counts_per_radiance * L, up to `saturation_counts`.
+
+    filter_um: lower and upper wavelength, within which L is meant.
+    counts_per_radiance: counts per photon s-1 m-2 sr-1.
+    saturation_counts: a pixel that shows this many or more is full and says nothing.
+    """
+
+    filter_um: tuple[float, float]
+    counts_per_radiance: float
+    offset_counts: float
+    electrons_per_count: float
+    read_noise_electrons: float
+    saturation_counts: float
+
+    def __post_init__(self) -> None:
+        low, high = self.filter_um
+        if not 0.0 < low < high < math.inf:
+            raise EvaluationError(
+                f"calibration.filter_um: {low:g} to {high:g} is no filter; allowed is a lower and "
+                "a higher wavelength"
+            )
+        for name, zero in (
+            ("counts_per_radiance", False),
+            ("electrons_per_count", False),
+            ("read_noise_electrons", True),
+            ("saturation_counts", False),
+        ):
+            value = getattr(self, name)
+            if not (0.0 <= value < math.inf) or (value == 0.0 and not zero):
+                raise EvaluationError(
+                    f"calibration.{name}: {value:g}, allowed is a number "
+                    f"{'from' if zero else 'above'} 0"
+                )
+        if not math.isfinite(self.offset_counts):
+            raise EvaluationError(f"calibration.offset_counts: {self.offset_counts:g}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON; `from_dict` reads it."""
+        return {**asdict(self), "filter_um": list(self.filter_um)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Calibration:
+        """Reads what `to_dict` wrote.
+
+        Raises:
+            EvaluationError: a value is missing, not a number, or impossible.
+        """
+        names = {item.name for item in fields(cls)}
+        missing = sorted(names - set(data))
+        if missing:
+            raise EvaluationError(f"calibration: {', '.join(missing)} missing")
+        try:
+            low, high = data["filter_um"]
+            numbers = {name: float(data[name]) for name in names - {"filter_um"}}
+            return cls(filter_um=(float(low), float(high)), **numbers)
+        except (TypeError, ValueError) as error:
+            if isinstance(error, EvaluationError):
+                raise
+            raise EvaluationError(f"calibration: {error}") from error
+
+    def radiance(self, counts: ArrayLike) -> NDArray[np.float64]:
+        """Photons s-1 m-2 sr-1 that show as these counts; any shape."""
+        return (np.asarray(counts, np.float64) - self.offset_counts) / self.counts_per_radiance
+
+    def counts(self, radiance: ArrayLike) -> NDArray[np.float64]:
+        """Mean counts, not rounded and not limited, of these radiances; any shape."""
+        return self.offset_counts + np.asarray(radiance, np.float64) * self.counts_per_radiance
+
+    def variance_counts2(self, counts: ArrayLike) -> NDArray[np.float64]:
+        """Variance of one exposure whose mean is `counts`: shot, read, and rounding (1/12).
+
+        Electrons are Poisson, so their variance is their number.
+        """
+        over = np.asarray(counts, np.float64) - self.offset_counts
+        electrons = np.maximum(over, 0.0) * self.electrons_per_count
+        read = self.read_noise_electrons**2
+        return np.asarray((electrons + read) / self.electrons_per_count**2 + 1.0 / 12.0)

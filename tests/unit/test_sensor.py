@@ -1,0 +1,123 @@
+"""The sensor: photon budget by hand, noise against its own calibration, saturation, bad pixels."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from cldit.camera.calibration import Calibration
+from cldit.camera.sensor import SensorModel
+from cldit.errors import EvaluationError, SceneError, TransportError
+from cldit.optics.planck import band_radiance
+from cldit.scene.schema import Camera, EmptySpray, Scene, Sensor
+
+
+def _model(**sensor: object) -> SensorModel:
+    values = {"pixels": (200, 150), "bad_pixels": 0, **sensor}
+    camera = Camera(sensor=Sensor.model_validate(values))
+    return SensorModel.from_scene(Scene(name="t", spray=EmptySpray(), camera=camera))
+
+
+def test_photon_budget_by_hand() -> None:
+    """15 um pitch, F/2.5, QE 0.8, 25 us before a black body at 560 K through 3.3 to 3.5 um.
+
+    B_q(3.4 um) = 2 c / lambda^4 / (e^7.5566 - 1) = 2.345e27, times 0.2 um = 4.69e20;
+    times 2.25e-10 m2 * pi / 26 * 0.8 * 25 us = 5.44e-16: 2.55e5 electrons.
+    """
+    model = _model()
+    radiance = band_radiance(560.0, filter_um=(3.3, 3.5))
+    # one wavelength for the whole filter is 0.5 % off
+    assert model.mean_electrons(radiance) == pytest.approx(2.55e5, rel=0.01)
+
+
+@pytest.mark.parametrize("electrons", [0.0, 3.0, 5e3, 9.9e3, 1.1e4, 2.5e5])
+def test_mean_and_variance_are_the_calibrations(electrons: float) -> None:
+    model = _model(electrons_per_count=3.0, bits=16, read_noise_electrons=20.0, well_electrons=1e9)
+    if electrons > 1e5:
+        model = _model(electrons_per_count=40.0, bits=16, well_electrons=1e9)
+    radiance = np.full((150, 200), electrons / model.electrons_per_radiance)
+    image = model.expose(radiance, np.random.default_rng(5)).astype(float)
+    calibration = model.calibration()
+    mean = model.offset_counts + electrons / model.electrons_per_count
+    variance = calibration.variance_counts2(mean)
+    count = image.size
+    # 4.5 sigma: one false alarm in 150000
+    assert abs(image.mean() - mean) < 4.5 * np.sqrt(variance / count)
+    assert abs(image.var() / variance - 1) < 4.5 * np.sqrt(2 / count)
+    # The mean also inverts: radiance -> counts -> radiance
+    np.testing.assert_allclose(calibration.radiance(calibration.counts(radiance)), radiance)
+    np.testing.assert_allclose(calibration.counts(radiance), mean)
+
+
+def test_few_photons_are_poisson() -> None:
+    """At 3 electrons, a count an electron and no read noise, the histogram is Poisson's."""
+    model = _model(electrons_per_count=1.0, read_noise_electrons=0.0, offset_counts=0.0, bits=16)
+    radiance = np.full((150, 200), 3.0 / model.electrons_per_radiance)
+    image = model.expose(radiance, np.random.default_rng(2))
+    seen = np.bincount(np.minimum(image.ravel(), 9), minlength=10)
+    share = np.append(stats.poisson.pmf(np.arange(9), 3.0), stats.poisson.sf(8, 3.0))
+    assert stats.chisquare(seen, share * image.size).pvalue > 1e-4
+
+
+def test_saturation_of_converter_and_well() -> None:
+    bright = np.full((150, 200), 1e30)
+    rng = np.random.default_rng(1)
+    assert np.all(_model().expose(bright, rng) == 2**14 - 1)
+    shallow = _model(well_electrons=1e5)
+    assert np.all(shallow.expose(bright, rng) == 200 + 1e5 / 40)
+    assert shallow.calibration().saturation_counts == 2700
+    assert np.all(_model(offset_counts=0.0).expose(-bright, rng) < 40)  # read noise only
+
+
+def test_bad_pixels_are_fixed_and_stuck() -> None:
+    model = _model(bad_pixels=300)
+    mask = model.bad_pixels()
+    assert mask.shape == (150, 200) and mask.sum() == 300
+    radiance = np.full((150, 200), 1e20)
+    first = model.expose(radiance, np.random.default_rng(1))
+    second = model.expose(radiance, np.random.default_rng(2))
+    np.testing.assert_array_equal(first[mask], second[mask])
+    assert set(np.unique(first[mask])) == {0, 2**14 - 1}
+    assert first[~mask].min() > 0 and first[~mask].max() < 2**14 - 1
+    assert _model(bad_pixels=0).bad_pixels().sum() == 0
+    assert np.array_equal(model.bad_pixels(), mask)
+
+
+def test_exposure_time_scales_the_signal() -> None:
+    scene = Scene(name="t", spray=EmptySpray())
+    short = SensorModel.from_scene(scene, 12.5e-6)
+    normal = SensorModel.from_scene(scene)
+    assert normal.electrons_per_radiance == pytest.approx(2 * short.electrons_per_radiance)
+
+
+def test_refuses() -> None:
+    with pytest.raises(SceneError, match=r"bad_pixels: 5 is outside 0..4"):
+        _model(pixels=(2, 2), bad_pixels=5)
+    with pytest.raises(SceneError, match="offset_counts: 300"):
+        _model(bits=8, offset_counts=300.0)
+    model = _model()
+    with pytest.raises(TransportError, match="shape"):
+        model.expose(np.zeros((200, 150)), np.random.default_rng(1))
+    broken = np.zeros((150, 200))
+    broken[3, 4] = np.nan
+    with pytest.raises(TransportError, match="not finite in 1 "):
+        model.expose(broken, np.random.default_rng(1))
+
+
+def test_calibration_as_plain_data() -> None:
+    calibration = _model().calibration()
+    data = calibration.to_dict()
+    assert Calibration.from_dict(data) == calibration
+    assert Calibration.from_dict({**data, "camera": "more"}) == calibration
+    data.pop("offset_counts")
+    with pytest.raises(EvaluationError, match="offset_counts missing"):
+        Calibration.from_dict(data)
+    for name, value in (
+        ("offset_counts", "dark"),
+        ("filter_um", [3.3]),
+        ("counts_per_radiance", 0.0),
+        ("read_noise_electrons", float("nan")),
+        ("filter_um", [3.5, 3.3]),
+        ("offset_counts", float("inf")),
+    ):
+        with pytest.raises(EvaluationError, match="calibration"):
+            Calibration.from_dict({**calibration.to_dict(), name: value})
