@@ -122,7 +122,8 @@ class IdealGas:
         t = np.asarray(temperature_K, dtype=float)
         held = np.maximum(t, self.low_K)
         rise = np.where(held < self.mid_K, self._heat(self.cold, held), self._heat(self.hot, held))
-        return rise * self.gas_constant_J_kg_K + (t - held) * self.cp_J_kg_K(self.low_K)
+        cold = (t - held) * self.cp_J_kg_K(self.low_K)
+        return np.asarray(rise * self.gas_constant_J_kg_K + cold)
 
     def entropy_J_kg_K(self, temperature_K: ArrayLike) -> Floats:
         """At constant pressure, zero at `mid_K`."""
@@ -131,9 +132,7 @@ class IdealGas:
         parts = []
         for c in (self.cold, self.hot):
             slope = tuple(value / max(power, 1) for power, value in enumerate(c))
-            both = [
-                c[0] * np.log(at) + _horner((0.0, *slope[1:]), at) for at in (held, self.mid_K)
-            ]
+            both = [c[0] * np.log(at) + _horner((0.0, *slope[1:]), at) for at in (held, self.mid_K)]
             parts.append(both[0] - both[1])
         rise = np.where(held < self.mid_K, parts[0], parts[1])
         cold = self.cp_J_kg_K(self.low_K) * np.log(t / held)

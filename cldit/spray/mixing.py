@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from cldit.errors import SprayError
 from cldit.spray.fuel import (
-    GAS_CONSTANT_J_mol_K,
     HEPTANE_CRITICAL_K,
-    HEPTANE_CRITICAL_Pa,
-    HEPTANE_MOLAR_MASS_kg_mol,
     METHANE,
     NITROGEN,
+    GAS_CONSTANT_J_mol_K,
+    HEPTANE_CRITICAL_Pa,
+    HEPTANE_MOLAR_MASS_kg_mol,
     heptane_density_kg_m3,
     heptane_liquid_enthalpy_J_kg,
     heptane_saturation_pressure_Pa,
@@ -60,8 +60,9 @@ class Mixture:
         )
 
     def content(self, fuel_to_gas: ArrayLike) -> Floats:
-        """Fuel in kg/m3 for a fuel-to-gas ratio."""
-        wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
+        """Fuel in kg/m3 for a fuel-to-gas ratio; the ends of the table hold beyond them."""
+        with np.errstate(divide="ignore"):
+            wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
         known = np.log(self.fuel_to_gas)
         return np.asarray(np.exp(np.interp(wanted, known, np.log(self.fuel_kg_m3))))
 
@@ -103,7 +104,7 @@ def heptane_state(
 
     low = np.full(ratio.shape, 0.4 * min(gas_K, fuel_K))
     high = np.full(ratio.shape, max(gas_K, fuel_K) * (1 + 1e-12))
-    temperature = _bisect(excess, low, high)
+    temperature = rising_root(excess, low, high)
     return temperature, share(temperature)
 
 
@@ -181,7 +182,7 @@ def methane_mixture(
         return np.asarray(z * methane + (1 - z) * nitrogen - supply)
 
     top = max(gas_K, fuel_K) * (1 + 1e-12)
-    temperature = _bisect(excess, np.full(z.shape, 1.0), np.full(z.shape, top))
+    temperature = rising_root(excess, np.full(z.shape, 1.0), np.full(z.shape, top))
     per_pascal = GAS_CONSTANT_J_mol_K * temperature / pressure_Pa
     volume = per_pascal / METHANE.molar_mass_kg_mol + per_pascal / (
         NITROGEN.molar_mass_kg_mol * ratio
@@ -196,8 +197,8 @@ def methane_mixture(
     )
 
 
-def _bisect(excess: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
-    """Root of a rising function, element by element."""
+def rising_root(excess: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
+    """Root of a rising function between two bounds, element by element, by bisection."""
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         above = excess(middle) > 0

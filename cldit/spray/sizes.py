@@ -39,9 +39,7 @@ def quantile_m(sizes: Sizes, share: ArrayLike, *, by: Weight) -> Floats:
     wanted = np.asarray(share, dtype=float)
     if isinstance(sizes, Monodisperse):
         return np.full(wanted.shape, sizes.diameter_um * 1e-6)
-    return np.asarray(
-        sizes.m_um * 1e-6 * gammaincinv(_shape(sizes, by), wanted) ** (1 / sizes.n)
-    )
+    return np.asarray(sizes.m_um * 1e-6 * gammaincinv(_shape(sizes, by), wanted) ** (1 / sizes.n))
 
 
 def strata_m(sizes: Sizes, count: int) -> Floats:
