@@ -54,9 +54,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     return parse_scene(yaml.safe_load(text), source=name)
 
 
-def parse_scene(
-    data: dict[str, Any], *, source: str = "scene", folder: Path | None = None
-) -> Scene:
+def parse_scene(data: dict[str, Any], *, source: str = "scene", folder: Path | None = None) -> Scene:
     """A scene from plain data, checked.
 
     Raises:
