@@ -68,34 +68,31 @@ class Within:
         return inner(value)
 
 
-def _path(error: ErrorDetails) -> str:
-    """`camera.pixels` for a component of a short vector, `spray.plumes[2].mass_kg` in a list."""
+def _walk(model: type[BaseModel], error: ErrorDetails) -> tuple[str, list[type[BaseModel]]]:
+    """The error's path as users write it, and the sections in which it ends.
+
+    `camera.pixels` for a component of a short vector, `spray.plumes[2].mass_fraction` in a list of
+    sections. Names of the members of a union, which pydantic puts in between, are left out.
+    """
     parts: list[str] = []
+    here: Any = model
     loc = [part for part in error["loc"] if not (isinstance(part, str) and "[" in part)]
     for index, part in enumerate(loc):
+        sections = _sections(here)
         if isinstance(part, int):
             if index < len(loc) - 1:
                 parts[-1] += f"[{part}]"
-        else:
-            parts.append(str(part))
-    return ".".join(parts)
-
-
-def _allowed_keys(model: type[BaseModel], loc: Sequence[int | str]) -> list[str]:
-    """Keys of the section in which `loc` ends, or nothing where it cannot be told."""
-    here: Any = model
-    for part in loc[:-1]:
-        candidates = _sections(here)
-        found = next((c.model_fields[part] for c in candidates if part in c.model_fields), None)
-        if found is not None:
-            here = found.annotation
-        elif not isinstance(part, int):
-            tagged = [c for c in candidates if _tag(c) == part]
-            here = tagged[0] if tagged else here
-    keys: list[str] = []
-    for section in _sections(here):
-        keys += [name for name in section.model_fields if name not in keys]
-    return keys
+            continue
+        field = next((s.model_fields[part] for s in sections if part in s.model_fields), None)
+        member = [s for s in sections if part in (s.__name__, _tag(s))]
+        last_key = index == len(loc) - 1 and error["type"] == "extra_forbidden"
+        if field is None and member and not last_key:
+            here = member[0]
+            continue
+        parts.append(part)
+        if not last_key and field is not None:
+            here = field.annotation
+    return ".".join(parts), _sections(here)
 
 
 def _tag(section: type[BaseModel]) -> str | None:
@@ -116,12 +113,18 @@ def describe(model: type[BaseModel], errors: Sequence[ErrorDetails]) -> str:
     """One line an error: path, value, what is allowed."""
     lines: list[str] = []
     for error in errors:
-        path = _path(error)
+        path, sections = _walk(model, error)
         if error["type"] == "extra_forbidden":
-            keys = ", ".join(_allowed_keys(model, error["loc"]))
+            keys = ", ".join(dict.fromkeys(key for s in sections for key in s.model_fields))
             text = f"unknown key; allowed: {keys}"
         elif error["type"] == "missing":
-            text = "is missing"
+            text = "a value is missing" if isinstance(error["loc"][-1], int) else "is missing"
+        elif error["type"] in ("union_tag_invalid", "union_tag_not_found"):
+            kinds = ", ".join(tag for tag in map(_tag, sections) if tag is not None)
+            path += ".model"
+            given = error.get("ctx", {}).get("tag")
+            text = "is missing" if given is None else f"{given} is unknown"
+            text += f"; allowed: {kinds}"
         elif error["type"] in ("outside", "not_a_number", "not_allowed"):
             text = error["msg"]
         elif error["type"] == "value_error":

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from cldit.scene.checks import Section, Within
 
@@ -70,6 +70,26 @@ class Monodisperse(Section):
     diameter_um: Annotated[float, Within(1e-2, 1e3)]
 
 
+def _distribution(value: object) -> str | None:
+    """Which kind of sizes a scene means, by the keys that it gives."""
+    if isinstance(value, Monodisperse) or (isinstance(value, dict) and "diameter_um" in value):
+        return "Monodisperse"
+    return "NukiyamaTanasawa" if isinstance(value, (dict, NukiyamaTanasawa)) else None
+
+
+Droplets = Annotated[
+    Annotated[NukiyamaTanasawa, Tag("NukiyamaTanasawa")]
+    | Annotated[Monodisperse, Tag("Monodisperse")],
+    Discriminator(
+        _distribution,
+        custom_error_type="not_allowed",
+        custom_error_message=(
+            "is no size distribution; allowed: {m_um, n, p}, {diameter_um} or null"
+        ),
+    ),
+]
+
+
 class ConeSpray(Section):
     """Analytic plumes: mixing-limited evaporation in quasi-steady jets."""
 
@@ -82,7 +102,7 @@ class ConeSpray(Section):
     fuel: Literal["n-heptane", "methane"] = "n-heptane"
     fuel_temperature_K: Annotated[float, Within(180.0, 535.0)] = 370.0
     ambient: Ambient = Ambient()
-    droplets: NukiyamaTanasawa | Monodisperse | None = NukiyamaTanasawa()
+    droplets: Droplets | None = NukiyamaTanasawa()
     evaporation: bool = True
     parcels_per_cell: Annotated[int, Within(1, 1000)] = 4
     spacing_m: Annotated[float, Within(1e-5, 1e-2)] = 0.5e-3
@@ -129,7 +149,7 @@ Spray = Annotated[ConeSpray | GridSpray | CfdSpray | EmptySpray, Field(discrimin
 
 
 class Sensor(Section):
-    """The infrared camera's chip. Pitch, f-number, well and read noise are typical, not measured."""
+    """The infrared camera's chip. Pitch, f-number, well, read noise: typical, not measured."""
 
     pixels: tuple[Pixels, Pixels] = (640, 512)
     pitch_m: Annotated[float, Within(1e-6, 1e-3)] = 15e-6
