@@ -6,10 +6,19 @@ typical of a cooled 640 x 512 InSb camera and are assumptions.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    field_validator,
+    model_validator,
+)
 
 from cldit.scene.checks import Section, Within
 
@@ -20,6 +29,25 @@ Pixels = Annotated[int, Within(1, 16384)]
 Fraction = Annotated[float, Within(0.0, 1.0)]
 Angle = Annotated[float, Within(-360.0, 360.0)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
+
+
+def _direction(value: object) -> object:
+    """`-y` as three numbers; other text is refused."""
+    if not isinstance(value, str):
+        return value
+    if len(value) != 2 or value[0] not in "+-" or value[1] not in "xyz":
+        raise ValueError(f"{value!r} is no direction; allowed is -x, +x .. +z, or three numbers")
+    sign = 1.0 if value[0] == "+" else -1.0
+    return tuple(sign if name == value[1] else 0.0 for name in "xyz")
+
+
+def _not_zero(value: Point) -> Point:
+    if math.hypot(*value) < 1e-9:
+        raise ValueError(f"{value} has no length; allowed is -x, +x .. +z, or three numbers")
+    return value
+
+
+Direction = Annotated[Point, BeforeValidator(_direction), AfterValidator(_not_zero)]
 
 
 class Domain(Section):
@@ -135,8 +163,8 @@ class CfdSpray(Section):
     fuel_field: str = "C7H16"
     fuel_molar_mass_kg_mol: Annotated[float, Within(1e-3, 1.0)] = 0.100204
     cloud: str | None = None
-    nozzle_m: Point = (0.0, 0.0, 0.0)  # in the case's coordinates; becomes the origin
-    axis: Literal["-x", "+x", "-y", "+y", "-z", "+z"] = "-z"  # of the injection; becomes -z
+    nozzle_m: Point | None = None  # in the case's coordinates; becomes the origin. None: inferred
+    axis: Direction | None = None  # of the injection, "-y" or three numbers; becomes -z
 
 
 class EmptySpray(Section):

@@ -70,15 +70,49 @@ class Parcels:
 
 
 @dataclass(frozen=True)
+class RegularGrid:
+    """Where cells lie on a regular grid, so that a consumer may treat the axes one by one.
+
+    origin_m (3,) is the lower corner of the grid, spacing_m (3,) the edges of a voxel, `shape`
+    the number of voxels along x, y and z; `index` (N,) is each cell's place in that shape, flat
+    in C order.
+    """
+
+    origin_m: Floats
+    spacing_m: Floats
+    shape: tuple[int, int, int]
+    index: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        if self.origin_m.shape != (3,) or self.spacing_m.shape != (3,):
+            raise SprayError(
+                f"grid: origin_m and spacing_m of shape {self.origin_m.shape} and "
+                f"{self.spacing_m.shape}, expected (3,)"
+            )
+        _checked("grid.origin_m", self.origin_m, low=-1e3, high=1e3)
+        _checked("grid.spacing_m", self.spacing_m, low=1e-9, high=1e3)
+        if len(self.shape) != 3 or min(self.shape) < 1:
+            raise SprayError(f"grid.shape: {self.shape}, expected three counts of at least 1")
+        if self.index.ndim != 1:
+            raise SprayError(f"grid.index: shape {self.index.shape}, expected (N,)")
+        if self.index.size and not 0 <= self.index.min() <= self.index.max() < np.prod(self.shape):
+            raise SprayError(
+                f"grid.index: {self.index.min()} to {self.index.max()} is outside "
+                f"0..{np.prod(self.shape) - 1}"
+            )
+
+
+@dataclass(frozen=True)
 class Cells:
     """Axis-aligned boxes, lower_m and upper_m (N, 3), that carry the gas.
 
     `volume_m3` (N,) is the cell's own volume; a cell that is no box is stood for by a box of the
-    same volume and centroid.
+    same volume and centroid. `grid` is given where the cells lie on a regular grid.
     """
 
     lower_m: Floats
     upper_m: Floats
+    grid: RegularGrid | None = None
 
     def __post_init__(self) -> None:
         if self.lower_m.shape != self.upper_m.shape or self.lower_m.shape[1:] != (3,):
@@ -91,6 +125,32 @@ class Cells:
         if np.any(self.upper_m <= self.lower_m):
             bad = int(np.argmax(np.any(self.upper_m <= self.lower_m, axis=1)))
             raise SprayError(f"cells: cell {bad} has no volume")
+        if self.grid is not None and len(self.grid.index) != len(self.lower_m):
+            raise SprayError(
+                f"cells.grid: {len(self.grid.index)} places for {len(self.lower_m)} cells"
+            )
+
+    @classmethod
+    def regular(
+        cls,
+        *,
+        origin_m: Floats,
+        spacing_m: Floats,
+        shape: tuple[int, int, int],
+        index: NDArray[np.int64] | None = None,
+    ) -> Cells:
+        """Voxels of a regular grid: those in `index` (flat, C order), or all of them.
+
+        Raises:
+            SprayError: as for `RegularGrid`.
+        """
+        if index is None:
+            index = np.arange(np.prod(shape), dtype=np.int64)
+        grid = RegularGrid(origin_m, spacing_m, shape, index)
+        corner = np.stack(np.unravel_index(index, shape), axis=1).astype(np.float64)
+        # both faces from the same product, so that neighbours share theirs to the last bit
+        lower = origin_m + corner * spacing_m
+        return cls(lower, origin_m + (corner + 1.0) * spacing_m, grid)
 
     @property
     def volume_m3(self) -> Floats:
@@ -153,10 +213,12 @@ class Prescribed:
 class Spray:
     """The one result of every source; what a source does not have is None.
 
-    `notes` are figures for the report (name -> value in SI).
+    `notes` are figures for the report (name -> value in SI); `remarks` are sentences that the user
+    should read, on what had to be inferred.
     """
 
     parcels: Parcels | None = None
     vapour: Vapour | None = None
     prescribed: Prescribed | None = None
     notes: dict[str, float] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()

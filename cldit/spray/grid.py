@@ -1,0 +1,116 @@
+"""Optical coefficients on a regular grid, from an .npz file."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from cldit.errors import SprayError
+from cldit.scene.schema import GridSpray
+from cldit.spray.result import Cells, Floats, Prescribed, Spray
+
+_COEFFICIENTS = (
+    "vapour_absorption_per_m",
+    "droplet_absorption_per_m",
+    "droplet_scattering_per_m",
+)
+_TEMPERATURES = ("vapour_temperature_K", "droplet_temperature_K")
+_VECTORS = {"origin_m": (-100.0, 100.0), "spacing_m": (1e-9, 100.0)}
+_NAMES = (*_VECTORS, *_COEFFICIENTS, *_TEMPERATURES)
+
+
+def read_grid(spec: GridSpray) -> Spray:
+    """Reads a grid file.
+
+    The file holds `origin_m` (3,), the lower corner of the grid, `spacing_m` (3,), and any of the
+    (nx, ny, nz) arrays `vapour_absorption_per_m`, `droplet_absorption_per_m`,
+    `droplet_scattering_per_m`, `vapour_temperature_K`, `droplet_temperature_K`; what is missing is
+    zero everywhere. Voxels without any absorption or scattering are left out.
+
+    Returns:
+        Spray with `prescribed` (its cells carry the regular grid) and the figures `voxels`,
+        `voxels_filled` and the largest of each coefficient.
+
+    Raises:
+        SprayError: the file is missing or no .npz; an array is unknown, of another shape, not
+            real, not finite, or outside its range. The message names file and array.
+    """
+    arrays = _load(spec.file)
+    unknown = sorted(set(arrays) - set(_NAMES))
+    if unknown:
+        raise SprayError(f"{spec.file}: unknown array {unknown[0]}; allowed: {', '.join(_NAMES)}")
+    for name, (low, high) in _VECTORS.items():
+        if name not in arrays:
+            raise SprayError(f"{spec.file}: {name} is missing; expected three numbers")
+        if arrays[name].shape != (3,):
+            raise SprayError(f"{spec.file}: {name}: shape {arrays[name].shape}, expected (3,)")
+        _check(f"{spec.file}: {name}", arrays[name], low=low, high=high)
+
+    given = {name: arrays[name] for name in _NAMES if name in arrays and name not in _VECTORS}
+    if not given:
+        raise SprayError(
+            f"{spec.file}: holds no (nx, ny, nz) array; allowed: "
+            f"{', '.join((*_COEFFICIENTS, *_TEMPERATURES))}"
+        )
+    first, leading = next(iter(given.items()))
+    if leading.ndim != 3 or leading.size == 0:
+        raise SprayError(
+            f"{spec.file}: {first}: shape {leading.shape}, expected (nx, ny, nz), each at least 1"
+        )
+    filled = np.zeros(leading.size, dtype=bool)
+    for name, values in given.items():
+        if values.shape != leading.shape:
+            raise SprayError(
+                f"{spec.file}: {name}: shape {values.shape}, but {first} has {leading.shape}"
+            )
+        high = 5000.0 if name.endswith("_K") else 1e12
+        _check(f"{spec.file}: {name}", values, low=0.0, high=high)
+        if name in _COEFFICIENTS:
+            filled |= values.reshape(-1) > 0.0
+
+    index = np.flatnonzero(filled)
+    nx, ny, nz = leading.shape
+    cells = Cells.regular(
+        origin_m=arrays["origin_m"],
+        spacing_m=arrays["spacing_m"],
+        shape=(nx, ny, nz),
+        index=index,
+    )
+    zeros = np.zeros(len(index))
+    kept = {
+        name: given[name].reshape(-1)[index] if name in given else zeros
+        for name in (*_COEFFICIENTS, *_TEMPERATURES)
+    }
+    notes = {"voxels": float(leading.size), "voxels_filled": float(len(index))}
+    for name in _COEFFICIENTS:
+        notes[f"{name}_max"] = float(kept[name].max(initial=0.0))
+    return Spray(prescribed=Prescribed(cells, **kept), notes=notes)
+
+
+def _load(path: Path) -> dict[str, Floats]:
+    """Every array of the file as float64, C order."""
+    try:
+        archive = np.load(path, allow_pickle=False)
+        if not isinstance(archive, np.lib.npyio.NpzFile):
+            raise SprayError(f"{path}: holds a single array; expected an .npz of named arrays")
+        with archive:
+            raw = {name: np.asarray(archive[name]) for name in archive.files}
+    except FileNotFoundError as error:
+        raise SprayError(f"{path}: no such grid file (spray.file)") from error
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise SprayError(f"{path}: cannot be read as .npz ({error})") from error
+    for name, values in raw.items():
+        if values.dtype.kind not in "fiub":
+            raise SprayError(f"{path}: {name}: holds {values.dtype}, expected real numbers")
+    return {name: np.ascontiguousarray(values, dtype=np.float64) for name, values in raw.items()}
+
+
+def _check(what: str, values: Floats, *, low: float, high: float) -> None:
+    inside = (values >= low) & (values <= high)  # false for NaN as well
+    if not inside.all():
+        bad = np.unravel_index(int(np.argmin(inside)), values.shape)
+        place = ", ".join(str(int(axis)) for axis in bad)
+        raise SprayError(f"{what}: {values[bad]:g} at [{place}] is outside {low:g}..{high:g}")
