@@ -29,6 +29,10 @@ class TransportError(ClditError, RuntimeError):
     """The transport solution cannot be trusted (not converged, not closed, not finite)."""
 
 
+class NotConvergedError(TransportError):
+    """The scattered source cannot be had to the wanted accuracy at this precision."""
+
+
 class EvaluationError(ClditError, ValueError):
     """The images cannot be evaluated (too few backgrounds, missing shots)."""
 

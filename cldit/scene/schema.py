@@ -263,7 +263,7 @@ class Transport(Section):
     phase: Literal["isotropic"] = "isotropic"
     cutoff: Annotated[float, Within(0.0, 0.5)] = 1e-4
     directions: Annotated[int, Within(4, 4096)] | None = None  # None: chosen from accuracy_K
-    precision: Literal["float32", "float64"] = "float32"
+    precision: Literal["auto", "float32", "float64"] = "auto"
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
 
 

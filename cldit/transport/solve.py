@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.errors import TransportError
+from cldit.errors import NotConvergedError, TransportError
 from cldit.transport.directions import Directions
 from cldit.transport.sweep import Sweeper
 
@@ -79,7 +79,8 @@ def solve(
         tolerance: RMS error allowed in the source of any component.
 
     Raises:
-        TransportError: the tolerance cannot be met (rounding, or too many passes).
+        NotConvergedError: the tolerance cannot be met (rounding, or too many passes).
+        TransportError: the source is not finite.
     """
     source = guess.astype(sweeper.real)
     passes, gain, before = 0, 1.0, np.inf
@@ -96,7 +97,7 @@ def solve(
         if now == 0.0 or (passes > 1 and now * gain <= tolerance):
             return Solution(source, passes, now, now * gain)
         if passes >= _MAX_PASSES or now > 0.5 * before:
-            raise TransportError(
+            raise NotConvergedError(
                 f"scattering does not converge below an error of {now * gain:.1e} "
                 f"({passes} passes), asked for is {tolerance:.1e}; allow a larger "
                 "transport.accuracy_K, or set transport.precision: float64"

@@ -1,0 +1,105 @@
+"""The same physics as the kernels, slowly, in NumPy and double precision: what they are held to."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def absorbed(depth: Floats) -> Floats:
+    """1 - exp(-t)."""
+    return np.asarray(-np.expm1(-depth))
+
+
+def mean_transmission(depth: Floats) -> Floats:
+    """(1 - exp(-t)) / t, and 1 at t = 0."""
+    safe = np.where(depth > 0, depth, 1.0)
+    return np.where(depth > 0, -np.expm1(-safe) / safe, 1.0)
+
+
+def sees_disc(point: Floats, toward: Floats, *, centre: Floats, radius: float) -> NDArray[np.bool_]:
+    """Whether lines from points (N, 3) along directions (N, 3) meet a disc that faces -y."""
+    forward = toward[:, 1] > 0
+    s = (centre[1] - point[:, 1]) / np.where(forward, toward[:, 1], 1.0)
+    hit = point + s[:, None] * toward
+    across = (hit[:, 0] - centre[0]) ** 2 + (hit[:, 2] - centre[2]) ** 2
+    return np.asarray(forward & (across <= radius**2))
+
+
+def sweep(
+    depth: Floats, source: Floats, *, back: Floats, weight: float, start: Floats,
+    centre: Floats, radius: float,
+) -> Floats:
+    """Excess (C, nz, ny, nx) that one direction's sweep gives; see kernels/sweep.cl.
+
+    Args:
+        depth: (nz, ny, nx) optical depth of a cell's edge.
+        source: (C, nz, ny, nx), background first and wall second.
+        back: (3,) unit vector to where the light comes from.
+        start: (2,) shift of the rays in the first layer, cells.
+    """
+    main = int(np.argmax(np.abs(back)))
+    axes = {0: (1, 2, 0), 1: (0, 2, 1), 2: (0, 1, 2)}[main]  # u, v, l as x, y, z
+    order = [2 - axis for axis in (axes[2], axes[1], axes[0])]  # numpy axes of [l, v, u]
+    t_all = depth.transpose(order)
+    s_all = source.transpose(0, *(1 + axis for axis in order))
+    excess = np.zeros_like(s_all)
+    nl, nv, nu = t_all.shape
+    u_run, v_run, l_run = (-back[axis] for axis in axes)
+    stretch = 1 / abs(l_run)
+    v, u = np.meshgrid(np.arange(nv), np.arange(nu), indexing="ij")
+    rays = np.zeros((len(source), nv, nu))
+    before = np.zeros(2, int)
+    for step in range(nl):
+        layer = nl - 1 - step if l_run < 0 else step
+        shift = np.floor(start + step * stretch * np.array([u_run, v_run])).astype(int)
+        moved = shift - before if step else np.zeros(2, int)
+        before = shift
+        # Rays follow their cells: the array of rays is rolled, and those that wrapped come in anew.
+        rays = np.roll(rays, (moved[1], moved[0]), axis=(1, 2))
+        enters = np.full((nv, nu), step == 0)
+        enters |= (moved[0] > 0) & (u == 0) | (moved[0] < 0) & (u == nu - 1)
+        enters |= (moved[1] > 0) & (v == 0) | (moved[1] < 0) & (v == nv - 1)
+        point = np.empty((nv * nu, 3))
+        for axis, place in zip(axes, (u, v, np.full_like(u, layer)), strict=True):
+            point[:, axis] = place.reshape(-1) + 0.5
+        seen = sees_disc(
+            point, np.broadcast_to(back, point.shape), centre=centre, radius=radius
+        ).reshape(nv, nu)
+        rays[:, enters] = 0.0
+        rays[0, enters] = seen[enters]
+        rays[1, enters] = ~seen[enters]
+        t = t_all[layer] * stretch
+        gap = rays - s_all[:, layer]
+        excess[:, layer] += weight * gap * mean_transmission(t)
+        rays = rays - gap * absorbed(t)
+    back_order = np.argsort(order)
+    return np.asarray(excess.transpose(0, *(1 + axis for axis in back_order)))
+
+
+def march(
+    depth: Floats, source: Floats, *, point: Floats, toward: Floats
+) -> tuple[Floats, float]:
+    """Light (C,) that a line collects in a dense cube of cells, and what it still transmits.
+
+    Every crossing of a cell face is computed on its own, not stepped from the last.
+
+    Args:
+        depth: (n, n, n) [z, y, x] optical depth of a cell's edge; source: (C, n, n, n).
+        point, toward: (3,) any point of the line, and its unit direction; in cells.
+    """
+    n = len(depth)
+    cuts = []
+    for axis in range(3):
+        if toward[axis] != 0:
+            cuts.append((np.arange(n + 1) - point[axis]) / toward[axis])
+    t = np.unique(np.concatenate(cuts))
+    middle = point + (t[:-1, None] + np.diff(t)[:, None] / 2) * toward
+    inside = np.all((middle > 0) & (middle < n), axis=1)
+    x, y, z = np.floor(middle[inside]).astype(int).T
+    path = np.diff(t)[inside] * depth[z, y, x]
+    before = np.exp(-np.concatenate([[0.0], np.cumsum(path)]))
+    taken = before[:-1] * absorbed(path)
+    return np.asarray((source[:, z, y, x] * taken).sum(axis=1)), float(before[-1])

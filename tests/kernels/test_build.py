@@ -1,0 +1,59 @@
+"""Assembly and building: includes, `#error`s, and messages that name the right file and line."""
+
+from __future__ import annotations
+
+import pytest
+
+from cldit.errors import KernelError
+from cldit.gpu import source
+from cldit.gpu.device import Device
+from cldit.gpu.program import build
+from cldit.gpu.source import assemble
+
+
+def test_includes_are_put_in_place_once() -> None:
+    text = assemble("sweep.cl")
+    assert "#include" not in text
+    assert text.count("#ifndef REAL_H") == 1
+    assert '#line 1 "kernels/boundary.h"' in text
+
+
+def test_unknown_include_names_file_and_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fake(name: str) -> str:
+        if name == "a.cl":
+            return '\n#include "missing.h"\n'
+        raise KernelError(f"kernels/{name}: no such file")
+
+    monkeypatch.setattr(source, "read_source", fake)
+    with pytest.raises(KernelError, match=r"kernels/a\.cl:2: kernels/missing\.h: no such file"):
+        assemble("a.cl")
+
+
+@pytest.mark.parametrize(
+    ("name", "defines", "missing"),
+    [
+        ("image.cl", {"CAMERA_PINHOLE": 1, "CUTOFF": 0.1}, "BOUNDARY_ENCLOSURE"),
+        ("image.cl", {"BOUNDARY_DISC": 1, "CUTOFF": 0.1}, "CAMERA_PINHOLE"),
+        ("image.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1}, "CUTOFF"),
+        ("sweep.cl", {"BOUNDARY_DISC": 1, "SLOTS": 9, "VECTOR": 1}, "HAS_SCATTERING"),
+        ("sweep.cl", {"BOUNDARY_DISC": 1, "HAS_SCATTERING": 1, "VECTOR": 1}, "SLOTS"),
+    ],
+)
+def test_missing_define_is_named(
+    device: Device, name: str, defines: dict[str, int | float], missing: str
+) -> None:
+    with pytest.raises(KernelError, match=missing):
+        build(device, name, defines)
+
+
+def test_compiler_errors_name_the_kernel_file(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good = source.read_source
+
+    def broken(name: str) -> str:
+        return "\n\nthis is no C;\n" if name == "real.h" else good(name)
+
+    monkeypatch.setattr(source, "read_source", broken)
+    with pytest.raises(KernelError, match=r"kernels/real\.h:3"):
+        build(device, "image.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1, "CUTOFF": 0.1})

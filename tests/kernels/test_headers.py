@@ -1,0 +1,104 @@
+"""Every helper function of the kernels, alone, against its NumPy twin in double precision."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.transport.reference import absorbed, mean_transmission, sees_disc
+
+# exp of OpenCL 1.2 full profile is good to 3 ulp, and each sum or product adds half a one; the
+# series is cut at t^5/120, 3e-9 of its value at the switch. 8 ulp of float32 bounds both branches,
+# but for 1 - exp(-t) just above the switch, where exp's 3 ulp of 1 are 3 ulp / 0.05 of the value.
+ULP = float(np.finfo(np.float32).eps)
+DEPTHS = np.concatenate(
+    [[0.0], np.logspace(-12, 8, 400), np.nextafter(np.float32(0.05), [0, 1]), [0.05]]
+).astype(np.float32)
+
+
+def test_absorbed(apply: Any) -> None:
+    got = apply("attenuation.h", "absorbed(a)", [DEPTHS])
+    expected = absorbed(DEPTHS.astype(float))
+    np.testing.assert_allclose(got, expected, rtol=4 * ULP / 0.05, atol=0)
+    thick = DEPTHS > 0.5
+    np.testing.assert_allclose(got[thick], expected[thick], rtol=12 * ULP)
+
+
+def test_mean_transmission(apply: Any) -> None:
+    got = apply("attenuation.h", "mean_transmission(a, absorbed(a))", [DEPTHS])
+    np.testing.assert_allclose(
+        got, mean_transmission(DEPTHS.astype(float)), rtol=5 * ULP / 0.05, atol=0
+    )
+    assert got[0] == 1.0
+
+
+def test_attenuation_conserves(apply: Any) -> None:
+    """What a ray loses is what its mean deposits: t q(t) = 1 - exp(-t), to rounding of the product."""
+    got = apply("attenuation.h", "a * mean_transmission(a, absorbed(a)) - absorbed(a)", [DEPTHS])
+    assert np.max(np.abs(got)) <= 2 * ULP
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_sees_background(apply: Any, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    point = rng.uniform(0, 64, (4000, 3)).astype(np.float32)
+    toward = rng.normal(size=(4000, 3)).astype(np.float32)
+    toward[:40, 1] = 0.0
+    centre = np.array([30.0, 70.0, 33.0])
+    got = apply(
+        "boundary.h",
+        "sees_background(a, b, c, d, e, f, (float4)(30.0f, 70.0f, 33.0f, 400.0f))",
+        [*point.T, *toward.T],
+        defines="#define BOUNDARY_DISC 1",
+    )
+    expected = sees_disc(point.astype(float), toward.astype(float), centre=centre, radius=20.0)
+    s = (70.0 - point[:, 1]) / np.where(toward[:, 1] > 0, toward[:, 1], 1)
+    distance = np.hypot(point[:, 0] + s * toward[:, 0] - 30, point[:, 2] + s * toward[:, 2] - 33)
+    edge = np.abs(distance - 20.0) < 1e-4 * (1 + np.abs(s))  # float32 may decide either way there
+    assert 50 < expected.sum() < 4000
+    np.testing.assert_array_equal(got[~edge] > 0.5, expected[~edge])
+
+
+def test_enclosure_is_seen_everywhere(apply: Any) -> None:
+    got = apply(
+        "boundary.h",
+        "sees_background(a, a, a, -a, -a, a, (float4)(0.0f))",
+        [np.ones(8, np.float32)],
+        defines="#define BOUNDARY_ENCLOSURE 1",
+    )
+    assert np.all(got == 1.0)
+
+
+def test_pinhole_rays(apply: Any) -> None:
+    """Pixel centres, row 0 on top, all lines through the camera's place."""
+    columns, rows, distance = 8, 6, 100.0
+    row, column = np.divmod(np.arange(columns * rows), columns)
+    call = "pixel_ray((int)a, (int)b, 8, 6, (float4)(1.0f, 2.0f, 3.0f, 0.0f), 2.0f, 4.0f, 100.0f)"
+    fields = {
+        name: apply(
+            "ray.h",
+            f"{call}.{name}",
+            [column.astype(np.float32), row.astype(np.float32)],
+            defines="#define CAMERA_PINHOLE 1",
+        ).astype(float)
+        for name in ("px", "py", "pz", "dx", "dy", "dz", "start")
+    }
+    np.testing.assert_allclose(fields["px"], 1 + (column + 0.5 - 4) * 2, atol=1e-5)
+    np.testing.assert_allclose(fields["pz"], 3 + (3 - row - 0.5) * 4, atol=1e-5)
+    norm = fields["dx"] ** 2 + fields["dy"] ** 2 + fields["dz"] ** 2
+    np.testing.assert_allclose(norm, 1.0, atol=4 * ULP)
+    for axis, place in (("x", 1.0), ("y", 2.0 - distance), ("z", 3.0)):
+        camera = fields[f"p{axis}"] + fields["start"] * fields[f"d{axis}"]
+        np.testing.assert_allclose(camera, place, atol=8 * ULP * distance)
+
+
+def test_orthographic_rays(apply: Any) -> None:
+    call = "pixel_ray((int)a, 0, 4, 1, (float4)(0.0f), 1.0f, 1.0f, 50.0f)"
+    column = np.arange(4, dtype=np.float32)
+    for name, expected in (("dx", 0.0), ("dy", 1.0), ("dz", 0.0), ("start", -50.0)):
+        got = apply(
+            "ray.h", f"{call}.{name}", [column], defines="#define CAMERA_ORTHOGRAPHIC 1"
+        )
+        np.testing.assert_array_equal(got, np.full(4, expected))

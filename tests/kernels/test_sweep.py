@@ -1,0 +1,160 @@
+"""The sweep and the image kernels as wholes, against the NumPy reference of the same physics."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.gpu.device import Device
+from cldit.gpu.program import build
+from cldit.medium.frame import Frame
+from cldit.medium.octree import CellSource, Octree, build_octree
+from cldit.scene import parse_scene
+from cldit.transport.cells import OpticalCells
+from cldit.transport.directions import Directions, isotropic
+from cldit.transport.reference import march, sweep
+from cldit.transport.solve import first_guess
+from cldit.transport.sweep import Sweeper, sweep_defines
+from cldit.transport.trace import Settings, trace
+
+EDGE_M = 0.16
+DISC = np.array([8.0, 17.0, 9.0, 16.0])
+
+
+def random_tree(seed: int, *, cells: int = 16, scattering: float = 1.0) -> Octree:
+    """A block of random coefficients in part of the cube, with empty cells among them."""
+    rng = np.random.default_rng(seed)
+    frame = Frame(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=cells.bit_length() - 1)
+    place = np.argwhere(rng.random((cells // 2, cells - 3, cells // 2)) < 0.7) + [3, 1, 5]
+    lower = -EDGE_M / 2 + place * frame.cell_m
+    values = rng.uniform(0.0, 0.6, (5, len(place))) / frame.cell_m
+    return build_octree(
+        frame,
+        None,
+        [
+            CellSource(
+                lower_m=lower,
+                upper_m=lower + frame.cell_m,
+                vapour_absorption=values[0],
+                vapour_emission=values[0] * rng.random(len(place)),
+                droplet_absorption=values[2],
+                droplet_scattering=scattering * values[3],
+                droplet_emission=values[2] * rng.random(len(place)),
+            )
+        ],
+        optical_depth_split=1e-5,
+    )
+
+
+@pytest.mark.parametrize("vector", [1, 8])
+@pytest.mark.parametrize("float64", [False, True])
+def test_sweep_against_numpy(device: Device, vector: int, float64: bool) -> None:
+    """Directions of all three main axes and both senses; a cell sums some 16 rays of order 1."""
+    if float64 and not device.info.float64:
+        pytest.skip("the device has no double precision")
+    cells = OpticalCells.of(random_tree(3))
+    defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1}
+    if float64:
+        defines["USE_FLOAT64"] = 1
+    sized = {**defines, **sweep_defines(device, cells.box()), "VECTOR": vector}
+    sweeper = Sweeper(
+        device, cells, build(device, "sweep.cl", sized), build(device, "iterate.cl", defines),
+        disc=DISC,
+    )
+    rng = np.random.default_rng(5)
+    directions = isotropic(12, rng)
+    starts = rng.random((12, 2))
+    guess = first_guess(sweeper, cells.albedo)
+    sweeper.set_source(guess, shining=True)
+    sweeper.sweep(directions, starts, shining=True)
+    got = sweeper.next_order()
+
+    box = sweeper.box
+    depth = cells.dense(box, cells.depth)
+    planes = cells.source_planes(np.float64)
+    planes[:, cells.address] = guess
+    source = np.stack([cells.dense(box, plane) for plane in planes])
+    excess = sum(
+        sweep(
+            depth, source, back=unit, weight=float(weight), start=start,
+            centre=DISC[:3] - box.low, radius=4.0,
+        )
+        for unit, weight, start in zip(directions.unit, directions.weight, starts, strict=True)
+    )
+    place = cells.place(box, cells.address)
+    mean = (source + excess).reshape(len(source), -1)[:, place]
+    expected = cells.albedo * mean + sweeper.thermal
+    # Twelve rays through at most 16 cells, each a few roundings; a ray that crosses a cell boundary
+    # within rounding (none at this seed) would differ by far more.
+    np.testing.assert_allclose(got, expected, atol=1e-13 if float64 else 1e-6)
+
+
+def test_sweep_of_one_row_is_exact(device: Device) -> None:
+    """Along an axis the sweep is the exact solution: Beer-Lambert through the cells."""
+    tree = random_tree(4, scattering=1e-9)
+    cells = OpticalCells.of(tree)
+    defines = {**cells.needs.defines, "BOUNDARY_ENCLOSURE": 1}
+    sized = {**defines, **sweep_defines(device, cells.box())}
+    sweeper = Sweeper(
+        device, cells, build(device, "sweep.cl", sized), build(device, "iterate.cl", defines),
+        disc=DISC,
+    )
+    along = Directions(unit=np.array([[0.0, 1.0, 0.0]]), weight=np.ones(1))
+    sweeper.set_source(np.zeros_like(sweeper.thermal), shining=False)
+    sweeper.sweep(along, np.zeros((1, 2)), shining=True)
+    mean = sweeper.next_order()[0] - sweeper.thermal[0]
+    depth = cells.dense(sweeper.box, cells.depth)
+    beyond = np.cumsum(depth[:, ::-1], axis=1)[:, ::-1] - depth
+    expected = np.exp(-beyond) * np.where(depth > 0, -np.expm1(-depth) / np.maximum(depth, 1e-9), 1)
+    place = cells.place(sweeper.box, cells.address)
+    np.testing.assert_allclose(
+        mean / cells.albedo, expected.reshape(-1)[place], rtol=2e-6
+    )
+
+
+@pytest.mark.parametrize("model", ["pinhole", "orthographic"])
+def test_image_against_numpy(device: Device, model: str) -> None:
+    """Order 0 of a random medium, ray by ray, against independently computed cell crossings."""
+    tree = random_tree(6)
+    scene = parse_scene(
+        {
+            "name": "random",
+            "domain": {"edge_m": EDGE_M, "leaf_edge_m": EDGE_M / 15.9},
+            "spray": {"model": "none"},
+            "camera": {"model": model, "distance_m": 0.3, "field_m": [0.15, 0.12], "pixels": [9, 7]},
+            "background": {"radius_m": 0.03},
+        }
+    )
+    settings = Settings(
+        directions=8, final_directions=16, tolerance=1e-3, order=0, cutoff=0.0,
+        precision="float32", seed=1,
+    )
+    got = trace(tree, scene, device, settings)
+    cells = OpticalCells.of(tree)
+    planes = cells.source_planes(np.float64)
+    planes[1, cells.address] += cells.albedo
+    whole = type(cells.box())(low=(0, 0, 0), shape=(16, 16, 16))
+    source = np.stack([cells.dense(whole, plane) for plane in planes])
+    depth = cells.dense(whole, cells.depth)
+    cell = tree.frame.cell_m
+    for row in range(7):
+        for column in range(9):
+            x = (column + 0.5 - 4.5) * 0.15 / 9
+            z = (3.5 - row - 0.5) * 0.12 / 7
+            point = np.array([x, 0.0, z]) / cell + 8.0
+            toward = np.array([x, 0.3, z]) if model == "pinhole" else np.array([0.0, 1.0, 0.0])
+            toward = toward / np.linalg.norm(toward)
+            light, left = march(depth, source, point=point, toward=toward)
+            hit = point + (16.0 - point[1]) / toward[1] * toward
+            on_disc = np.hypot(hit[0] - 8, hit[2] - 8) <= 3.0
+            expected = light + left * np.array([on_disc, not on_disc, 0, 0])
+            values = [
+                got.weights.background[row, column],
+                got.weights.wall[row, column],
+                got.weights.vapour[row, column] / cells.scale,
+                got.weights.liquid[row, column] / cells.scale,
+            ]
+            # 16 cells, each placed to 1e-6 of its edge and rounded a few times.
+            np.testing.assert_allclose(values, expected, atol=3e-6)
