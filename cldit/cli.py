@@ -1,0 +1,235 @@
+"""The command line: a thin layer over the Python API."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
+from rich.table import Table
+
+from cldit import __version__
+from cldit.acquisition.plan import load_plan
+from cldit.acquisition.runner import Progress, acquire
+from cldit.errors import ClditError, RunFolderError
+from cldit.experiment import evaluate_folder, run_experiment
+from cldit.gpu.device import choose, list_devices, open_device
+from cldit.report.run_report import show_folder
+from cldit.rig.load import open_rig
+from cldit.run import Run, simulate
+from cldit.scene import Scene, load_scene, parse_scene, shipped_scenes
+
+P = ParamSpec("P")
+_OUT = Console(highlight=False, soft_wrap=True)
+_ERR = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def _plain_errors(command: Callable[P, None]) -> Callable[P, None]:
+    """Errors that cldit raises on purpose are messages; everything else keeps its traceback."""
+
+    @wraps(command)
+    def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            command(*args, **kwargs)
+        except ClditError as error:
+            _ERR.print(f"[bold red]error:[/] {_escaped(str(error))}")
+            sys.exit(1)
+        except KeyboardInterrupt:
+            _ERR.print("stopped; run the same command again to go on")
+            sys.exit(130)
+
+    return guarded
+
+
+def _escaped(text: str) -> str:
+    return text.replace("[", r"\[")
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__)
+def main() -> None:
+    """Differential infrared thermography of fuel sprays: simulated, acquired, evaluated."""
+
+
+@main.command()
+@click.argument("scene")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of the run; runs/SCENE.")
+@click.option("--cfd", type=click.Path(path_type=Path), help="Take the spray from an OpenFOAM "
+              "case, or from what foamToVTK wrote.")
+@click.option("--time", "time_s", type=float, help="Time of the CFD result, s; the last one.")
+@click.option("--order", type=int, help="Scattering orders; to a residual if left out.")
+@click.option("--accuracy", "accuracy_K", type=float, help="Error allowed in T_app, K.")
+@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
+@_plain_errors
+def run(
+    scene: str,
+    out: Path | None,
+    cfd: Path | None,
+    time_s: float | None,
+    order: int | None,
+    accuracy_K: float | None,  # noqa: N803
+    device: str | None,
+    trace_only: bool,
+) -> None:
+    """Simulate SCENE (a shipped name or a YAML file), record it with the simulated rig, evaluate."""
+    chosen = _changed(load_scene(scene), cfd=cfd, time_s=time_s, order=order, accuracy_K=accuracy_K)
+    folder = out or Path("runs") / chosen.name
+    opened = open_device(device)
+    _OUT.print(f"{chosen.name}: {chosen.description}")
+    _OUT.print(f"OpenCL device {opened.info.index} {opened.info.name}: {opened.reason}")
+    if trace_only:
+        result = simulate(chosen, folder, device=opened, progress=_say)
+    else:
+        with _Bar() as bar:
+            result = run_experiment(
+                chosen, folder, device=opened, progress=bar.say, watch=bar.watch
+            )
+    _summary(result)
+
+
+def _changed(
+    scene: Scene,
+    *,
+    cfd: Path | None,
+    time_s: float | None,
+    order: int | None,
+    accuracy_K: float | None,  # noqa: N803
+) -> Scene:
+    """The scene with what the command line overrides, checked again."""
+    data = scene.model_dump(mode="json")
+    if cfd is not None:
+        data["spray"] = {"model": "cfd", "file": str(cfd.resolve()), "time_s": time_s}
+        data["name"] = f"{scene.name}-{cfd.resolve().name}"
+    elif time_s is not None:
+        data["spray"]["time_s"] = time_s
+    if order is not None:
+        data["transport"]["order"] = order
+    if accuracy_K is not None:
+        data["transport"]["accuracy_K"] = accuracy_K
+    return parse_scene(data, source="command line")
+
+
+def _say(text: str) -> None:
+    _OUT.print(f"  {_escaped(text)}", style="dim")
+
+
+class _Bar:
+    """Lines of text as stages begin, and a bar while the rig records."""
+
+    def __init__(self) -> None:
+        self._bar = Bar(
+            TextColumn("  {task.description}"), BarColumn(), TextColumn("{task.completed:.0f}/"
+            "{task.total:.0f}"), TimeRemainingColumn(), console=_OUT, transient=True,
+        )
+        self._task: Any = None
+
+    def __enter__(self) -> _Bar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def say(self, text: str) -> None:
+        self._bar.stop()
+        _say(text)
+
+    def watch(self, progress: Progress) -> None:
+        if self._task is None:
+            self._task = self._bar.add_task(progress.phase, total=progress.total)
+            self._bar.start()
+        self._bar.update(
+            self._task, description=progress.phase, completed=progress.done, total=progress.total
+        )
+
+
+def _summary(result: Run) -> None:
+    table = Table("stage", "s", "", box=None)
+    for stage in result.info.stages:
+        table.add_row(stage.name, f"{stage.seconds:.2f}", stage.note)
+    _OUT.print(table)
+    if result.info.accuracy_K is not None:
+        _OUT.print(f"estimated error of the trace in T_app: {result.info.accuracy_K:.2g} K RMS")
+    for name, value in result.info.spray.items():
+        _OUT.print(f"  {name}: {value:.5g}", style="dim")
+    if result.folder is not None:
+        for name in ("pictures/maps.png", "report.html"):
+            if (result.folder / name).is_file():
+                _OUT.print(f"{result.folder / name}")
+
+
+@main.command()
+def scenes() -> None:
+    """The scenes that are shipped."""
+    table = Table("scene", "", box=None)
+    for name, description in shipped_scenes().items():
+        table.add_row(name, description)
+    _OUT.print(table)
+
+
+@main.command()
+@click.option("--device", help="Show which device this choice means.")
+@_plain_errors
+def devices(device: str | None) -> None:
+    """OpenCL devices: which there are, which is used, and why."""
+    found = list_devices()
+    used, reason = choose(found, device)
+    table = Table("", "device", "kind", "name", "memory", "float64", "platform", box=None)
+    for number, info in enumerate(found):
+        table.add_row(
+            "*" if number == used else "", info.index, info.kind, info.name,
+            f"{info.memory_bytes / 1e9:.1f} GB", "yes" if info.float64 else "no",
+            f"{info.platform}, {info.version}",
+        )
+    _OUT.print(table)
+    _OUT.print(f"* is used: {reason}")
+
+
+@main.command("acquire")
+@click.argument("rig", type=click.Path(path_type=Path))
+@click.argument("plan", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the shots.")
+@_plain_errors
+def acquire_command(rig: Path, plan: Path, out: Path) -> None:
+    """Record the sequence in PLAN with the instruments in RIG; resumes where it stopped."""
+    sequence = load_plan(plan)
+    with open_rig(rig) as opened, _Bar() as bar:
+        record = acquire(opened, sequence, out, progress=bar.watch)
+    _OUT.print(
+        f"{record.saved} of {record.total} shots in {out}; {record.rejected} rejected, "
+        f"{record.lost_injections} injections without a kept picture"
+    )
+    if not record.complete:
+        raise RunFolderError("not complete; run the same command again to go on")
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@_plain_errors
+def evaluate(folder: Path) -> None:
+    """Evaluate an acquisition FOLDER (or that of a run): its maps go into FOLDER/maps."""
+    target = folder / "acquisition" if (folder / "acquisition").is_dir() else folder
+    maps = evaluate_folder(target)
+    for reason, count in maps.count().items():
+        _OUT.print(f"{count:9d} pixels: {reason.text}")
+    _OUT.print(f"{target / 'maps'}")
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--open", "opened", is_flag=True, help="Open the picture in the system's viewer.")
+@_plain_errors
+def show(folder: Path, opened: bool) -> None:
+    """The maps of a run or acquisition FOLDER, as a picture."""
+    picture = show_folder(folder)
+    _OUT.print(str(picture))
+    if opened:
+        click.launch(str(picture))
+
+

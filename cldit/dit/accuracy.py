@@ -1,0 +1,33 @@
+"""How far the traced weights' own error reaches into the apparent temperature."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cldit.dit.maps import Maps
+from cldit.optics.planck import band_radiance, band_radiance_slope
+from cldit.radiance.weights import Weights
+
+VISIBLE_EMISSIVITY = 0.05  # below it a temperature says little, whatever the trace
+
+
+def temperature_error_K(
+    maps: Maps, error: Weights, *, wall_temperature_K: float, filter_um: tuple[float, float]
+) -> float:
+    """RMS error of T_app over the pixels of emissivity above 0.05, to first order; NaN if none.
+
+    Args:
+        error: error of every weight, for instance half the difference of two independent traces.
+    """
+    emissivity = maps.emissivity.astype(float)
+    temperature = maps.apparent_temperature_K.astype(float)
+    here = np.isfinite(temperature) & (emissivity > VISIBLE_EMISSIVITY)
+    if not here.any():
+        return float("nan")
+    wall = float(band_radiance(wall_temperature_K, filter_um=filter_um))
+    apparent = band_radiance(temperature[here], filter_um=filter_um)
+    intercept = error.wall * wall + error.vapour + error.liquid
+    # I_app = intercept / emissivity, and emissivity = 1 - w_bg on the disc.
+    radiance = (intercept[here] + error.background[here] * apparent) / emissivity[here]
+    kelvin = radiance / band_radiance_slope(temperature[here], filter_um=filter_um)
+    return float(np.sqrt(np.mean(kelvin**2)))

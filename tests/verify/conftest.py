@@ -1,0 +1,41 @@
+"""Scenes of blocks with given coefficients, made as users make them: an .npz and a mapping."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cldit
+from cldit.gpu.device import Device
+from cldit.run import Run
+
+
+@pytest.fixture
+def run_block(tmp_path: Path, device: Device) -> Callable[..., Run]:
+    """Simulates a scene whose spray is one grid file.
+
+    arrays: scalars (one voxel) or (nx, ny, nz) arrays by their names in the file. size_m: of the
+    whole block, centred at the origin. Everything else is scene keys.
+    """
+    count = 0
+
+    def run(arrays: dict[str, Any], *, size_m: tuple[float, float, float], **scene: Any) -> Run:
+        nonlocal count
+        count += 1
+        full = {name: np.array(value, float, ndmin=3) for name, value in arrays.items()}
+        shape = max((array.shape for array in full.values()), key=np.prod)
+        file = tmp_path / f"block{count}.npz"
+        np.savez(
+            file,
+            origin_m=-np.asarray(size_m) / 2,
+            spacing_m=np.asarray(size_m) / shape,
+            **{name: np.broadcast_to(array, shape) for name, array in full.items()},
+        )
+        data = {"name": "block", "spray": {"model": "grid", "file": str(file)}, **scene}
+        return cldit.simulate(cldit.parse_scene(data), device=device, cache=tmp_path / "cache")
+
+    return run

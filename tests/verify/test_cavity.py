@@ -1,0 +1,111 @@
+"""A cavity at one temperature is a flat image, whatever is in it.
+
+Rationale: with medium, walls and background at temperature T every line of sight sees B(T) (second
+law). The weights of background and wall and the emission, divided by B(T), then sum to one in every
+pixel; every error of the solver, of the last sweep or of the image shows in that sum.
+Expected: 1 to 1e-5 up to an optical depth of 100 a cell and an albedo of 0.999, and to 1e-3 up to
+1e6 and an albedo of 1, as single precision and the residual allow. Nothing is normalised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.optics.planck import band_radiance
+from cldit.run import Run
+
+T = 450.0
+EDGE = 0.2
+
+
+def closure(run: Run) -> float:
+    """Largest departure of the sum of weights from 1."""
+    radiance = float(band_radiance(T, filter_um=run.scene.optics.filter_um))
+    w = run.weights
+    total = w.background.astype(float) + w.wall + (w.vapour.astype(float) + w.liquid) / radiance
+    return float(np.max(np.abs(total - 1)))
+
+
+def cavity(
+    run_block: Callable[..., Run], *, depth: float, albedo: float, vapour: float, cells: int = 16,
+    **scene: Any,
+) -> Run:
+    """A cube full of droplets (and vapour), `depth` per cell's edge."""
+    per_m = depth / (EDGE / cells)
+    return run_block(
+        {
+            "vapour_absorption_per_m": vapour * per_m,
+            "droplet_absorption_per_m": (1 - albedo) * per_m,
+            "droplet_scattering_per_m": albedo * per_m,
+            "vapour_temperature_K": T,
+            "droplet_temperature_K": T,
+        },
+        size_m=(EDGE, EDGE, EDGE),
+        domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / cells},
+        camera={"pixels": [21, 17], "field_m": [0.19, 0.19]},
+        background={"temperatures_K": [T, T + 20]},
+        walls={"temperature_K": T},
+        **scene,
+    )
+
+
+@pytest.mark.parametrize("albedo", [0.0, 0.5, 0.999])
+@pytest.mark.parametrize("depth", [1e-6, 1e-3, 0.1, 1.0, 10.0, 100.0])
+def test_flat(run_block: Callable[..., Run], depth: float, albedo: float) -> None:
+    assert closure(cavity(run_block, depth=depth, albedo=albedo, vapour=0.3)) < 1e-5
+
+
+@pytest.mark.parametrize("vapour", [0.0, 0.3])
+@pytest.mark.parametrize("albedo", [0.0, 0.999, 1.0])
+@pytest.mark.parametrize("depth", [1.0, 1e4, 1e6])
+def test_flat_at_the_extremes(
+    run_block: Callable[..., Run], depth: float, albedo: float, vapour: float
+) -> None:
+    run = cavity(run_block, depth=depth, albedo=albedo, vapour=vapour)
+    assert closure(run) < 1e-3
+    assert all(np.isfinite(image).all() for image in (run.weights.background, run.weights.wall))
+
+
+@pytest.mark.parametrize("order", [0, 1, 3])
+def test_flat_at_every_order(run_block: Callable[..., Run], order: int) -> None:
+    """Beyond the last order stands the wall, so truncated answers close as well."""
+    run = cavity(run_block, depth=0.5, albedo=0.7, vapour=0.1, transport={"order": order})
+    assert closure(run) < 1e-5
+
+
+@pytest.mark.parametrize("cells", [1, 2, 4])
+def test_flat_in_few_cells(run_block: Callable[..., Run], cells: int) -> None:
+    run = cavity(run_block, depth=2.0, albedo=0.9, vapour=0.2, cells=cells)
+    assert closure(run) < 1e-5
+
+
+def test_flat_all_round(run_block: Callable[..., Run]) -> None:
+    """A background that surrounds everything: no light from the wall at all."""
+    per_m = 0.4 / (EDGE / 16)
+    run = run_block(
+        {"droplet_scattering_per_m": per_m, "droplet_absorption_per_m": 0.1 * per_m,
+         "droplet_temperature_K": T},
+        size_m=(0.1, 0.1, 0.1),
+        domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / 16},
+        camera={"pixels": 15},
+        background={"shape": "enclosure", "temperatures_K": [T, T + 20]},
+        transport={"accuracy_K": 0.01},
+    )
+    assert closure(run) < 1e-5
+    assert float(np.max(np.abs(run.weights.wall))) < 1e-5
+
+
+def test_conservative_medium_is_solved_not_only_closed(run_block: Callable[..., Run]) -> None:
+    """Albedo 1 at 1e4 a cell: closed by the first guess already, so closure proves little here.
+
+    A conservative slab of large optical depth reflects nearly everything: light from behind comes
+    through as 4/3 / (tau + 1.42) of it (diffusion with Milne's extrapolation, on both sides), here
+    1e-5 or less; the wall's weight is the rest.
+    """
+    run = cavity(run_block, depth=1e4, albedo=1.0, vapour=0.0, background={"radius_m": 0.09})
+    middle = run.weights.background[8, 10]
+    assert 0 < middle < 0.05
