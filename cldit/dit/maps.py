@@ -1,0 +1,100 @@
+"""The result of DIT: emissivity and apparent temperature with their errors, and why not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.images import read_image, write_image
+
+Image = NDArray[np.float32]
+
+
+class Reason(IntEnum):
+    """Why a pixel is NaN; the value stands in `Maps.reason`."""
+
+    OK = 0
+    TOO_FEW_BACKGROUNDS = 1
+    SATURATED = 2
+    BAD_PIXEL = 3
+    BACKGROUND_NOT_VISIBLE = 4
+    EMISSIVITY_TOO_LOW = 5
+    NEGATIVE_RADIANCE = 6
+
+    @property
+    def text(self) -> str:
+        """For a reader of the report."""
+        return _TEXT[self]
+
+
+_TEXT = {
+    Reason.OK: "evaluated",
+    Reason.TOO_FEW_BACKGROUNDS: "fewer than two backgrounds with a finite signal",
+    Reason.SATURATED: "saturated before all backgrounds but one",
+    Reason.BAD_PIXEL: "defective pixel of the camera",
+    Reason.BACKGROUND_NOT_VISIBLE: "does not see the heated background",
+    Reason.EMISSIVITY_TOO_LOW: "transparent: emissivity known, no apparent temperature",
+    Reason.NEGATIVE_RADIANCE: "emission below zero within noise: no apparent temperature",
+}
+
+_UNITS = {
+    "emissivity": "1",
+    "emissivity_standard_error": "1",
+    "apparent_temperature_K": "K",
+    "apparent_temperature_standard_error_K": "K",
+    "reason": "code",
+    "reduced_chi2": "1",
+}
+
+
+@dataclass(frozen=True)
+class Maps:
+    """(H, W) each, row 0 at the top; float32, NaN where there is no value, `reason` uint8.
+
+    emissivity: 1 - share of the background's radiance that comes through.
+    apparent_temperature_K: temperature of a black body that radiates as the spray does.
+    *_standard_error: one standard deviation of either.
+    reason: `Reason`, 0 where both have a value.
+    reduced_chi2: of the fit over the backgrounds, about 1 when the errors are right; NaN with two
+        backgrounds or without noise.
+    """
+
+    emissivity: Image
+    apparent_temperature_K: Image
+    emissivity_standard_error: Image
+    apparent_temperature_standard_error_K: Image
+    reason: NDArray[np.uint8]
+    reduced_chi2: Image
+
+    def count(self) -> dict[Reason, int]:
+        """Number of pixels for each reason that occurs, OK first."""
+        return {reason: n for reason in Reason if (n := int(np.sum(self.reason == reason)))}
+
+    def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
+        """Writes one TIFF a map into `folder`, with names, units and scale."""
+        folder.mkdir(parents=True, exist_ok=True)
+        codes = {"codes": {str(int(reason)): reason.text for reason in Reason}}
+        for item in fields(self):
+            write_image(
+                folder / f"{item.name}.tif",
+                getattr(self, item.name),
+                name=item.name.removesuffix("_K").replace("_", " "),
+                unit=_UNITS[item.name],
+                pixel_m=pixel_m,
+                meta=codes if item.name == "reason" else None,
+            )
+
+    @classmethod
+    def load(cls, folder: Path) -> Maps:
+        """Reads what `save` wrote.
+
+        Raises:
+            RunFolderError: a file is missing or damaged.
+        """
+        return cls(
+            **{item.name: read_image(folder / f"{item.name}.tif")[0] for item in fields(cls)}
+        )

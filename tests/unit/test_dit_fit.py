@@ -1,0 +1,350 @@
+"""The fit against scipy, the maps' reasons, and what the evaluation refuses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import curve_fit
+
+from cldit.camera.calibration import Calibration
+from cldit.dit.evaluate import evaluate_acquisition, evaluate_radiance
+from cldit.dit.fit import apparent_radiance, emissivity, fit_line, shot_scatter
+from cldit.dit.maps import Maps, Reason
+from cldit.errors import EvaluationError, RunFolderError
+from cldit.optics.planck import band_radiance
+from cldit.radiance.weights import Weights
+
+FILTER = (3.3, 3.5)
+CALIBRATION = Calibration(
+    filter_um=FILTER,
+    counts_per_radiance=1.36e-17,
+    offset_counts=200.0,
+    electrons_per_count=40.0,
+    read_noise_electrons=200.0,
+    saturation_counts=16383.0,
+)
+BACKGROUNDS = (400.0, 440.0, 480.0, 520.0, 560.0)
+
+
+def _radiance(kelvin: float) -> float:
+    return float(band_radiance(kelvin, filter_um=FILTER))
+
+
+@dataclass(frozen=True)
+class _Shot:
+    id: str
+    kind: str
+    setpoint_K: float
+    background_K: float
+
+
+@dataclass
+class _Acquisition:
+    shots: list[_Shot]
+    images: dict[str, NDArray[Any]]
+    calibration: dict[str, Any]
+    bad_pixels: NDArray[np.bool_] | None = None
+    background_emissivity: float = 1.0
+    wall_temperature_K: float = 300.0
+
+    def load(self, shot: _Shot) -> NDArray[Any]:
+        return self.images[shot.id]
+
+
+def _acquisition(
+    *, transmitted: NDArray[np.float64], emitted: NDArray[np.float64], shots: int = 1
+) -> _Acquisition:
+    """Without noise, but rounded to counts."""
+    found: list[_Shot] = []
+    images: dict[str, NDArray[Any]] = {}
+    for kelvin in BACKGROUNDS:
+        for kind in ("reference", "injection"):
+            for number in range(shots):
+                shot = _Shot(f"{kelvin:g}-{kind}-{number}", kind, kelvin, kelvin)
+                radiance = np.full(transmitted.shape, _radiance(kelvin))
+                if kind == "injection":
+                    radiance = radiance * transmitted + emitted
+                found.append(shot)
+                images[shot.id] = np.rint(CALIBRATION.counts(radiance)).astype(np.uint16)
+    return _Acquisition(found, images, CALIBRATION.to_dict())
+
+
+def _spray(shape: tuple[int, int] = (6, 8)) -> _Acquisition:
+    transmitted = np.linspace(0.1, 0.9, shape[0] * shape[1]).reshape(shape)
+    return _acquisition(transmitted=transmitted, emitted=(1 - transmitted) * _radiance(450.0))
+
+
+def test_line_is_scipys() -> None:
+    """Slope, intercept and covariance of curve_fit with absolute_sigma, pixel by pixel."""
+    rng = np.random.default_rng(4)
+    x = np.array([1.0, 2.5, 6.0, 11.0, 20.0])
+    y = 3.0 - 0.7 * x[:, None] + rng.standard_normal((5, 7))
+    variance = rng.uniform(0.5, 4.0, (5, 7))
+    line = fit_line(x[:, None], y, weight=1 / variance, variance=variance)
+    for pixel in range(7):
+        best, covariance = curve_fit(
+            lambda x, a, b: a * x + b,
+            x,
+            y[:, pixel],
+            sigma=np.sqrt(variance[:, pixel]),
+            absolute_sigma=True,
+        )
+        np.testing.assert_allclose([line.slope[pixel], line.intercept[pixel]], best, rtol=1e-6)
+        got = [line.slope_variance[pixel], line.intercept_variance[pixel], line.covariance[pixel]]
+        # curve_fit differentiates numerically
+        expected = [covariance[0, 0], covariance[1, 1], covariance[0, 1]]
+        np.testing.assert_allclose(got, expected, rtol=1e-5)
+
+
+def test_two_lines_are_the_fit_of_the_difference() -> None:
+    """With equal x and an unobstructed disc, -epsilon and epsilon I are Delta I's line."""
+    rng = np.random.default_rng(4)
+    x = np.array([[1.0], [2.5], [6.0], [11.0], [20.0]])
+    before = x + rng.standard_normal((5, 9)) * 0.1
+    during = 0.3 * x + 4.0 + rng.standard_normal((5, 9)) * 0.1
+    weight = rng.uniform(0.5, 4.0, (5, 9))
+    calm, varied = (fit_line(x, y, weight=weight, variance=0.01 / weight) for y in (before, during))
+    both = fit_line(x, during - before, weight=weight, variance=0.02 / weight)
+    np.testing.assert_allclose(varied.slope - calm.slope, both.slope, rtol=1e-12)
+    got, _ = emissivity(calm, varied)
+    np.testing.assert_allclose(got, -both.slope / calm.slope, rtol=1e-12)
+    radiance, variance = apparent_radiance(calm, varied)
+    np.testing.assert_allclose(radiance, -both.intercept / both.slope, rtol=1e-10)
+    # And the variance is the textbook's for a ratio of two correlated numbers.
+    ratio = both.intercept_variance + radiance**2 * both.slope_variance
+    ratio += 2 * radiance * both.covariance
+    np.testing.assert_allclose(variance, ratio / both.slope**2, rtol=1e-10)
+
+
+def test_errors_by_brute_force() -> None:
+    """Propagated standard errors against 20000 repetitions of one pixel."""
+    rng = np.random.default_rng(8)
+    x = np.array([[1.0], [2.5], [6.0], [11.0], [20.0]])
+    sigma_calm, sigma_varied = 0.02 * np.sqrt(x), 0.03 * np.sqrt(x)
+    before = x + sigma_calm * rng.standard_normal((5, 20000))
+    during = 0.4 * x + 2.0 + sigma_varied * rng.standard_normal((5, 20000))
+    weight = np.broadcast_to(1 / (sigma_calm**2 + sigma_varied**2), (5, 20000))
+    calm = fit_line(x, before, weight=weight, variance=sigma_calm**2)
+    varied = fit_line(x, during, weight=weight, variance=sigma_varied**2)
+    for value, variance in (emissivity(calm, varied), apparent_radiance(calm, varied)):
+        # sample variance of 20000: 1 %; 4 sigma, and 1 % for the second order of the propagation
+        assert np.var(value) == pytest.approx(np.mean(variance), rel=0.05)
+
+
+def test_degenerate_lines_are_nan() -> None:
+    x = np.array([[1.0], [1.0], [2.0]])
+    y = np.ones((3, 2))
+    weight = np.array([[1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])  # same x twice; a single point
+    line = fit_line(x, y, weight=weight, variance=y)
+    assert np.isnan(line.slope).all() and np.isnan(line.intercept).all()
+
+
+@pytest.mark.parametrize(("q", "p"), [(0.0, 0.0), (0.04, 0.0), (0.0, 9.0), (0.04, 9.0)])
+def test_scatter_is_found(q: float, p: float) -> None:
+    """The variance of known scatter, averaged over 4000 pixels of 20 degrees of freedom each."""
+    rng = np.random.default_rng(6)
+    difference = np.broadcast_to(np.array([[-1.0], [3.0], [8.0], [15.0], [30.0]]), (5, 4000))
+    camera = np.full((5, 4000), 1.5)
+    truth = camera + q * difference**2 + p
+    observed = truth * rng.chisquare(4, (5, 4000)) / 4
+    extra = shot_scatter(difference, observed, camera=camera, degrees=np.full((5, 1), 4.0))
+    total = (camera + extra).mean(axis=1)
+    # Positive parts only, and fitted weights: some bias is expected, and stated as such.
+    np.testing.assert_allclose(total, truth[:, 0], rtol=0.3)
+    none = shot_scatter(difference, observed, camera=camera, degrees=np.zeros((5, 1)))
+    np.testing.assert_array_equal(none, 0.0)
+
+
+def test_acquisition_without_noise() -> None:
+    acquisition = _spray()
+    seen: list[tuple[int, int]] = []
+    maps = evaluate_acquisition(acquisition, progress=lambda *at: seen.append(at))
+    assert seen == [(n, 10) for n in range(1, 11)]
+    expected = 1 - np.linspace(0.1, 0.9, 48).reshape(6, 8)
+    # rounding to counts: 0.3 counts of 6000
+    np.testing.assert_allclose(maps.emissivity, expected, atol=5e-4)
+    np.testing.assert_allclose(maps.apparent_temperature_K, 450.0, atol=1.0)
+    assert maps.count() == {Reason.OK: 48}
+    assert maps.emissivity.dtype == np.float32 and maps.reason.dtype == np.uint8
+
+
+def test_drifting_background_is_allowed_for() -> None:
+    """References before the black body has settled: 3 K below the injections."""
+    acquisition = _spray()
+    for index, shot in enumerate(acquisition.shots):
+        if shot.kind == "reference":
+            acquisition.shots[index] = replace(shot, background_K=shot.setpoint_K - 3.0)
+            radiance = np.full((6, 8), _radiance(shot.setpoint_K - 3.0))
+            counts = np.rint(CALIBRATION.counts(radiance)).astype(np.uint16)
+            acquisition.images[shot.id] = counts
+    maps = evaluate_acquisition(acquisition)
+    expected = 1 - np.linspace(0.1, 0.9, 48).reshape(6, 8)
+    np.testing.assert_allclose(maps.emissivity, expected, atol=5e-4)
+
+
+def test_every_reason() -> None:
+    acquisition = _spray()
+    bad = np.zeros((6, 8), dtype=bool)
+    bad[0, 0] = True
+    acquisition.bad_pixels = bad
+    for shot in acquisition.shots:
+        image = acquisition.images[shot.id]
+        image[0, 0] = 0
+        image[0, 1] = 16383 if shot.setpoint_K > 400 else image[0, 1]
+        image[0, 2] = 16383 if shot.setpoint_K > 500 else image[0, 2]
+        image[1, 0] = 200 + 9  # a wall, not the background
+        if shot.kind == "injection":
+            calm = acquisition.images[f"{shot.setpoint_K:g}-reference-0"]
+            image[1, 1] = calm[1, 1]
+            image[1, 2] = np.rint((calm[1, 2] - 200.0) * 0.5) + 200 - 60
+    maps = evaluate_acquisition(acquisition)
+    expected = np.zeros((6, 8), np.uint8)
+    expected[0, 0] = Reason.BAD_PIXEL
+    expected[0, 1] = Reason.SATURATED
+    expected[1, 0] = Reason.BACKGROUND_NOT_VISIBLE
+    expected[1, 1] = Reason.EMISSIVITY_TOO_LOW
+    expected[1, 2] = Reason.NEGATIVE_RADIANCE
+    np.testing.assert_array_equal(maps.reason, expected)
+    assert maps.count()[Reason.OK] == 43
+    unknown = np.isin(expected, [Reason.BAD_PIXEL, Reason.SATURATED, Reason.BACKGROUND_NOT_VISIBLE])
+    np.testing.assert_array_equal(np.isnan(maps.emissivity), unknown)
+    np.testing.assert_array_equal(np.isnan(maps.emissivity_standard_error), unknown)
+    np.testing.assert_array_equal(np.isnan(maps.apparent_temperature_K), expected > 0)
+    # Two backgrounds saturated: the other three still give the answer, with a larger error.
+    error = maps.emissivity_standard_error
+    assert maps.emissivity[0, 2] == pytest.approx(1 - (0.1 + 2 * 0.8 / 47), abs=2e-3)
+    assert error[0, 2] > 2 * error[0, 3]
+
+
+def test_one_saturated_exposure_spoils_its_background() -> None:
+    transmitted = np.full((1, 2), 0.5)
+    acquisition = _acquisition(
+        transmitted=transmitted, emitted=0.5 * np.full((1, 2), _radiance(450.0)), shots=3
+    )
+    acquisition.images["560-injection-1"][0, 0] = 16383
+    maps = evaluate_acquisition(acquisition)
+    assert maps.emissivity[0, 0] == pytest.approx(0.5, abs=2e-3)
+
+
+def test_saved_and_loaded(tmp_path: Path) -> None:
+    maps = evaluate_acquisition(_spray())
+    maps.save(tmp_path / "maps", pixel_m=(1e-4, 2e-4))
+    back = Maps.load(tmp_path / "maps")
+    for name in ("emissivity", "apparent_temperature_K", "reason", "reduced_chi2"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(maps, name))
+    (tmp_path / "maps" / "reason.tif").unlink()
+    with pytest.raises(RunFolderError, match=r"reason\.tif"):
+        Maps.load(tmp_path / "maps")
+
+
+def _drop(acquisition: _Acquisition, kind: str, setpoint: float) -> None:
+    acquisition.shots = [s for s in acquisition.shots if (s.kind, s.setpoint_K) != (kind, setpoint)]
+
+
+def test_refuses_incomplete_recordings() -> None:
+    one = _spray()
+    one.shots = [s for s in one.shots if s.setpoint_K == 400]
+    with pytest.raises(EvaluationError, match=r"\[400.0\] K; .* at least two"):
+        evaluate_acquisition(one)
+    empty = _spray()
+    empty.shots = []
+    with pytest.raises(EvaluationError, match="at least two"):
+        evaluate_acquisition(empty)
+    for kind in ("reference", "injection"):
+        gap = _spray()
+        _drop(gap, kind, 480.0)
+        with pytest.raises(EvaluationError, match=f"background 480 K: no {kind}"):
+            evaluate_acquisition(gap)
+
+
+def test_refuses_bad_shots() -> None:
+    still = _spray()
+    still.shots = [replace(s, background_K=440.0) for s in still.shots]
+    with pytest.raises(EvaluationError, match=r"\[440.0\] K"):
+        evaluate_acquisition(still)
+    cold = _spray()
+    cold.shots = [replace(s, background_K=0.5 + s.setpoint_K / 1e3) for s in cold.shots]
+    with pytest.raises(EvaluationError, match="the same radiance"):
+        evaluate_acquisition(cold)
+    lost = _spray()
+    lost.shots[3] = replace(lost.shots[3], background_K=float("nan"))
+    with pytest.raises(EvaluationError, match="440-injection-0: background at nan"):
+        evaluate_acquisition(lost)
+    odd = _spray()
+    odd.shots[3] = replace(odd.shots[3], kind="dark")
+    with pytest.raises(EvaluationError, match="440-injection-0: kind 'dark'"):
+        evaluate_acquisition(odd)
+    cut = _spray()
+    cut.images["440-injection-0"] = cut.images["440-injection-0"][:-1]
+    with pytest.raises(EvaluationError, match=r"440-injection-0: picture of shape \(5, 8\)"):
+        evaluate_acquisition(cut)
+    swapped = _spray()
+    swapped.shots = [
+        replace(s, kind="injection" if s.kind == "reference" else "reference")
+        for s in swapped.shots
+    ]
+    with pytest.raises(EvaluationError, match="swapped"):
+        evaluate_acquisition(swapped)
+
+
+def test_an_empty_scene_is_no_swap() -> None:
+    nothing = _acquisition(transmitted=np.ones((6, 8)), emitted=np.zeros((6, 8)))
+    maps = evaluate_acquisition(nothing)
+    assert maps.count() == {Reason.EMISSIVITY_TOO_LOW: 48}
+    np.testing.assert_array_equal(maps.emissivity, 0.0)
+
+
+def _weights(background: NDArray[Any]) -> Weights:
+    zero = np.zeros(background.shape, np.float32)
+    return Weights(background.astype(np.float32), zero, zero, zero.copy())
+
+
+def _trace(spray: Weights, reference: Weights, kelvin: tuple[float, ...] = BACKGROUNDS) -> Maps:
+    return evaluate_radiance(
+        spray,
+        reference,
+        background_temperatures_K=kelvin,
+        background_emissivity=0.9,
+        wall_temperature_K=300.0,
+        filter_um=FILTER,
+        sensor=None,
+        shots=1,
+        references=1,
+    )
+
+
+def test_trace_with_holes() -> None:
+    """Nothing but NaN, nothing but wall, and an infinite weight are named, not propagated."""
+    spray = _weights(np.array([[0.5, np.nan, 0.5, np.inf]]))
+    spray.liquid[0, 0] = 0.5 * _radiance(400.0)
+    reference = _weights(np.array([[1.0, 1.0, 0.0, 1.0]]))
+    maps = _trace(spray, reference)
+    few, hidden = Reason.TOO_FEW_BACKGROUNDS, Reason.BACKGROUND_NOT_VISIBLE
+    np.testing.assert_array_equal(maps.reason, [[Reason.OK, few, hidden, few]])
+    assert maps.apparent_temperature_K[0, 0] == pytest.approx(400.0, abs=1e-3)
+    assert maps.emissivity[0, 0] == pytest.approx(0.5, rel=1e-6)
+
+
+def test_trace_is_solved_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    spray = _weights(np.random.default_rng(1).random((13, 7)))
+    whole = _trace(spray, _weights(np.ones((13, 7))))
+    monkeypatch.setattr("cldit.dit.evaluate._BLOCK", 80)
+    parts = _trace(spray, _weights(np.ones((13, 7))))
+    np.testing.assert_array_equal(whole.emissivity, parts.emissivity)
+
+
+def test_trace_refuses() -> None:
+    ones = _weights(np.ones((2, 2)))
+    with pytest.raises(EvaluationError, match="at least two"):
+        _trace(ones, ones, (400.0,))
+    with pytest.raises(EvaluationError, match="at least two"):
+        _trace(ones, ones, (400.0, 400.0))
+    with pytest.raises(EvaluationError, match="same radiance"):
+        _trace(ones, ones, (0.0, 1.0))
+    with pytest.raises(EvaluationError, match="without spray"):
+        _trace(ones, _weights(np.ones((2, 3))))

@@ -1,0 +1,139 @@
+"""Noise-free DIT.
+
+Rationale: transfer is linear in its sources, so the evaluation of a trace must give 1 - w_bg back,
+and the temperature of an isothermal absorber whatever the walls do; scattering makes the apparent
+temperature a mean of the droplet's and the walls' radiance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cldit.camera.sensor import SensorModel
+from cldit.dit.evaluate import evaluate_radiance
+from cldit.dit.maps import Maps, Reason
+from cldit.optics.planck import band_radiance
+from cldit.radiance.weights import Weights
+from cldit.scene.schema import EmptySpray, Scene
+
+FILTER = (3.3, 3.5)
+
+
+def _weights(**parts: NDArray[np.floating]) -> Weights:
+    zero = np.zeros(next(iter(parts.values())).shape)
+    names = ("background", "wall", "vapour", "liquid")
+    return Weights(**{name: parts.get(name, zero).astype(np.float32) for name in names})
+
+
+def _maps(
+    spray: Weights,
+    *,
+    wall_K: float = 450.0,
+    emissivity: float = 0.97,
+    backgrounds_K: tuple[float, ...] = (400.0, 440.0, 480.0, 520.0, 560.0),
+    sensor: SensorModel | None = None,
+    shots: int = 5,
+) -> Maps:
+    disc = np.ones_like(spray.background)
+    return evaluate_radiance(
+        spray,
+        _weights(background=disc),
+        background_temperatures_K=backgrounds_K,
+        background_emissivity=emissivity,
+        wall_temperature_K=wall_K,
+        filter_um=FILTER,
+        sensor=sensor,
+        shots=shots,
+        references=shots,
+    )
+
+
+def _random(wall_K: float, shape: tuple[int, int] = (40, 50)) -> Weights:
+    """Any closed set of weights: shares of background, wall and two emitters sum to one."""
+    rng = np.random.default_rng(11)
+    share = rng.dirichlet([1.0, 1.0, 1.0, 1.0], shape)
+    cold, warm = band_radiance([380.0, 430.0], filter_um=FILTER)
+    return _weights(
+        background=share[..., 0],
+        wall=share[..., 1],
+        vapour=share[..., 2] * warm,
+        liquid=share[..., 3] * cold,
+    )
+
+
+@pytest.mark.parametrize("emissivity", [1.0, 0.8, 0.05])
+@pytest.mark.parametrize("wall_K", [0.0, 300.0, 700.0])
+@pytest.mark.parametrize("with_sensor", [False, True])
+def test_one_minus_background_weight(emissivity: float, wall_K: float, with_sensor: bool) -> None:
+    """1 - w_bg to 1e-4, asked for; float32 weights (6e-8) leave 1e-6 and carry it to the slope.
+
+    The apparent temperature is that of (wall + emission) / (1 - w_bg), whatever background was
+    used and whatever noise weighs the backgrounds.
+    """
+    sensor = SensorModel.from_scene(Scene(name="t", spray=EmptySpray())) if with_sensor else None
+    spray = _random(wall_K)
+    maps = _maps(spray, wall_K=wall_K, emissivity=emissivity, sensor=sensor)
+    np.testing.assert_allclose(maps.emissivity, 1 - spray.background, atol=2e-6)
+    wall = band_radiance(wall_K, filter_um=FILTER)
+    own = (spray.wall * wall + spray.vapour + spray.liquid) / (1.0 - spray.background)
+    # A disc of emissivity 0.05 before hot walls hardly changes: noise hides a weak spray there.
+    from_own = (maps.reason == Reason.OK) & (maps.emissivity > 0.05)
+    assert from_own.mean() > 0.6
+    expected = band_radiance(maps.apparent_temperature_K[from_own], filter_um=FILTER)
+    np.testing.assert_allclose(expected, own[from_own], rtol=1e-4)
+
+
+def test_isothermal_absorber_is_its_own_temperature() -> None:
+    """Without scattering neither walls nor the background's emissivity matter."""
+    depth = np.geomspace(1e-2, 20.0, 60)[None, :]
+    absorbed = -np.expm1(-depth)
+    spray = _weights(
+        background=1 - absorbed, vapour=absorbed * band_radiance(412.0, filter_um=FILTER)
+    )
+    for wall_K, emissivity in ((0.0, 1.0), (300.0, 0.5), (900.0, 0.9)):
+        maps = _maps(spray, wall_K=wall_K, emissivity=emissivity)
+        np.testing.assert_allclose(maps.emissivity, absorbed, atol=2e-6)
+        # float32 weights: 1e-7 of the background (20 times the emission) over an emissivity of 1 %
+        # is 2e-4 of the radiance, and T / (d ln B / d ln T = 10) makes that 0.01 K.
+        np.testing.assert_allclose(maps.apparent_temperature_K, 412.0, atol=0.02)
+
+
+@pytest.mark.parametrize("depth", [0.01, 0.3])
+def test_droplet_six_per_cent_low(depth: float) -> None:
+    """A droplet at 400 K with equal scattering and absorption before walls at 300 K.
+
+    Half of its extinction emits at 400 K, the other half scatters the walls; at one wavelength,
+    1 / expm1(x / T) = (1 / expm1(x / 400) + 1 / expm1(x / 300)) / 2 with x = h c / (lambda k) =
+    4231.7 K at 3.4 um. The paper (Section "Wall Temperature") states 6 % below 400 K.
+    """
+    gone = np.full((2, 2), -np.expm1(-depth))
+    spray = _weights(
+        background=1 - gone,
+        wall=gone / 2,
+        liquid=gone / 2 * band_radiance(400.0, filter_um=FILTER),
+    )
+    got = _maps(spray, wall_K=300.0, emissivity=1.0).apparent_temperature_K
+    x = 0.014387768775 / 3.4e-6
+    mean = (1 / np.expm1(x / 400) + 1 / np.expm1(x / 300)) / 2
+    closed = x / np.log1p(1 / mean)
+    assert closed / 400 - 1 == pytest.approx(-0.06, abs=0.002)
+    # the filter's 0.2 um instead of one wavelength: 0.05 K
+    np.testing.assert_allclose(got, closed, atol=0.1)
+
+
+def test_errors_shrink_with_shots_and_grow_in_the_dark() -> None:
+    """Standard errors fall as 1 / sqrt(shots); a cold opaque spray has the larger one in T."""
+    sensor = SensorModel.from_scene(Scene(name="t", spray=EmptySpray()))
+    opaque = np.full((1, 2), 0.95)
+    spray = _weights(
+        background=1 - opaque,
+        liquid=opaque * band_radiance(np.array([[340.0, 440.0]]), filter_um=FILTER),
+    )
+    few, many = (_maps(spray, sensor=sensor, shots=shots) for shots in (2, 32))
+    for name in ("emissivity_standard_error", "apparent_temperature_standard_error_K"):
+        np.testing.assert_allclose(getattr(few, name), 4 * getattr(many, name), rtol=1e-5)
+    error = many.apparent_temperature_standard_error_K[0]
+    # The paper: no temperature below 340 K is measured; there dB/dT is 7 times smaller.
+    assert error[0] > 4 * error[1] > 0

@@ -1,0 +1,131 @@
+"""Standard errors of DIT are right: chi-square of many equal pixels, recorded by the sensor model.
+
+Set-up: 64 x 64 pixels see the same spray before five backgrounds, some shots each, through the
+simulated sensor (shot noise, read noise, rounding). Expected: the spread of the 4096 results is
+what each of them states. With camera noise alone, and with shots that differ in optical depth or
+temperature beyond it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cldit.camera.sensor import SensorModel
+from cldit.dit.evaluate import evaluate_acquisition
+from cldit.dit.maps import Maps
+from cldit.optics.planck import band_radiance
+from cldit.scene.schema import Camera, EmptySpray, Scene, Sensor
+
+FILTER = (3.3, 3.5)
+SIDE = 64
+SPRAY_K = 430.0
+
+
+@dataclass(frozen=True)
+class _Shot:
+    id: str
+    kind: str
+    setpoint_K: float
+    background_K: float
+
+
+@dataclass(frozen=True)
+class _Recorded:
+    calibration: dict[str, Any]
+    shots: list[_Shot]
+    images: dict[str, NDArray[np.uint16]]
+    bad_pixels: None = None
+    background_emissivity: float = 1.0
+    wall_temperature_K: float = 300.0
+
+    def load(self, shot: _Shot) -> NDArray[np.uint16]:
+        return self.images[shot.id]
+
+
+def _evaluated(
+    *, shots: int, depth: float, depth_scatter: float = 0.0, temperature_scatter_K: float = 0.0
+) -> Maps:
+    camera = Camera(sensor=Sensor(pixels=(SIDE, SIDE), bad_pixels=0))
+    model = SensorModel.from_scene(Scene(name="t", spray=EmptySpray(), camera=camera))
+    rng = np.random.default_rng(21)
+    recorded = _Recorded(model.calibration().to_dict(), [], {})
+    for kelvin in (400.0, 440.0, 480.0, 520.0, 560.0):
+        for kind in ("reference", "injection"):
+            for number in range(shots):
+                radiance = np.full((SIDE, SIDE), band_radiance(kelvin, filter_um=FILTER))
+                if kind == "injection":
+                    there = depth * (1 + depth_scatter * rng.standard_normal((SIDE, SIDE)))
+                    warm = SPRAY_K + temperature_scatter_K * rng.standard_normal((SIDE, SIDE))
+                    own = band_radiance(warm, filter_um=FILTER)
+                    radiance = own + (radiance - own) * np.exp(-there)
+                shot = _Shot(f"{kind}-{kelvin:g}-{number}", kind, kelvin, kelvin)
+                recorded.shots.append(shot)
+                recorded.images[shot.id] = model.expose(radiance, rng)
+    return evaluate_acquisition(recorded)
+
+
+def _ratios(maps: Maps) -> tuple[float, float]:
+    """Observed over stated variance of emissivity and apparent temperature, about the truth.
+
+    Where shots scatter, the mean of exp(-depth) is not exp(-mean depth): there the spread is taken
+    about the pixels' mean, which 4096 pixels know to 1.6 % of a standard error.
+    """
+    found = []
+    for value, error in (
+        (maps.emissivity, maps.emissivity_standard_error),
+        (maps.apparent_temperature_K, maps.apparent_temperature_standard_error_K),
+    ):
+        assert np.isfinite(value).all()
+        found.append(float(np.var(value, dtype=float) / np.mean(error.astype(float) ** 2)))
+    return found[0], found[1]
+
+
+@pytest.mark.parametrize("depth", [0.1, 1.0, 4.0])
+def test_one_shot_camera_noise(depth: float) -> None:
+    """One shot a background: no scatter to see, the errors are the calibration's alone.
+
+    chi2 / N of 4096 pixels has a standard deviation of sqrt(2 / 4096) = 2.2 %; 4 of them, plus 2 %
+    for weights that come from noisy counts.
+    """
+    maps = _evaluated(shots=1, depth=depth)
+    emissivity, temperature = _ratios(maps)
+    assert emissivity == pytest.approx(1.0, abs=0.11)
+    assert temperature == pytest.approx(1.0, abs=0.11 if depth > 0.5 else 0.2)  # 2nd order: 8 K
+    error = maps.emissivity_standard_error
+    # No bias: the mean of 4096 is good to 1.6 % of a standard error; 5 of these, and the weights'.
+    truth = -np.expm1(-depth)
+    assert abs(np.mean((maps.emissivity - truth) / error)) < 0.1
+    # Residuals of the fit: mean of 4096 reduced chi2 with 3 degrees: sqrt(2 / 3 / 4096) = 1.3 %.
+    assert np.mean(maps.reduced_chi2) == pytest.approx(1.0, abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("shots", "tolerance"),
+    # Scatter that is estimated is clipped at none, so the errors are stated too large without any:
+    # positive half of sqrt(2 / 20) = 0.13 of the injections' variance with 5 shots, 0.07 with 19.
+    [(5, 0.25), (19, 0.15)],
+)
+@pytest.mark.parametrize(
+    ("depth", "depth_scatter", "temperature_scatter_K"),
+    [(1.0, 0.0, 0.0), (1.0, 0.03, 0.0), (0.1, 0.1, 0.0), (4.0, 0.0, 2.0), (1.0, 0.03, 1.0)],
+)
+def test_scatter_between_shots(
+    shots: int,
+    tolerance: float,
+    depth: float,
+    depth_scatter: float,
+    temperature_scatter_K: float,
+) -> None:
+    maps = _evaluated(
+        shots=shots,
+        depth=depth,
+        depth_scatter=depth_scatter,
+        temperature_scatter_K=temperature_scatter_K,
+    )
+    for ratio in _ratios(maps):
+        assert ratio == pytest.approx(1.0, abs=tolerance)
