@@ -29,7 +29,8 @@ from cldit.spray.fuel import (
 
 Floats = NDArray[np.float64]
 
-_HALVINGS = 70  # of a bracket of some 2000 K: down to rounding
+_HALVINGS = 56  # of a bracket of at most 5000 K: down to rounding
+_ENTRIES = 3000
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ def heptane_mixture(
     *, pressure_Pa: float, gas_K: float, fuel_K: float, evaporation: bool = True
 ) -> Mixture:
     """The table for liquid n-heptane in nitrogen; without evaporation no heat is exchanged."""
-    ratio = np.geomspace(1e-9, 1e6, 6000)
+    ratio = np.geomspace(1e-9, 1e6, _ENTRIES)
     saturation_B = saturation_K = float("nan")
     if evaporation:
         conditions = {"pressure_Pa": pressure_Pa, "gas_K": gas_K, "fuel_K": fuel_K}
@@ -169,7 +170,7 @@ def methane_mixture(
         fuel_K: stagnation temperature, in the injector.
         speed_m_s: of the jet expanded to the pressure of the gas.
     """
-    ratio = np.geomspace(1e-9, 1e6, 6000)
+    ratio = np.geomspace(1e-9, 1e6, _ENTRIES)
     z = ratio / (1 + ratio)
     supply = (
         z * METHANE.enthalpy_J_kg(fuel_K)

@@ -1,0 +1,132 @@
+"""The droplet table: error against single Mie solutions, speed, cache, limits, bad input."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import miepython
+import numpy as np
+import pytest
+
+from cldit.optics.droplets import DropletError, DropletTable, droplet_table
+
+PAPER = {"wavelength_um": 3.4, "n": 1.338, "k": 0.0341}
+
+
+@pytest.fixture(scope="module")
+def paper() -> DropletTable:
+    return droplet_table(**PAPER, cache=None)
+
+
+def _exact(table: DropletTable, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    x = np.pi * d / (table.wavelength_um * 1e-6)
+    q_ext, q_sca, _, g = miepython.efficiencies_mx(complex(table.n, -table.k), x)
+    return q_ext, q_sca, g
+
+
+def _diameters(count: int) -> np.ndarray:
+    """Off the table's knots, log-uniform over its range."""
+    return np.exp(np.random.default_rng(7).uniform(np.log(5e-8), np.log(5e-4), count))
+
+
+@pytest.mark.parametrize(
+    ("n", "k", "within"), [(1.338, 0.0341, 1e-4), (1.40, 0.01, 2e-3), (1.3, 0.3, 1e-4)]
+)
+def test_error_between_the_knots(n: float, k: float, within: float) -> None:
+    table = droplet_table(wavelength_um=3.4, n=n, k=k, cache=None)
+    d = _diameters(400)
+    area = np.pi / 4 * d**2
+    q_ext, q_sca, g = _exact(table, d)
+    c_abs, c_sca = table.cross_sections(d)
+    assert c_sca / area == pytest.approx(q_sca, rel=within)
+    assert c_abs / area == pytest.approx(q_ext - q_sca, rel=within)
+    assert table.efficiencies(d)[2] == pytest.approx(g, abs=within)
+
+
+def test_without_absorption_resonances_average_out() -> None:
+    """1.5 % rms at single diameters; 0.1 % for a distribution 4 to 14 um wide."""
+    table = droplet_table(wavelength_um=3.4, n=1.338, k=0.0, cache=None)
+    d = _diameters(400)
+    q_ext, q_sca, _ = table.efficiencies(d)
+    assert np.array_equal(q_ext, q_sca)
+    exact = _exact(table, d)[1]
+    assert np.sqrt(np.mean((q_sca / exact - 1) ** 2)) < 0.015
+    d = np.linspace(4e-6, 14e-6, 3000)
+    weight = d**2
+    mean = np.average(table.efficiencies(d)[1], weights=weight)
+    assert mean == pytest.approx(np.average(_exact(table, d)[1], weights=weight), rel=1e-3)
+
+
+def test_droplets_below_the_table_follow_rayleigh(paper: DropletTable) -> None:
+    """C_abs ~ d^3 and C_sca ~ d^6; the next order is (pi d / wavelength)^2 < 1e-4."""
+    c_abs, c_sca = paper.cross_sections(np.array([1e-9, 1e-8]))
+    assert c_abs[1] / c_abs[0] == pytest.approx(1e3, rel=1e-3)
+    assert c_sca[1] / c_sca[0] == pytest.approx(1e6, rel=1e-3)
+
+
+@pytest.mark.parametrize("d", [0.0, -1e-6, 6e-4, float("nan"), float("inf")])
+def test_outside_is_refused(paper: DropletTable, d: float) -> None:
+    with pytest.raises(DropletError, match=r"outside 0\.\.0.0005 m"):
+        paper.cross_sections(np.array([1e-6, d]))
+
+
+def test_shapes(paper: DropletTable) -> None:
+    assert paper.cross_sections(np.empty(0))[0].shape == (0,)
+    assert paper.cross_sections(9e-6)[1].shape == ()
+    assert paper.cross_sections(np.full((2, 3), 9e-6))[0].shape == (2, 3)
+
+
+def test_quick_enough(paper: DropletTable) -> None:
+    """A million droplets in 0.2 s; ten times that here, where others share the machine."""
+    d = np.random.default_rng(1).uniform(1e-7, 4e-5, 1_000_000)
+    begin = time.perf_counter()
+    paper.cross_sections(d)
+    assert time.perf_counter() - begin < 2.0
+
+
+@pytest.mark.parametrize(
+    ("wavelength_um", "n", "k"),
+    [(0.0, 1.3, 0.0), (3.4, 0.0, 0.0), (3.4, 1.3, -0.1), (float("nan"), 1.3, 0.1)],
+)
+def test_impossible_optics_are_refused(wavelength_um: float, n: float, k: float) -> None:
+    with pytest.raises(DropletError, match="allowed are"):
+        droplet_table(wavelength_um=wavelength_um, n=n, k=k, cache=None)
+
+
+@pytest.mark.parametrize(("n", "k"), [(10.0, 10.0), (0.1, 0.0), (1.0, 0.0), (1.0, 1e-3)])
+def test_extreme_liquids(n: float, k: float) -> None:
+    table = droplet_table(wavelength_um=3.4, n=n, k=k, cache=None)
+    c_abs, c_sca = table.cross_sections(np.geomspace(1e-9, 5e-4, 50))
+    assert np.all(np.isfinite(c_abs + c_sca)) and min(c_abs.min(), c_sca.min()) >= 0
+
+
+def _same(one: DropletTable, two: DropletTable) -> bool:
+    names = ("scattering", "absorption", "asymmetry", "log_x_start", "log_x_step")
+    return all(np.array_equal(getattr(one, name), getattr(two, name)) for name in names)
+
+
+def test_cache_gives_back_what_was_built(
+    paper: DropletTable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "not yet" / "there"
+    assert _same(droplet_table(**PAPER, cache=folder), paper)
+    (file,) = folder.iterdir()
+    # From here on only the file can give the table of the paper.
+    monkeypatch.setattr(miepython, "efficiencies_mx", lambda m, x: pytest.fail("built anew"))
+    assert _same(droplet_table(**PAPER, cache=folder), paper)
+    monkeypatch.undo()
+    other = droplet_table(**{**PAPER, "k": 0.0342}, cache=folder)
+    assert not _same(other, paper) and len(list(folder.iterdir())) == 2
+    for damage in (b"", b"PK\x03\x04 nonsense", file.read_bytes()[:5000]):
+        file.write_bytes(damage)
+        assert _same(droplet_table(**PAPER, cache=folder), paper)
+        assert len(file.read_bytes()) > 1e5
+    assert replace(paper, n=1.0).n == 1.0
+
+
+def test_cache_that_cannot_be_written_costs_only_time(paper: DropletTable, tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    assert _same(droplet_table(**PAPER, cache=blocked), paper)

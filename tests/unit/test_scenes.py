@@ -1,0 +1,195 @@
+"""Scenes: those that are shipped, the way to YAML and back, and what a wrong one is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import cldit.scene
+from cldit.errors import SceneError
+from cldit.scene import Scene, dump_scene, load_scene, parse_scene, shipped_scenes
+from cldit.scene.schema import ConeSpray, Monodisperse, NukiyamaTanasawa
+
+SHIPPED = ("droplets-only", "empty", "gdi-cold", "gdi", "methane-jet")
+
+
+def _scene(**sections: Any) -> Scene:
+    return parse_scene({"name": "test", "spray": {"model": "cone"}, **sections})
+
+
+def _complaint(**sections: Any) -> str:
+    with pytest.raises(SceneError) as caught:
+        _scene(**sections)
+    first, *lines = str(caught.value).splitlines()
+    assert first == "scene:"
+    return "\n".join(lines)
+
+
+def test_shipped_scenes_are_described() -> None:
+    shipped = shipped_scenes()
+    assert tuple(shipped) == SHIPPED
+    assert all(len(text) > 10 and "\n" not in text for text in shipped.values())
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_there_and_back(name: str) -> None:
+    scene = load_scene(name)
+    assert scene.name == name
+    again = parse_scene(yaml.safe_load(dump_scene(scene)))
+    assert again == scene
+    assert dump_scene(again) == dump_scene(scene)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_scenes_say_only_what_differs(name: str) -> None:
+    """Taking any key of a section away changes the scene."""
+    folder = Path(cldit.scene.__file__).parent / "library"
+    data = yaml.safe_load((folder / f"{name}.yaml").read_text(encoding="utf-8"))
+    for section in set(data) - {"name", "description"}:
+        for key in set(data[section]) - {"model"}:
+            less = {**data, section: {k: v for k, v in data[section].items() if k != key}}
+            assert parse_scene(less) != load_scene(name), f"{section}.{key} is the default"
+
+
+@pytest.mark.parametrize(
+    "droplets", [{"diameter_um": 9.0}, {"m_um": 3.21, "n": 1.28822, "p": 2.0}, {}, None]
+)
+def test_sizes_there_and_back(droplets: dict[str, float] | None) -> None:
+    scene = _scene(spray={"model": "cone", "droplets": droplets})
+    assert isinstance(scene.spray, ConeSpray)
+    kind = type(scene.spray.droplets)
+    if droplets is None:
+        assert scene.spray.droplets is None
+    else:
+        assert kind is (Monodisperse if "diameter_um" in droplets else NukiyamaTanasawa)
+    assert parse_scene(yaml.safe_load(dump_scene(scene))) == scene
+
+
+def test_sizes_as_objects() -> None:
+    assert ConeSpray(droplets=Monodisperse(diameter_um=9.0)).droplets == Monodisperse(diameter_um=9)
+    assert ConeSpray().droplets == NukiyamaTanasawa()
+
+
+@pytest.mark.parametrize(
+    ("sections", "message"),
+    [
+        ({"camera": {"pixels": 0}}, "camera.pixels: 0 is outside 1..16384"),
+        ({"camera": {"pixels": [640, 0]}}, "camera.pixels: 0 is outside 1..16384"),
+        (
+            {"camera": {"pixel": 3}},
+            "camera.pixel: unknown key; allowed: model, distance_m, field_m, pixels, target_m, "
+            "sensor",
+        ),
+        ({"camera": {"sensor": {"bits": 17}}}, "camera.sensor.bits: 17 is outside 8..16"),
+        ({"camera": {"field_m": [0.1]}}, "camera.field_m: a value is missing"),
+        (
+            {"walls": {"temperature_K": "450 K"}},
+            "walls.temperature_K: '450 K' is not a number; allowed is 0..5000 without a unit",
+        ),
+        ({"walls": {"temperature_K": True}}, "walls.temperature_K: True is not a number; "),
+        ({"walls": {"temperature_K": float("nan")}}, "walls.temperature_K: nan is outside 0..5000"),
+        ({"walls": {"temperature_K": float("inf")}}, "walls.temperature_K: inf is outside 0..5000"),
+        ({"walls": {"temperature_K": -1}}, "walls.temperature_K: -1 is outside 0..5000"),
+        (
+            {"optics": {"filter_um": [3.5, 3.3]}},
+            "optics: filter_um: 3.5 to 3.3 is empty; allowed is a lower and a higher wavelength",
+        ),
+        ({"name": ""}, "name: "),
+        (
+            {"domain": {"leaf_edge_m": 1e-5}},
+            "domain: leaf_edge_m: 1e-05 is finer than edge_m / 4096 = 4.88281e-05",
+        ),
+        (
+            {"background": {"temperatures_K": []}},
+            "background.temperatures_K: 0 temperatures, allowed is 1..1000",
+        ),
+        (
+            {"spray": {"model": "fog"}},
+            "spray.model: fog is unknown; allowed: cone, grid, cfd, none",
+        ),
+        ({"spray": {}}, "spray.model: is missing; allowed: cone, grid, cfd, none"),
+        ({"spray": {"model": "grid"}}, "spray.file: is missing"),
+        (
+            {"spray": {"model": "none", "file": "x.npz"}},
+            "spray.file: unknown key; allowed: model",
+        ),
+        # An unknown key that is called like the member of a union is still an unknown key.
+        ({"spray": {"model": "none", "cone": 1}}, "spray.cone: unknown key; allowed: model"),
+        (
+            {"spray": {"model": "cone", "plumes": [{"inclination_deg": 99, "azimuth_deg": 0}]}},
+            "spray.plumes[0].inclination_deg: 99 is outside 0..89",
+        ),
+        (
+            {"spray": {"model": "cone", "plumes": [{"inclination_deg": 9}]}},
+            "spray.plumes[0].azimuth_deg: is missing",
+        ),
+        ({"spray": {"model": "cone", "plumes": []}}, "spray.plumes: 0 plumes, allowed is 1..64"),
+        (
+            {"spray": {"model": "cone", "droplets": {"m_um": -1}}},
+            "spray.droplets.m_um: -1 is outside 0.001..1000",
+        ),
+        (
+            {"spray": {"model": "cone", "droplets": {"diameter_um": 9, "n": 2}}},
+            "spray.droplets.n: unknown key; allowed: diameter_um",
+        ),
+        (
+            {"spray": {"model": "cone", "droplets": {"q": 2}}},
+            "spray.droplets.q: unknown key; allowed: m_um, n, p",
+        ),
+        (
+            {"spray": {"model": "cone", "droplets": 9}},
+            "spray.droplets: is no size distribution; allowed: {m_um, n, p}, {diameter_um} or null",
+        ),
+        (
+            {"spray": {"model": "cone", "ambient": {"pressure_Pa": 6}}},
+            "spray.ambient.pressure_Pa: 6 is outside 1000..2e+07",
+        ),
+    ],
+)
+def test_what_a_wrong_scene_is_told(sections: dict[str, Any], message: str) -> None:
+    complaint = _complaint(**sections)
+    assert complaint.startswith(message)
+    assert complaint.count("\n") == 0, "one mistake, one line"
+
+
+def test_every_mistake_is_told_at_once() -> None:
+    lines = _complaint(camera={"pixels": 0}, walls={"temperature": 3}, rig={"seed": -1})
+    assert [line.split(":")[0] for line in lines.splitlines()] == [
+        "camera.pixels",
+        "walls.temperature",
+        "rig.seed",
+    ]
+
+
+def test_name_and_spray_are_needed() -> None:
+    with pytest.raises(SceneError, match=r"name: is missing\nspray: is missing"):
+        parse_scene({})
+
+
+def test_unknown_scene_names_what_there_is() -> None:
+    with pytest.raises(SceneError, match=r"gdi-colt: no such scene; did you mean gdi-cold\?"):
+        load_scene("gdi-colt")
+    with pytest.raises(SceneError, match=r"no such scene.*Shipped are droplets-only, empty, gdi"):
+        load_scene("qqqqqq")
+
+
+def test_scene_files(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("name: mine\nspray: {model: grid, file: data/a.npz}\n", encoding="utf-8")
+    spray = load_scene(path).spray
+    assert getattr(spray, "file") == tmp_path / "data" / "a.npz"  # noqa: B009
+    for text, message in (("- 1\n", "holds list"), ("a: [", "is not valid YAML"), ("", "NoneType")):
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(SceneError, match=message):
+            load_scene(path)
+    with pytest.raises(SceneError, match="cannot be read"):
+        load_scene(tmp_path / "none.yaml")
+
+
+def test_scenes_are_frozen() -> None:
+    scene = load_scene("empty")
+    with pytest.raises(ValueError, match="frozen"):
+        scene.name = "other"  # type: ignore[misc]
