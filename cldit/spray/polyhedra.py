@@ -91,7 +91,7 @@ class Mesh:
         """Sums of (S,) or (S, 3) values over the sides of each cell."""
         _, cell, _ = self._sides
         if values.ndim == 1:
-            return np.bincount(cell, weights=values, minlength=self.cells)
+            return np.asarray(np.bincount(cell, weights=values, minlength=self.cells), np.float64)
         columns = [np.bincount(cell, weights=column, minlength=self.cells) for column in values.T]
         return np.stack(columns, axis=1)
 
@@ -99,8 +99,7 @@ class Mesh:
     def volume_and_centroid(self) -> tuple[Floats, Floats]:
         """Volume (N,) and centroid (N, 3) of each cell, summed over pyramids on its faces.
 
-        The pyramids stand on the mean of the face centres, which is the cell centre that
-        OpenFOAM's own tetrahedra start from.
+        The pyramids meet in the mean of the face centres (as in OpenFOAM, primitiveMeshTools).
 
         Raises:
             SprayError: a cell has no volume.
