@@ -43,12 +43,16 @@ class Injector:
 
 @dataclass(frozen=True)
 class CfdCase:
-    """One time of a case: mesh, cell fields by name (N,), cloud, injectors; time_s if known."""
+    """One time of a case: mesh, cell fields by name (N,), cloud, injectors; time_s if known.
+
+    `gas` holds those of the fields asked for that there are, `available` the names of all.
+    """
 
     source: str
     time_s: float | None
     mesh: Mesh
     gas: Mapping[str, Column]
+    available: tuple[str, ...]
     cloud: Cloud | None
     injectors: tuple[Injector, ...] = ()
 

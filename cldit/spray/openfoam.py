@@ -88,6 +88,9 @@ def read_openfoam(
         time_s=wanted,
         mesh=join(meshes),
         gas=gas,
+        available=tuple(
+            sorted(each.name.removesuffix(".gz") for each in (roots[0] / folder).glob("*[!~]"))
+        ),
         cloud=None if chosen is None else _cloud(chosen, roots, folder, meshes),
         injectors=_injectors(case, chosen),
     )

@@ -102,10 +102,18 @@ class Mesh:
         The pyramids meet in the mean of the face centres (as in OpenFOAM, primitiveMeshTools).
 
         Raises:
-            SprayError: a cell has no volume.
+            SprayError: a cell has no volume, or its faces do not enclose it.
         """
         face, cell, sign = self._sides
         centre, area = self.faces
+        # outward area vectors of a closed cell sum to nothing; the slack is for float32 points
+        open_ = np.linalg.norm(self._sum(sign[:, None] * area[face]), axis=1)
+        leaking = np.flatnonzero(open_ > 0.01 * self._sum(np.linalg.norm(area[face], axis=1)))
+        if len(leaking):
+            raise SprayError(
+                f"{self.source}: the faces of cell {leaking[0]} do not enclose it, or do not all "
+                "point outwards"
+            )
         count = np.bincount(cell, minlength=self.cells)[:, None]
         tip = self._sum(centre[face]) / count
         from_tip = centre[face] - tip[cell]
