@@ -91,7 +91,7 @@ class Mesh:
         """Sums of (S,) or (S, 3) values over the sides of each cell."""
         _, cell, _ = self._sides
         if values.ndim == 1:
-            return np.bincount(cell, weights=values, minlength=self.cells)
+            return np.asarray(np.bincount(cell, weights=values, minlength=self.cells), np.float64)
         columns = [np.bincount(cell, weights=column, minlength=self.cells) for column in values.T]
         return np.stack(columns, axis=1)
 
@@ -99,14 +99,21 @@ class Mesh:
     def volume_and_centroid(self) -> tuple[Floats, Floats]:
         """Volume (N,) and centroid (N, 3) of each cell, summed over pyramids on its faces.
 
-        The pyramids stand on the mean of the face centres, which is the cell centre that
-        OpenFOAM's own tetrahedra start from.
+        The pyramids meet in the mean of the face centres (as in OpenFOAM, primitiveMeshTools).
 
         Raises:
-            SprayError: a cell has no volume.
+            SprayError: a cell has no volume, or its faces do not enclose it.
         """
         face, cell, sign = self._sides
         centre, area = self.faces
+        # outward area vectors of a closed cell sum to nothing; the slack is for float32 points
+        open_ = np.linalg.norm(self._sum(sign[:, None] * area[face]), axis=1)
+        leaking = np.flatnonzero(open_ > 0.01 * self._sum(np.linalg.norm(area[face], axis=1)))
+        if len(leaking):
+            raise SprayError(
+                f"{self.source}: the faces of cell {leaking[0]} do not enclose it, or do not all "
+                "point outwards"
+            )
         count = np.bincount(cell, minlength=self.cells)[:, None]
         tip = self._sum(centre[face]) / count
         from_tip = centre[face] - tip[cell]

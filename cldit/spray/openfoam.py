@@ -1,0 +1,166 @@
+"""OpenFOAM cases: ascii, binary or gz, as one or decomposed, with any cloud of parcels.
+
+Read with numpy rather than vtk's own readers: those return float32 and no parcels at all for
+clouds that hold only barycentric coordinates.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cldit.errors import SprayError
+from cldit.spray.cfdcase import (
+    CfdCase,
+    Cloud,
+    Column,
+    Injector,
+    choose_cloud,
+    complete_cloud,
+    joined,
+    nearest_time,
+)
+from cldit.spray.foamdict import read_injectors
+from cldit.spray.foamfile import faces, find_foam, internal_field, labels, read_foam, vectors
+from cldit.spray.lagrangian import cloud_names, read_cloud
+from cldit.spray.polyhedra import Mesh, join
+
+_TIME = re.compile(r"\d+(\.\d*)?([eE][+-]?\d+)?$")
+
+
+def is_openfoam(path: Path) -> bool:
+    """Whether the path is a case folder or the `.foam` file in one."""
+    if path.suffix in (".foam", ".OpenFOAM"):
+        return True
+    return any((path / part / "polyMesh").is_dir() for part in ("constant", "processor0/constant"))
+
+
+def read_openfoam(
+    path: Path, *, time_s: float | None, fields: Sequence[str], cloud: str | None
+) -> CfdCase:
+    """Reads one time of a case.
+
+    A decomposed case is read processor by processor where its own folder does not have the time.
+
+    Args:
+        path: the case folder, or the `.foam` file in it.
+        time_s: the latest where None.
+        fields: names of the volScalarFields to read, where there are such files.
+        cloud: name of the cloud; the only one where None.
+
+    Raises:
+        SprayError: a file is missing or damaged, the time or the cloud is not there, or the cloud
+            is empty.
+    """
+    case = path if path.is_dir() else path.parent
+    if not case.is_dir():
+        raise SprayError(f"{path}: no such case (spray.file)")
+    if any(case.glob("processors[0-9]*")):
+        raise SprayError(f"{case}: is decomposed in the collated format; run reconstructPar first")
+    processors = sorted(case.glob("processor[0-9]*"), key=lambda each: int(each.name[9:]))
+    own = _times(case, fields)
+    split = _times(processors[0], fields) if processors else {}
+    try:
+        wanted = nearest_time(str(case), [*own, *split], time_s)
+    except SprayError as error:
+        hint = f"; its VTK output can be read as {case / 'VTK'}" if (case / "VTK").is_dir() else ""
+        raise SprayError(f"{error}{hint}") from error
+    roots, folder = ([case], own[wanted]) if wanted in own else (processors, split[wanted])
+
+    names = {name for root in roots for name in cloud_names(root / folder)}
+    chosen = choose_cloud(str(case / folder), names, cloud)
+    meshes = [_mesh(root, wanted) for root in roots]
+    gas: dict[str, Column] = {}
+    for name in fields:
+        files = [root / folder / name for root in roots]
+        if find_foam(files[0]) is None:
+            continue
+        parts = [
+            Column(str(file), internal_field(read_foam(file), mesh.cells))
+            for file, mesh in zip(files, meshes, strict=True)
+        ]
+        gas[name] = joined(parts)
+    return CfdCase(
+        source=str(case / folder),
+        time_s=wanted,
+        mesh=join(meshes),
+        gas=gas,
+        available=tuple(
+            sorted(each.name.removesuffix(".gz") for each in (roots[0] / folder).glob("*[!~]"))
+        ),
+        cloud=None if chosen is None else _cloud(chosen, roots, folder, meshes),
+        injectors=_injectors(case, chosen),
+    )
+
+
+def _times(root: Path, fields: Sequence[str]) -> dict[float, str]:
+    """Folders named by a time that hold any of the fields."""
+    return {
+        float(each.name): each.name
+        for each in root.iterdir()
+        if _TIME.match(each.name) and any(find_foam(each / name) for name in fields)
+    }
+
+
+def _mesh(root: Path, time_s: float) -> Mesh:
+    """The mesh at a time: each file from the latest folder not after it that has the file."""
+    before = sorted(
+        (each for each in root.iterdir() if _TIME.match(each.name) and float(each.name) <= time_s),
+        key=lambda each: -float(each.name),
+    )
+    folders = [each / "polyMesh" for each in (*before, root / "constant")]
+
+    def latest(name: str) -> Path:
+        found = (each / name for each in folders if find_foam(each / name) is not None)
+        return next(found, folders[-1] / name)
+
+    points = vectors(read_foam(latest("points")))
+    corners, start = faces(read_foam(latest("faces")))
+    owner = labels(read_foam(latest("owner")))
+    inner = labels(read_foam(latest("neighbour")))
+    if len(inner) > len(owner):
+        raise SprayError(f"{folders[-1]}: {len(inner)} neighbours for {len(owner)} owners")
+    neighbour = np.full(len(owner), -1, dtype=np.int64)
+    neighbour[: len(inner)] = inner
+    cells = int(max(owner.max(initial=-1), inner.max(initial=-1))) + 1
+    return Mesh(points, corners, start, owner, neighbour, cells, str(latest("faces").parent))
+
+
+def _cloud(name: str, roots: Sequence[Path], folder: str, meshes: Sequence[Mesh]) -> Cloud:
+    """The cloud of all processors; those that the spray has not reached have no folder for it."""
+    parts = [
+        read_cloud(place, mesh)
+        for root, mesh in zip(roots, meshes, strict=True)
+        if (place := root / folder / "lagrangian" / name).is_dir()
+    ]
+    filled = [part for part in parts if len(part[0].values)] or parts[:1]
+    for _, columns in filled:
+        if missing := set(filled[0][1]) ^ set(columns):
+            raise SprayError(
+                f"{roots[0].parent}: only some processors have the field {min(missing)!r} of "
+                f"cloud {name!r}"
+            )
+    source = str(Path(filled[0][0].label).parent)
+    return complete_cloud(
+        name,
+        source,
+        joined([position for position, _ in filled]),
+        {key: joined([columns[key] for _, columns in filled]) for key in filled[0][1]},
+    )
+
+
+def _injectors(case: Path, cloud: str | None) -> tuple[Injector, ...]:
+    """Injectors from the cloud's dictionary, or from the only one that has any."""
+    if cloud is None:
+        return ()
+    own = case / "constant" / f"{cloud}Properties"
+    files = [own] if own.is_file() else sorted((case / "constant").glob("*[pP]roperties"))
+    found = [
+        read_injectors(file)
+        for file in files
+        if file.is_file() and b"injectionModel" in file.read_bytes()
+    ]
+    return found[0] if len(found) == 1 else ()
