@@ -203,7 +203,7 @@ def _scatter(
     length_m: float,
     pixel_m: tuple[float, float],
 ) -> NDArray[np.float64]:
-    """Lognormal field of mean 1: a smooth part with correlation exp(-(r/length)^2), and a global one.
+    """Lognormal field of mean 1: a smooth part correlated as exp(-(r/length)^2), and a global one.
 
     White noise is filtered in Fourier space, where exp(-(r/L)^2) belongs to the amplitude
     exp(-(pi L f)^2 / 2).

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from cldit.acquisition.disk import written
 from cldit.errors import RunFolderError
 from cldit.images import fsync_folder
 
@@ -38,6 +41,11 @@ def _parse(path: Path) -> tuple[list[Entry], int]:
             raise _damaged(path, number, f"is not JSON ({error})") from error
         if not isinstance(entry, dict) or entry.get("seq") != number:
             raise _damaged(path, number, f"does not carry the sequence number {number}")
+        try:
+            datetime.fromisoformat(entry["time"])
+            entry["event"].lower()
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise _damaged(path, number, "has no time or no event") from error
         entries.append(entry)
     return entries, whole
 
@@ -52,36 +60,41 @@ def _damaged(path: Path, number: int, what: str) -> RunFolderError:
 class Journal:
     """Appends to the journal; every entry is synced before `append` returns.
 
+    Args:
+        room_bytes: asked when the disk is full: how much the error is to say is needed.
+
     Raises:
-        RunFolderError: as `read_journal`.
+        RunFolderError: as `read_journal`, or it cannot be written.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, room_bytes: Callable[[], int] = lambda: 0) -> None:
         self.path = path
-        self.entries, whole = _parse(path)
-        self._file = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
-        self._end = whole
-        os.ftruncate(self._file, whole)
-        os.fsync(self._file)
-        fsync_folder(path.parent)
+        self._room_bytes = room_bytes
+        self.entries, self._end = _parse(path)
+        with written(path):
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
+            os.ftruncate(self._file, self._end)  # of a line that a kill tore
+            os.fsync(self._file)
+            fsync_folder(path.parent)
 
     def append(self, event: str, *, time: str, **values: Any) -> Entry:
         """Adds one line.
 
         Raises:
-            OSError: the disk is full or gone; the journal is as it was before.
+            DiskFull, RunFolderError: not written; the journal is as it was before.
         """
         entry: Entry = {"seq": len(self.entries), "time": time, "event": event, **values}
         line = json.dumps(entry, allow_nan=False).encode() + b"\n"
-        try:
-            os.lseek(self._file, self._end, os.SEEK_SET)
-            written = 0
-            while written < len(line):
-                written += os.write(self._file, line[written:])
-            os.fsync(self._file)
-        except OSError:
-            os.ftruncate(self._file, self._end)
-            raise
+        with written(self.path, needed_bytes=self._room_bytes()):
+            try:
+                os.lseek(self._file, self._end, os.SEEK_SET)
+                done = 0
+                while done < len(line):
+                    done += os.write(self._file, line[done:])
+                os.fsync(self._file)
+            except OSError:
+                os.ftruncate(self._file, self._end)
+                raise
         self._end += len(line)
         self.entries.append(entry)
         return entry

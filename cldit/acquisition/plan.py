@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import ValidationError, field_validator
+from pydantic import ValidationError, field_validator, model_validator
 
 from cldit.errors import SceneError
 from cldit.rig.protocols import Burst, Stability
@@ -72,6 +72,17 @@ class Plan(Section):
         if not 1 <= len(temperatures) <= 1000:
             raise ValueError(f"{len(temperatures)} temperatures, allowed is 1..1000")
         return temperatures
+
+    @model_validator(mode="after")
+    def _possible(self) -> Plan:
+        if self.shots + self.references == 0:
+            raise ValueError("shots, references: both are 0; allowed is 1 or more in all")
+        if self.drift_K < self.stability.tolerance_K:
+            raise ValueError(
+                f"drift_K: {self.drift_K:g} is less than stability.tolerance_K, "
+                f"{self.stability.tolerance_K:g}; before a stable background shots would be rejected"
+            )
+        return self
 
     def hash(self) -> str:
         """SHA-256 of the plan as canonical JSON."""

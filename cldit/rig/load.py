@@ -9,12 +9,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Any, Literal
 
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from cldit.errors import ClditError, SceneError
 from cldit.rig.clock import Clock, SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver
-from cldit.rig.errors import NotConnected
+from cldit.rig.errors import NotConnected, RigError
 from cldit.rig.protocols import Background, Camera, Device, TriggerGenerator
 from cldit.scene.checks import Section, Within, describe, read_mapping
 from cldit.scene.schema import Length, Temperature
@@ -29,7 +29,7 @@ class ClockChoice(Section):
 
 class DriverChoice(Section):
     driver: str
-    settings: dict[str, Any] = {}
+    settings: dict[str, Any] = Field(default_factory=dict)
 
 
 class Setup(Section):
@@ -122,7 +122,7 @@ class Rig:
             return
         text = "the rig was not left safe:\n" + "\n".join(problems)
         if error is None:
-            raise NotConnected(text)
+            raise RigError(text)
         error.add_note(text)
 
 
