@@ -1,12 +1,81 @@
-"""What many tests share: one OpenCL device for the whole run."""
+"""What many tests share: one OpenCL device, and a traced run small enough for the rig's tests."""
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 import pytest
 
+from cldit.acquisition import Plan, plan_from_scene
 from cldit.gpu.device import Device, open_device
+from cldit.optics.planck import band_radiance
+from cldit.radiance.weights import Weights
+from cldit.rig.simulated import simulated_rig_data
+from cldit.scene import Scene, dump_scene, parse_scene
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 @pytest.fixture(scope="session")
 def device() -> Device:
     return open_device()
+
+
+@pytest.fixture(scope="session")
+def tiny_scene() -> Scene:
+    """16 x 12 pixels on the sensor, two backgrounds, a hot wall so that every pixel sees light."""
+    return parse_scene(
+        {
+            "name": "tiny",
+            "spray": {"model": "none"},
+            "camera": {
+                "pixels": [32, 24],
+                "field_m": [0.16, 0.12],
+                "sensor": {"pixels": [16, 12], "bad_pixels": 2},
+            },
+            "background": {"temperatures_K": [440.0, 480.0], "radius_m": 0.05},
+            "walls": {"temperature_K": 420.0},
+            "rig": {"shot_scatter": 0.05, "shot_scatter_length_m": 0.02},
+            "plan": {"shots": 3, "references": 2},
+        }
+    )
+
+
+def tiny_weights(scene: Scene, *, depth: float) -> Weights:
+    """An absorbing blob at 370 K of this optical depth before a disc."""
+    columns, rows = scene.camera.pixels
+    width, height = scene.camera.field_m
+    x = (np.arange(columns) + 0.5) / columns * width - width / 2
+    z = (np.arange(rows) + 0.5) / rows * height - height / 2
+    r2 = x[None, :] ** 2 + z[:, None] ** 2
+    disc = (r2 < scene.background.radius_m**2).astype(np.float64)
+    through = np.exp(-depth * np.exp(-r2 / 0.03**2))
+    glow = (1.0 - through) * float(band_radiance(370.0, filter_um=scene.optics.filter_um))
+    images = (through * disc, through * (1.0 - disc), 0.25 * glow, 0.75 * glow)
+    return Weights(*(image.astype(np.float32) for image in images))
+
+
+@pytest.fixture(scope="session")
+def tiny_run(tiny_scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run folder as a trace leaves it."""
+    folder = tmp_path_factory.mktemp("a traced run")
+    (folder / "scene.yaml").write_text(dump_scene(tiny_scene), encoding="utf-8")
+    for name, depth in (("weights", 2.0), ("weights_reference", 0.0)):
+        tiny_weights(tiny_scene, depth=depth).save(folder / name, pixel_m=(5e-3, 5e-3))
+    return folder
+
+
+@pytest.fixture
+def tiny_rig(tiny_scene: Scene, tiny_run: Path, tmp_path: Path) -> dict[str, Any]:
+    """The rig file before that run; the injector counts into pulses.jsonl."""
+    data = simulated_rig_data(tiny_scene, tiny_run)
+    data["trigger"]["settings"]["pulse_log"] = str(tmp_path / "pulses.jsonl")
+    return data
+
+
+@pytest.fixture
+def tiny_plan(tiny_scene: Scene) -> Plan:
+    return plan_from_scene(tiny_scene)

@@ -1,0 +1,68 @@
+"""Writing so that a kill, a power cut or a full disk leaves nothing half done."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from cldit.errors import ClditError, RunFolderError
+from cldit.images import fsync_folder
+
+_FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
+_OVERHEAD_bytes = 16_384  # TIFF header, metadata, journal lines of one shot
+
+
+class DiskFull(ClditError):
+    """There is no room for the pictures."""
+
+
+@contextmanager
+def written(where: Path, *, needed_bytes: int = 0) -> Iterator[None]:
+    """Turns what the system says about a write into what to do about it.
+
+    Raises:
+        DiskFull: no room. RunFolderError: anything else.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno in _FULL:
+            raise DiskFull(
+                f"{where}: the disk is full ({error.strerror}); free {_megabytes(needed_bytes)} "
+                "and give the same command again, it resumes"
+            ) from error
+        raise RunFolderError(f"{where}: cannot be written ({error})") from error
+
+
+def _megabytes(size: int) -> str:
+    return f"{max(size, 1_000_000) / 1e6:.0f} MB"
+
+
+def needed_bytes(shots: int, *, picture_bytes: int) -> int:
+    """Room that `shots` more pictures take, with a tenth to spare."""
+    return int(1.1 * shots * (picture_bytes + _OVERHEAD_bytes))
+
+
+def check_room(folder: Path, needed: int) -> None:
+    """Raises DiskFull where the disk has not `needed` bytes left."""
+    free = shutil.disk_usage(folder).free
+    if free < needed:
+        raise DiskFull(
+            f"{folder}: the plan needs {_megabytes(needed)}, the disk has {free / 1e6:.0f} MB "
+            "free; make room, or choose another folder"
+        )
+
+
+def write_text(path: Path, text: str) -> None:
+    """A text file that appears whole or not at all."""
+    part = path.with_name(path.name + ".part")
+    with part.open("w", encoding="utf-8") as stream:
+        stream.write(text)
+        stream.flush()
+        os.fsync(stream.fileno())
+    part.replace(path)
+    fsync_folder(path.parent)

@@ -1,0 +1,114 @@
+"""The journal: what happened, one JSON object a line, each on the disk before the next step."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from cldit.acquisition.disk import written
+from cldit.errors import RunFolderError
+from cldit.images import fsync_folder
+
+Entry = dict[str, Any]
+
+
+def read_journal(path: Path) -> list[Entry]:
+    """Every whole entry, in order; a last line that was torn by a kill does not count.
+
+    Raises:
+        RunFolderError: the file cannot be read, or is damaged elsewhere than at its end.
+    """
+    return _parse(path)[0]
+
+
+def _parse(path: Path) -> tuple[list[Entry], int]:
+    """Entries, and how many bytes of the file they take."""
+    try:
+        data = path.read_bytes() if path.exists() else b""
+    except OSError as error:
+        raise RunFolderError(f"{path}: cannot be read ({error})") from error
+    whole = data.rfind(b"\n") + 1  # what follows the last newline was never finished
+    entries: list[Entry] = []
+    for number, line in enumerate(data[:whole].splitlines()):
+        try:
+            entry = json.loads(line)
+        except ValueError as error:
+            raise _damaged(path, number, f"is not JSON ({error})") from error
+        if not isinstance(entry, dict) or entry.get("seq") != number:
+            raise _damaged(path, number, f"does not carry the sequence number {number}")
+        try:
+            datetime.fromisoformat(entry["time"])
+            entry["event"].lower()
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise _damaged(path, number, "has no time or no event") from error
+        entries.append(entry)
+    return entries, whole
+
+
+def _damaged(path: Path, number: int, what: str) -> RunFolderError:
+    return RunFolderError(
+        f"{path}: line {number + 1} {what}; the journal was edited or damaged: restore it, or "
+        "acquire into another folder"
+    )
+
+
+class Journal:
+    """Appends to the journal; every entry is synced before `append` returns.
+
+    Args:
+        room_bytes: asked when the disk is full: how much the error is to say is needed.
+
+    Raises:
+        RunFolderError: as `read_journal`, or it cannot be written.
+    """
+
+    def __init__(self, path: Path, room_bytes: Callable[[], int] = lambda: 0) -> None:
+        self.path = path
+        self._room_bytes = room_bytes
+        self.entries, self._end = _parse(path)
+        with written(path):
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
+            os.ftruncate(self._file, self._end)  # of a line that a kill tore
+            os.fsync(self._file)
+            fsync_folder(path.parent)
+
+    def append(self, event: str, *, time: str, **values: Any) -> Entry:
+        """Adds one line.
+
+        Raises:
+            DiskFull, RunFolderError: not written; the journal is as it was before.
+        """
+        entry: Entry = {"seq": len(self.entries), "time": time, "event": event, **values}
+        line = json.dumps(entry, allow_nan=False).encode() + b"\n"
+        with written(self.path, needed_bytes=self._room_bytes()):
+            try:
+                os.lseek(self._file, self._end, os.SEEK_SET)
+                done = 0
+                while done < len(line):
+                    done += os.write(self._file, line[done:])
+                os.fsync(self._file)
+            except OSError:
+                os.ftruncate(self._file, self._end)
+                raise
+        self._end += len(line)
+        self.entries.append(entry)
+        return entry
+
+    def close(self) -> None:
+        os.close(self._file)
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()

@@ -1,0 +1,181 @@
+"""What is recorded, as frozen data: backgrounds x {reference, injection} x shots."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import ValidationError, field_validator, model_validator
+
+from cldit.errors import SceneError
+from cldit.rig.protocols import Burst, Stability
+from cldit.scene.checks import Section, Within, describe, read_mapping
+from cldit.scene.schema import Scene, Temperature
+
+Kind = Literal["reference", "injection"]
+Seconds = Annotated[float, Within(0.0, 1e6)]
+
+
+class StabilitySection(Section):
+    """When a background counts as stable; see `cldit.rig.stability.wait_stable`."""
+
+    tolerance_K: Annotated[float, Within(1e-3, 100.0)] = 0.2
+    hold_s: Seconds = 30.0
+    settle_s: Seconds = 30.0
+    timeout_s: Annotated[float, Within(0.1, 1e7)] = 3600.0
+
+
+class TriggerSection(Section):
+    """Delays and pulse widths of one shot, from the generator's start."""
+
+    camera_delay_s: Annotated[float, Within(0.0, 1.0)] = 0.95e-3
+    injector_delay_s: Annotated[float, Within(0.0, 1.0)] = 0.0
+    camera_width_s: Annotated[float, Within(1e-7, 1.0)] = 1e-4
+    injector_width_s: Annotated[float, Within(1e-7, 1.0)] = 1.5e-3
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One picture to take. `background` is the index into the plan's temperatures."""
+
+    id: str
+    background: int
+    background_K: float
+    kind: Kind
+    number: int
+
+
+class Plan(Section):
+    """A measurement. Two plans with one hash take the same pictures."""
+
+    backgrounds_K: tuple[Temperature, ...]
+    shots: Annotated[int, Within(0, 100_000)] = 5
+    references: Annotated[int, Within(0, 100_000)] = 5
+    integration_time_s: Annotated[float, Within(1e-9, 10.0)] = 25e-6
+    order: Literal["fastest", "given"] = "fastest"  # fastest: least way for the background
+    pause_s: Seconds = 1.0  # before each shot, to scavenge the vessel
+    frame_timeout_s: Annotated[float, Within(1e-3, 3600.0)] = 5.0
+    drift_K: Annotated[float, Within(1e-3, 100.0)] = 0.5  # a shot further off is rejected
+    retakes: Annotated[int, Within(0, 100)] = 3  # after a missing frame or drift, for each shot
+    stability: StabilitySection = StabilitySection()
+    trigger: TriggerSection = TriggerSection()
+
+    @field_validator("backgrounds_K")
+    @classmethod
+    def _some(cls, temperatures: tuple[float, ...]) -> tuple[float, ...]:
+        if not 1 <= len(temperatures) <= 1000:
+            raise ValueError(f"{len(temperatures)} temperatures, allowed is 1..1000")
+        return temperatures
+
+    @model_validator(mode="after")
+    def _possible(self) -> Plan:
+        if self.shots + self.references == 0:
+            raise ValueError("shots, references: both are 0; allowed is 1 or more in all")
+        if self.drift_K < self.stability.tolerance_K:
+            raise ValueError(
+                f"drift_K: {self.drift_K:g} is less than stability.tolerance_K, "
+                f"{self.stability.tolerance_K:g}; before a stable background shots would be rejected"
+            )
+        return self
+
+    def hash(self) -> str:
+        """SHA-256 of the plan as canonical JSON."""
+        data = json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(data.encode()).hexdigest()
+
+    def steps(self) -> tuple[Shot, ...]:
+        """Every shot, background by background as given, references before injections.
+
+        Ids are `b00_ref_00`, `b00_inj_03`: they tell the background and the shot, and do not
+        depend on the order in which the shots are taken.
+        """
+        kinds: tuple[tuple[Kind, int], ...] = (
+            ("reference", self.references),
+            ("injection", self.shots),
+        )
+        wide = max(2, len(str(len(self.backgrounds_K) - 1)))
+        return tuple(
+            Shot(
+                f"b{index:0{wide}d}_{kind[:3]}_{number:0{max(2, len(str(count - 1)))}d}",
+                index,
+                temperature_K,
+                kind,
+                number,
+            )
+            for index, temperature_K in enumerate(self.backgrounds_K)
+            for kind, count in kinds
+            for number in range(count)
+        )
+
+    def background_order(self, wanted: Iterable[int], *, present_K: float) -> tuple[int, ...]:
+        """In which order to visit the backgrounds with these indices.
+
+        `fastest` goes to the nearer end of the range first and from there through it once.
+        """
+        indices = sorted(set(wanted))
+        if self.order == "given" or not indices or not math.isfinite(present_K):
+            return tuple(indices)
+        upwards = sorted(indices, key=lambda index: self.backgrounds_K[index])
+        to_low = abs(present_K - self.backgrounds_K[upwards[0]])
+        to_high = abs(present_K - self.backgrounds_K[upwards[-1]])
+        return tuple(upwards if to_low <= to_high else reversed(upwards))
+
+    def burst(self, shot: Shot) -> Burst:
+        """What the trigger generator sends for one shot: one pulse, never more."""
+        return Burst(
+            n=1,
+            camera_delay_s=self.trigger.camera_delay_s,
+            injector_delay_s=self.trigger.injector_delay_s,
+            widths_s=(self.trigger.camera_width_s, self.trigger.injector_width_s),
+            inject=shot.kind == "injection",
+        )
+
+    def stable(self) -> Stability:
+        """The rule by which the rig waits for a background."""
+        return Stability(**self.stability.model_dump())
+
+    def dump(self) -> str:
+        """The plan as YAML, every default written out."""
+        return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
+
+
+def parse_plan(data: dict[str, Any], *, source: str = "plan") -> Plan:
+    """A plan from plain data.
+
+    Raises:
+        SceneError: names every key that is not allowed.
+    """
+    try:
+        return Plan.model_validate(data)
+    except ValidationError as error:
+        raise SceneError(f"{source}:\n{describe(Plan, error.errors())}") from error
+
+
+def load_plan(path: str | Path) -> Plan:
+    """A plan from a YAML file; raises as `parse_plan`."""
+    return parse_plan(read_mapping(Path(path)), source=str(path))
+
+
+def plan_from_scene(scene: Scene) -> Plan:
+    """The plan that a scene asks for."""
+    # 20 time constants bring a first-order black body from anywhere to within a millikelvin.
+    timeout_s = max(3600.0, 20.0 * scene.rig.background_time_constant_s)
+    trigger = TriggerSection()
+    if scene.spray.model == "cone":
+        trigger = TriggerSection(
+            camera_delay_s=scene.spray.time_s, injector_width_s=scene.spray.injection_duration_s
+        )
+    return Plan(
+        backgrounds_K=scene.background.temperatures_K,
+        shots=scene.plan.shots,
+        references=scene.plan.references,
+        integration_time_s=scene.camera.sensor.integration_time_s,
+        stability=StabilitySection(timeout_s=timeout_s),
+        trigger=trigger,
+    )

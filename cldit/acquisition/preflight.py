@@ -1,0 +1,178 @@
+"""Everything that can be known to fail is found before anything moves."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.acquisition.disk import check_room, needed_bytes
+from cldit.acquisition.plan import Plan
+from cldit.acquisition.storage import CONFIGURATION
+from cldit.camera.calibration import Calibration
+from cldit.errors import RunFolderError
+from cldit.rig.clock import SimulatedClock
+from cldit.rig.errors import ConfigRejected, MissingFrames, OutOfLimits
+from cldit.rig.load import Rig
+from cldit.rig.protocols import TriggerInfo, TriggerMode
+
+_READY_S = 900.0  # a cooled detector takes some minutes
+_AGREE = 0.01  # how far, relatively, an instrument may round what it is told
+
+
+@dataclass(frozen=True)
+class Ready:
+    """What preflight found out.
+
+    configuration: the snapshot that is stored with the pictures, as JSON can hold it.
+    shape: rows and columns of a picture.
+    """
+
+    configuration: dict[str, Any]
+    shape: tuple[int, int]
+    integration_time_s: float
+    saturation_counts: int
+    trigger: TriggerInfo
+    picture_bytes: int
+
+
+def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int) -> Ready:
+    """Connects and checks the rig for `plan`, and takes one test picture without injecting.
+
+    Raises:
+        NotConnected: all devices that do not answer.
+        OutOfLimits: set points or settings that the instruments cannot take; nothing has moved.
+        ConfigRejected: an instrument refuses, or reads back something else.
+        MissingFrames: the camera sends no test picture.
+        DiskFull: the disk cannot hold the pictures that are left to take.
+    """
+    rig.connect()
+    real = [name for name, device in rig.devices.items() if not device.identify().simulated]
+    if real and isinstance(rig.clock, SimulatedClock):
+        raise ConfigRejected(
+            f"clock.model: simulated, but {', '.join(real)} is real; use `clock: {{model: system}}`"
+        )
+    _check_limits(rig, plan)
+    rig.camera.wait_ready(_READY_S)
+    settings = rig.camera.configure(plan.integration_time_s)
+    _agree("camera: integration_time_s", plan.integration_time_s, settings.integration_time_s)
+    modes = rig.camera.capabilities.trigger_modes
+    trigger = _external(modes)
+    _check_trigger(rig, plan)
+    picture = _test_picture(rig, modes, timeout_s=plan.frame_timeout_s)
+    check_room(folder, needed_bytes(shots_left, picture_bytes=picture.nbytes))
+    devices = {
+        name: {"info": asdict(device.identify()), "configuration": device.read_configuration()}
+        for name, device in rig.devices.items()
+    }
+    try:
+        devices = json.loads(json.dumps(devices, allow_nan=False))
+        Calibration.from_dict(devices["camera"]["configuration"]["calibration"])
+    except KeyError as error:
+        raise ConfigRejected(f"camera: its configuration has no {error}") from error
+    except (TypeError, ValueError) as error:
+        raise ConfigRejected(f"a configuration cannot be stored: {error}") from error
+    rows, columns = picture.shape
+    return Ready(
+        configuration={
+            "plan_hash": plan.hash(),
+            "cldit": version("cldit"),
+            "rig": rig.file.name,
+            "setup": rig.file.setup.model_dump(mode="json"),
+            "shape": [rows, columns],
+            "devices": devices,
+        },
+        shape=(rows, columns),
+        integration_time_s=settings.integration_time_s,
+        saturation_counts=rig.camera.capabilities.saturation_counts,
+        trigger=trigger,
+        picture_bytes=picture.nbytes,
+    )
+
+
+def _check_limits(rig: Rig, plan: Plan) -> None:
+    limits = rig.background.limits
+    outside = [
+        f"backgrounds_K: {temperature:g} is outside {limits.low_K:g}..{limits.high_K:g}"
+        for temperature in plan.backgrounds_K
+        if not limits.low_K <= temperature <= limits.high_K
+    ]
+    if outside:
+        raise OutOfLimits("the background cannot take the plan:\n" + "\n".join(outside))
+
+
+def _agree(what: str, wanted: float, got: float, *, floor: float = 0.0) -> None:
+    if not abs(got - wanted) <= max(_AGREE * abs(wanted), floor):
+        raise ConfigRejected(f"{what}: reads back {got:g} after {wanted:g} was written")
+
+
+def _external(modes: frozenset[TriggerMode]) -> TriggerInfo:
+    for mode in (TriggerMode.EXTERNAL_EDGE, TriggerMode.EXTERNAL_LEVEL):
+        if mode in modes:
+            return TriggerInfo(mode, n_frames=1)
+    raise ConfigRejected("camera: has no external trigger, which every shot needs")
+
+
+def _check_trigger(rig: Rig, plan: Plan) -> None:
+    """What the generator makes of the plan's burst; it is left inhibited."""
+    asked = plan.burst(plan.steps()[-1])
+    got = rig.trigger.configure(asked)
+    rig.trigger.inhibit()
+    if got.n != 1 or got.inject != asked.inject:
+        raise ConfigRejected(f"trigger: reads back {got} after {asked} was written")
+    for name in ("camera_delay_s", "injector_delay_s"):
+        _agree(f"trigger: {name}", getattr(asked, name), getattr(got, name), floor=1e-6)
+
+
+def _test_picture(
+    rig: Rig, modes: frozenset[TriggerMode], *, timeout_s: float
+) -> NDArray[np.uint16]:
+    mode = TriggerMode.SOFTWARE if TriggerMode.SOFTWARE in modes else TriggerMode.INTERNAL
+    camera = rig.camera
+    camera.prepare(TriggerInfo(mode, n_frames=1))
+    camera.flush()
+    camera.arm()
+    try:
+        if mode is TriggerMode.SOFTWARE:
+            camera.software_trigger()
+        frames = list(camera.read_frames(1, timeout_s))
+    finally:
+        camera.disarm()
+    whole = [frame for frame in frames if frame.complete]
+    if not whole:
+        raise MissingFrames(1, 0, incomplete=len(frames))
+    return whole[0].data
+
+
+def check_same_rig(before: dict[str, Any], now: dict[str, Any], folder: Path) -> None:
+    """Pictures of one folder are evaluated together, so they must mean the same.
+
+    Raises:
+        RunFolderError: the configuration stored in `folder` says that they do not.
+    """
+
+    def meaning(data: dict[str, Any]) -> dict[str, Any]:
+        calibration = data["devices"]["camera"]["configuration"]["calibration"]
+        return {"shape": data["shape"], **data["setup"], **calibration}
+
+    try:
+        old = meaning(before)
+    except (KeyError, TypeError) as error:
+        raise RunFolderError(
+            f"{folder / CONFIGURATION}: is damaged ({error}); restore it"
+        ) from error
+    changed = [
+        f"{name}: {old.get(name)} before, {value} now"
+        for name, value in meaning(now).items()
+        if old.get(name) != value
+    ]
+    if changed:
+        raise RunFolderError(
+            f"{folder}: was begun on a rig with other properties; choose another folder:\n"
+            + "\n".join(changed)
+        )

@@ -1,0 +1,134 @@
+"""An acquisition folder, opened for the evaluation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from cldit.acquisition.plan import Kind, Plan, load_plan
+from cldit.acquisition.storage import CONFIGURATION, PLAN, load_shot, read_json, shot_path, survey
+from cldit.camera.calibration import Calibration
+from cldit.errors import ClditError, RunFolderError
+from cldit.rig.load import Setup
+from cldit.scene.checks import describe
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One shot that was kept. `background_K` is the mean of the readings before and after it."""
+
+    id: str
+    path: Path
+    kind: Kind
+    background: int
+    background_setpoint_K: float
+    background_K: float
+    saturated_percent: float
+
+
+@dataclass(frozen=True)
+class Acquisition:
+    """What the evaluation needs of a measurement.
+
+    shots: the kept pictures in the plan's order. missing: ids of those still to be taken.
+    shape: rows and columns. configuration: the whole snapshot of the rig.
+    """
+
+    folder: Path
+    plan: Plan
+    configuration: dict[str, Any]
+    calibration: dict[str, Any]
+    background_emissivity: float
+    wall_temperature_K: float
+    pixel_m: tuple[float, float]
+    shape: tuple[int, int]
+    shots: tuple[Picture, ...]
+    missing: tuple[str, ...]
+
+    @property
+    def complete(self) -> bool:
+        return not self.missing
+
+    @property
+    def filter_um(self) -> tuple[float, float]:
+        """Lower and upper wavelength of the camera's filter."""
+        low, high = self.calibration["filter_um"]
+        return float(low), float(high)
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any instrument was."""
+        devices = self.configuration["devices"].values()
+        return any(device["info"].get("simulated", False) for device in devices)
+
+    def load(self, shot: Picture) -> NDArray[np.uint16]:
+        """Raw counts (h, w), row 0 at the top.
+
+        Raises:
+            RunFolderError: missing, damaged, or not the picture that was recorded.
+        """
+        image, _ = load_shot(self.folder, shot.id, plan_hash=self.plan.hash())
+        if image.shape != self.shape:
+            raise RunFolderError(f"{shot.path}: shape {image.shape}, expected {self.shape}")
+        return image
+
+
+def open_acquisition(folder: str | Path) -> Acquisition:
+    """Opens what `acquire` wrote, complete or not.
+
+    Raises:
+        RunFolderError: the folder holds no acquisition, or files are missing, damaged or foreign.
+    """
+    folder = Path(folder)
+    if not (folder / PLAN).is_file():
+        raise RunFolderError(
+            f"{folder}: holds no {PLAN}; give the folder that `cldit acquire --out` wrote"
+        )
+    plan = load_plan(folder / PLAN)
+    found = survey(folder, plan)
+    configuration = read_json(folder / CONFIGURATION)
+    if configuration.get("plan_hash") != plan.hash():
+        raise RunFolderError(f"{folder / CONFIGURATION}: belongs to another plan; restore it")
+    try:
+        calibration = configuration["devices"]["camera"]["configuration"]["calibration"]
+        Calibration.from_dict(calibration)
+        setup = Setup.model_validate(configuration["setup"])
+        rows, columns = configuration["shape"]
+    except (KeyError, TypeError, ValueError, ClditError) as error:
+        what = str(error)
+        if isinstance(error, ValidationError):
+            what = describe(Setup, error.errors())
+        raise RunFolderError(
+            f"{folder / CONFIGURATION}: is damaged ({what}); restore it"
+        ) from error
+    known = {**found.adoptable, **found.saved}
+    shots = tuple(
+        Picture(
+            id=shot.id,
+            path=shot_path(folder, shot.id),
+            kind=shot.kind,
+            background=shot.background,
+            background_setpoint_K=shot.background_K,
+            background_K=(entry["background_before_K"] + entry["background_after_K"]) / 2.0,
+            saturated_percent=entry["saturated_percent"],
+        )
+        for shot in plan.steps()
+        if (entry := known.get(shot.id)) is not None
+    )
+    return Acquisition(
+        folder=folder,
+        plan=plan,
+        configuration=configuration,
+        calibration=calibration,
+        background_emissivity=setup.background_emissivity,
+        wall_temperature_K=setup.wall_temperature_K,
+        pixel_m=setup.pixel_m,
+        shape=(int(rows), int(columns)),
+        shots=shots,
+        missing=tuple(shot.id for shot in plan.steps() if shot.id not in known),
+    )

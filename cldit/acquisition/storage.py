@@ -1,0 +1,174 @@
+"""The folder of an acquisition: who may write there, its pictures, and what is found there."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from filelock import FileLock, Timeout
+from numpy.typing import NDArray
+
+from cldit.acquisition.disk import written
+from cldit.acquisition.journal import Entry, read_journal
+from cldit.acquisition.plan import Plan, Shot, load_plan
+from cldit.errors import RunFolderError
+from cldit.images import read_image, write_image
+
+PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS = (
+    "plan.yaml",
+    "rig.yaml",
+    "configuration.json",
+    "journal.jsonl",
+    "shots",
+)
+
+
+@dataclass(frozen=True)
+class Found:
+    """What an acquisition folder holds already.
+
+    saved: shot id -> the `saved` entry of its journal, for every shot whose file is there.
+    adoptable: shot id -> metadata of a whole file that the journal does not know yet.
+    lost: `fired` entries that came to nothing, and of which the journal does not say so yet.
+    """
+
+    entries: list[Entry]
+    saved: dict[str, Entry]
+    adoptable: dict[str, dict[str, Any]]
+    lost: list[Entry]
+
+    @property
+    def done(self) -> set[str]:
+        return {*self.saved, *self.adoptable}
+
+
+def shot_path(folder: Path, shot_id: str) -> Path:
+    return folder / SHOTS / f"{shot_id}.tif"
+
+
+def checksum(image: NDArray[Any]) -> str:
+    """SHA-256 of the pixels, row by row, little endian."""
+    return hashlib.sha256(np.ascontiguousarray(image, dtype="<u2").tobytes()).hexdigest()
+
+
+@contextmanager
+def exclusive(folder: Path) -> Iterator[None]:
+    """Nobody else may acquire into `folder` meanwhile.
+
+    Raises:
+        RunFolderError: somebody does, or the folder cannot be made.
+    """
+    with written(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(folder / ".lock")
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise RunFolderError(
+            f"{folder}: another acquisition is running here; wait for it or choose another folder"
+        ) from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def save_shot(
+    folder: Path,
+    shot: Shot,
+    image: NDArray[np.uint16],
+    *,
+    pixel_m: tuple[float, float],
+    meta: dict[str, Any],
+) -> None:
+    """Writes one picture; see `cldit.images.write_image`. Leaves nothing behind on failure."""
+    path = shot_path(folder, shot.id)
+    try:
+        write_image(path, image, name=shot.id, unit="counts", pixel_m=pixel_m, meta=meta)
+    except OSError:
+        path.with_name(path.name + ".part").unlink(missing_ok=True)
+        raise
+
+
+def load_shot(
+    folder: Path, shot_id: str, *, plan_hash: str
+) -> tuple[NDArray[np.uint16], dict[str, Any]]:
+    """Picture (h, w) of raw counts, and its metadata, after every check that it is that picture.
+
+    Raises:
+        RunFolderError: missing, damaged, or not this shot of this plan.
+    """
+    path = shot_path(folder, shot_id)
+    image, meta = read_image(path)
+    if image.dtype != np.uint16 or image.ndim != 2:
+        raise RunFolderError(f"{path}: {image.dtype} of shape {image.shape} is no raw picture")
+    if meta.get("shot") != shot_id or meta.get("plan_hash") != plan_hash:
+        raise RunFolderError(
+            f"{path}: is no shot {shot_id} of this plan; move it out of the folder"
+        )
+    if meta.get("sha256") != checksum(image):
+        raise RunFolderError(
+            f"{path}: the pixels are not those that were recorded; restore the file, or remove it "
+            "and acquire again: the shot is retaken"
+        )
+    return image, meta
+
+
+def survey(folder: Path, plan: Plan) -> Found:
+    """Looks at what `folder` holds of `plan`, without changing anything.
+
+    Raises:
+        RunFolderError: the folder belongs to another plan or to something else, or is damaged.
+    """
+    entries = read_journal(folder / JOURNAL)
+    pictures = sorted((folder / SHOTS).glob("*.tif"))
+    if (folder / PLAN).exists():
+        here = load_plan(folder / PLAN).hash()
+        if here != plan.hash():
+            raise RunFolderError(
+                f"{folder}: holds another plan ({here[:12]}, not {plan.hash()[:12]}); resume with "
+                f"{folder / PLAN}, or choose another folder"
+            )
+    elif entries or pictures:
+        raise RunFolderError(f"{folder}: holds pictures but no {PLAN}; choose another folder")
+    known = {shot.id for shot in plan.steps()}
+    present: set[str] = set()
+    for path in pictures:
+        if path.stem not in known:
+            raise RunFolderError(f"{path}: is no shot of this plan; move it out of the folder")
+        present.add(path.stem)
+    ended: set[tuple[str, int]] = set()
+    fired: dict[tuple[str, int], Entry] = {}
+    saved: dict[str, Entry] = {}
+    for entry in entries:
+        key = (str(entry.get("shot")), int(entry.get("attempt", -1)))
+        if entry["event"] == "fired":
+            fired[key] = entry
+        elif entry["event"] in ("saved", "rejected", "lost"):
+            ended.add(key)
+        if entry["event"] == "saved" and key[0] in present:
+            saved[key[0]] = entry
+    adoptable: dict[str, dict[str, Any]] = {}
+    for shot_id in sorted(present - set(saved)):
+        meta = load_shot(folder, shot_id, plan_hash=plan.hash())[1]
+        adoptable[shot_id] = meta
+        ended.add((shot_id, int(meta["attempt"])))
+    lost = [entry for key, entry in fired.items() if key not in ended]
+    return Found(entries, saved, adoptable, lost)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Raises RunFolderError where the file is missing or holds anything else."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise RunFolderError(f"{path}: cannot be read ({error})") from error
+    if not isinstance(data, dict):
+        raise RunFolderError(f"{path}: holds {type(data).__name__}, expected an object")
+    return data

@@ -1,0 +1,101 @@
+"""Time as a part of the rig, so that a two-hour sequence can run in seconds."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Protocol
+
+StopCheck = Callable[[], bool]
+
+_SLICE_S = 0.05  # how long a sleep may overlook a stop
+
+
+class Clock(Protocol):
+    """What the rig takes the time from."""
+
+    def now_s(self) -> float:
+        """Monotonic time, seconds from an arbitrary start."""
+
+    def epoch_s(self) -> float:
+        """Wall time, seconds since 1970-01-01T00:00Z."""
+
+    def wall_time(self) -> str:
+        """Wall time as ISO 8601 in UTC."""
+
+    def sleep(self, seconds: float, should_stop: StopCheck | None = None) -> bool:
+        """Waits; False where `should_stop` ended it early."""
+
+    def catch_up(self, epoch_s: float) -> None:
+        """Told when a sequence resumes: nothing from now on happens before this wall time."""
+
+
+def _iso(epoch_s: float) -> str:
+    return datetime.fromtimestamp(epoch_s, UTC).isoformat(timespec="microseconds")
+
+
+class SystemClock:
+    """The computer's clock."""
+
+    def now_s(self) -> float:
+        return time.monotonic()
+
+    def epoch_s(self) -> float:
+        return time.time()
+
+    def wall_time(self) -> str:
+        return _iso(self.epoch_s())
+
+    def sleep(self, seconds: float, should_stop: StopCheck | None = None) -> bool:
+        end = time.monotonic() + seconds
+        while not (should_stop is not None and should_stop()):
+            left = end - time.monotonic()
+            if left <= 0:
+                return True
+            time.sleep(min(left, _SLICE_S) if should_stop is not None else left)
+        return False
+
+    def catch_up(self, epoch_s: float) -> None:
+        """Does nothing: real time passed by itself."""
+
+
+class SimulatedClock:
+    """Advances only while somebody sleeps on it.
+
+    Args:
+        real_time_factor: None: sleeping takes no time; 1: real time; 60: a minute in a second.
+        start_epoch_s: wall time at the start. A fixed one (2000-01-01) makes runs repeatable.
+    """
+
+    def __init__(
+        self, *, real_time_factor: float | None = None, start_epoch_s: float = 946_684_800.0
+    ) -> None:
+        self._elapsed_s = 0.0
+        self._start_epoch_s = start_epoch_s
+        self._factor = real_time_factor
+        self._real = SystemClock()
+
+    def now_s(self) -> float:
+        return self._elapsed_s
+
+    def epoch_s(self) -> float:
+        return self._start_epoch_s + self._elapsed_s
+
+    def wall_time(self) -> str:
+        return _iso(self.epoch_s())
+
+    def sleep(self, seconds: float, should_stop: StopCheck | None = None) -> bool:
+        if should_stop is not None and should_stop():
+            return False
+        if self._factor is None:
+            self._elapsed_s += max(seconds, 0.0)
+            return True
+        start = time.monotonic()
+        whole = self._real.sleep(seconds / self._factor, should_stop)
+        slept = seconds if whole else (time.monotonic() - start) * self._factor
+        self._elapsed_s += min(max(slept, 0.0), max(seconds, 0.0))
+        return whole
+
+    def catch_up(self, epoch_s: float) -> None:
+        self._elapsed_s = max(self._elapsed_s, epoch_s - self._start_epoch_s)

@@ -1,0 +1,82 @@
+"""Drivers by name: the entry points of the group `cldit.drivers`.
+
+A driver is a callable `factory(settings, context)` that yields a device; any installed package
+can bring some. It checks its settings with `check_settings`.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from cldit.errors import SceneError
+from cldit.rig.clock import Clock
+from cldit.scene.checks import Section, describe
+
+GROUP = "cldit.drivers"
+
+S = TypeVar("S", bound=Section)
+
+
+@dataclass(frozen=True)
+class RigContext:
+    """What a driver may know of the rig around it.
+
+    clock: the rig's time. bench: the simulated optical bench that simulated devices share, None
+    on a real rig. folder: relative paths in settings are taken from here. seed: of simulations.
+    """
+
+    clock: Clock
+    bench: object | None
+    folder: Path
+    seed: int
+
+
+Factory = Callable[[dict[str, Any], RigContext], Any]
+
+
+def check_settings(model: type[S], settings: dict[str, Any]) -> S:
+    """Settings as the driver's own frozen data.
+
+    Raises:
+        SceneError: one line for each key that is unknown, missing or not allowed.
+    """
+    try:
+        return model.model_validate(settings)
+    except ValidationError as error:
+        raise SceneError(describe(model, error.errors())) from error
+
+
+def installed_drivers() -> dict[str, EntryPoint]:
+    """Every driver that is installed, by name."""
+    return {entry.name: entry for entry in sorted(entry_points(group=GROUP))}
+
+
+def load_driver(name: str) -> Factory:
+    """The factory of a driver.
+
+    Raises:
+        SceneError: no such driver, or it cannot be imported; without a path in front.
+    """
+    known = installed_drivers()
+    if name not in known:
+        close = difflib.get_close_matches(name, known, n=1)
+        hint = f"; did you mean {close[0]}?" if close else ";"
+        raise SceneError(
+            f"driver: {name!r} is not installed{hint} "
+            f"Installed are {', '.join(known) or 'none: reinstall cldit'}"
+        )
+    try:
+        factory: Factory = known[name].load()
+    except (ImportError, AttributeError) as error:
+        raise SceneError(
+            f"driver: {name!r} ({known[name].value}) cannot be loaded: {error}; "
+            "install what it needs"
+        ) from error
+    return factory

@@ -1,0 +1,189 @@
+"""The rig from its YAML file: which drivers, with which settings, on which clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationError
+
+from cldit.errors import ClditError, SceneError
+from cldit.rig.clock import Clock, SimulatedClock, SystemClock
+from cldit.rig.drivers import RigContext, load_driver
+from cldit.rig.errors import NotConnected, RigError
+from cldit.rig.protocols import Background, Camera, Device, TriggerGenerator
+from cldit.scene.checks import Section, Within, describe, read_mapping
+from cldit.scene.schema import Length, Temperature
+
+
+class ClockChoice(Section):
+    """`simulated` only where every device is; then a sequence takes no time."""
+
+    model: Literal["system", "simulated"] = "system"
+    real_time_factor: Annotated[float, Within(1e-3, 1e6)] | None = None  # 1: as fast as it is real
+
+
+class DriverChoice(Section):
+    driver: str
+    settings: dict[str, Any] = Field(default_factory=dict)
+
+
+class Setup(Section):
+    """What the evaluation must know of the place and no instrument can say."""
+
+    background_emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0
+    wall_temperature_K: Temperature = 300.0
+    pixel_m: tuple[Length, Length]  # width and height of a pixel in the plane of the spray
+
+
+class RigFile(Section):
+    """A rig file."""
+
+    name: str = "rig"
+    clock: ClockChoice = ClockChoice()
+    seed: Annotated[int, Within(0, 2**31 - 1)] = 1
+    folder: Path | None = None  # where relative paths start; the file's own folder if left out
+    setup: Setup
+    bench: DriverChoice | None = None  # the simulated optical bench
+    camera: DriverChoice
+    background: DriverChoice
+    trigger: DriverChoice
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The instruments and the time. As a context manager it ends safe and closed.
+
+    `file` is the rig file as used, with nothing left to defaults.
+    """
+
+    camera: Camera
+    background: Background
+    trigger: TriggerGenerator
+    clock: Clock
+    file: RigFile
+
+    @property
+    def devices(self) -> dict[str, Device]:
+        """In the order of connection; the trigger is made safe first."""
+        return {"camera": self.camera, "background": self.background, "trigger": self.trigger}
+
+    def connect(self, timeout_s: float = 10.0) -> None:
+        """Connects all devices at once.
+
+        Raises:
+            NotConnected: names every device that failed, and why.
+        """
+        with ThreadPoolExecutor(len(self.devices), thread_name_prefix="connect") as pool:
+            waiting = {
+                name: pool.submit(device.connect, timeout_s)
+                for name, device in self.devices.items()
+            }
+        failures = [
+            f"{name}: {error}"
+            for name, future in waiting.items()
+            if (error := future.exception()) is not None
+        ]
+        if failures:
+            raise NotConnected("\n".join(failures))
+
+    def make_safe(self) -> list[str]:
+        """Makes every device safe, the last one first; what went wrong, one line a device."""
+        return self._each(lambda device: device.make_safe())
+
+    def _each(self, action: Callable[[Device], None]) -> list[str]:
+        problems: list[str] = []
+        for name, device in reversed(self.devices.items()):
+            try:
+                action(device)
+            except Exception as error:  # one broken device must not keep the others unsafe
+                problems.append(f"{name}: {error}")
+        return problems
+
+    def close(self) -> list[str]:
+        """Closes every device, the last one first."""
+        return self._each(lambda device: device.close())
+
+    def __enter__(self) -> Rig:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        problems = self.make_safe() + self.close()
+        if not problems:
+            return
+        text = "the rig was not left safe:\n" + "\n".join(problems)
+        if error is None:
+            raise RigError(text)
+        error.add_note(text)
+
+
+def read_rig(path_or_mapping: str | Path | dict[str, Any]) -> RigFile:
+    """A rig file, checked but for the drivers' own settings.
+
+    Raises:
+        SceneError: names every key that is not allowed.
+    """
+    if isinstance(path_or_mapping, dict):
+        data, source, folder = path_or_mapping, "rig", Path.cwd()
+    else:
+        path = Path(path_or_mapping)
+        data, source, folder = read_mapping(path), str(path), path.resolve().parent
+    try:
+        file = RigFile.model_validate(data)
+    except ValidationError as error:
+        raise SceneError(f"{source}:\n{describe(RigFile, error.errors())}") from error
+    base = folder if file.folder is None else folder / file.folder
+    return file.model_copy(update={"folder": base})
+
+
+def open_rig(path_or_mapping: str | Path | dict[str, Any], *, clock: Clock | None = None) -> Rig:
+    """The rig that a file (or the mapping in it) describes. Nothing is connected yet.
+
+    Args:
+        clock: in place of the one that the file names.
+
+    Raises:
+        SceneError: names every key that is not allowed, every driver that is missing.
+    """
+    file = read_rig(path_or_mapping)
+    folder = file.folder or Path.cwd()
+    if clock is None:
+        simulated = file.clock.model == "simulated"
+        clock = (
+            SimulatedClock(real_time_factor=file.clock.real_time_factor)
+            if simulated
+            else SystemClock()
+        )
+    problems: list[str] = []
+
+    def build(key: str, choice: DriverChoice, bench: object | None) -> Any:
+        try:
+            factory = load_driver(choice.driver)
+        except SceneError as error:
+            problems.append(f"{key}.{error}")
+            return None
+        try:
+            return factory(dict(choice.settings), RigContext(clock, bench, folder, file.seed))
+        except ClditError as error:
+            problems.extend(f"{key}.settings.{line}" for line in str(error).splitlines())
+            return None
+
+    bench = None if file.bench is None else build("bench", file.bench, None)
+    if file.bench is None or bench is not None:
+        devices = {
+            key: build(key, getattr(file, key), bench)
+            for key in ("camera", "background", "trigger")
+        }
+    if problems:
+        source = "rig" if isinstance(path_or_mapping, dict) else str(path_or_mapping)
+        raise SceneError(f"{source}:\n" + "\n".join(problems))
+    return Rig(**devices, clock=clock, file=file)

@@ -1,0 +1,46 @@
+"""The rig file of a simulated rig that looks at a traced run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from cldit.camera.view import SensorView
+from cldit.scene.schema import Scene
+
+
+def simulated_rig_data(
+    scene: Scene, run_folder: Path, *, real_time_factor: float | None = None
+) -> dict[str, Any]:
+    """What stands in the rig file for `run_folder` (scene.yaml, weights/, weights_reference/).
+
+    The black body takes every temperature of the scene, even those that a real one does not.
+
+    Args:
+        real_time_factor: None: the sequence takes no time; 1: real time.
+    """
+    wanted = scene.background.temperatures_K
+    return {
+        "name": f"simulated rig before {scene.name}",
+        "clock": {"model": "simulated", "real_time_factor": real_time_factor},
+        "seed": scene.rig.seed,
+        "setup": {
+            "background_emissivity": scene.background.emissivity,
+            "wall_temperature_K": scene.walls.temperature_K,
+            "pixel_m": [float(size) for size in SensorView.from_scene(scene).pixel_m],
+        },
+        "bench": {
+            "driver": "simulated_bench",
+            "settings": {"run": str(Path(run_folder).resolve())},
+        },
+        "camera": {"driver": "simulated_camera", "settings": {}},
+        "background": {
+            "driver": "simulated_blackbody",
+            "settings": {
+                "time_constant_s": scene.rig.background_time_constant_s,
+                "start_K": scene.rig.background_start_K,
+                "limits_K": [min(253.0, *wanted), max(873.0, *wanted)],
+            },
+        },
+        "trigger": {"driver": "simulated_injector", "settings": {}},
+    }

@@ -1,0 +1,60 @@
+"""When a background's temperature counts as stable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from cldit.rig.clock import Clock, StopCheck
+from cldit.rig.errors import Aborted, DeviceTimeout
+from cldit.rig.protocols import Stability
+
+
+class Thermometer(Protocol):
+    """The part of a background that is asked here."""
+
+    def read_temperature(self) -> float: ...
+
+    def is_stable(self) -> bool | None: ...
+
+
+def wait_stable(
+    device: Thermometer,
+    clock: Clock,
+    temperature_K: float,
+    stability: Stability,
+    *,
+    should_stop: StopCheck | None = None,
+    on_progress: Callable[[float], None] | None = None,
+) -> float:
+    """Waits until `device` stays at `temperature_K`; the last temperature read, in kelvin.
+
+    Stable is an unbroken window of hold_s, and settle_s more, in which every reading lies within
+    tolerance_K and the controller never says "not stable"; a first crossing is never enough.
+
+    Raises:
+        DeviceTimeout: timeout_s passed.
+        Aborted: `should_stop` said so.
+    """
+    start = clock.now_s()
+    poll_s = min(1.0, max(stability.hold_s / 4.0, 0.05))
+    since: float | None = None  # when the present unbroken window began
+    while True:
+        reading = device.read_temperature()
+        if on_progress is not None:
+            on_progress(reading)
+        good = abs(reading - temperature_K) <= stability.tolerance_K  # False for NaN
+        good = good and device.is_stable() is not False
+        now = clock.now_s()
+        since = (now if since is None else since) if good else None
+        held_s = 0.0 if since is None else now - since
+        if since is not None and held_s >= stability.hold_s + stability.settle_s:
+            return reading
+        if now - start >= stability.timeout_s:
+            raise DeviceTimeout(
+                f"background: {reading:.2f} K after {now - start:.0f} s, not stable at "
+                f"{temperature_K:g} K ± {stability.tolerance_K:g} K for {stability.hold_s:g} s; "
+                "check the controller, or allow more in the plan's stability.timeout_s"
+            )
+        if not clock.sleep(poll_s, should_stop):
+            raise Aborted(f"stopped while the background went to {temperature_K:g} K")

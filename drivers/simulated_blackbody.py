@@ -1,0 +1,129 @@
+"""A simulated black body: first-order approach to its set point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import exp
+from typing import Annotated, Any
+
+from pydantic import model_validator
+
+from cldit.rig.clock import StopCheck
+from cldit.rig.drivers import RigContext, check_settings
+from cldit.rig.errors import NotConnected, OutOfLimits
+from cldit.rig.protocols import DeviceInfo, Limits, Stability
+from cldit.rig.stability import wait_stable
+from cldit.scene.checks import Section, Within
+from cldit.scene.schema import Temperature
+
+from .simulated_bench import SimulatedBench, bench_of
+
+
+class BlackBodySettings(Section):
+    time_constant_s: Annotated[float, Within(0.0, 1e5)] = 120.0
+    start_K: Temperature = 295.0  # also where it is safe
+    limits_K: tuple[Temperature, Temperature] = (253.0, 873.0)
+    noise_K: Annotated[float, Within(0.0, 10.0)] = 0.02  # standard deviation of a reading
+    stable_within_K: Annotated[float, Within(0.0, 100.0)] = 0.5  # the controller's own flag
+
+    @model_validator(mode="after")
+    def _ordered(self) -> BlackBodySettings:
+        if self.limits_K[0] >= self.limits_K[1]:
+            raise ValueError(f"limits_K: {self.limits_K} is empty; allowed is (low, high)")
+        return self
+
+
+class SimulatedBlackBody:
+    """A `cldit.rig.protocols.Background`."""
+
+    def __init__(
+        self, settings: BlackBodySettings, context: RigContext, bench: SimulatedBench
+    ) -> None:
+        self._settings = settings
+        self._clock = context.clock
+        self._bench = bench
+        self._connected = False
+        self._from_K = settings.start_K
+        self._since_s = context.clock.now_s()
+        self._setpoint_K = settings.start_K
+        self._readings = 0
+
+    @property
+    def limits(self) -> Limits:
+        return Limits(*self._settings.limits_K)
+
+    def connect(self, timeout_s: float = 10.0) -> None:
+        self._bench.attach_blackbody(self.temperature_K)
+        self._connected = True
+
+    def close(self) -> None:
+        self._connected = False
+
+    def identify(self) -> DeviceInfo:
+        return DeviceInfo("background", "cldit", "simulated black body", simulated=True)
+
+    def read_configuration(self) -> dict[str, Any]:
+        self._check()
+        return {**self._settings.model_dump(mode="json"), "setpoint_K": self._setpoint_K}
+
+    def make_safe(self) -> None:
+        if self._connected:
+            self._aim(self._settings.start_K)
+
+    def set_setpoint(self, temperature_K: float) -> float:
+        self._check()
+        low, high = self._settings.limits_K
+        if not low <= temperature_K <= high:
+            raise OutOfLimits(f"background: {temperature_K:g} K is outside {low:g}..{high:g} K")
+        self._aim(temperature_K)
+        return self._setpoint_K
+
+    def read_temperature(self) -> float:
+        self._check()
+        now_s = self._clock.now_s()
+        self._readings += 1
+        noise = self._bench.random(now_s, 2, self._readings).normal(0.0, self._settings.noise_K)
+        return self.temperature_K(now_s) + float(noise)
+
+    def is_stable(self) -> bool | None:
+        self._check()
+        off = abs(self.temperature_K(self._clock.now_s()) - self._setpoint_K)
+        return off <= self._settings.stable_within_K
+
+    def wait_stable(
+        self,
+        temperature_K: float,
+        stability: Stability,
+        should_stop: StopCheck | None = None,
+        on_progress: Callable[[float], None] | None = None,
+    ) -> float:
+        return wait_stable(
+            self,
+            self._clock,
+            temperature_K,
+            stability,
+            should_stop=should_stop,
+            on_progress=on_progress,
+        )
+
+    def temperature_K(self, time_s: float) -> float:
+        """What the cavity really has at `time_s` on the rig's clock."""
+        if self._settings.time_constant_s == 0.0:
+            return self._setpoint_K
+        left = exp(-max(time_s - self._since_s, 0.0) / self._settings.time_constant_s)
+        return self._setpoint_K + (self._from_K - self._setpoint_K) * left
+
+    def _aim(self, setpoint_K: float) -> None:
+        now_s = self._clock.now_s()
+        self._from_K, self._since_s = self.temperature_K(now_s), now_s
+        self._setpoint_K = setpoint_K
+
+    def _check(self) -> None:
+        if not self._connected:
+            raise NotConnected("background: simulated black body is not connected; call connect()")
+
+
+def open_blackbody(settings: dict[str, Any], context: RigContext) -> SimulatedBlackBody:
+    """The driver `simulated_blackbody`."""
+    checked = check_settings(BlackBodySettings, settings)
+    return SimulatedBlackBody(checked, context, bench_of(context))

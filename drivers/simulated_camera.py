@@ -1,0 +1,224 @@
+"""A simulated infrared camera that looks at the bench."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from cldit.camera.sensor import SensorModel
+from cldit.rig.drivers import RigContext, check_settings
+from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, OutOfLimits
+from cldit.rig.protocols import (
+    Capabilities,
+    DeviceInfo,
+    Frame,
+    Roi,
+    Settings,
+    TriggerInfo,
+    TriggerMode,
+)
+from cldit.scene.checks import Section
+
+from .simulated_bench import Pulse, SimulatedBench, bench_of
+
+_LIMITS_S = (320e-9, 1.0)
+_FRAME_RATE_Hz = 146.7  # full frame of a typical 640 x 512 InSb camera
+_FORMAT = "Mono16"
+_MODES = frozenset({TriggerMode.INTERNAL, TriggerMode.SOFTWARE, TriggerMode.EXTERNAL_EDGE})
+
+
+class CameraSettings(Section):
+    """Nothing to set: the scene of the bench says what the camera is."""
+
+
+class SimulatedCamera:
+    """A `cldit.rig.protocols.Camera`."""
+
+    def __init__(
+        self, settings: CameraSettings, context: RigContext, bench: SimulatedBench
+    ) -> None:
+        self._clock = context.clock
+        self._bench = bench
+        self._model: SensorModel | None = None
+        self._settings: Settings | None = None
+        self._trigger: TriggerInfo | None = None
+        self._armed = False
+        self._taken = 0  # since armed
+        self._frame_id = -1
+        self._last_s = -np.inf
+        self._buffer: deque[tuple[int, Pulse]] = deque()
+        self._counts = {"delivered": 0, "missed": 0, "flushed": 0}
+        bench.attach_camera(self)
+
+    @property
+    def capabilities(self) -> Capabilities:
+        model = self._connected()
+        columns, rows = self._bench.scene.camera.sensor.pixels
+        return Capabilities(
+            trigger_modes=_MODES,
+            integration_time_limits_s=_LIMITS_S,
+            minimum_period_s=1.0 / _FRAME_RATE_Hz,
+            saturation_counts=int(model.calibration().saturation_counts),
+            sensor_pixels=(columns, rows),
+            pixel_formats=(_FORMAT,),
+        )
+
+    def connect(self, timeout_s: float = 10.0) -> None:
+        if self._model is None:
+            self._bench.open()
+            self._model = SensorModel.from_scene(self._bench.scene)
+            self.configure(self._bench.scene.camera.sensor.integration_time_s)
+
+    def close(self) -> None:
+        self._armed = False
+        self._model = None
+
+    def identify(self) -> DeviceInfo:
+        return DeviceInfo("camera", "cldit", "simulated camera", simulated=True)
+
+    def read_configuration(self) -> dict[str, Any]:
+        model = self._connected()
+        settings = self._ready()
+        return {
+            "integration_time_s": settings.integration_time_s,
+            "roi": [settings.roi.x, settings.roi.y, settings.roi.width, settings.roi.height],
+            "pixel_format": settings.pixel_format,
+            "calibration": model.calibration().to_dict(),
+        }
+
+    def make_safe(self) -> None:
+        if self._model is not None:
+            self.disarm()
+            self._buffer.clear()
+
+    def wait_ready(self, timeout_s: float) -> None:
+        self._connected()
+
+    def configure(
+        self, integration_time_s: float, roi: Roi | None = None, pixel_format: str | None = None
+    ) -> Settings:
+        self._connected()
+        if self._armed:
+            raise ConfigRejected("camera: is armed; disarm() before configure()")
+        low, high = _LIMITS_S
+        if not low <= integration_time_s <= high:
+            raise OutOfLimits(
+                f"camera: integration_time_s: {integration_time_s:g} is outside {low:g}..{high:g}"
+            )
+        if pixel_format not in (None, _FORMAT):
+            raise ConfigRejected(f"camera: pixel_format: {pixel_format!r}; allowed is {_FORMAT}")
+        columns, rows = self._bench.scene.camera.sensor.pixels
+        part = Roi(0, 0, columns, rows) if roi is None else roi
+        inside = part.x >= 0 and part.y >= 0 and part.width > 0 and part.height > 0
+        if not inside or part.x + part.width > columns or part.y + part.height > rows:
+            raise OutOfLimits(f"camera: roi: {part} does not fit on {columns} x {rows}")
+        self._model = SensorModel.from_scene(
+            self._bench.scene, integration_time_s=integration_time_s
+        )
+        self._settings = Settings(integration_time_s, part, _FORMAT)
+        return self._settings
+
+    def prepare(self, trigger: TriggerInfo) -> None:
+        self._connected()
+        if trigger.mode not in _MODES or trigger.n_frames < 1:
+            allowed = ", ".join(sorted(_MODES))
+            raise ConfigRejected(f"camera: {trigger}; allowed are {allowed} and n_frames >= 1")
+        self._trigger = trigger
+
+    def arm(self) -> None:
+        self._connected()
+        if self._trigger is None:
+            raise ConfigRejected("camera: prepare() before arm()")
+        self._armed, self._taken = True, 0
+        if self._trigger.mode is TriggerMode.INTERNAL:
+            start_s = max(self._clock.now_s(), self._last_s + 1.0 / _FRAME_RATE_Hz)
+            for index in range(self._trigger.n_frames):
+                self._take(Pulse(start_s + index / _FRAME_RATE_Hz, False, -1))
+
+    def flush(self) -> int:
+        self._connected()
+        thrown = len(self._buffer)
+        self._buffer.clear()
+        self._counts["flushed"] += thrown
+        return thrown
+
+    def software_trigger(self) -> None:
+        self._connected()
+        if not self._armed or self._trigger is None or self._trigger.mode != TriggerMode.SOFTWARE:
+            raise ConfigRejected("camera: prepare(SOFTWARE) and arm() before software_trigger()")
+        start_s = max(self._clock.now_s(), self._last_s + 1.0 / _FRAME_RATE_Hz)
+        self._take(Pulse(start_s, False, -1))
+
+    def read_frames(self, n: int, timeout_s: float) -> Iterator[Frame]:
+        self._connected()
+        for received in range(n):
+            wait_s = self._buffer[0][1].time_s - self._clock.now_s() if self._buffer else np.inf
+            if wait_s > timeout_s:
+                self._clock.sleep(timeout_s)
+                raise MissingFrames(n, received)
+            self._clock.sleep(max(wait_s, 0.0))
+            frame_id, pulse = self._buffer.popleft()
+            self._counts["delivered"] += 1
+            yield self._expose(frame_id, pulse)
+
+    def disarm(self) -> None:
+        self._connected()
+        self._armed = False
+
+    def statistics(self) -> dict[str, int]:
+        return dict(self._counts)
+
+    def forget(self, after_s: float) -> None:
+        """Triggers after this time are not coming."""
+        kept = [entry for entry in self._buffer if entry[1].time_s <= after_s]
+        self._frame_id -= len(self._buffer) - len(kept)
+        self._buffer = deque(kept)
+
+    def hear(self, pulse: Pulse) -> None:
+        """The external line: only an armed camera with a free slot takes the trigger."""
+        external = self._trigger is not None and self._trigger.mode == TriggerMode.EXTERNAL_EDGE
+        if self._armed and external:
+            self._take(pulse)
+        else:
+            self._counts["missed"] += 1
+
+    def _take(self, pulse: Pulse) -> None:
+        assert self._trigger is not None
+        # A rounding error of the clock must not cost a frame.
+        soon = pulse.time_s - self._last_s < (1.0 - 1e-6) / _FRAME_RATE_Hz
+        if soon or self._taken >= self._trigger.n_frames:
+            self._counts["missed"] += 1
+            return
+        self._taken += 1
+        self._frame_id += 1
+        self._last_s = pulse.time_s
+        self._buffer.append((self._frame_id, pulse))
+
+    def _expose(self, frame_id: int, pulse: Pulse) -> Frame:
+        model, part = self._connected(), self._ready().roi
+        random = self._bench.random(pulse.time_s, 3, frame_id)
+        counts = model.expose(self._bench.radiance(pulse), random)
+        since_s = pulse.time_s - self._clock.now_s()
+        return Frame(
+            data=counts[part.y : part.y + part.height, part.x : part.x + part.width],
+            frame_id=frame_id,
+            device_timestamp_ns=round(pulse.time_s * 1e9),
+            host_timestamp_ns=round((self._clock.epoch_s() + since_s) * 1e9),
+        )
+
+    def _connected(self) -> SensorModel:
+        if self._model is None:
+            raise NotConnected("camera: simulated camera is not connected; call connect()")
+        return self._model
+
+    def _ready(self) -> Settings:
+        assert self._settings is not None  # connect() configures
+        return self._settings
+
+
+def open_camera(settings: dict[str, Any], context: RigContext) -> SimulatedCamera:
+    """The driver `simulated_camera`."""
+    return SimulatedCamera(check_settings(CameraSettings, settings), context, bench_of(context))

@@ -1,0 +1,150 @@
+"""A simulated trigger generator, with the injector at its other output."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from cldit.rig.drivers import RigContext, check_settings
+from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected
+from cldit.rig.protocols import Burst, DeviceInfo
+from cldit.scene.checks import Section
+
+from .simulated_bench import Pulse, SimulatedBench, bench_of
+
+_STEP_S = 1e-8  # to which delays and widths are rounded
+
+
+class InjectorSettings(Section):
+    pulse_log: Path | None = None  # one JSON line a burst: what the device itself counts
+
+
+class SimulatedInjector:
+    """A `cldit.rig.protocols.TriggerGenerator`."""
+
+    def __init__(
+        self, settings: InjectorSettings, context: RigContext, bench: SimulatedBench
+    ) -> None:
+        self._log = None if settings.pulse_log is None else context.folder / settings.pulse_log
+        self._clock = context.clock
+        self._bench = bench
+        self._connected = False
+        self._burst: Burst | None = None
+        self._inhibited = True
+        self._starts_s: list[float] = []
+        self._done_s = context.clock.now_s()
+        self._pulses = 0
+
+    def connect(self, timeout_s: float = 10.0) -> None:
+        if self._log is not None and not self._log.parent.is_dir():
+            raise NotConnected(f"trigger: {self._log.parent}: no such folder for pulse_log")
+        self._connected = True
+
+    def close(self) -> None:
+        self._connected = False
+
+    def identify(self) -> DeviceInfo:
+        return DeviceInfo("trigger", "cldit", "simulated injector", simulated=True)
+
+    def read_configuration(self) -> dict[str, Any]:
+        self._check()
+        burst = None if self._burst is None else asdict(self._burst)
+        if burst is not None:
+            burst["widths_s"] = list(burst["widths_s"])
+        return {"burst": burst, "inhibited": self._inhibited}
+
+    def make_safe(self) -> None:
+        if self._connected:
+            self.abort()
+            self.inhibit()
+
+    def configure(self, burst: Burst) -> Burst:
+        self._check()
+        delays = (burst.camera_delay_s, burst.injector_delay_s)
+        last_s = max(d + w for d, w in zip(delays, burst.widths_s, strict=True))
+        if burst.n < 1 or min(delays) < 0.0 or min(burst.widths_s) <= 0.0:
+            raise ConfigRejected(f"trigger: {burst}: allowed are n >= 1, delays >= 0, widths > 0")
+        if burst.n > 1 and burst.period_s < last_s:
+            raise ConfigRejected(
+                f"trigger: period_s: {burst.period_s:g} is shorter than one shot, {last_s:g}"
+            )
+        self._burst = replace(
+            burst,
+            period_s=_rounded(burst.period_s),
+            camera_delay_s=_rounded(burst.camera_delay_s),
+            injector_delay_s=_rounded(burst.injector_delay_s),
+            widths_s=(_rounded(burst.widths_s[0]), _rounded(burst.widths_s[1])),
+        )
+        self._inhibited = False
+        return self._burst
+
+    def fire(self) -> None:
+        self._check()
+        if self._burst is None or self._inhibited:
+            raise ConfigRejected("trigger: is inhibited; configure a burst first")
+        burst, start_s = self._burst, self._clock.now_s()
+        if start_s < self._done_s:
+            raise ConfigRejected("trigger: is still firing; wait_done() first")
+        in_air = burst.inject and burst.camera_delay_s >= burst.injector_delay_s
+        self._count(burst.n)
+        self._starts_s = [start_s + index * burst.period_s for index in range(burst.n)]
+        for pulse_s in self._starts_s:
+            self._pulses += 1
+            self._bench.pulse(Pulse(pulse_s + burst.camera_delay_s, in_air, self._pulses))
+        ends = (
+            burst.camera_delay_s + burst.widths_s[0],
+            burst.injector_delay_s + burst.widths_s[1],
+        )
+        self._done_s = self._starts_s[-1] + max(ends)
+
+    def wait_done(self, timeout_s: float) -> None:
+        self._check()
+        left_s = self._done_s - self._clock.now_s()
+        if left_s > timeout_s:
+            self._clock.sleep(timeout_s)
+            raise DeviceTimeout(
+                f"trigger: the burst needs {left_s - timeout_s:.3g} s longer than the "
+                f"{timeout_s:g} s allowed"
+            )
+        if left_s > 0.0:
+            self._clock.sleep(left_s)
+
+    def inhibit(self) -> None:
+        self._check()
+        self._inhibited = True
+
+    def abort(self) -> None:
+        self._check()
+        now_s = self._clock.now_s()
+        unsent = [pulse_s for pulse_s in self._starts_s if pulse_s > now_s]
+        if unsent:
+            self._bench.cancel(after_s=now_s)
+            self._count(-len(unsent))
+        self._starts_s = []
+        self._done_s = min(self._done_s, now_s)
+
+    def _count(self, pulses: int) -> None:
+        if self._log is None or self._burst is None:
+            return
+        entry = {"time": self._clock.wall_time(), "inject": self._burst.inject, "pulses": pulses}
+        line = json.dumps(entry) + "\n"
+        with self._log.open("a", encoding="utf-8") as stream:
+            stream.write(line)
+            stream.flush()
+            os.fsync(stream.fileno())
+
+    def _check(self) -> None:
+        if not self._connected:
+            raise NotConnected("trigger: simulated injector is not connected; call connect()")
+
+
+def _rounded(seconds: float) -> float:
+    return round(seconds / _STEP_S) * _STEP_S
+
+
+def open_injector(settings: dict[str, Any], context: RigContext) -> SimulatedInjector:
+    """The driver `simulated_injector`."""
+    return SimulatedInjector(check_settings(InjectorSettings, settings), context, bench_of(context))
