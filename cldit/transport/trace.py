@@ -77,7 +77,7 @@ def settings_for(scene: Scene) -> Settings:
     return Settings(
         directions=directions,
         final_directions=2 * directions,
-        tolerance=float(np.clip(3e-4 / finer, 1e-6, 3e-3)),
+        tolerance=float(np.clip(3e-5 / finer, 1e-6, 3e-4)),
         order=spec.order,
         cutoff=spec.cutoff,
         precision=spec.precision,

@@ -36,6 +36,7 @@ def cavity(
 ) -> Run:
     """A cube full of droplets (and vapour), `depth` per cell's edge."""
     per_m = depth / (EDGE / cells)
+    scene = {"background": {"temperatures_K": [T, T + 20]}, **scene}
     return run_block(
         {
             "vapour_absorption_per_m": vapour * per_m,
@@ -47,7 +48,6 @@ def cavity(
         size_m=(EDGE, EDGE, EDGE),
         domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / cells},
         camera={"pixels": [21, 17], "field_m": [0.19, 0.19]},
-        background={"temperatures_K": [T, T + 20]},
         walls={"temperature_K": T},
         **scene,
     )
