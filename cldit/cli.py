@@ -16,7 +16,8 @@ from rich.table import Table
 
 from cldit import __version__
 from cldit.acquisition.plan import load_plan
-from cldit.acquisition.runner import Progress, acquire
+from cldit.acquisition.progress import Progress
+from cldit.acquisition.runner import acquire
 from cldit.errors import ClditError, RunFolderError
 from cldit.experiment import evaluate_folder, run_experiment
 from cldit.gpu.device import choose, list_devices, open_device
@@ -60,8 +61,11 @@ def main() -> None:
 @main.command()
 @click.argument("scene")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the run; runs/SCENE.")
-@click.option("--cfd", type=click.Path(path_type=Path), help="Take the spray from an OpenFOAM "
-              "case, or from what foamToVTK wrote.")
+@click.option(
+    "--cfd",
+    type=click.Path(path_type=Path),
+    help="Take the spray from an OpenFOAM case, or from what foamToVTK wrote.",
+)
 @click.option("--time", "time_s", type=float, help="Time of the CFD result, s; the last one.")
 @click.option("--order", type=int, help="Scattering orders; to a residual if left out.")
 @click.option("--accuracy", "accuracy_K", type=float, help="Error allowed in T_app, K.")
@@ -74,11 +78,11 @@ def run(
     cfd: Path | None,
     time_s: float | None,
     order: int | None,
-    accuracy_K: float | None,  # noqa: N803
+    accuracy_K: float | None,
     device: str | None,
     trace_only: bool,
 ) -> None:
-    """Simulate SCENE (a shipped name or a YAML file), record it with the simulated rig, evaluate."""
+    """Simulate SCENE (a shipped name or a YAML file), record it with the rig, evaluate."""
     chosen = _changed(load_scene(scene), cfd=cfd, time_s=time_s, order=order, accuracy_K=accuracy_K)
     folder = out or Path("runs") / chosen.name
     opened = open_device(device)
@@ -100,7 +104,7 @@ def _changed(
     cfd: Path | None,
     time_s: float | None,
     order: int | None,
-    accuracy_K: float | None,  # noqa: N803
+    accuracy_K: float | None,
 ) -> Scene:
     """The scene with what the command line overrides, checked again."""
     data = scene.model_dump(mode="json")
@@ -125,8 +129,12 @@ class _Bar:
 
     def __init__(self) -> None:
         self._bar = Bar(
-            TextColumn("  {task.description}"), BarColumn(), TextColumn("{task.completed:.0f}/"
-            "{task.total:.0f}"), TimeRemainingColumn(), console=_OUT, transient=True,
+            TextColumn("  {task.description}"),
+            BarColumn(),
+            TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+            TimeRemainingColumn(),
+            console=_OUT,
+            transient=True,
         )
         self._task: Any = None
 
@@ -183,8 +191,12 @@ def devices(device: str | None) -> None:
     table = Table("", "device", "kind", "name", "memory", "float64", "platform", box=None)
     for number, info in enumerate(found):
         table.add_row(
-            "*" if number == used else "", info.index, info.kind, info.name,
-            f"{info.memory_bytes / 1e9:.1f} GB", "yes" if info.float64 else "no",
+            "*" if number == used else "",
+            info.index,
+            info.kind,
+            info.name,
+            f"{info.memory_bytes / 1e9:.1f} GB",
+            "yes" if info.float64 else "no",
             f"{info.platform}, {info.version}",
         )
     _OUT.print(table)
@@ -231,5 +243,3 @@ def show(folder: Path, opened: bool) -> None:
     _OUT.print(str(picture))
     if opened:
         click.launch(str(picture))
-
-

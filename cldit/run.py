@@ -1,8 +1,8 @@
 """A run: one scene through spray, optics, octree, trace and noise-free evaluation; and its folder.
 
-    scene = cldit.load_scene("gdi")
-    run = cldit.simulate(scene, out="runs/gdi")
-    run.maps.apparent_temperature_K
+scene = cldit.load_scene("gdi")
+run = cldit.simulate(scene, out="runs/gdi")
+run.maps.apparent_temperature_K
 """
 
 from __future__ import annotations

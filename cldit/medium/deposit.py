@@ -47,7 +47,9 @@ def cells_of_points(frame: Frame, position_m: Floats, amount: Floats, *, what: s
     outside = np.any((place < 0) | (place > frame.cells), axis=1) & (amount > 0)
     if np.any(outside):
         share = float(amount[outside].sum() / amount.sum())
-        _refuse(frame, what, share, position_m[outside].min(axis=0), position_m[outside].max(axis=0))
+        _refuse(
+            frame, what, share, position_m[outside].min(axis=0), position_m[outside].max(axis=0)
+        )
     return np.clip(np.floor(place).astype(np.int64), 0, frame.cells - 1)
 
 
@@ -164,7 +166,7 @@ def add_points(touched: Touched, cell: Ints, amounts: list[Floats]) -> list[Floa
     """Sum of every amount (N,) over the points in each stored cell."""
     address = touched.address(cell)
     size = touched.slots * _CELLS_PER_BRICK
-    return [np.bincount(address, amount, minlength=size) for amount in amounts]
+    return [np.bincount(address, amount, minlength=size).astype(float) for amount in amounts]
 
 
 def add_boxes(touched: Touched, boxes: Boxes, amounts: list[Floats]) -> list[Floats]:

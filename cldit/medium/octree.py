@@ -114,9 +114,7 @@ def build_octree(
     if points is not None:
         optical = points.absorption_m2 + points.scattering_m2
         place = cells_of_points(frame, points.position_m, optical, what="droplets")
-    boxes = [
-        Boxes.place(frame, source.lower_m, source.upper_m, what="gas") for source in cells
-    ]
+    boxes = [Boxes.place(frame, source.lower_m, source.upper_m, what="gas") for source in cells]
     touched = touched_bricks(frame, place, boxes, limit=max_cells)
     fields = _deposit(frame, touched, place, points, boxes, cells)
     return _divide(frame, touched, fields, optical_depth_split)
@@ -134,13 +132,13 @@ def _deposit(
     fields = {name: np.zeros(size) for name in FIELDS}
     volume = frame.cell_m**3
     if points is not None:
-        names = ("droplet_absorption", "droplet_scattering", "droplet_emission")
+        names = ["droplet_absorption", "droplet_scattering", "droplet_emission"]
         amounts = [points.absorption_m2, points.scattering_m2, points.emission_m2]
         for name, total in zip(names, add_points(touched, place, amounts), strict=True):
             fields[name] += total / volume
     for box, source in zip(boxes, cells, strict=True):
         in_cells = np.prod(box.upper - box.lower, axis=1)
-        names = tuple(name for name in FIELDS if np.any(getattr(source, name)))
+        names = [name for name in FIELDS if np.any(getattr(source, name))]
         amounts = [getattr(source, name) * in_cells for name in names]
         for name, total in zip(names, add_boxes(touched, box, amounts), strict=True):
             fields[name] += total
@@ -156,9 +154,7 @@ def _blocks(values: NDArray[np.generic], edge: int) -> NDArray[np.generic]:
 _IN_BLOCK = (2, 4, 6)
 
 
-def _divide(
-    frame: Frame, touched: Touched, fields: dict[str, Floats], bound: float
-) -> Octree:
+def _divide(frame: Frame, touched: Touched, fields: dict[str, Floats], bound: float) -> Octree:
     """Top-down division of the cube by the sums of the finest cells."""
     shape = (touched.slots, BRICK, BRICK, BRICK)
     vapour = fields["vapour_absorption"].reshape(shape)
@@ -231,7 +227,7 @@ def _coarse_levels(
         v, d = pyramid[-1]
         half = v.shape[0] // 2
         v = v.reshape(half, 2, half, 2, half, 2).mean(axis=(1, 3, 5))
-        d = d.reshape(half, 2, half, 2, half, 2).any(axis=(1, 3, 5))
+        d = np.asarray(d.reshape(half, 2, half, 2, half, 2).any(axis=(1, 3, 5)))
         pyramid.append((v, d))
     number = np.zeros((1, 1, 1), np.int64)
     open_ = np.ones((1, 1, 1), bool)

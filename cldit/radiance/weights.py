@@ -65,9 +65,7 @@ class Weights:
         return cls(**images)
 
 
-def background_radiance(
-    *, blackbody: float, wall: float, emissivity: float
-) -> float:
+def background_radiance(*, blackbody: float, wall: float, emissivity: float) -> float:
     """Radiance that leaves a grey disc: its own, and the wall's that it reflects."""
     return emissivity * blackbody + (1.0 - emissivity) * wall
 

@@ -54,7 +54,9 @@ def load_scene(name_or_path: str | Path) -> Scene:
     return parse_scene(yaml.safe_load(text), source=name)
 
 
-def parse_scene(data: dict[str, Any], *, source: str = "scene", folder: Path | None = None) -> Scene:
+def parse_scene(
+    data: dict[str, Any], *, source: str = "scene", folder: Path | None = None
+) -> Scene:
     """A scene from plain data, checked.
 
     Raises:

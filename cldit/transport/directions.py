@@ -98,6 +98,4 @@ def for_boundary(
     solid = (1 - np.cos(half)) / 2
     if solid > 0.25 or count < 8:
         return isotropic(count, rng)
-    return focused(
-        count, rng, axis=axis, half_angle_rad=half, share=float(np.sqrt(solid))
-    )
+    return focused(count, rng, axis=axis, half_angle_rad=half, share=float(np.sqrt(solid)))

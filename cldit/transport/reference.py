@@ -29,8 +29,14 @@ def sees_disc(point: Floats, toward: Floats, *, centre: Floats, radius: float) -
 
 
 def sweep(
-    depth: Floats, source: Floats, *, back: Floats, weight: float, start: Floats,
-    centre: Floats, radius: float,
+    depth: Floats,
+    source: Floats,
+    *,
+    back: Floats,
+    weight: float,
+    start: Floats,
+    centre: Floats,
+    radius: float,
 ) -> Floats:
     """Excess (C, nz, ny, nx) that one direction's sweep gives; see kernels/sweep.cl.
 
@@ -79,9 +85,7 @@ def sweep(
     return np.asarray(excess.transpose(0, *(1 + axis for axis in back_order)))
 
 
-def march(
-    depth: Floats, source: Floats, *, point: Floats, toward: Floats
-) -> tuple[Floats, float]:
+def march(depth: Floats, source: Floats, *, point: Floats, toward: Floats) -> tuple[Floats, float]:
     """Light (C,) that a line collects in a dense cube of cells, and what it still transmits.
 
     Every crossing of a cell face is computed on its own, not stepped from the last.

@@ -138,7 +138,7 @@ def _krylov(
             h = hessenberg[c, : j + 2, : j + 1]
             target = np.zeros(j + 2)
             target[0] = start[c]
-            best[c] = np.linalg.lstsq(h, target, rcond=None)[0]
+            best[c] = np.linalg.lstsq(h, target, rcond=None)[0].astype(float)
             smallest = float(np.linalg.svd(h, compute_uv=False)[-1])
             gain = max(gain, 1.0 / max(smallest, 1e-12))
             error = max(error, float(np.linalg.norm(target - h @ best[c])) / count**0.5)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pyopencl as cl
 from numpy.typing import NDArray
 
 from cldit.gpu.buffers import clear, download, upload, zeros
@@ -55,8 +56,13 @@ class Sweeper:
     """
 
     def __init__(
-        self, device: Device, cells: OpticalCells, sweep: Program, iterate: Program,
-        *, disc: NDArray[np.float64],
+        self,
+        device: Device,
+        cells: OpticalCells,
+        sweep: Program,
+        iterate: Program,
+        *,
+        disc: NDArray[np.float64],
     ) -> None:
         """disc: centre x, y, z and squared radius in cells from the cube's lower corner."""
         self.device = device
@@ -71,13 +77,13 @@ class Sweeper:
         self._disc[:3] -= self.box.low
         planes = self.components * self.box.cells
         real = self._real
-        depth = cells.dense(self.box, cells.depth).astype(real)
-        nx, ny, nz = self.box.shape
+        exact = cells.dense(self.box, cells.depth)
+        depth = exact.astype(real)
         self._depth = {
             False: upload(device, "optical depth", depth),
             True: upload(device, "optical depth", depth.transpose(2, 0, 1)),
         }
-        filled = depth > 0
+        filled = exact > 0
         self._occupied = {  # [l][v] for layers along x, y, z
             0: upload(device, "rows", filled.any(axis=1).T.astype(np.int8)),
             1: upload(device, "rows", filled.any(axis=2).T.astype(np.int8)),
@@ -121,14 +127,12 @@ class Sweeper:
 
         shining: with the thermal source of all other cells; else these are black.
         """
-        import pyopencl as cl
 
         queue = self.device.queue
         cl.enqueue_copy(queue, self._list, np.ascontiguousarray(listed, self._real))
         self._fill(shining)
 
     def _fill(self, shining: bool) -> None:
-        import pyopencl as cl
 
         queue = self.device.queue
         if shining:
@@ -136,8 +140,14 @@ class Sweeper:
         else:
             clear(self.device, self._source[False], self._bytes)
         self._kernels["scatter_list"](
-            queue, (self.count,), None, self._source[False], self._list, self._place,
-            np.int32(self.box.cells), np.int32(self.count),
+            queue,
+            (self.count,),
+            None,
+            self._source[False],
+            self._list,
+            self._place,
+            np.int32(self.box.cells),
+            np.int32(self.count),
         )
         self._turn(self._source)
 
@@ -164,29 +174,51 @@ class Sweeper:
         if np.any(main == 0):
             sizes = [np.int32(n) for n in self.box.shape]
             self._kernels["add_turned"](
-                self.device.queue, self._grid(), (_TILE, _TILE, 1),
-                self._excess[False], self._excess[True], *sizes,
+                self.device.queue,
+                self._grid(),
+                (_TILE, _TILE, 1),
+                self._excess[False],
+                self._excess[True],
+                *sizes,
             )
         self.sweeps += len(directions)
 
     def _one(
-        self, layout: _Layout, unit: NDArray[np.float64], weight: float,
-        start: NDArray[np.float64], shining: bool,
+        self,
+        layout: _Layout,
+        unit: NDArray[np.float64],
+        weight: float,
+        start: NDArray[np.float64],
+        shining: bool,
     ) -> None:
         real = self._real
-        u, v, l = (-unit[axis] for axis in layout.axes)  # light runs away from where it comes from
+        u, v, run = (
+            -unit[axis] for axis in layout.axes
+        )  # light runs away from where it comes from
         nu, nv, nl = layout.size
         lanes = 1 if self._vector > 1 else min(nu, self._lanes)
         self._sweep(
-            self.device.queue, (lanes, nv), (lanes, 1),
-            self._depth[layout.turned], self._source[layout.turned], self._excess[layout.turned],
+            self.device.queue,
+            (lanes, nv),
+            (lanes, 1),
+            self._depth[layout.turned],
+            self._source[layout.turned],
+            self._excess[layout.turned],
             self._occupied[layout.axes[2]],
-            self._shifts(u / abs(l), v / abs(l), start, layout.size),
+            self._shifts(u / abs(run), v / abs(run), start, layout.size),
             np.int32(nl + 1 if u > 0 else 1),
-            np.int32(layout.number), np.int32(nu), np.int32(nv), np.int32(nl),
-            np.int32(layout.stride_v), np.int32(layout.stride_l), np.int32(l < 0),
-            real(1 / abs(l)), real(weight), real(shining),
-            np.array([*unit, 0], real), self._disc.astype(real),
+            np.int32(layout.number),
+            np.int32(nu),
+            np.int32(nv),
+            np.int32(nl),
+            np.int32(layout.stride_v),
+            np.int32(layout.stride_l),
+            np.int32(run < 0),
+            real(1 / abs(run)),
+            real(weight),
+            real(shining),
+            np.array([*unit, 0], real),
+            self._disc.astype(real),
         )
 
     def _shifts(
@@ -204,21 +236,37 @@ class Sweeper:
     def residual(self, *, shining: bool) -> NDArray[Any]:
         """Preconditioned residual (C, N) of the present source and its excess."""
         self._kernels["residual"](
-            self.device.queue, (self.count,), None, self._out, self._excess[False], self._list,
-            self._emission, self._albedo, self._coalbedo, self._depth[False], self._place,
-            self._real(_MEAN_STRETCH), self._real(shining),
-            np.int32(self.box.cells), np.int32(self.count),
+            self.device.queue,
+            (self.count,),
+            None,
+            self._out,
+            self._excess[False],
+            self._list,
+            self._emission,
+            self._albedo,
+            self._coalbedo,
+            self._depth[False],
+            self._place,
+            self._real(_MEAN_STRETCH),
+            self._real(shining),
+            np.int32(self.box.cells),
+            np.int32(self.count),
         )
-        return download(
-            self.device, self._out, np.empty((self.components, self.count), self._real)
-        )
+        return download(self.device, self._out, np.empty((self.components, self.count), self._real))
 
     def next_order(self) -> NDArray[Any]:
         """Replaces the source by a (S + D) + E and returns it, (C, N)."""
         self._kernels["next_order"](
-            self.device.queue, (self.count,), None, self._list, self._excess[False],
-            self._emission, self._albedo, self._place,
-            np.int32(self.box.cells), np.int32(self.count),
+            self.device.queue,
+            (self.count,),
+            None,
+            self._list,
+            self._excess[False],
+            self._emission,
+            self._albedo,
+            self._place,
+            np.int32(self.box.cells),
+            np.int32(self.count),
         )
         return download(
             self.device, self._list, np.empty((self.components, self.count), self._real)

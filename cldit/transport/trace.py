@@ -222,7 +222,10 @@ def _scattering(
     else:
         if settings.order is None:
             solution = solve(
-                sweeper, guess, rays(settings.directions), tolerance=settings.tolerance,
+                sweeper,
+                guess,
+                rays(settings.directions),
+                tolerance=settings.tolerance,
                 report=report,
             )
         else:

@@ -14,7 +14,6 @@ from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.source import assemble
 
-
 Floats = NDArray[np.float32]
 
 

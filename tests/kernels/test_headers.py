@@ -35,7 +35,7 @@ def test_mean_transmission(apply: Any) -> None:
 
 
 def test_attenuation_conserves(apply: Any) -> None:
-    """What a ray loses is what its mean deposits: t q(t) = 1 - exp(-t), to rounding of the product."""
+    """What a ray loses is what its mean deposits, t q(t) = 1 - exp(-t), to rounding."""
     got = apply("attenuation.h", "a * mean_transmission(a, absorbed(a)) - absorbed(a)", [DEPTHS])
     assert np.max(np.abs(got)) <= 2 * ULP
 
@@ -98,7 +98,5 @@ def test_orthographic_rays(apply: Any) -> None:
     call = "pixel_ray((int)a, 0, 4, 1, (float4)(0.0f), 1.0f, 1.0f, 50.0f)"
     column = np.arange(4, dtype=np.float32)
     for name, expected in (("dx", 0.0), ("dy", 1.0), ("dz", 0.0), ("start", -50.0)):
-        got = apply(
-            "ray.h", f"{call}.{name}", [column], defines="#define CAMERA_ORTHOGRAPHIC 1"
-        )
+        got = apply("ray.h", f"{call}.{name}", [column], defines="#define CAMERA_ORTHOGRAPHIC 1")
         np.testing.assert_array_equal(got, np.full(4, expected))

@@ -27,7 +27,8 @@ def random_tree(seed: int, *, cells: int = 16, scattering: float = 1.0) -> Octre
     """A block of random coefficients in part of the cube, with empty cells among them."""
     rng = np.random.default_rng(seed)
     frame = Frame(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=cells.bit_length() - 1)
-    place = np.argwhere(rng.random((cells // 2, cells - 3, cells // 2)) < 0.7) + [3, 1, 5]
+    filled = rng.random((cells // 2, cells - 3, cells // 2)) < 0.7
+    place = np.argwhere(filled) + np.array([3, 1, 5])
     lower = -EDGE_M / 2 + place * frame.cell_m
     values = rng.uniform(0.0, 0.6, (5, len(place))) / frame.cell_m
     return build_octree(
@@ -60,7 +61,10 @@ def test_sweep_against_numpy(device: Device, vector: int, float64: bool) -> None
         defines["USE_FLOAT64"] = 1
     sized = {**defines, **sweep_defines(device, cells.box()), "VECTOR": vector}
     sweeper = Sweeper(
-        device, cells, build(device, "sweep.cl", sized), build(device, "iterate.cl", defines),
+        device,
+        cells,
+        build(device, "sweep.cl", sized),
+        build(device, "iterate.cl", defines),
         disc=DISC,
     )
     rng = np.random.default_rng(5)
@@ -76,13 +80,17 @@ def test_sweep_against_numpy(device: Device, vector: int, float64: bool) -> None
     planes = cells.source_planes(np.float64)
     planes[:, cells.address] = guess
     source = np.stack([cells.dense(box, plane) for plane in planes])
-    excess = sum(
-        sweep(
-            depth, source, back=unit, weight=float(weight), start=start,
-            centre=DISC[:3] - box.low, radius=4.0,
+    excess = np.zeros_like(source)
+    for unit, weight, start in zip(directions.unit, directions.weight, starts, strict=True):
+        excess += sweep(
+            depth,
+            source,
+            back=unit,
+            weight=float(weight),
+            start=start,
+            centre=DISC[:3] - box.low,
+            radius=4.0,
         )
-        for unit, weight, start in zip(directions.unit, directions.weight, starts, strict=True)
-    )
     place = cells.place(box, cells.address)
     mean = (source + excess).reshape(len(source), -1)[:, place]
     expected = cells.albedo * mean + sweeper.thermal
@@ -98,7 +106,10 @@ def test_sweep_of_one_row_is_exact(device: Device) -> None:
     defines = {**cells.needs.defines, "BOUNDARY_ENCLOSURE": 1}
     sized = {**defines, **sweep_defines(device, cells.box())}
     sweeper = Sweeper(
-        device, cells, build(device, "sweep.cl", sized), build(device, "iterate.cl", defines),
+        device,
+        cells,
+        build(device, "sweep.cl", sized),
+        build(device, "iterate.cl", defines),
         disc=DISC,
     )
     along = Directions(unit=np.array([[0.0, 1.0, 0.0]]), weight=np.ones(1))
@@ -109,9 +120,7 @@ def test_sweep_of_one_row_is_exact(device: Device) -> None:
     beyond = np.cumsum(depth[:, ::-1], axis=1)[:, ::-1] - depth
     expected = np.exp(-beyond) * np.where(depth > 0, -np.expm1(-depth) / np.maximum(depth, 1e-9), 1)
     place = cells.place(sweeper.box, cells.address)
-    np.testing.assert_allclose(
-        mean / cells.albedo, expected.reshape(-1)[place], rtol=2e-6
-    )
+    np.testing.assert_allclose(mean / cells.albedo, expected.reshape(-1)[place], rtol=2e-6)
 
 
 @pytest.mark.parametrize("model", ["pinhole", "orthographic"])
@@ -123,13 +132,23 @@ def test_image_against_numpy(device: Device, model: str) -> None:
             "name": "random",
             "domain": {"edge_m": EDGE_M, "leaf_edge_m": EDGE_M / 15.9},
             "spray": {"model": "none"},
-            "camera": {"model": model, "distance_m": 0.3, "field_m": [0.15, 0.12], "pixels": [9, 7]},
+            "camera": {
+                "model": model,
+                "distance_m": 0.3,
+                "field_m": [0.15, 0.12],
+                "pixels": [9, 7],
+            },
             "background": {"radius_m": 0.03},
         }
     )
     settings = Settings(
-        directions=8, final_directions=16, tolerance=1e-3, order=0, cutoff=0.0,
-        precision="float32", seed=1,
+        directions=8,
+        final_directions=16,
+        tolerance=1e-3,
+        order=0,
+        cutoff=0.0,
+        precision="float32",
+        seed=1,
     )
     got = trace(tree, scene, device, settings)
     cells = OpticalCells.of(tree)

@@ -29,12 +29,12 @@ def run_block(tmp_path: Path, device: Device) -> Callable[..., Run]:
         full = {name: np.array(value, float, ndmin=3) for name, value in arrays.items()}
         shape = max((array.shape for array in full.values()), key=np.prod)
         file = tmp_path / f"block{count}.npz"
-        np.savez(
-            file,
-            origin_m=-np.asarray(size_m) / 2,
-            spacing_m=np.asarray(size_m) / shape,
+        contents: dict[str, Any] = {
+            "origin_m": -np.asarray(size_m) / 2,
+            "spacing_m": np.asarray(size_m) / shape,
             **{name: np.broadcast_to(array, shape) for name, array in full.items()},
-        )
+        }
+        np.savez(file, **contents)
         data = {"name": "block", "spray": {"model": "grid", "file": str(file)}, **scene}
         return cldit.simulate(cldit.parse_scene(data), device=device, cache=tmp_path / "cache")
 

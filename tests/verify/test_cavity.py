@@ -31,7 +31,12 @@ def closure(run: Run) -> float:
 
 
 def cavity(
-    run_block: Callable[..., Run], *, depth: float, albedo: float, vapour: float, cells: int = 16,
+    run_block: Callable[..., Run],
+    *,
+    depth: float,
+    albedo: float,
+    vapour: float,
+    cells: int = 16,
     **scene: Any,
 ) -> Run:
     """A cube full of droplets (and vapour), `depth` per cell's edge."""
@@ -87,8 +92,11 @@ def test_flat_all_round(run_block: Callable[..., Run]) -> None:
     """A background that surrounds everything: no light from the wall at all."""
     per_m = 0.4 / (EDGE / 16)
     run = run_block(
-        {"droplet_scattering_per_m": per_m, "droplet_absorption_per_m": 0.1 * per_m,
-         "droplet_temperature_K": T},
+        {
+            "droplet_scattering_per_m": per_m,
+            "droplet_absorption_per_m": 0.1 * per_m,
+            "droplet_temperature_K": T,
+        },
         size_m=(0.1, 0.1, 0.1),
         domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / 16},
         camera={"pixels": 15},

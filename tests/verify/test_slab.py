@@ -33,7 +33,10 @@ def test_beer_lambert_and_kirchhoff(run_block: Callable[..., Run], depth: float)
     run = run_block(
         {"vapour_absorption_per_m": depth / THICKNESS, "vapour_temperature_K": 470.0},
         size_m=(EDGE, THICKNESS, EDGE),
-        domain=DOMAIN, camera=CAMERA, background=BEHIND, transport={"cutoff": 0.0},
+        domain=DOMAIN,
+        camera=CAMERA,
+        background=BEHIND,
+        transport={"cutoff": 0.0},
     )
     expected = -np.expm1(-depth)
     np.testing.assert_allclose(run.weights.background, np.exp(-depth), atol=1e-6)
@@ -60,8 +63,15 @@ def disort(depth: float, albedo: float) -> tuple[float, float]:
     answers = []
     for behind, front in ((1.0, 0.0), (0.0, 1.0)):
         *_, u0, _ = solver.pydisort(
-            np.array([depth]), np.array([albedo]), streams, moments, 0.5, 0.0, 0.0,
-            b_pos=behind, b_neg=front,
+            np.array([depth]),
+            np.array([albedo]),
+            streams,
+            moments,
+            0.5,
+            0.0,
+            0.0,
+            b_pos=behind,
+            b_neg=front,
         )
         mean = [float(u0(t) @ np.concatenate([node_weight, node_weight])) / 2 for t in at]
         scattered = float(np.sum(albedo * np.asarray(mean) * np.exp(-at) * weight))
@@ -85,7 +95,9 @@ def test_scattering_slab_against_disort(
             "droplet_temperature_K": 400.0,
         },
         size_m=(EDGE, THICKNESS, EDGE),
-        domain=DOMAIN, camera=CAMERA, background=BEHIND,
+        domain=DOMAIN,
+        camera=CAMERA,
+        background=BEHIND,
     )
     behind, front = disort(depth, albedo)
     assert run.weights.background[4, 4] == pytest.approx(behind, abs=5e-3)
@@ -115,8 +127,11 @@ def test_refinement_converges_with_scattering(run_block: Callable[..., Run]) -> 
     middles = []
     for cells in (8, 16, 32, 64):
         run = run_block(
-            {"droplet_scattering_per_m": 20.0, "droplet_absorption_per_m": 5.0,
-             "droplet_temperature_K": 400.0},
+            {
+                "droplet_scattering_per_m": 20.0,
+                "droplet_absorption_per_m": 5.0,
+                "droplet_temperature_K": 400.0,
+            },
             size_m=(0.1, 0.1, 0.1),
             domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / cells},
             camera=CAMERA,

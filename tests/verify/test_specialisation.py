@@ -30,9 +30,7 @@ SCATTERING = {"droplet_scattering_per_m": 10.0}
         ({"vapour_absorption_per_m": 0.0}, set()),
     ],
 )
-def test_defines(
-    run_block: Callable[..., Run], arrays: dict[str, float], flags: set[str]
-) -> None:
+def test_defines(run_block: Callable[..., Run], arrays: dict[str, float], flags: set[str]) -> None:
     run = run_block(arrays, size_m=CUBE, **SMALL)
     built = run.info.defines
     assert {name for name in built["image.cl"] if name.startswith("HAS_")} == flags
@@ -42,9 +40,7 @@ def test_defines(
 
 
 def test_enclosure_compiles_no_disc(run_block: Callable[..., Run]) -> None:
-    run = run_block(
-        VAPOUR, size_m=CUBE, **SMALL, background={"shape": "enclosure"}
-    )
+    run = run_block(VAPOUR, size_m=CUBE, **SMALL, background={"shape": "enclosure"})
     assert "BOUNDARY_DISC" not in run.info.defines["image.cl"]
     assert not np.any(run.weights.wall)
 
