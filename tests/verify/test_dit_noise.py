@@ -106,8 +106,8 @@ def test_one_shot_camera_noise(depth: float) -> None:
 
 @pytest.mark.parametrize(
     ("shots", "tolerance"),
-    # Scatter that is estimated is clipped at none, so the errors are stated too large without any:
-    # positive half of sqrt(2 / 20) = 0.13 of the injections' variance with 5 shots, 0.07 with 19.
+    # An estimated scatter is never negative, so without any the errors come out too large: by the
+    # positive half of sqrt(2 / 20), 13 % of the injections' variance, with 5 shots; 7 % with 19.
     [(5, 0.25), (19, 0.15)],
 )
 @pytest.mark.parametrize(

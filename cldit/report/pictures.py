@@ -1,0 +1,273 @@
+"""Pictures as PNG: maps, weights, camera images, errors; axes in mm, injector tip at (0, 0)."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from cldit.dit.maps import Maps, Reason
+from cldit.radiance.weights import Weights
+from cldit.report.colours import (
+    UNKNOWN,
+    emissivity_scale,
+    map_colours,
+    picture_colours,
+    temperature_range_K,
+)
+
+_DPI = 130
+_GREY = (UNKNOWN, UNKNOWN, UNKNOWN)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where a picture lies: size of its pixels on the object, and (x, z) of its middle."""
+
+    pixel_m: tuple[float, float]
+    centre_m: tuple[float, float] = (0.0, 0.0)
+
+    def extent_mm(self, shape: tuple[int, ...]) -> tuple[float, float, float, float]:
+        """Left, right, bottom, top of a picture of (H, W) pixels."""
+        half_x, half_z = 500.0 * self.pixel_m[0] * shape[1], 500.0 * self.pixel_m[1] * shape[0]
+        x, z = (1e3 * middle for middle in self.centre_m)
+        return x - half_x, x + half_x, z - half_z, z + half_z
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One picture of numbers (H, W), NaN shown grey.
+
+    `limits` are those of the colours; without them, all but the outermost thousandths.
+    """
+
+    image: NDArray[np.generic]
+    title: str
+    label: str
+    limits: tuple[float, float] | None = None
+    colours: str = "inferno"
+    logarithmic: bool = False
+
+
+def _figure(width_in: float, height_in: float) -> Figure:
+    figure = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _png(figure: Figure) -> bytes:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=_DPI, bbox_inches="tight", pad_inches=0.08)
+    return stream.getvalue()
+
+
+def _plain(text: str) -> str:
+    """User text in a title: `$` would start a formula."""
+    return text.replace("$", r"\$")
+
+
+def _axes_mm(axes: Axes, frame: Frame, shape: tuple[int, ...]) -> None:
+    left, right, bottom, top = frame.extent_mm(shape)
+    axes.set_xlabel("x / mm")
+    axes.set_ylabel("z / mm")
+    axes.set_xlim(left, right)
+    axes.set_ylim(bottom, top)
+    if left <= 0.0 <= right and bottom <= 0.0 <= top:
+        axes.plot(0.0, 0.0, marker="v", markersize=8, color="black", markeredgecolor="white")
+        axes.annotate(
+            "injector",
+            (0.0, 0.0),
+            xytext=(0, 7),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+            color="black",
+            bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "lw": 0},
+        )
+
+
+def _aspect(frame: Frame, shape: tuple[int, ...]) -> float:
+    """Height over width, kept drawable."""
+    left, right, bottom, top = frame.extent_mm(shape)
+    return float(np.clip((top - bottom) / (right - left), 0.3, 3.0))
+
+
+def _explained(maps: Maps) -> str:
+    """What white and grey mean here, with the number of pixels; empty when nothing is."""
+    count = maps.count()
+    lines = []
+    if clear := count.get(Reason.EMISSIVITY_TOO_LOW, 0):
+        lines.append(f"white: transparent, no apparent temperature ({clear} pixels)")
+    grey = [
+        f"{reason.text} ({number})"
+        for reason, number in count.items()
+        if reason not in (Reason.OK, Reason.EMISSIVITY_TOO_LOW)
+    ]
+    if grey:
+        lines.append("grey: " + "; ".join(grey))
+    return "\n".join(lines)
+
+
+def map_picture(
+    maps: Maps,
+    frame: Frame,
+    *,
+    title: str,
+    range_K: tuple[float, float] | None = None,
+    scale: float | None = None,
+) -> bytes:
+    """Both maps in one PNG: hue = apparent temperature, saturation = emissivity, value = 1.
+
+    The colouring of the paper (Section 3). Where there is no temperature since the spray is
+    transparent, white; where there is none for another reason, light grey.
+
+    Args:
+        range_K: temperatures of blue and red; None: percentiles, see `temperature_range_K`.
+        scale: emissivity of full saturation; None: see `emissivity_scale`.
+    """
+    chosen_K = temperature_range_K(maps) if range_K is None else range_K
+    full = emissivity_scale(maps) if scale is None else scale
+    shape = maps.emissivity.shape
+    figure = _figure(7.6, max(3.4, 5.2 * _aspect(frame, shape) + 1.2))
+    axes = figure.subplots()
+    key = axes.inset_axes((1.05, 0.0, 0.18, 1.0))
+    axes.imshow(
+        picture_colours(maps, range_K=chosen_K, scale=full),
+        extent=frame.extent_mm(shape),
+        interpolation="nearest",
+    )
+    _axes_mm(axes, frame, shape)
+    figure.suptitle(_plain(title), fontsize=11)
+    if note := _explained(maps):
+        figure.supxlabel(note, fontsize=7.5, color="0.25")
+    low, high = chosen_K
+    if high > low:
+        warm, there = np.meshgrid(np.linspace(high, low, 240), np.linspace(0, full, 60))
+        key.imshow(
+            map_colours(there.T, warm.T, range_K=chosen_K, scale=full),
+            extent=(0.0, full, low, high),
+            aspect="auto",
+        )
+        key.yaxis.tick_right()
+        key.yaxis.set_label_position("right")
+        key.set_ylabel("apparent temperature / K")
+        key.set_xlabel("emissivity")
+        key.set_xticks([0.0, full], ["0", f"{full:g}"])
+    else:
+        key.set_axis_off()
+        key.text(0.5, 0.5, "no apparent\ntemperature", ha="center", va="center", fontsize=9)
+    return _png(figure)
+
+
+def panels_picture(panels: Sequence[Panel], frame: Frame, *, title: str) -> bytes:
+    """PNG of one or more pictures with a colour bar each, at most two side by side."""
+    columns = min(2, len(panels))
+    rows = -(-len(panels) // columns)
+    aspect = _aspect(frame, panels[0].image.shape)
+    width = 6.4 if columns == 1 else 10.4
+    each = (width / columns - 1.7) * aspect + 0.9
+    figure = _figure(width, rows * each + 0.4)
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes, panel in zip(grid, panels, strict=False):
+        _draw(axes, panel, frame)
+    for axes in grid[len(panels) :]:
+        axes.set_axis_off()
+    figure.suptitle(_plain(title), fontsize=11)
+    return _png(figure)
+
+
+def _draw(axes: Axes, panel: Panel, frame: Frame) -> None:
+    shape = panel.image.shape
+    values = panel.image.astype(np.float64)
+    low, high = panel.limits or robust_limits(values)
+    axes.set_facecolor(_GREY)
+    drawn = axes.imshow(
+        np.ma.masked_invalid(values),
+        extent=frame.extent_mm(shape),
+        cmap=panel.colours,
+        norm=LogNorm(low, high) if panel.logarithmic else Normalize(low, high),
+        interpolation="nearest",
+    )
+    _axes_mm(axes, frame, shape)
+    if panel.title:
+        axes.set_title(panel.title, fontsize=9.5)
+    beyond = bool(np.any(values < low)), bool(np.any(values > high))
+    extend = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    axes.figure.colorbar(
+        drawn,
+        cax=axes.inset_axes((1.03, 0.0, 0.045, 1.0)),
+        label=panel.label,
+        extend=extend.get(beyond, "neither"),
+    )
+
+
+def robust_limits(values: NDArray[np.floating], *, cut: float = 0.1) -> tuple[float, float]:
+    """Percentiles `cut` and 100 - `cut` of what is finite; never an empty interval."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return 0.0, 1.0
+    low, high = (float(at) for at in np.percentile(known, [cut, 100.0 - cut]))
+    return (low, high) if high > low else (low, low + max(1.0, abs(low)) * 1e-6)
+
+
+def weights_picture(weights: Weights, frame: Frame, *, title: str) -> bytes:
+    """PNG of the four weights."""
+    return panels_picture(
+        [
+            Panel(weights.background, "seen of the background", "share", (0.0, 1.0), "gray"),
+            Panel(weights.wall, "seen of the walls", "share", colours="gray"),
+            Panel(weights.vapour, "emitted by vapour", "photons s$^{-1}$ m$^{-2}$ sr$^{-1}$"),
+            Panel(weights.liquid, "emitted by droplets", "photons s$^{-1}$ m$^{-2}$ sr$^{-1}$"),
+        ],
+        frame,
+        title=title,
+    )
+
+
+def camera_picture(
+    image: NDArray[np.generic],
+    frame: Frame,
+    *,
+    background_K: float,
+    limits: tuple[float, float] | None = None,
+    title: str = "",
+) -> bytes:
+    """PNG of one recorded image (rows, columns) in counts before one background."""
+    heading = f"{title}, background {background_K:g} K" if title else f"{background_K:g} K"
+    return panels_picture([Panel(image, "", "counts", limits)], frame, title=heading)
+
+
+def errors_picture(maps: Maps, frame: Frame, *, title: str) -> bytes:
+    """PNG of both standard errors; that of the temperature, which spans decades, in log colours."""
+    error_K = maps.apparent_temperature_standard_error_K
+    positive = error_K[np.isfinite(error_K) & (error_K > 0)].astype(np.float64)
+    known = maps.emissivity_standard_error
+    limits = robust_limits(positive, cut=1.0) if positive.size else (0.0, 1.0)
+    return panels_picture(
+        [
+            Panel(
+                known,
+                "standard error of emissivity",
+                "",
+                (0.0, robust_limits(known)[1]),
+                "viridis",
+            ),
+            Panel(
+                error_K,
+                "standard error of apparent temperature",
+                "K",
+                limits,
+                "viridis",
+                logarithmic=bool(positive.size),
+            ),
+        ],
+        frame,
+        title=title,
+    )
