@@ -67,7 +67,7 @@ def read_foam(path: Path) -> FoamFile:
     head = _HEADER.search(content[:10_000])
     if head is None:
         raise SprayError(f"{found}: is not an OpenFOAM file (no FoamFile header)")
-    entries = dict(re.findall(rb"(\w+)\s+([^;]+);", head.group(1)))
+    entries = dict(re.findall(rb'(\w+)\s+("[^"]*"|[^;]+);', head.group(1)))
     arch = entries.get(b"arch", b"").decode("latin-1")
     label = re.search(r"label=(\d+)", arch)
     scalar = re.search(r"scalar=(\d+)", arch)

@@ -89,7 +89,11 @@ def read_openfoam(
         mesh=join(meshes),
         gas=gas,
         available=tuple(
-            sorted(each.name.removesuffix(".gz") for each in (roots[0] / folder).glob("*[!~]"))
+            sorted(
+                each.name.removesuffix(".gz")
+                for each in (roots[0] / folder).iterdir()
+                if each.is_file()
+            )
         ),
         cloud=None if chosen is None else _cloud(chosen, roots, folder, meshes),
         injectors=_injectors(case, chosen),

@@ -113,9 +113,10 @@ def _place(path: Path) -> tuple[Path, str | None]:
 
 def _top(folder: Path) -> Path:
     """From `CASE_12` or `lagrangian/cloud` up to the folder that holds the steps."""
-    if "lagrangian" in folder.parts:
-        folder = folder.parents[folder.parts[::-1].index("lagrangian")]
-    return folder.parent if _NUMBER.search(folder.name) else folder
+    for here in (folder, folder.parent):
+        if here.name == "lagrangian":
+            folder = here.parent
+    return folder.parent if (folder / "internal.vtu").is_file() else folder
 
 
 def _steps(folder: Path) -> dict[str, _Step]:

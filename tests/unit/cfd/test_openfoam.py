@@ -1,0 +1,217 @@
+"""OpenFOAM cases written by the test, in every form: the spray is what was written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from cldit.scene.schema import CfdSpray
+from cldit.spray.cfd import read_cfd
+from cldit.spray.openfoam import read_openfoam
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+
+NOZZLE = (0.5e-3, 9e-3, 0.1e-3)
+AVOGADRO_MOL = 6.02214076e23
+HEPTANE_KG_MOL = 0.100204
+FORMS: dict[str, dict[str, Any]] = {
+    "ascii": {},
+    "ascii-gz": {"gz": True},
+    "binary": {"binary": True},
+    "binary-gz": {"binary": True, "gz": True},
+    "binary-label64": {"binary": True, "label": 64},
+    "binary-scalar32": {"binary": True, "scalar": 32},
+}
+
+
+def spec(case: Path, **keys: Any) -> CfdSpray:
+    return CfdSpray(**({"file": case, "nozzle_m": NOZZLE, "axis": "-y"} | keys))
+
+
+@pytest.mark.parametrize("barycentric", ["", "positions", "coordinates"])
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("shear", [0.0, 0.3])
+def test_every_form_gives_what_was_written(
+    tmp_path: Path, foam: Foam, form: str, barycentric: str, shear: float
+) -> None:
+    block, gas, cloud = foam.sample(shear)
+    foam.write(
+        tmp_path,
+        block,
+        gas=gas,
+        cloud=cloud,
+        barycentric=barycentric,
+        form=foam.form(**FORMS[form]),
+    )
+    (tmp_path / "case.foam").touch()
+    spray = read_cfd(spec(tmp_path / "case.foam"))
+
+    # numbers are kept to the last bit but for float32 files: half an ulp, and 3e-9 m on 1e-2 m
+    tolerance = 1e-6 if "32" in form else 1e-12
+    assert spray.parcels is not None
+    assert spray.vapour is not None
+    for name, key in (
+        ("diameter_m", "d"),
+        ("droplets", "nParticle"),
+        ("temperature_K", "T"),
+        ("density_kg_m3", "rho"),
+    ):
+        assert getattr(spray.parcels, name) == pytest.approx(cloud[key], rel=tolerance)
+    x, y, z = (cloud["position"] - NOZZLE).T
+    turned = np.stack([x, -z, y], axis=1)  # -y becomes -z by a turn about x
+    assert spray.parcels.position_m == pytest.approx(turned, abs=1e-2 * tolerance, rel=0)
+
+    assert spray.vapour.temperature_K == pytest.approx(gas["T"], rel=tolerance)
+    number = gas["rho"] * gas["C7H16"] * AVOGADRO_MOL / HEPTANE_KG_MOL
+    assert spray.vapour.number_density_m3 == pytest.approx(number, rel=tolerance)
+    # a cell of 1e-3 m between float32 coordinates of 1e-2 m: 1e-9 / 1e-3 an edge
+    loose = 5e-6 if "32" in form else 1e-11
+    assert spray.vapour.cells.volume_m3 == pytest.approx(block.volume, rel=loose)
+    middle = (spray.vapour.cells.lower_m + spray.vapour.cells.upper_m) / 2
+    x, y, z = (block.centre - NOZZLE).T
+    assert middle == pytest.approx(np.stack([x, -z, y], axis=1), abs=1e-2 * loose, rel=0)
+
+    mass = float(np.sum(gas["rho"] * gas["C7H16"] * block.volume))
+    liquid = float(np.sum(cloud["nParticle"] * cloud["rho"] * np.pi / 6 * cloud["d"] ** 3))
+    assert spray.notes["vapour_mass_kg"] == pytest.approx(mass, rel=loose)
+    assert spray.notes["liquid_mass_kg"] == pytest.approx(liquid, rel=loose)
+    assert spray.notes["parcels"] == 17
+    assert spray.notes["time_s"] == 0.001
+    assert not spray.remarks  # nozzle and axis were given
+
+
+def test_boxes_are_the_cells_where_those_are_boxes(tmp_path: Path, foam: Foam) -> None:
+    block, gas, _ = foam.sample()
+    foam.write(tmp_path, block, gas=gas)
+    vapour = read_cfd(spec(tmp_path, axis="-z", nozzle_m=(0, 0, 0))).vapour
+    assert vapour is not None
+    corners = vapour.cells.lower_m.reshape(2, 4, 3, 3), vapour.cells.upper_m.reshape(2, 4, 3, 3)
+    for axis, edge in enumerate(block.edges):
+        along = (2 - axis,)
+        shape = [1, 1, 1]
+        shape[along[0]] = -1
+        for corner, expected in zip(corners, (edge[:-1], edge[1:]), strict=True):
+            wanted = np.broadcast_to(expected.reshape(shape), (2, 4, 3))
+            assert corner[..., axis] == pytest.approx(wanted, abs=1e-16, rel=0)
+
+
+@pytest.mark.parametrize("barycentric", ["", "coordinates"])
+def test_decomposed(tmp_path: Path, foam: Foam, barycentric: str) -> None:
+    block, gas, cloud = foam.sample()
+    shifted = foam.block((block.edges[0] + 1.0, block.edges[1], block.edges[2]))
+    apart = cloud | {"position": cloud["position"] + (1.0, 0.0, 0.0)}
+    half = {name: values[:5] for name, values in apart.items()}
+    foam.write(tmp_path / "processor0", block, gas=gas)  # the spray has not reached it
+    foam.write(tmp_path / "processor2", shifted, gas=gas, cloud=apart, barycentric=barycentric)
+    foam.write(tmp_path / "processor10", shifted, gas=gas, cloud=half, barycentric=barycentric)
+    spray = read_cfd(spec(tmp_path))
+    assert spray.parcels is not None
+    wanted = np.concatenate([apart["position"], half["position"]]) - NOZZLE
+    assert spray.parcels.position_m[:, 0] == pytest.approx(wanted[:, 0], abs=1e-13, rel=0)
+    single = np.sum(gas["rho"] * gas["C7H16"] * block.volume)
+    assert spray.notes["vapour_mass_kg"] == pytest.approx(3 * single, rel=1e-11)
+    assert spray.notes["gas_cells"] == 3 * block.cells
+
+
+def test_times(tmp_path: Path, foam: Foam) -> None:
+    block, gas, _ = foam.sample()
+    for time, fuel in (("0", 0.1), ("2.5e-05", 0.2), ("0.001", 0.3)):
+        foam.write(tmp_path, block, gas=gas | {"C7H16": fuel}, time=time)
+    (tmp_path / "0.002").mkdir()  # nothing in it that we read
+    # this time only exists decomposed
+    foam.write(tmp_path / "processor0", block, gas=gas | {"C7H16": 0.4}, time="0.0015")
+    for wanted, fuel in ((None, 0.4), (0.001, 0.3), (2.5e-5, 0.2), (0.0, 0.1)):
+        spray = read_cfd(spec(tmp_path, time_s=wanted))
+        assert spray.notes["vapour_mass_fraction_max"] == fuel
+
+
+def test_mesh_that_moves(tmp_path: Path, foam: Foam) -> None:
+    block, gas, _ = foam.sample()
+    foam.write(tmp_path, block, gas=gas)
+    longer = foam.block((2 * block.edges[0], block.edges[1], block.edges[2]))
+    body = foam.form().numbers(longer.points)
+    foam.form().write(tmp_path / "0.0005" / "polyMesh" / "points", "vectorField", body)
+    foam.form().write(tmp_path / "0.002" / "polyMesh" / "points", "vectorField", body[:50])
+    mass = np.sum(gas["rho"] * gas["C7H16"] * longer.volume)
+    assert read_cfd(spec(tmp_path)).notes["vapour_mass_kg"] == pytest.approx(mass, rel=1e-11)
+
+
+def test_density_from_pressure(tmp_path: Path, foam: Foam) -> None:
+    """2 mol of nitrogen-like gas and 1 mol of heptane in the volume that p V = N R T gives them."""
+    block, _, _ = foam.sample()
+    fuel = HEPTANE_KG_MOL / (HEPTANE_KG_MOL + 2 * 0.02885)
+    foam.write(tmp_path, block, gas={"T": 600.0, "p": 3e6, "C7H16": fuel})
+    vapour = read_cfd(spec(tmp_path)).vapour
+    assert vapour is not None
+    molecules = 3e6 / (1.380649e-23 * 600.0)  # per m3, p = n k T
+    assert vapour.number_density_m3 == pytest.approx(molecules / 3, rel=1e-9)
+
+
+def test_gas_without_fuel_and_cells_with_a_trace_are_left_out(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    foam.write(tmp_path / "none", block, gas=gas | {"C7H16": 0.0}, cloud=cloud)
+    spray = read_cfd(spec(tmp_path / "none"))
+    assert spray.vapour is None
+    assert spray.notes["vapour_mass_kg"] == 0.0
+    fraction = np.zeros(block.cells)
+    fraction[3], fraction[4], fraction[5] = 0.2, 1e-150, -1e-5
+    foam.write(tmp_path / "trace", block, gas=gas | {"C7H16": fraction})
+    spray = read_cfd(spec(tmp_path / "trace"))
+    assert spray.vapour is not None
+    assert spray.vapour.temperature_K.tolist() == [gas["T"][3]]
+    assert spray.parcels is None
+
+
+def test_uniform_lists_of_a_cloud(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    folder = tmp_path / "0.001" / "lagrangian" / "sprayCloud"
+    foam.form().write(folder / "rho", "scalarField", b"17{612.5}")
+    foam.form().write(folder / "U", "vectorField", b"17{(0 -3 0)}")
+    spray = read_cfd(spec(tmp_path, axis=None))
+    assert spray.parcels is not None
+    assert spray.parcels.density_kg_m3.tolist() == [612.5] * 17
+    assert spray.notes["axis_y"] == -1.0
+
+
+@pytest.mark.parametrize("form", ["ascii", "ascii-gz", "binary", "binary-label64"])
+def test_same_as_vtk_reads(tmp_path: Path, foam: Foam, form: str) -> None:
+    """vtk's own reader knows nothing of ours: fields, volumes and positions must agree."""
+    pytest.importorskip("vtk")
+    from vtkmodules.util import numpy_support
+    from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
+    from vtkmodules.vtkIOParallel import vtkPOpenFOAMReader
+
+    numpy_of: Any = numpy_support.vtk_to_numpy
+    block, gas, cloud = foam.sample()
+    foam.write(tmp_path, block, gas=gas, cloud=cloud, form=foam.form(**FORMS[form]))
+    (tmp_path / "case.foam").touch()
+    case = read_openfoam(tmp_path, time_s=None, fields=("T", "rho"), cloud=None)
+
+    reader = vtkPOpenFOAMReader()
+    reader.SetFileName(str(tmp_path / "case.foam"))
+    reader.UpdateInformation()
+    reader.EnableAllPatchArrays()
+    reader.Update()
+    blocks: Any = reader.GetOutput()
+    grid = blocks.GetBlock(0)
+    sizes = vtkCellSizeFilter()
+    sizes.SetInputData(grid)
+    sizes.Update()
+    data: Any = sizes.GetOutput()
+    # vtk keeps float32: 6e-8 a number, and 1e-9 m of an edge of 1e-3 m
+    volume, _ = case.mesh.volume_and_centroid
+    assert volume == pytest.approx(numpy_of(data.GetCellData().GetArray("Volume")), rel=5e-6)
+    for name in ("T", "rho"):
+        seen = numpy_of(grid.GetCellData().GetArray(name))
+        assert case.gas[name].values == pytest.approx(seen, rel=1e-6)
+    points = blocks.GetBlock(blocks.GetNumberOfBlocks() - 1).GetBlock(0)
+    assert case.cloud is not None
+    seen = numpy_of(points.GetPoints().GetData())
+    assert case.cloud.position_m.values == pytest.approx(seen, abs=2e-9, rel=0)
+    seen = numpy_of(points.GetPointData().GetArray("nParticle"))
+    assert case.cloud.fields["nParticle"].values == pytest.approx(seen, rel=1e-6)
