@@ -73,7 +73,7 @@ def read_image(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
         with tifffile.TiffFile(path) as tiff:
             image = np.asarray(tiff.asarray())
             imagej = tiff.imagej_metadata or {}
-    except (OSError, ValueError, IndexError, tifffile.TiffFileError) as error:
+    except Exception as error:  # a damaged header leads tifffile into errors of many kinds
         raise RunFolderError(f"{path}: cannot be read as TIFF ({error})") from error
     try:
         info = json.loads(imagej.get("Info", "{}"))

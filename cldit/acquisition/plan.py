@@ -80,7 +80,7 @@ class Plan(Section):
         if self.drift_K < self.stability.tolerance_K:
             raise ValueError(
                 f"drift_K: {self.drift_K:g} is less than stability.tolerance_K, "
-                f"{self.stability.tolerance_K:g}; shots before a stable background would be rejected"
+                f"{self.stability.tolerance_K:g}; every shot would be rejected"
             )
         return self
 

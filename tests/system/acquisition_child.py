@@ -1,0 +1,123 @@
+"""Runs an acquisition that the tests kill: `acquisition_child.py RIG PLAN FOLDER [POINT NUMBER]`.
+
+With POINT it kills itself with SIGKILL when that point is reached for the NUMBERth time.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import cldit.acquisition.journal as journal_module
+import cldit.acquisition.runner as runner_module
+from cldit.acquisition import acquire, disk, load_plan, storage
+from cldit.errors import ClditError
+from cldit.rig.load import Rig, open_rig
+
+ACQUIRE_FAILED = 3
+
+
+def die() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def arm(point: str, number: int, rig: Rig) -> None:
+    """Replaces what happens at `point` by death, the NUMBERth time."""
+    count = 0
+
+    def reached() -> bool:
+        nonlocal count
+        count += 1
+        return count == number
+
+    save_shot, write_text = storage.save_shot, disk.write_text
+    append, fire = journal_module.Journal.append, rig.trigger.fire
+    replace = Path.replace
+
+    if point == "journal_line":  # the journal has got its NUMBERth line of this process
+
+        def dying_append(self: Any, *args: Any, **kwargs: Any) -> Any:
+            entry = append(self, *args, **kwargs)
+            if reached():
+                die()
+            return entry
+
+        journal_module.Journal.append = dying_append  # type: ignore[method-assign]
+    elif point == "torn_line":  # half of the line is written
+        real_write = os.write
+
+        def torn(handle: int, data: bytes) -> int:
+            if data.startswith(b'{"seq"') and reached():
+                real_write(handle, data[: len(data) // 2])
+                die()
+            return real_write(handle, data)
+
+        os.write = torn  # type: ignore[assignment]
+    elif point == "fire":  # `fired` is on the disk, the pulse is not out yet
+
+        def dying_fire() -> None:
+            if reached():
+                die()
+            fire()
+
+        rig.trigger.fire = dying_fire  # type: ignore[method-assign]
+    elif point == "fired":  # the pulse is out, the frame not read
+
+        def fire_and_die() -> None:
+            fire()
+            if reached():
+                die()
+
+        rig.trigger.fire = fire_and_die  # type: ignore[method-assign]
+    elif point == "part":  # the picture is written, not renamed
+
+        def dying_replace(self: Path, target: Any) -> Any:
+            if self.name.endswith(".tif.part") and reached():
+                die()
+            return replace(self, target)
+
+        Path.replace = dying_replace  # type: ignore[method-assign]
+    elif point == "renamed":  # the picture is in its place, the journal does not know
+
+        def dying_save(*args: Any, **kwargs: Any) -> None:
+            save_shot(*args, **kwargs)
+            if reached():
+                die()
+
+        runner_module.save_shot = dying_save  # type: ignore[attr-defined]
+    elif point == "folder":  # between the files that are written before the first shot
+
+        def dying_text(path: Path, text: str) -> None:
+            write_text(path, text)
+            if reached():
+                die()
+
+        runner_module.write_text = dying_text  # type: ignore[attr-defined]
+    else:
+        raise SystemExit(f"no such point: {point}")
+
+
+def main() -> int:
+    rig_path, plan_path, folder, *death = sys.argv[1:]
+    rig = open_rig(rig_path)
+    if death:
+        arm(death[0], int(death[1]), rig)
+
+    def progress(state: Any) -> None:
+        print(state.done, flush=True)
+
+    try:
+        with rig:
+            record = acquire(rig, load_plan(plan_path), Path(folder), progress=progress)
+    except ClditError as error:
+        print(f"{type(error).__name__}: {error}", file=sys.stderr)
+        return ACQUIRE_FAILED
+    print("complete" if record.complete else "stopped", record.lost_injections, flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

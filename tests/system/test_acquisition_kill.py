@@ -1,0 +1,245 @@
+"""An acquisition as a process of its own: killed, interrupted, without room on the disk.
+
+Rationale: whatever happens to the computer, every injection that went into the vessel must be
+known, and every shot of the plan must be there once after resuming.
+Set-up: a tiny traced scene, the simulated rig, ten shots; the simulated injector counts its
+pulses into a file of its own, as the real one would on a counter.
+Expected, for every kill: each shot saved once; each pulse has its `fired` line; each `fired`
+line ends in `saved`, `rejected` or `lost`; no unfinished file stays.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from cldit.acquisition import Plan, open_acquisition
+from cldit.acquisition.journal import read_journal
+from cldit.acquisition.storage import exclusive
+
+CHILD = Path(__file__).with_name("acquisition_child.py")
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="SIGKILL is POSIX")
+
+
+class Bench:
+    """One acquisition folder, the rig file and plan for it, and processes that work on it."""
+
+    def __init__(self, rig: dict[str, Any], plan: Plan, folder: Path) -> None:
+        self.pulse_log = Path(rig["trigger"]["settings"]["pulse_log"])
+        self.plan = plan
+        self.folder = folder / "acquired"
+        self.rig_path, self.plan_path = folder / "rig.yaml", folder / "plan.yaml"
+        self.rig_path.write_text(yaml.safe_dump(rig))
+        self.change()
+
+    def change(self, **values: Any) -> None:
+        """Another plan, before anything is acquired."""
+        self.plan = self.plan.model_copy(update=values)
+        self.plan_path.write_text(self.plan.dump())
+
+    def start(self, *death: str, **options: Any) -> subprocess.Popen[str]:
+        command = [sys.executable, str(CHILD), str(self.rig_path), str(self.plan_path)]
+        return subprocess.Popen(
+            [*command, str(self.folder), *death],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            **options,
+        )
+
+    def run(self, *death: str, **options: Any) -> tuple[int, str, str]:
+        with self.start(*death, **options) as process:
+            out, err = process.communicate(timeout=60)
+        return process.returncode, out, err
+
+    def pulses(self) -> Counter[bool]:
+        if not self.pulse_log.exists():
+            return Counter()
+        entries = [json.loads(line) for line in self.pulse_log.read_text().splitlines()]
+        return Counter(entry["inject"] for entry in entries)
+
+    def lines(self) -> list[dict[str, Any]]:
+        return read_journal(self.folder / "journal.jsonl")
+
+    def check(self) -> None:
+        """The acquisition is complete and nothing is unaccounted for."""
+        acquisition = open_acquisition(self.folder)
+        assert acquisition.complete
+        assert len({acquisition.load(shot).tobytes() for shot in acquisition.shots}) == len(
+            self.plan.steps()
+        )
+        names = sorted(path.name for path in (self.folder / "shots").iterdir())
+        assert names == sorted(f"{shot.id}.tif" for shot in self.plan.steps())
+        entries = self.lines()
+        saved = Counter(entry["shot"] for entry in entries if entry["event"] == "saved")
+        assert saved == Counter(shot.id for shot in self.plan.steps())
+        fired = [entry for entry in entries if entry["event"] == "fired"]
+        attempts = Counter((entry["shot"], entry["attempt"]) for entry in fired)
+        ended = Counter(
+            (entry["shot"], entry["attempt"])
+            for entry in entries
+            if entry["event"] in ("saved", "rejected", "lost")
+        )
+        assert attempts == ended and set(attempts.values()) == {1}
+        announced = Counter(entry["inject"] for entry in fired)
+        pulses = self.pulses()
+        wanted = Counter(shot.kind == "injection" for shot in self.plan.steps())
+        for inject in (True, False):
+            assert wanted[inject] <= pulses[inject] <= announced[inject]
+
+
+@pytest.fixture
+def bench(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> Bench:
+    return Bench(tiny_rig, tiny_plan, tmp_path)
+
+
+def test_killed_at_every_kind_of_point(bench: Bench) -> None:
+    """One acquisition, killed eleven times in turn; each process gets a little further."""
+    deaths = [
+        ("folder", "1"),
+        ("folder", "3"),
+        ("journal_line", "1"),  # start
+        ("torn_line", "2"),
+        ("fire", "1"),
+        ("fired", "1"),
+        ("part", "2"),
+        ("renamed", "2"),
+        ("journal_line", "6"),
+        ("torn_line", "5"),
+        ("fired", "2"),
+    ]
+    for death in deaths:
+        code, out, err = bench.run(*death)
+        assert code == -signal.SIGKILL, (death, out, err)
+    code, out, err = bench.run()
+    assert code == 0, err
+    bench.check()
+    events = Counter(entry["event"] for entry in bench.lines())
+    assert events["start"] == 9 + 1 and events["lost"] >= 4
+    assert any(entry.get("adopted") for entry in bench.lines())
+    lost = sum(entry["inject"] for entry in bench.lines() if entry["event"] == "lost")
+    assert out.splitlines()[-1] == f"complete {lost}"
+    # At two deaths ("fire", and the sixth line of its process is a `fired` one) the pulse was
+    # announced but not sent; every other announced pulse was counted by the injector, and no more.
+    fired = sum(entry["event"] == "fired" for entry in bench.lines())
+    assert fired - sum(bench.pulses().values()) == 2
+
+
+def test_killed_at_any_time(bench: Bench) -> None:
+    """A hundred shots, five kills at seeded moments, then to the end.
+
+    A process needs some 10 ms to a stable background and some 3 ms a shot, so that 5 x 30 ms do
+    not suffice for all of them.
+    """
+    bench.change(shots=30, references=20)
+    rng = random.Random(20)
+    for _ in range(5):
+        with bench.start() as process:
+            assert process.stdout is not None
+            process.stdout.readline()  # preflight begins
+            time.sleep(rng.uniform(0.0, 0.03))
+            process.kill()
+            process.communicate(timeout=60)
+        assert process.returncode == -signal.SIGKILL
+    code, out, err = bench.run()
+    assert code == 0 and out.splitlines()[-1].startswith("complete"), err
+    bench.check()
+
+
+def long_shots(bench: Bench, *, real_time_factor: float) -> None:
+    """Shots that take a second of the rig's time, on a clock that passes; no other waiting."""
+    data = yaml.safe_load(bench.rig_path.read_text())
+    data["clock"]["real_time_factor"] = real_time_factor
+    data["background"]["settings"]["time_constant_s"] = 0.0
+    bench.rig_path.write_text(yaml.safe_dump(data))
+    bench.change(
+        stability=bench.plan.stability.model_copy(update={"hold_s": 0.0, "settle_s": 0.0}),
+        trigger=bench.plan.trigger.model_copy(update={"camera_delay_s": 1.0}),
+        pause_s=0.0,
+        references=0,
+    )
+
+
+def wait_for(bench: Bench, event: str, number: int) -> None:
+    end = time.monotonic() + 30.0
+    while time.monotonic() < end:
+        if sum(entry["event"] == event for entry in bench.lines()) >= number:
+            return
+        time.sleep(0.005)
+    raise AssertionError(f"no {number} {event} within 30 s")
+
+
+def test_ctrl_c_finishes_the_shot(bench: Bench) -> None:
+    """Once, while the third injection is in the air: it is saved, then it stops; and resumes."""
+    long_shots(bench, real_time_factor=5.0)
+    with bench.start() as process:
+        wait_for(bench, "fired", 3)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    assert out.splitlines()[-1] == "stopped 0"
+    assert [entry["event"] for entry in bench.lines()[-3:]] == ["fired", "saved", "stopped"]
+    assert len(open_acquisition(bench.folder).shots) == bench.pulses()[True] == 3
+    assert bench.run()[0] == 0
+    bench.check()
+
+
+@pytest.mark.parametrize("how", ["ctrl_c_twice", "sigterm"])
+def test_ctrl_c_twice_aborts_the_shot(how: str, bench: Bench) -> None:
+    """Within a shot of 10 s: it ends in less, and the injection is written off."""
+    long_shots(bench, real_time_factor=0.1)
+    with bench.start() as process:
+        wait_for(bench, "fired", 1)
+        begin = time.monotonic()
+        if how == "sigterm":
+            process.terminate()
+        else:
+            process.send_signal(signal.SIGINT)
+            time.sleep(0.1)  # two signals at once would arrive as one
+            assert process.poll() is None
+            process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+    assert time.monotonic() - begin < 8.0
+    assert process.returncode == 3 and err.startswith("Aborted: stopped within a shot"), err
+    entries = bench.lines()
+    assert [entry["event"] for entry in entries[-2:]] == ["fired", "lost"]
+    assert entries[-1]["inject"] is True
+    assert open_acquisition(bench.folder).shots == ()
+
+
+def test_full_disk(bench: Bench) -> None:
+    """No file may grow beyond the journal and a little more: what to do is said, no half
+    picture stays, and the same command without the limit completes."""
+    assert bench.run("journal_line", "2")[0] == -signal.SIGKILL
+    size = (bench.folder / "journal.jsonl").stat().st_size
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size + 200, size + 200))
+
+    code, _, err = bench.run(preexec_fn=limit)
+    assert code == 3 and "DiskFull" in err and "disk is full" in err and "resumes" in err, err
+    assert len(bench.lines()) >= 2
+    assert not list((bench.folder / "shots").glob("*.part"))
+    assert bench.run()[0] == 0
+    bench.check()
+
+
+def test_two_processes_on_one_folder(bench: Bench) -> None:
+    with exclusive(bench.folder):
+        code, _, err = bench.run()
+    assert code == 3 and "another acquisition is running here" in err
+    assert bench.run()[0] == 0
+    bench.check()

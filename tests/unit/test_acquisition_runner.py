@@ -1,0 +1,473 @@
+"""A plan run on the simulated rig: whole, stopped, resumed, and with instruments that fail."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.acquisition import Plan, Progress, acquire, open_acquisition
+from cldit.acquisition.disk import DiskFull
+from cldit.acquisition.journal import read_journal
+from cldit.acquisition.storage import exclusive, save_shot
+from cldit.errors import ClditError, RunFolderError
+from cldit.rig.errors import (
+    ConfigRejected,
+    DeviceTimeout,
+    FireUncertain,
+    MissingFrames,
+    NotConnected,
+    OutOfLimits,
+    RetakesExhausted,
+    RigError,
+)
+from cldit.rig.load import Rig, open_rig
+from cldit.rig.protocols import Frame
+
+
+class Wrapped:
+    """An instrument of which a test replaces some methods, and that remembers being made safe."""
+
+    def __init__(self, inner: Any, **methods: Callable[..., Any]) -> None:
+        self.inner = inner
+        self.made_safe = 0
+        self.__dict__.update(methods)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.inner, name)
+
+    def make_safe(self) -> None:
+        self.made_safe += 1
+        self.inner.make_safe()
+
+
+def wrapped(data: dict[str, Any], **devices: Callable[[Any], dict[str, Any]]) -> Rig:
+    """A rig whose devices are all wrapped; `devices` gives the methods to replace in one."""
+    rig = open_rig(data)
+    changed: dict[str, Any] = {
+        name: Wrapped(device, **(devices[name](device) if name in devices else {}))
+        for name, device in rig.devices.items()
+    }
+    return replace(rig, **changed)
+
+
+def pulses(data: dict[str, Any]) -> list[dict[str, Any]]:
+    log = Path(data["trigger"]["settings"]["pulse_log"])
+    return [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
+
+
+def events(folder: Path) -> list[str]:
+    return [entry["event"] for entry in read_journal(folder / "journal.jsonl")]
+
+
+def assert_safe(rig: Rig) -> None:
+    for device in rig.devices.values():
+        assert isinstance(device, Wrapped) and device.made_safe >= 1
+    assert rig.trigger.read_configuration()["inhibited"]
+    assert rig.background.read_configuration()["setpoint_K"] == 295.0
+
+
+def test_whole_plan(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+    """Every shot once, fired before it is saved, evaluated folder complete, spray only where
+    fuel was injected."""
+    folder = tmp_path / "a"
+    seen: list[Progress] = []
+    rig = wrapped(tiny_rig)
+    record = acquire(rig, tiny_plan, folder, progress=seen.append)
+    assert (record.complete, record.saved, record.lost_injections) == (True, 10, 0)
+    assert_safe(rig)
+    entries = read_journal(folder / "journal.jsonl")
+    for shot in tiny_plan.steps():
+        mine = [entry["event"] for entry in entries if entry.get("shot") == shot.id]
+        assert mine == ["fired", "saved"]
+    assert [pulse["inject"] for pulse in pulses(tiny_rig)] == 2 * [False, False, True, True, True]
+
+    acquisition = open_acquisition(folder)
+    assert acquisition.complete and acquisition.simulated and acquisition.pixel_m == (0.01, 0.01)
+    assert acquisition.filter_um == (3.3, 3.5) and acquisition.wall_temperature_K == 420.0
+    middle: dict[tuple[int, str], list[float]] = {}
+    for shot_ in acquisition.shots:
+        # The black body stays within the plan's tolerance; readings scatter by 0.02 K.
+        assert abs(shot_.background_K - shot_.background_setpoint_K) < 0.3
+        counts = acquisition.load(shot_)[5:7, 7:9].mean()
+        middle.setdefault((shot_.background, shot_.kind), []).append(float(counts))
+    for background in (0, 1):
+        reference, injection = middle[background, "reference"], middle[background, "injection"]
+        assert max(injection) < 0.7 * min(reference)  # optical depth 2
+        assert len(set(injection)) == 3  # shots differ
+
+    assert seen[0].phase == "preflight" and seen[-1].done == seen[-1].total == 10
+    assert [p.done for p in seen] == sorted(p.done for p in seen)
+    etas = [p.eta_s for p in seen if p.eta_s is not None]
+    assert etas[0] > 300.0 and etas[-1] == 0.0
+
+
+def test_two_hours_take_seconds(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+    """Seven backgrounds, up and within range of a slow black body: more than two hours."""
+    tiny_rig["background"]["settings"]["time_constant_s"] = 240.0
+    plan = tiny_plan.model_copy(
+        update={"backgrounds_K": (400.0, 560.0, 430.0, 530.0, 460.0, 500.0, 480.0), "shots": 5}
+    )
+    rig = open_rig(tiny_rig)
+    start_s = rig.clock.now_s()
+    assert acquire(rig, plan, tmp_path / "a").complete
+    assert rig.clock.now_s() - start_s > 7200.0
+    stable = [
+        entry["background_K"]
+        for entry in read_journal(tmp_path / "a" / "journal.jsonl")
+        if entry["event"] == "stable"
+    ]
+    assert stable == sorted(stable)  # from room temperature the least way is upwards
+
+
+def test_stop_finishes_the_shot_and_resume_completes(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    folder = tmp_path / "a"
+    done = 0
+
+    def count(progress: Progress) -> None:
+        nonlocal done
+        done = progress.done
+
+    rig = wrapped(tiny_rig)
+    record = acquire(rig, tiny_plan, folder, progress=count, should_stop=lambda: done >= 4)
+    assert (record.complete, record.saved) == (False, 4)
+    assert_safe(rig)
+    assert open_acquisition(folder).missing[0] == "b00_inj_02"
+    early = {path: path.stat().st_mtime_ns for path in (folder / "shots").iterdir()}
+
+    record = acquire(open_rig(tiny_rig), tiny_plan, folder)
+    assert record.complete and record.lost_injections == 0
+    assert all(path.stat().st_mtime_ns == time for path, time in early.items())
+    assert len(pulses(tiny_rig)) == 10
+    acquisition = open_acquisition(folder)
+    pictures = {acquisition.load(shot).tobytes() for shot in acquisition.shots}
+    assert len(pictures) == 10  # a resumed rig does not repeat its noise
+
+    # A third time: nothing left, so nothing is connected and nothing moves.
+    rig = wrapped(tiny_rig)
+    assert acquire(rig, tiny_plan, folder).complete
+    with pytest.raises(NotConnected):
+        rig.background.read_temperature()
+
+
+def test_stopped_before_it_begins(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    rig = wrapped(tiny_rig)
+    record = acquire(rig, tiny_plan, tmp_path / "a", should_stop=lambda: True)
+    assert (record.complete, record.saved) == (False, 0)
+    assert events(tmp_path / "a") == ["start", "stopped"]
+    assert_safe(rig)
+
+
+def test_missing_frame_is_retaken(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """Two lost frames: two more injections, both counted; then it goes on."""
+    calls = 0
+
+    def lossy(camera: Any) -> dict[str, Any]:
+        def read_frames(n: int, timeout_s: float) -> Iterator[Frame]:
+            nonlocal calls
+            calls += 1
+            if calls in (4, 5):  # 1 is preflight, 4 the first injection
+                camera.flush()
+                raise MissingFrames(n, 0)
+            yield from camera.read_frames(n, timeout_s)
+
+        return {"read_frames": read_frames}
+
+    rig = wrapped(tiny_rig, camera=lossy)
+    record = acquire(rig, tiny_plan, tmp_path / "a")
+    assert record.complete and record.rejected == 2 and record.lost_injections == 2
+    assert len(pulses(tiny_rig)) == 12
+    reasons = [e["reason"] for e in read_journal(tmp_path / "a" / "journal.jsonl") if "reason" in e]
+    assert all("0 of 1 frames" in reason for reason in reasons)
+
+
+@pytest.mark.parametrize("fault", ["missing", "incomplete", "dead", "shape", "gap"])
+def test_retakes_are_bounded(
+    fault: str, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    calls = 0
+
+    def bad(camera: Any) -> dict[str, Any]:
+        def read_frames(n: int, timeout_s: float) -> Iterator[Frame]:
+            nonlocal calls
+            calls += 1
+            for frame in camera.read_frames(n, timeout_s):
+                if calls <= 3:
+                    yield frame
+                elif fault == "incomplete":
+                    yield replace(frame, complete=False)
+                elif fault == "dead":
+                    yield replace(frame, data=np.zeros_like(frame.data))
+                elif fault == "shape":
+                    yield replace(frame, data=frame.data[1:])
+                elif fault == "gap":
+                    yield replace(frame, frame_id=frame.frame_id + 3)
+
+        return {"read_frames": read_frames}
+
+    rig = wrapped(tiny_rig, camera=bad)
+    plan = tiny_plan.model_copy(update={"retakes": 2})
+    if fault == "gap":  # one shot is suspect; from there the ids are continuous again
+        record = acquire(rig, plan, tmp_path / "a")
+        assert record.complete and record.rejected == 1
+    else:
+        with pytest.raises(RetakesExhausted, match=r"b00_inj_00: rejected 3 times.*resumes"):
+            acquire(rig, plan, tmp_path / "a")
+        assert len(pulses(tiny_rig)) == 2 + 3
+        assert open_acquisition(tmp_path / "a").shots[-1].id == "b00_ref_01"  # kept
+    assert_safe(rig)
+
+
+def test_fire_is_never_repeated_because_it_failed(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """fire() fails after the pulse went out and no frame comes: it stops, one pulse, counted."""
+    shots = 0
+
+    def failing(trigger: Any) -> dict[str, Any]:
+        def fire() -> None:
+            nonlocal shots
+            shots += 1
+            trigger.fire()
+            if shots == 3:
+                rig.camera.flush()
+                raise FireUncertain("trigger: no answer after *TRG")
+
+        return {"fire": fire}
+
+    rig = wrapped(tiny_rig, trigger=failing)
+    with pytest.raises(FireUncertain, match="no answer"):
+        acquire(rig, tiny_plan, tmp_path / "a")
+    assert shots == 3 and len(pulses(tiny_rig)) == 3
+    assert events(tmp_path / "a")[-2:] == ["fired", "lost"]
+    assert_safe(rig)
+    record = acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
+    assert record.complete and record.lost_injections == 1 and len(pulses(tiny_rig)) == 11
+
+
+def test_uncertain_fire_with_a_frame_is_a_shot(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    def failing(trigger: Any) -> dict[str, Any]:
+        def fire() -> None:
+            trigger.fire()
+            raise FireUncertain("trigger: no answer after *TRG")
+
+        return {"fire": fire}
+
+    record = acquire(wrapped(tiny_rig, trigger=failing), tiny_plan, tmp_path / "a")
+    assert record.complete and len(pulses(tiny_rig)) == 10
+
+
+def test_drift_before_the_shot_costs_no_injection(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """A door is opened once, between the references and the injections."""
+    cold = 0
+
+    def draughty(background: Any) -> dict[str, Any]:
+        def read_temperature() -> float:
+            nonlocal cold
+            if len(pulses(tiny_rig)) == 2 and cold < 2:  # after the shot before, and before this
+                cold += 1
+                return float(background.read_temperature()) - (0.0 if cold == 1 else 5.0)
+            return float(background.read_temperature())
+
+        return {"read_temperature": read_temperature}
+
+    record = acquire(wrapped(tiny_rig, background=draughty), tiny_plan, tmp_path / "a")
+    assert record.complete and record.rejected == 1 and record.lost_injections == 0
+    assert len(pulses(tiny_rig)) == 10
+    assert events(tmp_path / "a").count("stable") == 3  # it waits again
+
+
+def test_drift_during_the_shot_is_retaken(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    def draughty(background: Any) -> dict[str, Any]:
+        dropped = False
+
+        def read_temperature() -> float:
+            nonlocal dropped
+            if len(pulses(tiny_rig)) == 3 and not dropped:
+                dropped = True
+                return float(background.read_temperature()) - 5.0
+            return float(background.read_temperature())
+
+        return {"read_temperature": read_temperature}
+
+    record = acquire(wrapped(tiny_rig, background=draughty), tiny_plan, tmp_path / "a")
+    assert record.complete and record.lost_injections == 1 and len(pulses(tiny_rig)) == 11
+
+
+def test_background_that_never_settles(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    tiny_rig["background"]["settings"]["noise_K"] = 3.0
+    rig = wrapped(tiny_rig)
+    with pytest.raises(DeviceTimeout, match=r"not stable at 440 K.*stability\.timeout_s"):
+        acquire(rig, tiny_plan, tmp_path / "a")
+    assert_safe(rig)
+    assert not pulses(tiny_rig)
+
+
+def test_out_of_limits_before_anything_moves(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    plan = tiny_plan.model_copy(update={"backgrounds_K": (440.0, 900.0, 200.0)})
+    rig = open_rig(tiny_rig)
+    moved: list[float] = []
+    background = Wrapped(rig.background, set_setpoint=moved.append)
+    changed: dict[str, Any] = {"background": background}
+    rig = replace(rig, **changed)
+    with pytest.raises(OutOfLimits, match=r"900 is outside 253\.\.873\n.*200 is outside"):
+        acquire(rig, plan, tmp_path / "a")
+    assert not moved and not pulses(tiny_rig)
+    assert not (tmp_path / "a" / "plan.yaml").exists()  # the corrected plan may go here
+
+
+def test_all_missing_devices_are_named(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    tiny_rig["bench"]["settings"]["run"] = str(tmp_path / "nowhere")
+    tiny_rig["trigger"]["settings"]["pulse_log"] = str(tmp_path / "no" / "pulses.jsonl")
+    with pytest.raises(NotConnected, match=r"(?s)camera: .*scene\.yaml.*trigger: .*no such folder"):
+        acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
+
+
+def test_foreign_plan_and_rig_are_refused(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    folder = tmp_path / "a"
+    acquire(open_rig(tiny_rig), tiny_plan, folder, should_stop=lambda: True)
+    other = tiny_plan.model_copy(update={"shots": 4})
+    with pytest.raises(RunFolderError, match="holds another plan"):
+        acquire(open_rig(tiny_rig), other, folder)
+    tiny_rig["setup"]["wall_temperature_K"] = 300.0
+    with pytest.raises(RunFolderError, match=r"wall_temperature_K: 420\.0 before, 300\.0 now"):
+        acquire(open_rig(tiny_rig), tiny_plan, folder)
+
+
+def test_two_runs_in_one_folder(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+    with exclusive(tmp_path / "a"):
+        with pytest.raises(RunFolderError, match="another acquisition is running"):
+            acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
+    assert acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a").complete
+
+
+def test_disk_full_while_writing(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The fifth picture finds no room: the rig is safe, four are kept, the same call resumes."""
+    count = 0
+
+    def full(*args: Any, **kwargs: Any) -> None:
+        nonlocal count
+        count += 1
+        if count == 5:
+            raise OSError(28, "No space left on device")
+        save_shot(*args, **kwargs)
+
+    monkeypatch.setattr("cldit.acquisition.runner.save_shot", full)
+    rig = wrapped(tiny_rig)
+    with pytest.raises(DiskFull, match=r"b00_inj_02\.tif: the disk is full.*free 1 MB.*resumes"):
+        acquire(rig, tiny_plan, tmp_path / "a")
+    assert_safe(rig)
+    assert len(open_acquisition(tmp_path / "a").shots) == 4
+    record = acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
+    assert record.complete and record.lost_injections == 1
+
+
+def test_disk_too_small_is_found_before_the_first_shot(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = type("usage", (), {"free": 100_000})
+    monkeypatch.setattr("cldit.acquisition.disk.shutil.disk_usage", lambda path: free)
+    with pytest.raises(DiskFull, match="make room"):
+        acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
+    assert not pulses(tiny_rig)
+
+
+def test_an_error_elsewhere_leaves_the_rig_safe_and_is_not_hidden(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    def broken(progress: Progress) -> None:
+        if progress.done == 3:
+            raise ZeroDivisionError("in the caller's progress bar")
+
+    rig = wrapped(tiny_rig)
+    with pytest.raises(ZeroDivisionError):
+        acquire(rig, tiny_plan, tmp_path / "a", progress=broken)
+    assert_safe(rig)
+
+
+def test_what_cannot_be_made_safe_is_said(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """The trigger's failure must not keep the black body hot."""
+
+    def stuck(trigger: Any) -> dict[str, Any]:
+        def make_safe() -> None:
+            raise NotConnected("the line is dead")
+
+        return {"make_safe": make_safe}
+
+    rig = wrapped(tiny_rig, trigger=stuck)
+    with pytest.raises(RigError, match=r"not made safe:\ntrigger: the line is dead"):
+        acquire(rig, tiny_plan, tmp_path / "a")
+    assert rig.background.read_configuration()["setpoint_K"] == 295.0
+
+
+@pytest.mark.parametrize(
+    ("device", "method", "answer", "match"),
+    [
+        ("camera", "read_configuration", lambda: {}, "no 'calibration'"),
+        ("camera", "read_configuration", lambda: {"x": float("nan")}, "cannot be stored"),
+        ("background", "set_setpoint", lambda kelvin: kelvin + 10.0, "reads back 450 K"),
+        ("trigger", "configure", lambda burst: replace(burst, n=2), "reads back"),
+        ("trigger", "configure", lambda burst: replace(burst, camera_delay_s=1.0), "reads back 1"),
+    ],
+)
+def test_read_back_is_checked(
+    device: str,
+    method: str,
+    answer: Callable[..., Any],
+    match: str,
+    tiny_rig: dict[str, Any],
+    tiny_plan: Plan,
+    tmp_path: Path,
+) -> None:
+    rig = wrapped(tiny_rig, **{device: lambda _: {method: answer}})
+    with pytest.raises(RigError, match=match) as caught:
+        acquire(rig, tiny_plan, tmp_path / "a")
+    assert isinstance(caught.value, ConfigRejected) or device == "background"
+    assert not pulses(tiny_rig)
+
+
+def test_real_devices_need_real_time(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    def real(camera: Any) -> dict[str, Any]:
+        return {"identify": lambda: replace(camera.identify(), simulated=False)}
+
+    with pytest.raises(ConfigRejected, match=r"clock\.model: simulated, but camera is real"):
+        acquire(wrapped(tiny_rig, camera=real), tiny_plan, tmp_path / "a")
+
+
+def test_folder_that_cannot_be_made(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ClditError, match="cannot be written"):
+        acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "file" / "a")
