@@ -5,6 +5,7 @@ from importlib.metadata import version
 __version__ = version("cldit")
 
 
+from cldit.experiment import run_experiment
 from cldit.gpu.device import list_devices, open_device
 from cldit.run import Run, open_run, simulate
 from cldit.scene import Scene, dump_scene, load_scene, parse_scene, shipped_scenes
@@ -19,6 +20,7 @@ __all__ = [
     "open_device",
     "open_run",
     "parse_scene",
+    "run_experiment",
     "shipped_scenes",
     "simulate",
 ]

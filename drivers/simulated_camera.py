@@ -87,7 +87,15 @@ class SimulatedCamera:
             "roi": [settings.roi.x, settings.roi.y, settings.roi.width, settings.roi.height],
             "pixel_format": settings.pixel_format,
             "calibration": model.calibration().to_dict(),
+            "bad_pixels": self._bad_pixels(),
         }
+
+    def _bad_pixels(self) -> list[list[int]]:
+        """Row and column, in the region of interest, of the pixels that the maker found bad."""
+        roi = self._ready().roi
+        bad = self._connected().bad_pixels()
+        inside = bad[roi.y : roi.y + roi.height, roi.x : roi.x + roi.width]
+        return [[int(row), int(column)] for row, column in np.argwhere(inside)]
 
     def make_safe(self) -> None:
         if self._model is not None:

@@ -36,7 +36,8 @@ class Acquisition:
     """What the evaluation needs of a measurement.
 
     shots: the kept pictures in the plan's order. missing: ids of those still to be taken.
-    shape: rows and columns. configuration: the whole snapshot of the rig.
+    centre_m: (x, z) of the picture's middle, the injector's tip at 0, 0. bad_pixels: (h, w), those
+    that the camera reports. shape: rows and columns. configuration: the whole snapshot of the rig.
     """
 
     folder: Path
@@ -46,6 +47,8 @@ class Acquisition:
     background_emissivity: float
     wall_temperature_K: float
     pixel_m: tuple[float, float]
+    centre_m: tuple[float, float]
+    bad_pixels: NDArray[np.bool_]
     shape: tuple[int, int]
     shots: tuple[Picture, ...]
     missing: tuple[str, ...]
@@ -99,7 +102,12 @@ def open_acquisition(folder: str | Path) -> Acquisition:
         Calibration.from_dict(calibration)
         setup = Setup.model_validate(configuration["setup"])
         rows, columns = configuration["shape"]
-    except (KeyError, TypeError, ValueError, ClditError) as error:
+        bad = np.zeros((int(rows), int(columns)), bool)
+        for row, column in configuration["devices"]["camera"]["configuration"].get(
+            "bad_pixels", []
+        ):
+            bad[row, column] = True
+    except (KeyError, TypeError, ValueError, IndexError, ClditError) as error:
         what = str(error)
         if isinstance(error, ValidationError):
             what = describe(Setup, error.errors())
@@ -128,6 +136,8 @@ def open_acquisition(folder: str | Path) -> Acquisition:
         background_emissivity=setup.background_emissivity,
         wall_temperature_K=setup.wall_temperature_K,
         pixel_m=setup.pixel_m,
+        centre_m=setup.centre_m,
+        bad_pixels=bad,
         shape=(int(rows), int(columns)),
         shots=shots,
         missing=tuple(shot.id for shot in plan.steps() if shot.id not in known),

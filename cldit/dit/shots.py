@@ -25,7 +25,7 @@ class Shot(Protocol):
         ...
 
     @property
-    def setpoint_K(self) -> float:
+    def background_setpoint_K(self) -> float:
         """The background that was asked for; shots of one set point are averaged."""
         ...
 
@@ -102,9 +102,9 @@ def check_shots(shots: Sequence[Shot]) -> list[float]:
             raise EvaluationError(
                 f"shot {shot.id}: background at {shot.background_K:g} K was not measured"
             )
-    setpoints = sorted({shot.setpoint_K for shot in shots})
+    setpoints = sorted({shot.background_setpoint_K for shot in shots})
     for setpoint in setpoints:
-        kinds = [shot.kind for shot in shots if shot.setpoint_K == setpoint]
+        kinds = [shot.kind for shot in shots if shot.background_setpoint_K == setpoint]
         for kind in ("reference", "injection"):
             if kind not in kinds:
                 raise EvaluationError(
@@ -138,7 +138,7 @@ def accumulate(
                 f"shot {shot.id}: picture of shape {image.shape}, expected {shape}"
             )
         shape = image.shape
-        key = (shot.setpoint_K, shot.kind)
+        key = (shot.background_setpoint_K, shot.kind)
         if key not in sums:
             sums[key] = Sums([], np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=bool))
         sums[key].add(image, shot.background_K, saturation_counts)

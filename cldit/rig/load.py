@@ -17,7 +17,7 @@ from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import NotConnected, RigError
 from cldit.rig.protocols import Background, Camera, Device, TriggerGenerator
 from cldit.scene.checks import Section, Within, describe, read_mapping
-from cldit.scene.schema import Length, Temperature
+from cldit.scene.schema import Coordinate, Length, Temperature
 
 
 class ClockChoice(Section):
@@ -37,6 +37,7 @@ class Setup(Section):
 
     background_emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0
     wall_temperature_K: Temperature = 300.0
+    centre_m: tuple[Coordinate, Coordinate] = (0.0, 0.0)  # x, z of the picture's middle
     pixel_m: tuple[Length, Length]  # width and height of a pixel in the plane of the spray
 
 

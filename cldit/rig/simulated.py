@@ -27,6 +27,7 @@ def simulated_rig_data(
         "setup": {
             "background_emissivity": scene.background.emissivity,
             "wall_temperature_K": scene.walls.temperature_K,
+            "centre_m": [scene.target_m[0], scene.target_m[2]],
             "pixel_m": [float(size) for size in SensorView.from_scene(scene).pixel_m],
         },
         "bench": {

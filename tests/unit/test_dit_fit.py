@@ -39,7 +39,7 @@ def _radiance(kelvin: float) -> float:
 class _Shot:
     id: str
     kind: str
-    setpoint_K: float
+    background_setpoint_K: float
     background_K: float
 
 
@@ -178,8 +178,8 @@ def test_drifting_background_is_allowed_for() -> None:
     acquisition = _spray()
     for index, shot in enumerate(acquisition.shots):
         if shot.kind == "reference":
-            acquisition.shots[index] = replace(shot, background_K=shot.setpoint_K - 3.0)
-            radiance = np.full((6, 8), _radiance(shot.setpoint_K - 3.0))
+            acquisition.shots[index] = replace(shot, background_K=shot.background_setpoint_K - 3.0)
+            radiance = np.full((6, 8), _radiance(shot.background_setpoint_K - 3.0))
             counts = np.rint(CALIBRATION.counts(radiance)).astype(np.uint16)
             acquisition.images[shot.id] = counts
     maps = evaluate_acquisition(acquisition)
@@ -195,11 +195,11 @@ def test_every_reason() -> None:
     for shot in acquisition.shots:
         image = acquisition.images[shot.id]
         image[0, 0] = 0
-        image[0, 1] = 16383 if shot.setpoint_K > 400 else image[0, 1]
-        image[0, 2] = 16383 if shot.setpoint_K > 500 else image[0, 2]
+        image[0, 1] = 16383 if shot.background_setpoint_K > 400 else image[0, 1]
+        image[0, 2] = 16383 if shot.background_setpoint_K > 500 else image[0, 2]
         image[1, 0] = 200 + 9  # a wall, not the background
         if shot.kind == "injection":
-            calm = acquisition.images[f"{shot.setpoint_K:g}-reference-0"]
+            calm = acquisition.images[f"{shot.background_setpoint_K:g}-reference-0"]
             image[1, 1] = calm[1, 1]
             image[1, 2] = np.rint((calm[1, 2] - 200.0) * 0.5) + 200 - 60
     maps = evaluate_acquisition(acquisition)
@@ -243,12 +243,12 @@ def test_saved_and_loaded(tmp_path: Path) -> None:
 
 
 def _drop(acquisition: _Acquisition, kind: str, setpoint: float) -> None:
-    acquisition.shots = [s for s in acquisition.shots if (s.kind, s.setpoint_K) != (kind, setpoint)]
+    acquisition.shots = [s for s in acquisition.shots if (s.kind, s.background_setpoint_K) != (kind, setpoint)]
 
 
 def test_refuses_incomplete_recordings() -> None:
     one = _spray()
-    one.shots = [s for s in one.shots if s.setpoint_K == 400]
+    one.shots = [s for s in one.shots if s.background_setpoint_K == 400]
     with pytest.raises(EvaluationError, match=r"\[400.0\] K; .* at least two"):
         evaluate_acquisition(one)
     empty = _spray()
@@ -268,7 +268,7 @@ def test_refuses_bad_shots() -> None:
     with pytest.raises(EvaluationError, match=r"\[440.0\] K"):
         evaluate_acquisition(still)
     cold = _spray()
-    cold.shots = [replace(s, background_K=0.5 + s.setpoint_K / 1e3) for s in cold.shots]
+    cold.shots = [replace(s, background_K=0.5 + s.background_setpoint_K / 1e3) for s in cold.shots]
     with pytest.raises(EvaluationError, match="the same radiance"):
         evaluate_acquisition(cold)
     lost = _spray()

@@ -30,7 +30,7 @@ SPRAY_K = 430.0
 class _Shot:
     id: str
     kind: str
-    setpoint_K: float
+    background_setpoint_K: float
     background_K: float
 
 

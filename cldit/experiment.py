@@ -1,0 +1,97 @@
+"""The whole experiment on one scene: simulate, acquire with the simulated rig, evaluate, report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import yaml
+
+from cldit.acquisition.plan import plan_from_scene
+from cldit.acquisition.record import open_acquisition
+from cldit.acquisition.progress import Progress
+from cldit.acquisition.runner import Record, acquire
+from cldit.dit.evaluate import evaluate_acquisition
+from cldit.dit.maps import Maps
+from cldit.errors import RunFolderError
+from cldit.gpu.device import Device
+from cldit.report.run_report import write_run_report
+from cldit.rig.load import open_rig
+from cldit.rig.simulated import simulated_rig_data
+from cldit.run import Run, Say, Stage, simulate, with_stages
+from cldit.scene import Scene
+
+Watch = Callable[[Progress], None]
+
+
+def run_experiment(
+    scene: Scene,
+    out: str | Path,
+    *,
+    device: Device | None = None,
+    progress: Say | None = None,
+    watch: Watch | None = None,
+) -> Run:
+    """Simulates the scene, records it with the simulated rig, evaluates, and writes the report.
+
+    Whatever ended it before, the same call goes on where it stopped.
+
+    Args:
+        out: the run's folder; the acquisition goes into its folder `acquisition`.
+        progress: called with a line of text as things happen; watch: with the rig's progress.
+
+    Raises:
+        RunFolderError: the acquisition was interrupted; the same call resumes it.
+        ClditError: a subclass that says what is wrong and what to do.
+    """
+    folder = Path(out)
+    run = simulate(scene, folder, device=device, progress=progress)
+    start = time.perf_counter()
+    plan = plan_from_scene(scene)
+    rig_file = folder / "rig.yaml"
+    rig_data = simulated_rig_data(scene, folder)
+    rig_file.write_text(yaml.safe_dump(rig_data, sort_keys=False), encoding="utf-8")
+    (folder / "plan.yaml").write_text(plan.dump(), encoding="utf-8")
+    if progress is not None:
+        progress("acquisition")
+    with open_rig(rig_data) as rig:
+        record = acquire(rig, plan, folder / "acquisition", progress=watch)
+    _complete(record)
+    acquired = time.perf_counter()
+    if progress is not None:
+        progress("evaluation of the shots")
+    measured = evaluate_folder(folder / "acquisition")
+    evaluated = time.perf_counter()
+    stages = [
+        Stage("acquisition", acquired - start, f"{record.saved} shots"),
+        Stage("evaluation of the shots", evaluated - acquired),
+    ]
+    run = with_stages(run, stages, measured)
+    if progress is not None:
+        progress("pictures and report")
+    write_run_report(run)
+    return run
+
+
+def _complete(record: Record) -> None:
+    if not record.complete:
+        raise RunFolderError(
+            f"{record.folder}: stopped after {record.saved} of {record.total} shots; "
+            "run the same command again to go on"
+        )
+
+
+def evaluate_folder(
+    folder: str | Path, *, progress: Callable[[int, int], None] | None = None
+) -> Maps:
+    """Evaluates an acquisition folder and stores its maps in `folder/maps`.
+
+    Raises:
+        RunFolderError: the folder holds no acquisition, or a shot is damaged.
+        EvaluationError: the shots cannot be evaluated.
+    """
+    acquisition = open_acquisition(folder)
+    maps = evaluate_acquisition(acquisition, progress=progress)
+    maps.save(Path(folder) / "maps", pixel_m=acquisition.pixel_m)
+    return maps

@@ -1,0 +1,190 @@
+"""The pictures and the report of a run folder, and the map picture of an acquisition folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.acquisition.record import Acquisition, open_acquisition
+from cldit.camera.view import SensorView
+from cldit.dit.maps import Maps
+from cldit.errors import RunFolderError
+from cldit.optics.planck import band_radiance
+from cldit.radiance.weights import background_radiance
+from cldit.report.html import Picture, ReportContent, write_report
+from cldit.report.pictures import (
+    Frame,
+    camera_picture,
+    errors_picture,
+    map_picture,
+    robust_limits,
+    weights_picture,
+)
+from cldit.report.shares import Shares
+from cldit.run import Run, open_run
+from cldit.scene import dump_scene
+
+
+def _folder(run: Run) -> Path:
+    if run.folder is None:
+        raise RunFolderError("the run is not stored; give `out` to simulate")
+    return run.folder
+
+
+def _frame(run: Run, pixel_m: tuple[float, float]) -> Frame:
+    x, _, z = run.scene.target_m
+    return Frame(pixel_m=pixel_m, centre_m=(x, z))
+
+
+def _title(run: Run, what: str) -> str:
+    return f"{run.scene.name}: {what}"
+
+
+def write_pictures(run: Run) -> dict[str, Picture]:
+    """Writes the PNG pictures of a stored run into its folder `pictures` and returns them."""
+    traced = _frame(run, run.pixel_m)
+    sensor = _frame(run, SensorView.from_scene(run.scene).pixel_m)
+    pictures: dict[str, Picture] = {}
+    if run.measured is not None:
+        pictures["maps"] = Picture(
+            map_picture(run.measured, sensor, title=_title(run, "DIT of the acquired shots")),
+            "What the rig acquired: hue is the apparent temperature, saturation the emissivity.",
+        )
+        pictures["errors"] = Picture(
+            errors_picture(run.measured, sensor, title=_title(run, "standard errors")),
+            "Standard errors of the acquired maps, scatter from shot to shot included.",
+        )
+    pictures["maps_noise_free"] = Picture(
+        map_picture(run.maps, traced, title=_title(run, "DIT of the trace, without noise")),
+        "The same from the traced radiances themselves, on the traced field.",
+    )
+    pictures["weights"] = Picture(
+        weights_picture(run.weights, traced, title=_title(run, "weights of the trace")),
+        "Where the light of every pixel comes from; one trace serves every background.",
+    )
+    folder = _folder(run) / "pictures"
+    folder.mkdir(exist_ok=True)
+    if "maps" not in pictures:
+        pictures["maps"] = pictures["maps_noise_free"]
+    for name, picture in pictures.items():
+        (folder / f"{name}.png").write_bytes(picture.png)
+    return pictures
+
+
+def _camera(run: Run, acquisition: Acquisition) -> tuple[tuple[float, Picture], ...]:
+    """Mean of the injection shots at every background, all in one scale."""
+    frame = Frame(pixel_m=acquisition.pixel_m, centre_m=acquisition.centre_m)
+    sums: dict[float, tuple[NDArray[np.float64], int]] = {}
+    for shot in acquisition.shots:
+        if shot.kind == "injection":
+            total, count = sums.get(shot.background_setpoint_K, (np.zeros(acquisition.shape), 0))
+            sums[shot.background_setpoint_K] = (total + acquisition.load(shot), count + 1)
+    means = {at: (total / count).astype(np.float32) for at, (total, count) in sorted(sums.items())}
+    if not means:
+        return ()
+    low = min(robust_limits(mean)[0] for mean in means.values())
+    high = max(robust_limits(mean)[1] for mean in means.values())
+    return tuple(
+        (
+            at,
+            Picture(
+                camera_picture(
+                    mean, frame, background_K=at, limits=(low, high), title=run.scene.name
+                ),
+                f"Mean of {sums[at][1]} injections before a background of {at:g} K.",
+            ),
+        )
+        for at, mean in means.items()
+    )
+
+
+def _shares(run: Run) -> Shares:
+    """Shares before the middle background."""
+    scene = run.scene
+    wall = float(band_radiance(scene.walls.temperature_K, filter_um=scene.optics.filter_um))
+    middle = float(np.median(scene.background.temperatures_K))
+    blackbody = float(band_radiance(middle, filter_um=scene.optics.filter_um))
+    leaves = background_radiance(
+        blackbody=blackbody, wall=wall, emissivity=scene.background.emissivity
+    )
+    return Shares.of(run.weights, run.reference, background=leaves, wall=wall)
+
+
+def _figures(run: Run) -> dict[str, str]:
+    figures = {name: f"{value:.5g}" for name, value in run.info.spray.items()}
+    figures |= {name: str(value) for name, value in run.info.counts.items()}
+    figures["precision"] = run.info.precision
+    if run.info.accuracy_K is not None:
+        figures["estimated error of the trace in T_app"] = f"{run.info.accuracy_K:.2g} K RMS"
+    for file, defines in run.info.defines.items():
+        figures[f"{file} compiled with"] = " ".join(f"{k}={v}" for k, v in sorted(defines.items()))
+    return figures
+
+
+def write_run_report(run: Run) -> Path:
+    """Writes pictures and report.html of a stored run.
+
+    Returns the report's path.
+
+    Raises:
+        RunFolderError: the run is not stored, or its acquisition is damaged.
+    """
+    folder = _folder(run)
+    pictures = write_pictures(run)
+    shares = _shares(run)
+    camera: tuple[tuple[float, Picture], ...] = ()
+    shown = [pictures["maps"]]
+    if run.measured is not None:
+        camera = _camera(run, open_acquisition(folder / "acquisition"))
+        shown.append(pictures["maps_noise_free"])
+    middle_K = float(np.median(run.scene.background.temperatures_K))
+    maps = run.maps if run.measured is None else run.measured
+    content = ReportContent(
+        name=run.scene.name,
+        description=run.scene.description,
+        maps=tuple(shown),
+        camera=camera,
+        shares=shares.means(),
+        share_pictures=(
+            Picture(
+                shares.picture(_frame(run, run.pixel_m), title=_title(run, "origin of the signal")),
+                f"Shares of the radiance before a background of {middle_K:g} K.",
+            ),
+        ),
+        more_pictures=tuple(pictures[name] for name in ("errors", "weights") if name in pictures),
+        reasons={reason.text: count for reason, count in maps.count().items()},
+        figures=_figures(run),
+        stages=tuple((stage.name, stage.seconds) for stage in run.info.stages),
+        notes={stage.name: stage.note for stage in run.info.stages if stage.note},
+        device=f"{run.info.device}: {run.info.device_reason}",
+        versions=run.info.versions,
+        scene_yaml=dump_scene(run.scene),
+    )
+    path = folder / "report.html"
+    write_report(path, content)
+    return path
+
+
+def show_folder(folder: str | Path) -> Path:
+    """Draws the maps of a run or acquisition folder; returns the picture's path.
+
+    Raises:
+        RunFolderError: the folder holds neither, or was not evaluated yet.
+    """
+    place = Path(folder)
+    if (place / "scene.yaml").is_file():
+        write_pictures(open_run(place))
+        return place / "pictures" / "maps.png"
+    acquisition = open_acquisition(place)
+    if not (place / "maps").is_dir():
+        raise RunFolderError(f"{place}: is not evaluated yet; run `cldit evaluate {place}` first")
+    picture = map_picture(
+        Maps.load(place / "maps"),
+        Frame(pixel_m=acquisition.pixel_m, centre_m=acquisition.centre_m),
+        title=f"{place.resolve().name}: DIT of the acquired shots",
+    )
+    path = place / "maps.png"
+    path.write_bytes(picture)
+    return path
