@@ -145,7 +145,8 @@ class _Bar:
         self._bar.stop()
 
     def say(self, text: str) -> None:
-        self._bar.stop()
+        if self._task is not None:
+            self._bar.stop()
         _say(text)
 
     def watch(self, progress: Progress) -> None:
