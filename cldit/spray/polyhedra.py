@@ -66,8 +66,9 @@ class Mesh:
             np.add.reduceat(here, self.start[:-1], axis=0) / sizes[:, None], sizes, axis=0
         )
         triangle = 0.5 * np.cross(there - here, middle - here)
-        weight = np.linalg.norm(triangle, axis=1)[:, None]
         area = np.add.reduceat(triangle, self.start[:-1], axis=0)
+        # signed by the face's own normal, so that a notch in the polygon counts as one
+        weight = np.einsum("ij,ij->i", triangle, np.repeat(area, sizes, axis=0))[:, None]
         total = np.add.reduceat(weight, self.start[:-1], axis=0)
         moment = np.add.reduceat(weight * (here + there + middle) / 3, self.start[:-1], axis=0)
         flat = total[:, 0] <= 0.0  # a face without area has no weight in any sum
