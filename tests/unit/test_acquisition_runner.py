@@ -459,15 +459,16 @@ def test_disk_too_small_is_found_before_the_first_shot(
     assert not pulses(tiny_rig)
 
 
+@pytest.mark.parametrize("error", [ZeroDivisionError, SystemExit, KeyboardInterrupt])
 def test_an_error_elsewhere_leaves_the_rig_safe_and_is_not_hidden(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+    error: type[BaseException], tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
 ) -> None:
     def broken(progress: Progress) -> None:
         if progress.done == 3:
-            raise ZeroDivisionError("in the caller's progress bar")
+            raise error("in the caller's progress bar")
 
     rig = wrapped(tiny_rig)
-    with pytest.raises(ZeroDivisionError):
+    with pytest.raises(error):
         acquire(rig, tiny_plan, tmp_path / "a", progress=broken)
     assert_safe(rig)
 
