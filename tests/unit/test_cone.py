@@ -176,6 +176,9 @@ def test_fine_droplets_count_as_vapour() -> None:
     assert small.parcels is not None and large.parcels is not None
     assert 0 < small.parcels.mass_kg < large.parcels.mass_kg
     assert small.parcels.diameter_m.min() >= 1e-7
+    finest = make_cone(_spec(droplets=Monodisperse(diameter_um=0.09)))
+    assert finest.parcels is None
+    assert _mass(finest) == pytest.approx(_mass(large), rel=1e-12)
 
 
 def test_after_the_end_of_injection_the_spray_leaves_the_nozzle() -> None:
@@ -260,6 +263,16 @@ def test_first_microseconds_and_many_plumes() -> None:
         ({"droplets": None}, r"spray.droplets: null"),
         ({"spacing_m": 1e-2, "time_s": 1e-4}, r"spacing_m: 0.01 does not suit .* allowed is"),
         ({"spacing_m": 1e-5}, r"spacing_m: 1e-05 does not suit"),
+        (  # a short puff that no cell's middle happens to lie in
+            {
+                "plumes": (Plume(inclination_deg=89.0, azimuth_deg=45.0),),
+                "time_s": 2.5e-4,
+                "injection_duration_s": 2e-5,
+                "injected_mass_kg": 1e-8,
+                "spacing_m": 7e-3,
+            },
+            r"spacing_m: 0.007 ",
+        ),
         (
             {"droplets": NukiyamaTanasawa(m_um=5.0, n=0.05, p=0.0)},
             r"spray.droplets: these sizes reach",
