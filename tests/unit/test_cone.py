@@ -263,15 +263,19 @@ def test_first_microseconds_and_many_plumes() -> None:
         ({"droplets": None}, r"spray.droplets: null"),
         ({"spacing_m": 1e-2, "time_s": 1e-4}, r"spacing_m: 0.01 does not suit .* allowed is"),
         ({"spacing_m": 1e-5}, r"spacing_m: 1e-05 does not suit"),
-        (  # a short puff that no cell's middle happens to lie in
+        (  # a short puff of gas between the middles of two cells
             {
-                "plumes": (Plume(inclination_deg=89.0, azimuth_deg=45.0),),
+                "fuel": "methane",
+                "injection_pressure_Pa": 14e6,
+                "fuel_temperature_K": 294.0,
+                "ambient": Ambient(pressure_Pa=3e4, temperature_K=215.0),
+                "plumes": (Plume(inclination_deg=0.0, azimuth_deg=-75.0, cone_angle_deg=4.0),),
                 "time_s": 2.5e-4,
                 "injection_duration_s": 2e-5,
-                "injected_mass_kg": 1e-8,
-                "spacing_m": 7e-3,
+                "injected_mass_kg": 5e-10,
+                "spacing_m": 1e-2,
             },
-            r"spacing_m: 0.007 ",
+            r"spacing_m: 0.01 is so coarse that no cell's middle",
         ),
         (
             {"droplets": NukiyamaTanasawa(m_um=5.0, n=0.05, p=0.0)},
