@@ -23,7 +23,7 @@ FOLDER = os.environ.get("CLDIT_AACHENBOMB")
 pytestmark = pytest.mark.skipif(
     FOLDER is None, reason="CLDIT_AACHENBOMB does not name the folder with the archives"
 )
-# sums over the files' columns, made without this package
+# the figures that were handed over with the archives
 EXPECTED = {
     "parcels": 2059,
     "droplets": 3.230e6,
