@@ -35,7 +35,9 @@ class Mesh:
     def __post_init__(self) -> None:
         if self.cells < 1:
             raise SprayError(f"{self.source}: the mesh has no cell")
-        if self.start[-1] != len(self.corners) or np.diff(self.start).min(initial=3) < 3:
+        if self.start[0] != 0 or self.start[-1] != len(self.corners):
+            raise SprayError(f"{self.source}: the faces of the mesh do not use all of its corners")
+        if np.diff(self.start).min(initial=3) < 3:
             raise SprayError(f"{self.source}: a face of the mesh has fewer than three corners")
         if len(self.owner) != len(self.start) - 1 or len(self.neighbour) != len(self.owner):
             raise SprayError(

@@ -113,6 +113,8 @@ CHANGES: list[tuple[str, bytes, bytes, str]] = [
     ),
     (f"{CLOUD}/positions", rb"(?s)\n17\n\(.*\)\n", b"\n0()\n", "holds no parcel; choose another"),
     ("constant/polyMesh/owner", FIRST, b"\n(\n-1\n", "polyMesh: owner labels -1 to 23"),
+    ("constant/polyMesh/owner", FIRST, b"\n(\n0.5\n", "owner: holds a label that is no whole"),
+    ("constant/polyMesh/owner", FIRST, b"\n(\n1e300\n", "owner: holds a label that is no whole"),
     ("constant/polyMesh/neighbour", FIRST, b"\n(\n900\n", "24 values, but the mesh has 901 cells"),
     ("constant/polyMesh/faces", rb"\n\(\n4\(\d+", b"\n(\n4(99999", "polyMesh: point labels"),
     ("constant/polyMesh/faces", rb"\n\(\n4\(", b"\n(\n7(", "faces: truncated or damaged"),
