@@ -29,7 +29,8 @@ from cldit.gpu.device import Device, open_device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, build_octree
 from cldit.optics.emitters import emitters
-from cldit.radiance.weights import Weights
+from cldit.optics.planck import band_radiance
+from cldit.radiance.weights import Weights, background_radiance, compose
 from cldit.scene import Scene, dump_scene, parse_scene
 from cldit.spray.source import make_spray
 from cldit.transport.trace import Trace, settings_for, trace
@@ -60,6 +61,7 @@ class RunInfo:
     counts: dict[str, int]
     defines: dict[str, dict[str, Any]]  # kernel file -> what it was compiled with
     precision: str
+    integration_time_s: float  # of the sensor, for the standard errors and the rig
     versions: dict[str, str] = field(default_factory=dict)
 
     def to_json(self) -> str:
@@ -160,13 +162,14 @@ def simulate(
             note = f"{result.counts['sweeps']} sweeps; {result.solution.passes} passes"
         stages.done.append(Stage(name, result.seconds.get(name, 0.0), note))
     with stages.stage("evaluation"):
-        maps = _evaluate(scene, result.weights, reference)
+        sensor = _sensor(scene, (result.weights, reference))
+        maps = _evaluate(scene, result.weights, reference, sensor)
     run = Run(
         scene=scene,
         weights=result.weights,
         reference=reference,
         maps=maps,
-        info=_info(scene, device, result, maps, stages, notes),
+        info=_info(scene, device, result, maps, stages, notes, sensor.integration_time_s),
         folder=folder,
     )
     if folder is not None:
@@ -197,7 +200,24 @@ def _nothing(frame: Frame) -> Octree:
     return build_octree(frame, None, [], optical_depth_split=1.0)
 
 
-def _evaluate(scene: Scene, weights: Weights, reference: Weights) -> Maps:
+def _sensor(scene: Scene, seen: tuple[Weights, ...]) -> SensorModel:
+    """The scene's sensor, set so that its hottest background does not saturate it."""
+    sensor = SensorModel.from_scene(scene)
+    if scene.camera.sensor.integration_time_s is not None:
+        return sensor
+    filter_um = scene.optics.filter_um
+    wall = float(band_radiance(scene.walls.temperature_K, filter_um=filter_um))
+    hottest = max(scene.background.temperatures_K)
+    leaves = background_radiance(
+        blackbody=float(band_radiance(hottest, filter_um=filter_um)),
+        wall=wall,
+        emissivity=scene.background.emissivity,
+    )
+    images = [compose(weights, background=leaves, wall=wall) for weights in seen]
+    return sensor.exposed_for(max(float(image.max()) for image in images))
+
+
+def _evaluate(scene: Scene, weights: Weights, reference: Weights, sensor: SensorModel) -> Maps:
     return evaluate_radiance(
         weights,
         reference,
@@ -205,7 +225,7 @@ def _evaluate(scene: Scene, weights: Weights, reference: Weights) -> Maps:
         background_emissivity=scene.background.emissivity,
         wall_temperature_K=scene.walls.temperature_K,
         filter_um=scene.optics.filter_um,
-        sensor=SensorModel.from_scene(scene),
+        sensor=sensor,
         shots=scene.plan.shots,
         references=scene.plan.references,
     )
@@ -218,6 +238,7 @@ def _info(
     maps: Maps,
     stages: _Stages,
     notes: dict[str, float],
+    integration_time_s: float,
 ) -> RunInfo:
     accuracy = None
     if result.weights_difference is not None:
@@ -239,6 +260,7 @@ def _info(
         counts=result.counts,
         defines={program.name: dict(program.defines) for program in result.programs},
         precision=result.precision,
+        integration_time_s=integration_time_s,
         versions=versions,
     )
 

@@ -262,9 +262,9 @@ def _coarse_levels(
         found[closed] = level
         if v.shape[0] == frame.bricks:
             return number, found, divide
-        number, found, open_ = (
-            a.repeat(2, 0).repeat(2, 1).repeat(2, 2) for a in (number, found, divide)
-        )
+        number = number.repeat(2, 0).repeat(2, 1).repeat(2, 2)
+        found = found.repeat(2, 0).repeat(2, 1).repeat(2, 2)
+        open_ = divide.repeat(2, 0).repeat(2, 1).repeat(2, 2)
     raise AssertionError("the pyramid ends at the bricks")
 
 
