@@ -147,6 +147,8 @@ class _Bar:
     def say(self, text: str) -> None:
         if self._task is not None:
             self._bar.stop()
+            self._bar.remove_task(self._task)
+            self._task = None
         _say(text)
 
     def watch(self, progress: Progress) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import platform
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
@@ -63,6 +63,7 @@ class RunInfo:
     precision: str
     integration_time_s: float  # of the sensor, for the standard errors and the rig
     versions: dict[str, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()  # what was inferred from the spray's files
 
     def to_json(self) -> str:
         data = {**self.__dict__, "stages": [stage.__dict__ for stage in self.stages]}
@@ -71,7 +72,8 @@ class RunInfo:
     @classmethod
     def from_json(cls, text: str) -> RunInfo:
         data = json.loads(text)
-        return cls(**{**data, "stages": tuple(Stage(**stage) for stage in data["stages"])})
+        stages = tuple(Stage(**stage) for stage in data["stages"])
+        return cls(**{**data, "stages": stages, "remarks": tuple(data["remarks"])})
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,15 @@ class _Stages:
 
     def __init__(self, say: Say | None) -> None:
         self.done: list[Stage] = []
+        self.remarks: list[str] = []
         self._say = say
+
+    def remark(self, remarks: Sequence[str]) -> None:
+        """What a stage inferred and the user should know; kept for the report."""
+        self.remarks += remarks
+        if self._say is not None:
+            for text in remarks:
+                self._say(text)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[list[str]]:
@@ -152,12 +162,12 @@ def simulate(
             return stored
     device = device or open_device()
     stages = _Stages(progress)
-    tree, notes, word = _medium(scene, stages, cache or default_cache())
+    tree, notes = _medium(scene, stages, cache or default_cache())
     settings = settings_for(scene)
     result = trace(tree, scene, device, settings, report=progress)
     reference = trace(_nothing(tree.frame), scene, device, settings).weights
     for name in ("compile", "scattering", "image"):
-        note = "left out: nothing scatters" if name not in result.seconds else word.get(name, "")
+        note = "" if name in result.seconds else "left out: nothing scatters"
         if name == "scattering" and result.solution is not None:
             note = f"{result.counts['sweeps']} sweeps; {result.solution.passes} passes"
         stages.done.append(Stage(name, result.seconds.get(name, 0.0), note))
@@ -177,12 +187,11 @@ def simulate(
     return run
 
 
-def _medium(
-    scene: Scene, stages: _Stages, cache: Path
-) -> tuple[Octree, dict[str, float], dict[str, str]]:
+def _medium(scene: Scene, stages: _Stages, cache: Path) -> tuple[Octree, dict[str, float]]:
     with stages.stage("spray") as note:
         spray = make_spray(scene.spray)
         note.append(scene.spray.model)
+        stages.remark(spray.remarks)
     with stages.stage("optics"):
         points, cells = emitters(spray, scene.optics, cache=cache)
     domain = scene.domain
@@ -192,7 +201,7 @@ def _medium(
     with stages.stage("octree") as note:
         tree = build_octree(frame, points, cells, optical_depth_split=domain.optical_depth_split)
         note.append(f"{sum(tree.leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
-    return tree, dict(spray.notes), {}
+    return tree, dict(spray.notes)
 
 
 def _nothing(frame: Frame) -> Octree:
@@ -260,6 +269,7 @@ def _info(
         counts=result.counts,
         defines={program.name: dict(program.defines) for program in result.programs},
         precision=result.precision,
+        remarks=tuple(stages.remarks),
         integration_time_s=integration_time_s,
         versions=versions,
     )
