@@ -111,6 +111,7 @@ def _changed(
     if cfd is not None:
         data["spray"] = {"model": "cfd", "file": str(cfd.resolve()), "time_s": time_s}
         data["name"] = f"{scene.name}-{cfd.resolve().name}"
+        data["description"] = f"the spray of {cfd.name} before the rig of {scene.name}"
     elif time_s is not None:
         data["spray"]["time_s"] = time_s
     if order is not None:
