@@ -214,12 +214,22 @@ def import_command(
             "fuel_field": fuel_field,
             "fuel_molar_mass_kg_mol": molar_mass,
             "nozzle_m": nozzle,
-            "axis": [part for part in axis.split(",")] if axis and "," in axis else axis,
+            "axis": _axis(axis),
         }
     )
     lines = list_case(spec) if listed else import_case(spec, out)
     for line in lines:
         _OUT.print(_escaped(line))
+
+
+def _axis(text: str | None) -> str | list[float] | None:
+    """`-y` as it is, `0,-1,0` as numbers."""
+    if text is None or "," not in text:
+        return text
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise click.BadParameter(f"{text!r} is no direction", param_hint="--axis") from error
 
 
 @main.command()

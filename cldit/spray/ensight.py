@@ -214,8 +214,8 @@ def _elements(file: Reader, kind: str, many: int) -> tuple[Labels, Labels, Label
     nodes = file.integers(many * _CORNERS[kind], a_line=_CORNERS[kind]).reshape(many, -1)
     around = FACES[_VTK[kind]]
     corners = [nodes[:, list(face)].reshape(-1) for face in around]
-    sizes = [np.full(many, len(face)) for face in around]
-    return np.concatenate(corners), np.concatenate(sizes), np.tile(np.arange(many), len(around))
+    each = np.repeat([len(face) for face in around], many)
+    return np.concatenate(corners), each, np.tile(np.arange(many), len(around))
 
 
 def _ragged(file: Reader, sizes: Labels) -> Labels:
@@ -297,7 +297,7 @@ def mapped_cloud(
     """The cloud of these columns by the mapping, or by the default names that there are."""
     parcels = merged(names.parcels, default)
     given = names.parcels.model_fields_set if names.parcels is not None else set()
-    missing = {}
+    missing: dict[str, None] = {}
     for key in type(parcels).model_fields:
         value = getattr(parcels, key)
         used = getattr(value, "columns", None) or [getattr(value, "column", None)]

@@ -30,6 +30,7 @@ _SHOWN = {
     "gas_cells": ("cells", "", 1.0),
     "vapour_cells": ("cells with vapour", "", 1.0),
 }
+_COUNTS = ("parcels", "gas_cells", "vapour_cells")
 
 
 def cfd_spray(keys: Mapping[str, object]) -> CfdSpray:
@@ -77,7 +78,9 @@ def import_case(spec: CfdSpray, out: Path | None) -> list[str]:
     lines = [f"{spec.file}: {find_format(spec)}"]
     for name, (text, unit, factor) in _SHOWN.items():
         if name in spray.notes:
-            lines.append(f"  {text:34s}{spray.notes[name] * factor:12.5g} {unit}".rstrip())
+            value = spray.notes[name] * factor
+            shown = f"{value:.0f}" if name in _COUNTS else f"{value:.5g}"
+            lines.append(f"  {text:34s}{shown:>12s} {unit}".rstrip())
     lines += [f"  {remark}" for remark in spray.remarks]
     if out is not None:
         write_spray(out, spray)

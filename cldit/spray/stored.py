@@ -7,6 +7,7 @@ layout, the molar mass, notes and remarks. Written at once: a file is whole or n
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import zipfile
@@ -16,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.errors import SprayError
-from cldit.spray.result import Cells, Parcels, Spray, Vapour
+from cldit.spray.result import Cells, Floats, Parcels, Spray, Vapour
 
 LAYOUT = 1
 _PARCELS = ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3")
@@ -31,8 +32,12 @@ def write_spray(path: Path, spray: Spray) -> None:
     """
     if path.suffix != ".npz":
         raise SprayError(f"{path}: cldit's own file ends in .npz")
-    about = {"layout": LAYOUT, "notes": spray.notes, "remarks": list(spray.remarks)}
-    arrays = {}
+    about: dict[str, object] = {
+        "layout": LAYOUT,
+        "notes": spray.notes,
+        "remarks": list(spray.remarks),
+    }
+    arrays: dict[str, Floats] = {}
     if spray.parcels is not None:
         arrays |= {f"parcels/{name}": getattr(spray.parcels, name) for name in _PARCELS}
     if spray.vapour is not None:
@@ -46,7 +51,7 @@ def write_spray(path: Path, spray: Spray) -> None:
     partial = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
         with partial.open("wb") as stream:
-            np.savez_compressed(stream, about=np.array(json.dumps(about)), **arrays)
+            np.savez_compressed(stream, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
         partial.replace(path)
     except OSError as error:
         partial.unlink(missing_ok=True)
@@ -60,8 +65,13 @@ def read_spray(path: Path) -> Spray:
         SprayError: the file is missing, damaged, cut off, of another layout, or lacks an array.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
+        with path.open("rb") as stream, zipfile.ZipFile(stream) as archive:
+            # whole members, so that their checksums are compared, which np.load leaves out
+            members = {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
+        arrays = {
+            name: np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
+            for name, content in members.items()
+        }
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, TypeError) as error:
         raise SprayError(f"{path}: cannot be read as cldit's file: {error}") from error
     try:
