@@ -132,7 +132,8 @@ def _file(case: CaseFile, item: Item, at: float | None) -> Path:
     if files[0][0] is None or at is None:
         return files[-1][1]
     if item.kind == "model":
-        return max(((t, f) for t, f in files if t is not None and t <= at * (1 + 1e-9)))[1]
+        before = [(t, f) for t, f in files if t is not None and t <= at * (1 + 1e-9)]
+        return max(before or files[:1])[1]
     known = {time: file for time, file in files if time is not None}
     return known[nearest_time(f"{case.path}: {item.name}", known, at)]
 

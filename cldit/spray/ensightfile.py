@@ -68,6 +68,15 @@ def read_case_file(path: Path) -> CaseFile:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise SprayError(f"{path}: cannot be read ({error})") from error
+    try:
+        return _parsed(path, lines)
+    except SprayError:
+        raise
+    except (ValueError, IndexError) as error:
+        raise SprayError(f"{path}: is no EnSight case file ({error})") from error
+
+
+def _parsed(path: Path, lines: list[str]) -> CaseFile:
     case, section, gold = CaseFile(path), "", False
     sets: dict[int, dict[str, list[float]]] = {}
     now: dict[str, list[float]] = {}
@@ -94,10 +103,7 @@ def read_case_file(path: Path) -> CaseFile:
                 if key == "time set":
                     now = sets.setdefault(int(after.split()[0]), {})
                     continue
-            try:
-                now.setdefault(key, []).extend(float(word) for word in (after or line).split())
-            except ValueError as error:
-                raise SprayError(f"{path}: TIME: {line!r} is no list of numbers") from error
+            now.setdefault(key, []).extend(float(word) for word in (after or line).split())
     if not gold:
         raise SprayError(f"{path}: FORMAT: not `type: ensight gold`")
     case.time_sets = {number: _time_set(path, content) for number, content in sets.items()}
@@ -121,7 +127,7 @@ def _item(path: Path, kind: str, text: str) -> Item:
 def _time_set(path: Path, content: dict[str, list[float]]) -> TimeSet:
     times = tuple(content.get("time values", []))
     count = int(content.get("number of steps", [len(times)])[0])
-    if count != len(times):
+    if count != len(times) or not count:
         raise SprayError(f"{path}: TIME: {len(times)} time values for {count} steps")
     if "filename numbers" in content:
         numbers = tuple(int(number) for number in content["filename numbers"])
@@ -181,7 +187,8 @@ class Reader:
     def floats(self, count: int, *, a_line: int = 1) -> Floats:
         """Float32; in ascii `a_line` of them in columns of twelve."""
         if self.binary:
-            return np.frombuffer(self._bytes(4 * count), f"{self.order}f4").astype(np.float64)
+            with np.errstate(invalid="ignore"):  # NaN is for who knows what the number means
+                return np.frombuffer(self._bytes(4 * count), f"{self.order}f4").astype(np.float64)
         return self._numbers(count, 12, a_line)
 
     def particles(self, count: int) -> Floats:
