@@ -319,8 +319,9 @@ def _parcels(
     Each parcel of a cell has the same mass. Their diameters are spread over the cell's sizes.
     """
     liquid = mass * (1 - state.evaporated)
-    order = np.argsort(liquid)
-    liquid[order[np.cumsum(liquid[order]) <= THIN * liquid.sum()]] = 0.0
+    if source.bulb is not None:
+        order = np.argsort(liquid)
+        liquid[order[np.cumsum(liquid[order]) <= THIN * liquid.sum()]] = 0.0
     wet = np.flatnonzero(liquid > 0)
     if source.sizes is None or not wet.size:
         return None, np.zeros(len(mass))

@@ -109,13 +109,11 @@ def _bilinear(
     """Values of tables (rows, columns) between their entries; the ends hold."""
     i, v = _between(rows, np.asarray(row, dtype=float))
     j, w = _between(columns, np.asarray(column, dtype=float))
-    corners = (
-        ((i, j), (1 - v) * (1 - w)),
-        ((i + 1, j), v * (1 - w)),
-        ((i, j + 1), (1 - v) * w),
-        ((i + 1, j + 1), v * w),
-    )
-    return [np.asarray(sum(table[at] * weight for at, weight in corners)) for table in tables]
+    found = []
+    for table in tables:  # by differences, so that equal entries are met exactly
+        low, high = (table[at, j] + w * (table[at, j + 1] - table[at, j]) for at in (i, i + 1))
+        found.append(np.asarray(low + v * (high - low)))
+    return found
 
 
 def _between(axis: Floats, x: Floats) -> tuple[NDArray[np.int64], Floats]:
