@@ -1,8 +1,9 @@
-"""Fuel mixed adiabatically with hot nitrogen: temperature and evaporated share, as a 1-D table.
+"""Fuel mixed adiabatically with hot nitrogen: temperatures and evaporated share, as a table.
 
 Mixing-limited sprays (Siebers, SAE 1999-01-0528): where fuel and gas are mixed, they are in
 equilibrium, so that the ratio B of fuel to nitrogen mass decides everything. While liquid is left
-the vapour is saturated at the mixture's temperature; then only enthalpies mix.
+the vapour is saturated at the mixture's temperature; then only enthalpies mix. Where droplets have
+not had the time for that, the share that has evaporated is the table's second axis.
 """
 
 from __future__ import annotations
@@ -188,7 +189,7 @@ def lagging_state(
         """Temperature that the gas is left with; Newton from the last one, both cp vary slowly."""
         nonlocal gas
         left = supply - liquid * heptane_liquid_enthalpy_J_kg(surface)
-        for _ in range(3):
+        for _ in range(2):
             found = vapour * heptane_vapour_enthalpy_J_kg(gas) + NITROGEN.enthalpy_J_kg(gas)
             slope = vapour * heptane_vapour_cp_J_kg_K(gas) + NITROGEN.cp_J_kg_K(gas)
             gas = np.clip(gas + (left - found) / slope, 0.3 * gas_K, hottest)
@@ -201,7 +202,7 @@ def lagging_state(
 
     low = np.full(ratio.shape, 0.4 * min(gas_K, fuel_K))
     high = np.full(ratio.shape, min(max(gas_K, fuel_K), HEPTANE_CRITICAL_K))
-    surface = rising_root(excess, low, high, halvings=36)
+    surface = rising_root(excess, low, high, halvings=30)
     return around(surface), surface
 
 

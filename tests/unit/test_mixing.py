@@ -18,7 +18,13 @@ from cldit.spray.fuel import (
     heptane_vapour_enthalpy_J_kg,
 )
 from cldit.spray.methane import expand
-from cldit.spray.mixing import heptane_mixture, heptane_state, lagging_state, methane_mixture
+from cldit.spray.mixing import (
+    Mixture,
+    heptane_mixture,
+    heptane_state,
+    lagging_state,
+    methane_mixture,
+)
 
 HOT = {"pressure_Pa": 0.6e6, "gas_K": 570.0, "fuel_K": 370.0}
 
@@ -41,6 +47,10 @@ SATURATION = [
     (0.9, 573.0, 380.0, 0.602),
     (0.9, 620.0, 385.0, 0.715),
 ]
+
+
+def _hot() -> Mixture:
+    return heptane_mixture(pressure_Pa=0.6e6, gas_K=570.0, fuel_K=370.0)
 
 
 @pytest.mark.parametrize(("megapascal", "gas_K", "saturation_K", "ratio"), SATURATION)
@@ -87,9 +97,9 @@ def test_superheated_fuel_flashes_to_the_boiling_point() -> None:
 @pytest.mark.parametrize("kinetic", [0.0, 0.13, 0.5, 0.9, 1.0])
 def test_table_inverts_itself_between_its_entries(kinetic: float) -> None:
     """Look-up in ln B, steps of 0.04 and of 0.025 in the share. Where time and saturation limit
-    alike both temperatures have a kink, that the table rounds by a quarter of step times slope:
-    0.04 * 150 K / 4 and less."""
-    table = heptane_mixture(**HOT)
+    alike both temperatures have a kink, that the table rounds by a quarter of step times slope in
+    either direction: 0.04 * 150 K / 4 in ln B, 0.025 * 200 K / 4 in the share."""
+    table = _hot()
     b = np.geomspace(2e-4, 8e2, 777)
     state = table.at(table.content(b, kinetic), kinetic)
     exact_t, exact_f = heptane_state(b, **HOT)
@@ -100,9 +110,9 @@ def test_table_inverts_itself_between_its_entries(kinetic: float) -> None:
     gas, liquid = exact_t.copy(), exact_t.copy()
     if lags.any():
         gas[lags], liquid[lags] = lagging_state(b[lags], limited[lags], **HOT)
-    assert state.gas_K == pytest.approx(gas, abs=1.5)
+    assert state.gas_K == pytest.approx(gas, abs=2.75)
     wet = limited < 1
-    assert state.liquid_K[wet] == pytest.approx(liquid[wet], abs=1.5)
+    assert state.liquid_K[wet] == pytest.approx(liquid[wet], abs=2.75)
     assert np.all(np.diff(table.fuel_kg_m3, axis=1) > 0)
 
 
@@ -134,7 +144,7 @@ def test_lagging_droplets_keep_energy_at_the_wet_bulb(gas_K: float, megapascal: 
 def test_looked_up_states_keep_energy(kinetic: float) -> None:
     """What the cone takes from the table for a fuel content. 0.5 % of the heat that the gas could
     give: 1.5 K of 200 K, where time and saturation limit alike, and far less elsewhere."""
-    state = heptane_mixture(**HOT)
+    state = _hot()
     found = state.at(np.geomspace(1e-3, 100.0, 500), kinetic)
     b, f = found.fuel_to_gas, found.evaporated
     held = f * heptane_vapour_enthalpy_J_kg(found.gas_K)
@@ -149,7 +159,7 @@ def test_looked_up_states_keep_energy(kinetic: float) -> None:
 
 def test_content_fills_a_cubic_metre() -> None:
     """Gas volumes at the pressure (ideal), plus the liquid's own, from the state alone."""
-    table = heptane_mixture(**HOT)
+    table = _hot()
     c, b, t = table.fuel_kg_m3, table.fuel_to_gas, table.gas_K
     f = np.minimum(table.kinetic[:, None], table.equilibrium)
     moles = c * f / HEPTANE_MOLAR_MASS_kg_mol + c / b / NITROGEN.molar_mass_kg_mol
