@@ -20,6 +20,7 @@ from cldit.spray.fuel import (
     HEPTANE_MOLAR_MASS_kg_mol,
     heptane_density_kg_m3,
     heptane_diffusivity_m2_s,
+    heptane_liquid_cp_J_kg_K,
     heptane_liquid_enthalpy_J_kg,
     heptane_saturation_pressure_Pa,
     heptane_vapour_conductivity_W_m_K,
@@ -32,14 +33,20 @@ Floats = NDArray[np.float64]
 
 _FILM = 1 / 3  # where between surface and gas the film's properties are taken
 _HALVINGS = 40
+_POINTS = 400
 
 
 @dataclass(frozen=True)
 class Film:
-    """mass_kg_m_s: rho D ln(1 + BM); heat_excess: above 0 the surface cools; all (N,)."""
+    """All (N,). mass_kg_m_s: rho D ln(1 + BM); heat_excess: above 0 the surface cools.
+
+    heat_J_kg: what is conducted to the surface for each mass that leaves it,
+    cp_F (T_gas - T_s) / BT.
+    """
 
     mass_kg_m_s: Floats
     heat_excess: Floats
+    heat_J_kg: Floats
 
 
 def film(
@@ -48,7 +55,7 @@ def film(
     """State of the film; `vapour_share` is the gas's mass fraction of fuel vapour, 0..1.
 
     heat_excess is phi ln(1 + BM) - ln(1 + cp_F (T_gas - T_s) / L): it rises with the surface's
-    temperature and is 0 at the wet bulb. At and above boiling both results are infinite.
+    temperature and is 0 at the wet bulb. At and above boiling rate and excess are infinite.
     """
     surface, gas = np.asarray(surface_K, dtype=float), np.asarray(gas_K, dtype=float)
     far = np.asarray(vapour_share, dtype=float)
@@ -69,17 +76,24 @@ def film(
     latent = heptane_vapour_enthalpy_J_kg(surface) - heptane_liquid_enthalpy_J_kg(surface)
     # Gas far below the surface's temperature gives no bound: any positive number will do.
     driving = np.maximum(1 + vapour_cp * (gas - surface) / latent, 1e-6)
-    excess = vapour_cp * rho_d / conductivity * transfer - np.log(driving)
-    return Film(np.where(boiling, np.inf, rho_d * transfer), np.where(boiling, np.inf, excess))
+    blowing = vapour_cp * rho_d / conductivity * transfer  # ln(1 + BT)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        heat = vapour_cp * (gas - surface) / np.expm1(blowing)
+    return Film(
+        np.where(boiling, np.inf, rho_d * transfer),
+        np.where(boiling, np.inf, blowing - np.log(driving)),
+        np.where(boiling, 0.0, heat),
+    )
 
 
 @dataclass(frozen=True)
 class WetBulb:
     """Steady evaporation of a droplet in gas without vapour.
 
-    rate_m2_s: K, by which d^2 falls with time. start: s0, what d^2 / d0^2 = s0 - K t / d0^2 begins
-    with: above 1 while the droplet heats up to the wet bulb (it stays whole until then), below 1
-    where it comes warmer and its own heat evaporates a share at once.
+    rate_m2_s: K, by which d^2 falls with time.
+    start: s0 of d^2 / d0^2 = s0 - K t / d0^2, that holds once the droplet has its wet bulb: above
+    1 where it must be heated to it (taken as whole while the sum is above 1), below 1 where it
+    comes warmer and its own heat evaporates a share (taken at once).
     """
 
     temperature_K: float
@@ -90,16 +104,19 @@ class WetBulb:
 def wet_bulb(*, gas_K: float, pressure_Pa: float, fuel_K: float) -> WetBulb:
     """The gas is fuel-free and far away; below the critical pressure of the fuel.
 
-    Heat to bring the liquid to the wet bulb is counted as liquid that would have evaporated with
-    it, dm/m = cp dT / L; the time that this takes is left out where it evaporates.
+    With q the conducted heat a mass, dm/m = cp dT / (L - q) on the way to the wet bulb. What this
+    is more or less than the steady rate would have taken in the same time goes into `start`.
     """
+    far = {"gas_K": gas_K, "vapour_share": 0.0, "pressure_Pa": pressure_Pa}
     low, high = 0.4 * gas_K, max(gas_K, HEPTANE_CRITICAL_K)
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        state = film(middle, gas_K=gas_K, vapour_share=0.0, pressure_Pa=pressure_Pa)
-        low, high = (low, middle) if state.heat_excess > 0 else (middle, high)
-    state = film(low, gas_K=gas_K, vapour_share=0.0, pressure_Pa=pressure_Pa)
-    rate = 8 * float(state.mass_kg_m_s) / float(heptane_density_kg_m3(low))
-    liquid = heptane_liquid_enthalpy_J_kg([low, fuel_K])
-    latent = float(heptane_vapour_enthalpy_J_kg(low) - liquid[0])
-    return WetBulb(low, rate, float(np.exp(2 / 3 * (liquid[0] - liquid[1]) / latent)))
+        low, high = (low, middle) if film(middle, **far).heat_excess > 0 else (middle, high)
+    steady = float(film(low, **far).mass_kg_m_s)
+    rate = 8 * steady / float(heptane_density_kg_m3(low))
+    way = fuel_K + (low - fuel_K) * (np.arange(_POINTS) + 0.5) / _POINTS
+    state = film(way, **far)
+    latent = heptane_vapour_enthalpy_J_kg(way) - heptane_liquid_enthalpy_J_kg(way)
+    slope = heptane_liquid_cp_J_kg_K(way) * (1 - steady / state.mass_kg_m_s)
+    change = float(np.mean(slope / (latent - state.heat_J_kg))) * (low - fuel_K)
+    return WetBulb(low, rate, float(np.exp(2 / 3 * change)))

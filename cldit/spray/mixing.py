@@ -81,7 +81,8 @@ class Mixture:
         """The smaller share of what heat and saturation allow, and of what time allows."""
         with np.errstate(divide="ignore"):
             wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
-        return np.minimum(np.interp(wanted, np.log(self.fuel_to_gas), self.equilibrium), kinetic)
+        allowed = np.interp(wanted, np.log(self.fuel_to_gas), self.equilibrium)
+        return np.asarray(np.minimum(allowed, kinetic))
 
     def content(self, fuel_to_gas: ArrayLike, kinetic: ArrayLike = 1.0) -> Floats:
         """Fuel in kg/m3 for a fuel-to-gas ratio; the ends of the table hold beyond them."""

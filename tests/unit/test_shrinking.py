@@ -10,39 +10,47 @@ from cldit.spray.film import film, wet_bulb
 from cldit.spray.shrinking import shrinking
 from cldit.spray.sizes import strata_m
 
-# p in MPa and T of the gas; wet bulb in K and K in mm2/s of the model of Abramzon and Sirignano,
-# then lifetime and time to half the mass in us of a droplet of 9 um and 370 K at rest, by stiff
-# integration of its heat and mass: all computed independently, with other code.
+# p in MPa and T of the gas; lifetime and time to half the mass in us of a droplet of 9 um and 370 K
+# at rest, by stiff integration of its heat and mass after Abramzon and Sirignano, independently.
 SINGLE = [
-    (0.15, 573.0, 343.0, 0.154, 470.0, 147.0),
-    (0.15, 620.0, 345.7, 0.178, 413.0, 133.0),
-    (0.60, 573.0, 386.0, 0.162, 534.0, 213.0),
-    (0.90, 620.0, 406.0, 0.198, 473.0, 204.0),
+    (0.15, 400.0, 1129.0, 290.0),
+    (0.15, 573.0, 470.0, 147.0),
+    (0.15, 620.0, 413.0, 133.0),
+    (0.60, 400.0, 1683.0, 567.0),
+    (0.60, 573.0, 534.0, 213.0),
+    (0.90, 620.0, 473.0, 204.0),
+    (0.15, 300.0, 6792.0, 1270.0),
+    (0.90, 300.0, 30819.0, 9681.0),
 ]
 
 
-@pytest.mark.parametrize(("megapascal", "gas_K", "bulb_K", "rate_mm2_s", "life", "half"), SINGLE)
-def test_hot_gas(
-    megapascal: float, gas_K: float, bulb_K: float, rate_mm2_s: float, life: float, half: float
-) -> None:
-    """0.5 K and 2 %: mixing rule of the film. The whole life within 8 % and half the mass within
-    25 %: heating up is counted as heat, not followed in time, and small droplets evaporate some
-    while they heat up; that matters most at the highest wet bulb."""
+@pytest.mark.parametrize(("megapascal", "gas_K", "life", "half"), SINGLE)
+def test_life_of_a_droplet(megapascal: float, gas_K: float, life: float, half: float) -> None:
+    """4 %: the film's mixing rule, 2 %, and that density changes on the way to the wet bulb, 2 %.
+    8 % in cold gas: there K follows the small difference of gas and wet bulb."""
     bulb = wet_bulb(gas_K=gas_K, pressure_Pa=megapascal * 1e6, fuel_K=370.0)
-    assert bulb.temperature_K == pytest.approx(bulb_K, abs=0.5)
-    assert bulb.rate_m2_s * 1e6 == pytest.approx(rate_mm2_s, rel=0.02)
-    begin = bulb.start * 81e-12
-    assert begin / bulb.rate_m2_s == pytest.approx(life * 1e-6, rel=0.08)
+    begin, within = bulb.start * 81e-12, 0.08 if gas_K == 300.0 else 0.04
+    assert begin / bulb.rate_m2_s == pytest.approx(life * 1e-6, rel=within)
     found = (begin - 0.5 ** (2 / 3) * 81e-12) / bulb.rate_m2_s
-    assert found == pytest.approx(half * 1e-6, rel=0.25)
+    assert found == pytest.approx(half * 1e-6, rel=within)
 
 
 @pytest.mark.parametrize(
     ("megapascal", "gas_K", "bulb_K", "rate_mm2_s"),
-    [(0.15, 300.0, 288.7, 0.009), (0.9, 300.0, 297.3, 0.002), (0.3, 500.0, 355.9, 0.114)],
+    [
+        (0.15, 300.0, 288.7, 0.009),
+        (0.15, 573.0, 343.0, 0.154),
+        (0.15, 620.0, 345.7, 0.178),
+        (0.30, 500.0, 355.9, 0.114),
+        (0.60, 573.0, 386.0, 0.162),
+        (0.90, 300.0, 297.3, 0.002),
+        (0.90, 620.0, 406.0, 0.198),
+    ],
 )
-def test_other_wet_bulbs(megapascal: float, gas_K: float, bulb_K: float, rate_mm2_s: float) -> None:
-    """K in cold gas has one digit: half of the last."""
+def test_wet_bulb_and_rate(
+    megapascal: float, gas_K: float, bulb_K: float, rate_mm2_s: float
+) -> None:
+    """0.5 K and 2 %: mixing rule of the film; and half of the last digit of K."""
     bulb = wet_bulb(gas_K=gas_K, pressure_Pa=megapascal * 1e6, fuel_K=370.0)
     assert bulb.temperature_K == pytest.approx(bulb_K, abs=0.5)
     assert bulb.rate_m2_s * 1e6 == pytest.approx(rate_mm2_s, abs=0.0005 + 0.02 * rate_mm2_s)
