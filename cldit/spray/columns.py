@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping as Dict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from cldit.errors import SprayError
 from cldit.scene.checks import Section, describe, read_mapping
-from cldit.spray.cfdcase import Column
+from cldit.spray.cfdcase import Cloud, Column, complete_cloud
 
 # unit: factor and offset to SI, value * factor + offset
 _PLAIN = {
@@ -151,7 +151,7 @@ class Source:
     """Columns of one table or data set by name, the number of its rows, and its name in errors."""
 
     name: str
-    columns: Dict[str, Column]
+    columns: Mapping[str, Column]
     rows: int
 
     def scalar(self, wanted: Scalar, kind: str, key: str) -> Column:
@@ -240,3 +240,26 @@ def cloud_columns(source: Source, wanted: ParcelColumns) -> dict[str, Column]:
             )
         fields["nParticle"] = Column(f"{mass.label} (mass over a droplet's)", mass.values / droplet)
     return fields
+
+
+def mapped_cloud(
+    name: str,
+    source: str,
+    position_m: Column,
+    columns: dict[str, Column],
+    names: ColumnMap,
+    default: ParcelColumns,
+) -> Cloud:
+    """The cloud of these columns by the mapping, or by the default names that there are."""
+    parcels = merged(names.parcels, default)
+    given = names.parcels.model_fields_set if names.parcels is not None else set()
+    missing: dict[str, None] = {}
+    for key in type(parcels).model_fields:
+        value = getattr(parcels, key)
+        used = getattr(value, "columns", None) or [getattr(value, "column", None)]
+        if value is not None and key not in given and any(u and u not in columns for u in used):
+            missing[key] = None
+    rows = Source(source, columns, len(position_m.values))
+    fields = cloud_columns(rows, parcels.model_copy(update=missing))
+    hint = f"{source} (parcel fields {', '.join(columns) or 'none'})"
+    return complete_cloud(name, hint, position_m, fields)

@@ -24,9 +24,9 @@ from cldit.spray.columns import (
     Source,
     Vector,
     gas_columns,
+    mapped_cloud,
     merged,
 )
-from cldit.spray.ensight import mapped_cloud
 from cldit.spray.polyhedra import Mesh, join
 from cldit.spray.result import Floats
 

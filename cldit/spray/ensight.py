@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.errors import SprayError
-from cldit.spray.cfdcase import CfdCase, Cloud, Column, complete_cloud, nearest_time
+from cldit.spray.cfdcase import CfdCase, Cloud, Column, nearest_time
 from cldit.spray.columns import (
     CellColumns,
     ColumnMap,
@@ -16,8 +16,8 @@ from cldit.spray.columns import (
     Scalar,
     Source,
     Vector,
-    cloud_columns,
     gas_columns,
+    mapped_cloud,
     merged,
 )
 from cldit.spray.ensightfile import CaseFile, Item, Reader, read_case_file
@@ -285,26 +285,3 @@ def _cloud(
         for letter, part in zip("XYZ" if width == 3 else [""], numbers.T, strict=True):
             columns[item.name + (f"_{letter}" if letter else "")] = Column(label, part)
     return mapped_cloud("measured", str(case.path), position, columns, names, PARCEL_NAMES)
-
-
-def mapped_cloud(
-    name: str,
-    source: str,
-    position_m: Column,
-    columns: dict[str, Column],
-    names: ColumnMap,
-    default: ParcelColumns,
-) -> Cloud:
-    """The cloud of these columns by the mapping, or by the default names that there are."""
-    parcels = merged(names.parcels, default)
-    given = names.parcels.model_fields_set if names.parcels is not None else set()
-    missing: dict[str, None] = {}
-    for key in type(parcels).model_fields:
-        value = getattr(parcels, key)
-        used = getattr(value, "columns", None) or [getattr(value, "column", None)]
-        if value is not None and key not in given and any(u and u not in columns for u in used):
-            missing[key] = None
-    rows = Source(source, columns, len(position_m.values))
-    fields = cloud_columns(rows, parcels.model_copy(update=missing))
-    hint = f"{source} (parcel fields {', '.join(columns) or 'none'})"
-    return complete_cloud(name, hint, position_m, fields)

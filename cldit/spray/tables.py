@@ -19,6 +19,7 @@ from cldit.spray.columns import (
     read_column_map,
 )
 from cldit.spray.polyhedra import box_mesh
+from cldit.spray.result import Floats
 
 
 def read_tables(path: Path, *, time_s: float | None, fuel_field: str) -> CfdCase:
@@ -50,7 +51,7 @@ def read_tables(path: Path, *, time_s: float | None, fuel_field: str) -> CfdCase
     )
 
 
-def _boxes(source: Source, wanted: CellColumns) -> tuple[Column, np.ndarray]:
+def _boxes(source: Source, wanted: CellColumns) -> tuple[Column, Floats]:
     """Centres and edges of the cells, (N, 3) both."""
     if wanted.position is None or (wanted.size is None) == (wanted.volume is None):
         raise SprayError(
