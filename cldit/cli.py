@@ -218,6 +218,8 @@ def optics(scene: str, out: Path | None) -> None:
     for row in found.rows:
         table.add_row(row.quantity, row.scene, row.data, row.paper, f"[dim]{_escaped(row.note)}[/]")
     _OUT.print(table)
+    for source in found.sources:
+        _OUT.print(_escaped(source), style="dim")
     picture = out or Path(f"{chosen.name}-optics.png")
     picture.parent.mkdir(parents=True, exist_ok=True)
     picture.write_bytes(optics_picture(found))

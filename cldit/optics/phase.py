@@ -89,9 +89,9 @@ class PhaseTable:
         cell = np.minimum(place.astype(np.intp), len(log) - 2)
         part = place - cell
         small = np.minimum(d / self.diameter_m[0], 1.0) ** 6  # Rayleigh below the table
-        share = np.bincount(cell, count * small * (1 - part), len(log))
-        share += np.bincount(cell + 1, count * small * part, len(log))
-        share = share * self.scattering_m2
+        lower = np.bincount(cell, count * small * (1 - part), len(log))
+        upper = np.bincount(cell + 1, count * small * part, len(log))
+        share = (lower + upper) * self.scattering_m2
         if not (np.all(share >= 0) and 0 < share.sum() < np.inf):
             raise DropletError("phase function: the numbers of droplets give nothing to average")
         density = (share / share.sum()) @ self.density_per_sr

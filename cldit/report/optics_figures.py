@@ -20,13 +20,17 @@ _FILTER = "#f3e3b3"
 
 def optics_picture(data: SceneOptics) -> bytes:
     """PNG of six panels; those of droplets are left out where the scene has none."""
-    droplets = data.table is not None
-    figure = figure_of(13.0, 10.2 if droplets else 5.4)
-    grid = figure.subplots(3 if droplets else 1, 2, squeeze=False).ravel()
-    panels = [_vapour, _camera]
+    droplets = data.droplets is not None
+    panels = [_vapour, *([_growth] if data.growth else []), _camera]
     if droplets:
         panels = [_index, _efficiencies, _phase, _sizes, *panels]
-    for axes, panel in zip(grid, panels, strict=True):
+    columns = 2 if len(panels) % 2 == 0 else 3
+    rows = -(-len(panels) // columns)
+    figure = figure_of(6.5 * columns, 0.4 + (3.4 if rows > 1 else 4.6) * rows)
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in grid[len(panels) :]:
+        axes.set_axis_off()
+    for axes, panel in zip(grid, panels, strict=False):
         panel(axes, data)
         axes.grid(alpha=0.25, linewidth=0.6)
     figure.suptitle(f"Optics of {data.scene.name}".replace("$", r"\$"), fontsize=12)
@@ -77,10 +81,11 @@ def _index(axes: Axes, data: SceneOptics) -> None:
 def _efficiencies(axes: Axes, data: SceneOptics) -> None:
     """Paper Fig. 3b."""
     d = np.geomspace(1e-7, 1e-4, 1500)
-    styles = [(data.table, "-", "scene"), (data.measured_table, "--", "data over the filter")]
-    for table, style, name in styles:
-        if table is None:
+    styles = [(data.droplets, "-", "scene"), (data.measured, "--", "data over the filter")]
+    for droplets, style, name in styles:
+        if droplets is None:
             continue
+        table = droplets.table
         q_ext, q_sca, _ = table.efficiencies(d)
         values = ((q_ext, _BLACK, "ext"), (q_sca, _BLUE, "sca"), (q_ext - q_sca, _RED, "abs"))
         for value, colour, which in values:
@@ -99,9 +104,10 @@ def _efficiencies(axes: Axes, data: SceneOptics) -> None:
 
 
 def _phase(axes: Axes, data: SceneOptics) -> None:
-    curves = ((data.phase, _BLUE, "scene"), (data.measured_phase, _RED, "data over the filter"))
-    for phase, colour, name in curves:
-        if phase is not None:
+    curves = ((data.droplets, _BLUE, "scene"), (data.measured, _RED, "data over the filter"))
+    for droplets, colour, name in curves:
+        if droplets is not None:
+            phase = droplets.phase
             angle = np.degrees(np.arccos(phase.cosine))
             label = f"{name}, g = {phase.asymmetry:.3f}"
             axes.semilogy(angle, phase.density_per_sr, color=colour, label=label)
@@ -124,34 +130,22 @@ def _sizes(axes: Axes, data: SceneOptics) -> None:
     for sizes, colour, width, whose in shown:
         d32 = mean_diameter_m(sizes, 3, 2) * 1e6
         if isinstance(sizes, Monodisperse):
-            axes.axvline(sizes.diameter_um, color=colour, linewidth=width, label=f"{whose}: one")
-            continue
-        label = f"{whose}: {_named(sizes)}, $D_{{32}}$ = {d32:.2f} µm"
-        if whose == "scene":
-            axes.fill_between(
-                d * 1e6,
-                density_per_m(sizes, d, by="mass") * 1e-6,
-                color=colour,
-                alpha=0.12,
-                linewidth=0,
-            )
-        else:
-            axes.plot(
-                d * 1e6,
-                density_per_m(sizes, d, by="number") * 1e-6,
+            axes.axvline(
+                sizes.diameter_um,
                 color=colour,
                 linewidth=width,
-                label=label,
+                label=f"{whose}: {sizes.diameter_um:g} µm",
             )
-        style = {"linewidth": width, "linestyle": "--" if whose == "paper" else "-"}
+            continue
+        label = f"{whose}: {_named(sizes)}, $D_{{32}}$ = {d32:.2f} µm"
         mass = density_per_m(sizes, d, by="mass") * 1e-6
-        axes.plot(
-            d * 1e6,
-            mass,
-            color=colour,
-            label=f"{label} (mass)" if whose == "scene" else None,
-            **style,
-        )
+        if whose == "scene":
+            axes.fill_between(d * 1e6, mass, color=colour, alpha=0.12, linewidth=0)
+            axes.plot(d * 1e6, mass, color=colour, linewidth=width, label=f"{label}, by mass")
+        else:
+            number = density_per_m(sizes, d, by="number") * 1e-6
+            axes.plot(d * 1e6, number, color=colour, linewidth=width, label=label)
+            axes.plot(d * 1e6, mass, color=colour, linewidth=width, linestyle="--")
     axes.set(
         xlabel="diameter, µm",
         ylabel="share per µm",
@@ -194,6 +188,32 @@ def _vapour(axes: Axes, data: SceneOptics) -> None:
         ylim=(0, None),
     )
     axes.legend(fontsize=8)
+
+
+def _growth(axes: Axes, data: SceneOptics) -> None:
+    """Why lines matter: the light between them is never absorbed."""
+    for curve in data.growth:
+        axes.semilogx(
+            curve.column_mol_m2,
+            curve.emissivity,
+            color=_BLUE,
+            label=f"{curve.species}, lines at the scene's pressure",
+        )
+        axes.semilogx(
+            curve.column_mol_m2,
+            curve.beer,
+            color=_GREY,
+            linestyle="--",
+            label="Beer-Lambert on the mean",
+        )
+    axes.axhline(0.3, color=_RED, linewidth=1.0, linestyle=":", label="most in the paper's jet")
+    axes.set(
+        xlabel="column, mol/m$^2$",
+        ylabel="emissivity through the filter",
+        title=f"curve of growth at {data.gas_K:.0f} K",
+        ylim=(0, 1),
+    )
+    axes.legend(fontsize=8, loc="upper left")
 
 
 def _camera(axes: Axes, data: SceneOptics) -> None:

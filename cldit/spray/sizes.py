@@ -110,10 +110,9 @@ def strata_m(sizes: Sizes, count: int) -> Floats:
         return np.asarray(mass / (count * np.diff(below)) * 1e-6)
     m_um, n, p = _gamma(sizes)
     shape = (p + 4) / n
-    bounds = gammaincinv(shape, edges)
-    below = gammainc(shape - 1 / n, bounds)
+    surface_below = gammainc(shape - 1 / n, gammaincinv(shape, edges))
     whole = np.exp(gammaln(shape - 1 / n) - gammaln(shape))
-    return np.asarray(m_um * 1e-6 / (count * whole * np.diff(below)))
+    return np.asarray(m_um * 1e-6 / (count * whole * np.diff(surface_below)))
 
 
 def density_per_m(sizes: Sizes, diameter_m: ArrayLike, *, by: Weight) -> Floats:
