@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
 
 from cldit.errors import DropletError
 from cldit.optics import mie
@@ -31,6 +32,8 @@ POINTWISE_K = 0.002  # from this k on entries hold for single diameters
 AVERAGED = 0.01  # half width in ln x of the means below it
 _WEAK_K = 0.001
 _STEP = 3.3e-4  # in ln x
+_COARSER = 8  # steps from one solution to the next, with a cubic spline between, ...
+_SMOOTH = 0.015  # ... from this k / n on
 _FINER = 2  # samples a step where means are taken
 _FORM = 2  # of the file
 
@@ -113,7 +116,7 @@ def droplet_table(*, wavelength_um: float, n: float, k: float, cache: Path | Non
     kept = cached(
         cache,
         kind="mie",
-        text=f"{_FORM} {_STEP} {_FINER} {AVERAGED} {wavelength_um!r} {n!r} {k!r}",
+        text=f"{_FORM} {_STEP} {_COARSER} {_FINER} {AVERAGED} {wavelength_um!r} {n!r} {k!r}",
         make=lambda: _solve(wavelength_um=wavelength_um, n=n, k=k),
     )
     start, step = (float(value) for value in kept["axis"])
@@ -134,8 +137,14 @@ def _solve(*, wavelength_um: float, n: float, k: float) -> Arrays:
     count = int((end - start) / _STEP) + 1
     step = (end - start) / (count - 1)
     if k >= POINTWISE_K:
-        x = np.exp(start + step * np.arange(count))
-        columns = scaled(x, mie.efficiencies(n=n, k=k, x=x))
+        # Absorption k makes every feature wider than k / n in ln x.
+        some = np.arange(count)[::_COARSER] if k >= _SMOOTH * n else np.arange(count)
+        some = np.union1d(some, [count - 1])
+        x = np.exp(start + step * some)
+        solved = scaled(x, mie.efficiencies(n=n, k=k, x=x))
+        scattering, absorption, g = (
+            np.asarray(CubicSpline(some, column)(np.arange(count))) for column in solved
+        )
     else:
         beyond = int(np.ceil(AVERAGED / step)) * _FINER
         samples = np.arange(-beyond, (count - 1) * _FINER + beyond + 1)
@@ -148,9 +157,14 @@ def _solve(*, wavelength_um: float, n: float, k: float) -> Arrays:
             np.convolve(column, shape, "valid")[::_FINER]
             for column in (scattering, absorption, g * scattering)
         ]
-        columns = (means[0], means[1], means[2] / means[0])
-    names = ("scattering", "absorption", "asymmetry")
-    return {"axis": np.array([start, step]), **dict(zip(names, columns, strict=True))}
+        g = np.divide(means[2], means[0], out=np.zeros(count), where=means[0] > 0)
+        scattering, absorption = means[:2]
+    return {
+        "axis": np.array([start, step]),
+        "scattering": np.maximum(scattering, 0.0),
+        "absorption": np.maximum(absorption, 0.0),
+        "asymmetry": g,
+    }
 
 
 @dataclass(frozen=True)

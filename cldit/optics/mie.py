@@ -73,8 +73,11 @@ def efficiencies(*, n: float, k: float, x: ArrayLike) -> Efficiencies:
     out = np.zeros((4, sizes.size))
     small = sizes * np.hypot(n, k) < _SMALL
     if small.any():
-        q_ext, q_sca, _, g = miepython.efficiencies_mx(complex(n, -k), sizes[small])
-        out[:, small] = q_ext, q_sca, np.maximum(q_ext - q_sca, 0.0), g
+        if k == 0 and n == 1:
+            out[:, small] = 0.0
+        else:
+            q_ext, q_sca, _, g = miepython.efficiencies_mx(complex(n, -k), sizes[small])
+            out[:, small] = q_ext, q_sca, np.maximum(q_ext - q_sca, 0.0), g
     order = np.argsort(sizes, kind="stable")
     order = order[~small[order]]
     begin = 0
@@ -107,7 +110,10 @@ def _sums(a: Complex, b: Complex, x: Floats) -> tuple[Floats, Floats, Floats, Fl
     n = order[:-1]
     next_to = (a[:-1] * a[1:].conj() + b[:-1] * b[1:].conj()).real * (n * (n + 2) / (n + 1))
     same = (a * b.conj()).real * (double / (order * (order + 1)))
-    g = 2 * front * (np.sum(next_to, axis=0) + np.sum(same, axis=0)) / q_sca
+    turned = 2 * front * (np.sum(next_to, axis=0) + np.sum(same, axis=0))
+    g = np.divide(
+        turned, q_sca, out=np.zeros_like(q_sca), where=q_sca > 0
+    )  # n = 1 scatters nothing
     return q_ext, q_sca, np.maximum(q_abs, 0.0), g
 
 

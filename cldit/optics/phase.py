@@ -102,9 +102,10 @@ def phase_function(*, x: float, n: float, k: float) -> PhaseFunction:
     """Of one sphere of size parameter x, exactly.
 
     Raises:
-        DropletError: as `mie.check`.
+        DropletError: as `mie.check`, or n = 1 and k = 0, which scatters nothing.
     """
     size = mie.check(n=n, k=k, x=x)
+    _check_scatters(n=n, k=k)
     cosine, weights = leggauss(max(mie.terms(x) + 1, _FEWEST))
     intensity = mie.intensity(*mie.coefficients(n=n, k=k, x=size), cosine)[:, 0]
     q_sca = float(mie.efficiencies(n=n, k=k, x=size).scattering[0])
@@ -134,6 +135,11 @@ def phase_table(
     return PhaseTable(wavelength_um, n, k, *(kept[name] for name in names))
 
 
+def _check_scatters(*, n: float, k: float) -> None:
+    if n == 1 and k == 0:
+        raise DropletError("phase function: n = 1 and k = 0 scatter nothing")
+
+
 def _solve(*, wavelength_um: float, n: float, k: float, largest_m: float) -> Arrays:
     knots = np.geomspace(SMALLEST_M, largest_m, _SIZES)
     step = np.log(knots[1] / knots[0])
@@ -142,6 +148,7 @@ def _solve(*, wavelength_um: float, n: float, k: float, largest_m: float) -> Arr
     diameter = SMALLEST_M * np.exp(step / _WITHIN * offsets)
     x = np.pi * diameter * 1e6 / wavelength_um
     mie.check(n=n, k=k, x=x)
+    _check_scatters(n=n, k=k)
     cosine, weights = leggauss(max(mie.terms(float(x[-1])) + 1, _FEWEST))
     front = (wavelength_um * 1e-6 / (2 * np.pi)) ** 2  # intensity / wavenumber^2 is dC / d omega
     hat = 1 - np.abs(np.arange(-_WITHIN + 1, _WITHIN)) / _WITHIN
