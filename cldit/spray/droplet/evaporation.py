@@ -55,8 +55,8 @@ Model = Callable[[Drop], Rates]
 class Film:
     """The gas around a droplet at its reference state; all (N,).
 
-    transfer: mass transfer number BM. density_kg_m3: far from the droplet. cp_vapour_J_kg_K: of the fuel's vapour in the film.
-    diffusion_kg_m_s: density times diffusivity.
+    transfer: mass transfer number BM. density_kg_m3: far from the droplet.
+    cp_vapour_J_kg_K: of the fuel's vapour. diffusion_kg_m_s: density times diffusivity.
     """
 
     transfer: Floats

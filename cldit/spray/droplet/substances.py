@@ -109,9 +109,9 @@ _SATURATED = (
 
 
 def _state(fluid: str) -> Any:
-    import CoolProp
+    import CoolProp.CoolProp as coolprop
 
-    return CoolProp.AbstractState("HEOS", fluid)
+    return coolprop.AbstractState("HEOS", fluid)
 
 
 def _coolprop_name(name: str) -> str:
@@ -130,11 +130,11 @@ def _coolprop_name(name: str) -> str:
 
 
 def _saturated(state: Any, temperature_K: float) -> tuple[float, ...]:
-    import CoolProp
+    import CoolProp.CoolProp as coolprop
 
-    state.update(CoolProp.QT_INPUTS, 1.0, temperature_K)
+    state.update(coolprop.QT_INPUTS, 1.0, temperature_K)
     vapour_enthalpy = state.hmass()
-    state.update(CoolProp.QT_INPUTS, 0.0, temperature_K)
+    state.update(coolprop.QT_INPUTS, 0.0, temperature_K)
     try:
         transport = state.conductivity(), state.viscosity(), state.surface_tension()
     except ValueError as error:
@@ -146,12 +146,12 @@ def _saturated(state: Any, temperature_K: float) -> tuple[float, ...]:
 
 
 def _dilute(state: Any, low_K: float) -> tuple[Floats, dict[str, Floats]]:
-    import CoolProp
+    import CoolProp.CoolProp as coolprop
 
     grid = np.linspace(low_K, _HOTTEST_K, _VAPOUR_POINTS)
     rows = []
     for t in grid:
-        state.update(CoolProp.DmassT_INPUTS, 1e-6, t)  # thin enough to be ideal
+        state.update(coolprop.DmassT_INPUTS, 1e-6, t)  # thin enough to be ideal
         rows.append((state.cp0mass(), state.conductivity(), state.viscosity()))
     return grid, dict(zip(("cp", "conductivity", "viscosity"), np.array(rows).T, strict=True))
 
