@@ -166,7 +166,11 @@ def _K_rows(cache: Path) -> list[list[str]]:
         ]
         measured = published.verwey_birouk_mm2_s(gas_K)
         rows.append(
-            [f"{gas_K:.0f}, 14 µm (Verwey)", f"{measured:.3f}", *(f"{value:.3f}" for value in found)]
+            [
+                f"{gas_K:.0f}, 14 µm (Verwey)",
+                f"{measured:.3f}",
+                *(f"{value:.3f}" for value in found),
+            ]
         )
     return rows
 
