@@ -255,13 +255,9 @@ def show(folder: Path, opened: bool) -> None:
 
 
 @main.command()
-@click.option(
-    "--fuel", default="n-heptane", show_default=True, help="iso-octane, or a CoolProp name."
-)
+@click.option("--fuel", default="n-heptane", show_default=True, help="A name, as CoolProp has it.")
 @click.option("--gas", default="nitrogen", show_default=True)
-@click.option(
-    "--model", default="abramzon-sirignano", show_default=True, help=f"{', '.join(MODELS)}."
-)
+@click.option("--model", default=next(iter(MODELS)), help=", ".join(MODELS))
 @click.option("--diameter-um", type=float, default=9.0, show_default=True)
 @click.option("--temperature", "temperature_K", type=float, default=370.0, help="Of the liquid, K.")
 @click.option("--gas-temperature", "gas_K", type=float, default=573.0, help="K.")
