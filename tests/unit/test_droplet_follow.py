@@ -85,7 +85,7 @@ def test_bad_values_are_refused(change: dict[str, Any], says: str, cache: Path) 
 def test_a_droplet_that_stays_needs_a_duration(cache: Path) -> None:
     """In its own vapour at its own saturation it can neither evaporate nor grow."""
     saturated = {**PAPER, "gas_temperature_K": 370.0, "vapour": 0.9}
-    with pytest.raises(SprayError, match="does not vanish .* give a duration"):
+    with pytest.raises(SprayError, match=r"does not vanish .* give a duration"):
         follow(**saturated, cache=cache)
     life = follow(**saturated, duration_s=1e-3, points=11, cache=cache)
     assert life.time_s[-1] == 1e-3 and not life.vanished
