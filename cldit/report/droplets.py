@@ -88,7 +88,7 @@ def convergence_picture(
     handles, labels = grid[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9)
     figure.suptitle(
-        "Error of lifetime and of the mass at half of it, against Radau (rtol 1e-8)\n"
+        "Error of lifetime and of the mass at half of it, against Radau (rtol 1e-7)\n"
         "left: fixed steps, the last ends where the droplet vanishes",
         fontsize=11,
     )

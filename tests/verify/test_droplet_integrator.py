@@ -198,9 +198,10 @@ def test_lifetimes(row: tuple[float, float, tuple[int, ...], tuple[int, ...]]) -
         assert left[0] == pytest.approx(0.5, abs=0.012), name
 
 
-# At rest the small droplet is the stiff one on another clock: one model is enough there.
+# The models differ where it is stiff; the small droplet is the stiff one on another clock.
 @pytest.mark.parametrize(
-    ("number", "name"), [(n, m) for n in (0, 1, 3) for m in MODELS] + [(2, "abramzon-sirignano")]
+    ("number", "name"),
+    [(n, m) for n in (1, 3) for m in MODELS] + [(n, "abramzon-sirignano") for n in (0, 2)],
 )
 def test_against_radau(name: str, number: int) -> None:
     """Errors add up over some ten steps and partly cancel: twice the tolerance of a step."""

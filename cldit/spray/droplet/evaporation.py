@@ -149,7 +149,7 @@ def abramzon_sirignano(drop: Drop) -> Rates:
         nusselt = 2 + still / _thickening(bare / (2 + still))
         for _ in range(40):
             before, nusselt = nusselt, 2 + still / _thickening(bare / nusselt)
-            if np.all(np.abs(nusselt - before) <= 1e-12 * nusselt):
+            if np.all(np.abs(nusselt - before) <= 1e-9 * nusselt):
                 break
     return _with_heat(drop, state, mass, nusselt)
 
