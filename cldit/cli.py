@@ -32,6 +32,7 @@ from cldit.spray.droplet.convergence import measure_all
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow
 from cldit.spray.droplet.verification import page
+from cldit.spray.importing import cfd_spray, import_case, list_case
 
 P = ParamSpec("P")
 _OUT = Console(highlight=False, soft_wrap=True)
@@ -71,7 +72,7 @@ def main() -> None:
 @click.option(
     "--cfd",
     type=click.Path(path_type=Path),
-    help="Take the spray from an OpenFOAM case, or from what foamToVTK wrote.",
+    help="Take the spray from a CFD result, or from what `cldit import` wrote.",
 )
 @click.option("--time", "time_s", type=float, help="Time of the CFD result, s; the last one.")
 @click.option("--order", type=int, help="Scattering orders; to a residual if left out.")
@@ -181,6 +182,61 @@ def _summary(result: Run) -> None:
         for name in ("pictures/maps.png", "report.html"):
             if (result.folder / name).is_file():
                 _OUT.print(f"{result.folder / name}")
+
+
+@main.command("import")
+@click.argument("case", type=click.Path(path_type=Path))
+@click.option("--list", "listed", is_flag=True, help="Only list times, fields and clouds.")
+@click.option("--out", type=click.Path(path_type=Path), help="cldit's own file, .npz.")
+@click.option("--format", "kind", help="openfoam, vtk, ensight, converge or tables; else told.")
+@click.option("--mapping", type=click.Path(path_type=Path), help="Names and units of fields, YAML.")
+@click.option("--time", "time_s", type=float, help="Time, s; the last one.")
+@click.option("--cloud", help="Cloud of parcels, where there are several.")
+@click.option("--fuel-field", help="Cell field of the fuel's mass fraction; C7H16.")
+@click.option("--fuel-molar-mass", "molar_mass", type=float, help="kg/mol; 0.100204.")
+@click.option("--nozzle", type=(float, float, float), help="In the case's coordinates, m.")
+@click.option("--axis", help="Of the injection: -y, +z, or three numbers as 0,-1,0.")
+@_plain_errors
+def import_command(
+    case: Path,
+    listed: bool,
+    out: Path | None,
+    kind: str | None,
+    mapping: Path | None,
+    time_s: float | None,
+    cloud: str | None,
+    fuel_field: str | None,
+    molar_mass: float | None,
+    nozzle: tuple[float, float, float] | None,
+    axis: str | None,
+) -> None:
+    """Check a CFD result CASE, print its figures, and keep it as cldit's own file."""
+    spec = cfd_spray(
+        {
+            "file": case,
+            "format": kind,
+            "mapping": mapping,
+            "time_s": time_s,
+            "cloud": cloud,
+            "fuel_field": fuel_field,
+            "fuel_molar_mass_kg_mol": molar_mass,
+            "nozzle_m": nozzle,
+            "axis": _axis(axis),
+        }
+    )
+    lines = list_case(spec) if listed else import_case(spec, out)
+    for line in lines:
+        _OUT.print(_escaped(line))
+
+
+def _axis(text: str | None) -> str | list[float] | None:
+    """`-y` as it is, `0,-1,0` as numbers."""
+    if text is None or "," not in text:
+        return text
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise click.BadParameter(f"{text!r} is no direction", param_hint="--axis") from error
 
 
 @main.command()
