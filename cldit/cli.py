@@ -21,9 +21,9 @@ from cldit.acquisition.runner import acquire
 from cldit.errors import ClditError, RunFolderError
 from cldit.experiment import evaluate_folder, run_experiment
 from cldit.gpu.device import choose, list_devices, open_device
+from cldit.report.droplets import convergence_picture, life_picture
 from cldit.report.optics_figures import optics_picture
 from cldit.report.optics_summary import scene_optics
-from cldit.report.droplets import convergence_picture, life_picture
 from cldit.report.run_report import show_folder
 from cldit.rig.load import open_rig
 from cldit.run import Run, default_cache, simulate
