@@ -111,6 +111,7 @@ def _changed(
     if cfd is not None:
         data["spray"] = {"model": "cfd", "file": str(cfd.resolve()), "time_s": time_s}
         data["name"] = f"{scene.name}-{cfd.resolve().name}"
+        data["description"] = f"the spray of {cfd.name} before the rig of {scene.name}"
     elif time_s is not None:
         data["spray"]["time_s"] = time_s
     if order is not None:
@@ -147,6 +148,8 @@ class _Bar:
     def say(self, text: str) -> None:
         if self._task is not None:
             self._bar.stop()
+            self._bar.remove_task(self._task)
+            self._task = None
         _say(text)
 
     def watch(self, progress: Progress) -> None:

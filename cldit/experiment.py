@@ -9,8 +9,8 @@ from pathlib import Path
 import yaml
 
 from cldit.acquisition.plan import plan_from_scene
-from cldit.acquisition.record import open_acquisition
 from cldit.acquisition.progress import Progress
+from cldit.acquisition.record import open_acquisition
 from cldit.acquisition.runner import Record, acquire
 from cldit.dit.evaluate import evaluate_acquisition
 from cldit.dit.maps import Maps
@@ -48,7 +48,7 @@ def run_experiment(
     folder = Path(out)
     run = simulate(scene, folder, device=device, progress=progress)
     start = time.perf_counter()
-    plan = plan_from_scene(scene)
+    plan = plan_from_scene(scene, integration_time_s=run.info.integration_time_s)
     rig_file = folder / "rig.yaml"
     rig_data = simulated_rig_data(scene, folder)
     rig_file.write_text(yaml.safe_dump(rig_data, sort_keys=False), encoding="utf-8")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import platform
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
@@ -29,7 +29,8 @@ from cldit.gpu.device import Device, open_device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, build_octree
 from cldit.optics.emitters import emitters
-from cldit.radiance.weights import Weights
+from cldit.optics.planck import band_radiance
+from cldit.radiance.weights import Weights, background_radiance, compose
 from cldit.scene import Scene, dump_scene, parse_scene
 from cldit.spray.source import make_spray
 from cldit.transport.trace import Trace, settings_for, trace
@@ -60,7 +61,9 @@ class RunInfo:
     counts: dict[str, int]
     defines: dict[str, dict[str, Any]]  # kernel file -> what it was compiled with
     precision: str
+    integration_time_s: float  # of the sensor, for the standard errors and the rig
     versions: dict[str, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()  # what was inferred from the spray's files
 
     def to_json(self) -> str:
         data = {**self.__dict__, "stages": [stage.__dict__ for stage in self.stages]}
@@ -69,7 +72,8 @@ class RunInfo:
     @classmethod
     def from_json(cls, text: str) -> RunInfo:
         data = json.loads(text)
-        return cls(**{**data, "stages": tuple(Stage(**stage) for stage in data["stages"])})
+        stages = tuple(Stage(**stage) for stage in data["stages"])
+        return cls(**{**data, "stages": stages, "remarks": tuple(data["remarks"])})
 
 
 @dataclass(frozen=True)
@@ -104,7 +108,15 @@ class _Stages:
 
     def __init__(self, say: Say | None) -> None:
         self.done: list[Stage] = []
+        self.remarks: list[str] = []
         self._say = say
+
+    def remark(self, remarks: Sequence[str]) -> None:
+        """What a stage inferred and the user should know; kept for the report."""
+        self.remarks += remarks
+        if self._say is not None:
+            for text in remarks:
+                self._say(text)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[list[str]]:
@@ -150,23 +162,24 @@ def simulate(
             return stored
     device = device or open_device()
     stages = _Stages(progress)
-    tree, notes, word = _medium(scene, stages, cache or default_cache())
+    tree, notes = _medium(scene, stages, cache or default_cache())
     settings = settings_for(scene)
     result = trace(tree, scene, device, settings, report=progress)
     reference = trace(_nothing(tree.frame), scene, device, settings).weights
     for name in ("compile", "scattering", "image"):
-        note = "left out: nothing scatters" if name not in result.seconds else word.get(name, "")
+        note = "" if name in result.seconds else "left out: nothing scatters"
         if name == "scattering" and result.solution is not None:
             note = f"{result.counts['sweeps']} sweeps; {result.solution.passes} passes"
         stages.done.append(Stage(name, result.seconds.get(name, 0.0), note))
     with stages.stage("evaluation"):
-        maps = _evaluate(scene, result.weights, reference)
+        sensor = _sensor(scene, (result.weights, reference))
+        maps = _evaluate(scene, result.weights, reference, sensor)
     run = Run(
         scene=scene,
         weights=result.weights,
         reference=reference,
         maps=maps,
-        info=_info(scene, device, result, maps, stages, notes),
+        info=_info(scene, device, result, maps, stages, notes, sensor.integration_time_s),
         folder=folder,
     )
     if folder is not None:
@@ -174,12 +187,11 @@ def simulate(
     return run
 
 
-def _medium(
-    scene: Scene, stages: _Stages, cache: Path
-) -> tuple[Octree, dict[str, float], dict[str, str]]:
+def _medium(scene: Scene, stages: _Stages, cache: Path) -> tuple[Octree, dict[str, float]]:
     with stages.stage("spray") as note:
         spray = make_spray(scene.spray)
         note.append(scene.spray.model)
+        stages.remark(spray.remarks)
     with stages.stage("optics"):
         points, cells = emitters(spray, scene.optics, cache=cache)
     domain = scene.domain
@@ -189,7 +201,7 @@ def _medium(
     with stages.stage("octree") as note:
         tree = build_octree(frame, points, cells, optical_depth_split=domain.optical_depth_split)
         note.append(f"{sum(tree.leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
-    return tree, dict(spray.notes), {}
+    return tree, dict(spray.notes)
 
 
 def _nothing(frame: Frame) -> Octree:
@@ -197,7 +209,24 @@ def _nothing(frame: Frame) -> Octree:
     return build_octree(frame, None, [], optical_depth_split=1.0)
 
 
-def _evaluate(scene: Scene, weights: Weights, reference: Weights) -> Maps:
+def _sensor(scene: Scene, seen: tuple[Weights, ...]) -> SensorModel:
+    """The scene's sensor, set so that its hottest background does not saturate it."""
+    sensor = SensorModel.from_scene(scene)
+    if scene.camera.sensor.integration_time_s is not None:
+        return sensor
+    filter_um = scene.optics.filter_um
+    wall = float(band_radiance(scene.walls.temperature_K, filter_um=filter_um))
+    hottest = max(scene.background.temperatures_K)
+    leaves = background_radiance(
+        blackbody=float(band_radiance(hottest, filter_um=filter_um)),
+        wall=wall,
+        emissivity=scene.background.emissivity,
+    )
+    images = [compose(weights, background=leaves, wall=wall) for weights in seen]
+    return sensor.exposed_for(max(float(image.max()) for image in images))
+
+
+def _evaluate(scene: Scene, weights: Weights, reference: Weights, sensor: SensorModel) -> Maps:
     return evaluate_radiance(
         weights,
         reference,
@@ -205,7 +234,7 @@ def _evaluate(scene: Scene, weights: Weights, reference: Weights) -> Maps:
         background_emissivity=scene.background.emissivity,
         wall_temperature_K=scene.walls.temperature_K,
         filter_um=scene.optics.filter_um,
-        sensor=SensorModel.from_scene(scene),
+        sensor=sensor,
         shots=scene.plan.shots,
         references=scene.plan.references,
     )
@@ -218,6 +247,7 @@ def _info(
     maps: Maps,
     stages: _Stages,
     notes: dict[str, float],
+    integration_time_s: float,
 ) -> RunInfo:
     accuracy = None
     if result.weights_difference is not None:
@@ -239,6 +269,8 @@ def _info(
         counts=result.counts,
         defines={program.name: dict(program.defines) for program in result.programs},
         precision=result.precision,
+        remarks=tuple(stages.remarks),
+        integration_time_s=integration_time_s,
         versions=versions,
     )
 

@@ -70,7 +70,7 @@ class SimulatedCamera:
         if self._model is None:
             self._bench.open()
             self._model = SensorModel.from_scene(self._bench.scene)
-            self.configure(self._bench.scene.camera.sensor.integration_time_s)
+            self.configure(SensorModel.from_scene(self._bench.scene).integration_time_s)
 
     def close(self) -> None:
         self._armed = False

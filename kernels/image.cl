@@ -45,6 +45,7 @@ inline int cell_at(real place, int low, int high)
 __kernel void image(
     __global real *weights,           /* out: [component][row][column] */
     __global const int *directory,    /* in: brick -> slot, or -1 - coarse leaf; [z][y][x] */
+    __global const int *span,         /* in: cells along the edge of each coarse leaf */
     __global const real *depth,       /* in: optical depth of a cell's edge, per stored cell */
     __global const real *source,      /* in: S, one plane of stored cells a component */
     const int coarse,                 /* address of coarse leaf 0 */
@@ -77,13 +78,13 @@ __kernel void image(
         int z = cell_at(ray.pz + t * ray.dz, low.z, high.z - 1);
         while (transmitted > R(CUTOFF)) {
             const int slot = directory[((z / BRICK) * bricks + y / BRICK) * bricks + x / BRICK];
-            const int whole = slot < 0;   /* all of the brick is one value: cross it in one step */
-            const int mask = whole ? BRICK - 1 : 0;
+            const int whole = slot < 0;   /* the brick is in one leaf: cross that in one step */
+            const int mask = whole ? span[-1 - slot] - 1 : 0;
             const int address = whole ? coarse - 1 - slot
                 : slot * BRICK_CELLS + ((z % BRICK) * BRICK + y % BRICK) * BRICK + x % BRICK;
-            const int lx = x & ~mask, hx = min((x | mask) + 1, high.x);
-            const int ly = y & ~mask, hy = min((y | mask) + 1, high.y);
-            const int lz = z & ~mask, hz = min((z | mask) + 1, high.z);
+            const int lx = max(x & ~mask, low.x), hx = min((x | mask) + 1, high.x);
+            const int ly = max(y & ~mask, low.y), hy = min((y | mask) + 1, high.y);
+            const int lz = max(z & ~mask, low.z), hz = min((z | mask) + 1, high.z);
             const real tx = distance_to(ray.px, ray.dx, lx, hx);
             const real ty = distance_to(ray.py, ray.dy, ly, hy);
             const real tz = distance_to(ray.pz, ray.dz, lz, hz);

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import ValidationError, field_validator, model_validator
 
+from cldit.camera.sensor import USUAL_INTEGRATION_S
 from cldit.errors import SceneError
 from cldit.rig.protocols import Burst, Stability
 from cldit.scene.checks import Section, Within, describe, read_mapping
@@ -162,7 +163,7 @@ def load_plan(path: str | Path) -> Plan:
     return parse_plan(read_mapping(Path(path)), source=str(path))
 
 
-def plan_from_scene(scene: Scene) -> Plan:
+def plan_from_scene(scene: Scene, *, integration_time_s: float = USUAL_INTEGRATION_S) -> Plan:
     """The plan that a scene asks for."""
     # 20 time constants bring a first-order black body from anywhere to within a millikelvin.
     timeout_s = max(3600.0, 20.0 * scene.rig.background_time_constant_s)
@@ -175,7 +176,7 @@ def plan_from_scene(scene: Scene) -> Plan:
         backgrounds_K=scene.background.temperatures_K,
         shots=scene.plan.shots,
         references=scene.plan.references,
-        integration_time_s=scene.camera.sensor.integration_time_s,
+        integration_time_s=integration_time_s,
         stability=StabilitySection(timeout_s=timeout_s),
         trigger=trigger,
     )

@@ -156,8 +156,6 @@ class _Sequence:
     def _prepare_folder(self, ready: Ready) -> None:
         """Writes what the pictures need beside them; on a resume, checks that it still holds."""
         (self._folder / SHOTS).mkdir(exist_ok=True)
-        for path in (self._folder / SHOTS).glob("*.part"):
-            path.unlink()  # of a picture that a kill cut short
         begun = (self._folder / PLAN).exists()
         if begun and (self._folder / CONFIGURATION).exists():
             before = read_json(self._folder / CONFIGURATION)

@@ -11,14 +11,17 @@ pi L sin^2 = pi L / (4 F^2 + 1): thin lens, distant object, no losses in the gla
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.camera.calibration import Calibration
 from cldit.errors import SceneError, TransportError
+from cldit.optics.response import Filter, scene_filter
 from cldit.scene.schema import Scene
+
+USUAL_INTEGRATION_S = 25e-6  # paper, Fig. 6
 
 # Above this many electrons Poisson is drawn as normal: its skewness is then below 1 %.
 NORMAL_ABOVE_ELECTRONS = 1e4
@@ -26,12 +29,12 @@ NORMAL_ABOVE_ELECTRONS = 1e4
 
 @dataclass(frozen=True, kw_only=True)
 class SensorModel:
-    """A chip of `pixels` (columns, rows) behind a lens and a rectangular filter.
+    """A chip of `pixels` (columns, rows) behind a lens and a filter.
 
     `bad_pixels` of them, at places that `seed` fixes, are stuck at 0 or at full scale.
     """
 
-    filter_um: tuple[float, float]
+    filter_um: Filter  # with the quantum efficiency, where that is a curve
     pixels: tuple[int, int]
     pitch_m: float
     f_number: float
@@ -65,15 +68,16 @@ class SensorModel:
             SceneError: more bad pixels than pixels, or an offset above saturation.
         """
         sensor = scene.camera.sensor
+        efficiency = sensor.quantum_efficiency
         return cls(
-            filter_um=scene.optics.filter_um,
+            filter_um=scene_filter(scene),
             pixels=sensor.pixels,
             pitch_m=sensor.pitch_m,
             f_number=sensor.f_number,
-            quantum_efficiency=sensor.quantum_efficiency,
-            integration_time_s=(
-                sensor.integration_time_s if integration_time_s is None else integration_time_s
-            ),
+            quantum_efficiency=efficiency if isinstance(efficiency, float) else 1.0,
+            integration_time_s=integration_time_s
+            or sensor.integration_time_s
+            or USUAL_INTEGRATION_S,
             well_electrons=sensor.well_electrons,
             electrons_per_count=sensor.electrons_per_count,
             offset_counts=sensor.offset_counts,
@@ -82,6 +86,21 @@ class SensorModel:
             bad_pixel_count=sensor.bad_pixels,
             seed=scene.rig.seed,
         )
+
+    def exposed_for(self, brightest: float) -> SensorModel:
+        """The same sensor, with an integration time at which `brightest` fills 80 % of the range.
+
+        Only ever shorter than the present time: darker scenes gain by shots, not by blur.
+
+        Args:
+            brightest: photon radiance, photons s-1 m-2 sr-1.
+        """
+        range_counts = self.saturation_counts - self.offset_counts
+        counts = brightest * self.electrons_per_radiance / self.electrons_per_count
+        if counts <= 0.8 * range_counts:
+            return self
+        time_s = self.integration_time_s * 0.8 * range_counts / counts
+        return replace(self, integration_time_s=float(f"{time_s:.3g}"))
 
     @property
     def electrons_per_radiance(self) -> float:

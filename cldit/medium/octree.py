@@ -25,6 +25,9 @@ from cldit.medium.frame import BRICK, Frame
 
 Floats = NDArray[np.float64]
 _CELLS_PER_BRICK = BRICK**3
+# Absorption below this optical depth across the whole cube is taken for none: it is far below
+# rounding in any picture, and its denormal numbers would slow every kernel that meets them.
+_NOTHING = 1e-12
 
 FIELDS = (
     "vapour_absorption",
@@ -67,7 +70,9 @@ class Octree:
 
     directory: (nb, nb, nb) int32, [z, y, x]. d >= 0: the brick's cells are values[d * 512 + local],
         local = (z * 8 + y) * 8 + x. d < 0: all of the brick is in one coarse leaf, whose value is
-        values[slots * 512 - 1 - d]; coarse leaf 0 is empty space.
+        values[slots * 512 - 1 - d].
+    coarse_level: level of every coarse leaf, so that a ray crosses it in one step. The first
+        depth + 1 of them are empty space, one for each level.
     fields: one float32 array a name in FIELDS, coefficients per metre, emission in
         photons s-1 m-3 sr-1.
     leaves: how many leaves there are at each level, 0 (the cube) to depth.
@@ -76,8 +81,14 @@ class Octree:
     frame: Frame
     directory: NDArray[np.int32]
     slots: int
+    coarse_level: NDArray[np.int32]
     fields: dict[str, NDArray[np.float32]]
     leaves: tuple[int, ...]
+
+    @property
+    def filled(self) -> NDArray[np.bool_]:
+        """(nb, nb, nb), where a brick is not empty space."""
+        return (self.directory >= 0) | (self.directory < -1 - self.frame.depth)
 
     @property
     def has_vapour(self) -> bool:
@@ -117,6 +128,9 @@ def build_octree(
     boxes = [Boxes.place(frame, source.lower_m, source.upper_m, what="gas") for source in cells]
     touched = touched_bricks(frame, place, boxes, limit=max_cells)
     fields = _deposit(frame, touched, place, points, boxes, cells)
+    faint = fields["vapour_absorption"] * frame.edge_m < _NOTHING
+    fields["vapour_absorption"][faint] = 0.0
+    fields["vapour_emission"][faint] = 0.0
     return _divide(frame, touched, fields, optical_depth_split)
 
 
@@ -168,7 +182,7 @@ def _divide(frame: Frame, touched: Touched, fields: dict[str, Floats], bound: fl
     brick_droplets = np.zeros(mark.shape, bool)
     brick_vapour[mark] = vapour[inside].mean(axis=(1, 2, 3))
     brick_droplets[mark] = droplets[inside].any(axis=(1, 2, 3))
-    parent, split = _coarse_levels(frame, brick_vapour, brick_droplets, bound, leaves)
+    parent, level, split = _coarse_levels(frame, brick_vapour, brick_droplets, bound, leaves)
 
     # Bricks that stay whole become coarse leaves, as do those of a larger leaf.
     stored = mark & (split | (frame.depth == 0))  # a tree of one cell keeps it in a brick
@@ -188,8 +202,11 @@ def _divide(frame: Frame, touched: Touched, fields: dict[str, Floats], bound: fl
     filled = np.zeros(len(used), bool)
     for mean in means.values():
         filled |= mean > 0
-    index = np.zeros(len(used), np.int32)
-    index[filled] = 1 + np.arange(int(filled.sum()), dtype=np.int32)
+    empty = frame.depth + 1  # the first coarse leaves: empty space of every level
+    node_level = np.zeros(len(used), np.int32)
+    node_level[number] = level[whole]
+    index = node_level.copy()
+    index[filled] = empty + np.arange(int(filled.sum()), dtype=np.int32)
     directory[whole] = -1 - index[number]
 
     unsplit = _merge_in_bricks(frame, fields, vapour, droplets, keep, bound, leaves)
@@ -199,12 +216,13 @@ def _divide(frame: Frame, touched: Touched, fields: dict[str, Floats], bound: fl
             view = _blocks(cells, side)
             mean = view.mean(axis=_IN_BLOCK, keepdims=True)
             np.copyto(view, mean, where=block)
-        coarse = np.concatenate([[0.0], means[name][filled]])
+        coarse = np.concatenate([np.zeros(empty), means[name][filled]])
         values[name] = np.concatenate([cells.reshape(-1), coarse]).astype(np.float32)
     return Octree(
         frame=frame,
         directory=directory,
         slots=len(keep),
+        coarse_level=np.concatenate([np.arange(empty), node_level[filled]]).astype(np.int32),
         fields=values,
         leaves=tuple(leaves),
     )
@@ -216,11 +234,11 @@ def _coarse_levels(
     droplets: NDArray[np.bool_],
     bound: float,
     leaves: list[int],
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.bool_]]:
     """Divides from the cube down to bricks.
 
-    Returns (nb, nb, nb) arrays: number of the leaf that covers a brick, and whether the brick
-    itself is divided further (where the leaf number means nothing).
+    Returns (nb, nb, nb) arrays: number and level of the leaf that covers a brick, and whether the
+    brick itself is divided further (where the leaf means nothing).
     """
     pyramid = [(vapour, droplets)]
     while pyramid[-1][0].shape[0] > 1:
@@ -230,6 +248,7 @@ def _coarse_levels(
         d = np.asarray(d.reshape(half, 2, half, 2, half, 2).any(axis=(1, 3, 5)))
         pyramid.append((v, d))
     number = np.zeros((1, 1, 1), np.int64)
+    found = np.zeros((1, 1, 1), np.int32)
     open_ = np.ones((1, 1, 1), bool)
     following = 1
     for level, (v, d) in enumerate(reversed(pyramid)):
@@ -240,9 +259,11 @@ def _coarse_levels(
         leaves[level] += int(closed.sum())
         number[closed] = following + np.arange(int(closed.sum()))
         following += int(closed.sum())
+        found[closed] = level
         if v.shape[0] == frame.bricks:
-            return number, divide
+            return number, found, divide
         number = number.repeat(2, 0).repeat(2, 1).repeat(2, 2)
+        found = found.repeat(2, 0).repeat(2, 1).repeat(2, 2)
         open_ = divide.repeat(2, 0).repeat(2, 1).repeat(2, 2)
     raise AssertionError("the pyramid ends at the bricks")
 

@@ -115,6 +115,8 @@ def _shares(run: Run) -> Shares:
 def _figures(run: Run) -> dict[str, str]:
     figures = {name: f"{value:.5g}" for name, value in run.info.spray.items()}
     figures |= {name: str(value) for name, value in run.info.counts.items()}
+    figures |= {f"inferred {n}": text for n, text in enumerate(run.info.remarks, start=1)}
+    figures["integration time"] = f"{run.info.integration_time_s * 1e6:.4g} us"
     figures["precision"] = run.info.precision
     if run.info.accuracy_K is not None:
         figures["estimated error of the trace in T_app"] = f"{run.info.accuracy_K:.2g} K RMS"

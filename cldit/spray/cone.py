@@ -43,7 +43,7 @@ ROUNDING = 0.4  # by how much of the time the plume's edge lags its axis
 NEGLIGIBLE = 1e-7  # of the fuel's mass: the thinnest cells go, and the others take it over
 SMALLEST_m = 1e-7  # droplets below count as evaporated
 RESOLVED = 1.5  # the plume is at least this many cells wide (radius)
-MOST_CELLS = 2e7
+MOST_CELLS = 5e7  # looked at, in the boxes around all plumes
 _SETS = 16  # cells take turns with this many interleaved sets of diameters
 _AVOGADRO = 6.02214076e23
 
@@ -61,7 +61,8 @@ class _Source:
 def make_cone(spec: ConeSpray) -> Spray:
     """Parcels and vapour of the spray at `spec.time_s`; fuel mass is kept to rounding.
 
-    `notes`: injected_mass_kg, liquid_mass_kg, vapour_mass_kg, flow_coefficient, jet_speed_m_s,
+    `notes`: injected_mass_kg, liquid_mass_kg, vapour_mass_kg, jet_speed_m_s, flow_coefficient (of
+    what the holes pass at that speed),
     vapour_penetration_m (farthest cell with a vapour mass fraction of 1e-3), coldest_K, cells, and
     with droplets parcels, sauter_mean_diameter_m, liquid_penetration_m (97 % of the liquid is
     nearer to the nozzle), saturation_K and saturation_fuel_ratio where liquid can evaporate.
@@ -201,15 +202,15 @@ def _plume(
     along = np.linspace(0.0, reach, 600)[1:]
     edge = _edge_m(jet, mixture, along)
     wide = np.hypot(edge, RESOLVED * h)
-    finest = (np.pi / 3 * reach * wide[-1] ** 2 * len(spec.plumes) / MOST_CELLS) ** (1 / 3)
+    across = wide[-1] * np.sqrt(1 - axis**2)
+    least, most = np.minimum(0.0, reach * axis) - across, np.maximum(0.0, reach * axis) + across
+    finest = float(np.prod(most - least) * len(spec.plumes) / MOST_CELLS) ** (1 / 3)
     if not finest <= h <= reach / 2:
         raise SprayError(
             f"spray.spacing_m: {h:g} does not suit a plume {reach:.3g} m long, one of "
             f"{len(spec.plumes)}; allowed is {finest:.2g}..{reach / 2:.2g}"
         )
-    across = wide[-1] * np.sqrt(1 - axis**2)
-    low = np.floor((np.minimum(0.0, reach * axis) - across) / h).astype(np.int64)
-    high = np.ceil((np.maximum(0.0, reach * axis) + across) / h).astype(np.int64)
+    low, high = np.floor(least / h).astype(np.int64), np.ceil(most / h).astype(np.int64)
     slabs = max(1, int(np.prod((high - low).astype(float)) / 1e6))
     indices, contents, parts = [], [], []
     for x in np.array_split(np.arange(low[0], high[0]), slabs):
@@ -234,6 +235,11 @@ def _plume(
         indices.append(index[held])
         contents.append(content[held])
         parts.append(part[held])
+    if not any(content.size for content in contents):
+        raise SprayError(
+            f"spray.spacing_m: {h:g} is so coarse that no cell's middle lies in a plume; "
+            f"allowed is {finest:.2g}..{reach / 20:.2g}"
+        )
     return np.concatenate(indices), np.concatenate(contents), np.concatenate(parts)
 
 
@@ -294,6 +300,8 @@ def _parcels(
     corner = (index[wet, None, :] + random.random((wet.size, count, 3))) * spec.spacing_m
     seen = diameter >= SMALLEST_m
     lost[wet] = liquid * np.mean(~seen, axis=1)
+    if not seen.any():
+        return None, lost
     parcels = Parcels(
         position_m=corner[seen],
         diameter_m=diameter[seen],

@@ -137,6 +137,17 @@ def _list(file: FoamFile, kind: str, width: int, at: int) -> tuple[NDArray[np.ge
     return values.reshape(count, width), end + 1
 
 
+def whole(file: FoamFile, values: NDArray[np.generic]) -> NDArray[np.int64]:
+    """Labels as integers; text such as 1.5 or 1e300 is refused."""
+    numbers = np.asarray(values)
+    if numbers.dtype.kind == "f" and not np.all(np.abs(numbers) < 2.0**53):
+        raise file.fail("holds a label that is no whole number")
+    integers = numbers.astype(np.int64)
+    if np.any(integers != numbers):
+        raise file.fail("holds a label that is no whole number")
+    return integers
+
+
 def scalars(file: FoamFile) -> Floats:
     """A scalarField, (N,)."""
     return _list(file, "f", 1, 0)[0].reshape(-1).astype(np.float64)
@@ -149,7 +160,7 @@ def vectors(file: FoamFile) -> Floats:
 
 def labels(file: FoamFile) -> NDArray[np.int64]:
     """A labelList, (N,)."""
-    return _list(file, "i", 1, 0)[0].reshape(-1).astype(np.int64)
+    return whole(file, _list(file, "i", 1, 0)[0].reshape(-1))
 
 
 def faces(file: FoamFile) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -157,9 +168,9 @@ def faces(file: FoamFile) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     if file.binary:
         start, end = _list(file, "i", 1, 0)
         corners, _ = _list(file, "i", 1, end)
-        return corners.reshape(-1).astype(np.int64), start.reshape(-1).astype(np.int64)
+        return whole(file, corners.reshape(-1)), whole(file, start.reshape(-1))
     count, _, begin = _open(file, 0)
-    numbers = _parse(file, file.body[begin : file.body.rfind(b")")]).astype(np.int64)
+    numbers = whole(file, _parse(file, file.body[begin : file.body.rfind(b")")]))
     if count and numbers.size % count == 0 and (width := numbers.size // count) > 1:
         table = numbers.reshape(count, width)
         if np.all(table[:, 0] == width - 1):  # all faces have as many corners: no need to walk

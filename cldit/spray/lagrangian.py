@@ -8,7 +8,7 @@ import numpy as np
 
 from cldit.errors import SprayError
 from cldit.spray.cfdcase import CLOUD_FIELDS, Column
-from cldit.spray.foamfile import FoamFile, find_foam, particles, read_foam, scalars, vectors
+from cldit.spray.foamfile import FoamFile, find_foam, particles, read_foam, scalars, vectors, whole
 from cldit.spray.polyhedra import Labels, Mesh
 from cldit.spray.result import Floats
 
@@ -60,7 +60,7 @@ def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
         SprayError: a label is outside the mesh, or the face is not one of the cell's.
     """
     weights = rows[:, :4]
-    cell, face, turn = rows[:, 4:].astype(np.int64).T
+    cell, face, turn = whole(file, rows[:, 4:]).T
     faces = len(mesh.owner)
     for what, label, end in (("cell", cell, mesh.cells), ("face", face, faces)):
         if label.size and (label.min() < 0 or label.max() >= end):

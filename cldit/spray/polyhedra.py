@@ -35,7 +35,9 @@ class Mesh:
     def __post_init__(self) -> None:
         if self.cells < 1:
             raise SprayError(f"{self.source}: the mesh has no cell")
-        if self.start[-1] != len(self.corners) or np.diff(self.start).min(initial=3) < 3:
+        if self.start[0] != 0 or self.start[-1] != len(self.corners):
+            raise SprayError(f"{self.source}: the faces of the mesh do not use all of its corners")
+        if np.diff(self.start).min(initial=3) < 3:
             raise SprayError(f"{self.source}: a face of the mesh has fewer than three corners")
         if len(self.owner) != len(self.start) - 1 or len(self.neighbour) != len(self.owner):
             raise SprayError(
@@ -66,8 +68,9 @@ class Mesh:
             np.add.reduceat(here, self.start[:-1], axis=0) / sizes[:, None], sizes, axis=0
         )
         triangle = 0.5 * np.cross(there - here, middle - here)
-        weight = np.linalg.norm(triangle, axis=1)[:, None]
         area = np.add.reduceat(triangle, self.start[:-1], axis=0)
+        # signed by the face's own normal, so that a notch in the polygon counts as one
+        weight = np.einsum("ij,ij->i", triangle, np.repeat(area, sizes, axis=0))[:, None]
         total = np.add.reduceat(weight, self.start[:-1], axis=0)
         moment = np.add.reduceat(weight * (here + there + middle) / 3, self.start[:-1], axis=0)
         flat = total[:, 0] <= 0.0  # a face without area has no weight in any sum

@@ -76,9 +76,12 @@ def load_vtk(file: Path, kind: str = "vtkDataSet") -> Any:
     finally:
         vtkLogger.SetStderrVerbosity(verbosity)
         vtkOutputWindow.SetInstance(before)
-    said = re.search(r"(?:ERROR|Warning):[^\n]*\n([^\n]*)", window.GetOutput())
+    text: Any = window.GetOutput()
+    if isinstance(text, bytes):  # where the message quotes a damaged file
+        text = text.decode("latin-1")
+    said = re.search(r"(?:ERROR|Warning):[^\n]*\n([^\n]*)", text)
     if said or reader.GetErrorCode():
-        reason = said.group(1) if said else f"vtk error {reader.GetErrorCode()}"
+        reason = ascii(said.group(1)).strip("'\"") if said else f"vtk error {reader.GetErrorCode()}"
         raise SprayError(f"{file}: is damaged or truncated ({reason})")
     if data is None or not data.IsA(kind):
         found = "nothing" if data is None else data.GetClassName()

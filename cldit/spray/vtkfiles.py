@@ -150,7 +150,9 @@ def _own_time(file: Path) -> float | None:
     """The time that a mesh file states in its comment, or as the field `TimeValue`."""
     with file.open("rb") as stream:
         comment = _TIME.search(stream.read(2000))
+    if comment is None:
+        return time_value(load_vtk(file))
     try:
-        return float(comment.group(1)) if comment else time_value(load_vtk(file))
+        return float(comment.group(1))
     except ValueError as error:
-        raise SprayError(f"{file}: states the time {comment!r}") from error
+        raise SprayError(f"{file}: states the time {comment.group(1)!r}") from error

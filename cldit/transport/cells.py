@@ -112,7 +112,7 @@ class OpticalCells:
 
     def bounds(self) -> Box:
         """The smallest box of whole bricks around everything that is not empty space."""
-        return self._around(self.tree.directory != -1)
+        return self._around(self.tree.filled)
 
     def box(self) -> Box:
         """The smallest box of whole bricks around all divided bricks: what is swept.

@@ -85,9 +85,9 @@ class Sweeper:
         }
         filled = exact > 0
         self._occupied = {  # [l][v] for layers along x, y, z
-            0: upload(device, "rows", filled.any(axis=1).T.astype(np.int8)),
-            1: upload(device, "rows", filled.any(axis=2).T.astype(np.int8)),
-            2: upload(device, "rows", filled.any(axis=2).astype(np.int8)),
+            0: upload(device, "rows", np.asarray(filled.any(axis=1)).T.astype(np.int8)),
+            1: upload(device, "rows", np.asarray(filled.any(axis=2)).T.astype(np.int8)),
+            2: upload(device, "rows", np.asarray(filled.any(axis=2)).astype(np.int8)),
         }
         self._lanes = int(device.queue.device.max_work_group_size)
         self._source = {t: zeros(device, "source", planes, real) for t in (False, True)}

@@ -262,6 +262,8 @@ def _images(
     width, height = (length / frame.cell_m for length in scene.camera.field_m)
     bounds = cells.bounds()
     directory = upload(device, "octree", cells.tree.directory)
+    spans = np.maximum(1, frame.cells >> cells.tree.coarse_level).astype(np.int32)
+    span = upload(device, "coarse leaves", spans)
     depth = upload(device, "optical depth", cells.depth.astype(real))
     out = zeros(device, "picture", components * rows * columns, real)
     images = []
@@ -275,6 +277,7 @@ def _images(
             (8, 8),
             out,
             directory,
+            span,
             depth,
             source,
             np.int32(cells.tree.slots * 512),

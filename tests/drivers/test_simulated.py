@@ -53,6 +53,7 @@ def bench_before(run: Path, *, seed: int = 1) -> SimulatedBench:
 def varied(scene: Scene, folder: Path, run: Path, **rig: float) -> Path:
     """The tiny run under a scene with other rig keys."""
     scene = scene.model_copy(update={"rig": scene.rig.model_copy(update=rig)})
+    folder.mkdir(exist_ok=True)
     for name in ("weights", "weights_reference"):
         Weights.load(run / name).save(folder / name, pixel_m=(5e-3, 5e-3))
     (folder / "scene.yaml").write_text(dump_scene(scene))
@@ -108,6 +109,22 @@ def test_scatter_of_the_optical_depth(
     expected = (1.0 + math.exp(-((0.01 / length_m) ** 2))) / 2.0
     found = np.corrcoef(depth.T)[0, 1]
     assert abs(found - expected) <= 4.0 * (1.0 - expected**2) / math.sqrt(shots) + 1e-3
+
+
+def test_scatter_keeps_the_mean_optical_depth(
+    tiny_scene: Scene, tiny_run: Path, tmp_path: Path
+) -> None:
+    """The factor on tau is lognormal, mean 1, variance exp(2 sigma^2) - 1: 4 sigma of 400 shots."""
+    sigma, shots = 0.5, 400
+    bench = bench_before(varied(tiny_scene, tmp_path, tiny_run, shot_scatter=sigma))
+    exact = bench_before(varied(tiny_scene, tmp_path / "exact", tiny_run, shot_scatter=0.0))
+    for each in (bench, exact):
+        each.attach_blackbody(lambda time_s: 5000.0)
+    bare = bench.radiance(Pulse(0.0, False, 1))[6, 8]
+    depths = [-math.log(bench.radiance(spray(n))[6, 8] / bare) for n in range(shots)]
+    depth = -math.log(exact.radiance(spray(1))[6, 8] / bare)
+    allowed = 4.0 * math.sqrt(math.expm1(2.0 * sigma**2) / shots)
+    assert np.mean(depths) / depth == pytest.approx(1.0, abs=allowed)
 
 
 def test_scatter_keeps_a_cavity_flat(tiny_scene: Scene, tiny_run: Path, tmp_path: Path) -> None:

@@ -42,6 +42,7 @@ def test_torn_anywhere(tmp_path_factory: pytest.TempPathFactory, cut: int) -> No
     with Journal(path) as journal:
         journal.append("fired", time=TIME)
     assert [entry["seq"] for entry in read_journal(path)] == list(range(kept + 1))
+    assert path.read_bytes().endswith(b"}\n")  # nothing of the torn line stays
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import signal
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,7 @@ from cldit.acquisition.journal import read_journal
 from cldit.acquisition.storage import exclusive, save_shot
 from cldit.errors import ClditError, RunFolderError
 from cldit.rig.errors import (
+    Aborted,
     ConfigRejected,
     DeviceTimeout,
     FireUncertain,
@@ -149,6 +152,8 @@ def test_stop_finishes_the_shot_and_resume_completes(
     acquisition = open_acquisition(folder)
     pictures = {acquisition.load(shot).tobytes() for shot in acquisition.shots}
     assert len(pictures) == 10  # a resumed rig does not repeat its noise
+    times = [entry["time"] for entry in read_journal(folder / "journal.jsonl")]
+    assert times == sorted(times)  # simulated time goes on where it was
 
     # A third time: nothing left, so nothing is connected and nothing moves.
     rig = wrapped(tiny_rig)
@@ -226,7 +231,62 @@ def test_retakes_are_bounded(
             acquire(rig, plan, tmp_path / "a")
         assert len(pulses(tiny_rig)) == 2 + 3
         assert open_acquisition(tmp_path / "a").shots[-1].id == "b00_ref_01"  # kept
+        record = acquire(open_rig(tiny_rig), plan, tmp_path / "a")  # mended
+        assert record.complete and record.lost_injections == record.rejected == 3
     assert_safe(rig)
+
+
+def test_stray_frames_are_flushed(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """Somebody bumps the trigger line between two shots: thrown away, and no gap is suspected."""
+    flushes = 0
+
+    def bumped(camera: Any) -> dict[str, Any]:
+        def flush() -> int:
+            nonlocal flushes
+            flushes += 1
+            return int(camera.flush()) + (flushes == 5)
+
+        def read_frames(n: int, timeout_s: float) -> Iterator[Frame]:
+            for frame in camera.read_frames(n, timeout_s):
+                yield replace(frame, frame_id=frame.frame_id + (flushes >= 5))
+
+        return {"flush": flush, "read_frames": read_frames}
+
+    record = acquire(wrapped(tiny_rig, camera=bumped), tiny_plan, tmp_path / "a")
+    assert record.complete and record.rejected == 0
+
+
+def test_second_ctrl_c_stops_the_generator_first(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """Both presses fall into fire(): the burst is aborted, then written off, then all is safe;
+    the handlers of the process are as before."""
+    aborted: list[str] = []
+    before = signal.getsignal(signal.SIGINT)
+
+    def pressed(trigger: Any) -> dict[str, Any]:
+        def fire() -> None:
+            trigger.fire()
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+
+        return {"fire": fire, "abort": lambda: aborted.append(events(tmp_path / "a")[-1])}
+
+    rig = wrapped(tiny_rig, trigger=pressed)
+    with pytest.raises(Aborted, match="within a shot"):
+        acquire(rig, tiny_plan, tmp_path / "a")
+    assert aborted == ["fired"] and events(tmp_path / "a")[-1] == "lost"
+    assert_safe(rig)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_in_another_thread(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+    """Signals belong to the main thread; elsewhere `should_stop` is the way to stop."""
+    with ThreadPoolExecutor(1) as pool:
+        record = pool.submit(acquire, open_rig(tiny_rig), tiny_plan, tmp_path / "a").result()
+    assert record.complete
 
 
 def test_fire_is_never_repeated_because_it_failed(
@@ -399,15 +459,16 @@ def test_disk_too_small_is_found_before_the_first_shot(
     assert not pulses(tiny_rig)
 
 
+@pytest.mark.parametrize("error", [ZeroDivisionError, SystemExit, KeyboardInterrupt])
 def test_an_error_elsewhere_leaves_the_rig_safe_and_is_not_hidden(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+    error: type[BaseException], tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
 ) -> None:
     def broken(progress: Progress) -> None:
         if progress.done == 3:
-            raise ZeroDivisionError("in the caller's progress bar")
+            raise error("in the caller's progress bar")
 
     rig = wrapped(tiny_rig)
-    with pytest.raises(ZeroDivisionError):
+    with pytest.raises(error):
         acquire(rig, tiny_plan, tmp_path / "a", progress=broken)
     assert_safe(rig)
 

@@ -176,6 +176,9 @@ def test_fine_droplets_count_as_vapour() -> None:
     assert small.parcels is not None and large.parcels is not None
     assert 0 < small.parcels.mass_kg < large.parcels.mass_kg
     assert small.parcels.diameter_m.min() >= 1e-7
+    finest = make_cone(_spec(droplets=Monodisperse(diameter_um=0.09)))
+    assert finest.parcels is None
+    assert _mass(finest) == pytest.approx(_mass(large), rel=1e-12)
 
 
 def test_after_the_end_of_injection_the_spray_leaves_the_nozzle() -> None:
@@ -260,6 +263,20 @@ def test_first_microseconds_and_many_plumes() -> None:
         ({"droplets": None}, r"spray.droplets: null"),
         ({"spacing_m": 1e-2, "time_s": 1e-4}, r"spacing_m: 0.01 does not suit .* allowed is"),
         ({"spacing_m": 1e-5}, r"spacing_m: 1e-05 does not suit"),
+        (  # a short puff of gas between the middles of two cells
+            {
+                "fuel": "methane",
+                "injection_pressure_Pa": 14e6,
+                "fuel_temperature_K": 294.0,
+                "ambient": Ambient(pressure_Pa=3e4, temperature_K=215.0),
+                "plumes": (Plume(inclination_deg=0.0, azimuth_deg=-75.0, cone_angle_deg=4.0),),
+                "time_s": 2.5e-4,
+                "injection_duration_s": 2e-5,
+                "injected_mass_kg": 5e-10,
+                "spacing_m": 1e-2,
+            },
+            r"spacing_m: 0.01 is so coarse that no cell's middle",
+        ),
         (
             {"droplets": NukiyamaTanasawa(m_um=5.0, n=0.05, p=0.0)},
             r"spray.droplets: these sizes reach",

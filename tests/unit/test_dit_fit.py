@@ -243,7 +243,9 @@ def test_saved_and_loaded(tmp_path: Path) -> None:
 
 
 def _drop(acquisition: _Acquisition, kind: str, setpoint: float) -> None:
-    acquisition.shots = [s for s in acquisition.shots if (s.kind, s.background_setpoint_K) != (kind, setpoint)]
+    acquisition.shots = [
+        s for s in acquisition.shots if (s.kind, s.background_setpoint_K) != (kind, setpoint)
+    ]
 
 
 def test_refuses_incomplete_recordings() -> None:

@@ -1,0 +1,219 @@
+"""Nozzle and axis: given, from the case's dictionary, or from the parcels; and the turn to -z."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import yaml
+from pydantic import ValidationError
+
+from cldit.errors import SprayError
+from cldit.scene.load import dump_scene, parse_scene
+from cldit.scene.schema import CfdSpray
+from cldit.spray.cfd import read_cfd
+from cldit.spray.foamdict import read_injectors
+from cldit.spray.frame import Frame
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+
+HEAD = "FoamFile { version 2.0; format ascii; class dictionary; object sprayCloudProperties; }\n"
+SPRAY = """
+subModels
+{{
+    // a remark with a brace {{ and (a bracket
+    injectionModels
+    {{
+        {models}
+    }}
+    flowRateProfile table ((0 0.1) (1e-5 6.2));
+    phases ( liquid {{ C7H16 1; }} );
+    include "quoted; text {{";
+}}
+"""
+DOWN = "a { position (0 0 0); direction (0 -1 0); } "
+ONE = "model1 { type coneNozzleInjection; position (0.001 0.008 0); direction (0 -1 0); }"
+FORMATS = [
+    ONE,
+    "m { position constant (0.001 0.008 0); direction constant (0 -2 0); }",
+    "m { type coneInjection; positionAxis ( ((0.001 0.008 0) (0 -1 0)) ); }",
+    "a { type manualInjection; } /* b { */ c { d { direction (0 -1 0); position (1e-3 8e-3 0); } }",
+]
+
+
+def written(case: Path, models: str, text: str = SPRAY) -> Path:
+    file = case / "constant" / "sprayCloudProperties"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(HEAD + '#includeEtc "x"\n' + text.format(models=models))
+    return file
+
+
+@pytest.mark.parametrize(
+    "axis",
+    [(0, -1, 0), (0, 1, 0), (1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1), (1, 2, -3), (1e-9, 0, 1)],
+)
+def test_turn_is_proper_and_takes_the_axis_down(axis: tuple[float, float, float]) -> None:
+    unit = np.array(axis) / np.linalg.norm(axis)
+    turn = Frame(np.zeros(3), unit, ()).rotation
+    assert turn @ unit == pytest.approx([0, 0, -1], abs=1e-8)  # the last is snapped to +z
+    assert turn @ turn.T == pytest.approx(np.eye(3), abs=1e-14)
+    assert np.linalg.det(turn) == pytest.approx(1.0, abs=1e-14)
+    if np.count_nonzero(axis) == 1:
+        assert set(np.abs(turn).ravel().tolist()) == {0.0, 1.0}  # boxes stay boxes
+
+
+@pytest.mark.parametrize("models", FORMATS)
+def test_injector_of_the_dictionary(tmp_path: Path, foam: Foam, models: str) -> None:
+    block, gas, cloud = foam.sample()
+    foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    file = written(tmp_path, models)
+    spray = read_cfd(CfdSpray(file=tmp_path))
+    assert [spray.notes[f"nozzle_{name}_m"] for name in "xyz"] == [0.001, 0.008, 0.0]
+    assert [spray.notes[f"axis_{name}"] for name in "xyz"] == [0.0, -1.0, 0.0]
+    assert spray.remarks == (
+        f"Injection axis (0, -1, 0), from {file}.",
+        f"Nozzle at (0.001, 0.008, 0) m, from {file}.",
+    )
+
+
+def test_ring_of_holes_makes_one_axis(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    angles = np.radians(np.arange(0, 360, 45))
+    holes = (
+        f"hole{n} {{ position ({1e-4 * np.cos(a)} 0.008 {1e-4 * np.sin(a)}); "
+        f"direction ({np.cos(a):.4f} -2 {np.sin(a):.4f}); }}"
+        for n, a in enumerate(angles)
+    )
+    written(tmp_path, "\n".join(holes))
+    notes = read_cfd(CfdSpray(file=tmp_path)).notes
+    assert [notes[f"axis_{name}"] for name in "xyz"] == [0.0, -1.0, 0.0]
+    nozzle = [notes[f"nozzle_{name}_m"] for name in "xyz"]
+    assert nozzle == pytest.approx([0.0, 0.008, 0.0], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("models", "message"),
+    [
+        (
+            DOWN + DOWN.replace("0 0 0", "0 1 0").replace("a", "b", 1),
+            "injectors in several places.*set spray.nozzle_m and spray.axis",
+        ),
+        (
+            DOWN + DOWN.replace("-1", "1").replace("a", "b", 1),
+            "oppose each other.*set spray.nozzle_m and spray.axis",
+        ),
+        ("a { position (0 0 0;", "sprayCloudProperties: its brackets do not match"),
+        ("a { position (0 0 0); } } }", "sprayCloudProperties: its brackets do not match"),
+    ],
+)
+def test_dictionary_of_no_use(tmp_path: Path, foam: Foam, models: str, message: str) -> None:
+    block, gas, cloud = foam.sample()
+    foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    written(tmp_path, models)
+    with pytest.raises(SprayError, match=message):
+        read_cfd(CfdSpray(file=tmp_path))
+
+
+@pytest.mark.parametrize(
+    "models",
+    [
+        "a { type patchInjection; patch inlet; }",
+        "a { position $nozzle; direction (0 -1 0); }",
+        "a { position (0 0 0); direction table ((0 (0 -1 0)) (1 (0 -1 0))); }",
+        "a { position (0 0 0); direction (0 0 0); }",
+        "a { position (0 x 0); direction (0 -1 0); }",
+    ],
+)
+def test_injectors_that_say_nothing_are_passed_over(tmp_path: Path, models: str) -> None:
+    assert read_injectors(written(tmp_path, models)) == ()
+
+
+def _plume(foam: Foam, tilt_deg: float, age: bool) -> tuple[Any, Any, dict[str, Any]]:
+    """Parcels on straight paths from one point, within 10 degrees of an axis tilted from -y."""
+    block, gas, _ = foam.sample()
+    random = np.random.default_rng(11)
+    tilt = np.radians(tilt_deg)
+    axis = np.array([np.sin(tilt), -np.cos(tilt), 0.0])
+    spread = random.normal(0.0, 0.05, (400, 3))
+    velocity = 80.0 * (axis + spread - (spread @ axis)[:, None] * axis)
+    ages = random.uniform(0.0, 4e-5, 400)
+    position = np.array([-1e-3, 6.5e-3, 0.5e-3]) + velocity * ages[:, None]
+    cloud = {
+        "position": position,
+        "d": np.full(400, 1e-5),
+        "nParticle": np.full(400, 10.0),
+        "T": np.full(400, 350.0),
+        "rho": np.full(400, 650.0),
+        "U": velocity,
+    }
+    return block, gas, cloud | ({"age": ages} if age else {})
+
+
+@pytest.mark.parametrize("age", [True, False])
+@pytest.mark.parametrize("tilt_deg", [0.0, 8.0, 30.0])
+def test_from_the_parcels(tmp_path: Path, foam: Foam, tilt_deg: float, age: bool) -> None:
+    block, gas, cloud = _plume(foam, tilt_deg, age)
+    foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    spray = read_cfd(CfdSpray(file=tmp_path))
+    axis = np.array([spray.notes[f"axis_{name}"] for name in "xyz"])
+    if tilt_deg < 10.0:
+        assert axis.tolist() == [0.0, -1.0, 0.0]  # snapped
+    else:
+        # 400 directions of 0.05 rad scatter: 0.0025 rad standard error, four of them
+        angle = np.arccos(axis @ [np.sin(np.radians(30)), -np.cos(np.radians(30)), 0.0])
+        assert angle < 0.01
+    nozzle = np.array([spray.notes[f"nozzle_{name}_m"] for name in "xyz"])
+    # paths meet in the nozzle; without age, the first 20 of 400 parcels reach 5 % of 3.2 mm
+    assert nozzle == pytest.approx([-1e-3, 6.5e-3, 0.5e-3], abs=1e-12 if age else 2e-4)
+    assert "mean velocity" in spray.remarks[0]
+    assert "spray.nozzle_m sets it exactly" in spray.remarks[1]
+    assert spray.notes["liquid_penetration_m"] == pytest.approx(0.95 * 3.2e-3, rel=0.05)
+
+
+def test_tilted_axis_keeps_the_mass(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    spray = read_cfd(CfdSpray(file=tmp_path, nozzle_m=(0, 0, 0), axis=(1.0, -2.0, 0.5)))
+    mass = np.sum(gas["rho"] * gas["C7H16"] * block.volume)
+    assert spray.notes["vapour_mass_kg"] == pytest.approx(mass, rel=1e-11)
+
+
+def test_what_cannot_be_inferred(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    foam.write(tmp_path / "gas", block, gas=gas)
+    with pytest.raises(SprayError, match=r"there are no parcels.; set spray.nozzle_m and spray"):
+        read_cfd(CfdSpray(file=tmp_path / "gas"))
+    with pytest.raises(SprayError, match="there are no parcels"):
+        read_cfd(CfdSpray(file=tmp_path / "gas", axis="-y"))
+    still = {name: values for name, values in cloud.items() if name != "U"}
+    foam.write(tmp_path / "still", block, gas=gas, cloud=still)
+    with pytest.raises(SprayError, match="'sprayCloud' has no velocity U"):
+        read_cfd(CfdSpray(file=tmp_path / "still"))
+    around = cloud | {"U": np.random.default_rng(1).normal(0.0, 1.0, (17, 3))}
+    around["U"] -= around["U"].mean(axis=0)
+    around |= {name: np.full(17, cloud[name][0]) for name in ("d", "rho", "nParticle")}
+    foam.write(tmp_path / "around", block, gas=gas, cloud=around)
+    with pytest.raises(SprayError, match="have no common direction"):
+        read_cfd(CfdSpray(file=tmp_path / "around"))
+    broken = cloud | {"U": np.where(np.arange(51).reshape(17, 3) == 7, np.nan, cloud["U"])}
+    foam.write(tmp_path / "broken", block, gas=gas, cloud=broken)
+    with pytest.raises(SprayError, match="sprayCloud/U: is not finite"):
+        read_cfd(CfdSpray(file=tmp_path / "broken"))
+
+
+def test_axis_in_a_scene() -> None:
+    assert CfdSpray(file=Path("x")).axis is None
+    assert CfdSpray(file=Path("x"), axis="+z").axis == (0.0, 0.0, 1.0)
+    assert CfdSpray(file=Path("x"), axis=[1, 0, -1]).axis == (1.0, 0.0, -1.0)
+    for wrong in ("y", "down", "-w", (0, 0, 0), (1, 2), 3, (0, float("nan"), 1)):
+        with pytest.raises(ValidationError):
+            CfdSpray(file=Path("x"), axis=wrong)
+    scene = parse_scene({"name": "s", "spray": {"model": "cfd", "file": "x", "axis": "-y"}})
+    again = parse_scene(yaml.safe_load(dump_scene(scene)))
+    assert again == scene
+    assert isinstance(again.spray, CfdSpray)
+    assert again.spray.axis == (0.0, -1.0, 0.0)

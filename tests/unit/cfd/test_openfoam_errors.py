@@ -1,0 +1,245 @@
+"""Damaged, incomplete and implausible OpenFOAM cases: refused, with file and field by name."""
+
+from __future__ import annotations
+
+import gzip
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from cldit.errors import SprayError
+from cldit.scene.schema import CfdSpray
+from cldit.spray.cfd import read_cfd
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+
+CLOUD = "0.001/lagrangian/sprayCloud"
+
+
+def spec(case: Path, **keys: Any) -> CfdSpray:
+    return CfdSpray(**({"file": case, "nozzle_m": (0, 0, 0), "axis": "-y"} | keys))
+
+
+def cut(file: Path, fraction: float = 0.6) -> None:
+    whole = file.read_bytes()
+    file.write_bytes(whole[: int(len(whole) * fraction)])
+
+
+def replace(file: Path, old: bytes, new: bytes) -> None:
+    """The first match of a regular expression."""
+    changed, count = re.subn(old, new, file.read_bytes(), count=1)
+    assert count, "the test must change something"
+    file.write_bytes(changed)
+
+
+FIRST = rb"\n\(\n[^\n]+\n"  # the first number of a list
+
+MISSING: list[tuple[str, str]] = [
+    ("0.001/T", "0.001: no cell field 'T'; it has: C7H16, p, rho"),
+    ("0.001/C7H16", r"no cell field 'C7H16' \(spray.fuel_field\); it has: T, p, rho"),
+    ("constant/polyMesh/points", "constant/polyMesh/points: is missing"),
+    ("constant/polyMesh/neighbour", "constant/polyMesh/neighbour: is missing"),
+    (f"{CLOUD}/d", "sprayCloud: cloud 'sprayCloud' has no field 'd'; it has: T, U, nParticle, rho"),
+    (f"{CLOUD}/nParticle", "has no field 'nParticle'"),
+    (f"{CLOUD}/rho", "has no field 'rho'"),
+    (f"{CLOUD}/positions", "sprayCloud: a cloud without parcels: neither positions nor"),
+]
+
+
+@pytest.mark.parametrize(("file", "message"), MISSING)
+def test_missing_file(tmp_path: Path, foam: Foam, file: str, message: str) -> None:
+    block, gas, cloud = foam.sample()
+    foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    (tmp_path / file).unlink()
+    with pytest.raises(SprayError, match=message):
+        read_cfd(spec(tmp_path))
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary", "gz"])
+@pytest.mark.parametrize("barycentric", ["", "coordinates"])
+def test_every_truncated_file_is_noticed(
+    tmp_path: Path, foam: Foam, form: str, barycentric: str
+) -> None:
+    block, gas, cloud = foam.sample()
+    kind = foam.form(binary=form == "binary", gz=form == "gz")
+    whole = foam.write(
+        tmp_path / "whole", block, gas=gas, cloud=cloud, barycentric=barycentric, form=kind
+    )
+    names = [path.relative_to(whole) for path in whole.rglob("*") if path.is_file()]
+    unread = {"boundary", "controlDict", "p"}
+    names = [name for name in names if name.name.removesuffix(".gz") not in unread]
+    assert len(names) == 13
+    for name in names:
+        case = Path(shutil.copytree(whole, tmp_path / str(name).replace("/", "-")))
+        cut(case / name)
+        with pytest.raises(SprayError, match=re.escape(str(case / name))):
+            read_cfd(spec(case))
+
+
+CHANGES: list[tuple[str, bytes, bytes, str]] = [
+    ("0.001/T", FIRST, b"\n(\nnan\n", r"0.001/T: nan \(entry 0\) is outside 1..5000"),
+    ("0.001/T", FIRST, b"\n(\n-3\n", r"0.001/T: -3 \(entry 0\) is outside"),
+    ("0.001/T", FIRST, b"\n(\nabc\n", "0.001/T: (truncated or|holds text)"),
+    ("0.001/T", rb"\n24\n\(\n[^\n]+", b"\n23\n(", "0.001/T: 23 values, but the mesh has 24 cells"),
+    ("0.001/T", b"internalField", b"external", "0.001/T: has no internalField"),
+    ("0.001/T", b"nonuniform", b"uniform", "0.001/T: internalField is neither"),
+    ("0.001/T", b"FoamFile", b"Foam", "0.001/T: is not an OpenFOAM file"),
+    ("0.001/C7H16", FIRST, b"\n(\n1.2\n", "C7H16: 1.2 .* it is to be the mass fraction"),
+    ("0.001/C7H16", FIRST, b"\n(\n-0.1\n", "C7H16: -0.1 "),
+    ("0.001/rho", FIRST, b"\n(\ninf\n", r"0.001/rho: inf \(entry 0\) is outside 0..2000"),
+    (f"{CLOUD}/d", FIRST, b"\n(\n9\n", "sprayCloud/d: 9 .* diameter of a droplet in metres"),
+    (f"{CLOUD}/d", FIRST, b"\n(\n0\n", "sprayCloud/d: 0 "),
+    (f"{CLOUD}/d", FIRST, b"\n(\n-nan\n", "sprayCloud/d: nan "),
+    (f"{CLOUD}/nParticle", FIRST, b"\n(\n-1\n", "sprayCloud/nParticle: -1 "),
+    (f"{CLOUD}/T", FIRST, b"\n(\n1e5\n", r"sprayCloud/T: 100000 \(entry 0\) .*in K"),
+    (f"{CLOUD}/rho", FIRST, b"\n(\n0.6\n", "sprayCloud/rho: 0.6 .* density in kg/m3"),
+    (f"{CLOUD}/rho", rb"\n17\n\(\n[^\n]+", b"\n16\n(", "sprayCloud/rho: 16 values for 17 parcels"),
+    (
+        f"{CLOUD}/positions",
+        rb"\n\(\(?\n\([^)]+\)",
+        b"\n(\n(0 5 0)",
+        "positions: parcel 0 at .0, 5, 0",
+    ),
+    (
+        f"{CLOUD}/positions",
+        rb"\n\(\n\([^)]+\)",
+        b"\n(\n(nan 0 0)",
+        "positions: parcel 0 at .nan, 0",
+    ),
+    (f"{CLOUD}/positions", rb"(?s)\n17\n\(.*\)\n", b"\n0()\n", "holds no parcel; choose another"),
+    ("constant/polyMesh/owner", FIRST, b"\n(\n-1\n", "polyMesh: owner labels -1 to 23"),
+    ("constant/polyMesh/owner", FIRST, b"\n(\n0.5\n", "owner: holds a label that is no whole"),
+    ("constant/polyMesh/owner", FIRST, b"\n(\n1e300\n", "owner: holds a label that is no whole"),
+    ("constant/polyMesh/neighbour", FIRST, b"\n(\n900\n", "24 values, but the mesh has 901 cells"),
+    ("constant/polyMesh/faces", rb"\n\(\n4\(\d+", b"\n(\n4(99999", "polyMesh: point labels"),
+    ("constant/polyMesh/faces", rb"\n\(\n4\(", b"\n(\n7(", "faces: truncated or damaged"),
+    ("constant/polyMesh/points", rb"\n\(\(?\n?\([^)]+\)", b"\n(\n(nan 0 0)", "a point of the mesh"),
+    ("constant/polyMesh/points", rb"\n\(\(?\n?\([^)]+\)", b"\n(\n(9 9 9)", ""),
+]
+
+
+@pytest.mark.parametrize(("file", "old", "new", "message"), CHANGES)
+def test_impossible_content(
+    tmp_path: Path, foam: Foam, file: str, old: bytes, new: bytes, message: str
+) -> None:
+    block, gas, cloud = foam.sample()
+    foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    assert read_cfd(spec(tmp_path)).notes["parcels"] == 17
+    replace(tmp_path / file, old, new)
+    if not message:  # a corner pulled out of place leaves a cell that is crooked, not open
+        assert read_cfd(spec(tmp_path)).notes["parcels"] == 17
+        return
+    with pytest.raises(SprayError, match=message):
+        read_cfd(spec(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda row: row.__setitem__(4, 24), "a parcel in cell 24, but the mesh has 24"),
+        (lambda row: row.__setitem__(4, -1), "a parcel in cell"),
+        (lambda row: row.__setitem__(5, 9999), "a parcel in face 9999"),
+        (lambda row: row.__setitem__(4, (row[4] + 7) % 24), r"parcel 0: face \d+ does not belong"),
+        (lambda row: row.__setitem__(6, 3), "parcel 0: point 3 of a face of 4 points"),
+        (lambda row: row.__setitem__(6, 0), "parcel 0: point 0 of a face"),
+        (lambda row: row.__setitem__(0, 7.0), "do not sum to one"),
+    ],
+)
+def test_barycentric_labels(
+    tmp_path: Path, foam: Foam, change: Callable[[list[float]], None], message: str
+) -> None:
+    block, gas, cloud = foam.sample()
+    foam.write(tmp_path, block, gas=gas, cloud=cloud, barycentric="coordinates")
+    weights, labels = block.barycentric(cloud["position"])
+    row = [*weights[0].tolist(), *labels[0].tolist()]
+    change(row)
+    weights[0], labels[0] = row[:4], row[4:]
+    body = foam.form().records(weights, labels)
+    file = tmp_path / CLOUD / "coordinates"
+    foam.form().write(file, "Cloud<passiveParticle>", body)
+    with pytest.raises(SprayError, match=f"{CLOUD}/coordinates: .*{message}"):
+        read_cfd(spec(tmp_path))
+
+
+def test_times_and_clouds_that_are_not_there(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    foam.write(tmp_path, block, gas=gas, time="0")
+    foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    with pytest.raises(
+        SprayError, match=r"no time 0\.002 s \(spray\.time_s\); available: 0, 0\.001"
+    ):
+        read_cfd(spec(tmp_path, time_s=0.002))
+    with pytest.raises(SprayError, match=r"no cloud 'rain' .spray.cloud.; available: sprayCloud"):
+        read_cfd(spec(tmp_path, cloud="rain"))
+    with pytest.raises(SprayError, match=r"no cloud 'sprayCloud' .*; available: none"):
+        read_cfd(spec(tmp_path, cloud="sprayCloud", time_s=0.0))
+    foam.write(tmp_path, block, gas=gas, cloud=cloud, name="rain")
+    with pytest.raises(SprayError, match=r"several clouds, rain, sprayCloud; set spray\.cloud"):
+        read_cfd(spec(tmp_path))
+    assert read_cfd(spec(tmp_path, cloud="rain")).notes["parcels"] == 17
+
+
+def test_paths_that_are_no_case(tmp_path: Path, foam: Foam) -> None:
+    with pytest.raises(SprayError, match="no such file or folder"):
+        read_cfd(spec(tmp_path / "nothing"))
+    with pytest.raises(SprayError, match="no such case"):
+        read_cfd(spec(tmp_path / "nothing" / "case.foam"))
+    with pytest.raises(SprayError, match="neither an OpenFOAM case"):
+        read_cfd(spec(tmp_path))
+    block, gas, _ = foam.sample()
+    foam.write(tmp_path, block, gas=gas)
+    shutil.rmtree(tmp_path / "0.001")
+    (tmp_path / "VTK").mkdir()
+    with pytest.raises(SprayError, match=r"no time with results; its VTK output .*VTK$"):
+        read_cfd(spec(tmp_path))
+    (tmp_path / "processors4").mkdir()
+    with pytest.raises(SprayError, match="collated format; run reconstructPar"):
+        read_cfd(spec(tmp_path))
+
+
+def test_neither_density_nor_pressure(tmp_path: Path, foam: Foam) -> None:
+    block, gas, _ = foam.sample()
+    foam.write(tmp_path, block, gas={name: gas[name] for name in ("T", "C7H16")})
+    with pytest.raises(SprayError, match=r"0\.001: neither rho nor p among the cell fields"):
+        read_cfd(spec(tmp_path))
+
+
+def test_processors_must_have_the_same_fields(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    for name in ("processor0", "processor1"):
+        foam.write(tmp_path / name, block, gas=gas, cloud=cloud)
+    (tmp_path / "processor1" / CLOUD / "T").unlink()
+    with pytest.raises(SprayError, match="only some processors have the field 'T'"):
+        read_cfd(spec(tmp_path))
+
+
+def test_binary_of_another_number_size(tmp_path: Path, foam: Foam) -> None:
+    """A header that lies about its number size must not be read as other numbers."""
+    block, gas, cloud = foam.sample()
+    foam.write(tmp_path, block, gas=gas, cloud=cloud, form=foam.form(binary=True))
+    for name, old, new in (
+        ("constant/polyMesh/owner", b"label=32", b"label=64"),
+        ("0.001/T", b"scalar=64", b"scalar=32"),
+        (f"{CLOUD}/positions", b"label=32", b"label=64"),
+    ):
+        file = tmp_path / name
+        before = file.read_bytes()
+        replace(file, old, new)
+        with pytest.raises(SprayError, match=re.escape(str(file))):
+            read_cfd(spec(tmp_path))
+        file.write_bytes(before)
+    assert read_cfd(spec(tmp_path)).notes["parcels"] == 17
+
+
+def test_gz_that_is_none(tmp_path: Path, foam: Foam) -> None:
+    block, gas, _ = foam.sample()
+    foam.write(tmp_path, block, gas=gas, form=foam.form(gz=True))
+    packed = tmp_path / "0.001" / "T.gz"
+    packed.write_bytes(gzip.decompress(packed.read_bytes()))
+    with pytest.raises(SprayError, match=r"0\.001/T\.gz: cannot be read"):
+        read_cfd(spec(tmp_path))

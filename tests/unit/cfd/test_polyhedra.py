@@ -1,0 +1,114 @@
+"""Geometry of polyhedra against solids whose volume and centroid are known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cldit.errors import SprayError
+from cldit.spray.foamfile import FoamFile
+from cldit.spray.lagrangian import decode
+from cldit.spray.polyhedra import Mesh, join
+
+
+def solid(points: list[list[float]], faces: list[tuple[int, ...]]) -> Mesh:
+    """One cell."""
+    return Mesh(
+        points_m=np.array(points, dtype=np.float64),
+        corners=np.concatenate([np.array(face) for face in faces]),
+        start=np.cumsum([0, *map(len, faces)]),
+        owner=np.zeros(len(faces), dtype=np.int64),
+        neighbour=np.full(len(faces), -1, dtype=np.int64),
+        cells=1,
+        source="solid",
+    )
+
+
+TET = solid(
+    [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
+)
+PYRAMID = solid(
+    [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [1, 1, 3]],
+    [(0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)],
+)
+# an arrowhead with its notch in point 1, drawn out to a height of 2
+ARROW = solid(
+    [[x, y, z] for z in (0, 2) for x, y in ((-1, -1), (0, -0.2), (1, -1), (0, 1))],
+    [(3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
+)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "volume", "centroid"),
+    [
+        (TET, 1 / 6, (0.25, 0.25, 0.25)),
+        (PYRAMID, 4.0, (1.0, 1.0, 0.75)),
+        # two triangles of area 0.6 each, with centroids in y = (-0.2 - 1 + 1) / 3
+        (ARROW, 2 * 1.2, (0.0, -0.2 / 3, 1.0)),
+    ],
+)
+def test_volume_and_centroid(
+    mesh: Mesh, volume: float, centroid: tuple[float, float, float]
+) -> None:
+    found, middle = mesh.volume_and_centroid
+    assert found[0] == pytest.approx(volume, rel=1e-14)
+    assert middle[0] == pytest.approx(centroid, abs=1e-14)
+    # far from the origin, the same but for the rounding of its coordinates, 2e-14 of 100 m
+    far = mesh.moved(origin_m=np.full(3, -100.0), rotation=np.eye(3))
+    assert far.volume_and_centroid[0][0] == pytest.approx(volume, rel=1e-12)
+
+
+@pytest.mark.parametrize("mesh", [TET, PYRAMID, ARROW])
+def test_box_keeps_volume_centroid_and_proportions(mesh: Mesh) -> None:
+    lower, upper = mesh.boxes_m()
+    volume, centroid = mesh.volume_and_centroid
+    assert np.prod(upper - lower) == pytest.approx(volume[0], rel=1e-14)
+    assert (lower + upper) / 2 == pytest.approx(centroid, abs=1e-14)
+    low, high = mesh.bounds_m
+    ratio = (upper - lower) / (high - low)
+    assert ratio == pytest.approx(np.full((1, 3), ratio[0, 0]), rel=1e-14)
+    assert ratio[0, 0] < 1.0
+
+
+def test_inside_out_is_the_same_cell() -> None:
+    flipped = solid(TET.points_m.tolist(), [(1, 2, 0), (3, 1, 0), (3, 2, 1), (3, 0, 2)])
+    for found, expected in zip(flipped.volume_and_centroid, TET.volume_and_centroid, strict=True):
+        assert found == pytest.approx(expected, abs=1e-15)
+
+
+def test_join_keeps_cells_apart() -> None:
+    both = join([TET, PYRAMID, ARROW])
+    assert both.cells == 3
+    assert both.volume_and_centroid[0] == pytest.approx([1 / 6, 4.0, 2.4], rel=1e-14)
+    lower, upper = both.bounds_m
+    assert lower[2].tolist() == [-1.0, -1.0, 0.0]
+    assert upper[1].tolist() == [2.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("faces", "message"),
+    [
+        ([(0, 2, 1), (0, 1, 3), (1, 2, 3)], "cell 0 has fewer than four faces"),
+        ([(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 2, 3)], "do not enclose it, or do not all point"),
+        ([(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 0, 0)], "do not enclose it"),
+        ([(0, 2, 1), (0, 1, 2), (0, 2, 1), (0, 1, 2)], "cell 0 of the mesh has no volume"),
+    ],
+)
+def test_cells_that_are_none(faces: list[tuple[int, ...]], message: str) -> None:
+    with pytest.raises(SprayError, match=f"solid: .*{message}"):
+        _ = solid(TET.points_m.tolist(), faces).volume_and_centroid
+
+
+def test_barycentric_base_point_of_a_notched_face() -> None:
+    """From point 0 of the arrowhead a triangle is inside out; the first good base is point 1.
+
+    The tetrahedron of tet point 1 is then the centroid and points 1, 2, 3 of the top face.
+    """
+    file = FoamFile(Path("coordinates"), False, "<", (4,), (8,), b"")
+    weights = np.array([0.4, 0.3, 0.2, 0.1])
+    rows = np.concatenate([weights, [0, 1, 1]])[None]
+    centroid = np.array([0.0, -0.2 / 3, 1.0])
+    expected = weights @ np.array([centroid, [0, -0.2, 2], [1, -1, 2], [0, 1, 2]])
+    assert decode(file, rows, ARROW)[0] == pytest.approx(expected, abs=1e-14)

@@ -1,0 +1,308 @@
+"""foamToVTK's layouts, written through vtk: the spray is that of the OpenFOAM case."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from cldit.errors import SprayError
+from cldit.scene.schema import CfdSpray
+from cldit.spray.cfd import read_cfd
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+
+pytest.importorskip("vtk")
+
+SET = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
+# one of each: points, and the faces of the polyhedron (a cube); volumes by hand
+SOLIDS: dict[int, tuple[list[tuple[float, float, float]], float]] = {
+    10: ([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], 1 / 6),
+    11: ([(x, y, z) for z in (0, 3) for y in (0, 2) for x in (0, 1)], 6.0),
+    12: ([(x, y, z) for z in (0, 3) for x, y in ((0, 0), (1, 0), (1, 2), (0, 2))], 6.0),
+    13: ([(x, y, z) for z in (0, 2) for x, y in ((0, 0), (0, 1), (1, 0))], 1.0),
+    14: ([(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (1, 1, 3)], 4.0),
+    42: ([(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], 1.0),
+}
+CUBE = [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+
+
+def vtk_array(name: str, values: Any) -> Any:
+    from vtkmodules.util import numpy_support
+
+    convert: Any = numpy_support.numpy_to_vtk
+    array = convert(np.ascontiguousarray(values, dtype=np.float32), deep=1)
+    array.SetName(name)
+    return array
+
+
+def points_of(data: Any, position: Any) -> None:
+    from vtkmodules.vtkCommonCore import vtkPoints
+
+    points = vtkPoints()
+    points.SetData(vtk_array("Points", position))
+    data.SetPoints(points)
+
+
+def save(file: Path, data: Any) -> Path:
+    """By the file's suffix, in binary."""
+    from vtkmodules import vtkIOLegacy, vtkIOXML
+
+    file.parent.mkdir(parents=True, exist_ok=True)
+    grid = data.IsA("vtkUnstructuredGrid")
+    writers: dict[tuple[str, bool], Any] = {
+        (".vtu", True): vtkIOXML.vtkXMLUnstructuredGridWriter,
+        (".vtp", False): vtkIOXML.vtkXMLPolyDataWriter,
+        (".vtk", True): vtkIOLegacy.vtkUnstructuredGridWriter,
+        (".vtk", False): vtkIOLegacy.vtkPolyDataWriter,
+    }
+    writer = writers[file.suffix, bool(grid)]()
+    writer.SetFileName(str(file))
+    writer.SetInputData(data)
+    if file.suffix == ".vtk":
+        writer.SetFileTypeToBinary()
+    writer.Write()
+    return file
+
+
+def grid_of(cells: list[tuple[int, Any]], points: Any, gas: Mapping[str, Any]) -> Any:
+    """An unstructured grid; a polyhedron is given by its faces."""
+    from vtkmodules.vtkCommonCore import vtkIdList
+    from vtkmodules.vtkCommonDataModel import vtkUnstructuredGrid
+
+    grid: Any = vtkUnstructuredGrid()
+    points_of(grid, points)
+    for kind, corners in cells:
+        if kind == 42:
+            stream = vtkIdList()
+            for item in (len(corners), *(n for face in corners for n in (len(face), *face))):
+                stream.InsertNextId(item)
+            grid.InsertNextCell(42, stream)
+        else:
+            grid.InsertNextCell(kind, len(corners), list(corners))
+    for name, values in gas.items():
+        grid.GetCellData().AddArray(vtk_array(name, values))
+    return grid
+
+
+def block_grid(block: Any, gas: Mapping[str, Any]) -> Any:
+    nx, ny, nz = block.shape
+    corner = np.arange((nx + 1) * (ny + 1) * (nz + 1)).reshape(nz + 1, ny + 1, nx + 1)
+    low, high = corner[:-1], corner[1:]
+    ring = [(slice(None, -1), slice(None, -1)), (slice(None, -1), slice(1, None))]
+    ring += [(slice(1, None), slice(1, None)), (slice(1, None), slice(None, -1))]
+    ids = np.stack([layer[:, y, x] for layer in (low, high) for y, x in ring], axis=-1)
+    return grid_of([(12, row) for row in ids.reshape(-1, 8).tolist()], block.points, gas)
+
+
+def cloud_data(cloud: Mapping[str, Any]) -> Any:
+    from vtkmodules.vtkCommonDataModel import vtkPolyData
+
+    data: Any = vtkPolyData()
+    points_of(data, cloud["position"])
+    for name, values in cloud.items():
+        if name != "position":
+            data.GetPointData().AddArray(vtk_array(name, values))
+    return data
+
+
+def stamped(data: Any, time_s: float) -> Any:
+    data.GetFieldData().AddArray(vtk_array("TimeValue", [time_s]))
+    return data
+
+
+def series(file: Path, entries: Mapping[str, float]) -> None:
+    files = [{"name": name, "time": time} for name, time in entries.items()]
+    file.write_text(json.dumps({"file-series-version": "1.0", "files": files}))
+
+
+def two_steps(folder: Path, foam: Foam, layout: str) -> dict[str, Path]:
+    """Steps 10 (0.0005 s, only three parcels) and 20 (0.001 s); the mesh files by step."""
+    block, gas, cloud = foam.sample()
+    few = {name: values[:3] for name, values in cloud.items()}
+    meshes: dict[str, Path] = {}
+    for step, time, parcels in (("10", 0.0005, few), ("20", 0.001, cloud)):
+        grid = stamped(block_grid(block, gas), time)
+        if layout == "xml":
+            mesh, drops = f"case_{step}/internal.vtu", f"lagrangian/rain/rain_{step}.vtp"
+            patch = f"case_{step}/boundary/walls.vtp"
+        elif layout == "nested":
+            mesh, drops = f"case_{step}/internal.vtu", f"case_{step}/lagrangian/rain/rain.vtp"
+            patch = f"case_{step}/boundary/walls.vtp"
+        else:
+            mesh, drops = f"case_{step}.vtk", f"lagrangian/rain/rain_{step}.vtk"
+            patch = f"walls/walls_{step}.vtk"
+        meshes[step] = save(folder / mesh, grid)
+        save(folder / drops, cloud_data(parcels))
+        save(folder / patch, cloud_data(few))
+    if layout == "xml":
+        series(folder / "case.vtm.series", {"case_10.vtm": 0.0005, "case_20.vtm": 0.001})
+        (folder / "case_20.vtm").touch()
+    return meshes
+
+
+@pytest.mark.parametrize("layout", ["xml", "nested", "legacy"])
+def test_layouts_and_times(tmp_path: Path, foam: Foam, layout: str) -> None:
+    meshes = two_steps(tmp_path / "VTK_7", foam, layout)
+    block, gas, cloud = foam.sample()
+    foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+    expected = read_cfd(CfdSpray(file=tmp_path / "case", **SET))
+    last = [tmp_path / "VTK_7", meshes["20"]]
+    if layout == "xml":
+        drops = tmp_path / "VTK_7" / "lagrangian" / "rain" / "rain_20.vtp"
+        last += [meshes["20"].parent, tmp_path / "VTK_7" / "case_20.vtm", drops]
+        last += [tmp_path / "VTK_7" / "case.vtm.series"]
+    for path in last:
+        spray = read_cfd(CfdSpray(file=path, **SET))
+        assert spray.notes["time_s"] == pytest.approx(0.001, rel=1e-7)  # maybe a float32
+        assert spray.parcels is not None
+        assert spray.vapour is not None
+        assert expected.parcels is not None
+        assert expected.vapour is not None
+        # float32 of 1e-2 m: half an ulp is 5e-10 m; volumes of cells of 1e-3 m follow
+        for name in ("diameter_m", "droplets", "temperature_K", "density_kg_m3"):
+            wanted = getattr(expected.parcels, name)
+            assert getattr(spray.parcels, name) == pytest.approx(wanted, rel=1e-7)
+        wanted = expected.parcels.position_m
+        assert spray.parcels.position_m == pytest.approx(wanted, abs=1e-9, rel=0)
+        for name in ("lower_m", "upper_m"):
+            wanted = getattr(expected.vapour.cells, name)
+            assert getattr(spray.vapour.cells, name) == pytest.approx(wanted, abs=2e-9, rel=0)
+        wanted = expected.vapour.number_density_m3
+        assert spray.vapour.number_density_m3 == pytest.approx(wanted, rel=2e-7)
+        for name in ("liquid_mass_kg", "vapour_mass_kg", "sauter_mean_diameter_m"):
+            assert spray.notes[name] == pytest.approx(expected.notes[name], rel=5e-6)
+    assert read_cfd(CfdSpray(file=meshes["10"], **SET)).notes["parcels"] == 3
+    early = read_cfd(CfdSpray(file=tmp_path / "VTK_7", time_s=0.0005, cloud="rain", **SET))
+    assert early.notes["parcels"] == 3
+    with pytest.raises(SprayError, match=r"no time 0\.002 s .* available: 0\.0005, 0\.001"):
+        read_cfd(CfdSpray(file=tmp_path / "VTK_7", time_s=0.002, **SET))
+
+
+def test_every_kind_of_cell(tmp_path: Path) -> None:
+    """One gas of density 1 kg/m3 that is all fuel: its mass is the volume, by hand."""
+    points: list[tuple[float, float, float]] = []
+    cells: list[tuple[int, Any]] = []
+    for column, (kind, (corners, _)) in enumerate(SOLIDS.items()):
+        first = len(points)
+        points += [(x + 5.0 * column, y, z) for x, y, z in corners]
+        faces = [[first + corner for corner in face] for face in CUBE]
+        cells.append((kind, faces if kind == 42 else range(first, len(points))))
+    gas = {
+        name: np.full(len(cells), value) for name, value in (("T", 300), ("rho", 1), ("C7H16", 1))
+    }
+    file = save(tmp_path / "internal.vtu", grid_of(cells, points, gas))
+    vapour = read_cfd(CfdSpray(file=file, nozzle_m=(0, 0, 0), axis="-z")).vapour
+    assert vapour is not None
+    # whole numbers are exact in float32
+    assert vapour.cells.volume_m3 == pytest.approx([v for _, v in SOLIDS.values()], rel=1e-12)
+    middle = (vapour.cells.lower_m + vapour.cells.upper_m) / 2
+    middle[:, 0] -= 5.0 * np.arange(len(cells))
+    tet, box, wedge = (0.25, 0.25, 0.25), (0.5, 1.0, 1.5), (1 / 3, 1 / 3, 1.0)
+    centroids = np.array([tet, box, box, wedge, (1.0, 1.0, 0.75), (0.5, 0.5, 0.5)])
+    assert middle == pytest.approx(centroids, abs=1e-12)
+
+
+def test_same_kind_only(tmp_path: Path) -> None:
+    """vtk keeps no list of types for a grid of one type."""
+    points, volume = SOLIDS[14]
+    gas = {"T": [300], "rho": [1], "C7H16": [1]}
+    file = save(tmp_path / "a.vtu", grid_of([(14, range(5))], points, gas))
+    spray = read_cfd(CfdSpray(file=file, nozzle_m=(0, 0, 0), axis="-z"))
+    assert spray.notes["vapour_mass_kg"] == pytest.approx(volume, rel=1e-7)
+    assert "time_s" not in spray.notes
+    with pytest.raises(SprayError, match="do not say their time; give the path of one"):
+        read_cfd(CfdSpray(file=file, time_s=0.1, nozzle_m=(0, 0, 0), axis="-z"))
+
+
+@pytest.mark.parametrize("layout", ["xml", "legacy"])
+@pytest.mark.parametrize("what", ["mesh", "cloud"])
+@pytest.mark.parametrize("left", [0.0, 0.02, 0.5, 0.9, 0.95])
+def test_truncated(
+    tmp_path: Path,
+    foam: Foam,
+    capfd: pytest.CaptureFixture[str],
+    layout: str,
+    what: str,
+    left: float,
+) -> None:
+    meshes = two_steps(tmp_path, foam, layout)
+    file = meshes["20"]
+    if what == "cloud":
+        file = tmp_path / "lagrangian" / "rain" / f"rain_20.{'vtp' if layout == 'xml' else 'vtk'}"
+    whole = file.read_bytes()
+    file.write_bytes(whole[: int(left * len(whole))])
+    with pytest.raises(SprayError, match=re.escape(str(file))):
+        read_cfd(CfdSpray(file=tmp_path, **SET))
+    assert capfd.readouterr().err == ""  # vtk's own words are in the message, not on the screen
+
+
+def test_missing_and_impossible(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    mesh, drops = tmp_path / "internal.vtu", tmp_path / "lagrangian" / "rain" / "rain.vtp"
+
+    def refused(message: str, gas: Mapping[str, Any], cloud: Mapping[str, Any]) -> None:
+        save(mesh, block_grid(block, gas))
+        save(drops, cloud_data(cloud))
+        with pytest.raises(SprayError, match=message):
+            read_cfd(CfdSpray(file=mesh, **SET))
+
+    for name in ("T", "C7H16"):
+        rest = {key: values for key, values in gas.items() if key != name}
+        refused(rf"internal\.vtu: no cell field '{name}'.*; it has: .*p, rho", rest, cloud)
+    for name in ("d", "nParticle", "rho", "T"):
+        rest = {key: values for key, values in cloud.items() if key != name}
+        refused(rf"rain\.vtp: cloud 'rain' has no field '{name}'; it has: ", gas, rest)
+    bad = np.where(np.arange(block.cells) == 5, np.nan, gas["T"])
+    refused(r"internal\.vtu: cell field T: nan \(entry 5\)", gas | {"T": bad}, cloud)
+    bad = np.where(np.arange(17) == 4, 9.0, cloud["d"])
+    refused(r"rain\.vtp: point field d: 9 \(entry 4\) .*metres", gas, cloud | {"d": bad})
+    refused(r"rain\.vtp: point field T: shape .17, 3.", gas, cloud | {"T": cloud["U"]})
+    far = cloud["position"] * 1000
+    refused(r"rain\.vtp: points: parcel 0 at .* outside the mesh", gas, cloud | {"position": far})
+    none = {name: values[:0] for name, values in cloud.items()}
+    refused(r"rain\.vtp: points: cloud 'rain' holds no parcel", gas, none)
+
+
+def test_files_of_another_kind(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    keys: dict[str, Any] = {"nozzle_m": (0, 0, 0), "axis": "-z"}
+    flat = grid_of([(9, (0, 1, 2, 3))], SOLIDS[14][0], {"T": [3], "rho": [1], "C7H16": [1]})
+    with pytest.raises(SprayError, match=r"flat\.vtu: cell 0 is of vtk type 9; expected tetra"):
+        read_cfd(CfdSpray(file=save(tmp_path / "1" / "flat.vtu", flat), **keys))
+    with pytest.raises(SprayError, match=r"none\.vtu: the mesh has no cell"):
+        read_cfd(CfdSpray(file=save(tmp_path / "2" / "none.vtu", grid_of([], [], {})), **keys))
+    with pytest.raises(SprayError, match=r"drops\.vtk: holds vtkPolyData, expected vtkUnstruct"):
+        read_cfd(CfdSpray(file=save(tmp_path / "3" / "drops.vtk", cloud_data(cloud)), **keys))
+    text = save(tmp_path / "4" / "a.vtk", block_grid(block, gas))
+    text.write_bytes(text.read_bytes().replace(b"BINARY", b"ASCII", 1))
+    with pytest.raises(SprayError, match=r"a\.vtk: is legacy VTK in ascii"):
+        read_cfd(CfdSpray(file=text, **keys))
+    (tmp_path / "5.stl").touch()
+    with pytest.raises(SprayError, match=r"5\.stl: neither an OpenFOAM case .* nor foamToVTK"):
+        read_cfd(CfdSpray(file=tmp_path / "5.stl", **keys))
+
+
+def test_step_that_lacks_its_cloud(tmp_path: Path, foam: Foam) -> None:
+    two_steps(tmp_path, foam, "xml")
+    (tmp_path / "lagrangian" / "rain" / "rain_20.vtp").unlink()
+    with pytest.raises(SprayError, match="no cloud file of the same step '20', but other steps"):
+        read_cfd(CfdSpray(file=tmp_path, **SET))
+    (tmp_path / "case.vtm.series").write_text('{"files": [{"name": 3}]}')
+    with pytest.raises(SprayError, match=r"case\.vtm\.series: is no list of files and times"):
+        read_cfd(CfdSpray(file=tmp_path, **SET))
+
+
+def test_without_vtk(tmp_path: Path, foam: Foam, monkeypatch: pytest.MonkeyPatch) -> None:
+    block, gas, _ = foam.sample()
+    save(tmp_path / "internal.vtu", block_grid(block, gas))
+    monkeypatch.setitem(sys.modules, "vtkmodules.vtkCommonCore", None)
+    with pytest.raises(SprayError, match=r'needs vtk; install it with: pip install "cldit\[cfd\]"'):
+        read_cfd(CfdSpray(file=tmp_path, **SET))
