@@ -27,7 +27,7 @@ _STEP_per_cm = 2.0  # a sixth of the narrowest bands of liquid n-heptane and of 
 _MOST = 400
 _GROUPS = 16  # of a k-distribution, in every 25 1/cm: 3.5e-3 of transmission at worst
 _VAPOUR_KNOTS = 5
-_LIQUID_STEP_K = 20.0  # k follows the density, 2.5 % in 20 K and nearly straight
+_LIQUID_SPAN_K = 5.0  # k follows the density, 0.15 %/K and nearly straight: two ends suffice
 _ROOM_Pa = 101325.0
 
 
@@ -109,7 +109,7 @@ class Spectrum:
         n = k = np.zeros((0, len(part)))
         if used.liquid is not None and spray.parcels is not None:
             there = spray.parcels.temperature_K[spray.parcels.droplets > 0]
-            liquid_K = _knots(there, 1 + int(np.ceil(np.ptp(there) / _LIQUID_STEP_K)))
+            liquid_K = _knots(there, 2 if there.size and np.ptp(there) > _LIQUID_SPAN_K else 1)
             middles = (edges[1:] + edges[:-1]) / 2.0
             index = [used.liquid.index(middles, float(kelvin)) for kelvin in liquid_K]
             n, k = (np.array([pair[which] for pair in index])[:, interval] for which in (0, 1))
