@@ -35,7 +35,14 @@ from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.radiance.boundary import Boundary, Surroundings, picture
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene, dump_scene, parse_scene
-from cldit.spectral import Difference, NodeTraces, SpectralInfo, node_folders, save_nodes, trace_nodes
+from cldit.spectral import (
+    Difference,
+    NodeTraces,
+    SpectralInfo,
+    node_folders,
+    save_nodes,
+    trace_nodes,
+)
 from cldit.spray.source import make_spray
 from cldit.transport.trace import settings_for, trace
 
@@ -184,9 +191,7 @@ def simulate(
     medium = _medium(scene, stages, cache or default_cache())
     frame, chosen = medium.trees[0].frame, medium.chosen
     settings = settings_for(scene)
-    result = trace_nodes(
-        medium.trees, chosen.quadrature, scene, device, settings, report=progress
-    )
+    result = trace_nodes(medium.trees, chosen.quadrature, scene, device, settings, report=progress)
     reference = trace(_nothing(frame), scene, device, settings).weights
     for name in ("compile", "scattering", "image"):
         note = "" if name in result.seconds else "left out: nothing scatters"

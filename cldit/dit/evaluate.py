@@ -94,7 +94,9 @@ def evaluate_radiance(
     temperatures = list(background_temperatures_K)
     reference_K = reference_temperature_K(temperatures)
     whole = Boundary.in_filter(surroundings, filter_um, reference_K=reference_K)
-    parts = [whole] if nodes is None else [Boundary.of(surroundings, n.radiance, n.pane) for n in nodes]
+    parts = (
+        [whole] if nodes is None else [Boundary.of(surroundings, n.radiance, n.pane) for n in nodes]
+    )
     source = whole.leaving(temperatures)
     _check_span(source, temperatures)
     calibration = None if sensor is None else sensor.calibration()

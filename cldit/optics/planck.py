@@ -125,9 +125,7 @@ def _evaluate(temperature_K: ArrayLike, filter_um: Filter, *, slope: bool) -> ND
         part = usable[begin : begin + _CHUNK]
         # At a subnormal temperature x overflows to infinity; a picokelvin has B = 0 as well.
         kelvin = np.maximum(flat[part], 1e-12)
-        log_band, power = (
-            _looked_up(kelvin, filter_um) if tabulated else _log_band(kelvin, pieces)
-        )
+        log_band, power = _looked_up(kelvin, filter_um) if tabulated else _log_band(kelvin, pieces)
         if slope:
             log_band = log_band + np.log(power) - np.log(kelvin)
         with np.errstate(under="ignore", over="ignore"):
@@ -161,9 +159,7 @@ def _looked_up(temperature_K: Floats, filter_um: Filter) -> tuple[Floats, Floats
     return log_band, np.where(beyond == 0.0, spline(inside, 1), 1.0)
 
 
-def band_radiance(
-    temperature_K: ArrayLike, *, filter_um: Filter
-) -> NDArray[np.float64]:
+def band_radiance(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
     """Photon radiance of a black body in a filter, photons s-1 m-2 sr-1.
 
     Relative error below 1e-11 where the result is a normal float64; below that (3.4 um: under
@@ -180,9 +176,7 @@ def band_radiance(
     return _evaluate(temperature_K, filter_um, slope=False)
 
 
-def band_radiance_slope(
-    temperature_K: ArrayLike, *, filter_um: Filter
-) -> NDArray[np.float64]:
+def band_radiance_slope(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
     """d B / d T in photons s-1 m-2 sr-1 K-1; otherwise as `band_radiance`."""
     return _evaluate(temperature_K, filter_um, slope=True)
 
@@ -198,9 +192,7 @@ def _inverse(filter_um: Filter) -> tuple[CubicHermiteSpline, Floats]:
     return spline, np.array([log_band[-1], np.log(temperature[-1])])
 
 
-def _invert(
-    radiance: ArrayLike, filter_um: Filter, *, slope: bool
-) -> NDArray[np.float64]:
+def _invert(radiance: ArrayLike, filter_um: Filter, *, slope: bool) -> NDArray[np.float64]:
     spline, (top, log_temperature) = _inverse(filter_um)
     value = np.asarray(radiance, dtype=np.float64)
     out = np.where(value == 0.0, np.inf if slope else 0.0, np.nan)
@@ -219,9 +211,7 @@ def _invert(
     return np.asarray(out)
 
 
-def temperature_of_radiance(
-    radiance: ArrayLike, *, filter_um: Filter
-) -> NDArray[np.float64]:
+def temperature_of_radiance(radiance: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
     """Temperature in K at which a black body has this radiance: the inverse of `band_radiance`.
 
     Read from a table of ln T over ln B with exact slopes, relative error below 1e-12; a million
@@ -238,8 +228,6 @@ def temperature_of_radiance(
     return _invert(radiance, filter_um, slope=False)
 
 
-def temperature_slope_of_radiance(
-    radiance: ArrayLike, *, filter_um: Filter
-) -> NDArray[np.float64]:
+def temperature_slope_of_radiance(radiance: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
     """d T / d B in K per photons s-1 m-2 sr-1; infinite at 0, otherwise as the temperature."""
     return _invert(radiance, filter_um, slope=True)

@@ -8,6 +8,7 @@ that is one number stays with the sensor; a tabulated one is part of the respons
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,7 +35,9 @@ class Response:
 
     def at(self, wavelength_um: ArrayLike) -> Floats:
         wavelength, value = np.array(self.pairs).T
-        return np.asarray(np.interp(wavelength_um, wavelength, value, left=0.0, right=0.0))
+        return np.asarray(
+            np.interp(np.asarray(wavelength_um, float), wavelength, value, left=0.0, right=0.0)
+        )
 
 
 Filter = tuple[float, float] | Response
@@ -97,8 +100,8 @@ def scene_filter(scene: Scene) -> Filter:
 
 def _as_filter(given: tuple[float, float] | tuple[tuple[float, float], ...]) -> Filter:
     if isinstance(given[0], tuple):
-        return Response(given)  # type: ignore[arg-type]
-    return given  # type: ignore[return-value]
+        return Response(given)
+    return given
 
 
 def product(filter_um: Filter, other: Response) -> Response:
@@ -120,7 +123,9 @@ def product(filter_um: Filter, other: Response) -> Response:
     if isinstance(filter_um, Response):
         known += [wavelength for wavelength, _ in filter_um.pairs]
     corners = np.unique(np.clip(known, low, high))
-    points = np.interp(np.arange(8 * (len(corners) - 1) + 1) / 8.0, np.arange(len(corners)), corners)
+    points = np.interp(
+        np.arange(8 * (len(corners) - 1) + 1) / 8.0, np.arange(len(corners)), corners
+    )
     values = values_at(filter_um, points) * other.at(points)
     return Response(tuple(zip(points.tolist(), values.tolist(), strict=True)))
 
@@ -132,7 +137,7 @@ def to_plain(filter_um: Filter) -> list[float] | list[list[float]]:
     return list(filter_um)
 
 
-def from_plain(data: object) -> Filter:
+def from_plain(data: Any) -> Filter:
     """What `to_plain` wrote.
 
     Raises:
@@ -140,7 +145,7 @@ def from_plain(data: object) -> Filter:
     """
     if isinstance(data, (list, tuple)) and data and isinstance(data[0], (list, tuple)):
         return Response(tuple((float(w), float(v)) for w, v in data))
-    low, high = data  # type: ignore[misc]
+    low, high = data
     filter_um = (float(low), float(high))
     edges_um(filter_um)
     return filter_um

@@ -175,5 +175,3 @@ class SpectralNode:
             SceneError: the filter reaches beyond what is known of the window.
         """
         return mean_pane(window, self.quadrature.middles_um, self._light)
-
-

@@ -8,6 +8,7 @@ every temperature (correlated k).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,9 @@ from cldit.spray.result import Spray
 
 Floats = NDArray[np.float64]
 
-_STEP_per_cm = 2.0  # a sixth of the narrowest bands of liquid n-heptane and of its vapour's estimate
+_STEP_per_cm = (
+    2.0  # a sixth of the narrowest bands of liquid n-heptane and of its vapour's estimate
+)
 _MOST = 400
 _GROUPS = 16  # of a k-distribution, in every 25 1/cm: 3.5e-3 of transmission at worst
 _VAPOUR_KNOTS = 5
@@ -86,7 +89,7 @@ class Spectrum:
         """(count, J) share of each interval that belongs to each group of samples (S,)."""
         out = np.zeros((count, len(self.edges_um) - 1))
         np.add.at(out, (group, self.interval), self.part)
-        return out / out.sum(axis=0)
+        return np.asarray(out / out.sum(axis=0))
 
     @classmethod
     def of(cls, scene: Scene, spray: Spray, filter_um: Filter) -> Spectrum:
@@ -131,7 +134,9 @@ def _edges(filter_um: Filter, vapour: VapourBand | None) -> Floats:
     low, high = edges_um(filter_um)
     first, last = 1e4 / high, 1e4 / low
     if vapour is not None and vapour.lines is not None:
-        bounds = vapour.number_per_cm[(vapour.number_per_cm > first) & (vapour.number_per_cm < last)]
+        bounds = vapour.number_per_cm[
+            (vapour.number_per_cm > first) & (vapour.number_per_cm < last)
+        ]
         number = np.array([first, *bounds, last])
     else:
         count = int(np.clip(np.ceil((last - first) / _STEP_per_cm), 16, _MOST))
@@ -152,7 +157,7 @@ def _vapour(
     interval: list[int] = []
     part: list[float] = []
     columns: list[Floats] = []
-    for number, (low, high) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for number, (low, high) in enumerate(pairwise(edges)):
         # Away from the edges by rounding, so that one bin is not taken for two.
         inner = (float(low) * (1.0 + 1e-9), float(high) * (1.0 - 1e-9))
         groups = [

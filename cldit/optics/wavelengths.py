@@ -117,9 +117,7 @@ class _Means:
     k: Floats
 
     @classmethod
-    def of(
-        cls, spectrum: Spectrum, lines: Sightlines, groups: Groups, light: Floats
-    ) -> _Means:
+    def of(cls, spectrum: Spectrum, lines: Sightlines, groups: Groups, light: Floats) -> _Means:
         wavelength = _mean(spectrum.middles_um[None, :], groups, light)[0]
         n = _mean(spectrum.n, groups, light)
         k = _mean(spectrum.k, groups, light)
@@ -204,7 +202,7 @@ def _index_absorbing(
     n: float,
     among: Floats,
 ) -> float | None:
-    """The k within `among` that absorbs `target`, sum of Q_abs over the sizes; None if none does."""
+    """The k within `among` that absorbs `target`, sum of Q_abs over sizes; None if none does."""
 
     def too_much(k: float) -> float:
         at = np.array([wavelength_um]), np.array([n]), np.array([k])
@@ -250,7 +248,7 @@ def _chosen(
     exact = glow.apparent_K(depths, filter_um)
     typical = np.linspace(0, len(lines) - 1, min(_TYPICAL, len(lines))).round().astype(int)
     looks = _looks([depth[typical] for depth in depths])
-    through = np.exp(-sum(depth[typical] for depth in depths)).sum(axis=0)  # type: ignore[arg-type]
+    through = looks[: len(typical)].sum(axis=0)
     most = min(max(scene.optics.wavelengths or 0, MOST_NODES), len(light))
     wanted = min(scene.optics.wavelengths or 1, most)
     orders = [samples, np.argsort(-through, kind="stable")]

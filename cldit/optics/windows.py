@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,7 +51,7 @@ class Pane:
 
 @dataclass(frozen=True)
 class Material:
-    """Sellmeier terms (B, C in um) at `at_K`; `range_um` is where index and absorption are known."""
+    """Sellmeier terms (B, C in um) at `at_K`; `range_um`: where both are known."""
 
     sellmeier: tuple[tuple[float, float], ...]
     at_K: float
@@ -62,14 +63,13 @@ class Material:
         """Real part n, shaped as `wavelength_um`."""
         square = np.asarray(wavelength_um, float) ** 2
         terms = sum(b * square / (square - c * c) for b, c in self.sellmeier)
-        return np.asarray(
-            np.sqrt(1.0 + terms) + self.slope_per_K * (temperature_K - self.at_K)
-        )
+        return np.asarray(np.sqrt(1.0 + terms) + self.slope_per_K * (temperature_K - self.at_K))
 
 
 _CRYSTRAN_um = (2.0, 2.5, 4.7, 4.75, 4.8, 4.9, 5.0, 5.1, 5.2, 5.4, 5.5, 5.6)
 _CRYSTRAN_k = (
-    9.56e-9, 0.0, 0.0, 0.80e-8, 2.14e-8, 4.9e-8, 7.62e-8, 9.0e-8, 9.57e-8, 9.61e-8, 9.72e-8, 1.04e-7,
+    9.56e-9, 0.0, 0.0, 8.6e-9, 2.14e-8, 5.17e-8, 7.62e-8, 9.08e-8, 9.57e-8, 9.61e-8, 9.72e-8,
+    1.04e-7,
 )  # fmt: skip
 
 
@@ -100,9 +100,9 @@ MATERIALS = {
 }
 
 
-def slab(n: ArrayLike, k: ArrayLike, *, wavelength_um: ArrayLike, thickness_m: float) -> tuple[
-    Floats, Floats
-]:
+def slab(
+    n: ArrayLike, k: ArrayLike, *, wavelength_um: ArrayLike, thickness_m: float
+) -> tuple[Floats, Floats]:
     """Transmission and reflection of a plane slab of index n - ik in air, any common shape.
 
     With r = |(m - 1) / (m + 1)|^2 of one surface and a = exp(-4 pi k d / wavelength) of one
@@ -151,7 +151,7 @@ def band_pane(window: Window, filter_um: Filter, *, reference_K: float) -> Pane:
     light = np.array(
         [
             float(part_radiance(at, filter_um=filter_um, low_um=float(a), high_um=float(b))[0])
-            for a, b in zip(edges[:-1], edges[1:], strict=True)
+            for a, b in pairwise(edges)
         ]
     )
     window_shares(window, edges)  # refuses a filter that reaches too far

@@ -120,9 +120,7 @@ class Boundary:
         )
 
     @classmethod
-    def in_filter(
-        cls, around: Surroundings, filter_um: Filter, *, reference_K: float
-    ) -> Boundary:
+    def in_filter(cls, around: Surroundings, filter_um: Filter, *, reference_K: float) -> Boundary:
         """In all of a filter; windows' shares are means for light of a black body at `reference_K`.
 
         Raises:

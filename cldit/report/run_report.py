@@ -71,8 +71,7 @@ def write_pictures(run: Run) -> dict[str, Picture]:
                 chosen=len(run.info.spectral.nodes),
                 title=_title(run, "error against number of wavelengths"),
             ),
-            "Error in T_app of lines of sight through this spray, against 2 1/cm steps or 16 groups "
-            "of lines in 25 1/cm.",
+            "Estimated error in T_app: lines of sight through this spray, against a fine spectrum.",
         )
     folder = _folder(run) / "pictures"
     folder.mkdir(exist_ok=True)
@@ -186,7 +185,9 @@ def write_run_report(run: Run) -> Path:
                 f"Shares of the radiance before a background of {middle_K:g} K.",
             ),
         ),
-        more_pictures=tuple(pictures[name] for name in ("errors", "weights", "wavelengths") if name in pictures),
+        more_pictures=tuple(
+            pictures[name] for name in ("errors", "weights", "wavelengths") if name in pictures
+        ),
         reasons={reason.text: count for reason, count in maps.count().items()},
         figures=_figures(run),
         stages=tuple((stage.name, stage.seconds) for stage in run.info.stages),

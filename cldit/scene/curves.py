@@ -7,13 +7,14 @@ straight lines between them and nothing beyond.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from cldit.errors import SceneError
 
 Curve = tuple[tuple[float, float], ...]
-SHORTEST_um, LONGEST_um = 0.2, 50.0
+SHORTEST_UM, LONGEST_UM = 0.2, 50.0
 
 
 def check_curve(pairs: Any, *, what: str) -> Curve:
@@ -33,19 +34,17 @@ def check_curve(pairs: Any, *, what: str) -> Curve:
     for wavelength, value in curve:
         if not (math.isfinite(wavelength) and math.isfinite(value)):
             raise SceneError(f"{what}: ({wavelength:g}, {value:g}) is not finite")
-        if not SHORTEST_um <= wavelength <= LONGEST_um:
+        if not SHORTEST_UM <= wavelength <= LONGEST_UM:
             hint = ", which looks like nanometres" if wavelength > 100 else ""
             raise SceneError(
-                f"{what}: wavelength {wavelength:g} is outside {SHORTEST_um:g}..{LONGEST_um:g} um"
+                f"{what}: wavelength {wavelength:g} is outside {SHORTEST_UM:g}..{LONGEST_UM:g} um"
                 f"{hint}; give micrometres"
             )
         if not 0.0 <= value <= 1.0:
             hint = "; give shares, not percent" if 1.0 < value <= 100.0 else ""
-            raise SceneError(
-                f"{what}: value {value:g} at {wavelength:g} um is outside 0..1{hint}"
-            )
+            raise SceneError(f"{what}: value {value:g} at {wavelength:g} um is outside 0..1{hint}")
     curve.sort(key=lambda pair: pair[0])
-    for (before, _), (after, _) in zip(curve, curve[1:], strict=False):
+    for (before, _), (after, _) in pairwise(curve):
         if after <= before:
             raise SceneError(f"{what}: {after:g} um is given twice")
     if max(value for _, value in curve) == 0.0:

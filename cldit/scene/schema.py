@@ -23,7 +23,7 @@ from pydantic import (
 
 from cldit.errors import SceneError
 from cldit.scene.checks import Section, Within
-from cldit.scene.curves import LONGEST_um, SHORTEST_um, Curve, check_curve, read_curve
+from cldit.scene.curves import LONGEST_UM, SHORTEST_UM, Curve, check_curve, read_curve
 
 Length = Annotated[float, Within(1e-6, 100.0)]
 Coordinate = Annotated[float, Within(-100.0, 100.0)]
@@ -53,7 +53,7 @@ def _not_zero(value: Point) -> Point:
 Direction = Annotated[Point, BeforeValidator(_direction), AfterValidator(_not_zero)]
 
 
-Wavelength = Annotated[float, Within(SHORTEST_um, LONGEST_um)]
+Wavelength = Annotated[float, Within(SHORTEST_UM, LONGEST_UM)]
 _CURVE_FORMS = "a list of [wavelength_um, value], or a text file of both"
 
 
@@ -81,8 +81,7 @@ def _curve_or_numbers(value: object) -> str:
 
 
 Filter = Annotated[
-    Annotated[Curve, Tag("[curve]")]
-    | Annotated[tuple[Wavelength, Wavelength], Tag("[numbers]")],
+    Annotated[Curve, Tag("[curve]")] | Annotated[tuple[Wavelength, Wavelength], Tag("[numbers]")],
     Discriminator(_curve_or_numbers),
     BeforeValidator(_curve),
 ]

@@ -20,6 +20,7 @@ from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
 
+AROUND = Surroundings(wall_temperature_K=300.0)
 FILTER = (3.3, 3.5)
 CALIBRATION = Calibration(
     filter_um=FILTER,
@@ -50,7 +51,7 @@ class _Acquisition:
     images: dict[str, NDArray[Any]]
     calibration: dict[str, Any]
     bad_pixels: NDArray[np.bool_] | None = None
-    surroundings: Surroundings = Surroundings(wall_temperature_K=300.0)
+    surroundings: Surroundings = AROUND
 
     def load(self, shot: _Shot) -> NDArray[Any]:
         return self.images[shot.id]

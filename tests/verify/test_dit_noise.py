@@ -22,6 +22,7 @@ from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Surroundings
 from cldit.scene.schema import Camera, EmptySpray, Scene, Sensor
 
+AROUND = Surroundings(wall_temperature_K=300.0)
 FILTER = (3.3, 3.5)
 SIDE = 64
 SPRAY_K = 430.0
@@ -41,7 +42,7 @@ class _Recorded:
     shots: list[_Shot]
     images: dict[str, NDArray[np.uint16]]
     bad_pixels: None = None
-    surroundings: Surroundings = Surroundings(wall_temperature_K=300.0)
+    surroundings: Surroundings = AROUND
 
     def load(self, shot: _Shot) -> NDArray[np.uint16]:
         return self.images[shot.id]
