@@ -324,7 +324,7 @@ class Optics(Section):
     vapour: Material | None = None  # spectral: name or table; the spray's fuel where left out
     vapour_area_km_mol: Annotated[float, Within(1e-3, 1e5)] | None = None  # None: the default's
     wavelengths: Annotated[int, Within(1, 64)] | None = None  # None: chosen from the next
-    spectral_error_K: Annotated[float, Within(1e-3, 100.0)] = 0.05
+    spectral_error_K: Annotated[float, Within(1e-3, 100.0)] = 0.1
     compare_paper: bool = True  # spectral: trace the paper's properties too, and report by how much
 
     @model_validator(mode="after")

@@ -104,7 +104,9 @@ def test_index_moves_with_temperature() -> None:
         assert 5e-5 < sign * (hot - cold) < 1e-3
 
 
-@pytest.mark.parametrize(("material", "filter_um"), [("CaF2", (5.0, 6.0)), ("sapphire", (1.0, 2.5))])
+@pytest.mark.parametrize(
+    ("material", "filter_um"), [("CaF2", (5.0, 6.0)), ("sapphire", (1.0, 2.5))]
+)
 def test_beyond_the_data(material: str, filter_um: tuple[float, float]) -> None:
     with pytest.raises(SceneError, match=f"windows: {material} is known from"):
         band_pane(window(material), filter_um, reference_K=450.0)
