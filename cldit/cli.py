@@ -201,7 +201,7 @@ def devices(device: str | None) -> None:
             info.name,
             f"{info.memory_bytes / 1e9:.1f} GB",
             "yes" if info.float64 else "no",
-            f"{info.platform}, {info.version}",
+            info.platform,
         )
     _OUT.print(table)
     _OUT.print(f"* is used: {reason}")

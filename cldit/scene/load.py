@@ -47,7 +47,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
         close = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
         raise SceneError(
-            f"{name}: no such scene{hint} Shipped are {', '.join(known)}; "
+            f"{name}: no such scene{hint}; shipped are {', '.join(known)}; "
             "anything else must be the path of a .yaml file"
         )
     text = resources.files(_LIBRARY).joinpath(f"{name}.yaml").read_text(encoding="utf-8")

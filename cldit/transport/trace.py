@@ -68,12 +68,12 @@ class Trace:
 def settings_for(scene: Scene) -> Settings:
     """Directions and tolerance for the accuracy that the scene asks for.
 
-    The picture's error in kelvin falls about as one over the number of directions (they are
-    low-discrepancy sets); 32 directions, and 64 in the last sweep, reach about 0.1 K for `gdi`.
+    Measured on `gdi` against 256 and 1024 directions, RMS of T_app: 0.16 K with 32 and 64 in the
+    last sweep, 0.11 K with 64 and 128, 0.08 K with the 96 and 192 that are used for 0.1 K.
     """
     spec = scene.transport
     finer = 0.1 / spec.accuracy_K
-    directions = spec.directions or int(np.clip(8 * round(4 * finer), 32, 512))
+    directions = spec.directions or int(np.clip(8 * round(12 * finer), 16, 512))
     return Settings(
         directions=directions,
         final_directions=2 * directions,

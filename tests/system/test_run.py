@@ -1,0 +1,196 @@
+"""The main job on a small scene, through the command line, as a user runs it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+import yaml
+from click.testing import CliRunner, Result
+
+import cldit
+from cldit.cli import main
+from cldit.errors import RunFolderError
+
+SMALL: dict[str, Any] = {
+    "camera": {"pixels": [80, 80], "sensor": {"pixels": [64, 48], "bad_pixels": 3}},
+    "domain": {"leaf_edge_m": 2e-3},
+    "plan": {"shots": 3, "references": 2},
+}
+
+
+def cldit_command(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(a) for a in arguments], catch_exceptions=False)
+
+
+@pytest.fixture(scope="module")
+def small_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """`gdi` at low resolution, as a YAML file in a folder whose name has a space."""
+    data = cldit.load_scene("gdi").model_dump(mode="json")
+    for section, values in SMALL.items():
+        data[section].update(values)
+    data["camera"]["sensor"] = SMALL["camera"]["sensor"]
+    path = tmp_path_factory.mktemp("a folder") / "small.yaml"
+    path.write_text(yaml.safe_dump(data))
+    return path
+
+
+@pytest.fixture(scope="module")
+def finished(small_scene: Path) -> Path:
+    out = small_scene.parent / "run"
+    result = cldit_command("run", small_scene, "--out", out)
+    assert result.exit_code == 0, result.output
+    return out
+
+
+def test_folder_is_complete(finished: Path) -> None:
+    for name in (
+        "scene.yaml", "rig.yaml", "plan.yaml", "run.json", "report.html",
+        "pictures/maps.png", "weights/background.tif", "weights_reference/background.tif",
+        "maps/apparent_temperature_K.tif", "acquisition/maps/emissivity.tif",
+        "acquisition/journal.jsonl",
+    ):  # fmt: skip
+        assert (finished / name).stat().st_size > 0, name
+    assert len(list((finished / "acquisition/shots").glob("*.tif"))) == 6 * (3 + 2)
+    assert not list(finished.rglob("*.part"))
+
+
+def test_physics_of_the_maps(finished: Path) -> None:
+    """Opaque and cold below the injector, warm at the rim of the plumes, transparent outside.
+
+    gdi: fuel 370 K, saturation at 369 K, walls 450 K, gas 570 K: every apparent temperature lies
+    between the coldest and the hottest of these, within noise.
+    """
+    run = cldit.open_run(finished)
+    assert run.measured is not None
+    temperature = run.maps.apparent_temperature_K
+    emissivity = run.maps.emissivity
+    below = (slice(16, 18), slice(39, 41))  # 3 to 7 mm below the injector in an 80 x 80 picture
+    assert np.all(emissivity[below] > 0.9)
+    assert 360 < np.nanmean(temperature[below]) < 450
+    known = np.isfinite(temperature) & (emissivity > 0.1)
+    assert 360 < temperature[known].min() and temperature[known].max() < 575
+    assert np.nanmean(temperature[known]) > np.nanmean(temperature[below]) + 20
+    assert np.nanmax(np.abs(emissivity[60:70, 30:50])) < 1e-3
+    assert run.measured.emissivity.shape == (48, 64)
+    assert run.weights.background.shape == (80, 80)
+
+
+def test_measured_agrees_with_noise_free(finished: Path) -> None:
+    """The rig's maps are those of the trace, within their own errors."""
+    run = cldit.open_run(finished)
+    assert run.measured is not None
+    from cldit.camera.view import SensorView
+
+    ideal = SensorView.from_scene(run.scene).image(run.weights.background)
+    seen = run.measured.reason == 0
+    miss = (run.measured.emissivity - (1 - ideal))[seen]
+    # The disc's rim apart, where a pixel sees part of it.
+    z = miss / run.measured.emissivity_standard_error[seen]
+    assert abs(np.median(z)) < 1.0
+    assert np.median(np.abs(miss)) < 0.02
+
+
+def test_tiffs_carry_name_unit_and_scale(finished: Path) -> None:
+    with tifffile.TiffFile(finished / "maps/apparent_temperature_K.tif") as tiff:
+        assert tiff.is_imagej and tiff.imagej_metadata is not None
+        assert tiff.imagej_metadata["unit"] == "mm"
+        info = json.loads(tiff.imagej_metadata["Info"])
+        assert info["unit"] == "K"
+        x = tiff.pages[0].tags["XResolution"].value  # type: ignore[union-attr]
+        assert x[0] / x[1] == pytest.approx(1 / 2.0, rel=1e-5)  # 160 mm over 80 pixels
+        assert tiff.pages[0].dtype == np.float32
+
+
+def test_report_is_self_contained(finished: Path) -> None:
+    html = (finished / "report.html").read_text()
+    assert "http://" not in html and "https://" not in html
+    assert html.count("data:image/png;base64") >= 5
+    for word in ("scattering", "octree", "pixels", "n-heptane"):
+        assert word in html
+
+
+def test_again_reads_instead_of_tracing_and_shoots_nothing(
+    finished: Path, small_scene: Path
+) -> None:
+    before = (finished / "acquisition/journal.jsonl").read_text()
+    result = cldit_command("run", small_scene, "--out", finished)
+    assert result.exit_code == 0, result.output
+    assert "read, not traced again" in result.output
+    lines = (finished / "acquisition/journal.jsonl").read_text().removeprefix(before)
+    assert '"fired"' not in lines
+
+
+def test_another_scene_in_the_folder_is_refused(finished: Path) -> None:
+    result = cldit_command("run", "empty", "--out", finished)
+    assert result.exit_code == 1
+    assert "another scene" in result.output
+
+
+def test_acquire_evaluate_show(finished: Path) -> None:
+    out = finished.parent / "again"
+    files = (finished / "rig.yaml", finished / "plan.yaml")
+    result = cldit_command("acquire", *files, "--out", out)
+    assert result.exit_code == 0, result.output
+    assert "30 of 30 shots" in result.output
+    assert cldit_command("evaluate", out).exit_code == 0
+    assert cldit_command("show", out).exit_code == 0
+    assert (out / "maps.png").stat().st_size > 10_000
+    assert cldit_command("show", finished).exit_code == 0
+
+
+def test_lists() -> None:
+    names = cldit_command("scenes").output
+    for name in ("gdi", "gdi-cold", "methane-jet", "droplets-only", "empty"):
+        assert name in names
+    assert "is used:" in cldit_command("devices").output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("run", "gdj"), "did you mean gdi?"),
+        (("run", "gdi", "--device", "none such"), "'none such' is not here"),
+        (("run", "gdi", "--cfd", "no/such/case"), "no such file or folder"),
+        (("run", "gdi", "--accuracy", "-1"), "transport.accuracy_K: -1 is outside"),
+        (("evaluate", "no/such/folder"), "no/such/folder"),
+        (("show", "no/such/folder"), "no/such/folder"),
+        (("acquire", "no.yaml", "no.yaml", "--out", "x"), "no.yaml: cannot be read"),
+    ],
+)
+def test_errors_are_plain_and_say_what_to_do(
+    arguments: tuple[str, ...], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = cldit_command(*arguments)
+    assert result.exit_code == 1
+    assert words in result.output.replace("\n", " ")
+    assert "Traceback" not in result.output
+
+
+def test_damaged_run_folders(finished: Path, tmp_path: Path) -> None:
+    with pytest.raises(RunFolderError, match="holds no finished run"):
+        cldit.open_run(tmp_path)
+    (tmp_path / "scene.yaml").write_text((finished / "scene.yaml").read_text())
+    with pytest.raises(RunFolderError, match=r"run\.json is missing"):
+        cldit.open_run(tmp_path)
+    (tmp_path / "run.json").write_text('{"device": 1}')
+    with pytest.raises(RunFolderError, match=r"run\.json: is damaged"):
+        cldit.open_run(tmp_path)
+
+
+def test_methane_runs_no_scattering_code() -> None:
+    """`methane-jet` at low resolution: nothing about scattering was compiled or run."""
+    data = cldit.load_scene("methane-jet").model_dump(mode="json")
+    data["camera"]["pixels"] = [60, 60]
+    data["domain"]["leaf_edge_m"] = 4e-3
+    run = cldit.simulate(cldit.parse_scene(data))
+    assert set(run.info.defines) == {"image.cl"}
+    assert "HAS_SCATTERING" not in run.info.defines["image.cl"]
+    assert not np.any(run.weights.liquid)
+    scattering = next(stage for stage in run.info.stages if stage.name == "scattering")
+    assert "left out" in scattering.note

@@ -1,0 +1,138 @@
+"""The octree: what goes in comes out, and it divides where the paper says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cldit.errors import MediumError
+from cldit.medium.frame import Frame
+from cldit.medium.octree import FIELDS, CellSource, Octree, PointSource, build_octree
+
+EDGE = 0.2
+Floats = NDArray[np.float64]
+
+
+def frame(leaf_edge_m: float) -> Frame:
+    return Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=leaf_edge_m)
+
+
+def boxes(lower: Floats, upper: Floats, vapour: Floats) -> CellSource:
+    none = np.zeros(len(vapour))
+    return CellSource(lower, upper, vapour, 3 * vapour, none, none, none)
+
+
+def points(position: Floats, amount: Floats) -> PointSource:
+    return PointSource(position, amount, 2 * amount, 3 * amount)
+
+
+@pytest.mark.parametrize("leaf", [0.3, 0.11, 0.06, 0.02, 0.004, 0.8e-3])
+def test_everything_is_conserved(leaf: float) -> None:
+    """Random boxes that fit no cell, and points: integrals equal the input's to float32's 6e-8."""
+    rng = np.random.default_rng(1)
+    lower = rng.uniform(-0.09, 0.05, (500, 3))
+    upper = lower + rng.uniform(1e-5, 0.03, (500, 3))
+    vapour = 10.0 ** rng.uniform(-6, 2, 500)
+    amount = 10.0 ** rng.uniform(-9, -6, 800)
+    tree = build_octree(
+        frame(leaf),
+        points(rng.normal(0, 0.02, (800, 3)), amount),
+        [boxes(lower, upper, vapour)],
+        optical_depth_split=1e-5,
+    )
+    in_boxes = float(np.sum(vapour * np.prod(upper - lower, axis=1)))
+    expected = (in_boxes, 3 * in_boxes, amount.sum(), 2 * amount.sum(), 3 * amount.sum())
+    for name, value in zip(FIELDS, expected, strict=True):
+        assert tree.integral(name) == pytest.approx(value, rel=2e-7), name
+    assert sum(n / 8.0**level for level, n in enumerate(tree.leaves)) == pytest.approx(1.0)
+
+
+def test_leaf_edge_is_below_the_bound() -> None:
+    """Halved until below, so an edge that is met exactly is halved once more."""
+    assert frame(0.05).cells == 8
+    assert frame(0.0501).cells == 4
+    assert frame(0.5e-3).cells == 512
+
+
+def test_one_droplet_divides_only_its_own_branch() -> None:
+    """Seven empty siblings a level: 7 x depth leaves, and 8 at the last."""
+    tree = build_octree(
+        frame(1e-3),
+        points(np.array([[0.01, 0.02, 0.03]]), np.ones(1)),
+        [],
+        optical_depth_split=1e-5,
+    )
+    assert tree.frame.depth == 8
+    assert tree.leaves == (0, *[7] * 7, 8)
+
+
+def test_thin_vapour_is_not_divided() -> None:
+    """Optical depth of a cube below the bound: one leaf; just above it: down to the last level."""
+    whole = (np.full((1, 3), -EDGE / 2), np.full((1, 3), EDGE / 2))
+    thin = build_octree(
+        frame(0.02), None, [boxes(*whole, np.array([0.9e-5 / EDGE]))], optical_depth_split=1e-5
+    )
+    assert thin.leaves == (1, 0, 0, 0, 0)
+    assert thin.has_vapour and not thin.has_droplets
+    dense = build_octree(
+        frame(0.02), None, [boxes(*whole, np.array([1e-3 / EDGE]))], optical_depth_split=1e-5
+    )
+    assert dense.leaves == (0, 0, 0, 0, 16**3)
+
+
+def at(tree: Octree, name: str, cell: tuple[int, int, int]) -> float:
+    """A field's value in one finest cell (x, y, z), through the directory."""
+    x, y, z = cell
+    slot = int(tree.directory[z // 8, y // 8, x // 8])
+    inside = ((z % 8) * 8 + y % 8) * 8 + x % 8
+    address = slot * 512 + inside if slot >= 0 else tree.slots * 512 - 1 - slot
+    return float(tree.fields[name][address])
+
+
+def test_cells_hold_what_lies_in_them() -> None:
+    """Every finest cell against the overlap computed by itself."""
+    rng = np.random.default_rng(2)
+    where = frame(0.013)
+    lower = rng.uniform(-0.09, 0.06, (20, 3))
+    upper = lower + rng.uniform(0.001, 0.03, (20, 3))
+    vapour = rng.uniform(1, 2, 20)
+    tree = build_octree(where, None, [boxes(lower, upper, vapour)], optical_depth_split=0.0)
+    low = np.asarray(where.lower_m)
+    for cell in np.ndindex(16, 16, 16):
+        corner = low + np.asarray(cell) * where.cell_m
+        overlap = np.minimum(upper, corner + where.cell_m) - np.maximum(lower, corner)
+        expected = np.sum(vapour * np.prod(np.maximum(overlap, 0), axis=1)) / where.cell_m**3
+        # Slivers below a millionth of a cell go to the neighbour.
+        assert at(tree, "vapour_absorption", cell) == pytest.approx(expected, rel=1e-5, abs=1e-5)
+
+
+def test_empty_tree() -> None:
+    tree = build_octree(frame(1e-3), None, [], optical_depth_split=1e-5)
+    assert tree.leaves[0] == 1 and not tree.filled.any()
+    assert not tree.has_vapour and not tree.has_droplets
+
+
+def test_outside_is_an_error_that_says_where() -> None:
+    with pytest.raises(MediumError, match=r"50 % of the droplets lies outside .*domain\.edge_m"):
+        build_octree(
+            frame(0.02),
+            points(np.array([[0.0, 0.0, 0.0], [0.0, 0.3, 0.0]]), np.ones(2)),
+            [],
+            optical_depth_split=1e-5,
+        )
+    with pytest.raises(MediumError, match=r"gas .* lies outside the domain"):
+        build_octree(
+            frame(0.02),
+            None,
+            [boxes(np.full((1, 3), 0.05), np.full((1, 3), 0.2), np.ones(1))],
+            optical_depth_split=1e-5,
+        )
+
+
+def test_too_many_cells_is_an_error_that_says_what_to_do() -> None:
+    whole = (np.full((1, 3), -EDGE / 2), np.full((1, 3), EDGE / 2))
+    with pytest.raises(MediumError, match=r"domain\.leaf_edge_m coarser"):
+        build_octree(
+            frame(1e-3), None, [boxes(*whole, np.ones(1))], optical_depth_split=0.0, max_cells=10**6
+        )
