@@ -21,9 +21,11 @@ from cldit.acquisition.runner import acquire
 from cldit.errors import ClditError, RunFolderError
 from cldit.experiment import evaluate_folder, run_experiment
 from cldit.gpu.device import choose, list_devices, open_device
+from cldit.report.optics_figures import optics_picture
+from cldit.report.optics_summary import scene_optics
 from cldit.report.run_report import show_folder
 from cldit.rig.load import open_rig
-from cldit.run import Run, simulate
+from cldit.run import Run, default_cache, simulate
 from cldit.scene import Scene, load_scene, parse_scene, shipped_scenes
 
 P = ParamSpec("P")
@@ -205,6 +207,26 @@ def devices(device: str | None) -> None:
         )
     _OUT.print(table)
     _OUT.print(f"* is used: {reason}")
+
+
+@main.command()
+@click.argument("scene")
+@click.option("--out", type=click.Path(path_type=Path), help="The picture; SCENE-optics.png.")
+@_plain_errors
+def optics(scene: str, out: Path | None) -> None:
+    """What SCENE's liquid, droplets, vapour and camera do to light: printed, and as a picture."""
+    chosen = load_scene(scene)
+    found = scene_optics(chosen, cache=default_cache())
+    table = Table("", "scene", "data", "paper", "", box=None)
+    for row in found.rows:
+        table.add_row(row.quantity, row.scene, row.data, row.paper, f"[dim]{_escaped(row.note)}[/]")
+    _OUT.print(table)
+    for source in found.sources:
+        _OUT.print(_escaped(source), style="dim")
+    picture = out or Path(f"{chosen.name}-optics.png")
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    picture.write_bytes(optics_picture(found))
+    _OUT.print(str(picture))
 
 
 @main.command("acquire")

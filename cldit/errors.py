@@ -43,3 +43,7 @@ class RunFolderError(ClditError, ValueError):
 
 class OpticsError(ClditError, ValueError):
     """An optical property is asked for outside its data, or a table of one is impossible."""
+
+
+class DropletError(OpticsError):
+    """A droplet, or its refractive index, is outside what can be solved."""

@@ -58,7 +58,7 @@ def n_from_k(wavelength_um: ArrayLike, k: ArrayLike, *, anchor: tuple[float, flo
     order = np.argsort(number)
     at = np.append(number, 1.0 / where)
     shift = _integral(number[order], absorbed[order], at)
-    return n_there + (2.0 / np.pi) * (shift[:-1] - shift[-1])
+    return np.asarray(n_there + (2.0 / np.pi) * (shift[:-1] - shift[-1]))
 
 
 def _integral(number: Floats, k: Floats, at: Floats) -> Floats:

@@ -21,7 +21,6 @@ import csv
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib import resources
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np

@@ -141,7 +141,8 @@ def test_sizes_as_objects() -> None:
         ),
         (
             {"spray": {"model": "cone", "droplets": 9}},
-            "spray.droplets: is no size distribution; allowed: {m_um, n, p}, {diameter_um} or null",
+            "spray.droplets: is no size distribution; allowed: {m_um, n, p}, {diameter_um}, "
+            "{median_um, sigma}, {d_um, q}, {edges_um, number} or null",
         ),
         (
             {"spray": {"model": "cone", "ambient": {"pressure_Pa": 6}}},
