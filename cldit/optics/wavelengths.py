@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import miepython
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from cldit.optics import mie
 from cldit.optics.band import BandOptics, Droplets
 from cldit.optics.droplets import droplet_table
 from cldit.optics.planck import band_radiance, temperature_of_radiance
@@ -192,9 +192,8 @@ def _efficiencies(
     absorbed, scattered = np.zeros((2, len(lines.diameter_m), len(wavelength_um)))
     for sample, index in enumerate(zip(wavelength_um, n, k, strict=True)):
         x = np.pi * lines.diameter_m / (index[0] * 1e-6)
-        q_ext, q_sca, _, _ = miepython.efficiencies_mx(complex(index[1], -index[2]), x)
-        absorbed[:, sample] = np.maximum(q_ext - q_sca, 0.0)
-        scattered[:, sample] = q_sca
+        solved = mie.efficiencies(n=float(index[1]), k=float(index[2]), x=x)
+        absorbed[:, sample], scattered[:, sample] = solved.absorption, solved.scattering
     return absorbed, scattered
 
 

@@ -17,9 +17,9 @@ from cldit.errors import SceneError
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import Filter, Response
 from cldit.optics.spectral import Quadrature
+from cldit.optics.spectrum import _regrouped
 from cldit.optics.vapour import KDistribution, vapour_band
 from cldit.optics.wavelengths import _cuts
-from cldit.optics.spectrum import _regrouped
 from cldit.optics.windows import band_pane
 from cldit.scene.schema import Window
 
