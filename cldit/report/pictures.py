@@ -275,7 +275,7 @@ def errors_picture(maps: Maps, frame: Frame, *, title: str) -> bytes:
 
 def nodes_picture(errors_K: Sequence[float], *, chosen: int, title: str) -> bytes:
     """PNG of the error in T_app with 1, 2, .. spectral nodes; the chosen number is marked."""
-    figure = _figure(5.0, 3.4)
+    figure = figure_of(5.0, 3.4)
     axes = figure.subplots()
     numbers = np.arange(1, len(errors_K) + 1)
     shown = np.maximum(np.asarray(errors_K, float), 1e-4)  # 0 has no place on a log axis
@@ -286,4 +286,4 @@ def nodes_picture(errors_K: Sequence[float], *, chosen: int, title: str) -> byte
     axes.set_title(_plain(title), fontsize="medium")
     axes.grid(True, which="both", alpha=0.3)
     axes.legend()
-    return _png(figure)
+    return png_of(figure)

@@ -7,6 +7,7 @@ and the rectangular filter's own functions, which are verified against mpmath el
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,7 @@ def _reference(kelvin: float, response: Response, *, slope: bool = False) -> flo
         return float(photons * rise * response.at(um) * 1e-6)
 
     points = [um for um, _ in response.pairs]
-    parts = zip(points[:-1], points[1:], strict=True)
+    parts = pairwise(points)
     return sum(quad(integrand, low, high, epsrel=1e-13)[0] for low, high in parts)
 
 
@@ -115,7 +116,7 @@ def test_parts_add_up() -> None:
     edges = np.linspace(3.2, 3.6, 8)
     parts = sum(
         part_radiance(kelvin, filter_um=TRAPEZE, low_um=float(a), high_um=float(b))
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
+        for a, b in pairwise(edges)
     )
     np.testing.assert_allclose(parts, band_radiance(kelvin, filter_um=TRAPEZE), rtol=1e-12)
 
@@ -123,14 +124,14 @@ def test_parts_add_up() -> None:
 def test_zeros_at_the_ends_are_not_part_of_the_filter() -> None:
     padded = Response(((1.0, 0.0), (3.2, 0.0), (3.3, 0.5), (3.4, 0.0), (9.0, 0.0)))
     assert edges_um(padded) == (3.2, 3.4)
-    assert cut(padded, 3.25, 3.3) == ((3.25, pytest.approx(0.25)), (3.3, 0.5))
+    np.testing.assert_allclose(cut(padded, 3.25, 3.3), [[3.25, 0.25], [3.3, 0.5]], rtol=1e-9)
 
 
 def test_product_with_a_quantum_efficiency() -> None:
     efficiency = Response(((3.0, 0.5), (4.0, 1.0)))
     both = product(TRAPEZE, efficiency)
     um = np.linspace(3.2, 3.6, 101)
-    # A chord over h leaves a b h^2 / 4 of the product of slopes a, b: 5 and 0.5 per um, 0.15 um / 8.
+    # A chord over h leaves a b h^2 / 4 of the product of slopes a, b: 5, 0.5 per um, 0.15 um / 8.
     np.testing.assert_allclose(both.at(um), TRAPEZE.at(um) * efficiency.at(um), atol=2.3e-4)
     assert edges_um(both) == (3.2, 3.6)
     with pytest.raises(SceneError, match="nothing of"):
@@ -180,7 +181,7 @@ def test_bad_files_are_named(tmp_path: Path, curve: list[list[float]], message: 
 def test_broken_lines_and_missing_files_are_named(tmp_path: Path) -> None:
     path = tmp_path / "filter.csv"
     path.write_text("wavelength_um, transmission\n3.3, 0.5\n3.4, much\n")
-    with pytest.raises(SceneError, match="filter.csv, line 3: '3.4, much'"):
+    with pytest.raises(SceneError, match=r"filter\.csv, line 3: '3\.4, much'"):
         parse_scene({**BASE, "optics": {"filter_um": str(path)}})
     with pytest.raises(SceneError, match="cannot be read"):
         parse_scene({**BASE, "optics": {"filter_um": str(tmp_path / "none.csv")}})

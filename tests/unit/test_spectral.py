@@ -114,7 +114,7 @@ def test_cuts_are_the_best() -> None:
 
 
 def test_regrouped_keeps_the_mean() -> None:
-    """Other weights for the same rising absorption: the mean stays, equal weights change nothing."""
+    """Other weights for the same absorption: the mean stays, equal weights change nothing."""
     given = KDistribution(np.array([0.2, 0.5, 0.3]), np.array([1.0, 2.0, 10.0]))
     np.testing.assert_allclose(_regrouped(given, given.weights), given.absorption_m2_mol)
     weights = np.array([0.1, 0.1, 0.4, 0.4])

@@ -50,7 +50,7 @@ def scene_of(kelvin: float, **optics: Any) -> Scene:
 
 
 def slab(kelvin: float, *, mol_m2: float, droplets: bool) -> Spray:
-    """A cube full of n-heptane vapour, and droplets of 4 to 20 um, one in the middle of each cell."""
+    """A cube full of n-heptane vapour, and droplets of 4 to 20 um in the middle of each cell."""
     cells = Cells.regular(
         origin_m=np.full(3, -EDGE / 2), spacing_m=np.full(3, EDGE / 16), shape=(16, 16, 16)
     )

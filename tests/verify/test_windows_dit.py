@@ -135,8 +135,8 @@ def test_front_window_by_hand() -> None:
     assert boundary.inside(boundary.seen(inside)) == pytest.approx(inside)
 
 
-def test_nodes_of_a_grey_spray_are_one(quadrature_seed: int = 5) -> None:
-    """Three nodes with equal weights give what one gives, through windows too (1e-4: their panes)."""
+def test_nodes_of_a_grey_spray_are_one() -> None:
+    """Three nodes with equal weights give what one gives; 1e-4 for their windows' means."""
     filter_um = (3.3, 3.5)
     split = Quadrature(
         filter_um,
