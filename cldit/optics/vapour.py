@@ -137,9 +137,9 @@ class VapourBand:
     ) -> KDistribution:
         """The absorption within a filter as at most `points` values with weights.
 
-        Groups of equal importance are replaced by their mean, so the mean absorption is exact.
-        Error of the transmission of methane, 3.3 to 3.5 um, optical depths of 0.01 to 100 and
-        1 kPa to 10 MPa: 1.1e-2 with 8 points, 3.5e-3 with 16, 8e-4 with 32, 2e-4 with 64.
+        The mean absorption is exact. Error of the transmission of methane, 3.3 to 3.5 um, optical
+        depths of 0.01 to 100, 1 kPa to 10 MPa, 300 to 600 K: 1.7e-2 with 8 points, 2.1e-3 with 16,
+        1.6e-4 with 32, 1.1e-5 with 64.
 
         Args:
             mole_fraction: of the species in the gas, where it broadens its own lines.
@@ -206,21 +206,41 @@ def _elsasser(y: float) -> tuple[Floats, Floats]:
 
 
 def _grouped(k: Floats, share: Floats, points: int) -> KDistribution:
-    """Groups in ln k whose density is the cube root of the spectrum's: least error of the mean."""
+    """Two values for each of points / 2 groups, which keep its first three moments.
+
+    The groups' density in ln k is the cube root of the spectrum's, which is best for one value in
+    each (Panter and Dite 1951) and good for two.
+    """
     mean = float(k @ share)
     order = np.argsort(k)
     k, share = k[order], share[order]
     if mean <= 0 or points == 1 or k[-1] <= k[0] * (1 + 1e-12):
         return KDistribution(np.ones(1), np.array([mean]))
+    groups = points // 2
     log = np.log(np.maximum(k, _WEAKEST * mean))
     held, edges = np.histogram(log, bins=_CLASSES, weights=share)
     rise = np.concatenate([[0.0], np.cumsum(np.cbrt(held))])
-    bounds = np.interp(np.linspace(0, rise[-1], points + 1)[1:-1], rise, edges)
+    bounds = np.interp(np.linspace(0, rise[-1], groups + 1)[1:-1], rise, edges)
     group = np.searchsorted(bounds, log)
-    weights = np.bincount(group, share, points)
-    sums = np.bincount(group, share * k, points)
-    some = weights > 0
-    return KDistribution(weights[some] / weights.sum(), sums[some] / weights[some])
+    weights = np.bincount(group, share, groups)
+    some = np.flatnonzero(weights > 0)
+    weights = np.maximum(weights, 1e-300)
+    middle = np.bincount(group, share * k, groups) / weights
+    off = k - middle[group]
+    variance = np.bincount(group, share * off**2, groups) / weights
+    spread = np.sqrt(np.maximum(variance, 0.0))
+    third = np.bincount(group, share * off**3, groups) / weights
+    flat = spread <= 1e-9 * middle
+    skew = np.where(flat, 0.0, 0.5 * third / np.where(flat, 1.0, spread) ** 3)
+    root = np.sqrt(1 + skew**2)
+    pairs = [
+        (middle + sign * spread * (root + sign * skew), 0.5 * weights * (1 - sign * skew / root))
+        for sign in (-1, 1)
+    ]
+    values = np.maximum(np.concatenate([pair[0][some] for pair in pairs]), 0.0)
+    shares = np.concatenate([pair[1][some] for pair in pairs])
+    order = np.argsort(values)
+    return KDistribution(shares[order] / shares.sum(), values[order])
 
 
 def vapours() -> tuple[str, ...]:

@@ -73,7 +73,7 @@ def _index(axes: Axes, data: SceneOptics) -> None:
     axes.plot([], [], color=_RED, label="k (right)")
     axes.set(xlabel="wavelength, µm", ylabel="n", title=title)
     other.set_ylabel("k")
-    other.set_ylim(bottom=0)
+    other.set_ylim(0, 1.2 * other.get_ylim()[1])
     axes.yaxis.label.set_color(_BLUE)
     other.yaxis.label.set_color(_RED)
     axes.legend(fontsize=8, loc="upper left")
@@ -186,9 +186,9 @@ def _vapour(axes: Axes, data: SceneOptics) -> None:
         xlabel="wavelength, µm",
         ylabel="absorption, $10^5$ cm$^2$/mol",
         title=f"vapour at {data.gas_K:.0f} K (mean over the lines)",
-        ylim=(0, None),
     )
-    axes.legend(fontsize=8)
+    axes.set_ylim(0, 1.35 * axes.get_ylim()[1])
+    axes.legend(fontsize=8, loc="upper right")
 
 
 def _growth(axes: Axes, data: SceneOptics) -> None:

@@ -255,16 +255,23 @@ class GridSpray(Section):
 
 
 class CfdSpray(Section):
-    """An OpenFOAM case, or what foamToVTK wrote of it."""
+    """The result of a CFD code, in any of the formats that are read."""
 
     model: Literal["cfd"] = "cfd"
     file: Path
+    # None: told by the file's name and content
+    format: Literal["openfoam", "vtk", "ensight", "converge", "tables", "cldit"] | None = None
+    mapping: Path | None = None  # names and units of fields, where they are not the format's own
     time_s: Annotated[float, Within(0.0, 1e3)] | None = None
     fuel_field: str = "C7H16"
     fuel_molar_mass_kg_mol: Annotated[float, Within(1e-3, 1.0)] = 0.100204
     cloud: str | None = None
     nozzle_m: Point | None = None  # in the case's coordinates; becomes the origin. None: inferred
     axis: Direction | None = None  # of the injection, "-y" or three numbers; becomes -z
+    # radius of the ball over which a parcel's droplets are shared among points. None: one point
+    spread_m: Annotated[float, Within(1e-7, 0.1)] | None = None
+    spread_points: Annotated[int, Within(2, 1000)] = 16
+    seed: Annotated[int, Within(0, 2**31 - 1)] = 1
 
 
 class EmptySpray(Section):

@@ -10,8 +10,9 @@ import miepython
 import numpy as np
 import pytest
 
+from cldit.errors import DropletError
 from cldit.optics import mie
-from cldit.optics.droplets import DropletError, DropletTable, droplet_table, table_error
+from cldit.optics.droplets import DropletTable, droplet_table, table_error
 
 PAPER = {"wavelength_um": 3.4, "n": 1.338, "k": 0.0341}
 

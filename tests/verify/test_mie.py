@@ -1,7 +1,7 @@
 """Mie efficiencies as cldit uses them: published values, limits, conservation of energy.
 
-Published: W. J. Wiscombe, NCAR/TN-140+STR (1979), the test cases of MIEV0 (MVTstNew), and the sample run of BHMIE in
-Bohren and Huffman, Appendix A. All use m = n - ik.
+Published: W. J. Wiscombe, NCAR/TN-140+STR (1979), the test cases of MIEV0 (MVTstNew), and the
+sample run of BHMIE in Bohren and Huffman, Appendix A. All use m = n - ik.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cldit.optics.droplets import DropletTable, droplet_table
 
 WAVELENGTH_UM = 3.4
 
-# n, k, x, Q_ext, Q_sca, g Q_sca: MIEV0's table MVTstNew, all cases but those of a perfect conductor.
+# n, k, x, Q_ext, Q_sca, g Q_sca: all of MIEV0's cases but those of a perfect conductor.
 MIEV0 = [
     (0.75, 0.0, 0.099, 7.417859e-06, 7.417859e-06, 1.074279e-08),
     (0.75, 0.0, 0.101, 8.033542e-06, 8.033542e-06, 1.211000e-08),
@@ -133,7 +133,7 @@ def test_impossible_index_is_refused(n: float, k: float, x: float) -> None:
 
 @pytest.mark.parametrize("x", [9e-5, 1.1e4, 0.0, -1.0, float("nan"), float("inf")])
 def test_sizes_outside_are_refused(x: float) -> None:
-    with pytest.raises(DropletError, match="outside 0.0001..10000"):
+    with pytest.raises(DropletError, match=r"outside 0\.0001\.\.10000"):
         mie.efficiencies(n=1.338, k=0.0341, x=[1.0, x])
 
 
