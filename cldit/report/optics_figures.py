@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from cldit.optics.planck import LIGHT_SPEED_m_s, SECOND_RADIATION_CONSTANT_m_K
+from cldit.optics.response import Response
 from cldit.report.optics_summary import FIG4, SceneOptics
 from cldit.report.pictures import figure_of, png_of
 from cldit.scene.schema import Monodisperse
@@ -221,7 +222,13 @@ def _camera(axes: Axes, data: SceneOptics) -> None:
     _shade(axes, data)
     wavelength = _around(data)
     metre = wavelength * 1e-6
-    efficiency = data.scene.camera.sensor.quantum_efficiency
+    given = data.scene.camera.sensor.quantum_efficiency
+    curve = not isinstance(given, float)
+    efficiency = (
+        np.full(wavelength.shape, given)
+        if isinstance(given, float)
+        else Response(given).at(wavelength)
+    )
     temperatures = [t for t in data.scene.background.temperatures_K if t > 0]
     drawn = temperatures if len(temperatures) <= 6 else temperatures[:: -(-len(temperatures) // 6)]
     low, high = data.filter_um
@@ -242,6 +249,6 @@ def _camera(axes: Axes, data: SceneOptics) -> None:
     axes.set(
         xlabel="wavelength, µm",
         ylabel="electrons s$^{-1}$ m$^{-2}$ sr$^{-1}$ µm$^{-1}$",
-        title=f"camera before the backgrounds, quantum efficiency {efficiency:g}",
+        title=f"camera before the backgrounds, quantum efficiency {'as given' if curve else given}",
     )
     axes.legend(fontsize=8, ncols=2)

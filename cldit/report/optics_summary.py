@@ -12,6 +12,7 @@ from cldit.errors import SprayError
 from cldit.optics.droplets import DropletTable, droplet_table, table_error
 from cldit.optics.liquid import Liquid, liquid, liquids
 from cldit.optics.phase import PhaseFunction, phase_table
+from cldit.optics.response import edges_um, scene_filter
 from cldit.optics.vapour import VapourBand, vapour_band, vapours
 from cldit.scene.schema import ConeSpray, Monodisperse, NukiyamaTanasawa, Scene
 from cldit.spray.fuel import GAS_CONSTANT_J_mol_K
@@ -111,7 +112,7 @@ def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
         fuel, fuel_K, sizes = cone.fuel, cone.fuel_temperature_K, cone.droplets
         gas_K = 0.5 * (fuel_K + cone.ambient.temperature_K)
         pressure_Pa = cone.ambient.pressure_Pa
-    low, high = optics.filter_um
+    low, high = edges_um(scene_filter(scene))
     wavelength = np.linspace(low, high, _WAVELENGTHS)
     rows = [Row("filter", f"{low:g} to {high:g} µm", "", "around 3.4 µm")]
     sources: list[str] = []

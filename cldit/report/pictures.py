@@ -271,3 +271,19 @@ def errors_picture(maps: Maps, frame: Frame, *, title: str) -> bytes:
         frame,
         title=title,
     )
+
+
+def nodes_picture(errors_K: Sequence[float], *, chosen: int, title: str) -> bytes:
+    """PNG of the error in T_app with 1, 2, .. spectral nodes; the chosen number is marked."""
+    figure = figure_of(5.0, 3.4)
+    axes = figure.subplots()
+    numbers = np.arange(1, len(errors_K) + 1)
+    shown = np.maximum(np.asarray(errors_K, float), 1e-4)  # 0 has no place on a log axis
+    axes.semilogy(numbers, shown, "o-", color="C0")
+    axes.plot(chosen, shown[chosen - 1], "o", color="C3", markersize=9, label="traced")
+    axes.set_xlabel("number of wavelengths")
+    axes.set_ylabel("RMS error of apparent temperature / K")
+    axes.set_title(_plain(title), fontsize="medium")
+    axes.grid(True, which="both", alpha=0.3)
+    axes.legend()
+    return png_of(figure)

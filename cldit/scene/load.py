@@ -63,7 +63,7 @@ def parse_scene(
         SceneError: as in `load_scene`.
     """
     try:
-        scene = Scene.model_validate(data)
+        scene = Scene.model_validate(data, context={"folder": folder})
     except ValidationError as error:
         raise SceneError(f"{source}:\n{describe(Scene, error.errors())}") from error
     for key in ("file", "mapping"):

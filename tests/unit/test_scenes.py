@@ -93,7 +93,7 @@ def test_sizes_as_objects() -> None:
         (
             {"camera": {"pixel": 3}},
             "camera.pixel: unknown key; allowed: model, distance_m, field_m, pixels, target_m, "
-            "sensor",
+            "surroundings_K, sensor",
         ),
         ({"camera": {"sensor": {"bits": 17}}}, "camera.sensor.bits: 17 is outside 8..16"),
         ({"camera": {"field_m": [0.1]}}, "camera.field_m: a value is missing"),

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from cldit.optics.planck import band_radiance
+from cldit.optics.response import scene_filter
 from cldit.run import Run
 
 EDGE = 0.2
@@ -40,7 +41,7 @@ def test_beer_lambert_and_kirchhoff(run_block: Callable[..., Run], depth: float)
     )
     expected = -np.expm1(-depth)
     np.testing.assert_allclose(run.weights.background, np.exp(-depth), atol=1e-6)
-    emitted = expected * float(band_radiance(470.0, filter_um=run.scene.optics.filter_um))
+    emitted = expected * float(band_radiance(470.0, filter_um=scene_filter(run.scene)))
     np.testing.assert_allclose(run.weights.vapour, emitted, rtol=2e-6)
     np.testing.assert_allclose(run.maps.emissivity, expected, atol=1e-6)
     if depth >= 0.1:
