@@ -74,7 +74,7 @@ def run(arguments: list[str]) -> None:
 
 
 def test(arguments: list[str]) -> None:
-    call(install("pocl,cfd,dev"), "-m", "pytest", *arguments)
+    call(install("pocl,cfd,dev"), "-m", "pytest", *(arguments or ["--numprocesses", "auto"]))
 
 
 def lint() -> None:
