@@ -135,7 +135,8 @@ class Dg645:
         injector_width = float(f"{burst.widths_s[1]:.12f}")
         level_V = _LOWEST_V
         if burst.inject:
-            injector_width = self._edge(*reversed(_EDGES[injector]), burst.widths_s[1])
+            first, second = _EDGES[injector]
+            injector_width = self._edge(second, first, burst.widths_s[1])
             level_V = self._settings.injector_V
         self._set("LAMP", _OUTPUTS[camera], self._settings.camera_V)
         self._set("LAMP", _OUTPUTS[injector], level_V)

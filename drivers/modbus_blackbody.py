@@ -40,7 +40,9 @@ class RegisterMap:
 
 MAPS = {
     "eurotherm-3200": RegisterMap("Eurotherm", False, 1, 24, {}, 9600),
-    "ir-2100": RegisterMap("Infrared Systems", True, 100, 300, {"model_code": 0, "error_code": 101}, 19200),
+    "ir-2100": RegisterMap(
+        "Infrared Systems", True, 100, 300, {"model_code": 0, "error_code": 101}, 19200
+    ),
 }
 
 

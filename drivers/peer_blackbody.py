@@ -147,7 +147,7 @@ class ModbusPeer(_Peer):
         address: int,
         count: int,
         current: list[int],
-        values: list[int] | None,
+        values: list[int] | list[bool] | None,
     ) -> None:
         def put(register: int, celsius: float) -> None:
             at = 0x8000 + 2 * register - start
@@ -167,7 +167,7 @@ class ModbusPeer(_Peer):
         address: int,
         count: int,
         current: list[int],
-        values: list[int] | None,
+        values: list[int] | list[bool] | None,
     ) -> None:
         def put(register: int, value: int) -> None:
             if 0 <= register - start < len(current):

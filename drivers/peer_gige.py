@@ -138,13 +138,13 @@ class GigePeer:
             self._expire()
             return self._controller is not None
 
-    def line(self) -> None:
-        """A rising edge on Line1, now."""
+    def line(self, at_s: float | None = None) -> None:
+        """A rising edge on Line1, now; at this time of time.monotonic() if a peer knows better."""
         with self._lock:
             self._expire()
             triggered = self._get(reg.TRIGGER_MODE) == 1
             if triggered and self._get(reg.TRIGGER_SOURCE) == reg.SOURCES["Line1"]:
-                self._trigger()
+                self._trigger(at_s)
             else:
                 self._miss()
 
@@ -162,8 +162,8 @@ class GigePeer:
         self.missed += 1
         self._put(reg.MISSED_TRIGGERS, self.missed)
 
-    def _trigger(self) -> None:
-        now_s = time.monotonic()
+    def _trigger(self, at_s: float | None = None) -> None:
+        now_s = time.monotonic() if at_s is None else at_s
         soon = now_s - self._last_s < 0.98 / self._rate_Hz
         if not self._active or self._left <= 0 or soon:
             self._miss()
@@ -210,13 +210,13 @@ class GigePeer:
         picture = self.image(self.taken)
         pixel = self._get(reg.PIXEL_FORMAT)
         kind = "<u2" if pixel == reg.MONO16 else "u1"
-        data = memoryview(np.ascontiguousarray(picture, dtype=kind)).cast("B")
+        data = np.ascontiguousarray(picture, dtype=kind).tobytes()
         rows, columns = picture.shape
         x, y = self._get(reg.OFFSET_X), self._get(reg.OFFSET_Y)
         stamp = round(1e9 * taken_s)
         leader = struct.pack(">HHQIIIIIHH", 0, 1, stamp, pixel, columns, rows, x, y, 0, 0)
         size = (self._get(reg.PACKET_SIZE) & 0xFFFF) - _HEADERS
-        parts = [bytes(data[at : at + size]) for at in range(0, len(data), size)]
+        parts = [data[at : at + size] for at in range(0, len(data), size)]
         bodies = [(1, leader), *((3, part) for part in parts), (2, struct.pack(">HHI", 0, 1, rows))]
         return [
             struct.pack(">HHI", 0, block, (form << 24) | number) + body
