@@ -57,7 +57,7 @@ class GigeSettings(Section):
     line: str = "Line1"  # the camera's trigger input
     pixel_format: str = "Mono16"
     maximum_rate_Hz: Annotated[float, Within(1e-3, 1e6)] | None = None  # what the camera says
-    heartbeat_s: Annotated[float, Within(0.5, 60.0)] = 1.0  # after a crash it is free again then
+    heartbeat_s: Annotated[float, Within(1.5, 60.0)] = 2.0  # after a crash it is free then
     packet_size: Annotated[int, Within(576, 9000)] | None = None  # what the camera has
 
 
@@ -76,7 +76,6 @@ class GigeCamera:
         self._triggered = self._received = 0  # since armed
         self._last_trigger_s = -np.inf
         self._period_s = 0.0
-        self._block = 0
         self._base = -1  # frame id = base + block id
         self._last_id = -1
         self._clock_offset_ns: int | None = None
@@ -131,10 +130,6 @@ class GigeCamera:
         self._camera.acquisition_stop()
         self._choose("PixelFormat", wanted.pixel_format)
         self.configure(wanted.calibration.integration_time_s)
-        options = {} if wanted.packet_size is None else {"packet_size": wanted.packet_size}
-        self._stream = self._camera.stream(
-            iface=wanted.interface, deliver_incomplete=True, **options
-        )
 
     def close(self) -> None:
         camera, stream, self._camera, self._stream = self._camera, self._stream, None, None
@@ -251,11 +246,26 @@ class GigeCamera:
     def arm(self) -> None:
         if self._connected() is not None and self._trigger is None:
             raise ConfigRejected("camera: prepare() before arm()")
+        self._open_stream()
         self._ask(lambda c: c.acquisition_start())
         self._armed, self._triggered, self._received = True, 0, 0
 
+    def _open_stream(self) -> None:
+        """A new stream for each start: block ids then count from 1, which the client would take
+        for a late packet of the last picture on a stream that goes on."""
+        wanted = self._settings
+        options = {} if wanted.packet_size is None else {"packet_size": wanted.packet_size}
+        if self._stream is not None:
+            self._stream.close()
+        self._stream = self._ask(
+            lambda c: c.stream(iface=wanted.interface, deliver_incomplete=True, **options)
+        )
+        self._base = self._last_id
+
     def flush(self) -> int:
         self._connected()
+        if self._stream is None:
+            return 0
         software = self._trigger is not None and self._trigger.mode is TriggerMode.SOFTWARE
         thrown = 0
         while True:
@@ -302,7 +312,9 @@ class GigeCamera:
         """None where none comes in time."""
         import viva_genicam as viva
 
-        self._connected()
+        if self._connected() is not None and self._stream is None:
+            time.sleep(timeout_s)
+            return None
         try:
             got = self._stream.next_frame(max(1, round(1e3 * timeout_s)))
         except viva.TransportError as error:
@@ -313,10 +325,7 @@ class GigeCamera:
             raise NotConnected("camera: the stream has ended; connect again")
         now_ns = time.time_ns()
         self._received += 1
-        block = int(got.block_id)
-        if block <= self._block:  # most cameras count from 1 at each start, some go on
-            self._base = self._last_id
-        self._block, self._last_id = block, self._base + block
+        self._last_id = self._base + int(got.block_id)
         ticks = int(got.ts_dev or 0)
         device_ns = round(ticks * self._ns_per_tick)
         data = np.asarray(got.to_numpy())

@@ -70,7 +70,7 @@ class Dg645Peer:
         self._lock = threading.RLock()
         self._cycle = 0
         self._busy_until_s = 0.0
-        self._in_burst = False
+        self._running = self._in_burst = False
         self._insr = 0
         self._errors: deque[int] = deque()
         self._links: set[Any] = set()
@@ -122,7 +122,7 @@ class Dg645Peer:
 
     @property
     def busy(self) -> bool:
-        return self._in_burst or time.monotonic() < self._busy_until_s
+        return self._running or time.monotonic() < self._busy_until_s
 
     @property
     def injects_on_trigger(self) -> bool:
@@ -234,7 +234,7 @@ class Dg645Peer:
         if self.busy:
             self._insr |= 1 << 5
         self._cycle += 1
-        self._in_burst = False
+        self._running = self._in_burst = False
         self._busy_until_s = 0.0
 
     def _trigger(self) -> None:
@@ -255,7 +255,7 @@ class Dg645Peer:
         period_s = self.values["BURP"]
         cycle_s = max(self._delay(channel) for channel in self.delays) + 1e-6
         start_s = time.monotonic() + (self.values["BURD"] if burst else 0.0)
-        self._in_burst = burst
+        self._running, self._in_burst = True, burst
         self._busy_until_s = start_s + (n - 1) * period_s + cycle_s
         threading.Thread(
             target=self._run, args=(self._cycle, n, period_s, start_s), daemon=True
@@ -285,4 +285,4 @@ class Dg645Peer:
         with self._lock:
             if cycle == self._cycle:
                 self._insr |= (1 << 2) | ((1 << 3) if self._in_burst else 0)
-                self._in_burst = False
+                self._running = self._in_burst = False

@@ -71,6 +71,7 @@ class GigePeer:
         self._lock = threading.RLock()
         self._memory = bytearray(reg.SIZE)
         self._controller: tuple[str, int] | None = None
+        self._deaf_to: tuple[str, int] | None = None
         self._heard_s = 0.0
         self._active = False
         self._left = 0
@@ -123,6 +124,11 @@ class GigePeer:
             thread.join(5.0)
         for item in (*self._hearing, self._stream):
             item.close()
+
+    def unheard(self) -> None:
+        """From now on its present client is not heard, as if that had died."""
+        with self._lock:
+            self._deaf_to = self._controller
 
     @property
     def armed(self) -> bool:
@@ -251,6 +257,8 @@ class GigePeer:
             return
         with self._lock:
             self._expire()
+            if sender == self._deaf_to:
+                return
             if sender == self._controller:
                 self._heard_s = time.monotonic()
             status, answer = self._answer(command, body, sender)

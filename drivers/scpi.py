@@ -91,7 +91,13 @@ class ScpiLink:
             self.close()
             if error.error_code == pyvisa.constants.StatusCode.error_timeout:
                 raise DeviceTimeout(f"{self._name}: no answer to {command}") from error
-            raise NotConnected(f"{self._name}: the link broke at {command} ({error})") from error
+            raise self._broken(command, error) from error
         except Exception as error:
             self.close()
-            raise NotConnected(f"{self._name}: the link broke at {command} ({error})") from error
+            raise self._broken(command, error) from error
+
+    def _broken(self, command: str, error: Exception) -> NotConnected:
+        return NotConnected(
+            f"{self._name}: {self._resource} does not answer {command} ({error}); check that it "
+            "is switched on, its address and its cable"
+        )
