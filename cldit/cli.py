@@ -22,6 +22,7 @@ from cldit.errors import ClditError, RunFolderError
 from cldit.experiment import evaluate_folder, run_experiment
 from cldit.gpu.device import choose, list_devices, open_device
 from cldit.report.run_report import show_folder
+from cldit.rig.drivers import describe_drivers
 from cldit.rig.load import open_rig
 from cldit.run import Run, simulate
 from cldit.scene import Scene, load_scene, parse_scene, shipped_scenes
@@ -189,7 +190,7 @@ def scenes() -> None:
 @click.option("--device", help="Show which device this choice means.")
 @_plain_errors
 def devices(device: str | None) -> None:
-    """OpenCL devices: which there are, which is used, and why."""
+    """OpenCL devices: which there are, which is used, and why; and the drivers of instruments."""
     found = list_devices()
     used, reason = choose(found, device)
     table = Table("", "device", "kind", "name", "memory", "float64", "platform", box=None)
@@ -205,6 +206,13 @@ def devices(device: str | None) -> None:
         )
     _OUT.print(table)
     _OUT.print(f"* is used: {reason}")
+    drivers = Table("driver", "kind", "instrument", "tested", box=None)
+    for name, about in describe_drivers().items():
+        missing = about.missing()
+        note = f"[yellow]needs cldit\\[rig] ({', '.join(missing)})[/]; " if missing else ""
+        drivers.add_row(name, about.kind, about.instrument, note + about.tested)
+    _OUT.print()
+    _OUT.print(drivers)
 
 
 @main.command("acquire")

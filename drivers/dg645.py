@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import model_validator
 
-from cldit.rig.drivers import RigContext, check_settings
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, NotConnected, RigError
 from cldit.rig.protocols import Burst, DeviceInfo
 from cldit.scene.checks import Section, Within
@@ -31,6 +31,14 @@ _LOWEST_V = 0.5
 _STEP_S = 1e-11  # how far a delay may read back from what was written
 _TRIGGERED, _RATE_ERROR = 1 << 0, 1 << 1  # of INSR?
 _BUSY, _IN_BURST = 1 << 1, 1 << 2  # of *STB?
+
+
+ABOUT = DriverAbout(
+    "trigger",
+    "SRS DG645 delay generator, SCPI over TCP",
+    "untested on hardware; tested with a simulator that the maker's own driver agrees with",
+    needs=("pyvisa", "pyvisa_py"),
+)
 
 
 class Dg645Settings(Section):

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import model_validator
 
 from cldit.rig.clock import StopCheck
-from cldit.rig.drivers import RigContext, check_settings
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, NotConnected, RigError
 from cldit.rig.protocols import DeviceInfo, Limits, Stability
 from cldit.rig.stability import wait_stable
@@ -20,6 +20,13 @@ from cldit.scene.schema import Temperature
 
 from .controller import KELVIN, ControllerSettings, check_limits, check_readback
 from .scpi import ScpiLink
+
+ABOUT = DriverAbout(
+    "background",
+    "Fluke 4180/4181, SCPI over serial or TCP",
+    "untested on hardware; tested with a simulator, without an independent peer",
+    needs=("pyvisa", "pyvisa_py", "serial"),
+)
 
 
 class FlukeSettings(ControllerSettings):

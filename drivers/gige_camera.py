@@ -14,7 +14,7 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 
 from cldit.camera.calibration import Calibration
-from cldit.rig.drivers import RigContext, check_settings
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, OutOfLimits
 from cldit.rig.protocols import (
     Capabilities,
@@ -36,6 +36,14 @@ _TICKS, _TIMESTAMP_CONTROL, _TIMESTAMP = 0x93C, 0x944, 0x948  # bootstrap regist
 _LATCH = (2).to_bytes(4, "big")
 _DISCOVERY_s = 0.3
 _IN_FLIGHT_s = 0.5  # a picture arrives this long after its exposure, or never
+
+
+ABOUT = DriverAbout(
+    "camera",
+    "GenICam cameras on GigE Vision",
+    "untested on hardware; tested with a simulated GigE Vision camera over sockets",
+    needs=("viva_genicam",),
+)
 
 
 class CalibrationSection(Section):

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 from pydantic import model_validator
 
 from cldit.rig.clock import StopCheck
-from cldit.rig.drivers import RigContext, check_settings
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, NotConnected
 from cldit.rig.protocols import DeviceInfo, Limits, Stability
 from cldit.rig.stability import wait_stable
@@ -44,6 +44,14 @@ MAPS = {
         "Infrared Systems", True, 100, 300, {"model_code": 0, "error_code": 101}, 19200
     ),
 }
+
+
+ABOUT = DriverAbout(
+    "background",
+    "Eurotherm 3200, Infrared Systems IR-2100, Modbus over TCP or serial",
+    "untested on hardware; tested with pymodbus' server, which minimalmodbus agrees with",
+    needs=("pymodbus", "serial"),
+)
 
 
 class ModbusSettings(ControllerSettings):
@@ -201,9 +209,7 @@ class ModbusBlackBody:
 
         named = {"count" if what.startswith("read") else "values": value}
         try:
-            answer = getattr(self._client, what)(
-                address, device_id=self._settings.unit, **named
-            )
+            answer = getattr(self._client, what)(address, device_id=self._settings.unit, **named)
         except (ModbusException, OSError) as error:
             raise NotConnected(
                 f"background: no answer at register {address} ({error}); check the line"

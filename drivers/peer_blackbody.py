@@ -69,9 +69,7 @@ class ModbusPeer(_Peer):
     def __enter__(self) -> ModbusPeer:
         self._open_terminal()
         ready = threading.Event()
-        self._thread = threading.Thread(
-            target=lambda: asyncio.run(self._serve(ready)), daemon=True
-        )
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve(ready)), daemon=True)
         self._thread.start()
         if not ready.wait(10.0):
             raise RuntimeError("the Modbus server does not start")

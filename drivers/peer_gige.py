@@ -157,9 +157,7 @@ class GigePeer:
     def image(self, number: int) -> NDArray[np.uint16]:
         """The picture with this number (from 1) as it was sent with the present settings."""
         whole = self._image(number, 1e-6 * self._get_float(reg.EXPOSURE))
-        x, y, w, h = (
-            self._get(at) for at in (reg.OFFSET_X, reg.OFFSET_Y, reg.WIDTH, reg.HEIGHT)
-        )
+        x, y, w, h = (self._get(at) for at in (reg.OFFSET_X, reg.OFFSET_Y, reg.WIDTH, reg.HEIGHT))
         return whole[y : y + h, x : x + w]
 
     # Triggers and pictures

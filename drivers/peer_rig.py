@@ -1,6 +1,6 @@
 """A whole rig on loopback sockets: camera, black body and delay generator, wired to each other.
 
-    python -m cldit.drivers.peer_rig rig.yaml     # writes a rig file for it, and runs until Ctrl-C
+python -m cldit.drivers.peer_rig rig.yaml     # writes a rig file for it, and runs until Ctrl-C
 """
 
 from __future__ import annotations

@@ -19,9 +19,15 @@ from cldit.camera.view import SensorView
 from cldit.errors import RunFolderError, SceneError
 from cldit.optics.planck import band_radiance
 from cldit.radiance.weights import Weights, background_radiance, compose
-from cldit.rig.drivers import RigContext, check_settings
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.scene import Scene, load_scene
 from cldit.scene.checks import Section
+
+ABOUT = DriverAbout(
+    "bench",
+    "what the simulated instruments look at",
+    "simulated",
+)
 
 
 class BenchSettings(Section):

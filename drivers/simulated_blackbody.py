@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import model_validator
 
 from cldit.rig.clock import StopCheck
-from cldit.rig.drivers import RigContext, check_settings
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import NotConnected, OutOfLimits
 from cldit.rig.protocols import DeviceInfo, Limits, Stability
 from cldit.rig.stability import wait_stable
@@ -17,6 +17,12 @@ from cldit.scene.schema import Temperature
 
 from .heater import Dynamics, Heater
 from .simulated_bench import SimulatedBench, bench_of
+
+ABOUT = DriverAbout(
+    "background",
+    "a black body",
+    "simulated",
+)
 
 
 class BlackBodySettings(Dynamics):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cldit.camera.sensor import SensorModel
-from cldit.rig.drivers import RigContext, check_settings
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, OutOfLimits
 from cldit.rig.protocols import (
     Capabilities,
@@ -28,6 +28,13 @@ _LIMITS_S = (320e-9, 1.0)
 _FRAME_RATE_Hz = 146.7  # full frame of a typical 640 x 512 InSb camera
 _FORMAT = "Mono16"
 _MODES = frozenset({TriggerMode.INTERNAL, TriggerMode.SOFTWARE, TriggerMode.EXTERNAL_EDGE})
+
+
+ABOUT = DriverAbout(
+    "camera",
+    "an InSb camera",
+    "simulated",
+)
 
 
 class CameraSettings(Section):

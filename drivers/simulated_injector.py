@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from cldit.rig.drivers import RigContext, check_settings
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected
 from cldit.rig.protocols import Burst, DeviceInfo
 from cldit.scene.checks import Section
@@ -16,6 +16,13 @@ from cldit.scene.checks import Section
 from .simulated_bench import Pulse, SimulatedBench, bench_of
 
 _STEP_S = 1e-8  # to which delays and widths are rounded
+
+
+ABOUT = DriverAbout(
+    "trigger",
+    "a delay generator with an injector",
+    "simulated",
+)
 
 
 class InjectorSettings(Section):

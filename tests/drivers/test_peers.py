@@ -62,9 +62,7 @@ def generator() -> Iterator[Dg645Peer]:
 
 @pytest.fixture
 def dg645(generator: Dg645Peer) -> Iterator[Dg645]:
-    device = open_dg645(
-        {"host": generator.host, "port": generator.port, "answer_s": 0.3}, CONTEXT
-    )
+    device = open_dg645({"host": generator.host, "port": generator.port, "answer_s": 0.3}, CONTEXT)
     device.connect()
     yield device
     device.close()
