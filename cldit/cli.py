@@ -15,6 +15,7 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 
 from cldit import __version__
+from cldit.acquisition.dry_run import SECONDS_PER_KELVIN, DryRun, dry_run
 from cldit.acquisition.plan import load_plan
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.runner import acquire
@@ -23,6 +24,7 @@ from cldit.experiment import evaluate_folder, run_experiment
 from cldit.gpu.device import choose, list_devices, open_device
 from cldit.report.run_report import show_folder
 from cldit.rig.drivers import describe_drivers
+from cldit.rig.errors import RigError
 from cldit.rig.load import open_rig
 from cldit.run import Run, simulate
 from cldit.scene import Scene, load_scene, parse_scene, shipped_scenes
@@ -219,10 +221,18 @@ def devices(device: str | None) -> None:
 @click.argument("rig", type=click.Path(path_type=Path))
 @click.argument("plan", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the shots.")
+@click.option("--dry-run", "dry", is_flag=True, help="Check and estimate; nothing moves or fires.")
 @_plain_errors
-def acquire_command(rig: Path, plan: Path, out: Path) -> None:
+def acquire_command(rig: Path, plan: Path, out: Path, dry: bool) -> None:
     """Record the sequence in PLAN with the instruments in RIG; resumes where it stopped."""
     sequence = load_plan(plan)
+    if dry:
+        asked = open_rig(rig)
+        try:
+            _estimate(dry_run(asked, sequence, out))
+        finally:
+            asked.close()  # not made safe: that would move the black body
+        return
     with open_rig(rig) as opened, _Bar() as bar:
         record = acquire(opened, sequence, out, progress=bar.watch)
     _OUT.print(
@@ -231,6 +241,18 @@ def acquire_command(rig: Path, plan: Path, out: Path) -> None:
     )
     if not record.complete:
         raise RunFolderError("not complete; run the same command again to go on")
+
+
+def _estimate(found: DryRun) -> None:
+    _OUT.print(
+        f"{found.shots} shots at {len(found.backgrounds_K)} backgrounds: "
+        f"{found.time_s / 60.0:.0f} min, of which {found.background_s / 60.0:.0f} min wait for "
+        f"backgrounds at {SECONDS_PER_KELVIN:g} s/K; {found.disk_bytes / 1e6:.0f} MB of "
+        f"{found.free_bytes / 1e6:.0f} MB free"
+    )
+    if found.problems:
+        raise RigError("the plan cannot run:\n" + "\n".join(found.problems))
+    _OUT.print("nothing speaks against it")
 
 
 @main.command()
