@@ -328,7 +328,9 @@ class _Sequence:
                 pixel_m=self._rig.file.setup.pixel_m,
                 meta=taken.meta,
             )
-        journal.append("saved", **_saved(taken.meta))
+        # The picture is on the disk; were this line lost, the next run would find it and adopt it.
+        # The next `fired` line, which is always synced, takes it along.
+        journal.append("saved", **_saved(taken.meta), sync=False)
         self._done.add(shot.id)
 
     def _reject(self, journal: Journal, shot: Shot, attempt: int, result: Rejected) -> None:

@@ -47,6 +47,7 @@ class Shooter:
         self._ready = ready
         self._journal = journal
         self._interrupts = interrupts
+        self._plan_hash = plan.hash()
         self._last_id: int | None = None
         self._next_s = -math.inf  # before this the camera does not take a trigger
 
@@ -122,7 +123,7 @@ class Shooter:
                 "saturation_counts": self._ready.saturation_counts,
                 "saturated_percent": 100.0 * saturated / frame.data.size,
                 "fire_uncertain": uncertain is not None,
-                "plan_hash": self._plan.hash(),
+                "plan_hash": self._plan_hash,
                 "sha256": checksum(frame.data),
             },
         )
