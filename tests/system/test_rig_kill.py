@@ -18,6 +18,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -77,18 +78,21 @@ def kill_and_resume(folder: Path, kills: int, plan: Plan) -> None:
         def reports() -> int:
             return log.read_text().count("every device is safe") if log.exists() else 0
 
+        def more(what: str, than: int) -> bool:
+            return (peers.generator.triggers if what == "triggers" else reports()) > than
+
         for number in range(kills):
             with start() as process:
                 triggers, heard = peers.generator.triggers, reports()
                 # Half of them while shots are taken, the others anywhere after the start.
                 until(lambda: peers.camera.controlled, 60.0, "the acquisition does not start")
                 if number % 2:
-                    until(lambda n=triggers: peers.generator.triggers > n, 60.0, "no shot")
+                    until(partial(more, "triggers", triggers), 60.0, "no shot")
                 time.sleep(rng.uniform(0.0, 0.4))
                 process.kill()
                 process.communicate(timeout=60)
             assert process.returncode == -signal.SIGKILL, f"kill {number} came too late"
-            until(lambda n=heard: reports() > n, 60.0, f"kill {number}: the guard does not report")
+            until(partial(more, "reports", heard), 60.0, f"kill {number}: no report of the guard")
             assert peers.blackbody.setpoint_K == pytest.approx(295.0, abs=0.01)
             assert not peers.camera.armed and not peers.camera.controlled
             assert not peers.generator.injects_on_trigger and not peers.generator.busy
