@@ -25,7 +25,7 @@ from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import for_boundary
-from cldit.transport.solve import Rays, Solution, another_order, first_guess, solve
+from cldit.transport.solve import Rays, Solution, another_order, first_guess, last_order, solve
 from cldit.transport.sweep import Sweeper, sweep_defines
 
 Floats = NDArray[np.float64]
@@ -68,12 +68,12 @@ class Trace:
 def settings_for(scene: Scene) -> Settings:
     """Directions and tolerance for the accuracy that the scene asks for.
 
-    The picture's error in kelvin falls about as one over the number of directions (they are
-    low-discrepancy sets); 32 directions, and 64 in the last sweep, reach about 0.1 K for `gdi`.
+    Measured on `gdi` against 256 and 1024 directions, RMS of T_app: 0.16 K with 32 and 64 in the
+    last sweep, 0.11 K with 64 and 128, 0.08 K with the 96 and 192 that are used for 0.1 K.
     """
     spec = scene.transport
     finer = 0.1 / spec.accuracy_K
-    directions = spec.directions or int(np.clip(8 * round(4 * finer), 32, 512))
+    directions = spec.directions or int(np.clip(8 * round(12 * finer), 16, 512))
     return Settings(
         directions=directions,
         final_directions=2 * directions,
@@ -234,7 +234,7 @@ def _scattering(
                 source = another_order(sweeper, source, rays(settings.directions))
             solution = Solution(source, settings.order, 0.0, 0.0)
         half = settings.final_directions // 2
-        halves = [another_order(sweeper, solution.source, rays(half)) for _ in range(2)]
+        halves = [last_order(sweeper, solution.source, rays(half)) for _ in range(2)]
     counts.update(
         swept_cells=sweeper.box.cells, scattering_cells=sweeper.count, sweeps=sweeper.sweeps
     )

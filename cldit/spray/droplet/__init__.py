@@ -1,0 +1,1 @@
+"""One droplet, or a million: fuel properties, evaporation, and integration in time."""

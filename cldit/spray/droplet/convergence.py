@@ -1,0 +1,219 @@
+"""Error of the integrator against step size and run time, beside an independent solver."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from cldit.spray.droplet.curves import Floats
+from cldit.spray.droplet.evaporation import MODELS, Drop, Model
+from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
+from cldit.spray.droplet.integrator import Droplets, Surroundings, advance
+
+_COPIES = 64  # of the droplet, followed together as in a spray
+_STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
+_TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
+_EULER_STEPS = (16, 32, 64, 128, 256, 512, 1024)
+_CUT = 1e-4  # of s, where the reference hands over to s falling evenly
+
+
+@dataclass(frozen=True)
+class Case:
+    """A droplet of n-heptane at rest in nitrogen."""
+
+    name: str
+    diameter_m: float
+    temperature_K: float
+    gas_K: float
+    pressure_Pa: float
+
+
+CASES = (
+    Case("9 µm, 370 K in 573 K, 0.6 MPa", 9e-6, 370.0, 573.0, 0.6e6),
+    Case("stiff: 9 µm, 370 K in 620 K, 0.15 MPa", 9e-6, 370.0, 620.0, 0.15e6),
+    Case("d → 0: 0.3 µm, 370 K in 620 K, 0.15 MPa", 0.3e-6, 370.0, 620.0, 0.15e6),
+    Case("0.1 K below boiling: 9 µm in 1100 K, 0.15 MPa", 9e-6, 385.4, 1100.0, 0.15e6),
+)
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """With fixed steps, and with steps chosen for falling tolerances. Errors are those of
+    `error_of`, seconds are processor time per droplet."""
+
+    case: Case
+    model: str
+    step_s: Floats
+    step_error: Floats
+    step_seconds: Floats
+    adaptive_error: Floats
+    adaptive_seconds: Floats
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Lifetime, and what is left of the mass after half of it."""
+
+    life_s: float
+    left: float
+
+
+def reference(case: Case, model: Model, fuel: Fuel, gas: Gas) -> Reference:
+    """By scipy's Radau, in s = (m/m0)^(2/3) and T, with the plain rates of the model."""
+    first = float(fuel.mass_kg(case.diameter_m, case.temperature_K))
+
+    def slopes(_: float, y: Floats) -> tuple[float, float]:
+        s = max(float(y[0]), _CUT)
+        mass = first * s**1.5
+        rate, heat = _rates(case, model, fuel, gas, mass, float(y[1]))
+        cp = float(fuel.liquid.one("cp", y[1]))
+        return -2 / 3 * s * rate / mass, heat / (mass * cp)
+
+    def cut(_: float, y: Floats) -> float:
+        return float(y[0]) - _CUT
+
+    cut.terminal = True  # type: ignore[attr-defined]
+    found: Any = solve_ivp(
+        slopes,
+        (0.0, 10.0),
+        (1.0, case.temperature_K),
+        method="Radau",
+        rtol=1e-7,
+        atol=(1e-8, 1e-5),
+        first_step=case.diameter_m**2 * 1e-3,
+        events=cut,
+        dense_output=True,
+    )
+    end, state = float(found.t[-1]), found.y[:, -1]
+    life = end + _CUT / -slopes(end, state)[0]
+    return Reference(life, float(found.sol(life / 2)[0]) ** 1.5)
+
+
+def error_of(found: Reference, wanted: Reference) -> float:
+    """The larger of the errors of the lifetime (of itself) and of the mass at half of it (of the
+    first mass)."""
+    return max(abs(found.life_s / wanted.life_s - 1), abs(found.left - wanted.left))
+
+
+def integrated(
+    case: Case,
+    model: Model,
+    fuel: Fuel,
+    gas: Gas,
+    *,
+    half_s: float,
+    steps: int,
+    tolerance: float,
+) -> Reference:
+    """The library's own integration, with `steps` calls to half_s and calls as long after it."""
+    start, around = _states(case, fuel)
+    step = half_s / steps
+    state, at, left = start, 0.0, 0.0
+    for number in range(100 * steps + 100):
+        found = advance(state, around, step, fuel=fuel, gas=gas, model=model, tolerance=tolerance)
+        state = found.droplets
+        if number == steps - 1:
+            left = float(state.mass_kg[0] / start.mass_kg[0])
+        if np.isfinite(found.gone_s[0]):
+            return Reference(at + float(found.gone_s[0]), left)
+        at += step
+    return Reference(np.inf, left)
+
+
+def explicit_euler(
+    case: Case, model: Model, fuel: Fuel, gas: Gas, *, half_s: float, steps: int
+) -> Reference:
+    """Plain steps of mass and temperature, for comparison; infinite where it breaks down."""
+    first = mass = float(fuel.mass_kg(case.diameter_m, case.temperature_K))
+    warm, step, left = case.temperature_K, half_s / steps, 0.0
+    for number in range(10 * steps):
+        rate, heat = _rates(case, model, fuel, gas, mass, warm)
+        if mass <= rate * step:
+            return Reference(number * step + mass / rate, left)
+        warm += step * heat / (mass * float(fuel.liquid.one("cp", warm)))
+        mass -= rate * step
+        if not fuel.liquid.low_K < warm < fuel.liquid.high_K:
+            break
+        if number == steps - 1:
+            left = mass / first
+    return Reference(np.inf, left)
+
+
+def measure(case: Case, model: str, fuel: Fuel, gas: Gas) -> Convergence:
+    """Errors and run times of one model in one case."""
+    rule = MODELS[model]
+    wanted = reference(case, rule, fuel, gas)
+    rows: list[tuple[float, float]] = []
+    for steps, tolerance in [(n, np.inf) for n in _STEPS] + [(1, tol) for tol in _TOLERANCES]:
+        began = time.process_time()
+        found = integrated(
+            case, rule, fuel, gas, half_s=wanted.life_s / 2, steps=steps, tolerance=tolerance
+        )
+        rows.append((error_of(found, wanted), (time.process_time() - began) / _COPIES))
+    error, seconds = np.array(rows).T
+    fixed = len(_STEPS)
+    return Convergence(
+        case=case,
+        model=model,
+        step_s=wanted.life_s / 2 / np.array(_STEPS),
+        step_error=error[:fixed],
+        step_seconds=seconds[:fixed],
+        adaptive_error=error[fixed:],
+        adaptive_seconds=seconds[fixed:],
+    )
+
+
+def measure_euler(case: Case, model: str, fuel: Fuel, gas: Gas) -> tuple[Floats, Floats]:
+    """Steps in s and errors of `explicit_euler`."""
+    wanted = reference(case, MODELS[model], fuel, gas)
+    half = wanted.life_s / 2
+    error = [
+        error_of(explicit_euler(case, MODELS[model], fuel, gas, half_s=half, steps=n), wanted)
+        for n in _EULER_STEPS
+    ]
+    return half / np.array(_EULER_STEPS), np.array(error)
+
+
+def measure_all(
+    cache: Path,
+) -> tuple[list[Convergence], dict[Case, tuple[Floats, Floats]]]:
+    """All models in all cases; and explicit Euler with the first model."""
+    fuel, gas = fuel_table("n-heptane", cache=cache), gas_table("nitrogen", cache=cache)
+    found = [measure(case, model, fuel, gas) for case in CASES for model in MODELS]
+    first = next(iter(MODELS))
+    return found, {case: measure_euler(case, first, fuel, gas) for case in CASES}
+
+
+def _states(case: Case, fuel: Fuel) -> tuple[Droplets, Surroundings]:
+    def many(value: float) -> Floats:
+        return np.full(_COPIES, value)
+
+    mass = fuel.mass_kg(many(case.diameter_m), many(case.temperature_K))
+    rest = np.zeros((_COPIES, 1))
+    return (
+        Droplets(mass, many(case.temperature_K), rest),
+        Surroundings(many(case.gas_K), many(case.pressure_Pa), many(0.0), rest),
+    )
+
+
+def _rates(
+    case: Case, model: Model, fuel: Fuel, gas: Gas, mass: float, temperature: float
+) -> tuple[float, float]:
+    found = model(
+        Drop(
+            fuel=fuel,
+            gas=gas,
+            diameter_m=fuel.diameter_m([mass], [temperature]),
+            temperature_K=np.array([temperature]),
+            gas_temperature_K=np.array([case.gas_K]),
+            pressure_Pa=np.array([case.pressure_Pa]),
+            vapour=np.zeros(1),
+            slip_m_s=np.zeros(1),
+        )
+    )
+    return float(found.mass_kg_s[0]), float(found.heat_W[0])

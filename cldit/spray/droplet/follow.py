@@ -1,0 +1,181 @@
+"""The life of one droplet in a large body of gas, as columns against time."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cldit.errors import SprayError
+from cldit.spray.droplet.curves import Floats
+from cldit.spray.droplet.evaporation import MODELS
+from cldit.spray.droplet.fluids import Fuel, Gas, check_conditions, fuel_table, gas_table
+from cldit.spray.droplet.integrator import Droplets, Surroundings, advance
+
+COLUMNS = ("time_s", "diameter_m", "temperature_K", "velocity_m_s", "mass_kg")
+LARGEST_M = 5e-3  # a free drop of fuel breaks up below this
+SMALLEST_M = 1e-8  # the mean free path is larger
+LONGEST_S = 1e5
+
+
+@dataclass(frozen=True)
+class Life:
+    """Columns (M,); the last entry is the end: of the droplet, or of the duration asked for."""
+
+    time_s: Floats
+    diameter_m: Floats
+    temperature_K: Floats
+    velocity_m_s: Floats
+    mass_kg: Floats
+
+    @property
+    def vanished(self) -> bool:
+        return bool(self.mass_kg[-1] == 0)
+
+    def rows(self) -> Iterator[tuple[float, ...]]:
+        """One per time, in the order of `COLUMNS`."""
+        columns = (getattr(self, name).tolist() for name in COLUMNS)
+        return zip(*columns, strict=True)
+
+    def csv(self) -> str:
+        """With a heading, one row per time."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for row in self.rows():
+            writer.writerow(f"{value:.9g}" for value in row)
+        return text.getvalue()
+
+
+def follow(
+    *,
+    fuel: str,
+    diameter_m: float,
+    temperature_K: float,
+    gas_temperature_K: float,
+    pressure_Pa: float,
+    velocity_m_s: float = 0.0,
+    model: str = "abramzon-sirignano",
+    gas: str = "nitrogen",
+    vapour: float = 0.0,
+    held: bool = False,
+    duration_s: float | None = None,
+    points: int = 201,
+    tolerance: float = 1e-4,
+    cache: Path | None = None,
+) -> Life:
+    """One droplet from its injection until it vanishes.
+
+    Args:
+        velocity_m_s: relative to the gas.
+        vapour: mass fraction of fuel in the gas.
+        held: the droplet keeps its velocity (on a fibre in a flow), else drag brings it to rest.
+        duration_s: ends it earlier, and is needed where the droplet never vanishes.
+        points: times at which the columns are given, evenly spread.
+        cache: folder for property tables; None keeps nothing.
+
+    Raises:
+        SprayError: an impossible value, an unknown fuel, gas or model, or no end.
+    """
+    _check(diameter_m=diameter_m, velocity_m_s=velocity_m_s, vapour=vapour, model=model)
+    numbers = (temperature_K, gas_temperature_K, pressure_Pa)
+    if not np.all(np.isfinite(numbers)):
+        raise SprayError(f"temperatures and pressure of a droplet: {numbers}; must be finite")
+    if duration_s is not None and not 0 < duration_s <= LONGEST_S:
+        raise SprayError(f"duration {duration_s:g} s: allowed are above 0 to {LONGEST_S:g} s")
+    liquid, carrier = fuel_table(fuel, cache=cache), gas_table(gas, cache=cache)
+    check_conditions(
+        liquid, temperature_K=temperature_K, gas_K=gas_temperature_K, pressure_Pa=pressure_Pa
+    )
+    start = Droplets(
+        liquid.mass_kg([diameter_m], [temperature_K]),
+        np.array([temperature_K]),
+        np.array([[velocity_m_s]]),
+    )
+    around = Surroundings(
+        np.array([gas_temperature_K]),
+        np.array([pressure_Pa]),
+        np.array([vapour]),
+        np.zeros((1, 1)),
+    )
+    return _follow(
+        start,
+        around,
+        fuel=liquid,
+        gas=carrier,
+        model=model,
+        held=held,
+        duration_s=duration_s,
+        points=points,
+        tolerance=tolerance,
+    )
+
+
+def _follow(
+    start: Droplets,
+    around: Surroundings,
+    *,
+    fuel: Fuel,
+    gas: Gas,
+    model: str,
+    held: bool,
+    duration_s: float | None,
+    points: int,
+    tolerance: float,
+) -> Life:
+    """As `follow`, with everything checked and looked up."""
+
+    def after(state: Droplets, seconds: float) -> tuple[Droplets, float]:
+        found = advance(
+            state,
+            around,
+            seconds,
+            fuel=fuel,
+            gas=gas,
+            model=MODELS[model],
+            tolerance=tolerance,
+            drag=not held,
+        )
+        return found.droplets, float(found.gone_s[0])
+
+    end = duration_s
+    life = after(start, LONGEST_S if end is None else end)[1]
+    if end is None and np.isinf(life):
+        raise SprayError(
+            f"a droplet of {fuel.name} does not vanish in gas of {around.temperature_K[0]:g} K "
+            f"with {around.vapour[0]:g} vapour within {LONGEST_S:g} s; give a duration"
+        )
+    end = min(life, np.inf if end is None else end)
+    times = np.linspace(0.0, end, points)
+    states = [start]
+    for step in np.diff(times):
+        states.append(after(states[-1], float(step))[0])
+    mass = np.array([state.mass_kg[0] for state in states])
+    if life <= end:
+        mass[-1] = 0.0  # by definition of the last time; the pieces end within the tolerance of it
+    warm = np.array([state.temperature_K[0] for state in states])
+    return Life(
+        time_s=times,
+        diameter_m=fuel.diameter_m(mass, warm),
+        temperature_K=warm,
+        velocity_m_s=np.array([state.velocity_m_s[0, 0] for state in states]),
+        mass_kg=mass,
+    )
+
+
+def _check(*, diameter_m: float, velocity_m_s: float, vapour: float, model: str) -> None:
+    if not SMALLEST_M <= diameter_m <= LARGEST_M:
+        raise SprayError(
+            f"diameter {diameter_m * 1e6:g} um: allowed are {SMALLEST_M * 1e6:g} to "
+            f"{LARGEST_M * 1e6:g} um (is the unit right?)"
+        )
+    if not abs(velocity_m_s) <= 1000:
+        raise SprayError(f"velocity {velocity_m_s:g} m/s: allowed are -1000 to 1000 m/s")
+    if not 0 <= vapour < 1:
+        raise SprayError(f"vapour mass fraction {vapour:g}: allowed are 0 to below 1")
+    if model not in MODELS:
+        raise SprayError(f"model {model!r}: allowed are {', '.join(MODELS)}")

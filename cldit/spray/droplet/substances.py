@@ -1,0 +1,213 @@
+"""Property columns of fuels and carrier gases: CoolProp, and iso-octane, which CoolProp lacks.
+
+Gases are ideal and dilute; a liquid's properties are those at saturation. CoolProp is imported only
+here, when a table is built: that takes seconds.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.errors import SprayError
+from cldit.spray.droplet.curves import Floats, integral
+
+GAS_CONSTANT_J_mol_K = 8.31446261815324
+GASES = ("nitrogen", "air", "oxygen", "argon", "carbon dioxide", "helium")
+
+_LIQUID_POINTS = 801
+_VAPOUR_POINTS = 1201
+_HOTTEST_K = 1200.0  # beyond it the transport fits of heavy fuels turn down
+_BELOW_CRITICAL = 0.98  # of the critical temperature: cp diverges and latent heat vanishes there
+
+# Fuller, Ensley and Giddings, J. Phys. Chem. 73, 3679 (1969): diffusion volumes, cm3/mol.
+_ATOMS = {"C": 15.9, "H": 2.31, "O": 6.11}
+_AROMATIC_RING = -18.3
+_WHOLE = {"Water": 13.1}  # given for the molecule
+_RINGS = ("benzene", "toluene", "ethylbenzene", "m-xylene", "o-xylene", "p-xylene")
+_GAS_VOLUMES = (18.5, 19.7, 16.3, 16.2, 26.9, 2.67)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Everything known of a substance, on two even temperature grids.
+
+    constants: molar_mass_kg_mol, diffusion_volume, critical_K, critical_Pa.
+    liquid: ln_psat (Pa), density, cp, latent, conductivity, viscosity, tension, enthalpy, (M,);
+        empty for a carrier gas.
+    vapour: cp, conductivity, viscosity, enthalpy, (K,); the enthalpy is that of the liquid plus the
+        latent heat at the normal boiling point, or zero at the lowest temperature for a carrier.
+    """
+
+    constants: dict[str, float]
+    liquid_K: Floats
+    liquid: dict[str, Floats]
+    vapour_K: Floats
+    vapour: dict[str, Floats]
+
+
+def fuel_columns(name: str) -> Columns:
+    """Of a fuel: iso-octane, or whatever CoolProp knows that is made of C, H and O.
+
+    Raises:
+        SprayError: no such fluid, or CoolProp has no transport properties for it.
+    """
+    if re.sub(r"[-_ ]", "", name.casefold()) in _ISO_OCTANE_NAMES:
+        return _iso_octane()
+    fluid = _coolprop_name(name)
+    state = _state(fluid)
+    formula = re.findall(r"([A-Z][a-z]?)_\{(\d+)\}", state.fluid_param_string("formula"))
+    if not formula or any(atom not in _ATOMS for atom, _ in formula):
+        raise SprayError(
+            f"fuel {name!r}: its diffusivity is known only for molecules of C, H and O"
+        )
+    ring = _AROMATIC_RING if fluid.casefold() in _RINGS else 0.0
+    low = float(np.ceil(state.Ttriple()))
+    liquid_K = np.linspace(low, _BELOW_CRITICAL * state.T_critical(), _LIQUID_POINTS)
+    rows = np.array([_saturated(state, t) for t in liquid_K])
+    liquid = dict(zip(_SATURATED, rows.T, strict=True))
+    constants = {
+        "molar_mass_kg_mol": state.molar_mass(),
+        "diffusion_volume": _WHOLE.get(fluid, ring + sum(_ATOMS[a] * int(n) for a, n in formula)),
+        "critical_K": state.T_critical(),
+        "critical_Pa": state.p_critical(),
+    }
+    return _finished(constants, liquid_K, liquid, *_dilute(state, low))
+
+
+def gas_columns(name: str) -> Columns:
+    """Of a carrier gas, one of `GASES`; raises SprayError for another name."""
+    known = name.casefold().replace("-", " ")
+    if known not in GASES:
+        raise SprayError(f"gas {name!r}: allowed are {', '.join(GASES)}")
+    state = _state(known.title().replace(" ", ""))
+    constants = {
+        "molar_mass_kg_mol": state.molar_mass(),
+        "diffusion_volume": _GAS_VOLUMES[GASES.index(known)],
+        "critical_K": state.T_critical(),
+        "critical_Pa": state.p_critical(),
+    }
+    vapour_K, vapour = _dilute(state, max(80.0, float(np.ceil(state.Ttriple()))))
+    vapour["enthalpy"] = integral(vapour_K, vapour["cp"])
+    return Columns(constants, np.empty(0), {}, vapour_K, vapour)
+
+
+_SATURATED = (
+    "ln_psat",
+    "density",
+    "cp",
+    "latent",
+    "conductivity",
+    "viscosity",
+    "tension",
+)
+
+
+def _state(fluid: str) -> Any:
+    import CoolProp.CoolProp as coolprop
+
+    return coolprop.AbstractState("HEOS", fluid)
+
+
+def _coolprop_name(name: str) -> str:
+    import CoolProp.CoolProp as coolprop
+
+    wanted = name.casefold()
+    known = {"iso-octane": ""}  # never looked up here, but worth a hint
+    for fluid in coolprop.get_global_param_string("FluidsList").split(","):
+        aliases = coolprop.get_fluid_param_string(fluid, "aliases").split(",")
+        known |= {alias.strip().casefold(): fluid for alias in [fluid, *aliases] if alias}
+    if wanted not in known:
+        close = difflib.get_close_matches(wanted, known, n=4)
+        hint = f"did you mean {' or '.join(close)}?" if close else "see the fluids of CoolProp"
+        raise SprayError(f"fuel {name!r}: neither iso-octane nor a fluid of CoolProp; {hint}")
+    return known[wanted]
+
+
+def _saturated(state: Any, temperature_K: float) -> tuple[float, ...]:
+    import CoolProp.CoolProp as coolprop
+
+    state.update(coolprop.QT_INPUTS, 1.0, temperature_K)
+    vapour_enthalpy = state.hmass()
+    state.update(coolprop.QT_INPUTS, 0.0, temperature_K)
+    try:
+        transport = state.conductivity(), state.viscosity(), state.surface_tension()
+    except ValueError as error:
+        raise SprayError(
+            f"fuel {state.name()}: CoolProp has no transport properties of it ({error})"
+        ) from error
+    latent = vapour_enthalpy - state.hmass()
+    return (np.log(state.p()), state.rhomass(), state.cpmass(), latent, *transport)
+
+
+def _dilute(state: Any, low_K: float) -> tuple[Floats, dict[str, Floats]]:
+    import CoolProp.CoolProp as coolprop
+
+    grid = np.linspace(low_K, _HOTTEST_K, _VAPOUR_POINTS)
+    rows = []
+    for t in grid:
+        state.update(coolprop.DmassT_INPUTS, 1e-6, t)  # thin enough to be ideal
+        rows.append((state.cp0mass(), state.conductivity(), state.viscosity()))
+    return grid, dict(zip(("cp", "conductivity", "viscosity"), np.array(rows).T, strict=True))
+
+
+def _finished(
+    constants: dict[str, float],
+    liquid_K: Floats,
+    liquid: dict[str, Floats],
+    vapour_K: Floats,
+    vapour: dict[str, Floats],
+) -> Columns:
+    """With the enthalpies, on one zero."""
+    heat = integral(liquid_K, liquid["cp"])
+    boiling = float(np.interp(np.log(101325.0), liquid["ln_psat"], liquid_K))
+    liquid["enthalpy"] = heat - np.interp(boiling, liquid_K, heat)
+    rise = integral(vapour_K, vapour["cp"])
+    start = np.interp(boiling, liquid_K, liquid["latent"])
+    vapour["enthalpy"] = start + rise - np.interp(boiling, vapour_K, rise)
+    return Columns(constants, liquid_K, liquid, vapour_K, vapour)
+
+
+_ISO_OCTANE_NAMES = ("isooctane", "ic8h18", "2,2,4trimethylpentane")
+
+
+def _iso_octane() -> Columns:
+    """NSRDS/DIPPR fits (Daubert and Danner), coefficients as OpenFOAM tabulates them (IC8H18)."""
+    critical = 543.96
+    low = 166.0
+    liquid_K = np.linspace(low, _BELOW_CRITICAL * critical, _LIQUID_POINTS)
+    t, r = liquid_K, liquid_K / critical
+    liquid = {
+        "ln_psat": 120.81 - 7550 / t - 16.111 * np.log(t) + 0.017099 * t,
+        "density": 67.2363666 / 0.27373 ** (1 + (1 - r) ** 0.2846),
+        "cp": 1219.89652546156 + 1.67205049417409 * t + 0.00414073237562483 * t * t,
+        "latent": 375379.713037617 * (1 - r) ** (0.1549 + r * (0.138 + r * 0.0666)),
+        "conductivity": 0.1508 - 0.0001712 * t,
+        "viscosity": np.exp(-15.811 + 1282.5 / t + 0.67791 * np.log(t) - 3.8617e-28 * t**10),
+        "tension": 0.047434 * (1 - r) ** 1.1975,
+    }
+    vapour_K = np.linspace(low, _HOTTEST_K, _VAPOUR_POINTS)
+    t = vapour_K
+    vapour = {
+        "cp": 997.10236275617
+        + 4627.4653990598 * _einstein(1594.0 / t, np.sinh)
+        + 2933.52942721328 * _einstein(677.94 / t, np.cosh),
+        "conductivity": 1.758e-5 * t**1.3114 / (1 + 392.9 / t),
+        "viscosity": 1.107e-7 * t**0.746 / (1 + 72.4 / t),
+    }
+    constants = {
+        "molar_mass_kg_mol": 0.114231,
+        "diffusion_volume": 8 * _ATOMS["C"] + 18 * _ATOMS["H"],
+        "critical_K": critical,
+        "critical_Pa": 2.5676e6,
+    }
+    return _finished(constants, liquid_K, liquid, vapour_K, vapour)
+
+
+def _einstein(ratio: Floats, function: Any) -> NDArray[np.float64]:
+    return np.asarray((ratio / function(ratio)) ** 2)
