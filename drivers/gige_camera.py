@@ -7,9 +7,9 @@ rig file gives it; counts per radiance are taken as proportional to the integrat
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -27,13 +27,11 @@ from cldit.rig.protocols import (
 )
 from cldit.scene.checks import Section, Within
 
-T = TypeVar("T")
+from .genicam import Features
 
 _SOURCES = {TriggerMode.SOFTWARE: "Software", TriggerMode.EXTERNAL_EDGE: ""}
 _MODES = frozenset({TriggerMode.INTERNAL, *_SOURCES})
 _EDGES = {"rising": "RisingEdge", "falling": "FallingEdge"}
-_TICKS, _TIMESTAMP_CONTROL, _TIMESTAMP = 0x93C, 0x944, 0x948  # bootstrap registers
-_LATCH = (2).to_bytes(4, "big")
 _DISCOVERY_s = 0.3
 _IN_FLIGHT_s = 0.5  # a picture arrives this long after its exposure, or never
 
@@ -77,6 +75,7 @@ class GigeCamera:
     def __init__(self, settings: GigeSettings, context: RigContext) -> None:
         self._settings = settings
         self._camera: Any = None
+        self._features: Features | None = None
         self._stream: Any = None
         self._identity = ("?", "GigE Vision camera", "", "")
         self._trigger: TriggerInfo | None = None
@@ -125,6 +124,7 @@ class GigeCamera:
             others = ", ".join(f"{d.ip} ({d.model})" for d in found) or "none"
             raise NotConnected(f"no such camera on the network; found: {others}")
         self._camera = viva.connect_gige(here[0], iface=wanted.interface)
+        self._features = Features(self._camera)
         nodes = set(self._camera.nodes())
         if "GevHeartbeatTimeout" in nodes:
             self._camera.set_integer("GevHeartbeatTimeout", round(1e3 * wanted.heartbeat_s))
@@ -133,14 +133,15 @@ class GigeCamera:
             self._camera.get_string(name) if name in nodes else "" for name in names
         )
         self._identity = (maker, model, serial, firmware)
-        self._period_s = 1.0 / self._maximum_rate_Hz()
-        self._read_clock(viva)
+        self._period_s = 1.0 / (wanted.maximum_rate_Hz or self._features.maximum_rate_Hz())
+        self._ns_per_tick, self._clock_offset_ns = self._features.clock()
         self._camera.acquisition_stop()
-        self._choose("PixelFormat", wanted.pixel_format)
+        self._connected().choose("PixelFormat", wanted.pixel_format)
         self.configure(wanted.calibration.integration_time_s)
 
     def close(self) -> None:
         camera, stream, self._camera, self._stream = self._camera, self._stream, None, None
+        self._features = None
         self._armed = False
         for item in (stream, camera):
             if item is not None:
@@ -184,14 +185,16 @@ class GigeCamera:
 
     @property
     def capabilities(self) -> Capabilities:
-        low, high = self._exposure_limits_s()
+        low, high = self._connected().exposure_limits_s()
         return Capabilities(
             trigger_modes=_MODES,
             integration_time_limits_s=(low, high),
             minimum_period_s=self._period_s,
             saturation_counts=self._settings.calibration.saturation_counts,
             sensor_pixels=self._sensor(),
-            pixel_formats=tuple(self._ask(lambda c: c.available_enum_entries("PixelFormat"))),
+            pixel_formats=tuple(
+                self._connected().ask(lambda c: c.available_enum_entries("PixelFormat"))
+            ),
         )
 
     def configure(
@@ -200,7 +203,7 @@ class GigeCamera:
         self._connected()
         if self._armed:
             raise ConfigRejected("camera: is armed; disarm() before configure()")
-        low, high = self._exposure_limits_s()
+        low, high = self._connected().exposure_limits_s()
         if not low <= integration_time_s <= high:
             raise OutOfLimits(
                 f"camera: integration_time_s: {integration_time_s:g} is outside {low:g}..{high:g}"
@@ -211,13 +214,13 @@ class GigeCamera:
         if not inside or part.x + part.width > columns or part.y + part.height > rows:
             raise OutOfLimits(f"camera: roi: {part} does not fit on {columns} x {rows}")
         if pixel_format is not None:
-            allowed = self._ask(lambda c: c.available_enum_entries("PixelFormat"))
+            allowed = self._connected().ask(lambda c: c.available_enum_entries("PixelFormat"))
             if pixel_format not in allowed:
                 raise ConfigRejected(
                     f"camera: pixel_format: {pixel_format!r}; allowed are {', '.join(allowed)}"
                 )
-            self._choose("PixelFormat", pixel_format)
-        self._ask(lambda c: c.set_float("ExposureTime", 1e6 * integration_time_s))
+            self._connected().choose("PixelFormat", pixel_format)
+        self._connected().ask(lambda c: c.set_float("ExposureTime", 1e6 * integration_time_s))
         for name, value in (
             ("OffsetX", 0),
             ("OffsetY", 0),
@@ -226,7 +229,7 @@ class GigeCamera:
             ("OffsetX", part.x),
             ("OffsetY", part.y),
         ):
-            self._set(name, value)
+            self._connected().set_integer(name, value)
         return self._read_settings()
 
     def prepare(self, trigger: TriggerInfo) -> None:
@@ -238,15 +241,15 @@ class GigeCamera:
             )
         if self._armed:
             raise ConfigRejected("camera: is armed; disarm() before prepare()")
-        self._choose("AcquisitionMode", "MultiFrame")
-        self._set("AcquisitionFrameCount", trigger.n_frames)
-        self._choose("TriggerSelector", "FrameStart")
+        self._connected().choose("AcquisitionMode", "MultiFrame")
+        self._connected().set_integer("AcquisitionFrameCount", trigger.n_frames)
+        self._connected().choose("TriggerSelector", "FrameStart")
         if trigger.mode is TriggerMode.INTERNAL:
-            self._choose("TriggerMode", "Off")
+            self._connected().choose("TriggerMode", "Off")
         else:
-            self._choose("TriggerSource", _SOURCES[trigger.mode] or self._settings.line)
-            self._choose("TriggerActivation", _EDGES[trigger.activation])
-            self._choose("TriggerMode", "On")
+            self._connected().choose("TriggerSource", _SOURCES[trigger.mode] or self._settings.line)
+            self._connected().choose("TriggerActivation", _EDGES[trigger.activation])
+            self._connected().choose("TriggerMode", "On")
         self._trigger = trigger
 
     # Pictures
@@ -255,7 +258,7 @@ class GigeCamera:
         if self._connected() is not None and self._trigger is None:
             raise ConfigRejected("camera: prepare() before arm()")
         self._open_stream()
-        self._ask(lambda c: c.acquisition_start())
+        self._connected().ask(lambda c: c.acquisition_start())
         self._armed, self._triggered, self._received = True, 0, 0
 
     def _open_stream(self) -> None:
@@ -265,7 +268,7 @@ class GigeCamera:
         options = {} if wanted.packet_size is None else {"packet_size": wanted.packet_size}
         if self._stream is not None:
             self._stream.close()
-        self._stream = self._ask(
+        self._stream = self._connected().ask(
             lambda c: c.stream(iface=wanted.interface, deliver_incomplete=True, **options)
         )
         self._base = self._last_id
@@ -295,7 +298,7 @@ class GigeCamera:
             return
         time.sleep(max(self._last_trigger_s + 1.05 * self._period_s - time.monotonic(), 0.0))
         self._last_trigger_s = time.monotonic()
-        self._ask(lambda c: c.trigger_software())
+        self._connected().ask(lambda c: c.trigger_software())
         self._triggered += 1
 
     def read_frames(self, n: int, timeout_s: float) -> Iterator[Frame]:
@@ -310,7 +313,7 @@ class GigeCamera:
             yield frame
 
     def disarm(self) -> None:
-        self._ask(lambda c: c.acquisition_stop())
+        self._connected().ask(lambda c: c.acquisition_stop())
         self._armed = False
 
     def statistics(self) -> dict[str, int]:
@@ -350,50 +353,18 @@ class GigeCamera:
 
     # The camera's features
 
-    def _read_clock(self, viva: Any) -> None:
-        """Wall time of the camera's clock, from the quickest of some readings; where it has one."""
-        self._clock_offset_ns = None
-        try:
-            ticks_per_s = int.from_bytes(self._camera.read_register(_TICKS, 8), "big")
-            if ticks_per_s == 0:
-                return
-            self._ns_per_tick = 1e9 / ticks_per_s
-            best_ns = 10**9
-            for _ in range(5):
-                before_ns = time.time_ns()
-                self._camera.write_register(_TIMESTAMP_CONTROL, _LATCH)
-                after_ns = time.time_ns()
-                ticks = int.from_bytes(self._camera.read_register(_TIMESTAMP, 8), "big")
-                if after_ns - before_ns < best_ns:
-                    best_ns = after_ns - before_ns
-                    middle_ns = (before_ns + after_ns) // 2
-                    self._clock_offset_ns = middle_ns - round(ticks * self._ns_per_tick)
-        except viva.GenicamError:
-            self._clock_offset_ns = None  # the time of arrival is used
-
-    def _maximum_rate_Hz(self) -> float:
-        if self._settings.maximum_rate_Hz is not None:
-            return self._settings.maximum_rate_Hz
-        nodes = self._camera.nodes()
-        for name in ("ResultingFrameRate", "AcquisitionFrameRate"):
-            if name in nodes:
-                return float(self._camera.get_float(name))
-        raise ConfigRejected("camera: does not tell its frame rate; give maximum_rate_Hz")
-
-    def _exposure_limits_s(self) -> tuple[float, float]:
-        limits = self._ask(lambda c: c.feature_state("ExposureTime")).range
-        return 1e-6 * limits.min, 1e-6 * limits.max
-
     def _sensor(self) -> tuple[int, int]:
-        return self._integer("SensorWidth"), self._integer("SensorHeight")
-
-    def _integer(self, name: str) -> int:
-        return int(self._ask(lambda c: c.get_integer(name)))
+        features = self._connected()
+        return features.integer("SensorWidth"), features.integer("SensorHeight")
 
     def _read_settings(self) -> Settings:
-        roi = Roi(*(self._integer(name) for name in ("OffsetX", "OffsetY", "Width", "Height")))
-        exposure_us = float(self._ask(lambda c: c.get_float("ExposureTime")))
-        return Settings(1e-6 * exposure_us, roi, self._ask(lambda c: c.get_enum("PixelFormat")))
+        roi = Roi(
+            *(self._connected().integer(name) for name in ("OffsetX", "OffsetY", "Width", "Height"))
+        )
+        exposure_us = float(self._connected().ask(lambda c: c.get_float("ExposureTime")))
+        return Settings(
+            1e-6 * exposure_us, roi, self._connected().ask(lambda c: c.get_enum("PixelFormat"))
+        )
 
     def _calibration(self, integration_time_s: float) -> Calibration:
         given = self._settings.calibration
@@ -405,33 +376,10 @@ class GigeCamera:
             * (integration_time_s / given.integration_time_s),
         )
 
-    def _choose(self, name: str, entry: str) -> None:
-        self._ask(lambda c: c.set_enum(name, entry))
-        got = self._ask(lambda c: c.get_enum(name))
-        if got != entry:
-            raise ConfigRejected(f"camera: {name}: reads back {got} after {entry} was written")
-
-    def _set(self, name: str, value: int) -> None:
-        self._ask(lambda c: c.set_integer(name, value))
-        got = self._integer(name)
-        if got != value:
-            raise ConfigRejected(f"camera: {name}: reads back {got} after {value} was written")
-
-    def _ask(self, action: Callable[[Any], T]) -> T:
-        import viva_genicam as viva
-
-        camera = self._connected()
-        try:
-            return action(camera)
-        except viva.TransportError as error:
-            raise NotConnected(f"camera: the link failed ({error}); check the cable") from error
-        except viva.GenicamError as error:
-            raise ConfigRejected(f"camera: {error}") from error
-
-    def _connected(self) -> Any:
-        if self._camera is None:
+    def _connected(self) -> Features:
+        if self._features is None:
             raise NotConnected("camera: is not connected; call connect()")
-        return self._camera
+        return self._features
 
 
 def open_gige_camera(settings: dict[str, Any], context: RigContext) -> GigeCamera:
