@@ -93,10 +93,14 @@ class GigePeer:
         self._stream.bind((self.host, 0))
         self._put(reg.STREAM_SOURCE, self._stream.getsockname()[1])
         self._hearing = [self._control]
-        for broadcast in ("255.255.255.255", "127.255.255.255"):
+        # Clients look for cameras by broadcast, and on loopback at 127.0.0.1, where of several
+        # peers the newest hears them.
+        for address in ("255.255.255.255", "127.255.255.255", "127.0.0.1"):
+            if address == self.host:
+                continue
             ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            ear.bind((broadcast, _GVCP))
+            ear.bind((address, _GVCP))
             self._hearing.append(ear)
         self._on = True
         self._threads = [

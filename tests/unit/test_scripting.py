@@ -17,6 +17,7 @@ from cldit.acquisition.bench import bench_rig
 from cldit.acquisition.journal import read_journal
 from cldit.acquisition.preview import Preview
 from cldit.cli import main
+from cldit.rig.drivers import describe_drivers
 from cldit.rig.load import open_rig
 
 
@@ -106,3 +107,12 @@ def test_bench_loses_nothing(tmp_path: Path) -> None:
     result = bench_rig(tmp_path, frames=20, sensor=(64, 48))
     assert result.lost == 0 and result.frames_per_s > 1.0
     assert list(tmp_path.iterdir()) == []
+
+
+def test_every_driver_says_on_what_it_was_tested() -> None:
+    """A user must see that no driver of a real instrument has met the instrument."""
+    for name, about in describe_drivers().items():
+        assert about.kind in ("bench", "camera", "background", "trigger"), name
+        simulated = name.startswith("simulated")
+        assert about.tested.startswith("simulated" if simulated else "untested on hardware"), name
+        assert simulated == (about.needs == ())
