@@ -3,6 +3,7 @@
 
 python3 make.py run [SCENE] [cldit run options]   the main job; `gdi` if no scene is given
 python3 make.py test [pytest options]             the tests
+python3 make.py loopback                          the rig's tests, in `unshare -rn` (Linux)
 python3 make.py lint                              ruff and mypy --strict
 python3 make.py wheel                             builds the wheel, installs it elsewhere, runs it
 """
@@ -78,6 +79,18 @@ def test(arguments: list[str]) -> None:
     call(python, "-m", "pytest", *(arguments or ["--numprocesses", "auto"]))
 
 
+def loopback() -> None:
+    """Brings up the loopback of a fresh network namespace, and runs the rig's tests in it."""
+    import fcntl
+    import socket
+    import struct
+
+    set_flags, up_and_running = 0x8914, 0x1 | 0x40  # SIOCSIFFLAGS; IFF_UP | IFF_RUNNING
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
+        fcntl.ioctl(control, set_flags, struct.pack("16sh14x", b"lo", up_and_running))
+    test(["tests/drivers", "tests/system/test_rig_kill.py"])
+
+
 def lint() -> None:
     python = install("pocl,cfd,rig,dev")
     call(python, "-m", "ruff", "check", ".")
@@ -104,6 +117,8 @@ def main() -> None:
         run(arguments)
     elif task == "test":
         test(arguments)
+    elif task == "loopback":
+        loopback()
     elif task == "lint":
         lint()
     elif task == "wheel":

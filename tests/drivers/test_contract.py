@@ -98,7 +98,7 @@ def opened(make: Make, data: dict[str, Any]) -> Iterator[Rig]:
         rig.close()
 
 
-@pytest.fixture(params=RIGS)
+@pytest.fixture(params=["simulated", pytest.param("sockets", marks=pytest.mark.loopback_only)])
 def rig(request: pytest.FixtureRequest, tiny_rig: dict[str, Any]) -> Iterator[Rig]:
     """A rig that is not connected yet."""
     yield from opened(RIGS[request.param], tiny_rig)

@@ -1,7 +1,7 @@
 """Drivers of real instruments against their peers: what the contract tests do not ask.
 
-The peers are checked by clients that are not ours: the maker's driver of the DG645, minimalmodbus,
-and viva-genicam's own fake camera for the camera driver.
+The peers of the DG645 and of the black bodies are checked by clients that are not ours: the maker's
+driver and minimalmodbus. The camera's peer is ours alone; its client, viva-genicam, is not.
 """
 
 from __future__ import annotations
@@ -208,6 +208,7 @@ def camera_before(peer: GigePeer, **settings: Any) -> GigeCamera:
     )
 
 
+@pytest.mark.loopback_only
 def test_camera_loses_packets() -> None:
     """At 0.5 % loss every whole picture is bit-exact, and the resends are few."""
     with GigePeer(loss=0.005, seed=3) as peer:
@@ -229,6 +230,7 @@ def test_camera_loses_packets() -> None:
         assert whole + camera.statistics()["incomplete"] == 60
 
 
+@pytest.mark.loopback_only
 def test_camera_frames_that_never_come() -> None:
     """A gap shows in the ids; half a picture is incomplete, and says so."""
     with GigePeer((64, 48)) as peer:
@@ -250,6 +252,7 @@ def test_camera_frames_that_never_come() -> None:
         camera.close()
 
 
+@pytest.mark.loopback_only
 def test_camera_is_free_after_its_clients_death() -> None:
     """A client that dies keeps the camera no longer than the heartbeat; alive, it keeps it."""
     with GigePeer((64, 48)) as peer:
@@ -269,6 +272,7 @@ def test_camera_is_free_after_its_clients_death() -> None:
         first.close()
 
 
+@pytest.mark.loopback_only
 def test_camera_unplugged() -> None:
     with GigePeer((64, 48)) as peer:
         camera = camera_before(peer)
@@ -298,6 +302,7 @@ def plan(**changes: Any) -> Plan:
     )
 
 
+@pytest.mark.loopback_only
 def test_plan_over_sockets(tmp_path: Path) -> None:
     """Three backgrounds with 0.5 % packet loss, a rate error and a picture that is never sent:
     every shot once and bit-exact, every injection accounted for, all devices safe."""
@@ -330,6 +335,7 @@ def test_plan_over_sockets(tmp_path: Path) -> None:
     assert not peers.camera.controlled
 
 
+@pytest.mark.loopback_only
 def test_rate_error_ends_the_run_without_a_second_trigger(tmp_path: Path) -> None:
     with PeerRig(camera=GigePeer((64, 48))) as peers:
         peers.generator.fail_rate = 1

@@ -39,7 +39,10 @@ else:
     from cldit.drivers.peer_rig import PeerRig
 
 CHILD = Path(__file__).with_name("acquisition_child.py")
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="SIGKILL is POSIX")
+pytestmark = [
+    pytest.mark.loopback_only,
+    pytest.mark.skipif(os.name == "nt", reason="SIGKILL is POSIX"),
+]
 
 PLAN = Plan.model_validate(
     {
