@@ -17,6 +17,10 @@ from numpy.typing import NDArray
 from cldit.spray.flow.compiled import compiled
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+EVEN = 1e-9  # relative difference of neighbours that is none
+STILL_M_S = 0.1  # gas that is slower neither carries momentum nor makes eddies
 
 
 @compiled
@@ -69,6 +73,16 @@ def scalar_rates(
                     # Negative indices wrap by themselves; only those beyond the end need care.
                     a, b, c = i - di, j - dj, k - dk
                     m = flux[axis, i, j, k]
+                    even = True
+                    for s in range(fields.shape[0]):
+                        low = fields[s, a, b, c]
+                        even = even and abs(fields[s, i, j, k] - low) <= EVEN * abs(low)
+                    if even:  # most of the box
+                        for s in range(fields.shape[0]):
+                            through = m * 0.5 * (fields[s, i, j, k] + fields[s, a, b, c]) / spacing
+                            rates[s, i, j, k] += through
+                            rates[s, a, b, c] -= through
+                        continue
                     mean = 0.5 * (density[i, j, k] + density[a, b, c])
                     speed = m / mean * step / spacing
                     share = 0.5 * (exchange[i, j, k] + exchange[a, b, c]) / spacing
@@ -142,12 +156,15 @@ def momentum_rates(
     step: float,
     spacing: float,
     closed: bool,
+    low: Ints,
+    high: Ints,
     rates: Floats,
 ) -> None:
     """Adds to `rates` (X, Y, Z) the change per second of the momentum along an axis.
 
     velocity (X, Y, Z) of the faces across that axis; flux (3, X, Y, Z); viscosity of the cells,
-    Pa s. Walls slip, and take up what flows into them.
+    Pa s. Only cells from `low` to below `high` are looked at. Walls slip, and take up what flows
+    into them.
     """
     shape = density.shape
     ei = 1 if along == 0 else 0
@@ -158,15 +175,17 @@ def momentum_rates(
         dj = 1 if axis == 1 else 0
         dk = 1 if axis == 2 else 0
         count = shape[axis]
-        for i in range(shape[0]):
-            for j in range(shape[1]):
-                for k in range(shape[2]):
+        for i in range(low[0], high[0]):
+            for j in range(low[1], high[1]):
+                for k in range(low[2], high[2]):
                     place = i * di + j * dj + k * dk
                     if closed and axis != along and place == 0:
                         continue
                     a, b, c = i - di, j - dj, k - dk
-                    low = velocity[a, b, c]
-                    high = velocity[i, j, k]
+                    before = velocity[a, b, c]
+                    after = velocity[i, j, k]
+                    if abs(before) < STILL_M_S and abs(after) < STILL_M_S:
+                        continue
                     # Along its own axis the flux is that through the middle of cell (a, b, c).
                     x, y, z = (a, b, c) if axis == along else (i - ei, j - ej, k - ek)
                     m = 0.5 * (flux[axis, i, j, k] + flux[axis, x, y, z])
@@ -185,14 +204,16 @@ def momentum_rates(
                     if closed and place == 1 and axis != along:
                         u, v, w = a, b, c
                     speed = m / mean * step / spacing
-                    value = _flow(speed, velocity[u, v, w], low, high, velocity[p, q, r])
-                    through = (m * value - share / spacing * (high - low)) / spacing
+                    value = _flow(speed, velocity[u, v, w], before, after, velocity[p, q, r])
+                    through = (m * value - share / spacing * (after - before)) / spacing
                     rates[i, j, k] += through
                     rates[a, b, c] -= through
 
 
 @compiled
-def shear(velocity: Floats, spacing: float, closed: bool, result: Floats) -> None:
+def shear(
+    velocity: Floats, spacing: float, closed: bool, low: Ints, high: Ints, result: Floats
+) -> None:
     """Norm of the strain rate, sqrt(2 S_ij S_ij), in the cells, from the face velocities.
 
     Gradients across the flow are central differences over two cells, one-sided at walls.
@@ -200,9 +221,14 @@ def shear(velocity: Floats, spacing: float, closed: bool, result: Floats) -> Non
     shape = result.shape
     strain = np.empty((3, 3))
     centre = np.empty((2, 3))
-    for i in range(shape[0]):
-        for j in range(shape[1]):
-            for k in range(shape[2]):
+    for i in range(low[0], high[0]):
+        for j in range(low[1], high[1]):
+            for k in range(low[2], high[2]):
+                result[i, j, k] = 0.0
+                if max(
+                    abs(velocity[0, i, j, k]), abs(velocity[1, i, j, k]), abs(velocity[2, i, j, k])
+                ) < STILL_M_S:
+                    continue
                 for axis in range(3):
                     place = i if axis == 0 else (j if axis == 1 else k)
                     count = shape[axis]
@@ -229,3 +255,29 @@ def shear(velocity: Floats, spacing: float, closed: bool, result: Floats) -> Non
                     for b in range(3):
                         total += 0.5 * (strain[a, b] + strain[b, a]) ** 2
                 result[i, j, k] = np.sqrt(2.0 * total)
+
+
+@compiled
+def busy(velocity: Floats, low: Ints, high: Ints) -> float:
+    """Largest sum of the three speeds of a cell; bounds of the cells where one is above
+    STILL_M_S, into `low` and `high` (3,)."""
+    shape = velocity.shape[1:]
+    top = 0.0
+    for axis in range(3):
+        low[axis] = shape[axis]
+        high[axis] = 0
+    for i in range(shape[0]):
+        for j in range(shape[1]):
+            for k in range(shape[2]):
+                x = abs(velocity[0, i, j, k])
+                y = abs(velocity[1, i, j, k])
+                z = abs(velocity[2, i, j, k])
+                top = max(top, x + y + z)
+                if max(x, y, z) > STILL_M_S:
+                    low[0] = min(low[0], i)
+                    low[1] = min(low[1], j)
+                    low[2] = min(low[2], k)
+                    high[0] = max(high[0], i + 1)
+                    high[1] = max(high[1], j + 1)
+                    high[2] = max(high[2], k + 1)
+    return top

@@ -96,7 +96,7 @@ def _newton(
             value *= x
             change = (value - enthalpy[n]) / slope
             x -= change
-            if abs(change) < 1e-12:
+            if abs(change) < 1e-5:  # converges quadratically: within 1e-7 K after it
                 break
         result[n] = reference + 1000.0 * x
 

@@ -162,10 +162,10 @@ def make_box(spec: LagrangianSpray, injection: Injection) -> Box:
             fuel_kg_m3=injection.density_kg_m3,
             gas_kg_m3=gas,
         )
-        reach = 1.15 * jet.tip_m(spec.time_s) + 5e-3
+        reach = 1.1 * jet.tip_m(spec.time_s) + 4e-3
         lean = np.radians(plume.inclination_deg)
-        below = max(below, reach * float(np.cos(max(lean - half, 0.0))))
-        beside = max(beside, reach * float(np.sin(min(lean + half, np.pi / 2))))
+        below = max(below, reach * float(np.cos(max(lean - half / 2, 0.0))))
+        beside = max(beside, reach * float(np.sin(min(lean + half / 2, np.pi / 2))))
     width = spec.grid.width_m or 2 * beside
     depth = spec.grid.depth_m or below
     cells = np.array([width, width, depth + spec.grid.above_m]) / h
