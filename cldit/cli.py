@@ -21,10 +21,15 @@ from cldit.acquisition.runner import acquire
 from cldit.errors import ClditError, RunFolderError
 from cldit.experiment import evaluate_folder, run_experiment
 from cldit.gpu.device import choose, list_devices, open_device
+from cldit.report.droplets import convergence_picture, life_picture
 from cldit.report.run_report import show_folder
 from cldit.rig.load import open_rig
-from cldit.run import Run, simulate
+from cldit.run import Run, default_cache, simulate
 from cldit.scene import Scene, load_scene, parse_scene, shipped_scenes
+from cldit.spray.droplet.convergence import measure_all
+from cldit.spray.droplet.evaporation import MODELS
+from cldit.spray.droplet.follow import COLUMNS, Life, follow
+from cldit.spray.droplet.verification import page
 
 P = ParamSpec("P")
 _OUT = Console(highlight=False, soft_wrap=True)
@@ -247,3 +252,94 @@ def show(folder: Path, opened: bool) -> None:
     _OUT.print(str(picture))
     if opened:
         click.launch(str(picture))
+
+
+@main.command()
+@click.option("--fuel", default="n-heptane", show_default=True, help="A name, as CoolProp has it.")
+@click.option("--gas", default="nitrogen", show_default=True)
+@click.option("--model", default=next(iter(MODELS)), help=", ".join(MODELS))
+@click.option("--diameter-um", type=float, default=9.0, show_default=True)
+@click.option("--temperature", "temperature_K", type=float, default=370.0, help="Of the liquid, K.")
+@click.option("--gas-temperature", "gas_K", type=float, default=573.0, help="K.")
+@click.option("--pressure", "pressure_Pa", type=float, default=0.6e6, help="Pa.")
+@click.option("--velocity", "velocity_m_s", type=float, default=0.0, help="Through the gas, m/s.")
+@click.option("--vapour", type=float, default=0.0, help="Mass fraction of fuel in the gas.")
+@click.option("--held", is_flag=True, help="Keep the velocity: no drag.")
+@click.option("--duration", "duration_s", type=float, help="s; until it vanishes if left out.")
+@click.option("--csv", "as_csv", is_flag=True, help="Print the columns as CSV.")
+@click.option("--out", type=click.Path(path_type=Path), help="Draw them into this PNG.")
+@click.option(
+    "--convergence",
+    type=click.Path(path_type=Path),
+    help="Draw the error against step size and run time of all models into this PNG, and stop.",
+)
+@click.option(
+    "--verification",
+    type=click.Path(path_type=Path),
+    help="Write the comparison with published data into this Markdown file, and stop.",
+)
+@_plain_errors
+def droplet(
+    fuel: str,
+    gas: str,
+    model: str,
+    diameter_um: float,
+    temperature_K: float,
+    gas_K: float,
+    pressure_Pa: float,
+    velocity_m_s: float,
+    vapour: float,
+    held: bool,
+    duration_s: float | None,
+    as_csv: bool,
+    out: Path | None,
+    convergence: Path | None,
+    verification: Path | None,
+) -> None:
+    """Follow one droplet of fuel through hot gas until it has evaporated."""
+    cache = default_cache()
+    if convergence is not None or verification is not None:
+        if convergence is not None:
+            _write(convergence, convergence_picture(*measure_all(cache)))
+            _OUT.print(f"{convergence}")
+        if verification is not None:
+            _write(verification, page(cache).encode())
+            _OUT.print(f"{verification}")
+        return
+    life = follow(
+        fuel=fuel,
+        gas=gas,
+        model=model,
+        diameter_m=diameter_um * 1e-6,
+        temperature_K=temperature_K,
+        gas_temperature_K=gas_K,
+        pressure_Pa=pressure_Pa,
+        velocity_m_s=velocity_m_s,
+        vapour=vapour,
+        held=held,
+        duration_s=duration_s,
+        cache=cache,
+    )
+    if as_csv:
+        click.echo(life.csv(), nl=False)
+    if out is not None:
+        title = f"{fuel}, {diameter_um:g} µm, in {gas} of {gas_K:g} K, {pressure_Pa / 1e6:g} MPa"
+        _write(out, life_picture(life, title=f"{title}: {model}"))
+    if not as_csv:
+        _life_table(life)
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise ClditError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def _life_table(life: Life) -> None:
+    table = Table(*COLUMNS, box=None)
+    for row in list(life.rows())[:: max(1, life.time_s.size // 10)]:
+        table.add_row(*(f"{value:.5g}" for value in row))
+    _OUT.print(table)
+    if life.vanished:
+        _OUT.print(f"vanished after {life.time_s[-1]:.5g} s")

@@ -164,3 +164,23 @@ METHANE = IdealGas(
     cold=(5.14987613, -1.36709788e-2, 4.91800599e-5, -4.84743026e-8, 1.66693956e-11),
     hot=(7.48514950e-2, 1.33909467e-2, -5.73285809e-6, 1.22292535e-9, -1.01815230e-13),
 )
+
+
+def heptane_vapour_conductivity_W_m_K(temperature_K: ArrayLike) -> Floats:
+    """NSRDS 2: a T^b / (1 + c/T + d/T^2)."""
+    t = np.asarray(temperature_K, dtype=float)
+    return np.asarray(-0.070028 * t**0.38068 / (1 - 7049.9 / t - 2400500.0 / (t * t)))
+
+
+def nitrogen_conductivity_W_m_K(temperature_K: ArrayLike) -> Floats:
+    """DIPPR 102: a T^b / (1 + c/T + d/T^2)."""
+    t = np.asarray(temperature_K, dtype=float)
+    return np.asarray(3.3143e-4 * t**0.7722 / (1 + 16.323 / t + 373.72 / (t * t)))
+
+
+def heptane_diffusivity_m2_s(temperature_K: ArrayLike, *, pressure_Pa: float) -> Floats:
+    """In nitrogen, by Fuller, Schettler and Giddings: diffusion volumes 148.26 and 18.5."""
+    t = np.asarray(temperature_K, dtype=float)
+    mass = 2 / (1e-3 / HEPTANE_MOLAR_MASS_kg_mol + 1e-3 / NITROGEN.molar_mass_kg_mol)  # g/mol
+    volumes = (148.26 ** (1 / 3) + 18.5 ** (1 / 3)) ** 2
+    return np.asarray(1e-4 * 0.00143 * t**1.75 / (pressure_Pa * 1e-5 * np.sqrt(mass) * volumes))

@@ -12,7 +12,12 @@ from cldit.errors import SprayError
 from cldit.scene import load_scene
 from cldit.scene.schema import Ambient, ConeSpray, Monodisperse, NukiyamaTanasawa, Plume
 from cldit.spray.cone import make_cone
-from cldit.spray.fuel import heptane_density_kg_m3
+from cldit.spray.fuel import (
+    NITROGEN,
+    heptane_density_kg_m3,
+    heptane_liquid_enthalpy_J_kg,
+    heptane_vapour_enthalpy_J_kg,
+)
 from cldit.spray.jet import CENTRE, MEAN_SQUARE, Jet, profile
 from cldit.spray.result import Spray
 
@@ -107,10 +112,11 @@ def test_vapour_penetration(
     [(0.15e6, 573.0, 34.0), (0.6e6, 500.0, 27.0), (0.6e6, 573.0, 22.0), (0.9e6, 620.0, 18.0)],
 )
 def test_liquid_length_against_siebers(pressure_Pa: float, gas_K: float, length_mm: float) -> None:
-    """Siebers' formula was fitted with 15 % scatter; on the axis the model is 5 % below it, and a
-    cell off the axis some 5 % more."""
+    """Droplets so fine that mixing alone limits them. Siebers' formula was fitted with 15 %
+    scatter; on the axis the model is 5 % below it, and a cell off the axis some 5 % more."""
     ambient = Ambient(pressure_Pa=pressure_Pa, temperature_K=gas_K)
-    spray = make_cone(_spec(ambient=ambient, time_s=1.5e-3))
+    fine = Monodisperse(diameter_um=0.6)
+    spray = make_cone(_spec(ambient=ambient, time_s=1.5e-3, droplets=fine))
     assert spray.parcels is not None
     farthest = float(np.max(-spray.parcels.position_m[:, 2])) * 1e3
     assert farthest == pytest.approx(length_mm, rel=0.15)
@@ -128,13 +134,85 @@ def test_masses_are_exact_and_notes_tell_them() -> None:
     assert notes["liquid_mass_kg"] == pytest.approx(spray.parcels.mass_kg, rel=1e-12)
     assert notes["vapour_mass_kg"] == pytest.approx(spray.vapour.mass_kg, rel=1e-12)
     assert 1e5 < notes["parcels"] == len(spray.parcels.diameter_m) < 5e5
-    # Vapour is coldest where liquid is left, at the adiabatic saturation temperature, and the
-    # liquid is no colder. The table is interpolated: 0.02 K.
-    assert notes["coldest_K"] == pytest.approx(notes["saturation_K"], abs=0.02)
-    assert spray.parcels.temperature_K.min() == pytest.approx(notes["saturation_K"], abs=0.02)
+    # Liquid starts at 370 K and is at most as warm as the wet bulb of the gas; the vapour lies
+    # between liquid and gas. The table is interpolated: 0.05 K.
+    assert notes["wet_bulb_K"] == pytest.approx(386.0, abs=0.5)  # for 573 K, computed elsewhere
+    assert spray.parcels.temperature_K.min() > notes["saturation_K"] - 0.05
+    assert spray.parcels.temperature_K.max() < notes["wet_bulb_K"] + 0.05
+    assert spray.vapour.temperature_K.min() > notes["saturation_K"] - 0.05
     assert spray.vapour.temperature_K.max() < 570.0
-    # Droplets shrink by evaporation: at most the injector's Sauter diameter.
-    assert 5e-6 < notes["sauter_mean_diameter_m"] < 9e-6
+    # Spray G in the same gas: liquid down to 30 mm in the pictures, and this spray, still fed,
+    # is some 25 % longer lived; vapour as far as the jets' momentum carries them.
+    assert 0.025 < notes["liquid_penetration_m"] < 0.045
+
+
+def test_droplets_live_as_long_as_the_d2_law_lets_them() -> None:
+    """Droplets of one size: 9 um are gone after 530 us of travel, 3 um after 59 us, if heat allows
+    (it does not on the axis); 20 um last. A plume's age is its travel time to 20 % (edge)."""
+    jet = _jet(0.6e6, 570.0)
+    life_s = 1.055 * 81e-12 / 0.161e-6
+    spray = make_cone(_spec(droplets=Monodisperse(diameter_um=9.0)))
+    assert spray.parcels is not None
+    depth = -spray.parcels.position_m[:, 2]
+    assert jet.tip_m(life_s) < depth.max() < jet.tip_m(1.25 * life_s) + 1e-3
+    coarse = make_cone(_spec(droplets=Monodisperse(diameter_um=20.0)))
+    assert coarse.parcels is not None
+    assert np.max(-coarse.parcels.position_m[:, 2]) > jet.tip_m(0.95e-3)
+    fine = make_cone(_spec(droplets=Monodisperse(diameter_um=3.0)))
+    assert fine.parcels is not None
+    assert np.max(-fine.parcels.position_m[:, 2]) < 0.024  # 22 mm of mixing, as Siebers has it
+
+
+def test_sauter_diameter_changes_on_the_way() -> None:
+    """Small droplets vanish first, which at first outweighs that the others shrink."""
+    spec = load_scene("gdi").spray
+    assert isinstance(spec, ConeSpray)
+    parcels = make_cone(spec).parcels
+    assert parcels is not None
+    r = np.linalg.norm(parcels.position_m, axis=1)
+    mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
+    sauter = [
+        mass[near].sum() / (mass[near] / parcels.diameter_m[near]).sum()
+        for near in (r < 5e-3, (r > 0.02) & (r < 0.025), (r > 0.04) & (r < 0.045))
+    ]
+    assert 8.8e-6 < sauter[0] < sauter[1] < sauter[2] < 12e-6
+
+
+def test_cells_keep_energy() -> None:
+    """What all cells hold, against what liquid and entrained gas brought. The gas comes from the
+    volume that liquid and vapour leave (ideal). 1.2 % of the heat given: from 30 mm on the plumes,
+    6 mm wide, leave 0.6^2/6^2 of the volume to gas that gave none; 0.2 % by look-up."""
+    spray = make_cone(_spec(spacing_m=0.4e-3, parcels_per_cell=2))
+    assert spray.parcels is not None and spray.vapour is not None
+    cells, vapour = spray.vapour.cells, spray.vapour
+    index = np.round(cells.lower_m / 0.4e-3).astype(int)
+    at = {tuple(cell): row for row, cell in enumerate(index)}
+    inside = np.floor(spray.parcels.position_m / 0.4e-3).astype(int)
+    row = np.array([at.get(tuple(cell), -1) for cell in inside])
+    far = index[:, 2] < -0.03 / 0.4e-3
+    near = (row >= 0) & far[row]
+    p = spray.parcels
+    mass = p.droplets * p.density_kg_m3 * np.pi / 6 * p.diameter_m**3
+    volume = 0.4e-3**3
+    liquid = np.bincount(row[near], weights=mass[near], minlength=len(index))
+    bulk = np.bincount(row[near], weights=(mass / p.density_kg_m3)[near], minlength=len(index))
+    moles = 0.6e6 * (volume - bulk) / (8.314462618 * vapour.temperature_K)
+    fuel = vapour.number_density_m3 * volume / 6.02214076e23
+    gas = np.maximum(moles - fuel, 0.0) * 0.0280134
+    brought = (liquid + fuel * 0.100204) * heptane_liquid_enthalpy_J_kg(370.0)
+    brought += gas * NITROGEN.enthalpy_J_kg(570.0)
+    held = fuel * 0.100204 * heptane_vapour_enthalpy_J_kg(vapour.temperature_K)
+    held += gas * NITROGEN.enthalpy_J_kg(vapour.temperature_K)
+    warm = np.bincount(
+        row[near],
+        weights=(mass * heptane_liquid_enthalpy_J_kg(p.temperature_K))[near],
+        minlength=len(index),
+    )
+    off = (held + warm - brought)[far].sum()
+    heat = (gas * (NITROGEN.enthalpy_J_kg(570.0) - NITROGEN.enthalpy_J_kg(vapour.temperature_K)))[
+        far
+    ].sum()
+    assert abs(off) < 0.012 * heat
 
 
 def test_cold_gas_leaves_droplets_and_cools_them_below_itself() -> None:
@@ -144,11 +222,13 @@ def test_cold_gas_leaves_droplets_and_cools_them_below_itself() -> None:
     spray = make_cone(spec)
     assert spray.parcels is not None
     assert spray.notes["liquid_mass_kg"] > 0.3 * spray.notes["injected_mass_kg"]
-    assert spray.notes["liquid_penetration_m"] > 0.85 * spray.notes["vapour_penetration_m"]
+    # Straight down against along the plumes, that go down to 40 degrees to the side.
+    assert spray.notes["liquid_penetration_m"] > 0.75 * spray.notes["vapour_penetration_m"]
     far = np.linalg.norm(spray.parcels.position_m, axis=1) > 0.02
     assert np.mean(spray.parcels.temperature_K[far] < 300.0) > 0.6
     assert spray.parcels.temperature_K[far].max() < 320.0
-    assert spray.parcels.temperature_K.min() == pytest.approx(286.5, abs=0.5)
+    # The wet bulb, computed elsewhere: 2 K above saturation, as vapour spreads slower than heat.
+    assert spray.parcels.temperature_K.min() == pytest.approx(288.7, abs=0.5)
 
 
 def test_without_evaporation_the_sizes_stay() -> None:
@@ -164,8 +244,8 @@ def test_monodisperse_droplets_shrink_with_their_cell() -> None:
     spray = make_cone(_spec(droplets=Monodisperse(diameter_um=9.0)))
     assert spray.parcels is not None
     d = spray.parcels.diameter_m
-    # Where it cools at first without evaporating the liquid only becomes denser.
-    assert 1e-7 <= d.min() < 5e-6 and 8.9e-6 < d.max() < 9.0e-6 * 1.001
+    # Until it is as warm as the wet bulb the liquid only expands: 616 to 600 kg/m3, 0.9 %.
+    assert 1e-7 <= d.min() < 5e-6 and 9.0e-6 < d.max() < 9.0e-6 * 1.01
 
 
 def test_fine_droplets_count_as_vapour() -> None:

@@ -172,7 +172,7 @@ def test_name_and_spray_are_needed() -> None:
 def test_unknown_scene_names_what_there_is() -> None:
     with pytest.raises(SceneError, match=r"gdi-colt: no such scene; did you mean gdi-cold\?"):
         load_scene("gdi-colt")
-    with pytest.raises(SceneError, match=r"no such scene.*Shipped are droplets-only, empty, gdi"):
+    with pytest.raises(SceneError, match=r"no such scene.*shipped are droplets-only, empty, gdi"):
         load_scene("qqqqqq")
 
 

@@ -149,7 +149,7 @@ def abramzon_sirignano(drop: Drop) -> Rates:
         nusselt = 2 + still / _thickening(bare / (2 + still))
         for _ in range(40):
             before, nusselt = nusselt, 2 + still / _thickening(bare / nusselt)
-            if np.all(np.abs(nusselt - before) <= 1e-12 * nusselt):
+            if np.all(np.abs(nusselt - before) <= 1e-9 * nusselt):
                 break
     return _with_heat(drop, state, mass, nusselt)
 
@@ -200,17 +200,20 @@ def frolov_type(drop: Drop) -> Rates:
     high = np.full_like(low, drop.fuel.liquid.high_K)
     before, (value_before, rates) = drop.temperature_K, residual(drop.temperature_K)
     at = np.clip(before - 0.5 * value_before, low, high)
+    done = np.zeros(at.shape, dtype=bool)
     for _ in range(60):
         value, rates = residual(at)
-        if np.all((np.abs(value) <= 1e-9) | (high - low <= 1e-10 * at)):
-            break
         low, high = np.where(value < 0, at, low), np.where(value < 0, high, at)
         change = value - value_before
         slope = np.where(change == 0, 1.0, change) / np.where(at == before, 1.0, at - before)
-        target = at - value / np.where(slope > 1e-3, slope, 1.0)
+        move = value / np.where(slope > 1e-3, slope, 1.0)
+        done |= (np.abs(move) <= 1e-9) | (high - low <= 1e-9)
+        if np.all(done):
+            break
+        target = at - move
         inside = (target > low) & (target < high)
         before, value_before = at, value
-        at = np.where(inside, target, 0.5 * (low + high))
+        at = np.where(done, at, np.where(inside, target, 0.5 * (low + high)))
     return rates
 
 

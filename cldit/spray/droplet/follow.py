@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,13 +36,17 @@ class Life:
     def vanished(self) -> bool:
         return bool(self.mass_kg[-1] == 0)
 
+    def rows(self) -> Iterator[tuple[float, ...]]:
+        """One per time, in the order of `COLUMNS`."""
+        columns = (getattr(self, name).tolist() for name in COLUMNS)
+        return zip(*columns, strict=True)
+
     def csv(self) -> str:
         """With a heading, one row per time."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(COLUMNS)
-        columns = (getattr(self, name) for name in COLUMNS)
-        for row in zip(*columns, strict=True):
+        for row in self.rows():
             writer.writerow(f"{value:.9g}" for value in row)
         return text.getvalue()
 
@@ -141,14 +146,14 @@ def _follow(
     life = after(start, LONGEST_S if end is None else end)[1]
     if end is None and np.isinf(life):
         raise SprayError(
-            f"a droplet of {fuel.name} does not vanish in gas of {around.temperature_K[0]:g} K with "
-            f"{around.vapour[0]:g} vapour within {LONGEST_S:g} s; give a duration"
+            f"a droplet of {fuel.name} does not vanish in gas of {around.temperature_K[0]:g} K "
+            f"with {around.vapour[0]:g} vapour within {LONGEST_S:g} s; give a duration"
         )
     end = min(life, np.inf if end is None else end)
     times = np.linspace(0.0, end, points)
     states = [start]
-    for before, now in zip(times[:-1], times[1:], strict=True):
-        states.append(after(states[-1], float(now - before))[0])
+    for step in np.diff(times):
+        states.append(after(states[-1], float(step))[0])
     mass = np.array([state.mass_kg[0] for state in states])
     if life <= end:
         mass[-1] = 0.0  # by definition of the last time; the pieces end within the tolerance of it

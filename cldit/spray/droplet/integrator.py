@@ -23,6 +23,7 @@ _PROBE_K = 0.01
 _TEMPERATURE_SCALE_K = 100.0  # an error of 1 % of this counts as much as one of 1 % in s
 _NOTHING = 1e-6  # of s: 1e-9 of the mass
 _MOST_ROUNDS = 20000
+_CD = 0.44 / 24  # times Re: factor on Stokes' drag beyond Re = 1000
 
 
 @dataclass(frozen=True)
@@ -265,10 +266,13 @@ class _Drag:
         within = np.where(np.isinf(theta), 0.0, theta)
         relaxations = within * 18 * viscosity_Pa_s / (self._density * self._diameter**2)
         reynolds = self._flow / viscosity_Pa_s * 0.5 * (1 + np.sqrt(s))
-        weight = 0.15 * reynolds**0.687
-        slow = (1 + weight) * np.exp(np.minimum(0.687 * relaxations, 600.0)) - weight
-        fast = 1 + 0.44 / 24 * reynolds * relaxations
-        ratio = np.where(reynolds < 1000, slow ** (-1 / 0.687), 1 / fast)
+        # First with constant Cd until Re is 1000, if it is above; then as Schiller and Naumann.
+        high = np.maximum(reynolds, 1e3)
+        fast = np.minimum(relaxations, (high / 1e3 - 1) / (_CD * high))
+        factor = 1 / (1 + _CD * reynolds * fast)
+        weight = 0.15 * np.minimum(reynolds, 1e3) ** 0.687
+        growth = np.exp(np.minimum(0.687 * (relaxations - fast), 600.0))
+        ratio = factor * ((1 + weight) * growth - weight) ** (-1 / 0.687)
         return np.where(np.isinf(theta), 0.0, ratio)
 
 

@@ -60,6 +60,7 @@ def microgravity_K_mm2_s(
         gas_temperature_K=gas_temperature_K,
         pressure_Pa=pressure_Pa,
         model=model,
+        points=41,
         cache=cache,
     )
     return steady_K_mm2_s(life)
@@ -82,6 +83,7 @@ def suspended_mm2(case: Suspended, model: str, *, cache: Path) -> Floats:
         velocity_m_s=case.velocity_m_s,
         model=model,
         held=True,
+        points=41,
         cache=cache,
     )
     return np.asarray(np.interp(case.time_s, life.time_s, life.diameter_m**2 * 1e6, right=0.0))
@@ -95,9 +97,10 @@ def page(cache: Path) -> str:
             *_TOP,
             "## Evaporation constant K at rest, mm²/s",
             "",
-            "Slope of d² between 80 % and 25 % of its first value. The two experiments disagree by",
-            "more than a factor of two: fibre, radiation and residual buoyancy speed up Nomura's",
-            "0.7 mm droplets, Verwey and Birouk extrapolate 14 µm droplets to no fibre.",
+            "Slope of d² between 80 % and 25 % of its first value. The experiments disagree by a",
+            "factor of two: Nomura's droplets (0.7 mm) also received heat through their fibre and",
+            "by radiation; Verwey and Birouk extrapolate droplets of 14 µm to a fibre of no",
+            "thickness. Film theory (the first two columns) lies between them.",
             "",
             *_table(["gas, K", "measured", *names], _K_rows(cache)),
             "",
@@ -124,7 +127,7 @@ _TOP = (
     "model is fitted to any of these figures.",
     "",
     "Sources: Nomura et al., Symp. (Int.) Combust. 26, 1267 (1996), as digitised for PeleLMeX;",
-    "Verwey and Birouk (2023), their fit K = 3.6552e-4 T - 0.1078; the validation cases",
+    "Verwey and Birouk (2023), by their fit K = 3.6552e-4 T - 0.1078; the validation cases",
     "kolaitis_heptane_1 and _2 of the Fire Dynamics Simulator.",
     "",
 )
@@ -165,9 +168,8 @@ def _K_rows(cache: Path) -> list[list[str]]:
             for name in MODELS
         ]
         measured = published.verwey_birouk_mm2_s(gas_K)
-        rows.append(
-            [f"{gas_K:.0f}, 14 µm (Verwey)", f"{measured:.3f}", *(f"{value:.3f}" for value in found)]
-        )
+        cells = [f"{value:.3f}" for value in (measured, *found)]
+        rows.append([f"{gas_K:.0f}, 14 µm (Verwey)", *cells])
     return rows
 
 
