@@ -189,7 +189,7 @@ def simulate(
 
 def _medium(scene: Scene, stages: _Stages, cache: Path) -> tuple[Octree, dict[str, float]]:
     with stages.stage("spray") as note:
-        spray = make_spray(scene.spray)
+        spray = make_spray(scene.spray, cache=cache)
         note.append(scene.spray.model)
         stages.remark(spray.remarks)
     with stages.stage("optics"):

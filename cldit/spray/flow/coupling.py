@@ -12,7 +12,7 @@ from cldit.spray.droplet.fluids import Fuel, Gas
 from cldit.spray.droplet.integrator import Droplets, Surroundings, advance
 from cldit.spray.flow.exchange import FACES, gather, scatter
 from cldit.spray.flow.gas import GasFlow
-from cldit.spray.flow.gasjet import jet_speed_m_s
+from cldit.spray.flow.gasjet import HALF_WIDTH, HANDED_OVER_CELLS, jet_speed_m_s
 from cldit.spray.flow.injector import Injection
 
 Floats = NDArray[np.float64]
@@ -82,7 +82,8 @@ def move(
     """
     box = flow.box
     half = cloud.position_m + 0.5 * step_s * cloud.velocity_m_s
-    around = _seen(cloud, half, flow, liquid, time_s=time_s, step_s=step_s)
+    jet = _jet(cloud, half, flow, liquid.injection, time_s=time_s)
+    around = _seen(cloud, half, flow, liquid, jet, step_s=step_s)
     found = advance(
         Droplets(cloud.mass_kg, cloud.temperature_K, cloud.velocity_m_s),
         around,
@@ -95,10 +96,19 @@ def move(
     mass = cloud.droplets * found.mass_kg
     enthalpy = cloud.droplets * found.enthalpy_J - mass * flow.mixture.zero_J_kg
     momentum = cloud.droplets[:, None] * found.momentum_kg_m_s
+    # What the jet carries goes where the grid sees it.
+    carried = momentum * jet.weight[:, None]
+    own = momentum - carried
+    ahead = half + jet.ahead_m[:, None] * jet.axis
     given = Given(
         mass=scatter(box, half, mass),
         enthalpy=scatter(box, half, enthalpy),
-        momentum=np.stack([scatter(box, half, momentum[:, a], FACES[a]) for a in range(3)]),
+        momentum=np.stack(
+            [
+                scatter(box, half, own[:, a], FACES[a]) + scatter(box, ahead, carried[:, a], FACES[a])
+                for a in range(3)
+            ]
+        ),
     )
     wander = np.sqrt(2 * gather(box, half, flow.eddy) * step_s)
     position = cloud.position_m + found.path_m
@@ -114,7 +124,7 @@ def move(
 
 
 def _seen(
-    cloud: Cloud, at: Floats, flow: GasFlow, liquid: Liquid, *, time_s: float, step_s: float
+    cloud: Cloud, at: Floats, flow: GasFlow, liquid: Liquid, jet: _Jet, *, step_s: float
 ) -> Surroundings:
     """Gas around each parcel at the end of the step, were all rates linear (point-implicit).
 
@@ -127,7 +137,7 @@ def _seen(
     hot = gather(box, at, flow.temperature_K)
     share = np.clip(gather(box, at, flow.fuel) / density, 0.0, 1.0)
     pressure = np.full(count, flow.pressure_Pa)
-    felt = _with_jet(cloud, at, speed, flow, liquid.injection, time_s=time_s)
+    felt = jet.faster(speed)
     drop = Drop(
         fuel=liquid.fuel,
         gas=liquid.carrier,
@@ -156,32 +166,39 @@ def _seen(
         means = [gather(box, at, scatter(box, at, weight * each)) / safe for each in values]
         return whole / density, means
 
-    k, mean = sums(drag, *cloud.velocity_m_s.T)
+    k, mean = sums(drag * (1 - jet.weight), *cloud.velocity_m_s.T)
     speed = (speed + k[:, None] * np.stack(mean, axis=1)) / (1 + k[:, None])
     k, (mean_K,) = sums(heat, cloud.temperature_K)
     hot = (hot + k * mean_K) / (1 + k)
     k, (mean_share,) = sums(mass, surface)
     share = (share + k * mean_share) / (1 + k)
-    felt = _with_jet(cloud, at, speed, flow, liquid.injection, time_s=time_s)
+    felt = jet.faster(speed)
     return Surroundings(hot, pressure, share, felt)
 
 
-def _with_jet(
-    cloud: Cloud,
-    at: Floats,
-    speed: Floats,
-    flow: GasFlow,
-    injection: Injection,
-    *,
-    time_s: float,
-) -> Floats:
-    """Velocity of the gas (N, 3), near the holes that of a jet if that is faster."""
+@dataclass(frozen=True)
+class _Jet:
+    """The gas jet that parcels are in: its axis (N, 3), speed at each and how much of it counts,
+    (N,), and the way to where it hands its momentum over."""
+
+    axis: Floats
+    speed_m_s: Floats
+    weight: Floats
+    ahead_m: Floats
+
+    def faster(self, velocity_m_s: Floats) -> Floats:
+        """Velocity of the gas (N, 3): the jet's along its axis, if that is faster."""
+        along = np.einsum("ij,ij->i", velocity_m_s, self.axis)
+        lacking = self.weight * np.maximum(self.speed_m_s - along, 0.0)
+        return np.asarray(velocity_m_s + lacking[:, None] * self.axis)
+
+
+def _jet(cloud: Cloud, at: Floats, flow: GasFlow, injection: Injection, *, time_s: float) -> _Jet:
     axis = np.array([hole.axis for hole in injection.holes])[cloud.hole]
     along = np.einsum("ij,ij->i", at, axis)
-    radius = np.linalg.norm(at - along[:, None] * axis, axis=1)
-    fast, weight = jet_speed_m_s(
+    speed, weight = jet_speed_m_s(
         along,
-        radius,
+        np.linalg.norm(at - along[:, None] * axis, axis=1),
         speed_m_s=np.full(len(along), injection.speed_m_s),
         diameter_m=np.array([hole.diameter_m for hole in injection.holes])[cloud.hole],
         density_ratio=injection.density_kg_m3 / flow.far_density_kg_m3,
@@ -189,7 +206,5 @@ def _with_jet(
         end_s=injection.end_s - injection.start_s,
         spacing_m=flow.box.spacing_m,
     )
-    lacking = np.maximum(fast - np.einsum("ij,ij->i", speed, axis), 0.0)
-    return np.asarray(speed + (weight * lacking)[:, None] * axis)
-
-
+    over = HANDED_OVER_CELLS * flow.box.spacing_m / HALF_WIDTH
+    return _Jet(axis, speed, weight, np.maximum(over - along, 0.0))

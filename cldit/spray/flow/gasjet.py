@@ -3,7 +3,12 @@
 A steady gas jet of the same momentum (J. Abraham, SAE 970051; N. Abani and R. D. Reitz, Phys.
 Fluids 19, 125102 (2007)): with d_eq = d sqrt(rho_l/rho_g) and K = 0.457, on the axis the gas moves
 with U min(1, 3 d_eq/(K x)), off the axis with that over (1 + 12 r^2/(K x)^2)^2. Droplets feel this
-instead of the grid's slower gas; the momentum they lose goes to the grid all the same.
+instead of the grid's slower gas.
+
+Where the jet is narrower than a cell, so that neighbouring plumes share cells, the grid would turn
+their momenta into one jet along the injector's axis. There the jet that the grid does not see
+carries the momentum that droplets lose, along its own axis, and hands it over where it is as wide
+as a cell.
 """
 
 from __future__ import annotations
@@ -15,6 +20,7 @@ Floats = NDArray[np.float64]
 
 ENTRAINMENT = 0.457  # K
 HALF_WIDTH = 0.085  # of the distance: where the profile has fallen to one half
+HANDED_OVER_CELLS = 0.5  # half width, in cells, at which the grid gets the momentum
 RESOLVED_CELLS = 1.5  # a jet whose half width is as many cells is left to the grid
 
 
