@@ -78,12 +78,14 @@ def move(
 
     The droplets' surroundings are an estimate of the gas at the end of the step (`_seen`): where
     there is much liquid, the gas changes faster than steps of the flow are long. What the gas gets
-    is the difference between the liquid before and after, so nothing is lost.
+    is the difference between the liquid before and after, so nothing is lost. Exchange is with the
+    gas where the parcel is, or where the jet that it is in hands over to the grid.
     """
     box = flow.box
     half = cloud.position_m + 0.5 * step_s * cloud.velocity_m_s
     jet = _jet(cloud, half, flow, liquid.injection, time_s=time_s)
-    around = _seen(cloud, half, flow, liquid, jet, step_s=step_s)
+    there = half + (jet.weight * jet.ahead_m)[:, None] * jet.axis
+    around = _seen(cloud, there, flow, liquid, jet, step_s=step_s)
     found = advance(
         Droplets(cloud.mass_kg, cloud.temperature_K, cloud.velocity_m_s),
         around,
@@ -96,19 +98,10 @@ def move(
     mass = cloud.droplets * found.mass_kg
     enthalpy = cloud.droplets * found.enthalpy_J - mass * flow.mixture.zero_J_kg
     momentum = cloud.droplets[:, None] * found.momentum_kg_m_s
-    # What the jet carries goes where the grid sees it.
-    carried = momentum * jet.weight[:, None]
-    own = momentum - carried
-    ahead = half + jet.ahead_m[:, None] * jet.axis
     given = Given(
-        mass=scatter(box, half, mass),
-        enthalpy=scatter(box, half, enthalpy),
-        momentum=np.stack(
-            [
-                scatter(box, half, own[:, a], FACES[a]) + scatter(box, ahead, carried[:, a], FACES[a])
-                for a in range(3)
-            ]
-        ),
+        mass=scatter(box, there, mass),
+        enthalpy=scatter(box, there, enthalpy),
+        momentum=np.stack([scatter(box, there, momentum[:, a], FACES[a]) for a in range(3)]),
     )
     wander = np.sqrt(2 * gather(box, half, flow.eddy) * step_s)
     position = cloud.position_m + found.path_m
@@ -166,7 +159,7 @@ def _seen(
         means = [gather(box, at, scatter(box, at, weight * each)) / safe for each in values]
         return whole / density, means
 
-    k, mean = sums(drag * (1 - jet.weight), *cloud.velocity_m_s.T)
+    k, mean = sums(drag, *cloud.velocity_m_s.T)
     speed = (speed + k[:, None] * np.stack(mean, axis=1)) / (1 + k[:, None])
     k, (mean_K,) = sums(heat, cloud.temperature_K)
     hot = (hot + k * mean_K) / (1 + k)
@@ -179,7 +172,7 @@ def _seen(
 @dataclass(frozen=True)
 class _Jet:
     """The gas jet that parcels are in: its axis (N, 3), speed at each and how much of it counts,
-    (N,), and the way to where it hands its momentum over."""
+    (N,), and the way to where it hands over to the grid."""
 
     axis: Floats
     speed_m_s: Floats

@@ -7,8 +7,8 @@ instead of the grid's slower gas.
 
 Where the jet is narrower than a cell, so that neighbouring plumes share cells, the grid would turn
 their momenta into one jet along the injector's axis. There the jet that the grid does not see
-carries the momentum that droplets lose, along its own axis, and hands it over where it is as wide
-as a cell.
+carries along its own axis what droplets give it, momentum, vapour and heat, and hands that over
+where it is as wide as a cell; and the gas there is what the droplets see.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 ENTRAINMENT = 0.457  # K
 HALF_WIDTH = 0.085  # of the distance: where the profile has fallen to one half
-HANDED_OVER_CELLS = 0.5  # half width, in cells, at which the grid gets the momentum
+HANDED_OVER_CELLS = 0.5  # half width, in cells, at which the grid takes over
 RESOLVED_CELLS = 1.5  # a jet whose half width is as many cells is left to the grid
 
 
