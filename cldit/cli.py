@@ -26,15 +26,14 @@ from cldit.report.run_report import show_folder
 from cldit.report.spray_report import write_spray
 from cldit.rig.load import open_rig
 from cldit.run import Run, default_cache, simulate
-from cldit.run import Run, default_cache, simulate
 from cldit.scene import Scene, load_scene, parse_scene, shipped_scenes
 from cldit.scene.schema import LagrangianSpray
-from cldit.spray.flow.simulate import History, simulate_spray
-from cldit.spray.source import make_spray
 from cldit.spray.droplet.convergence import measure_all
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow
 from cldit.spray.droplet.verification import page
+from cldit.spray.flow.simulate import History, simulate_spray
+from cldit.spray.source import make_spray
 
 P = ParamSpec("P")
 _OUT = Console(highlight=False, soft_wrap=True)

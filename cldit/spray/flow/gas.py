@@ -99,9 +99,8 @@ class GasFlow:
         self.fuel = self.fuel + mass
         self.enthalpy = self.enthalpy + enthalpy
         changed = np.flatnonzero(enthalpy)
-        amiss = self._amiss.reshape(-1)
-        amiss[changed] = self._pressures(changed) / self.pressure_Pa - 1
         amiss = self._amiss
+        amiss.reshape(-1)[changed] = self._pressures(changed) / self.pressure_Pa - 1
 
         kernels.velocities(self.flux, self.density, self.velocity)
         self._bounds()

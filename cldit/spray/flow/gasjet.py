@@ -37,9 +37,9 @@ def jet_speed_m_s(
 ) -> tuple[Floats, Floats]:
     """Speed of the gas along the axis (N,), and how much of it counts, 0..1 (N,).
 
-    It counts from when the jet's fluid could have come (at the axis speed) to when its head has
-    passed (half as fast), more and more; ends when the last fluid has passed; and fades out
-    in the last third before the distance at which the grid resolves the jet.
+    It counts once the jet's head has passed, which takes twice as long as fluid on the axis of the
+    steady jet (gradually, from 1.5 to 2.5 times); ends when the last fluid has passed; and fades
+    out in the last third before the distance at which the grid resolves the jet.
 
     Args:
         along_m, radius_m: from the hole, and from the axis. speed_m_s, diameter_m: at the hole.
@@ -51,7 +51,7 @@ def jet_speed_m_s(
     speed = axis / (1 + 12 * (radius_m / (ENTRAINMENT * x)) ** 2) ** 2
     beyond = np.maximum(x - core, 0.0)
     travel = np.minimum(x, core) / speed_m_s + beyond * (1 + beyond / (2 * core)) / speed_m_s
-    weight = np.clip(time_s / travel - 1, 0.0, 1.0) * (time_s - end_s < travel)
+    weight = np.clip(time_s / travel - 1.5, 0.0, 1.0) * (time_s - end_s < travel)
     reach = RESOLVED_CELLS * spacing_m / HALF_WIDTH
     weight = weight * np.clip(3 * (1 - along_m / reach), 0.0, 1.0) * (along_m > 0)
     return speed, weight

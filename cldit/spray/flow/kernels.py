@@ -225,9 +225,14 @@ def shear(
         for j in range(low[1], high[1]):
             for k in range(low[2], high[2]):
                 result[i, j, k] = 0.0
-                if max(
-                    abs(velocity[0, i, j, k]), abs(velocity[1, i, j, k]), abs(velocity[2, i, j, k])
-                ) < STILL_M_S:
+                if (
+                    max(
+                        abs(velocity[0, i, j, k]),
+                        abs(velocity[1, i, j, k]),
+                        abs(velocity[2, i, j, k]),
+                    )
+                    < STILL_M_S
+                ):
                     continue
                 for axis in range(3):
                     place = i if axis == 0 else (j if axis == 1 else k)

@@ -15,7 +15,7 @@ from cldit.spray.flow.compiled import compiled
 Floats = NDArray[np.float64]
 
 _LOW_K, _HIGH_K = 150.0, 1200.0
-_DEGREE = 7  # of the enthalpies: within 20 J/kg of the tables from 200 to 1200 K
+_DEGREE = 7  # of the enthalpies: within 75 J/kg of the tables from 200 to 1200 K
 _SCALE_K = 1000.0
 
 
@@ -55,13 +55,14 @@ class GasMixture:
 
 def gas_mixture(fuel: Fuel, carrier: Gas, *, reference_K: float) -> GasMixture:
     """Fitted to the tables of both."""
-    t = np.linspace(_LOW_K, min(_HIGH_K, fuel.vapour.high_K, carrier.vapour.high_K), 400)
+    low = max(_LOW_K, fuel.vapour.low_K, carrier.vapour.low_K)
+    t = np.linspace(low, min(_HIGH_K, fuel.vapour.high_K, carrier.vapour.high_K), 400)
     x = (t - reference_K) / _SCALE_K
     powers = np.stack([x ** (n + 1) for n in range(_DEGREE)], axis=1)
     fits = []
     for gas in (carrier, fuel):
         rise = gas.vapour.one("enthalpy", t) - gas.vapour.one("enthalpy", reference_K)
-        fits.append(np.linalg.lstsq(powers, rise, rcond=None)[0])
+        fits.append(np.asarray(np.linalg.lstsq(powers, rise, rcond=None)[0], dtype=np.float64))
     return GasMixture(
         reference_K=reference_K,
         carrier=fits[0],

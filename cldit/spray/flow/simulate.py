@@ -27,7 +27,9 @@ LONGEST_STEP_S = 2e-5
 MOST_CELLS = 2e7
 LIQUID_SHARE = 0.97  # of the liquid's mass lies within the liquid penetration
 VAPOUR_SHARE = 1e-3  # mass fraction at the edge of the vapour
-NEGLIGIBLE = 1e-6  # cells with less vapour than this, as a mass fraction, are left out of the result
+NEGLIGIBLE = (
+    1e-6  # cells with less vapour than this, as a mass fraction, are left out of the result
+)
 _AVOGADRO = 6.02214076e23
 _RECORDS = 200
 
@@ -93,9 +95,7 @@ def simulate_spray(
         until = int(np.searchsorted(injection.time_s, time + step, side="left"))
         if len(cloud.mass_kg):
             cloud, given = move(cloud, flow, liquid, time_s=time, step_s=step, random=random)
-            flow.step(
-                step, mass=given.mass, enthalpy=given.enthalpy, momentum=given.momentum
-            )
+            flow.step(step, mass=given.mass, enthalpy=given.enthalpy, momentum=given.momentum)
             inside = np.all(cloud.position_m > flow.box.origin_m, axis=1)
             inside &= np.all(cloud.position_m < flow.box.upper_m, axis=1)
             wall_kg += float(cloud.liquid_kg[~inside].sum())
@@ -125,7 +125,7 @@ def simulate_spray(
         "steps": float(steps),
         "grid_cells": float(np.prod(flow.box.shape)),
     }
-    remarks = ()
+    remarks: tuple[str, ...] = ()
     if wall_kg > 1e-3 * injected:
         remarks = (
             f"{100 * wall_kg / injected:.2g} % of the fuel left the box of gas as liquid; "
@@ -153,6 +153,8 @@ def make_box(spec: LagrangianSpray, injection: Injection) -> Box:
     gas = spec.ambient.pressure_Pa * 0.028 / (8.314 * spec.ambient.temperature_K)
     below, beside = 5e-3, 5e-3
     for plume, hole in zip(spec.plumes, injection.holes, strict=True):
+        if not hole.diameter_m > 0:
+            continue
         half = np.radians(plume.cone_angle_deg / 2)
         area = np.pi / 4 * hole.diameter_m**2
         jet = Jet(
@@ -264,9 +266,7 @@ def _vapour(flow: GasFlow, fuel: Fuel) -> Vapour | None:
     box = flow.box
     spacing = np.full(3, box.spacing_m)
     return Vapour(
-        cells=Cells.regular(
-            origin_m=box.origin_m, spacing_m=spacing, shape=box.shape, index=index
-        ),
+        cells=Cells.regular(origin_m=box.origin_m, spacing_m=spacing, shape=box.shape, index=index),
         number_density_m3=flow.fuel.reshape(-1)[index] * (_AVOGADRO / fuel.molar_mass_kg_mol),
         temperature_K=flow.temperature_K.reshape(-1)[index],
         molar_mass_kg_mol=fuel.molar_mass_kg_mol,
