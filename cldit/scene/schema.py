@@ -172,7 +172,7 @@ class InjectionRate(Section):
         return table
 
 
-class FlowGrid(Section):
+class FlowBox(Section):
     """Box of gas that is computed; closed, the injector hangs in it from above."""
 
     spacing_m: Annotated[float, Within(1e-4, 1e-2)] = 1e-3
@@ -200,7 +200,7 @@ class LagrangianSpray(Section):
     evaporation: Literal[
         "abramzon-sirignano", "spalding", "dukowicz", "dukowicz-log", "frolov-type", "none"
     ] = "abramzon-sirignano"
-    grid: FlowGrid = FlowGrid()
+    box: FlowBox = FlowBox()
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
     plumes: Plumes = EIGHT_PLUMES
 

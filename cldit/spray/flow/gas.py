@@ -178,7 +178,7 @@ class GasFlow:
         if not np.all(density > 0):
             raise SprayError(
                 "the gas flow of the spray broke down: a cell lost all of its gas; a finer "
-                "spray.grid.spacing_m may help"
+                "spray.box.spacing_m may help"
             )
         heat, warm = self.enthalpy.reshape(-1)[every], self.temperature_K.reshape(-1)
         found = self.mixture.temperature_K(fuel / density, heat / density, warm[every])
@@ -186,7 +186,7 @@ class GasFlow:
         if not 100 < low <= high < 1500:
             raise SprayError(
                 f"the gas flow of the spray broke down: temperatures from {low:g} to {high:g} K; "
-                "a finer spray.grid.spacing_m may help"
+                "a finer spray.box.spacing_m may help"
             )
         warm[every] = found
         pressure = self.mixture.pressure_Pa(density, fuel, found)

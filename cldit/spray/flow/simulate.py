@@ -129,7 +129,7 @@ def simulate_spray(
     if wall_kg > 1e-3 * injected:
         remarks = (
             f"{100 * wall_kg / injected:.2g} % of the fuel left the box of gas as liquid; "
-            "spray.grid.width_m and depth_m make it larger",
+            "spray.box.width_m and depth_m make it larger",
         )
     notes = {name: value for name, value in notes.items() if np.isfinite(value)}
     spray = Spray(
@@ -149,7 +149,7 @@ def make_box(spec: LagrangianSpray, injection: Injection) -> Box:
     Raises:
         SprayError: too many cells.
     """
-    h = spec.grid.spacing_m
+    h = spec.box.spacing_m
     gas = spec.ambient.pressure_Pa * 0.028 / (8.314 * spec.ambient.temperature_K)
     below, beside = 5e-3, 5e-3
     for plume, hole in zip(spec.plumes, injection.holes, strict=True):
@@ -168,17 +168,17 @@ def make_box(spec: LagrangianSpray, injection: Injection) -> Box:
         lean = np.radians(plume.inclination_deg)
         below = max(below, reach * float(np.cos(max(lean - half / 2, 0.0))))
         beside = max(beside, reach * float(np.sin(min(lean + half / 2, np.pi / 2))))
-    width = spec.grid.width_m or 2 * beside
-    depth = spec.grid.depth_m or below
-    cells = np.array([width, width, depth + spec.grid.above_m]) / h
+    width = spec.box.width_m or 2 * beside
+    depth = spec.box.depth_m or below
+    cells = np.array([width, width, depth + spec.box.above_m]) / h
     if np.prod(cells) > MOST_CELLS:
         least = h * float(np.prod(cells) / MOST_CELLS) ** (1 / 3)
         raise SprayError(
-            f"spray.grid.spacing_m: {h:g} makes {np.prod(cells):.3g} cells of a box of "
-            f"{width:.3g} x {width:.3g} x {depth + spec.grid.above_m:.3g} m; at least {least:.2g}"
+            f"spray.box.spacing_m: {h:g} makes {np.prod(cells):.3g} cells of a box of "
+            f"{width:.3g} x {width:.3g} x {depth + spec.box.above_m:.3g} m; at least {least:.2g}"
         )
     across, high = (int(next_fast_len(max(8, int(np.ceil(n))), real=True)) for n in cells[1:])
-    above = round(spec.grid.above_m / h)
+    above = round(spec.box.above_m / h)
     origin = np.array([-0.5 * across * h, -0.5 * across * h, (above - high) * h])
     return Box(origin, h, (across, across, high))
 

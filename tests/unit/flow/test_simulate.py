@@ -10,7 +10,7 @@ import pytest
 
 from cldit.errors import SprayError
 from cldit.report.spray_report import extent, liquid_mass, vapour_mass, write_spray
-from cldit.scene.schema import Ambient, FlowGrid, LagrangianSpray
+from cldit.scene.schema import Ambient, FlowBox, LagrangianSpray
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.simulate import History, simulate_spray
 from cldit.spray.result import Spray
@@ -22,7 +22,7 @@ COARSE = LagrangianSpray(
     injection_duration_s=0.5e-3,
     injected_mass_kg=5e-6,
     droplets_per_parcel=3e4,
-    grid=FlowGrid(spacing_m=2e-3),
+    box=FlowBox(spacing_m=2e-3),
 )
 
 
@@ -121,9 +121,9 @@ def test_without_evaporation_there_is_no_vapour() -> None:
 
 
 def test_a_grid_that_is_too_fine_is_refused() -> None:
-    fine = FlowGrid(spacing_m=1e-4, width_m=0.2, depth_m=0.2)
-    with pytest.raises(SprayError, match=r"grid.spacing_m.*at least"):
-        simulate_spray(COARSE.model_copy(update={"grid": fine}))
+    fine = FlowBox(spacing_m=1e-4, width_m=0.2, depth_m=0.2)
+    with pytest.raises(SprayError, match=r"box.spacing_m.*at least"):
+        simulate_spray(COARSE.model_copy(update={"box": fine}))
 
 
 def test_conditions_beyond_the_tables_are_refused() -> None:
@@ -135,10 +135,8 @@ def test_conditions_beyond_the_tables_are_refused() -> None:
 @pytest.mark.slow
 def test_grid_and_parcels_hardly_matter() -> None:
     """Half the spacing: 10 %; twice the parcels: 5 % of the penetration."""
-    base = LagrangianSpray(
-        time_s=0.5e-3, injection_duration_s=0.78e-3, grid=FlowGrid(spacing_m=2e-3)
-    )
-    finer = base.model_copy(update={"grid": FlowGrid(spacing_m=1e-3)})
+    base = LagrangianSpray(time_s=0.5e-3, injection_duration_s=0.78e-3, box=FlowBox(spacing_m=2e-3))
+    finer = base.model_copy(update={"box": FlowBox(spacing_m=1e-3)})
     richer = base.model_copy(update={"droplets_per_parcel": 5e3})
     reach = [
         simulate_spray(spec)[0].notes["vapour_penetration_m"] for spec in (base, finer, richer)
