@@ -22,6 +22,8 @@ from cldit.errors import ClditError, RunFolderError
 from cldit.experiment import evaluate_folder, run_experiment
 from cldit.gpu.device import choose, list_devices, open_device
 from cldit.report.droplets import convergence_picture, life_picture
+from cldit.report.optics_figures import optics_picture
+from cldit.report.optics_summary import scene_optics
 from cldit.report.run_report import show_folder
 from cldit.report.spray_report import write_spray
 from cldit.rig.load import open_rig
@@ -33,6 +35,7 @@ from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow
 from cldit.spray.droplet.verification import page
 from cldit.spray.flow.simulate import History, simulate_spray
+from cldit.spray.importing import cfd_spray, import_case, list_case
 from cldit.spray.source import make_spray
 
 P = ParamSpec("P")
@@ -73,7 +76,7 @@ def main() -> None:
 @click.option(
     "--cfd",
     type=click.Path(path_type=Path),
-    help="Take the spray from an OpenFOAM case, or from what foamToVTK wrote.",
+    help="Take the spray from a CFD result, or from what `cldit import` wrote.",
 )
 @click.option("--time", "time_s", type=float, help="Time of the CFD result, s; the last one.")
 @click.option("--order", type=int, help="Scattering orders; to a residual if left out.")
@@ -213,6 +216,61 @@ def spray_command(scene: str, out: Path | None) -> None:
         _OUT.print(str(path))
 
 
+@main.command("import")
+@click.argument("case", type=click.Path(path_type=Path))
+@click.option("--list", "listed", is_flag=True, help="Only list times, fields and clouds.")
+@click.option("--out", type=click.Path(path_type=Path), help="cldit's own file, .npz.")
+@click.option("--format", "kind", help="openfoam, vtk, ensight, converge or tables; else told.")
+@click.option("--mapping", type=click.Path(path_type=Path), help="Names and units of fields, YAML.")
+@click.option("--time", "time_s", type=float, help="Time, s; the last one.")
+@click.option("--cloud", help="Cloud of parcels, where there are several.")
+@click.option("--fuel-field", help="Cell field of the fuel's mass fraction; C7H16.")
+@click.option("--fuel-molar-mass", "molar_mass", type=float, help="kg/mol; 0.100204.")
+@click.option("--nozzle", type=(float, float, float), help="In the case's coordinates, m.")
+@click.option("--axis", help="Of the injection: -y, +z, or three numbers as 0,-1,0.")
+@_plain_errors
+def import_command(
+    case: Path,
+    listed: bool,
+    out: Path | None,
+    kind: str | None,
+    mapping: Path | None,
+    time_s: float | None,
+    cloud: str | None,
+    fuel_field: str | None,
+    molar_mass: float | None,
+    nozzle: tuple[float, float, float] | None,
+    axis: str | None,
+) -> None:
+    """Check a CFD result CASE, print its figures, and keep it as cldit's own file."""
+    spec = cfd_spray(
+        {
+            "file": case,
+            "format": kind,
+            "mapping": mapping,
+            "time_s": time_s,
+            "cloud": cloud,
+            "fuel_field": fuel_field,
+            "fuel_molar_mass_kg_mol": molar_mass,
+            "nozzle_m": nozzle,
+            "axis": _axis(axis),
+        }
+    )
+    lines = list_case(spec) if listed else import_case(spec, out)
+    for line in lines:
+        _OUT.print(_escaped(line))
+
+
+def _axis(text: str | None) -> str | list[float] | None:
+    """`-y` as it is, `0,-1,0` as numbers."""
+    if text is None or "," not in text:
+        return text
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise click.BadParameter(f"{text!r} is no direction", param_hint="--axis") from error
+
+
 @main.command()
 def scenes() -> None:
     """The scenes that are shipped."""
@@ -242,6 +300,26 @@ def devices(device: str | None) -> None:
         )
     _OUT.print(table)
     _OUT.print(f"* is used: {reason}")
+
+
+@main.command()
+@click.argument("scene")
+@click.option("--out", type=click.Path(path_type=Path), help="The picture; SCENE-optics.png.")
+@_plain_errors
+def optics(scene: str, out: Path | None) -> None:
+    """What SCENE's liquid, droplets, vapour and camera do to light: printed, and as a picture."""
+    chosen = load_scene(scene)
+    found = scene_optics(chosen, cache=default_cache())
+    table = Table("", "scene", "data", "paper", "", box=None)
+    for row in found.rows:
+        table.add_row(row.quantity, row.scene, row.data, row.paper, f"[dim]{_escaped(row.note)}[/]")
+    _OUT.print(table)
+    for source in found.sources:
+        _OUT.print(_escaped(source), style="dim")
+    picture = out or Path(f"{chosen.name}-optics.png")
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    picture.write_bytes(optics_picture(found))
+    _OUT.print(str(picture))
 
 
 @main.command("acquire")

@@ -39,3 +39,11 @@ class EvaluationError(ClditError, ValueError):
 
 class RunFolderError(ClditError, ValueError):
     """A run or acquisition folder is incomplete, damaged, or belongs to something else."""
+
+
+class OpticsError(ClditError, ValueError):
+    """An optical property is asked for outside its data, or a table of one is impossible."""
+
+
+class DropletError(OpticsError):
+    """A droplet, or its refractive index, is outside what can be solved."""

@@ -27,13 +27,24 @@ from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device, open_device
 from cldit.medium.frame import Frame
-from cldit.medium.octree import Octree, build_octree
+from cldit.medium.octree import Octree, build_octree, build_octrees
 from cldit.optics.emitters import emitters
-from cldit.optics.planck import band_radiance
-from cldit.radiance.weights import Weights, background_radiance, compose
+from cldit.optics.response import scene_filter
+from cldit.optics.spectral import Quadrature, reference_temperature_K
+from cldit.optics.wavelengths import Wavelengths, wavelengths
+from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.radiance.weights import Weights
 from cldit.scene import Scene, dump_scene, parse_scene
+from cldit.spectral import (
+    Difference,
+    NodeTraces,
+    SpectralInfo,
+    node_folders,
+    save_nodes,
+    trace_nodes,
+)
 from cldit.spray.source import make_spray
-from cldit.transport.trace import Trace, settings_for, trace
+from cldit.transport.trace import settings_for, trace
 
 Say = Callable[[str], None]
 
@@ -63,17 +74,27 @@ class RunInfo:
     precision: str
     integration_time_s: float  # of the sensor, for the standard errors and the rig
     versions: dict[str, str] = field(default_factory=dict)
+    spectral: SpectralInfo | None = None  # how the filter was resolved
     remarks: tuple[str, ...] = ()  # what was inferred from the spray's files
 
     def to_json(self) -> str:
         data = {**self.__dict__, "stages": [stage.__dict__ for stage in self.stages]}
+        data["spectral"] = None if self.spectral is None else self.spectral.to_dict()
         return json.dumps(data, indent=2)
 
     @classmethod
     def from_json(cls, text: str) -> RunInfo:
         data = json.loads(text)
         stages = tuple(Stage(**stage) for stage in data["stages"])
-        return cls(**{**data, "stages": stages, "remarks": tuple(data["remarks"])})
+        spectral = data.get("spectral")
+        return cls(
+            **{
+                **data,
+                "stages": stages,
+                "remarks": tuple(data["remarks"]),
+                "spectral": None if spectral is None else SpectralInfo.from_dict(spectral),
+            }
+        )
 
 
 @dataclass(frozen=True)
@@ -81,7 +102,10 @@ class Run:
     """What `simulate` and `open_run` return.
 
     weights, reference: of the traced scene, and of the same scene without spray; (H, W) float32,
-        row 0 at the top; emission in photons s-1 m-2 sr-1.
+        row 0 at the top; emission in photons s-1 m-2 sr-1. For all of the filter: those of several
+        spectral nodes are combined by `effective_weights`, for light of
+        `quadrature.reference_K` (the middle background).
+    spectral: the weights of each node of `quadrature`; (weights,) where there is one.
     maps: DIT of the trace without noise, (H, W); the standard errors are those that the scene's
         sensor and number of shots would give.
     measured: DIT of what the rig acquired, on the sensor's pixels; None before an acquisition.
@@ -93,6 +117,8 @@ class Run:
     reference: Weights
     maps: Maps
     info: RunInfo
+    quadrature: Quadrature
+    spectral: tuple[Weights, ...]
     measured: Maps | None = None
     folder: Path | None = None
 
@@ -162,24 +188,45 @@ def simulate(
             return stored
     device = device or open_device()
     stages = _Stages(progress)
-    tree, notes = _medium(scene, stages, cache or default_cache())
+    medium = _medium(scene, stages, cache or default_cache())
+    frame, chosen = medium.trees[0].frame, medium.chosen
     settings = settings_for(scene)
-    result = trace(tree, scene, device, settings, report=progress)
-    reference = trace(_nothing(tree.frame), scene, device, settings).weights
+    result = trace_nodes(medium.trees, chosen.quadrature, scene, device, settings, report=progress)
+    reference = trace(_nothing(frame), scene, device, settings).weights
     for name in ("compile", "scattering", "image"):
         note = "" if name in result.seconds else "left out: nothing scatters"
-        if name == "scattering" and result.solution is not None:
-            note = f"{result.counts['sweeps']} sweeps; {result.solution.passes} passes"
+        passes = [one.solution.passes for one in result.traces if one.solution is not None]
+        if name == "scattering" and passes:
+            note = f"{result.counts['sweeps']} sweeps; {sum(passes)} passes"
         stages.done.append(Stage(name, result.seconds.get(name, 0.0), note))
     with stages.stage("evaluation"):
-        sensor = _sensor(scene, (result.weights, reference))
-        maps = _evaluate(scene, result.weights, reference, sensor)
+        sensor = _sensor(scene, chosen.quadrature, (result.spectral, reference))
+        maps = _evaluate(scene, chosen.quadrature, result.spectral, reference, sensor)
+    from_paper = None
+    if medium.paper is not None:
+        with stages.stage("the paper's properties"):
+            other = trace(medium.paper, scene, device, settings).weights
+            grey = Quadrature.grey(
+                chosen.quadrature.filter_um, reference_K=chosen.quadrature.reference_K
+            )
+            from_paper = Difference.of(maps, _evaluate(scene, grey, (other,), reference, sensor))
     run = Run(
         scene=scene,
         weights=result.weights,
         reference=reference,
         maps=maps,
-        info=_info(scene, device, result, maps, stages, notes, sensor.integration_time_s),
+        info=_info(
+            scene,
+            device,
+            result,
+            maps,
+            stages,
+            medium.notes,
+            sensor.integration_time_s,
+            SpectralInfo.of(chosen.quadrature, chosen.errors_K, from_paper),
+        ),
+        quadrature=chosen.quadrature,
+        spectral=result.spectral,
         folder=folder,
     )
     if folder is not None:
@@ -187,21 +234,38 @@ def simulate(
     return run
 
 
-def _medium(scene: Scene, stages: _Stages, cache: Path) -> tuple[Octree, dict[str, float]]:
+@dataclass(frozen=True)
+class _Medium:
+    """A tree for each spectral node, and one with the paper's properties where that is wanted."""
+
+    trees: list[Octree]
+    chosen: Wavelengths
+    paper: Octree | None
+    notes: dict[str, float]
+
+
+def _medium(scene: Scene, stages: _Stages, cache: Path) -> _Medium:
     with stages.stage("spray") as note:
         spray = make_spray(scene.spray, cache=cache)
         note.append(scene.spray.model)
         stages.remark(spray.remarks)
-    with stages.stage("optics"):
-        points, cells = emitters(spray, scene.optics, cache=cache)
+    with stages.stage("optics") as note:
+        chosen = wavelengths(scene, spray, cache=cache)
+        bands = list(chosen.bands)
+        note.append(f"{len(bands)} wavelength{'s' if len(bands) > 1 else ''}")
+        compared = bool(chosen.errors_K) and scene.optics.compare_paper
+        if compared:
+            bands += wavelengths(scene, spray, cache=cache, paper=True).bands
+        sources = [emitters(spray, band) for band in bands]
     domain = scene.domain
     frame = Frame.around(
         centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=domain.leaf_edge_m
     )
     with stages.stage("octree") as note:
-        tree = build_octree(frame, points, cells, optical_depth_split=domain.optical_depth_split)
-        note.append(f"{sum(tree.leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
-    return tree, dict(spray.notes)
+        trees = build_octrees(frame, sources, optical_depth_split=domain.optical_depth_split)
+        note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
+    paper = trees.pop() if compared else None
+    return _Medium(trees, chosen, paper, dict(spray.notes))
 
 
 def _nothing(frame: Frame) -> Octree:
@@ -209,31 +273,41 @@ def _nothing(frame: Frame) -> Octree:
     return build_octree(frame, None, [], optical_depth_split=1.0)
 
 
-def _sensor(scene: Scene, seen: tuple[Weights, ...]) -> SensorModel:
-    """The scene's sensor, set so that its hottest background does not saturate it."""
+def _sensor(
+    scene: Scene, quadrature: Quadrature, seen: tuple[tuple[Weights, ...], Weights]
+) -> SensorModel:
+    """The scene's sensor, set so that its hottest background does not saturate it.
+
+    seen: weights of the nodes with spray, and the one without.
+    """
     sensor = SensorModel.from_scene(scene)
     if scene.camera.sensor.integration_time_s is not None:
         return sensor
-    filter_um = scene.optics.filter_um
-    wall = float(band_radiance(scene.walls.temperature_K, filter_um=filter_um))
+    around = Surroundings.from_scene(scene)
+    bands = [Boundary.of(around, node.radiance, node.pane) for node in quadrature.nodes]
     hottest = max(scene.background.temperatures_K)
-    leaves = background_radiance(
-        blackbody=float(band_radiance(hottest, filter_um=filter_um)),
-        wall=wall,
-        emissivity=scene.background.emissivity,
-    )
-    images = [compose(weights, background=leaves, wall=wall) for weights in seen]
+    spray, reference = seen
+    images = [
+        picture(weights, bands, background_K=hottest)
+        for weights in (spray, [reference] * len(bands))
+    ]
     return sensor.exposed_for(max(float(image.max()) for image in images))
 
 
-def _evaluate(scene: Scene, weights: Weights, reference: Weights, sensor: SensorModel) -> Maps:
+def _evaluate(
+    scene: Scene,
+    quadrature: Quadrature,
+    spectral: tuple[Weights, ...],
+    reference: Weights,
+    sensor: SensorModel,
+) -> Maps:
     return evaluate_radiance(
-        weights,
+        spectral,
         reference,
         background_temperatures_K=scene.background.temperatures_K,
-        background_emissivity=scene.background.emissivity,
-        wall_temperature_K=scene.walls.temperature_K,
-        filter_um=scene.optics.filter_um,
+        surroundings=Surroundings.from_scene(scene),
+        filter_um=quadrature.filter_um,
+        nodes=quadrature.nodes if len(spectral) > 1 else None,
         sensor=sensor,
         shots=scene.plan.shots,
         references=scene.plan.references,
@@ -243,22 +317,24 @@ def _evaluate(scene: Scene, weights: Weights, reference: Weights, sensor: Sensor
 def _info(
     scene: Scene,
     device: Device,
-    result: Trace,
+    result: NodeTraces,
     maps: Maps,
     stages: _Stages,
     notes: dict[str, float],
     integration_time_s: float,
+    spectral: SpectralInfo,
 ) -> RunInfo:
     accuracy = None
-    if result.weights_difference is not None:
+    if result.difference is not None:
         # The two pictures share the source that was solved for; measured on `gdi` (see
         # settings_for), what that hides adds about 30 % to their difference.
         accuracy = 1.3 * temperature_error_K(
             maps,
-            result.weights_difference,
+            result.difference,
             wall_temperature_K=scene.walls.temperature_K,
-            filter_um=scene.optics.filter_um,
+            filter_um=scene_filter(scene),
         )
+    last = result.traces[-1]  # all are compiled alike
     versions = {name: version(name) for name in _VERSIONS}
     versions["python"] = platform.python_version()
     versions["opencl"] = f"{device.info.version}, driver {device.info.driver}"
@@ -269,10 +345,11 @@ def _info(
         accuracy_K=accuracy,
         spray=notes,
         counts=result.counts,
-        defines={program.name: dict(program.defines) for program in result.programs},
-        precision=result.precision,
+        defines={program.name: dict(program.defines) for program in last.programs},
+        precision=last.precision,
         remarks=tuple(stages.remarks),
         integration_time_s=integration_time_s,
+        spectral=spectral,
         versions=versions,
     )
 
@@ -282,6 +359,7 @@ def _save(run: Run, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "scene.yaml").write_text(dump_scene(run.scene), encoding="utf-8")
     run.weights.save(folder / "weights", pixel_m=run.pixel_m)
+    save_nodes(folder / "weights", run.quadrature, run.spectral, pixel_m=run.pixel_m)
     run.reference.save(folder / "weights_reference", pixel_m=run.pixel_m)
     run.maps.save(folder / "maps", pixel_m=run.pixel_m)
     (folder / "run.json").write_text(run.info.to_json(), encoding="utf-8")
@@ -327,9 +405,16 @@ def open_run(path: str | Path) -> Run:
         info = RunInfo.from_json((folder / "run.json").read_text(encoding="utf-8"))
     except (ValueError, TypeError, KeyError) as error:
         raise RunFolderError(f"{folder / 'run.json'}: is damaged ({error})") from error
+    grey = Quadrature.grey(
+        scene_filter(scene),
+        reference_K=reference_temperature_K(scene.background.temperatures_K),
+    )
+    quadrature, nodes = node_folders(folder / "weights", grey)
     return Run(
         scene=scene,
         weights=Weights.load(folder / "weights"),
+        quadrature=quadrature,
+        spectral=tuple(Weights.load(node) for node in nodes),
         reference=Weights.load(folder / "weights_reference"),
         maps=Maps.load(folder / "maps"),
         info=info,

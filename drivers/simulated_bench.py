@@ -7,7 +7,7 @@ fired, so that a sequence that is killed and resumed never shows the same noise 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Protocol
@@ -17,11 +17,14 @@ from numpy.typing import NDArray
 
 from cldit.camera.view import SensorView
 from cldit.errors import RunFolderError, SceneError
-from cldit.optics.planck import band_radiance
-from cldit.radiance.weights import Weights, background_radiance, compose
+from cldit.optics.response import scene_filter
+from cldit.optics.spectral import Quadrature, reference_temperature_K
+from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.radiance.weights import Weights
 from cldit.rig.drivers import RigContext, check_settings
 from cldit.scene import Scene, load_scene
 from cldit.scene.checks import Section
+from cldit.spectral import node_folders
 
 
 class BenchSettings(Section):
@@ -104,31 +107,28 @@ class SimulatedBench:
     def radiance(self, pulse: Pulse) -> NDArray[np.float64]:
         """Photon radiance on the sensor (h, w) at the pulse, photons s-1 m-2 sr-1."""
         here = self._opened
-        scene = here.scene
-        background_K = scene.rig.background_start_K
+        background_K = here.scene.rig.background_start_K
         if self._temperature is not None:
             background_K = self._temperature(pulse.time_s)
-        blackbody, wall = (
-            float(band_radiance(temperature, filter_um=scene.optics.filter_um))
-            for temperature in (background_K, scene.walls.temperature_K)
-        )
-        leaving = background_radiance(
-            blackbody=blackbody, wall=wall, emissivity=scene.background.emissivity
-        )
-        weights = here.reference
+        weights: Sequence[Weights] = [here.reference] * len(here.boundaries)
         if pulse.injected:
             weights = here.shot(self.random(pulse.time_s, 1, pulse.number))
-        return np.maximum(compose(weights, background=leaving, wall=wall), 0.0)
+        seen = picture(weights, here.boundaries, background_K=background_K)
+        return np.maximum(seen, 0.0)
 
 
 @dataclass(frozen=True)
 class _Loaded:
-    """A run on the sensor's pixels: weights with spray and without, and the spray's thickness."""
+    """A run on the sensor's pixels: weights with spray, of each spectral node, and without.
+
+    transmission: of the spray, in each node.
+    """
 
     scene: Scene
-    spray: Weights
+    boundaries: tuple[Boundary, ...]
+    spray: tuple[Weights, ...]
     reference: Weights
-    transmission: NDArray[np.float64]
+    transmission: tuple[NDArray[np.float64], ...]
     pixel_m: tuple[float, float]
 
     @classmethod
@@ -138,43 +138,67 @@ class _Loaded:
             raise RunFolderError(f"{run}: holds no scene.yaml; give the folder of a finished run")
         scene = load_scene(path)
         view = SensorView.from_scene(scene)
-        spray = _on_sensor(run / "weights", scene, view)
+        grey = Quadrature.grey(
+            scene_filter(scene),
+            reference_K=reference_temperature_K(scene.background.temperatures_K),
+        )
+        quadrature, folders = node_folders(run / "weights", grey)
+        spray = tuple(_on_sensor(folder, scene, view) for folder in folders)
         reference = _on_sensor(run / "weights_reference", scene, view)
-        # Transmission is read off the boundary that fills most of the pixel.
-        disc = reference.background >= reference.wall
-        seen = np.where(disc, reference.background, reference.wall)
-        through = np.where(disc, spray.background, spray.wall)
-        safe = np.where(seen > 0.0, seen, 1.0)
-        transmission = np.where(seen > 0.0, np.maximum(through, 0.0) / safe, 1.0)
-        width, height = view.pixel_m
-        return cls(scene, spray, reference, transmission, (width, height))
+        around = Surroundings.from_scene(scene)
+        return cls(
+            scene=scene,
+            boundaries=tuple(
+                Boundary.of(around, node.radiance, node.pane) for node in quadrature.nodes
+            ),
+            spray=spray,
+            reference=reference,
+            transmission=tuple(_transmission(weights, reference) for weights in spray),
+            pixel_m=view.pixel_m,
+        )
 
-    def shot(self, rng: np.random.Generator) -> Weights:
+    def shot(self, rng: np.random.Generator) -> Sequence[Weights]:
         """Weights of one injection, whose optical depth is g times the traced one.
 
         With r the traced transmission, each weight becomes w_ref + s (w - w_ref) with
         s = (1 - r^g) / (1 - r): the background's is then w_ref r^g, and because one factor goes
-        for all weights, a cavity at one temperature stays flat.
+        for all weights, a cavity at one temperature stays flat. g is the same in all nodes.
         """
         rig = self.scene.rig
         if rig.shot_scatter == 0.0:
             return self.spray
-        shape = self.transmission.shape
         g = _scatter(
             rng,
-            shape,
+            self.transmission[0].shape,
             sigma=rig.shot_scatter,
             length_m=rig.shot_scatter_length_m,
             pixel_m=self.pixel_m,
         )
-        missing = 1.0 - self.transmission
+        return [
+            self._changed(spray, transmission, g)
+            for spray, transmission in zip(self.spray, self.transmission, strict=True)
+        ]
+
+    def _changed(
+        self, spray: Weights, transmission: NDArray[np.float64], g: NDArray[np.float64]
+    ) -> Weights:
+        missing = 1.0 - transmission
         thin = np.abs(missing) < 1e-6  # there s -> g
-        scale = np.where(thin, g, (1.0 - self.transmission**g) / np.where(thin, 1.0, missing))
+        scale = np.where(thin, g, (1.0 - transmission**g) / np.where(thin, 1.0, missing))
         changed: dict[str, Any] = {}
         for item in fields(Weights):
-            bare, spray = getattr(self.reference, item.name), getattr(self.spray, item.name)
-            changed[item.name] = (bare + scale * (spray - bare)).astype(np.float32)
+            bare, there = getattr(self.reference, item.name), getattr(spray, item.name)
+            changed[item.name] = (bare + scale * (there - bare)).astype(np.float32)
         return Weights(**changed)
+
+
+def _transmission(spray: Weights, reference: Weights) -> NDArray[np.float64]:
+    """Read off the boundary that fills most of the pixel."""
+    disc = reference.background >= reference.wall
+    seen = np.where(disc, reference.background, reference.wall)
+    through = np.where(disc, spray.background, spray.wall)
+    safe = np.where(seen > 0.0, seen, 1.0)
+    return np.where(seen > 0.0, np.maximum(through, 0.0) / safe, 1.0)
 
 
 def _on_sensor(folder: Path, scene: Scene, view: SensorView) -> Weights:

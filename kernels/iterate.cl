@@ -52,6 +52,38 @@ __kernel void next_order(
     }
 }
 
+/* Where, in a cell of optical depth t, the light comes from that leaves it towards the camera:
+   mean distance behind the cell's middle in units of its edge, -1/2 (the near face) to 0. */
+inline real light_depth(real t)
+{
+    return t < R(0.1) ? t * (t * t * R(1.0 / 720.0) - R(1.0 / 12.0))
+        : R(1) / t - R(1) / (exp(fmin(t, R(80))) - R(1)) - R(0.5);
+}
+
+/* As next_order, for the picture: S where the camera's light comes from. The mean radiance J varies
+   across a thick cell; it is continued linearly along y from the cells in front and behind. */
+__kernel void last_order(
+    __global real *out, __global const real *excess, __global const real *source,
+    __global const real *emission, __global const real *albedo, __global const real *depth,
+    __global const int *place, const int nx, const int ny, const int plane, const int count)
+{
+    const int i = get_global_id(0);
+    if (i >= count) return;
+    const int cell = place[i];
+    const int y = cell / nx % ny;
+    const int before = y > 0 && depth[cell - nx] > R(0) ? cell - nx : cell;
+    const int behind = y < ny - 1 && depth[cell + nx] > R(0) ? cell + nx : cell;
+    const int steps = (behind - before) / nx;
+    const real share = steps ? light_depth(depth[cell]) / steps : R(0);
+    for (int c = 0; c < COMPONENTS; ++c) {
+        __global const real *s = source + c * plane;
+        __global const real *d = excess + c * plane;
+        const real here = s[cell] + d[cell];
+        const real change = (s[behind] + d[behind]) - (s[before] + d[before]);
+        out[c * count + i] = albedo[i] * (here + share * change) + emission[c * count + i];
+    }
+}
+
 /* out[x][z][y] (+)= in[z][y][x] for each component and back, tile by tile. Sizes are those of in
    read as in[l][v][u]; the turned array is out[u][l][v]. */
 #define TILE 16

@@ -12,6 +12,7 @@ import pytest
 from cldit.acquisition import Plan, plan_from_scene
 from cldit.gpu.device import Device, open_device
 from cldit.optics.planck import band_radiance
+from cldit.optics.response import scene_filter
 from cldit.radiance.weights import Weights
 from cldit.rig.simulated import simulated_rig_data
 from cldit.scene import Scene, dump_scene, parse_scene
@@ -53,7 +54,7 @@ def tiny_weights(scene: Scene, *, depth: float) -> Weights:
     r2 = x[None, :] ** 2 + z[:, None] ** 2
     disc = (r2 < scene.background.radius_m**2).astype(np.float64)
     through = np.exp(-depth * np.exp(-r2 / 0.03**2))
-    glow = (1.0 - through) * float(band_radiance(370.0, filter_um=scene.optics.filter_um))
+    glow = (1.0 - through) * float(band_radiance(370.0, filter_um=scene_filter(scene)))
     images = (through * disc, through * (1.0 - disc), 0.25 * glow, 0.75 * glow)
     return Weights(*(image.astype(np.float32) for image in images))
 

@@ -14,6 +14,8 @@ from cldit.acquisition.plan import Kind, Plan, load_plan
 from cldit.acquisition.storage import CONFIGURATION, PLAN, load_shot, read_json, shot_path, survey
 from cldit.camera.calibration import Calibration
 from cldit.errors import ClditError, RunFolderError
+from cldit.optics.response import Filter, from_plain
+from cldit.radiance.boundary import Surroundings
 from cldit.rig.load import Setup
 from cldit.scene.checks import describe
 
@@ -44,8 +46,7 @@ class Acquisition:
     plan: Plan
     configuration: dict[str, Any]
     calibration: dict[str, Any]
-    background_emissivity: float
-    wall_temperature_K: float
+    surroundings: Surroundings
     pixel_m: tuple[float, float]
     centre_m: tuple[float, float]
     bad_pixels: NDArray[np.bool_]
@@ -58,10 +59,14 @@ class Acquisition:
         return not self.missing
 
     @property
-    def filter_um(self) -> tuple[float, float]:
-        """Lower and upper wavelength of the camera's filter."""
-        low, high = self.calibration["filter_um"]
-        return float(low), float(high)
+    def filter_um(self) -> Filter:
+        """Lower and upper wavelength of the camera's filter, or its response."""
+        return from_plain(self.calibration["filter_um"])
+
+    @property
+    def wall_temperature_K(self) -> float:
+        """Of the chamber."""
+        return self.surroundings.wall_temperature_K
 
     @property
     def simulated(self) -> bool:
@@ -133,8 +138,7 @@ def open_acquisition(folder: str | Path) -> Acquisition:
         plan=plan,
         configuration=configuration,
         calibration=calibration,
-        background_emissivity=setup.background_emissivity,
-        wall_temperature_K=setup.wall_temperature_K,
+        surroundings=setup.surroundings,
         pixel_m=setup.pixel_m,
         centre_m=setup.centre_m,
         bad_pixels=bad,

@@ -4,25 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cldit.errors import EvaluationError
+from cldit.errors import EvaluationError, SceneError
+from cldit.optics.response import Filter, edges_um, from_plain, to_plain
 
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
     """A linear camera: counts = offset + counts_per_radiance * L, up to `saturation_counts`.
 
-    filter_um: lower and upper wavelength, within which L is meant.
+    filter_um: lower and upper wavelength, or the response, within which L is meant.
     counts_per_radiance: counts per photon s-1 m-2 sr-1.
     saturation_counts: a pixel that shows this many or more is full and says nothing.
     """
 
-    filter_um: tuple[float, float]
+    filter_um: Filter
     counts_per_radiance: float
     offset_counts: float
     electrons_per_count: float
@@ -30,12 +31,10 @@ class Calibration:
     saturation_counts: float
 
     def __post_init__(self) -> None:
-        low, high = self.filter_um
-        if not 0.0 < low < high < math.inf:
-            raise EvaluationError(
-                f"calibration.filter_um: {low:g} to {high:g} is no filter; allowed is a lower and "
-                "a higher wavelength"
-            )
+        try:
+            edges_um(self.filter_um)
+        except SceneError as error:
+            raise EvaluationError(f"calibration.{error}") from error
         for name, zero in (
             ("counts_per_radiance", False),
             ("electrons_per_count", False),
@@ -53,7 +52,8 @@ class Calibration:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; `from_dict` reads it."""
-        return {**asdict(self), "filter_um": list(self.filter_um)}
+        plain = {item.name: getattr(self, item.name) for item in fields(self)}
+        return {**plain, "filter_um": to_plain(self.filter_um)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Calibration:
@@ -67,9 +67,9 @@ class Calibration:
         if missing:
             raise EvaluationError(f"calibration: {', '.join(missing)} missing")
         try:
-            low, high = data["filter_um"]
+            filter_um = from_plain(data["filter_um"])
             numbers = {name: float(data[name]) for name in names - {"filter_um"}}
-            return cls(filter_um=(float(low), float(high)), **numbers)
+            return cls(filter_um=filter_um, **numbers)
         except (TypeError, ValueError) as error:
             if isinstance(error, EvaluationError):
                 raise

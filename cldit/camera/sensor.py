@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from cldit.camera.calibration import Calibration
 from cldit.errors import SceneError, TransportError
+from cldit.optics.response import Filter, scene_filter
 from cldit.scene.schema import Scene
 
 USUAL_INTEGRATION_S = 25e-6  # paper, Fig. 6
@@ -28,12 +29,12 @@ NORMAL_ABOVE_ELECTRONS = 1e4
 
 @dataclass(frozen=True, kw_only=True)
 class SensorModel:
-    """A chip of `pixels` (columns, rows) behind a lens and a rectangular filter.
+    """A chip of `pixels` (columns, rows) behind a lens and a filter.
 
     `bad_pixels` of them, at places that `seed` fixes, are stuck at 0 or at full scale.
     """
 
-    filter_um: tuple[float, float]
+    filter_um: Filter  # with the quantum efficiency, where that is a curve
     pixels: tuple[int, int]
     pitch_m: float
     f_number: float
@@ -67,12 +68,13 @@ class SensorModel:
             SceneError: more bad pixels than pixels, or an offset above saturation.
         """
         sensor = scene.camera.sensor
+        efficiency = sensor.quantum_efficiency
         return cls(
-            filter_um=scene.optics.filter_um,
+            filter_um=scene_filter(scene),
             pixels=sensor.pixels,
             pitch_m=sensor.pitch_m,
             f_number=sensor.f_number,
-            quantum_efficiency=sensor.quantum_efficiency,
+            quantum_efficiency=efficiency if isinstance(efficiency, float) else 1.0,
             integration_time_s=integration_time_s
             or sensor.integration_time_s
             or USUAL_INTEGRATION_S,

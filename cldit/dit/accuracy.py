@@ -6,13 +6,14 @@ import numpy as np
 
 from cldit.dit.maps import Maps
 from cldit.optics.planck import band_radiance, band_radiance_slope
+from cldit.optics.response import Filter
 from cldit.radiance.weights import Weights
 
 VISIBLE_EMISSIVITY = 0.05  # below it a temperature says little, whatever the trace
 
 
 def temperature_error_K(
-    maps: Maps, error: Weights, *, wall_temperature_K: float, filter_um: tuple[float, float]
+    maps: Maps, error: Weights, *, wall_temperature_K: float, filter_um: Filter
 ) -> float:
     """RMS error of T_app over the pixels of emissivity above 0.05, to first order; NaN if none.
 

@@ -14,29 +14,14 @@ from cldit.dit.maps import Maps, Reason
 from cldit.dit.shots import Acquisition, accumulate, check_shots
 from cldit.dit.solve import Signals, solve
 from cldit.errors import EvaluationError
-from cldit.optics.planck import band_radiance
-from cldit.radiance.weights import Weights, background_radiance, compose
+from cldit.optics.response import Filter
+from cldit.optics.spectral import SpectralNode, reference_temperature_K
+from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.radiance.weights import Weights
 
 Floats = NDArray[np.float64]
 
 _BLOCK = 1 << 20  # pixels times backgrounds solved at once: some 100 MB
-
-
-def _sources(
-    temperatures_K: Sequence[float],
-    *,
-    background_emissivity: float,
-    wall_temperature_K: float,
-    filter_um: tuple[float, float],
-) -> Floats:
-    """Radiance that leaves the disc at each temperature."""
-    wall = float(band_radiance(wall_temperature_K, filter_um=filter_um))
-    return np.array(
-        [
-            background_radiance(blackbody=float(own), wall=wall, emissivity=background_emissivity)
-            for own in band_radiance(temperatures_K, filter_um=filter_um)
-        ]
-    )
 
 
 def _check_span(source: Floats, temperatures_K: Sequence[float]) -> None:
@@ -59,6 +44,10 @@ def _blocks(shape: tuple[int, int], backgrounds: int) -> Iterator[slice]:
         yield slice(begin, begin + rows)
 
 
+def _rows(weights: Weights, rows: slice) -> Weights:
+    return Weights(**{item.name: getattr(weights, item.name)[rows] for item in fields(weights)})
+
+
 def _stack(parts: list[Maps]) -> Maps:
     return Maps(
         **{
@@ -69,13 +58,13 @@ def _stack(parts: list[Maps]) -> Maps:
 
 
 def evaluate_radiance(
-    weights: Weights,
+    weights: Weights | Sequence[Weights],
     reference: Weights,
     *,
     background_temperatures_K: Sequence[float],
-    background_emissivity: float,
-    wall_temperature_K: float,
-    filter_um: tuple[float, float],
+    surroundings: Surroundings,
+    filter_um: Filter,
+    nodes: Sequence[SpectralNode] | None = None,
     sensor: SensorModel | None,
     shots: int,
     references: int,
@@ -83,8 +72,9 @@ def evaluate_radiance(
     """DIT of a trace: exact signals, with the errors that a camera would have.
 
     Args:
-        weights: trace (H, W) of the spray.
-        reference: trace of the same scene without it.
+        weights: trace (H, W) of the spray, or one for each of `nodes`.
+        reference: trace of the same scene without it, the same in all nodes.
+        nodes: parts of the filter that were traced on their own; None: one trace stands for all.
         sensor: its noise, taken for a sensor pixel at each ray, gives the standard errors (and the
             weights of the backgrounds); without it they are 0. Saturation is not regarded.
         shots, references: exposures before each background.
@@ -92,34 +82,35 @@ def evaluate_radiance(
     Raises:
         EvaluationError: fewer than two different backgrounds, or traces of different shape.
     """
-    shape = weights.background.shape
-    if reference.background.shape != shape:
-        raise EvaluationError(
-            f"the trace has {shape} pixels, the one without spray {reference.background.shape}"
-        )
+    traces = [weights] if isinstance(weights, Weights) else list(weights)
+    shape = reference.background.shape
+    for trace in traces:
+        if trace.background.shape != shape:
+            raise EvaluationError(
+                f"the trace has {trace.background.shape} pixels, the one without spray {shape}"
+            )
     if shots < 1 or references < 1:
         raise EvaluationError(f"{shots} shots and {references} references; at least one each")
     temperatures = list(background_temperatures_K)
-    source = _sources(
-        temperatures,
-        background_emissivity=background_emissivity,
-        wall_temperature_K=wall_temperature_K,
-        filter_um=filter_um,
+    reference_K = reference_temperature_K(temperatures)
+    whole = Boundary.in_filter(surroundings, filter_um, reference_K=reference_K)
+    parts = (
+        [whole] if nodes is None else [Boundary.of(surroundings, n.radiance, n.pane) for n in nodes]
     )
+    source = whole.leaving(temperatures)
     _check_span(source, temperatures)
-    wall = float(band_radiance(wall_temperature_K, filter_um=filter_um))
     calibration = None if sensor is None else sensor.calibration()
 
-    def signals(trace: Weights, rows: slice, exposures: int) -> Signals:
-        part = Weights(**{item.name: getattr(trace, item.name)[rows] for item in fields(trace)})
-        mean = np.stack([compose(part, background=float(x), wall=wall) for x in source])
-        camera = np.zeros_like(mean)
+    def signals(traced: Sequence[Weights], rows: slice, exposures: int) -> Signals:
+        cut = [_rows(one, rows) for one in traced]
+        seen = np.stack([picture(cut, parts, background_K=kelvin) for kelvin in temperatures])
+        camera = np.zeros_like(seen)
         if calibration is not None:
-            variance = calibration.variance_counts2(calibration.counts(np.nan_to_num(mean)))
-            camera = variance / calibration.counts_per_radiance**2
+            variance = calibration.variance_counts2(calibration.counts(np.nan_to_num(seen)))
+            camera = variance / (calibration.counts_per_radiance * whole.front.transmission) ** 2
         return Signals(
             source=source,
-            mean=mean,
+            mean=whole.inside(seen),
             camera=camera,
             exposures=np.full(len(source), float(exposures)),
         )
@@ -127,9 +118,9 @@ def evaluate_radiance(
     return _stack(
         [
             solve(
-                signals(reference, rows, references),
-                signals(weights, rows, shots),
-                usable=np.ones((len(source), *weights.background[rows].shape), dtype=bool),
+                signals([reference] * len(parts), rows, references),
+                signals(traces, rows, shots),
+                usable=np.ones((len(source), *reference.background[rows].shape), dtype=bool),
                 filter_um=filter_um,
             )
             for rows in _blocks(shape, len(source))
@@ -155,14 +146,19 @@ def evaluate_acquisition(
     calibration = Calibration.from_dict(acquisition.calibration)
     setpoints = check_shots(acquisition.shots)
     sums = accumulate(acquisition, calibration.saturation_counts, progress)
+    whole = Boundary.in_filter(
+        acquisition.surroundings,
+        calibration.filter_um,
+        reference_K=reference_temperature_K(setpoints),
+    )
 
     def signals(kind: str, rows: slice) -> Signals:
         found = [sums[setpoint, kind] for setpoint in setpoints]
         mean = np.stack([item.mean(rows) for item in found])
-        scale = calibration.counts_per_radiance**-2
+        scale = (calibration.counts_per_radiance * whole.front.transmission) ** -2
         return Signals(
             source=sources[kind],
-            mean=calibration.radiance(mean),
+            mean=whole.inside(calibration.radiance(mean)),
             camera=calibration.variance_counts2(mean) * scale,
             exposures=np.array([float(item.exposures) for item in found]),
             observed=np.stack([item.variance(rows) for item in found]) * scale,
@@ -171,12 +167,7 @@ def evaluate_acquisition(
     sources: dict[str, Floats] = {}
     for kind in ("reference", "injection"):
         means = [float(np.mean(sums[setpoint, kind].temperatures_K)) for setpoint in setpoints]
-        sources[kind] = _sources(
-            means,
-            background_emissivity=acquisition.background_emissivity,
-            wall_temperature_K=acquisition.wall_temperature_K,
-            filter_um=calibration.filter_um,
-        )
+        sources[kind] = whole.leaving(means)
         _check_span(sources[kind], means)
     full = {
         setpoint: sums[setpoint, "reference"].full | sums[setpoint, "injection"].full

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import EvaluationError
+from cldit.radiance.boundary import Surroundings
 
 Floats = NDArray[np.float64]
 
@@ -41,9 +42,7 @@ class Acquisition(Protocol):
     @property
     def calibration(self) -> Mapping[str, Any]: ...
     @property
-    def background_emissivity(self) -> float: ...
-    @property
-    def wall_temperature_K(self) -> float: ...
+    def surroundings(self) -> Surroundings: ...
     @property
     def bad_pixels(self) -> NDArray[np.bool_] | None: ...
     @property

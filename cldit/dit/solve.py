@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cldit.dit.fit import Line, apparent_radiance, emissivity, fit_line, shot_scatter
 from cldit.dit.maps import Maps, Reason
 from cldit.optics.planck import temperature_of_radiance, temperature_slope_of_radiance
+from cldit.optics.response import Filter
 
 Floats = NDArray[np.float64]
 
@@ -41,7 +42,7 @@ def solve(
     injection: Signals,
     *,
     usable: NDArray[np.bool_],
-    filter_um: tuple[float, float],
+    filter_um: Filter,
 ) -> Maps:
     """Maps of the pixels (...).
 
@@ -115,7 +116,7 @@ def _maps(
     chi2: Floats,
     *,
     enough: NDArray[np.bool_],
-    filter_um: tuple[float, float],
+    filter_um: Filter,
 ) -> Maps:
     before, during = fits
     epsilon, epsilon_variance = emissivity(before, during)

@@ -8,6 +8,7 @@ leaf is one value for all the bricks (or cells) that it covers.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,6 +63,9 @@ class CellSource:
     droplet_absorption: Floats
     droplet_scattering: Floats
     droplet_emission: Floats
+
+
+Sources = tuple[PointSource | None, list[CellSource]]
 
 
 @dataclass(frozen=True)
@@ -121,42 +125,70 @@ def build_octree(
     Raises:
         MediumError: something lies outside the cube, or the tree exceeds `max_cells` finest cells.
     """
+    return build_octrees(
+        frame, [(points, cells)], optical_depth_split=optical_depth_split, max_cells=max_cells
+    )[0]
+
+
+def build_octrees(
+    frame: Frame,
+    sources: Sequence[Sources],
+    *,
+    optical_depth_split: float,
+    max_cells: int = 60_000_000,
+) -> list[Octree]:
+    """One tree for each of several sets of coefficients of the same spray (wavelengths).
+
+    Places are the first set's; all trees are divided alike, as the largest coefficients want it,
+    and so have one set of addresses. Geometry is worked out once.
+
+    Raises:
+        MediumError: as `build_octree`.
+    """
+    points, cells = sources[0]
     place = np.zeros((0, 3), np.int64)
     if points is not None:
         optical = points.absorption_m2 + points.scattering_m2
         place = cells_of_points(frame, points.position_m, optical, what="droplets")
     boxes = [Boxes.place(frame, source.lower_m, source.upper_m, what="gas") for source in cells]
     touched = touched_bricks(frame, place, boxes, limit=max_cells)
-    fields = _deposit(frame, touched, place, points, boxes, cells)
-    faint = fields["vapour_absorption"] * frame.edge_m < _NOTHING
-    fields["vapour_absorption"][faint] = 0.0
-    fields["vapour_emission"][faint] = 0.0
-    return _divide(frame, touched, fields, optical_depth_split)
+    every = _deposit(frame, touched, place, boxes, sources)
+    for fields in every:
+        faint = fields["vapour_absorption"] * frame.edge_m < _NOTHING
+        fields["vapour_absorption"][faint] = 0.0
+        fields["vapour_emission"][faint] = 0.0
+    division = _Division.of(frame, touched, every, optical_depth_split)
+    return [division.fill(fields) for fields in every]
 
 
 def _deposit(
     frame: Frame,
     touched: Touched,
     place: NDArray[np.int64],
-    points: PointSource | None,
     boxes: list[Boxes],
-    cells: list[CellSource],
-) -> dict[str, Floats]:
+    sources: Sequence[Sources],
+) -> list[dict[str, Floats]]:
     size = touched.slots * _CELLS_PER_BRICK
-    fields = {name: np.zeros(size) for name in FIELDS}
+    every = [{name: np.zeros(size) for name in FIELDS} for _ in sources]
     volume = frame.cell_m**3
-    if points is not None:
-        names = ["droplet_absorption", "droplet_scattering", "droplet_emission"]
-        amounts = [points.absorption_m2, points.scattering_m2, points.emission_m2]
-        for name, total in zip(names, add_points(touched, place, amounts), strict=True):
-            fields[name] += total / volume
-    for box, source in zip(boxes, cells, strict=True):
+    for fields, (points, _) in zip(every, sources, strict=True):
+        if points is not None:
+            names = ["droplet_absorption", "droplet_scattering", "droplet_emission"]
+            amounts = [points.absorption_m2, points.scattering_m2, points.emission_m2]
+            for name, total in zip(names, add_points(touched, place, amounts), strict=True):
+                fields[name] += total / volume
+    for number, box in enumerate(boxes):
         in_cells = np.prod(box.upper - box.lower, axis=1)
-        names = [name for name in FIELDS if np.any(getattr(source, name))]
-        amounts = [getattr(source, name) * in_cells for name in names]
-        for name, total in zip(names, add_boxes(touched, box, amounts), strict=True):
-            fields[name] += total
-    return fields
+        targets, amounts = [], []
+        for fields, (_, cells) in zip(every, sources, strict=True):
+            for name in FIELDS:
+                values = getattr(cells[number], name)
+                if np.any(values):
+                    targets.append(fields[name])
+                    amounts.append(values * in_cells)
+        for target, total in zip(targets, add_boxes(touched, box, amounts), strict=True):
+            target += total
+    return every
 
 
 def _blocks(values: NDArray[np.generic], edge: int) -> NDArray[np.generic]:
@@ -168,64 +200,105 @@ def _blocks(values: NDArray[np.generic], edge: int) -> NDArray[np.generic]:
 _IN_BLOCK = (2, 4, 6)
 
 
-def _divide(frame: Frame, touched: Touched, fields: dict[str, Floats], bound: float) -> Octree:
-    """Top-down division of the cube by the sums of the finest cells."""
-    shape = (touched.slots, BRICK, BRICK, BRICK)
-    vapour = fields["vapour_absorption"].reshape(shape)
-    droplets = (fields["droplet_absorption"] + fields["droplet_scattering"]).reshape(shape) > 0
-    leaves = [0] * (frame.depth + 1)
-    edge = min(BRICK, frame.cells)  # a cube of fewer than eight cells is one brick, partly used
-    inside = (slice(None),) + (slice(0, edge),) * 3
+@dataclass(frozen=True)
+class _Division:
+    """How the cube is divided, and where every value of the finest cells goes.
 
-    mark = touched.directory >= 0
-    brick_vapour = np.zeros(mark.shape)
-    brick_droplets = np.zeros(mark.shape, bool)
-    brick_vapour[mark] = vapour[inside].mean(axis=(1, 2, 3))
-    brick_droplets[mark] = droplets[inside].any(axis=(1, 2, 3))
-    parent, level, split = _coarse_levels(frame, brick_vapour, brick_droplets, bound, leaves)
+    keep: touched brick of every stored one. whole, member: bricks (nb, nb, nb) that lie in a coarse
+    leaf, and which; filled: coarse leaves that hold something. unsplit: blocks of cells in stored
+    bricks that stay one leaf, (edge, where).
+    """
 
-    # Bricks that stay whole become coarse leaves, as do those of a larger leaf.
-    stored = mark & (split | (frame.depth == 0))  # a tree of one cell keeps it in a brick
-    directory = np.full(mark.shape, -1, np.int32)
-    keep = touched.directory[stored]
-    directory[stored] = np.arange(len(keep), dtype=np.int32)
-    values: dict[str, NDArray[np.float32]] = {}
-    whole = ~stored
-    node = parent[whole]
-    used, number = np.unique(node, return_inverse=True)
-    members = np.bincount(number, minlength=len(used))
-    means: dict[str, Floats] = {}
-    for name, data in fields.items():
-        total = np.zeros(mark.shape)
-        total[mark] = data.reshape(shape)[inside].mean(axis=(1, 2, 3))
-        means[name] = np.bincount(number, total[whole], minlength=len(used)) / members
-    filled = np.zeros(len(used), bool)
-    for mean in means.values():
-        filled |= mean > 0
-    empty = frame.depth + 1  # the first coarse leaves: empty space of every level
-    node_level = np.zeros(len(used), np.int32)
-    node_level[number] = level[whole]
-    index = node_level.copy()
-    index[filled] = empty + np.arange(int(filled.sum()), dtype=np.int32)
-    directory[whole] = -1 - index[number]
+    frame: Frame
+    touched: Touched
+    directory: NDArray[np.int32]
+    keep: NDArray[np.int32]
+    whole: NDArray[np.bool_]
+    member: NDArray[np.int64]
+    filled: NDArray[np.bool_]
+    coarse_level: NDArray[np.int32]
+    unsplit: list[tuple[int, NDArray[np.bool_]]]
+    leaves: tuple[int, ...]
 
-    unsplit = _merge_in_bricks(frame, fields, vapour, droplets, keep, bound, leaves)
-    for name, data in fields.items():
-        cells = data.reshape(shape)[keep]
-        for side, block in unsplit:
-            view = _blocks(cells, side)
-            mean = view.mean(axis=_IN_BLOCK, keepdims=True)
-            np.copyto(view, mean, where=block)
-        coarse = np.concatenate([np.zeros(empty), means[name][filled]])
-        values[name] = np.concatenate([cells.reshape(-1), coarse]).astype(np.float32)
-    return Octree(
-        frame=frame,
-        directory=directory,
-        slots=len(keep),
-        coarse_level=np.concatenate([np.arange(empty), node_level[filled]]).astype(np.int32),
-        fields=values,
-        leaves=tuple(leaves),
-    )
+    @classmethod
+    def of(
+        cls, frame: Frame, touched: Touched, every: list[dict[str, Floats]], bound: float
+    ) -> _Division:
+        """Top-down division of the cube by the sums of the finest cells."""
+        shape = (touched.slots, BRICK, BRICK, BRICK)
+        vapour = np.max([f["vapour_absorption"] for f in every], axis=0).reshape(shape)
+        droplets = np.any(
+            [f["droplet_absorption"] + f["droplet_scattering"] > 0 for f in every], axis=0
+        ).reshape(shape)
+        leaves = [0] * (frame.depth + 1)
+        inside = _inside(frame)
+
+        mark = touched.directory >= 0
+        brick_vapour = np.zeros(mark.shape)
+        brick_droplets = np.zeros(mark.shape, bool)
+        brick_vapour[mark] = vapour[inside].mean(axis=(1, 2, 3))
+        brick_droplets[mark] = droplets[inside].any(axis=(1, 2, 3))
+        parent, level, split = _coarse_levels(frame, brick_vapour, brick_droplets, bound, leaves)
+
+        # Bricks that stay whole become coarse leaves, as do those of a larger leaf.
+        stored = mark & (split | (frame.depth == 0))  # a tree of one cell keeps it in a brick
+        directory = np.full(mark.shape, -1, np.int32)
+        keep = touched.directory[stored]
+        directory[stored] = np.arange(len(keep), dtype=np.int32)
+        whole = ~stored
+        used, member = np.unique(parent[whole], return_inverse=True)
+        filled = np.bincount(member, brick_vapour[whole] + brick_droplets[whole], len(used)) > 0
+        empty = frame.depth + 1  # the first coarse leaves: empty space of every level
+        node_level = np.zeros(len(used), np.int32)
+        node_level[member] = level[whole]
+        index = node_level.copy()
+        index[filled] = empty + np.arange(int(filled.sum()), dtype=np.int32)
+        directory[whole] = -1 - index[member]
+        unsplit = _merge_in_bricks(frame, vapour, droplets, keep, bound, leaves)
+        return cls(
+            frame=frame,
+            touched=touched,
+            directory=directory,
+            keep=keep,
+            whole=whole,
+            member=member,
+            filled=filled,
+            coarse_level=np.concatenate([np.arange(empty), node_level[filled]]).astype(np.int32),
+            unsplit=unsplit,
+            leaves=tuple(leaves),
+        )
+
+    def fill(self, fields: dict[str, Floats]) -> Octree:
+        """The tree with one set of values."""
+        shape = (self.touched.slots, BRICK, BRICK, BRICK)
+        mark = self.touched.directory >= 0
+        members = np.bincount(self.member, minlength=len(self.filled))
+        values: dict[str, NDArray[np.float32]] = {}
+        for name, data in fields.items():
+            total = np.zeros(mark.shape)
+            total[mark] = data.reshape(shape)[_inside(self.frame)].mean(axis=(1, 2, 3))
+            means = np.bincount(self.member, total[self.whole], len(members)) / members
+            cells = data.reshape(shape)[self.keep]
+            for side, block in self.unsplit:
+                view = _blocks(cells, side)
+                mean = view.mean(axis=_IN_BLOCK, keepdims=True)
+                np.copyto(view, mean, where=block)
+            coarse = np.concatenate([np.zeros(self.frame.depth + 1), means[self.filled]])
+            values[name] = np.concatenate([cells.reshape(-1), coarse]).astype(np.float32)
+        return Octree(
+            frame=self.frame,
+            directory=self.directory,
+            slots=len(self.keep),
+            coarse_level=self.coarse_level,
+            fields=values,
+            leaves=self.leaves,
+        )
+
+
+def _inside(frame: Frame) -> tuple[slice, slice, slice, slice]:
+    """The used part of (S, 8, 8, 8): a cube of fewer than eight cells is one brick, partly used."""
+    used = slice(0, min(BRICK, frame.cells))
+    return slice(None), used, used, used
 
 
 def _coarse_levels(
@@ -270,7 +343,6 @@ def _coarse_levels(
 
 def _merge_in_bricks(
     frame: Frame,
-    fields: dict[str, Floats],
     vapour: Floats,
     droplets: NDArray[np.bool_],
     keep: NDArray[np.int32],

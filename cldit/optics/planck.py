@@ -1,10 +1,12 @@
-"""Planck's law for photons over a rectangular filter, and its inverse.
+"""Planck's law for photons over a filter, and its inverse.
 
     B_q(lambda, T) = 2 c / lambda^4 / (exp(x) - 1),   x = h c / (lambda k T)
 
 in photons s-1 m-2 sr-1 m-1 (Planck 1901, divided by the photon's energy). With c2 = h c / k,
 
-    B(T) = integral over the filter = 2 c (T / c2)^3 * integral of x^2 / (exp(x) - 1) dx.
+    B(T) = integral over the filter = 2 c (T / c2)^3 * integral of x^2 R / (exp(x) - 1) dx,
+
+R being the response, 1 in a rectangular filter and piecewise linear in wavelength in a `Response`.
 
 The integral is taken by Gauss-Legendre in x with exp(-x) of the long-wave edge taken out, so that
 ln B is exact where B itself would underflow. The integrand's nearest poles are at +-2 pi i; nodes
@@ -13,13 +15,15 @@ beyond 50 of the edge add less than 1e-20.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from cldit.errors import SceneError
+from cldit.optics.response import Filter, cut, edges_um
 
 Floats = NDArray[np.float64]
 
@@ -32,14 +36,30 @@ _SPAN = (1e-8, 2000.0)  # x of the inverse's table; float64 radiance ends near x
 _NODES = 16384  # cubic Hermite: (26 / 16384)^4 * 6 / 384 = 1e-13
 
 
-def _edges(filter_um: tuple[float, float]) -> tuple[float, float]:
-    low, high = filter_um
-    if not 0.0 < low < high < np.inf:
-        raise SceneError(
-            f"filter_um: {low:g} to {high:g} is no filter; allowed is a lower and a higher "
-            "wavelength, both above 0"
-        )
-    return low * 1e-6, high * 1e-6
+_FEW = 4096  # temperatures that a tabulated filter integrates one by one
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A range of wavelengths, m, over which the response runs straight."""
+
+    short: float
+    long: float
+    at_short: float
+    at_long: float
+
+
+@lru_cache(maxsize=64)
+def _pieces(filter_um: Filter, low_um: float = 0.0, high_um: float = np.inf) -> tuple[_Piece, ...]:
+    """Pieces that let anything through, the longest wavelength first."""
+    first, last = edges_um(filter_um)
+    pairs = cut(filter_um, max(first, low_um), min(last, high_um))
+    pieces = [
+        _Piece(short * 1e-6, long * 1e-6, at_short, at_long)
+        for (short, at_short), (long, at_long) in pairwise(pairs)
+        if at_short > 0.0 or at_long > 0.0
+    ]
+    return tuple(reversed(pieces))
 
 
 @lru_cache(maxsize=64)
@@ -48,43 +68,64 @@ def _legendre(count: int) -> tuple[Floats, Floats]:
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
-def _log_band(temperature_K: Floats, edges_m: tuple[float, float]) -> tuple[Floats, Floats]:
+def _log_band(temperature_K: Floats, pieces: tuple[_Piece, ...]) -> tuple[Floats, Floats]:
     """ln B and d ln B / d ln T of positive, finite temperatures (N,)."""
-    short, long = edges_m
-    start = SECOND_RADIATION_CONSTANT_m_K / (long * temperature_K)
-    width = np.minimum(start * (long / short - 1.0), _REACH)
-    # exp(-t) over a width w is exact to 1e-15 from n = 9 + 0.8 w nodes on.
-    nodes, weights = _legendre(9 + int(0.8 * np.max(width, initial=0.0)))
-    beyond = width[:, None] * nodes
-    x = start[:, None] + beyond
-    damped = x * x * np.exp(-beyond)
-    one_less = -np.expm1(-x)
-    integral = (damped / one_less) @ weights
-    # dB/dT at fixed wavelength: x e^x / (e^x - 1) / T times the integrand.
-    moment = (damped * x / one_less**2) @ weights
+    first = SECOND_RADIATION_CONSTANT_m_K / (pieces[0].long * temperature_K)
+    total, rise = np.zeros_like(first), np.zeros_like(first)
+    for piece in pieces:
+        start = SECOND_RADIATION_CONSTANT_m_K / (piece.long * temperature_K)
+        width = np.minimum(start * (piece.long / piece.short - 1.0), _REACH)
+        # exp(-t) over a width w is exact to 1e-15 from n = 9 + 0.8 w nodes on.
+        nodes, weights = _legendre(9 + int(0.8 * np.max(width, initial=0.0)))
+        beyond = width[:, None] * nodes
+        x = start[:, None] + beyond
+        damped = x * x * np.exp(-beyond)
+        if not piece.at_short == piece.at_long == 1.0:
+            # share of the way from the long to the short edge: (long - c2 / (x T)) / (long - short)
+            part = beyond / x * (piece.long / (piece.long - piece.short))
+            damped *= piece.at_long + (piece.at_short - piece.at_long) * part
+        one_less = -np.expm1(-x)
+        shift = width * np.exp(first - start)
+        total += shift * ((damped / one_less) @ weights)
+        # dB/dT at fixed wavelength: x e^x / (e^x - 1) / T times the integrand.
+        rise += shift * ((damped * x / one_less**2) @ weights)
     cubed = 3.0 * np.log(temperature_K / SECOND_RADIATION_CONSTANT_m_K)
-    log_band = np.log(2.0 * LIGHT_SPEED_m_s) + cubed + np.log(width * integral) - start
-    return log_band, moment / integral
+    log_band = np.log(2.0 * LIGHT_SPEED_m_s) + cubed + np.log(total) - first
+    return log_band, rise / total
 
 
-def _evaluate(
-    temperature_K: ArrayLike, filter_um: tuple[float, float], *, slope: bool
+def part_radiance(
+    temperature_K: Floats, *, filter_um: Filter, low_um: float, high_um: float
 ) -> NDArray[np.float64]:
-    edges = _edges(filter_um)
+    """Photon radiance of a black body in the part of a filter between two wavelengths within it.
+
+    Args:
+        temperature_K: (N,), positive and finite.
+    """
+    pieces = _pieces(filter_um, low_um, high_um)
+    if not pieces:
+        return np.zeros_like(temperature_K)
+    with np.errstate(under="ignore"):
+        return np.asarray(np.exp(_log_band(temperature_K, pieces)[0]))
+
+
+def _evaluate(temperature_K: ArrayLike, filter_um: Filter, *, slope: bool) -> NDArray[np.float64]:
+    pieces = _pieces(filter_um)
     temperature = np.asarray(temperature_K, dtype=np.float64)
     flat = temperature.ravel()
     out = np.where(flat == 0.0, 0.0, np.nan)
     if not slope:
         out[np.isposinf(flat)] = np.inf
-    else:  # B grows as T: 2 c (1 / lambda_1^2 - 1 / lambda_2^2) / (2 c2)
-        limit = LIGHT_SPEED_m_s / SECOND_RADIATION_CONSTANT_m_K
-        out[np.isposinf(flat)] = limit * (edges[0] ** -2 - edges[1] ** -2)
+    else:  # B grows as T: 2 c / c2 times the integral of R / lambda^3
+        steep = sum(_steepness(piece) for piece in pieces)
+        out[np.isposinf(flat)] = 2.0 * LIGHT_SPEED_m_s / SECOND_RADIATION_CONSTANT_m_K * steep
     usable = np.flatnonzero(np.isfinite(flat) & (flat > 0.0))
+    tabulated = len(pieces) > 1 and usable.size > _FEW
     for begin in range(0, usable.size, _CHUNK):
         part = usable[begin : begin + _CHUNK]
         # At a subnormal temperature x overflows to infinity; a picokelvin has B = 0 as well.
         kelvin = np.maximum(flat[part], 1e-12)
-        log_band, power = _log_band(kelvin, edges)
+        log_band, power = _looked_up(kelvin, filter_um) if tabulated else _log_band(kelvin, pieces)
         if slope:
             log_band = log_band + np.log(power) - np.log(kelvin)
         with np.errstate(under="ignore", over="ignore"):
@@ -92,10 +133,34 @@ def _evaluate(
     return out.reshape(temperature.shape)
 
 
-def band_radiance(
-    temperature_K: ArrayLike, *, filter_um: tuple[float, float]
-) -> NDArray[np.float64]:
-    """Photon radiance of a black body in a rectangular filter, photons s-1 m-2 sr-1.
+def _steepness(piece: _Piece) -> float:
+    """Integral of R / lambda^3 over a piece, R = a + b lambda."""
+    slope = (piece.at_long - piece.at_short) / (piece.long - piece.short)
+    level = piece.at_short - slope * piece.short
+    squares = (piece.short**-2 - piece.long**-2) / 2.0
+    return float(level * squares + slope * (1.0 / piece.short - 1.0 / piece.long))
+
+
+@lru_cache(maxsize=8)
+def _calibration(filter_um: Filter) -> CubicHermiteSpline:
+    """ln B over ln T, from the table of the inverse turned round."""
+    spline, _ = _inverse(filter_um)
+    log_temperature = spline(spline.x)
+    return CubicHermiteSpline(log_temperature, spline.x, 1.0 / spline(spline.x, 1))
+
+
+def _looked_up(temperature_K: Floats, filter_um: Filter) -> tuple[Floats, Floats]:
+    spline = _calibration(filter_um)
+    log_temperature = np.log(temperature_K)
+    inside = np.clip(log_temperature, spline.x[0], spline.x[-1])
+    # Above the table B grows in proportion to T; below it, B is 0 in any case.
+    beyond = log_temperature - inside
+    log_band = spline(inside) + np.where(beyond > 0.0, beyond, 1e6 * beyond)
+    return log_band, np.where(beyond == 0.0, spline(inside, 1), 1.0)
+
+
+def band_radiance(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
+    """Photon radiance of a black body in a filter, photons s-1 m-2 sr-1.
 
     Relative error below 1e-11 where the result is a normal float64; below that (3.4 um: under
     6 K) it runs out to exactly 0. 0 K gives 0, infinity gives infinity, negative temperatures and
@@ -103,7 +168,7 @@ def band_radiance(
 
     Args:
         temperature_K: any shape; the result has the same.
-        filter_um: lower and upper wavelength.
+        filter_um: lower and upper wavelength, or a `Response`.
 
     Raises:
         SceneError: the filter is empty or not positive.
@@ -111,27 +176,24 @@ def band_radiance(
     return _evaluate(temperature_K, filter_um, slope=False)
 
 
-def band_radiance_slope(
-    temperature_K: ArrayLike, *, filter_um: tuple[float, float]
-) -> NDArray[np.float64]:
+def band_radiance_slope(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
     """d B / d T in photons s-1 m-2 sr-1 K-1; otherwise as `band_radiance`."""
     return _evaluate(temperature_K, filter_um, slope=True)
 
 
 @lru_cache(maxsize=8)
-def _inverse(edges_m: tuple[float, float]) -> tuple[CubicHermiteSpline, Floats]:
+def _inverse(filter_um: Filter) -> tuple[CubicHermiteSpline, Floats]:
     """ln T over ln B, and both at the ends of the table."""
     x = np.geomspace(_SPAN[1], _SPAN[0], _NODES)
-    temperature = SECOND_RADIATION_CONSTANT_m_K / (edges_m[1] * x)
-    log_band, power = _log_band(temperature, edges_m)
+    pieces = _pieces(filter_um)
+    temperature = SECOND_RADIATION_CONSTANT_m_K / (pieces[0].long * x)
+    log_band, power = _log_band(temperature, pieces)
     spline = CubicHermiteSpline(log_band, np.log(temperature), 1.0 / power)
     return spline, np.array([log_band[-1], np.log(temperature[-1])])
 
 
-def _invert(
-    radiance: ArrayLike, filter_um: tuple[float, float], *, slope: bool
-) -> NDArray[np.float64]:
-    spline, (top, log_temperature) = _inverse(_edges(filter_um))
+def _invert(radiance: ArrayLike, filter_um: Filter, *, slope: bool) -> NDArray[np.float64]:
+    spline, (top, log_temperature) = _inverse(filter_um)
     value = np.asarray(radiance, dtype=np.float64)
     out = np.where(value == 0.0, np.inf if slope else 0.0, np.nan)
     out[np.isposinf(value)] = np.inf
@@ -149,9 +211,7 @@ def _invert(
     return np.asarray(out)
 
 
-def temperature_of_radiance(
-    radiance: ArrayLike, *, filter_um: tuple[float, float]
-) -> NDArray[np.float64]:
+def temperature_of_radiance(radiance: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
     """Temperature in K at which a black body has this radiance: the inverse of `band_radiance`.
 
     Read from a table of ln T over ln B with exact slopes, relative error below 1e-12; a million
@@ -160,7 +220,7 @@ def temperature_of_radiance(
 
     Args:
         radiance: photons s-1 m-2 sr-1, any shape; the result has the same.
-        filter_um: lower and upper wavelength.
+        filter_um: lower and upper wavelength, or a `Response`.
 
     Raises:
         SceneError: the filter is empty or not positive.
@@ -168,8 +228,6 @@ def temperature_of_radiance(
     return _invert(radiance, filter_um, slope=False)
 
 
-def temperature_slope_of_radiance(
-    radiance: ArrayLike, *, filter_um: tuple[float, float]
-) -> NDArray[np.float64]:
+def temperature_slope_of_radiance(radiance: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
     """d T / d B in K per photons s-1 m-2 sr-1; infinite at 0, otherwise as the temperature."""
     return _invert(radiance, filter_um, slope=True)

@@ -56,13 +56,13 @@ class Panel:
     logarithmic: bool = False
 
 
-def _figure(width_in: float, height_in: float) -> Figure:
+def figure_of(width_in: float, height_in: float) -> Figure:
     figure = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
-def _png(figure: Figure) -> bytes:
+def png_of(figure: Figure) -> bytes:
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=_DPI, bbox_inches="tight", pad_inches=0.08)
     return stream.getvalue()
@@ -135,7 +135,7 @@ def map_picture(
     chosen_K = temperature_range_K(maps) if range_K is None else range_K
     full = emissivity_scale(maps) if scale is None else scale
     shape = maps.emissivity.shape
-    figure = _figure(7.6, max(3.4, 5.2 * _aspect(frame, shape) + 1.2))
+    figure = figure_of(7.6, max(3.4, 5.2 * _aspect(frame, shape) + 1.2))
     axes = figure.subplots()
     key = axes.inset_axes((1.05, 0.0, 0.18, 1.0))
     axes.imshow(
@@ -163,7 +163,7 @@ def map_picture(
     else:
         key.set_axis_off()
         key.text(0.5, 0.5, "no apparent\ntemperature", ha="center", va="center", fontsize=9)
-    return _png(figure)
+    return png_of(figure)
 
 
 def panels_picture(panels: Sequence[Panel], frame: Frame, *, title: str) -> bytes:
@@ -173,14 +173,14 @@ def panels_picture(panels: Sequence[Panel], frame: Frame, *, title: str) -> byte
     aspect = _aspect(frame, panels[0].image.shape)
     width = 6.4 if columns == 1 else 10.4
     each = (width / columns - 1.7) * aspect + 0.9
-    figure = _figure(width, rows * each + 0.4)
+    figure = figure_of(width, rows * each + 0.4)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, panel in zip(grid, panels, strict=False):
         _draw(axes, panel, frame)
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
     figure.suptitle(_plain(title), fontsize=11)
-    return _png(figure)
+    return png_of(figure)
 
 
 def _draw(axes: Axes, panel: Panel, frame: Frame) -> None:
@@ -271,3 +271,19 @@ def errors_picture(maps: Maps, frame: Frame, *, title: str) -> bytes:
         frame,
         title=title,
     )
+
+
+def nodes_picture(errors_K: Sequence[float], *, chosen: int, title: str) -> bytes:
+    """PNG of the error in T_app with 1, 2, .. spectral nodes; the chosen number is marked."""
+    figure = figure_of(5.0, 3.4)
+    axes = figure.subplots()
+    numbers = np.arange(1, len(errors_K) + 1)
+    shown = np.maximum(np.asarray(errors_K, float), 1e-4)  # 0 has no place on a log axis
+    axes.semilogy(numbers, shown, "o-", color="C0")
+    axes.plot(chosen, shown[chosen - 1], "o", color="C3", markersize=9, label="traced")
+    axes.set_xlabel("number of wavelengths")
+    axes.set_ylabel("RMS error of apparent temperature / K")
+    axes.set_title(_plain(title), fontsize="medium")
+    axes.grid(True, which="both", alpha=0.3)
+    axes.legend()
+    return png_of(figure)

@@ -11,14 +11,14 @@ from cldit.acquisition.record import Acquisition, open_acquisition
 from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
-from cldit.optics.planck import band_radiance
-from cldit.radiance.weights import background_radiance
+from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.report.html import Picture, ReportContent, write_report
 from cldit.report.pictures import (
     Frame,
     camera_picture,
     errors_picture,
     map_picture,
+    nodes_picture,
     robust_limits,
     weights_picture,
 )
@@ -64,6 +64,15 @@ def write_pictures(run: Run) -> dict[str, Picture]:
         weights_picture(run.weights, traced, title=_title(run, "weights of the trace")),
         "Where the light of every pixel comes from; one trace serves every background.",
     )
+    if run.info.spectral is not None and run.info.spectral.errors_K:
+        pictures["wavelengths"] = Picture(
+            nodes_picture(
+                run.info.spectral.errors_K,
+                chosen=len(run.info.spectral.nodes),
+                title=_title(run, "error against number of wavelengths"),
+            ),
+            "Estimated error in T_app: lines of sight through this spray, against a fine spectrum.",
+        )
     folder = _folder(run) / "pictures"
     folder.mkdir(exist_ok=True)
     if "maps" not in pictures:
@@ -102,14 +111,34 @@ def _camera(run: Run, acquisition: Acquisition) -> tuple[tuple[float, Picture], 
 
 def _shares(run: Run) -> Shares:
     """Shares before the middle background."""
-    scene = run.scene
-    wall = float(band_radiance(scene.walls.temperature_K, filter_um=scene.optics.filter_um))
-    middle = float(np.median(scene.background.temperatures_K))
-    blackbody = float(band_radiance(middle, filter_um=scene.optics.filter_um))
-    leaves = background_radiance(
-        blackbody=blackbody, wall=wall, emissivity=scene.background.emissivity
+    whole = Boundary.in_filter(
+        Surroundings.from_scene(run.scene),
+        run.quadrature.filter_um,
+        reference_K=run.quadrature.reference_K,
     )
-    return Shares.of(run.weights, run.reference, background=leaves, wall=wall)
+    leaves = float(whole.leaving(run.quadrature.reference_K))
+    return Shares.of(run.weights, run.reference, background=leaves, wall=whole.wall)
+
+
+def _spectral(run: Run) -> dict[str, str]:
+    """The nodes, their error, and what the paper's properties would have given."""
+    info = run.info.spectral
+    if info is None or not info.errors_K:
+        return {}
+    shares = ", ".join(f"{um:.3f} um ({100 * share:.0f} %)" for um, share in info.nodes)
+    figures = {
+        "wavelengths": f"{len(info.nodes)}: {shares} of the light at {info.reference_K:g} K",
+        "estimated error of the wavelengths in T_app": f"{info.error_K:.2g} K RMS",
+    }
+    if info.from_paper is not None:
+        d = info.from_paper
+        figures["T_app against the paper's optical properties"] = (
+            f"{d.mean_K:+.3g} K in the mean, {d.rms_K:.3g} K RMS over {d.pixels} pixels"
+        )
+        figures["emissivity against the paper's optical properties"] = (
+            f"{d.mean_emissivity:+.3g} in the mean"
+        )
+    return figures
 
 
 def _figures(run: Run) -> dict[str, str]:
@@ -117,6 +146,7 @@ def _figures(run: Run) -> dict[str, str]:
     figures |= {name: str(value) for name, value in run.info.counts.items()}
     figures |= {f"inferred {n}": text for n, text in enumerate(run.info.remarks, start=1)}
     figures["integration time"] = f"{run.info.integration_time_s * 1e6:.4g} us"
+    figures |= _spectral(run)
     figures["precision"] = run.info.precision
     if run.info.accuracy_K is not None:
         figures["estimated error of the trace in T_app"] = f"{run.info.accuracy_K:.2g} K RMS"
@@ -155,7 +185,9 @@ def write_run_report(run: Run) -> Path:
                 f"Shares of the radiance before a background of {middle_K:g} K.",
             ),
         ),
-        more_pictures=tuple(pictures[name] for name in ("errors", "weights") if name in pictures),
+        more_pictures=tuple(
+            pictures[name] for name in ("errors", "weights", "wavelengths") if name in pictures
+        ),
         reasons={reason.text: count for reason, count in maps.count().items()},
         figures=_figures(run),
         stages=tuple((stage.name, stage.seconds) for stage in run.info.stages),

@@ -12,12 +12,13 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 
 from cldit.errors import ClditError, SceneError
+from cldit.radiance.boundary import Surroundings
 from cldit.rig.clock import Clock, SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import NotConnected, RigError
 from cldit.rig.protocols import Background, Camera, Device, TriggerGenerator
 from cldit.scene.checks import Section, Within, describe, read_mapping
-from cldit.scene.schema import Coordinate, Length, Temperature
+from cldit.scene.schema import Coordinate, Length, Temperature, Windows
 
 
 class ClockChoice(Section):
@@ -37,8 +38,21 @@ class Setup(Section):
 
     background_emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0
     wall_temperature_K: Temperature = 300.0
+    background_surroundings_K: Temperature | None = None  # reflected by it; None: the walls
+    camera_surroundings_K: Temperature = 295.0  # what a front window reflects into the camera
+    windows: Windows = ()
     centre_m: tuple[Coordinate, Coordinate] = (0.0, 0.0)  # x, z of the picture's middle
     pixel_m: tuple[Length, Length]  # width and height of a pixel in the plane of the spray
+
+    @property
+    def surroundings(self) -> Surroundings:
+        return Surroundings(
+            wall_temperature_K=self.wall_temperature_K,
+            background_emissivity=self.background_emissivity,
+            background_surroundings_K=self.background_surroundings_K,
+            camera_surroundings_K=self.camera_surroundings_K,
+            windows=self.windows,
+        )
 
 
 class RigFile(Section):

@@ -27,6 +27,9 @@ def simulated_rig_data(
         "setup": {
             "background_emissivity": scene.background.emissivity,
             "wall_temperature_K": scene.walls.temperature_K,
+            "background_surroundings_K": scene.background.surroundings_K,
+            "camera_surroundings_K": scene.camera.surroundings_K,
+            "windows": [window.model_dump(mode="json") for window in scene.windows],
             "centre_m": [scene.target_m[0], scene.target_m[2]],
             "pixel_m": [float(size) for size in SensorView.from_scene(scene).pixel_m],
         },

@@ -63,13 +63,14 @@ def parse_scene(
         SceneError: as in `load_scene`.
     """
     try:
-        scene = Scene.model_validate(data)
+        scene = Scene.model_validate(data, context={"folder": folder})
     except ValidationError as error:
         raise SceneError(f"{source}:\n{describe(Scene, error.errors())}") from error
-    file = getattr(scene.spray, "file", None)
-    if file is not None and folder is not None and not file.is_absolute():
-        spray = scene.spray.model_copy(update={"file": (folder / file).resolve()})
-        scene = scene.model_copy(update={"spray": spray})
+    for key in ("file", "mapping"):
+        file = getattr(scene.spray, key, None)
+        if file is not None and folder is not None and not file.is_absolute():
+            spray = scene.spray.model_copy(update={key: (folder / file).resolve()})
+            scene = scene.model_copy(update={"spray": spray})
     return scene
 
 

@@ -17,11 +17,14 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
+    ValidationInfo,
     field_validator,
     model_validator,
 )
 
+from cldit.errors import SceneError
 from cldit.scene.checks import Section, Within
+from cldit.scene.curves import LONGEST_UM, SHORTEST_UM, Curve, check_curve, read_curve
 
 Length = Annotated[float, Within(1e-6, 100.0)]
 Coordinate = Annotated[float, Within(-100.0, 100.0)]
@@ -49,6 +52,55 @@ def _not_zero(value: Point) -> Point:
 
 
 Direction = Annotated[Point, BeforeValidator(_direction), AfterValidator(_not_zero)]
+
+
+Wavelength = Annotated[float, Within(SHORTEST_UM, LONGEST_UM)]
+_CURVE_FORMS = "a list of [wavelength_um, value], or a text file of both"
+
+
+def _in_folder(file: str | Path, info: ValidationInfo) -> Path:
+    """Relative paths start in the folder of the file that holds them."""
+    folder = (info.context or {}).get("folder")
+    return Path(file) if folder is None else (Path(folder) / file).resolve()
+
+
+def _curve(value: object, info: ValidationInfo) -> object:
+    """Reads a curve from its file, and checks one given as pairs; numbers are left alone."""
+    try:
+        if isinstance(value, (str, Path)):
+            return read_curve(_in_folder(value, info))
+        if isinstance(value, (list, tuple)) and value and isinstance(value[0], (list, tuple)):
+            return check_curve(value, what="curve")
+    except SceneError as error:
+        raise ValueError(str(error)) from error
+    return value
+
+
+def _curve_or_numbers(value: object) -> str:
+    pairs = isinstance(value, tuple) and bool(value) and isinstance(value[0], tuple)
+    return "[curve]" if pairs else "[numbers]"
+
+
+Filter = Annotated[
+    Annotated[Curve, Tag("[curve]")] | Annotated[tuple[Wavelength, Wavelength], Tag("[numbers]")],
+    Discriminator(_curve_or_numbers),
+    BeforeValidator(_curve),
+]
+QuantumEfficiency = Annotated[
+    Annotated[Curve, Tag("[curve]")] | Annotated[float, Within(1e-3, 1.0), Tag("[numbers]")],
+    Discriminator(_curve_or_numbers),
+    BeforeValidator(_curve),
+]
+
+
+def _material(value: object, info: ValidationInfo) -> object:
+    """The name of a substance, or the full path of a table."""
+    if isinstance(value, str) and Path(value).suffix:
+        return str(_in_folder(value, info))
+    return value
+
+
+Material = Annotated[str, Field(min_length=1), BeforeValidator(_material)]
 
 
 class Domain(Section):
@@ -111,21 +163,68 @@ class Monodisperse(Section):
     diameter_um: Annotated[float, Within(1e-2, 1e3)]
 
 
+class LogNormal(Section):
+    """ln D is normal: numbers of droplets by their median, `sigma` the geometric deviation."""
+
+    median_um: Annotated[float, Within(1e-3, 1e3)]
+    sigma: Annotated[float, Within(1.001, 10.0)]
+
+
+class RosinRammler(Section):
+    """The mass in droplets above D is exp(-(D/d)^q)."""
+
+    d_um: Annotated[float, Within(1e-3, 1e3)]
+    q: Annotated[float, Within(1.01, 20.0)]  # at 1 and below, D32 is 0
+
+
+class Histogram(Section):
+    """Numbers of droplets between edges, even within each; of any scale."""
+
+    edges_um: tuple[Annotated[float, Within(0.0, 1e4)], ...]
+    number: tuple[Annotated[float, Within(0.0, 1e30)], ...]
+
+    @model_validator(mode="after")
+    def _fits(self) -> Histogram:
+        if len(self.edges_um) != len(self.number) + 1 or not 1 <= len(self.number) <= 1000:
+            raise ValueError(
+                f"number: {len(self.number)} values for {len(self.edges_um)} edges; allowed are "
+                "1..1000, one less than edges_um"
+            )
+        if any(low >= high for low, high in pairwise(self.edges_um)):
+            raise ValueError("edges_um: must rise")
+        if not any(self.number):
+            raise ValueError("number: holds no droplets")
+        return self
+
+
+_KINDS: dict[str, type[Section]] = {  # by a key that only one of them has
+    "diameter_um": Monodisperse,
+    "median_um": LogNormal,
+    "d_um": RosinRammler,
+    "edges_um": Histogram,
+}
+
+
 def _distribution(value: object) -> str | None:
     """Which kind of sizes a scene means, by the keys that it gives."""
-    if isinstance(value, Monodisperse) or (isinstance(value, dict) and "diameter_um" in value):
-        return "Monodisperse"
+    for key, kind in _KINDS.items():
+        if isinstance(value, kind) or (isinstance(value, dict) and key in value):
+            return kind.__name__
     return "NukiyamaTanasawa" if isinstance(value, (dict, NukiyamaTanasawa)) else None
 
 
 Droplets = Annotated[
     Annotated[NukiyamaTanasawa, Tag("NukiyamaTanasawa")]
-    | Annotated[Monodisperse, Tag("Monodisperse")],
+    | Annotated[Monodisperse, Tag("Monodisperse")]
+    | Annotated[LogNormal, Tag("LogNormal")]
+    | Annotated[RosinRammler, Tag("RosinRammler")]
+    | Annotated[Histogram, Tag("Histogram")],
     Discriminator(
         _distribution,
         custom_error_type="not_allowed",
         custom_error_message=(
-            "is no size distribution; allowed: {m_um, n, p}, {diameter_um} or null"
+            "is no size distribution; allowed: {m_um, n, p}, {diameter_um}, {median_um, sigma}, "
+            "{d_um, q}, {edges_um, number} or null"
         ),
     ),
 ]
@@ -213,16 +312,23 @@ class GridSpray(Section):
 
 
 class CfdSpray(Section):
-    """An OpenFOAM case, or what foamToVTK wrote of it."""
+    """The result of a CFD code, in any of the formats that are read."""
 
     model: Literal["cfd"] = "cfd"
     file: Path
+    # None: told by the file's name and content
+    format: Literal["openfoam", "vtk", "ensight", "converge", "tables", "cldit"] | None = None
+    mapping: Path | None = None  # names and units of fields, where they are not the format's own
     time_s: Annotated[float, Within(0.0, 1e3)] | None = None
     fuel_field: str = "C7H16"
     fuel_molar_mass_kg_mol: Annotated[float, Within(1e-3, 1.0)] = 0.100204
     cloud: str | None = None
     nozzle_m: Point | None = None  # in the case's coordinates; becomes the origin. None: inferred
     axis: Direction | None = None  # of the injection, "-y" or three numbers; becomes -z
+    # radius of the ball over which a parcel's droplets are shared among points. None: one point
+    spread_m: Annotated[float, Within(1e-7, 0.1)] | None = None
+    spread_points: Annotated[int, Within(2, 1000)] = 16
+    seed: Annotated[int, Within(0, 2**31 - 1)] = 1
 
 
 class EmptySpray(Section):
@@ -242,7 +348,7 @@ class Sensor(Section):
     pixels: tuple[Pixels, Pixels] = (640, 512)
     pitch_m: Annotated[float, Within(1e-6, 1e-3)] = 15e-6
     f_number: Annotated[float, Within(0.5, 64.0)] = 2.5
-    quantum_efficiency: Annotated[float, Within(1e-3, 1.0)] = 0.8
+    quantum_efficiency: QuantumEfficiency = 0.8  # a number, or a curve
     # None: 25 us (paper, Fig. 6), or less where the scene's brightest pixel would saturate
     integration_time_s: Annotated[float, Within(320e-9, 1.0)] | None = None
     well_electrons: Annotated[float, Within(1e2, 1e9)] = 7e6
@@ -261,6 +367,7 @@ class Camera(Section):
     field_m: tuple[Length, Length] = (0.16, 0.16)  # width, height in the plane of the target
     pixels: tuple[Pixels, Pixels] = (1000, 1000)  # columns, rows: one ray each
     target_m: Point | None = None  # the middle of the picture; the domain's centre where left out
+    surroundings_K: Temperature = 295.0  # what a front window reflects into the camera
     sensor: Sensor = Sensor()
 
     @field_validator("pixels", mode="before")
@@ -277,6 +384,7 @@ class Background(Section):
     centre_m: Point | None = None  # the middle of the domain's face on +y where left out
     temperatures_K: tuple[Temperature, ...] = (400.0, 440.0, 480.0, 520.0, 560.0)
     emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0
+    surroundings_K: Temperature | None = None  # what it reflects; the walls where left out
 
     @field_validator("temperatures_K")
     @classmethod
@@ -292,22 +400,50 @@ class Walls(Section):
     temperature_K: Temperature = 300.0
 
 
-class Optics(Section):
-    """`paper`: one wavelength and one refractive index, as in the paper's Section 2."""
+class Window(Section):
+    """An uncoated plane window that fills what the camera sees (front) or the background (rear)."""
 
-    preset: Literal["paper"] = "paper"
-    wavelength_um: Annotated[float, Within(0.2, 50.0)] = 3.4
-    filter_um: tuple[Annotated[float, Within(0.2, 50.0)], Annotated[float, Within(0.2, 50.0)]] = (
-        3.3,
-        3.5,
-    )
-    n: Annotated[float, Within(0.1, 10.0)] = 1.338
-    k: Annotated[float, Within(0.0, 10.0)] = 0.0341
-    vapour_m2_mol: Annotated[float, Within(0.0, 1e6)] = 50.0
+    side: Literal["front", "rear"]
+    material: Literal["CaF2", "sapphire"]
+    thickness_m: Annotated[float, Within(1e-5, 0.2)] = 0.01
+    temperature_K: Temperature = 300.0
+
+
+def one_window_a_side(windows: tuple[Window, ...]) -> tuple[Window, ...]:
+    """Raises ValueError where a side has two windows."""
+    sides = [window.side for window in windows]
+    if len(set(sides)) < len(sides):
+        raise ValueError(f"sides {', '.join(sides)}; allowed are one front and one rear window")
+    return windows
+
+
+Windows = Annotated[tuple[Window, ...], AfterValidator(one_window_a_side)]
+
+
+class Optics(Section):
+    """What light the camera counts, and what the spray's optical properties are taken to be.
+
+    `paper`: one wavelength, one refractive index, one vapour cross section, as in the paper's
+    Section 2. `spectral`: of the liquid and the vapour over the filter, with as many wavelengths
+    as `wavelengths` says or `spectral_error_K` (RMS, in T_app) needs.
+    """
+
+    preset: Literal["paper", "spectral"] = "paper"
+    filter_um: Filter = (3.3, 3.5)  # two edges of a rectangle, or a curve
+    wavelength_um: Wavelength = 3.4  # paper
+    n: Annotated[float, Within(0.1, 10.0)] = 1.338  # paper
+    k: Annotated[float, Within(0.0, 10.0)] = 0.0341  # paper
+    vapour_m2_mol: Annotated[float, Within(0.0, 1e6)] = 50.0  # paper
+    liquid: Material | None = None  # spectral: name or table; the spray's fuel where left out
+    vapour: Material | None = None  # spectral: name or table; the spray's fuel where left out
+    vapour_area_km_mol: Annotated[float, Within(1e-3, 1e5)] | None = None  # None: the default's
+    wavelengths: Annotated[int, Within(1, 64)] | None = None  # None: chosen from the next
+    spectral_error_K: Annotated[float, Within(1e-3, 100.0)] = 0.1
+    compare_paper: bool = True  # spectral: trace the paper's properties too, and report by how much
 
     @model_validator(mode="after")
     def _ordered(self) -> Optics:
-        if self.filter_um[0] >= self.filter_um[1]:
+        if isinstance(self.filter_um[0], float) and self.filter_um[0] >= self.filter_um[1]:
             raise ValueError(
                 f"filter_um: {self.filter_um[0]:g} to {self.filter_um[1]:g} is empty; "
                 "allowed is a lower and a higher wavelength"
@@ -355,6 +491,7 @@ class Scene(Section):
     camera: Camera = Camera()
     background: Background = Background()
     walls: Walls = Walls()
+    windows: Windows = ()
     optics: Optics = Optics()
     transport: Transport = Transport()
     rig: Rig = Rig()

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cldit.errors import SprayError
 from cldit.scene.schema import CfdSpray
-from cldit.spray.cfdcase import CfdCase, Cloud, Column
+from cldit.spray.cfdcase import CfdCase, Cloud, Column, nearest_time
+from cldit.spray.formats import find_format, read_case
 from cldit.spray.frame import Frame, find_frame
-from cldit.spray.openfoam import is_openfoam, read_openfoam
 from cldit.spray.result import Cells, Floats, Parcels, Spray, Vapour
-from cldit.spray.vtkfiles import read_vtk
+from cldit.spray.spread import spread
+from cldit.spray.stored import read_spray
 
 AVOGADRO_MOL = 6.02214076e23
 GAS_CONSTANT_J_MOL_K = 8.31446261815324
@@ -20,6 +21,8 @@ AIR_KG_MOL = 0.02885  # dry air, where a case without rho does not say what its 
 
 _OVERSHOOT = 1e-3  # mass fractions leave 0..1 by so much in unbounded schemes; they are cut
 _NEGLIGIBLE = 1e-12  # share of the vapour that cells left out may hold together
+_LARGEST_M = 10.0  # a case larger than this has its coordinates in mm
+_IDEAL = 4.0  # factor by which rho may differ from that of an ideal gas; other units differ by more
 _EDGE_OF_JET = 1e-3  # vapour mass fraction at which a jet's penetration is measured (ECN)
 
 
@@ -33,12 +36,13 @@ class _Gas:
 
 
 def read_cfd(spec: CfdSpray) -> Spray:
-    """Reads a spray from an OpenFOAM case, or from what foamToVTK wrote of one.
+    """Reads a spray from the result of a CFD code, or from cldit's own file of one.
 
     Gas: T, rho (or p, for an ideal gas of air and fuel), and the fuel's mass fraction, the field
     `spec.fuel_field`. Parcels: d (the diameter), nParticle (a real number), T, rho. The nozzle
     becomes the origin and the axis of injection -z; where the scene does not give them they are
     inferred, see `frame.find_frame`, and `remarks` say how. Cells without vapour are left out.
+    With `spec.spread_m` each parcel becomes several points, see `spread.spread`.
 
     Returns:
         Spray with `vapour` (None without any), `parcels` (None for a case without a cloud), and
@@ -48,26 +52,50 @@ def read_cfd(spec: CfdSpray) -> Spray:
         SprayError: files or fields are missing, damaged, or hold what cannot be; the message names
             the file and the field.
     """
-    fields = (spec.fuel_field, "T", "rho", "p")
-    read = read_openfoam if is_openfoam(spec.file) else read_vtk
-    case = read(spec.file, time_s=spec.time_s, fields=fields, cloud=spec.cloud)
+    spray = _stored(spec) if find_format(spec) == "cldit" else _imported(spec)
+    if spec.spread_m is None or spray.parcels is None:
+        return spray
+    parcels = spread(
+        spray.parcels, radius_m=spec.spread_m, points=spec.spread_points, seed=spec.seed
+    )
+    return replace(spray, parcels=parcels)
+
+
+def _stored(spec: CfdSpray) -> Spray:
+    for key in ("nozzle_m", "axis", "cloud", "mapping"):
+        if getattr(spec, key) is not None:
+            raise SprayError(f"{spec.file}: spray.{key} was settled when the case was imported")
+    spray = read_spray(spec.file)
+    if spec.time_s is not None:
+        known = [spray.notes["time_s"]] if "time_s" in spray.notes else []
+        nearest_time(str(spec.file), known, spec.time_s)
+    return spray
+
+
+def _imported(spec: CfdSpray) -> Spray:
+    case = read_case(spec)
+    _check_size(case)
     gas = _gas(spec, case)
     parcels = None if case.cloud is None else _parcels(case, case.cloud)
     frame = find_frame(spec, case)
     vapour, jet_m = _vapour(spec, case, gas, frame)
     if parcels is not None:
-        parcels = Parcels(
-            (parcels.position_m - frame.nozzle_m) @ frame.rotation.T,
-            parcels.diameter_m,
-            parcels.droplets,
-            parcels.temperature_K,
-            parcels.density_kg_m3,
-        )
+        turned = (parcels.position_m - frame.nozzle_m) @ frame.rotation.T
+        parcels = replace(parcels, position_m=turned)
     notes = _notes(case, gas, parcels, vapour, frame)
     if np.isfinite(jet_m):
         notes["vapour_penetration_m"] = jet_m
     some = vapour if len(vapour.temperature_K) else None
     return Spray(parcels=parcels, vapour=some, notes=notes, remarks=frame.remarks)
+
+
+def _check_size(case: CfdCase) -> None:
+    extent = float((case.mesh.points_m.max(axis=0) - case.mesh.points_m.min(axis=0)).max())
+    if extent > _LARGEST_M:
+        raise SprayError(
+            f"{case.mesh.source}: the mesh is {extent:g} m wide, allowed is {_LARGEST_M:g} m; its "
+            "coordinates are to be in metres"
+        )
 
 
 def _within(column: Column, *, low: float, high: float, hint: str) -> Floats:
@@ -96,11 +124,22 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
         high=1.0 + _OVERSHOOT,
         hint="it is to be the mass fraction of the fuel's vapour (spray.fuel_field)",
     ).clip(0.0, 1.0)
+    pressure = None
+    if "p" in case.gas:
+        pressure = _within(case.gas["p"], low=1.0, high=1e9, hint="p is a pressure in Pa")
+    moles_kg = fraction / spec.fuel_molar_mass_kg_mol + (1.0 - fraction) / AIR_KG_MOL
     if "rho" in case.gas:
         density = _within(case.gas["rho"], low=0.0, high=2e3, hint="rho is a density in kg/m3")
-    elif "p" in case.gas:
-        pressure = _within(case.gas["p"], low=1.0, high=1e9, hint="p is a pressure in Pa")
-        moles_kg = fraction / spec.fuel_molar_mass_kg_mol + (1.0 - fraction) / AIR_KG_MOL
+        if pressure is not None:
+            ideal = pressure / (moles_kg * GAS_CONSTANT_J_MOL_K * temperature)
+            ratio = float(np.median(density / ideal))
+            if not 1.0 / _IDEAL < ratio < _IDEAL:
+                raise SprayError(
+                    f"{case.gas['rho'].label}: {ratio:.3g} times the density of an ideal gas at "
+                    f"T and p of the case ({case.gas['p'].label}); one of them has another unit "
+                    "than kg/m3, K, Pa"
+                )
+    elif pressure is not None:
         density = pressure / (moles_kg * GAS_CONSTANT_J_MOL_K * temperature)
     else:
         raise SprayError(f"{case.source}: neither rho nor p among the cell fields; one is needed")

@@ -88,16 +88,42 @@ def read_openfoam(
         time_s=wanted,
         mesh=join(meshes),
         gas=gas,
-        available=tuple(
-            sorted(
-                each.name.removesuffix(".gz")
-                for each in (roots[0] / folder).iterdir()
-                if each.is_file()
-            )
-        ),
+        available=tuple(sorted(_file_names(roots[0] / folder))),
         cloud=None if chosen is None else _cloud(chosen, roots, folder, meshes),
         injectors=_injectors(case, chosen),
     )
+
+
+def list_openfoam(
+    path: Path, time_s: float | None
+) -> tuple[list[float], list[str], dict[str, list[str]]]:
+    """Times, cell fields, and clouds with their fields, of a time or the last; nothing is read.
+
+    Raises:
+        SprayError: there is no case, or no such time.
+    """
+    case = path if path.is_dir() else path.parent
+    roots = [case, *case.glob("processor[0-9]*")]
+    if not case.is_dir():
+        raise SprayError(f"{path}: no such case (spray.file)")
+    known = {
+        float(each.name): each.name
+        for root in roots
+        for each in root.iterdir()
+        if _TIME.match(each.name) and each.is_dir()
+    }
+    folder = known[nearest_time(str(case), known, time_s)]
+    fields: set[str] = set()
+    clouds: dict[str, set[str]] = {}
+    for here in (root / folder for root in roots if (root / folder).is_dir()):
+        fields |= _file_names(here)
+        for name in cloud_names(here):
+            clouds.setdefault(name, set()).update(_file_names(here / "lagrangian" / name))
+    return list(known), sorted(fields), {name: sorted(found) for name, found in clouds.items()}
+
+
+def _file_names(folder: Path) -> set[str]:
+    return {each.name.removesuffix(".gz") for each in folder.iterdir() if each.is_file()}
 
 
 def _times(root: Path, fields: Sequence[str]) -> dict[float, str]:

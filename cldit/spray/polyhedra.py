@@ -183,3 +183,27 @@ def join(meshes: Sequence[Mesh]) -> Mesh:
         int(cells[-1]),
         meshes[0].source,
     )
+
+
+# Corners of a box's faces, normals outwards; bits 0, 1, 2 of a corner choose the upper x, y, z.
+_BOX = np.array(
+    [(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)]
+)
+
+
+def box_mesh(lower_m: Floats, upper_m: Floats, source: str) -> Mesh:
+    """A mesh of boxes, lower and upper corner (N, 3), that share no face."""
+    count = len(lower_m)
+    bit = (np.arange(8)[:, None] >> np.arange(3)) & 1
+    points = np.where(bit[None] == 1, upper_m[:, None], lower_m[:, None]).reshape(-1, 3)
+    corners = (8 * np.arange(count)[:, None, None] + _BOX).reshape(-1)
+    faces = 6 * count
+    return Mesh(
+        points_m=points,
+        corners=corners,
+        start=4 * np.arange(faces + 1),
+        owner=np.repeat(np.arange(count), 6),
+        neighbour=np.full(faces, -1, dtype=np.int64),
+        cells=count,
+        source=source,
+    )

@@ -2,7 +2,8 @@
 
 Nukiyama-Tanasawa: f(D) = n D^p exp(-(D/m)^n) / (m^(p+1) Gamma((p+1)/n)), paper Eq. (5). With D
 distributed so, (D/m)^n follows a Gamma distribution of shape (p+1)/n when droplets are counted,
-and of shape (p+4)/n when their mass is.
+and of shape (p+4)/n when their mass is. Rosin-Rammler, exp(-(D/d)^q) of the mass above D, is the
+same with p = q - 4 and n = q; below q = 3 its droplets are infinitely many, and D10 does not exist.
 """
 
 from __future__ import annotations
@@ -11,13 +12,16 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import gammainc, gammaincinv, gammaln
+from scipy.special import gammainc, gammaincinv, gammaln, ndtr, ndtri
 
-from cldit.scene.schema import Monodisperse, NukiyamaTanasawa
+from cldit.errors import SprayError
+from cldit.scene.schema import Histogram, LogNormal, Monodisperse, NukiyamaTanasawa, RosinRammler
 
 Floats = NDArray[np.float64]
-Sizes = NukiyamaTanasawa | Monodisperse
+Sizes = NukiyamaTanasawa | Monodisperse | LogNormal | RosinRammler | Histogram
 Weight = Literal["number", "mass"]
+
+_POWER = {"number": 0, "mass": 3}
 
 
 def mean_diameter_m(sizes: Sizes, high: int, low: int) -> float:
@@ -25,21 +29,62 @@ def mean_diameter_m(sizes: Sizes, high: int, low: int) -> float:
 
     Raises:
         ValueError: the two orders are equal.
+        SprayError: the moment does not exist (Rosin-Rammler, order + q <= 3).
     """
     if high == low:
         raise ValueError(f"D{high}{low}: the two orders must differ")
     if isinstance(sizes, Monodisperse):
         return sizes.diameter_um * 1e-6
-    moments = gammaln((sizes.p + 1 + high) / sizes.n) - gammaln((sizes.p + 1 + low) / sizes.n)
-    return float(sizes.m_um * 1e-6 * np.exp(moments / (high - low)))
+    scale, logs = _log_moments(sizes, np.array([high, low], dtype=float))
+    return float(scale * np.exp((logs[0] - logs[1]) / (high - low)))
+
+
+def _log_moments(sizes: Sizes, orders: Floats) -> tuple[float, Floats]:
+    """A length, and ln <(D / length)^order>, up to one constant."""
+    if isinstance(sizes, LogNormal):
+        spread = np.log(sizes.sigma)
+        return sizes.median_um * 1e-6, 0.5 * (orders * spread) ** 2
+    if isinstance(sizes, Histogram):
+        scale = sizes.edges_um[-1]
+        edges = np.array(sizes.edges_um) / scale
+        number = np.array(sizes.number) / np.diff(edges)
+        sums = [np.sum(number * np.diff(edges ** (order + 1))) / (order + 1) for order in orders]
+        return scale * 1e-6, np.log(sums)
+    if isinstance(sizes, Monodisperse):
+        return sizes.diameter_um * 1e-6, np.zeros_like(orders)
+    m_um, n, p = _gamma(sizes)
+    shapes = (p + 1 + orders) / n
+    if np.any(shapes <= 0):
+        raise SprayError(
+            f"Rosin-Rammler with q = {n:g} has no moment of order {orders[shapes <= 0][0]:g}: "
+            f"it needs q above {3 - orders[shapes <= 0][0]:g}"
+        )
+    return m_um * 1e-6, gammaln(shapes)
 
 
 def quantile_m(sizes: Sizes, share: ArrayLike, *, by: Weight) -> Floats:
-    """Diameter below which a share (0..1) of the droplets, or of their mass, lies."""
+    """Diameter below which a share (0..1) of the droplets, or of their mass, lies.
+
+    Raises:
+        SprayError: by number, where the number is infinite (Rosin-Rammler, q <= 3).
+    """
     wanted = np.asarray(share, dtype=float)
     if isinstance(sizes, Monodisperse):
         return np.full(wanted.shape, sizes.diameter_um * 1e-6)
-    return np.asarray(sizes.m_um * 1e-6 * gammaincinv(_shape(sizes, by), wanted) ** (1 / sizes.n))
+    if isinstance(sizes, LogNormal):
+        spread = np.log(sizes.sigma)
+        shift = _POWER[by] * spread**2
+        return np.asarray(sizes.median_um * 1e-6 * np.exp(shift + spread * ndtri(wanted)))
+    if isinstance(sizes, Histogram):
+        edges, below = _running(sizes, _POWER[by])
+        power = _POWER[by] + 1
+        powers = np.interp(wanted * below[-1], below, edges**power)
+        return np.asarray(powers ** (1 / power) * 1e-6)
+    m_um, n, p = _gamma(sizes)
+    shape = (p + 1 + _POWER[by]) / n
+    if shape <= 0:
+        raise SprayError(f"Rosin-Rammler with q = {n:g}: the number of droplets is infinite")
+    return np.asarray(m_um * 1e-6 * gammaincinv(shape, wanted) ** (1 / n))
 
 
 def strata_m(sizes: Sizes, count: int) -> Floats:
@@ -51,12 +96,69 @@ def strata_m(sizes: Sizes, count: int) -> Floats:
     edges = np.linspace(0.0, 1.0, count + 1)
     if isinstance(sizes, Monodisperse):
         return np.full(count, sizes.diameter_um * 1e-6)
-    shape = _shape(sizes, "mass")
-    bounds = gammaincinv(shape, edges)
-    below = gammainc(shape - 1 / sizes.n, bounds)
-    whole = np.exp(gammaln(shape - 1 / sizes.n) - gammaln(shape))
-    return np.asarray(sizes.m_um * 1e-6 / (count * whole * np.diff(below)))
+    if isinstance(sizes, LogNormal):
+        # 1/D times the mass is again log-normal in D, with its median one sigma^2 lower.
+        spread = np.log(sizes.sigma)
+        surface = ndtr(ndtri(edges) + spread)
+        d32 = sizes.median_um * 1e-6 * np.exp(2.5 * spread**2)
+        return np.asarray(d32 / (count * np.diff(surface)))
+    if isinstance(sizes, Histogram):
+        bounds = quantile_m(sizes, edges, by="mass") * 1e6
+        corners, surface = _running(sizes, 2)
+        below = np.interp(bounds**3, corners**3, surface)
+        mass = _running(sizes, 3)[1][-1]
+        return np.asarray(mass / (count * np.diff(below)) * 1e-6)
+    m_um, n, p = _gamma(sizes)
+    shape = (p + 4) / n
+    surface_below = gammainc(shape - 1 / n, gammaincinv(shape, edges))
+    whole = np.exp(gammaln(shape - 1 / n) - gammaln(shape))
+    return np.asarray(m_um * 1e-6 / (count * whole * np.diff(surface_below)))
 
 
-def _shape(sizes: NukiyamaTanasawa, by: Weight) -> float:
-    return (sizes.p + (1 if by == "number" else 4)) / sizes.n
+def density_per_m(sizes: Sizes, diameter_m: ArrayLike, *, by: Weight) -> Floats:
+    """Share of the droplets, or of their mass, per metre of diameter; integrates to 1.
+
+    Raises:
+        SprayError: every droplet has one diameter, or the number is infinite.
+    """
+    d = np.asarray(diameter_m, dtype=float)
+    power = _POWER[by]
+    if isinstance(sizes, Monodisperse):
+        raise SprayError("droplets of one diameter have no density")
+    if isinstance(sizes, Histogram):
+        edges, below = _running(sizes, power)
+        number = np.append(np.array(sizes.number) / np.diff(edges), 0.0)
+        cell = np.searchsorted(edges, d * 1e6, side="right") - 1
+        inside = (cell >= 0) & (cell < len(number) - 1)
+        return (
+            np.asarray(np.where(inside, number[cell], 0.0) * (d * 1e6) ** power / below[-1]) * 1e6
+        )
+    with np.errstate(divide="ignore", under="ignore"):
+        if isinstance(sizes, LogNormal):
+            spread = np.log(sizes.sigma)
+            middle = np.log(sizes.median_um * 1e-6) + power * spread**2
+            deviation = (np.log(d) - middle) / spread
+            density = np.exp(-0.5 * deviation**2) / (d * spread * np.sqrt(2 * np.pi))
+            return np.asarray(np.where(d > 0, density, 0.0))
+        m_um, n, p = _gamma(sizes)
+        shape = (p + 1 + power) / n
+        if shape <= 0:
+            raise SprayError(f"Rosin-Rammler with q = {n:g}: the number of droplets is infinite")
+        relative = d / (m_um * 1e-6)
+        form = relative ** (p + power) * np.exp(-(relative**n))
+        return np.asarray(form * n / (m_um * 1e-6 * np.exp(gammaln(shape))))
+
+
+def _gamma(sizes: NukiyamaTanasawa | RosinRammler) -> tuple[float, float, float]:
+    """m in um, n and p of Eq. (5)."""
+    if isinstance(sizes, RosinRammler):
+        return sizes.d_um, sizes.q, sizes.q - 4
+    return sizes.m_um, sizes.n, sizes.p
+
+
+def _running(sizes: Histogram, power: int) -> tuple[Floats, Floats]:
+    """Edges in um, and the sum of number * D^power below each."""
+    edges = np.array(sizes.edges_um)
+    number = np.array(sizes.number) / np.diff(edges)
+    held = number * np.diff(edges ** (power + 1)) / (power + 1)
+    return edges, np.concatenate([[0.0], np.cumsum(held)])

@@ -13,7 +13,7 @@ from cldit.spray.cfdcase import Column
 from cldit.spray.polyhedra import Labels, Mesh
 
 # Faces of vtk's linear cells, normals outwards (VTK file formats, figure "Linear cell types").
-_FACES: dict[int, tuple[tuple[int, ...], ...]] = {
+FACES: dict[int, tuple[tuple[int, ...], ...]] = {
     10: ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1)),  # tetrahedron
     11: (  # voxel: the points count up in x, then y, then z
         (0, 4, 6, 2),
@@ -161,12 +161,12 @@ def vtk_mesh(file: Path, grid: Any) -> Mesh:
                 sizes.append(size)
                 owners.append(np.full(len(size), cell))
             continue
-        if kind not in _FACES:
+        if kind not in FACES:
             raise SprayError(
                 f"{file}: cell {members[0]} is of vtk type {kind}; expected tetrahedra, "
                 "hexahedra, voxels, wedges, pyramids or polyhedra"
             )
-        for face in _FACES[kind]:
+        for face in FACES[kind]:
             corners.append(points[offsets[members, None] + np.array(face)].reshape(-1))
             sizes.append(np.full(len(members), len(face)))
             owners.append(members)

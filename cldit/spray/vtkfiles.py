@@ -59,7 +59,7 @@ def read_vtk(
     if not meshes:
         raise SprayError(
             f"{path}: neither an OpenFOAM case (constant/polyMesh) nor foamToVTK output "
-            "(internal.vtu, or .vtk)"
+            "(internal.vtu, or .vtk), EnSight (.case), CONVERGE (.h5) or a mapping file (.yaml)"
         )
     listed = _listed_times(folder)
     times = {listed[key] if key in listed else _own_time(meshes[key]): key for key in meshes}
@@ -93,6 +93,37 @@ def read_vtk(
         available=tuple(sorted(cells)),
         cloud=parcels,
     )
+
+
+def list_vtk(
+    path: Path, time_s: float | None
+) -> tuple[list[float], list[str], dict[str, list[str]]]:
+    """Times, cell fields, and clouds with their fields, of a time or the last step.
+
+    Raises:
+        SprayError: there is no such file or time, or a file is damaged.
+    """
+    if not path.exists():
+        raise SprayError(f"{path}: no such file or folder (spray.file)")
+    folder, own = _place(path.resolve())
+    steps = {key: step for key, step in _steps(folder).items() if own is None or key == own}
+    listed = _listed_times(folder)
+    times = {
+        key: listed[key] if key in listed else _own_time(step.mesh)
+        for key, step in steps.items()
+        if step.mesh is not None
+    }
+    if not times:
+        raise SprayError(f"{path}: no .vtu or .vtk file of a mesh")
+    known = {time: key for key, time in times.items() if time is not None}
+    key = known[nearest_time(str(path), known, time_s)] if known else max(times)
+    mesh = steps[key].mesh
+    assert mesh is not None
+    clouds = {
+        name: sorted(point_columns(file, load_vtk(file))[1])
+        for name, file in steps[key].clouds.items()
+    }
+    return list(known), sorted(cell_columns(mesh, load_vtk(mesh))), clouds
 
 
 def _number(path: Path) -> str:

@@ -60,6 +60,13 @@ def another_order(sweeper: Sweeper, source: Array, rays: Rays) -> Array:
     return sweeper.next_order()
 
 
+def last_order(sweeper: Sweeper, source: Array, rays: Rays) -> Array:
+    """The source after one more scattering, where the camera's light comes from in each cell."""
+    sweeper.set_source(source, shining=True)
+    sweeper.sweep(rays.directions, rays.starts, shining=True)
+    return sweeper.last_order()
+
+
 def _rms(values: Array) -> NDArray[np.float64]:
     """RMS over cells of each component (C, N)."""
     wide = values.astype(np.float64)

@@ -254,6 +254,27 @@ class Sweeper:
         )
         return download(self.device, self._out, np.empty((self.components, self.count), self._real))
 
+    def last_order(self) -> NDArray[Any]:
+        """As `next_order`, as the camera sees it: see the kernel."""
+        nx, ny, _ = self.box.shape
+        self._kernels["last_order"](
+            self.device.queue,
+            (self.count,),
+            None,
+            self._out,
+            self._excess[False],
+            self._source[False],
+            self._emission,
+            self._albedo,
+            self._depth[False],
+            self._place,
+            np.int32(nx),
+            np.int32(ny),
+            np.int32(self.box.cells),
+            np.int32(self.count),
+        )
+        return download(self.device, self._out, np.empty((self.components, self.count), self._real))
+
     def next_order(self) -> NDArray[Any]:
         """Replaces the source by a (S + D) + E and returns it, (C, N)."""
         self._kernels["next_order"](

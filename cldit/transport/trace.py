@@ -25,7 +25,7 @@ from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import for_boundary
-from cldit.transport.solve import Rays, Solution, another_order, first_guess, solve
+from cldit.transport.solve import Rays, Solution, another_order, first_guess, last_order, solve
 from cldit.transport.sweep import Sweeper, sweep_defines
 
 Floats = NDArray[np.float64]
@@ -234,7 +234,7 @@ def _scattering(
                 source = another_order(sweeper, source, rays(settings.directions))
             solution = Solution(source, settings.order, 0.0, 0.0)
         half = settings.final_directions // 2
-        halves = [another_order(sweeper, solution.source, rays(half)) for _ in range(2)]
+        halves = [last_order(sweeper, solution.source, rays(half)) for _ in range(2)]
     counts.update(
         swept_cells=sweeper.box.cells, scattering_cells=sweeper.count, sweeps=sweeper.sweeps
     )

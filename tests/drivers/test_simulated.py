@@ -13,6 +13,7 @@ import pytest
 
 from cldit.errors import RunFolderError
 from cldit.optics.planck import band_radiance
+from cldit.optics.response import scene_filter
 from cldit.radiance.weights import Weights
 from cldit.rig.clock import SimulatedClock
 from cldit.rig.drivers import RigContext
@@ -70,7 +71,7 @@ def test_without_injection_it_is_the_empty_scene(tiny_run: Path, tiny_scene: Sce
     bench.attach_blackbody(lambda time_s: 480.0)
     image = bench.radiance(Pulse(0.0, False, 1))
     disc, wall = (
-        float(band_radiance(kelvin, filter_um=tiny_scene.optics.filter_um))
+        float(band_radiance(kelvin, filter_um=scene_filter(tiny_scene)))
         for kelvin in (480.0, tiny_scene.walls.temperature_K)
     )
     assert image[6, 8] == pytest.approx(disc, rel=1e-6)
@@ -134,7 +135,7 @@ def test_scatter_keeps_a_cavity_flat(tiny_scene: Scene, tiny_run: Path, tmp_path
     )
     bench = bench_before(varied(scene, tmp_path, tiny_run, shot_scatter=0.5))
     bench.attach_blackbody(lambda time_s: 370.0)
-    flat = float(band_radiance(370.0, filter_um=scene.optics.filter_um))
+    flat = float(band_radiance(370.0, filter_um=scene_filter(scene)))
     for number in range(5):
         assert bench.radiance(spray(number)) == pytest.approx(flat, rel=1e-5)
 

@@ -100,3 +100,24 @@ def test_orthographic_rays(apply: Any) -> None:
     for name, expected in (("dx", 0.0), ("dy", 1.0), ("dz", 0.0), ("start", -50.0)):
         got = apply("ray.h", f"{call}.{name}", [column], defines="#define CAMERA_ORTHOGRAPHIC 1")
         np.testing.assert_array_equal(got, np.full(4, expected))
+
+
+def test_light_depth(apply: Any) -> None:
+    """Mean depth of the light that leaves a cell, against the integral of u exp(-u)."""
+    depths = np.concatenate([[1e-6, 0.0999, 0.1001], np.logspace(-3, 6, 60)])
+    got = apply(
+        "iterate.cl",
+        "light_depth(a)",
+        [depths.astype(np.float32)],
+        defines="#define HAS_DROPLETS 1\n#define HAS_SCATTERING 1",
+    )
+    t = depths.astype(np.float32).astype(float)
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    expected = []
+    for depth in t:
+        reach = min(depth, 60.0)  # nothing comes from deeper
+        u = (nodes + 1) / 2 * reach
+        light = weights * np.exp(-u)
+        expected.append(np.sum(light * u) / np.sum(light) / depth - 0.5)
+    # 1/t - 1/(exp(t) - 1) loses 1 / t to rounding: 8 ulp of 10 just above the switch.
+    np.testing.assert_allclose(got, expected, atol=80 * ULP)

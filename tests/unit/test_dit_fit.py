@@ -17,8 +17,10 @@ from cldit.dit.fit import apparent_radiance, emissivity, fit_line, shot_scatter
 from cldit.dit.maps import Maps, Reason
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.optics.planck import band_radiance
+from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
 
+AROUND = Surroundings(wall_temperature_K=300.0)
 FILTER = (3.3, 3.5)
 CALIBRATION = Calibration(
     filter_um=FILTER,
@@ -49,8 +51,7 @@ class _Acquisition:
     images: dict[str, NDArray[Any]]
     calibration: dict[str, Any]
     bad_pixels: NDArray[np.bool_] | None = None
-    background_emissivity: float = 1.0
-    wall_temperature_K: float = 300.0
+    surroundings: Surroundings = AROUND
 
     def load(self, shot: _Shot) -> NDArray[Any]:
         return self.images[shot.id]
@@ -311,8 +312,7 @@ def _trace(spray: Weights, reference: Weights, kelvin: tuple[float, ...] = BACKG
         spray,
         reference,
         background_temperatures_K=kelvin,
-        background_emissivity=0.9,
-        wall_temperature_K=300.0,
+        surroundings=Surroundings(wall_temperature_K=300.0, background_emissivity=0.9),
         filter_um=FILTER,
         sensor=None,
         shots=1,

@@ -11,7 +11,14 @@ import yaml
 import cldit.scene
 from cldit.errors import SceneError
 from cldit.scene import Scene, dump_scene, load_scene, parse_scene, shipped_scenes
-from cldit.scene.schema import ConeSpray, Monodisperse, NukiyamaTanasawa
+from cldit.scene.schema import (
+    ConeSpray,
+    Histogram,
+    LogNormal,
+    Monodisperse,
+    NukiyamaTanasawa,
+    RosinRammler,
+)
 
 SHIPPED = ("droplets-only", "empty", "gdi-cold", "gdi-flow", "gdi", "methane-jet")
 
@@ -55,16 +62,21 @@ def test_shipped_scenes_say_only_what_differs(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "droplets", [{"diameter_um": 9.0}, {"m_um": 3.21, "n": 1.28822, "p": 2.0}, {}, None]
+    ("droplets", "kind"),
+    [
+        ({"diameter_um": 9.0}, Monodisperse),
+        ({"m_um": 3.21, "n": 1.28822, "p": 2.0}, NukiyamaTanasawa),
+        ({"median_um": 6.0, "sigma": 1.6}, LogNormal),
+        ({"d_um": 10.0, "q": 1.8}, RosinRammler),
+        ({"edges_um": [0.0, 4.0, 8.0], "number": [3.0, 0.0]}, Histogram),
+        ({}, NukiyamaTanasawa),
+        (None, type(None)),
+    ],
 )
-def test_sizes_there_and_back(droplets: dict[str, float] | None) -> None:
+def test_sizes_there_and_back(droplets: dict[str, object] | None, kind: type) -> None:
     scene = _scene(spray={"model": "cone", "droplets": droplets})
     assert isinstance(scene.spray, ConeSpray)
-    kind = type(scene.spray.droplets)
-    if droplets is None:
-        assert scene.spray.droplets is None
-    else:
-        assert kind is (Monodisperse if "diameter_um" in droplets else NukiyamaTanasawa)
+    assert type(scene.spray.droplets) is kind
     assert parse_scene(yaml.safe_load(dump_scene(scene))) == scene
 
 
@@ -81,7 +93,7 @@ def test_sizes_as_objects() -> None:
         (
             {"camera": {"pixel": 3}},
             "camera.pixel: unknown key; allowed: model, distance_m, field_m, pixels, target_m, "
-            "sensor",
+            "surroundings_K, sensor",
         ),
         ({"camera": {"sensor": {"bits": 17}}}, "camera.sensor.bits: 17 is outside 8..16"),
         ({"camera": {"field_m": [0.1]}}, "camera.field_m: a value is missing"),
@@ -140,8 +152,25 @@ def test_sizes_as_objects() -> None:
             "spray.droplets.q: unknown key; allowed: m_um, n, p",
         ),
         (
+            {"spray": {"model": "cone", "droplets": {"edges_um": [1, 2, 3], "number": [1]}}},
+            "spray.droplets: number: 1 values for 3 edges; allowed are 1..1000, one less",
+        ),
+        (
+            {"spray": {"model": "cone", "droplets": {"edges_um": [1, 3, 2], "number": [1, 1]}}},
+            "spray.droplets: edges_um: must rise",
+        ),
+        (
+            {"spray": {"model": "cone", "droplets": {"edges_um": [1, 2], "number": [0]}}},
+            "spray.droplets: number: holds no droplets",
+        ),
+        (
+            {"spray": {"model": "cone", "droplets": {"d_um": 9, "q": 1}}},
+            "spray.droplets.q: 1 is outside 1.01..20",
+        ),
+        (
             {"spray": {"model": "cone", "droplets": 9}},
-            "spray.droplets: is no size distribution; allowed: {m_um, n, p}, {diameter_um} or null",
+            "spray.droplets: is no size distribution; allowed: {m_um, n, p}, {diameter_um}, "
+            "{median_um, sigma}, {d_um, q}, {edges_um, number} or null",
         ),
         (
             {"spray": {"model": "cone", "ambient": {"pressure_Pa": 6}}},

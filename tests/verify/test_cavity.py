@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from cldit.optics.planck import band_radiance
+from cldit.optics.response import scene_filter
 from cldit.run import Run
 
 T = 450.0
@@ -24,7 +25,7 @@ EDGE = 0.2
 
 def closure(run: Run) -> float:
     """Largest departure of the sum of weights from 1."""
-    radiance = float(band_radiance(T, filter_um=run.scene.optics.filter_um))
+    radiance = float(band_radiance(T, filter_um=scene_filter(run.scene)))
     w = run.weights
     total = w.background.astype(float) + w.wall + (w.vapour.astype(float) + w.liquid) / radiance
     return float(np.max(np.abs(total - 1)))

@@ -15,6 +15,7 @@ from cldit.camera.sensor import SensorModel
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.dit.maps import Maps, Reason
 from cldit.optics.planck import band_radiance
+from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
 from cldit.scene.schema import EmptySpray, Scene
 
@@ -41,8 +42,7 @@ def _maps(
         spray,
         _weights(background=disc),
         background_temperatures_K=backgrounds_K,
-        background_emissivity=emissivity,
-        wall_temperature_K=wall_K,
+        surroundings=Surroundings(wall_temperature_K=wall_K, background_emissivity=emissivity),
         filter_um=FILTER,
         sensor=sensor,
         shots=shots,

@@ -19,8 +19,10 @@ from cldit.camera.sensor import SensorModel
 from cldit.dit.evaluate import evaluate_acquisition
 from cldit.dit.maps import Maps
 from cldit.optics.planck import band_radiance
+from cldit.radiance.boundary import Surroundings
 from cldit.scene.schema import Camera, EmptySpray, Scene, Sensor
 
+AROUND = Surroundings(wall_temperature_K=300.0)
 FILTER = (3.3, 3.5)
 SIDE = 64
 SPRAY_K = 430.0
@@ -40,8 +42,7 @@ class _Recorded:
     shots: list[_Shot]
     images: dict[str, NDArray[np.uint16]]
     bad_pixels: None = None
-    background_emissivity: float = 1.0
-    wall_temperature_K: float = 300.0
+    surroundings: Surroundings = AROUND
 
     def load(self, shot: _Shot) -> NDArray[np.uint16]:
         return self.images[shot.id]

@@ -19,7 +19,7 @@ from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 # Of the fuel's mole fraction at the surface. A superheated droplet evaporates as fast as this
 # allows, ln(1 + B) = 7 to 8, and cools to boiling at once.
 _MOST_VAPOUR = 0.999
-_LEAST_TRANSFER = -0.999  # pure vapour would condense without bound
+_MOST_FAR_VAPOUR = 0.99  # of it far away: below the former, so that whatever boils evaporates
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,12 @@ class Film:
 def surface_vapour(drop: Drop) -> Floats:
     """Mass fraction of fuel at the surface (Raoult's law, capped at boiling)."""
     part = drop.fuel.saturation_Pa(drop.temperature_K) / drop.pressure_Pa
-    moles = np.minimum(part, _MOST_VAPOUR)
+    return np.asarray(_mass_fraction(drop, np.minimum(part, _MOST_VAPOUR)))
+
+
+def _mass_fraction(drop: Drop, moles: Floats | float) -> Floats | float:
     ratio = drop.gas.molar_mass_kg_mol / drop.fuel.molar_mass_kg_mol
-    return np.asarray(moles / (moles + (1 - moles) * ratio))
+    return moles / (moles + (1 - moles) * ratio)
 
 
 def film(drop: Drop, *, share: float = 1 / 3) -> Film:
@@ -87,7 +90,8 @@ def film(drop: Drop, *, share: float = 1 / 3) -> Film:
     fuel, gas = drop.fuel, drop.gas
     surface = surface_vapour(drop)
     t = drop.temperature_K + share * (drop.gas_temperature_K - drop.temperature_K)
-    y = surface + share * (drop.vapour - surface)
+    distant = np.minimum(drop.vapour, _mass_fraction(drop, _MOST_FAR_VAPOUR))
+    y = surface + share * (distant - surface)
     cp_v, lam_v, mu_v = fuel.vapour.at(t, "cp", "conductivity", "viscosity")
     cp_g, lam_g, mu_g = gas.vapour.at(t, "cp", "conductivity", "viscosity")
     heavy = gas.molar_mass_kg_mol / fuel.molar_mass_kg_mol
@@ -104,7 +108,7 @@ def film(drop: Drop, *, share: float = 1 / 3) -> Film:
     )
     far = _density(drop, drop.gas_temperature_K, drop.vapour)
     return Film(
-        transfer=np.maximum((surface - drop.vapour) / (1 - surface), _LEAST_TRANSFER),
+        transfer=(surface - distant) / (1 - surface),
         density_kg_m3=far,
         viscosity_Pa_s=viscosity,
         reynolds=far * drop.slip_m_s * drop.diameter_m / viscosity,

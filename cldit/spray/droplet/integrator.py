@@ -22,7 +22,7 @@ from cldit.spray.droplet.fluids import Fuel, Gas
 _PROBE_K = 0.01
 _TEMPERATURE_SCALE_K = 100.0  # an error of 1 % of this counts as much as one of 1 % in s
 _NOTHING = 1e-6  # of s: 1e-9 of the mass
-_MOST_ROUNDS = 20000
+_MOST_ROUNDS = 3000
 _CD = 0.44 / 24  # times Re: factor on Stokes' drag beyond Re = 1000
 
 

@@ -192,7 +192,8 @@ def test_every_kind_of_cell(tmp_path: Path) -> None:
     cells: list[tuple[int, Any]] = []
     for column, (kind, (corners, _)) in enumerate(SOLIDS.items()):
         first = len(points)
-        points += [(x + 5.0 * column, y, z) for x, y, z in corners]
+        # a quarter of its size: what is wider than 10 m is taken for millimetres
+        points += [(x / 4 + 1.25 * column, y / 4, z / 4) for x, y, z in corners]
         faces = [[first + corner for corner in face] for face in CUBE]
         cells.append((kind, faces if kind == 42 else range(first, len(points))))
     gas = {
@@ -201,9 +202,10 @@ def test_every_kind_of_cell(tmp_path: Path) -> None:
     file = save(tmp_path / "internal.vtu", grid_of(cells, points, gas))
     vapour = read_cfd(CfdSpray(file=file, nozzle_m=(0, 0, 0), axis="-z")).vapour
     assert vapour is not None
-    # whole numbers are exact in float32
-    assert vapour.cells.volume_m3 == pytest.approx([v for _, v in SOLIDS.values()], rel=1e-12)
-    middle = (vapour.cells.lower_m + vapour.cells.upper_m) / 2
+    # quarters are exact in float32
+    volumes = [volume / 64 for _, volume in SOLIDS.values()]
+    assert vapour.cells.volume_m3 == pytest.approx(volumes, rel=1e-12)
+    middle = (vapour.cells.lower_m + vapour.cells.upper_m) / 2 * 4
     middle[:, 0] -= 5.0 * np.arange(len(cells))
     tet, box, wedge = (0.25, 0.25, 0.25), (0.5, 1.0, 1.5), (1 / 3, 1 / 3, 1.0)
     centroids = np.array([tet, box, box, wedge, (1.0, 1.0, 0.75), (0.5, 0.5, 0.5)])

@@ -1,0 +1,168 @@
+"""Complex refractive indices n - ik of liquid fuels between 2 and 5.6 um.
+
+Shipped liquids are sums of Voigt bands (a Gaussian spread of Lorentz oscillators, as in Brendel
+and Bormann, J. Appl. Phys. 71, 1 (1992)), fitted to published tables. With w the Faddeeva function
+and z = (v - v_j + i g_j) / (sqrt(2) s_j), a band gives k = h_j Re w and n = -h_j Im w, mirrored at
+-v_j: both are one analytic function, so n follows from k by Kramers-Kronig without quadrature. What
+lies outside the table (electrons, bending bands) adds c0 + c1 (v / 3000)^2 + c2 (3000 / v)^2 to n.
+
+Off the temperature of the data k follows the density and n a constant dn/dT. Both are assumptions:
+nobody has measured these bands in the heat of a spray.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any, Literal
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import wofz
+
+from cldit.errors import OpticsError
+
+Floats = NDArray[np.float64]
+Status = Literal["measured", "estimate", "user"]
+
+_DATA = "cldit.optics.data"
+_PREFIX = "liquid-"
+_REFERENCE_PER_CM = 3000.0
+
+
+@dataclass(frozen=True)
+class Bands:
+    """A sum of bands, and what it needs to follow the temperature.
+
+    bands: (B, 4): height of k, centre, Lorentz half width at half height, Gaussian standard
+    deviation, the last three in 1/cm. background: c0, c1, c2.
+    """
+
+    bands: Floats
+    background: tuple[float, float, float]
+    dn_dT_per_K: float
+    critical_K: float
+    packing: tuple[float, float]  # density ~ packing[0]^-(1 - T / critical)^packing[1]
+
+    def at(self, wavelength_um: Floats) -> tuple[Floats, Floats]:
+        number = (1e4 / wavelength_um)[..., None]
+        height, centre, lorentz, gauss = self.bands.T
+        scale = np.sqrt(2.0) * gauss
+        band = wofz((number - centre + 1j * lorentz) / scale)
+        mirror = wofz((number + centre + 1j * lorentz) / scale)
+        response = np.sum(height * (band - mirror), axis=-1)
+        ratio = (1e4 / _REFERENCE_PER_CM / wavelength_um) ** 2
+        c0, c1, c2 = self.background
+        return c0 + c1 * ratio + c2 / ratio - response.imag, np.maximum(response.real, 0.0)
+
+    def density_ratio(self, temperature_K: float, reference_K: float) -> float:
+        base, power = self.packing
+        cold, hot = ((1 - t / self.critical_K) ** power for t in (reference_K, temperature_K))
+        return float(base ** (cold - hot))
+
+
+@dataclass(frozen=True)
+class Table:
+    """Three columns (N,), wavelengths rising; linear in between."""
+
+    wavelength_um: Floats
+    n: Floats
+    k: Floats
+
+    def at(self, wavelength_um: Floats) -> tuple[Floats, Floats]:
+        n = np.interp(wavelength_um, self.wavelength_um, self.n)
+        return n, np.interp(wavelength_um, self.wavelength_um, self.k)
+
+
+@dataclass(frozen=True)
+class Liquid:
+    """A liquid's refractive index, where it comes from and where it holds.
+
+    status: `measured`, `estimate` (nobody measured it; the source says how it was had) or `user`.
+    temperature_K: that of the data; None if the source does not say. fit: how far the bands are
+    from the source's table.
+    """
+
+    name: str
+    source: str
+    status: Status
+    temperature_K: float | None
+    wavelength_um: tuple[float, float]
+    temperatures_K: tuple[float, float]
+    model: Bands | Table
+    fit: str = ""
+    licence: str = ""
+
+    def index(self, wavelength_um: ArrayLike, temperature_K: float) -> tuple[Floats, Floats]:
+        """n and k, shaped as `wavelength_um`.
+
+        A user's table is used as it is at every temperature.
+
+        Raises:
+            OpticsError: a wavelength or the temperature is outside the range of the data.
+        """
+        wavelength = np.asarray(wavelength_um, dtype=float)
+        low, high = self.wavelength_um
+        inside = (wavelength >= low * (1 - 1e-12)) & (wavelength <= high * (1 + 1e-12))
+        if not np.all(inside):
+            bad = wavelength[~inside].reshape(-1)[0]
+            raise OpticsError(
+                f"{self.name}: {bad:g} um is outside {low:g}..{high:g} um, the range of its "
+                f"refractive index ({self.source})"
+            )
+        cold, hot = self.temperatures_K
+        if not cold <= temperature_K <= hot:
+            raise OpticsError(
+                f"{self.name}: {temperature_K:g} K is outside {cold:g}..{hot:g} K, where it is "
+                "liquid"
+            )
+        n, k = self.model.at(wavelength)
+        if isinstance(self.model, Bands) and self.temperature_K is not None:
+            n = n + self.model.dn_dT_per_K * (temperature_K - self.temperature_K)
+            k = k * self.model.density_ratio(temperature_K, self.temperature_K)
+        return n, k
+
+
+def liquids() -> tuple[str, ...]:
+    """The names that `liquid` knows."""
+    names = (entry.name for entry in resources.files(_DATA).iterdir())
+    ours = (name for name in names if name.startswith(_PREFIX) and name.endswith(".yaml"))
+    return tuple(sorted(name[len(_PREFIX) : -len(".yaml")] for name in ours))
+
+
+def liquid(name: str) -> Liquid:
+    """A liquid that is shipped: n-heptane (an estimate), n-octane or iso-octane (measured).
+
+    Raises:
+        OpticsError: the name is unknown.
+    """
+    if name not in liquids():
+        raise OpticsError(
+            f"{name}: no refractive index is shipped for it; there are {', '.join(liquids())}, "
+            "and tables can be read from files"
+        )
+    file = resources.files(_DATA).joinpath(f"{_PREFIX}{name}.yaml")
+    data: dict[str, Any] = yaml.safe_load(file.read_text(encoding="utf-8"))
+    c0, c1, c2 = data["background"]
+    density = data["density"]
+    model = Bands(
+        bands=np.array(data["bands"], dtype=float),
+        background=(c0, c1, c2),
+        dn_dT_per_K=data["dn_dT_per_K"],
+        critical_K=density["critical_K"],
+        packing=(density["base"], density["exponent"]),
+    )
+    low, high = data["wavelength_um"]
+    cold, hot = data["temperatures_K"]
+    return Liquid(
+        name=name,
+        source=data["source"],
+        status=data["status"],
+        temperature_K=data["temperature_K"],
+        wavelength_um=(low, high),
+        temperatures_K=(cold, hot),
+        model=model,
+        fit=data["fit"],
+        licence=data["licence"],
+    )

@@ -1,0 +1,191 @@
+"""Refractive indices that users bring: CSV with three columns, or refractiveindex.info's YAML."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from cldit.errors import OpticsError
+from cldit.optics.liquid import Liquid, Table
+
+Floats = NDArray[np.float64]
+
+_UNIT_UM = (0.1, 200.0)  # wavelengths outside this are in another unit
+_COLUMNS = ("wavelength_um", "n", "k")
+
+
+def read_liquid_table(path: Path) -> Liquid:
+    """n and k over wavelength from a file; its values are used as they are at any temperature.
+
+    CSV: wavelength_um, n, k; a heading is optional, lines that begin with # are skipped. YAML: the
+    form of refractiveindex.info, with `tabulated nk`, or `tabulated k` beside `tabulated n`,
+    `formula 1` or `formula 2` (Sellmeier). Wavelengths may fall; they are sorted.
+
+    Raises:
+        OpticsError: the file cannot be read, has no n or no k, k < 0 or n <= 0, numbers are
+            missing or not finite, a wavelength occurs twice, or wavelengths are not in um.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise OpticsError(f"{path}: cannot be read ({error})") from error
+    if path.suffix.lower() in (".yml", ".yaml"):
+        table, source, temperature_K = _from_yaml(text, path)
+    else:
+        table, source, temperature_K = _from_csv(text, path), str(path), None
+    return Liquid(
+        name=path.stem,
+        source=source,
+        status="user",
+        temperature_K=temperature_K,
+        wavelength_um=(float(table.wavelength_um[0]), float(table.wavelength_um[-1])),
+        temperatures_K=(1e-3, 5000.0),
+        model=table,
+    )
+
+
+def _from_csv(text: str, path: Path) -> Table:
+    rows: list[list[float]] = []
+    lines = [line for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
+    for place, row in enumerate(csv.reader(lines)):
+        try:
+            rows.append([float(cell) for cell in row])
+        except ValueError:
+            heading = tuple(cell.strip() for cell in row)
+            if place > 0:
+                raise OpticsError(f"{path}: {','.join(row)} is not three numbers") from None
+            if heading[:3] != _COLUMNS:
+                raise OpticsError(
+                    f"{path}: columns {', '.join(heading)}; expected are {', '.join(_COLUMNS)}"
+                ) from None
+    if any(len(row) != 3 for row in rows):
+        raise OpticsError(f"{path}: every line must hold {', '.join(_COLUMNS)}")
+    return _table(np.array(rows, dtype=float).reshape(-1, 3), path)
+
+
+def _from_yaml(text: str, path: Path) -> tuple[Table, str, float | None]:
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise OpticsError(f"{path}: is not valid YAML ({error})") from error
+    parts = data.get("DATA") if isinstance(data, dict) else None
+    if not isinstance(parts, list) or not all(isinstance(part, dict) for part in parts):
+        raise OpticsError(f"{path}: has no DATA list, as files of refractiveindex.info have")
+    n: tuple[Floats, Floats] | dict[str, Any] | None = None
+    k: tuple[Floats, Floats] | None = None
+    for part in parts:
+        kind = str(part.get("type", ""))
+        if kind == "tabulated nk":
+            rows = _columns(part, 3, path)
+            n, k = (rows[:, 0], rows[:, 1]), (rows[:, 0], rows[:, 2])
+        elif kind in ("tabulated n", "tabulated k"):
+            rows = _columns(part, 2, path)
+            if kind.endswith("n"):
+                n = (rows[:, 0], rows[:, 1])
+            else:
+                k = (rows[:, 0], rows[:, 1])
+        elif kind in ("formula 1", "formula 2"):
+            n = part
+        else:
+            raise OpticsError(
+                f"{path}: DATA of type {kind!r}; allowed are tabulated nk, tabulated n, "
+                "tabulated k, formula 1 and formula 2"
+            )
+    if n is None or k is None:
+        hint = "; cldit.optics.kramers_kronig.n_from_k makes n from k" if n is None else ""
+        raise OpticsError(f"{path}: has no {'n' if n is None else 'k'}{hint}")
+    wavelength, absorbed = k
+    if isinstance(n, dict):
+        real = _sellmeier(n, wavelength, path)
+    else:
+        order = np.argsort(n[0])
+        if wavelength.min() < n[0].min() or wavelength.max() > n[0].max():
+            raise OpticsError(f"{path}: k reaches beyond the wavelengths of n")
+        real = np.interp(wavelength, n[0][order], n[1][order])
+    table = _table(np.column_stack([wavelength, real, absorbed]), path)
+    source = " ".join(str(data.get("REFERENCES", path)).split())
+    return table, source, _temperature_K(data)
+
+
+def _columns(part: dict[str, Any], count: int, path: Path) -> Floats:
+    try:
+        rows = [[float(cell) for cell in line.split()] for line in str(part["data"]).splitlines()]
+    except (KeyError, ValueError) as error:
+        raise OpticsError(f"{path}: {part.get('type')}: not numbers in columns ({error})") from None
+    rows = [row for row in rows if row]
+    if not rows or any(len(row) != count for row in rows):
+        raise OpticsError(f"{path}: {part.get('type')}: every line must hold {count} numbers")
+    return np.array(rows)
+
+
+def _sellmeier(part: dict[str, Any], wavelength_um: Floats, path: Path) -> Floats:
+    """n^2 - 1 = C1 + sum of B l^2 / (l^2 - C^2) (formula 1) or / (l^2 - C) (formula 2)."""
+    try:
+        c = [float(cell) for cell in str(part["coefficients"]).split()]
+        low, high = (float(cell) for cell in str(part["wavelength_range"]).split())
+        terms = list(zip(c[1::2], c[2::2], strict=True))
+    except (KeyError, ValueError) as error:
+        raise OpticsError(f"{path}: {part.get('type')}: incomplete ({error})") from None
+    if not (low <= wavelength_um.min() and wavelength_um.max() <= high):
+        raise OpticsError(f"{path}: k reaches beyond {low:g}..{high:g} um, the range of n")
+    square = wavelength_um**2
+    power = 2 if part["type"] == "formula 1" else 1
+    squared = np.full(square.shape, 1.0 + c[0])
+    for strength, place in terms:
+        squared = squared + strength * square / (square - place**power)
+    if np.any(squared <= 0):
+        raise OpticsError(f"{path}: {part['type']} gives n^2 <= 0")
+    return np.asarray(np.sqrt(squared))
+
+
+def _temperature_K(data: dict[str, Any]) -> float | None:
+    conditions = data.get("CONDITIONS")
+    given = conditions.get("temperature") if isinstance(conditions, dict) else None
+    return float(given) if isinstance(given, int | float) else None
+
+
+def _table(rows: Floats, path: Path) -> Table:
+    if len(rows) < 2:
+        raise OpticsError(f"{path}: {len(rows)} lines of numbers; needed are 2 or more")
+    if not np.all(np.isfinite(rows)):
+        line = int(np.argmin(np.all(np.isfinite(rows), axis=1)))
+        raise OpticsError(f"{path}: line {line + 1} of the numbers is not finite")
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    wavelength, n, k = rows.T
+    check_um(wavelength, what=str(path))
+    if np.any(np.diff(wavelength) <= 0):
+        twice = wavelength[:-1][np.diff(wavelength) <= 0][0]
+        raise OpticsError(f"{path}: the wavelength {twice:g} um occurs twice")
+    for name, column, sound in (("n", n, n > 0), ("k", k, k >= 0)):
+        if not np.all(sound):
+            bad = int(np.argmin(sound))
+            raise OpticsError(
+                f"{path}: {name} = {column[bad]:g} at {wavelength[bad]:g} um; allowed are "
+                f"{'n > 0' if name == 'n' else 'k >= 0 (m = n - ik)'}"
+            )
+    return Table(wavelength, n, k)
+
+
+def check_um(wavelength_um: Floats, *, what: str) -> None:
+    """Refuses wavelengths whose size says that they are not in um, with a guess at the unit.
+
+    Raises:
+        OpticsError: one is outside 0.1..200 um.
+    """
+    low, high = float(np.min(wavelength_um)), float(np.max(wavelength_um))
+    if _UNIT_UM[0] <= low and high <= _UNIT_UM[1]:
+        return
+    hint = "something else than um"
+    if 0 < low and high < 1e-3:
+        hint = "m (multiply by 1e6)"
+    elif low >= 100.0:
+        hint = "nm (divide by 1000), or wavenumbers in 1/cm (1e4 divided by them gives um)"
+    raise OpticsError(
+        f"{what}: wavelengths {low:g}..{high:g} look like {hint}; allowed are "
+        f"{_UNIT_UM[0]:g}..{_UNIT_UM[1]:g} um"
+    )

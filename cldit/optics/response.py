@@ -1,0 +1,151 @@
+"""What a camera counts of the light at each wavelength: its filter, and its quantum efficiency.
+
+A filter is either the two edges of a rectangle, in which everything counts, or a `Response`. All
+radiances "in the filter" are integrals of photon radiance times this response. A quantum efficiency
+that is one number stays with the sensor; a tabulated one is part of the response.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cldit.errors import SceneError
+from cldit.scene.curves import check_curve
+from cldit.scene.schema import Scene
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Response:
+    """Values from 0 to 1 over rising wavelengths; straight lines between, nothing beyond.
+
+    Raises:
+        SceneError: as `cldit.scene.curves.check_curve`.
+    """
+
+    pairs: tuple[tuple[float, float], ...]  # wavelength_um, value
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pairs", check_curve(self.pairs, what="filter_um"))
+
+    def at(self, wavelength_um: ArrayLike) -> Floats:
+        wavelength, value = np.array(self.pairs).T
+        return np.asarray(
+            np.interp(np.asarray(wavelength_um, float), wavelength, value, left=0.0, right=0.0)
+        )
+
+
+Filter = tuple[float, float] | Response
+
+
+def edges_um(filter_um: Filter) -> tuple[float, float]:
+    """The lowest and highest wavelength that counts.
+
+    Raises:
+        SceneError: the filter is empty or not positive.
+    """
+    if isinstance(filter_um, Response):
+        values = [value for _, value in filter_um.pairs]
+        some = np.flatnonzero(values)
+        first, last = max(int(some[0]) - 1, 0), min(int(some[-1]) + 1, len(values) - 1)
+        return filter_um.pairs[first][0], filter_um.pairs[last][0]
+    low, high = filter_um
+    if not 0.0 < low < high < np.inf:
+        raise SceneError(
+            f"filter_um: {low:g} to {high:g} is no filter; allowed is a lower and a higher "
+            "wavelength, both above 0"
+        )
+    return low, high
+
+
+def cut(filter_um: Filter, low_um: float, high_um: float) -> tuple[tuple[float, float], ...]:
+    """The response from `low_um` to `high_um` as (wavelength_um, value), values at both ends.
+
+    Both must lie within the filter's edges.
+    """
+    if not isinstance(filter_um, Response):
+        return ((low_um, 1.0), (high_um, 1.0))
+    inside = [pair for pair in filter_um.pairs if low_um < pair[0] < high_um]
+    first, last = filter_um.at([low_um, high_um])
+    return ((low_um, float(first)), *inside, (high_um, float(last)))
+
+
+def values_at(filter_um: Filter, wavelength_um: ArrayLike) -> Floats:
+    """The response at wavelengths, any shape; 0 outside the filter."""
+    if isinstance(filter_um, Response):
+        return filter_um.at(wavelength_um)
+    wavelength = np.asarray(wavelength_um, float)
+    low, high = filter_um
+    return np.where((wavelength >= low) & (wavelength <= high), 1.0, 0.0)
+
+
+def scene_filter(scene: Scene) -> Filter:
+    """The response of the scene's camera.
+
+    Raises:
+        SceneError: filter and quantum efficiency have no wavelength in common.
+    """
+    filter_um = scene.optics.filter_um
+    efficiency = scene.camera.sensor.quantum_efficiency
+    own = _as_filter(filter_um)
+    if isinstance(efficiency, float):
+        return own
+    return product(own, Response(efficiency))
+
+
+def _as_filter(given: tuple[float, float] | tuple[tuple[float, float], ...]) -> Filter:
+    if isinstance(given[0], tuple):
+        return Response(given)
+    return given
+
+
+def product(filter_um: Filter, other: Response) -> Response:
+    """Filter times another response: straight lines between 8 points in each common piece.
+
+    The product of two straight lines is a parabola; eight chords leave 1/64 of its bow.
+
+    Raises:
+        SceneError: they have no wavelength in common.
+    """
+    (low, high), (start, end) = edges_um(filter_um), edges_um(other)
+    low, high = max(low, start), min(high, end)
+    if not low < high:
+        raise SceneError(
+            f"camera.sensor.quantum_efficiency: covers {start:g} to {end:g} um, nothing of "
+            "optics.filter_um; allowed is a table that covers the filter"
+        )
+    known = [low, high, *(wavelength for wavelength, _ in other.pairs)]
+    if isinstance(filter_um, Response):
+        known += [wavelength for wavelength, _ in filter_um.pairs]
+    corners = np.unique(np.clip(known, low, high))
+    points = np.interp(
+        np.arange(8 * (len(corners) - 1) + 1) / 8.0, np.arange(len(corners)), corners
+    )
+    values = values_at(filter_um, points) * other.at(points)
+    return Response(tuple(zip(points.tolist(), values.tolist(), strict=True)))
+
+
+def to_plain(filter_um: Filter) -> list[float] | list[list[float]]:
+    """For JSON and YAML; `from_plain` reads it."""
+    if isinstance(filter_um, Response):
+        return [list(pair) for pair in filter_um.pairs]
+    return list(filter_um)
+
+
+def from_plain(data: Any) -> Filter:
+    """What `to_plain` wrote.
+
+    Raises:
+        SceneError, TypeError, ValueError: it is no filter.
+    """
+    if isinstance(data, (list, tuple)) and data and isinstance(data[0], (list, tuple)):
+        return Response(tuple((float(w), float(v)) for w, v in data))
+    low, high = data
+    filter_um = (float(low), float(high))
+    edges_um(filter_um)
+    return filter_um

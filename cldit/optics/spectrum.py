@@ -1,0 +1,182 @@
+"""A spray's optical properties over a filter, finely: from which the few nodes are made.
+
+Samples are narrow intervals of the filter; where a vapour's lines are narrower still, every
+interval is divided further by a k-distribution, whose groups are taken to be the same lines at
+every temperature (correlated k).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.optics.liquid import Liquid, liquid
+from cldit.optics.liquid_table import read_liquid_table
+from cldit.optics.response import Filter, edges_um
+from cldit.optics.vapour import KDistribution, VapourBand, vapour_band
+from cldit.optics.xsc import read_xsc
+from cldit.scene.schema import Scene
+from cldit.spray.result import Spray
+
+Floats = NDArray[np.float64]
+
+_STEP_per_cm = (
+    2.0  # a sixth of the narrowest bands of liquid n-heptane and of its vapour's estimate
+)
+_MOST = 400
+_GROUPS = 16  # of a k-distribution, in every 25 1/cm: 3.5e-3 of transmission at worst
+_VAPOUR_KNOTS = 5
+_LIQUID_SPAN_K = 5.0  # k follows the density, 0.15 %/K and nearly straight: two ends suffice
+_ROOM_Pa = 101325.0
+
+
+@dataclass(frozen=True)
+class Substances:
+    """What the spray is made of; None where it has no such phase."""
+
+    liquid: Liquid | None
+    vapour: VapourBand | None
+
+    @classmethod
+    def of(cls, scene: Scene, spray: Spray) -> Substances:
+        """As the scene names them; the spray's fuel where it does not.
+
+        Raises:
+            OpticsError: no such substance, or a table that cannot be read.
+        """
+        fuel = getattr(scene.spray, "fuel", "n-heptane")
+        found = None
+        if spray.parcels is not None and len(spray.parcels.diameter_m):
+            name = scene.optics.liquid or fuel
+            path = Path(name)
+            found = read_liquid_table(path) if path.suffix else liquid(name)
+        band = None
+        if spray.vapour is not None and len(spray.vapour.number_density_m3):
+            name = scene.optics.vapour or fuel
+            area = scene.optics.vapour_area_km_mol
+            path = Path(name)
+            band = read_xsc(path) if path.suffix else vapour_band(name, area_km_mol=area)
+        return cls(found, band)
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """S samples of J intervals.
+
+    edges_um (J + 1,); interval (S,): where a sample lies; part (S,): its part of that interval.
+    vapour_K (M,), vapour_m2_mol (M, S); liquid_K (P,), n and k (P, S). M, P = 0 without the phase.
+    """
+
+    edges_um: Floats
+    interval: NDArray[np.intp]
+    part: Floats
+    vapour_K: Floats
+    vapour_m2_mol: Floats
+    liquid_K: Floats
+    n: Floats
+    k: Floats
+
+    @property
+    def middles_um(self) -> Floats:
+        """(S,) middle wavelength of every sample's interval."""
+        return np.asarray((self.edges_um[1:] + self.edges_um[:-1])[self.interval] / 2.0)
+
+    def members(self, group: NDArray[np.intp], count: int) -> Floats:
+        """(count, J) share of each interval that belongs to each group of samples (S,)."""
+        out = np.zeros((count, len(self.edges_um) - 1))
+        np.add.at(out, (group, self.interval), self.part)
+        return np.asarray(out / out.sum(axis=0))
+
+    @classmethod
+    def of(cls, scene: Scene, spray: Spray, filter_um: Filter) -> Spectrum:
+        """Over all of the filter.
+
+        Raises:
+            OpticsError: the filter or a temperature lies outside a substance's data.
+        """
+        used = Substances.of(scene, spray)
+        edges = _edges(filter_um, used.vapour)
+        count = len(edges) - 1
+        interval, part = np.arange(count), np.ones(count)
+        vapour_K, vapour = np.zeros(0), np.zeros((0, count))
+        if used.vapour is not None and spray.vapour is not None:
+            there = spray.vapour.temperature_K[spray.vapour.number_density_m3 > 0]
+            vapour_K = _knots(there, _VAPOUR_KNOTS)
+            pressure = getattr(getattr(scene.spray, "ambient", None), "pressure_Pa", _ROOM_Pa)
+            interval, part, vapour = _vapour(used.vapour, edges, vapour_K, pressure)
+        liquid_K = np.zeros(0)
+        n = k = np.zeros((0, len(part)))
+        if used.liquid is not None and spray.parcels is not None:
+            there = spray.parcels.temperature_K[spray.parcels.droplets > 0]
+            liquid_K = _knots(there, 2 if there.size and np.ptp(there) > _LIQUID_SPAN_K else 1)
+            middles = (edges[1:] + edges[:-1]) / 2.0
+            index = [used.liquid.index(middles, float(kelvin)) for kelvin in liquid_K]
+            n, k = (np.array([pair[which] for pair in index])[:, interval] for which in (0, 1))
+        return cls(edges, interval, part, vapour_K, vapour, liquid_K, n, k)
+
+
+def _knots(temperature_K: Floats, count: int) -> Floats:
+    """Temperatures that span those given; one where they are all alike."""
+    if not temperature_K.size:
+        return np.array([300.0])
+    low, high = float(temperature_K.min()), float(temperature_K.max())
+    if count < 2 or high - low < 1.0:
+        return np.array([(low + high) / 2.0])
+    return np.linspace(low, high, count)
+
+
+def _edges(filter_um: Filter, vapour: VapourBand | None) -> Floats:
+    """Rising wavelengths; equal steps of wavenumber, or the bins of a vapour with lines."""
+    low, high = edges_um(filter_um)
+    first, last = 1e4 / high, 1e4 / low
+    if vapour is not None and vapour.lines is not None:
+        bounds = vapour.number_per_cm[
+            (vapour.number_per_cm > first) & (vapour.number_per_cm < last)
+        ]
+        number = np.array([first, *bounds, last])
+    else:
+        count = int(np.clip(np.ceil((last - first) / _STEP_per_cm), 16, _MOST))
+        number = np.linspace(first, last, count + 1)
+    edges = 1e4 / number[::-1]
+    edges[0], edges[-1] = low, high
+    return np.asarray(edges)
+
+
+def _vapour(
+    band: VapourBand, edges: Floats, temperature_K: Floats, pressure_Pa: float
+) -> tuple[NDArray[np.intp], Floats, Floats]:
+    """Interval (S,), part of it (S,), and absorption (M, S)."""
+    if band.lines is None:
+        middles = 1e4 / ((edges[1:] + edges[:-1]) / 2.0)
+        rows = [band.absorption_m2_mol(middles, float(kelvin)) for kelvin in temperature_K]
+        return np.arange(len(middles)), np.ones(len(middles)), np.array(rows)
+    interval: list[int] = []
+    part: list[float] = []
+    columns: list[Floats] = []
+    for number, (low, high) in enumerate(pairwise(edges)):
+        # Away from the edges by rounding, so that one bin is not taken for two.
+        inner = (float(low) * (1.0 + 1e-9), float(high) * (1.0 - 1e-9))
+        groups = [
+            band.k_distribution(
+                inner, temperature_K=float(kelvin), pressure_Pa=pressure_Pa, points=_GROUPS
+            )
+            for kelvin in temperature_K
+        ]
+        common = groups[len(groups) // 2].weights
+        interval += [number] * len(common)
+        part += common.tolist()
+        columns += list(np.array([_regrouped(group, common) for group in groups]).T)
+    return np.array(interval), np.array(part), np.array(columns).T
+
+
+def _regrouped(groups: KDistribution, weights: Floats) -> Floats:
+    """Mean absorption in groups of other weights, in the same rising order."""
+    before = np.concatenate([[0.0], np.cumsum(groups.weights)])
+    total = np.concatenate([[0.0], np.cumsum(groups.weights * groups.absorption_m2_mol)])
+    bounds = np.concatenate([[0.0], np.cumsum(weights)])
+    bounds[-1] = before[-1]
+    return np.asarray(np.diff(np.interp(bounds, before, total)) / weights)

@@ -1,0 +1,111 @@
+"""Absorption cross sections in HITRAN's .xsc form (Kochanov et al., JQSRT 230, 172 (2019)).
+
+Each block: a head of 100 characters (molecule 20, first and last wavenumber 10 each, number of
+points 7, temperature 7, pressure in Torr 6, largest value 10, ...), then ten values of ten
+characters a line, cm2 per molecule at equal steps. Blocks of one pressure may follow each other,
+one for each temperature.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.errors import OpticsError
+from cldit.optics.vapour import VapourBand
+
+Floats = NDArray[np.float64]
+
+_M2_MOL = 6.02214076e23 * 1e-4  # of 1 cm2 per molecule
+_NOISE = 0.02  # of the largest value: negative cross sections up to this are taken as 0
+
+
+@dataclass(frozen=True)
+class _Block:
+    molecule: str
+    number_per_cm: Floats
+    temperature_K: float
+    values: Floats
+
+
+def read_xsc(path: Path) -> VapourBand:
+    """A vapour's absorption from a HITRAN cross-section file, smooth between its points.
+
+    Blocks of other temperatures are brought to the first one's wavenumbers. Outside the
+    temperatures of the file the band is refused; a file with one temperature holds at 100..1500 K.
+
+    Raises:
+        OpticsError: the file cannot be read, is not of this form, is cut short, has values that
+            are not finite or negative beyond noise, or blocks that do not cover the same range.
+    """
+    try:
+        lines = path.read_text(encoding="ascii").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise OpticsError(f"{path}: cannot be read ({error})") from error
+    blocks: list[_Block] = []
+    at = 0
+    while at < len(lines):
+        if not lines[at].strip():
+            at += 1
+            continue
+        block, at = _block(lines, at, path)
+        blocks.append(block)
+    if not blocks:
+        raise OpticsError(f"{path}: holds no cross sections")
+    blocks.sort(key=lambda block: block.temperature_K)
+    temperatures = np.array([block.temperature_K for block in blocks])
+    if np.any(np.diff(temperatures) <= 0):
+        raise OpticsError(
+            f"{path}: several blocks at one temperature (other pressures?); keep one of each"
+        )
+    number = blocks[0].number_per_cm
+    for block in blocks[1:]:
+        shift = np.abs(block.number_per_cm[[0, -1]] - number[[0, -1]])
+        if np.max(shift) > 1.0:
+            raise OpticsError(f"{path}: the blocks do not cover the same wavenumbers")
+    table = [np.interp(number, block.number_per_cm, block.values) for block in blocks]
+    one = len(blocks) == 1
+    return VapourBand(
+        species=blocks[0].molecule,
+        source=str(path),
+        status="user",
+        wavenumber_per_cm=(float(number[0]), float(number[-1])),
+        temperatures_K=(100.0, 1500.0)
+        if one
+        else (float(temperatures[0]), float(temperatures[-1])),
+        number_per_cm=number,
+        rows_K=temperatures,
+        table_m2_mol=np.array(table) * _M2_MOL,
+    )
+
+
+def _block(lines: list[str], at: int, path: Path) -> tuple[_Block, int]:
+    head = lines[at]
+    try:
+        low, high = float(head[20:30]), float(head[30:40])
+        count, temperature = int(head[40:47]), float(head[47:54])
+    except ValueError:
+        raise OpticsError(
+            f"{path}: line {at + 1} is no head of a HITRAN cross section (.xsc): {head[:60]!r}"
+        ) from None
+    if not (0 < low < high < 1e6 and count >= 2 and 0 < temperature < 1e4):
+        raise OpticsError(
+            f"{path}: line {at + 1}: {low:g}..{high:g} 1/cm, {count} points, {temperature:g} K"
+        )
+    needed = -(-count // 10)
+    text = lines[at + 1 : at + 1 + needed]
+    cells = [line[place : place + 10] for line in text for place in range(0, 100, 10)]
+    try:
+        values = np.array([float(cell) for cell in cells[:count] if cell.strip()])
+    except ValueError as error:
+        raise OpticsError(f"{path}: after line {at + 1}: {error}") from None
+    if len(values) < count:
+        raise OpticsError(f"{path}: line {at + 1} says {count} points, {len(values)} are there")
+    if not np.all(np.isfinite(values)) or values.min() < -_NOISE * max(values.max(), 0.0):
+        raise OpticsError(f"{path}: after line {at + 1}: cross sections not finite, or negative")
+    number = np.linspace(low, high, count)
+    block = _Block(head[:20].strip(), number, temperature, np.maximum(values, 0.0))
+    return block, at + 1 + needed

@@ -1,0 +1,144 @@
+"""What surrounds the spray, and the measurement equation with windows.
+
+    L_bg = t_r (eps B(T_bg) + (1 - eps) B(T_around)) + e_r B(T_rear window) + r_r B(T_wall)
+    I    = t_f L(L_bg, B(T_wall)) + e_f B(T_front window) + r_f B(T_camera side)
+
+L_bg is what enters the chamber through the rear window: the black body's own light and what it
+reflects of its surroundings, the window's own, and the walls' that the window reflects. L is what
+leaves the spray's chamber towards the camera (`compose`), I what the camera sees. t, r, e are each
+window's transmission, reflection and emissivity, t + r + e = 1. Light that passes between black
+body and rear window more than once is left out (r_r (1 - eps) of it, below 1 %).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cldit.optics.planck import band_radiance
+from cldit.optics.response import Filter
+from cldit.optics.windows import Pane, band_pane
+from cldit.radiance.weights import Weights, compose
+from cldit.scene.schema import Scene, Window
+
+Floats = NDArray[np.float64]
+
+Radiance = Callable[[ArrayLike], Floats]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Surroundings:
+    """Temperatures and emissivities around the spray, as a scene or a rig file gives them.
+
+    background_surroundings_K: what the black body reflects; None is the walls. windows: at most
+    one front and one rear.
+    """
+
+    wall_temperature_K: float
+    background_emissivity: float = 1.0
+    background_surroundings_K: float | None = None
+    camera_surroundings_K: float = 295.0
+    windows: tuple[Window, ...] = ()
+
+    @classmethod
+    def from_scene(cls, scene: Scene) -> Surroundings:
+        return cls(
+            wall_temperature_K=scene.walls.temperature_K,
+            background_emissivity=scene.background.emissivity,
+            background_surroundings_K=scene.background.surroundings_K,
+            camera_surroundings_K=scene.camera.surroundings_K,
+            windows=scene.windows,
+        )
+
+    def window(self, side: str) -> Window | None:
+        return next((window for window in self.windows if window.side == side), None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Boundary:
+    """The measurement equation in one band; all radiances in photons s-1 m-2 sr-1 of that band.
+
+    wall: B of the walls. rear_added, front_added: what either window emits and reflects.
+    radiance: of a black body, over its temperature.
+    """
+
+    radiance: Radiance
+    wall: float
+    emissivity: float
+    around: float
+    rear: Pane
+    rear_added: float
+    front: Pane
+    front_added: float
+
+    def leaving(self, blackbody_K: ArrayLike) -> Floats:
+        """L_bg before a black body at these temperatures, any shape."""
+        own = self.radiance(blackbody_K)
+        disc = self.emissivity * own + (1.0 - self.emissivity) * self.around
+        return np.asarray(self.rear.transmission * disc + self.rear_added)
+
+    def seen(self, inside: Floats) -> Floats:
+        """I for radiances that leave the chamber towards the camera."""
+        return np.asarray(self.front.transmission * inside + self.front_added)
+
+    def inside(self, seen: Floats) -> Floats:
+        """The inverse of `seen`."""
+        return np.asarray((seen - self.front_added) / self.front.transmission)
+
+    @classmethod
+    def of(
+        cls, around: Surroundings, radiance: Radiance, pane: Callable[[Window], Pane]
+    ) -> Boundary:
+        """In the band where a black body has `radiance` and a window the mean shares `pane`."""
+
+        def at(temperature_K: float) -> float:
+            return float(radiance(temperature_K))
+
+        def window(side: str, opposite_K: float) -> tuple[Pane, float]:
+            given = around.window(side)
+            if given is None:
+                return Pane(), 0.0
+            shares = pane(given)
+            own = shares.emission * at(given.temperature_K)
+            return shares, own + shares.reflection * at(opposite_K)
+
+        outside_K = around.background_surroundings_K
+        rear, rear_added = window("rear", around.wall_temperature_K)
+        front, front_added = window("front", around.camera_surroundings_K)
+        return cls(
+            radiance=radiance,
+            wall=at(around.wall_temperature_K),
+            emissivity=around.background_emissivity,
+            around=at(around.wall_temperature_K if outside_K is None else outside_K),
+            rear=rear,
+            rear_added=rear_added,
+            front=front,
+            front_added=front_added,
+        )
+
+    @classmethod
+    def in_filter(cls, around: Surroundings, filter_um: Filter, *, reference_K: float) -> Boundary:
+        """In all of a filter; windows' shares are means for light of a black body at `reference_K`.
+
+        Raises:
+            SceneError: the filter reaches beyond what is known of a window.
+        """
+        return cls.of(
+            around,
+            lambda temperature_K: band_radiance(temperature_K, filter_um=filter_um),
+            lambda window: band_pane(window, filter_um, reference_K=reference_K),
+        )
+
+
+def picture(
+    weights: Sequence[Weights], boundaries: Sequence[Boundary], *, background_K: float
+) -> Floats:
+    """Radiance (H, W) at the camera before a black body: the sum over the bands of a trace."""
+    total: Floats | float = 0.0
+    for part, boundary in zip(weights, boundaries, strict=True):
+        leaving = float(boundary.leaving(background_K))
+        total = total + boundary.seen(compose(part, background=leaving, wall=boundary.wall))
+    return np.asarray(total)

@@ -1,0 +1,245 @@
+"""What a scene's optics are, in numbers: data beside the values of the scene and the paper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.errors import SprayError
+from cldit.optics.droplets import DropletTable, droplet_table, table_error
+from cldit.optics.liquid import Liquid, liquid, liquids
+from cldit.optics.phase import PhaseFunction, phase_table
+from cldit.optics.response import edges_um, scene_filter
+from cldit.optics.vapour import VapourBand, vapour_band, vapours
+from cldit.scene.schema import ConeSpray, Monodisperse, NukiyamaTanasawa, Scene
+from cldit.spray.fuel import GAS_CONSTANT_J_mol_K
+from cldit.spray.sizes import Sizes, mean_diameter_m, strata_m
+
+Floats = NDArray[np.float64]
+
+_STRATA = 400
+_WAVELENGTHS = 400
+
+
+@dataclass(frozen=True)
+class PaperSizes:
+    """A row of the paper's Fig. 4, with n as it must be for the printed D10 and D32, um."""
+
+    sizes: NukiyamaTanasawa | Monodisperse
+    d10_um: float
+    d32_um: float
+
+
+FIG4 = (
+    PaperSizes(NukiyamaTanasawa(m_um=1.5, n=1.0, p=3.0), 6.00, 9.00),
+    PaperSizes(NukiyamaTanasawa(m_um=3.21, n=1.28822, p=2.0), 5.97, 9.00),
+    PaperSizes(NukiyamaTanasawa(m_um=1.5, n=0.8642, p=1.0), 4.11, 9.00),
+    PaperSizes(Monodisperse(diameter_um=9.0), 9.00, 9.00),
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table: what the scene uses, what the data give, what the paper says."""
+
+    quantity: str
+    scene: str = ""
+    data: str = ""
+    paper: str = ""
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Emissivity through the filter over the column (C,), mol/m2: with lines, and without."""
+
+    species: str
+    column_mol_m2: Floats
+    emissivity: Floats
+    beer: Floats
+
+
+@dataclass(frozen=True)
+class Droplets:
+    """Efficiencies over size, and the phase function of a scene's sizes, for one index."""
+
+    table: DropletTable
+    phase: PhaseFunction
+
+
+@dataclass(frozen=True)
+class SceneOptics:
+    """Everything `optics_picture` draws.
+
+    droplets: with the scene's refractive index; measured: with the data's mean over the filter.
+    None, like sizes and liquid, where a scene has no droplets or no data exist.
+    """
+
+    scene: Scene
+    filter_um: tuple[float, float]
+    fuel_K: float
+    gas_K: float
+    liquid: Liquid | None
+    vapours: tuple[VapourBand, ...]
+    growth: tuple[Growth, ...]
+    sizes: Sizes | None
+    droplets: Droplets | None
+    measured: Droplets | None
+    rows: tuple[Row, ...]
+    sources: tuple[str, ...]
+
+
+def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
+    """The tables of a scene, and the same for the shipped data of its fuel over its filter.
+
+    The gas is taken half-way between fuel and ambient. A scene that does not say what is injected
+    is shown with n-heptane and the paper's first distribution of sizes.
+
+    Args:
+        cache: folder for the tables; None builds them afresh.
+
+    Raises:
+        OpticsError: the scene's values are outside what can be solved.
+    """
+    optics = scene.optics
+    cone = scene.spray if isinstance(scene.spray, ConeSpray) else None
+    fuel, fuel_K, gas_K, pressure_Pa = "n-heptane", 300.0, 300.0, 101325.0
+    sizes: Sizes | None = FIG4[0].sizes
+    if cone is not None:
+        fuel, fuel_K, sizes = cone.fuel, cone.fuel_temperature_K, cone.droplets
+        gas_K = 0.5 * (fuel_K + cone.ambient.temperature_K)
+        pressure_Pa = cone.ambient.pressure_Pa
+    low, high = edges_um(scene_filter(scene))
+    wavelength = np.linspace(low, high, _WAVELENGTHS)
+    rows = [Row("filter", f"{low:g} to {high:g} µm", "", "around 3.4 µm")]
+    sources: list[str] = []
+
+    known = liquid(fuel) if sizes is not None and fuel in liquids() else None
+    if known is not None and not (known.wavelength_um[0] <= low and high <= known.wavelength_um[1]):
+        known = None
+    index: tuple[float, float] | None = None
+    if known is not None:
+        n, k = known.index(wavelength, fuel_K)
+        index = float(np.mean(n)), float(np.mean(k))
+        note = f"{known.status}, mean over the filter at {fuel_K:.0f} K"
+        rows.append(Row("n of the liquid", f"{optics.n:g}", f"{index[0]:.4f}", "1.338", note))
+        rows.append(Row("k of the liquid", f"{optics.k:g}", f"{index[1]:.4f}", "0.0341", note))
+        sources.append(f"{known.name} ({known.status}): {known.source}; fit {known.fit}")
+
+    named = [vapour_band(name) for name in (fuel, f"{fuel}-radcal") if name in vapours()]
+    bands = tuple(band for band in named if _covers(band, low, high))
+    for band in bands:
+        gas_K = min(max(gas_K, band.temperatures_K[0]), band.temperatures_K[1])
+    for band in bands:
+        mean = float(np.mean(band.absorption_m2_mol(1e4 / wavelength, gas_K))) * 1e4
+        rows.append(
+            Row(
+                f"vapour of {band.species}, cm²/mol",
+                f"{optics.vapour_m2_mol * 1e4:.3g}",
+                f"{mean:.3g}",
+                "5e+05" if fuel == "n-heptane" else "",
+                f"{band.status}, mean over the filter at {gas_K:.0f} K",
+            )
+        )
+        sources.append(f"{band.species} vapour ({band.status}): {band.source}")
+    growth = tuple(_growth(band, (low, high), gas_K, pressure_Pa) for band in bands if band.lines)
+    rows += [_growth_row(curve, gas_K, pressure_Pa) for curve in growth]
+
+    droplets = measured = None
+    if sizes is not None:
+        strata = strata_m(sizes, _STRATA)
+        droplets = _solve(optics.wavelength_um, optics.n, optics.k, strata, cache)
+        if index is not None:
+            measured = _solve(0.5 * (low + high), *index, strata, cache)
+        rows += [*_size_rows(sizes), *_droplet_rows(droplets, measured, strata)]
+    return SceneOptics(
+        scene=scene,
+        filter_um=(low, high),
+        fuel_K=fuel_K,
+        gas_K=gas_K,
+        liquid=known,
+        vapours=bands,
+        growth=growth,
+        sizes=sizes,
+        droplets=droplets,
+        measured=measured,
+        rows=tuple(rows),
+        sources=tuple(sources),
+    )
+
+
+def _growth(
+    band: VapourBand, filter_um: tuple[float, float], gas_K: float, pressure_Pa: float
+) -> Growth:
+    spectrum = band.k_distribution(
+        filter_um, temperature_K=gas_K, pressure_Pa=pressure_Pa, points=64, mole_fraction=0.2
+    )
+    mean = float(spectrum.weights @ spectrum.absorption_m2_mol)
+    column = np.geomspace(1e-2, 1e2, 200) / mean
+    return Growth(
+        band.species, column, 1 - spectrum.transmission(column), -np.expm1(-mean * column)
+    )
+
+
+def _growth_row(curve: Growth, gas_K: float, pressure_Pa: float) -> Row:
+    """1 cm of gas with the share of methane that a jet has some diameters from its nozzle."""
+    column = 0.2 * pressure_Pa / (GAS_CONSTANT_J_mol_K * gas_K) * 0.01
+    real, beer = (
+        float(np.interp(column, curve.column_mol_m2, values))
+        for values in (curve.emissivity, curve.beer)
+    )
+    note = f"{beer:.3f} by Beer-Lambert on the mean; {pressure_Pa / 1e6:g} MPa"
+    return Row("emissivity of 1 cm, 20 % in the gas", "", f"{real:.3f}", "about 0.3 at most", note)
+
+
+def _covers(band: VapourBand, low_um: float, high_um: float) -> bool:
+    low, high = band.wavenumber_per_cm
+    return low <= 1e4 / high_um and 1e4 / low_um <= high
+
+
+def _size_rows(sizes: Sizes) -> list[Row]:
+    rows = []
+    for name, orders, paper in (("D32", (3, 2), "9.00"), ("D10", (1, 0), "4.11 to 9.00")):
+        try:
+            text = f"{mean_diameter_m(sizes, *orders) * 1e6:.2f}"
+        except SprayError:
+            text = "does not exist"
+        rows.append(Row(f"{name} at the nozzle, µm", text, "", paper))
+    return rows
+
+
+def _solve(
+    wavelength_um: float, n: float, k: float, strata: Floats, cache: Path | None
+) -> Droplets:
+    table = droplet_table(wavelength_um=wavelength_um, n=n, k=k, cache=cache)
+    largest = max(100e-6, float(strata[-1]))
+    phases = phase_table(wavelength_um=wavelength_um, n=n, k=k, cache=cache, largest_m=largest)
+    return Droplets(table, phases.mean(strata, strata**-3.0))
+
+
+def _droplet_rows(used: Droplets, measured: Droplets | None, strata: Floats) -> list[Row]:
+    names = (
+        "droplets: scattering / extinction",
+        "droplets: g",
+        "droplets: extinction, m²/cm³ of liquid",
+    )
+    mine = _values(used, strata)
+    theirs = _values(measured, strata) if measured is not None else ["", "", ""]
+    paper = ("", "0 (isotropic)", "")
+    rows = [Row(*row) for row in zip(names, mine, theirs, paper, strict=True)]
+    error = table_error(used.table)
+    note = f"Q_sca {error.scattering:.1g}, Q_abs {error.absorption:.1g}, g {error.asymmetry:.1g}"
+    rows.append(Row("largest error of the table", f"{100 * error.largest:.2g} %", note=note))
+    return rows
+
+
+def _values(droplets: Droplets, strata: Floats) -> list[str]:
+    """Albedo, g and extinction by volume of liquid."""
+    absorbed, scattered = droplets.table.cross_sections(strata)
+    volume = np.pi / 6 * strata**3
+    extinct = float(np.mean((absorbed + scattered) / volume))
+    albedo = float(np.mean(scattered / volume)) / extinct
+    return [f"{albedo:.3f}", f"{droplets.phase.asymmetry:.3f}", f"{extinct * 1e-6:.3f}"]

@@ -1,0 +1,194 @@
+"""The spectral part of a run: a trace for each node, what comes of them, and where it is kept."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cldit.dit.accuracy import VISIBLE_EMISSIVITY
+from cldit.dit.maps import Maps
+from cldit.errors import ClditError, RunFolderError
+from cldit.gpu.device import Device
+from cldit.medium.octree import Octree
+from cldit.optics.spectral import Quadrature
+from cldit.radiance.effective import effective_weights
+from cldit.radiance.weights import Weights
+from cldit.scene import Scene
+from cldit.transport.trace import Settings, Trace, trace
+
+_QUADRATURE = "quadrature.json"
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Between two maps of one scene, over the pixels of emissivity above 0.05 in both."""
+
+    rms_K: float
+    mean_K: float
+    mean_emissivity: float
+    pixels: int
+
+    @classmethod
+    def of(cls, maps: Maps, other: Maps) -> Difference | None:
+        """`maps` minus `other`; None where no pixel has a temperature in both."""
+        here = (maps.emissivity > VISIBLE_EMISSIVITY) & (other.emissivity > VISIBLE_EMISSIVITY)
+        kelvin = maps.apparent_temperature_K.astype(float) - other.apparent_temperature_K
+        here &= np.isfinite(kelvin)
+        if not here.any():
+            return None
+        emissivity = maps.emissivity.astype(float) - other.emissivity
+        return cls(
+            rms_K=float(np.sqrt(np.mean(kelvin[here] ** 2))),
+            mean_K=float(np.mean(kelvin[here])),
+            mean_emissivity=float(np.mean(emissivity[here])),
+            pixels=int(here.sum()),
+        )
+
+
+@dataclass(frozen=True)
+class SpectralInfo:
+    """How the filter was resolved.
+
+    errors_K: estimated RMS error in T_app with 1, 2, .. nodes, on lines of sight through the spray;
+    empty where one node is exact. nodes: mean wavelength, um, and share of the light at
+    `reference_K` of those that were traced. from_paper: this run minus the same scene with the
+    paper's optical properties.
+    """
+
+    reference_K: float
+    nodes: tuple[tuple[float, float], ...]
+    errors_K: tuple[float, ...] = ()
+    from_paper: Difference | None = None
+
+    @property
+    def error_K(self) -> float:
+        """Estimated error of the nodes that were traced."""
+        return self.errors_K[len(self.nodes) - 1] if self.errors_K else 0.0
+
+    @classmethod
+    def of(
+        cls, quadrature: Quadrature, errors_K: Sequence[float], from_paper: Difference | None
+    ) -> SpectralInfo:
+        at = quadrature.reference_K
+        nodes = tuple((node.wavelength_um, float(node.share(at))) for node in quadrature.nodes)
+        return cls(at, nodes, tuple(errors_K), from_paper)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON; `from_dict` reads it."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> SpectralInfo:
+        other = data["from_paper"]
+        return cls(
+            float(data["reference_K"]),
+            tuple((float(um), float(share)) for um, share in data["nodes"]),
+            tuple(float(error) for error in data["errors_K"]),
+            None if other is None else Difference(**other),
+        )
+
+
+@dataclass(frozen=True)
+class NodeTraces:
+    """Traces of all nodes, and their sums: weights and their error for the whole filter."""
+
+    traces: tuple[Trace, ...]
+    weights: Weights
+    difference: Weights | None
+    seconds: dict[str, float] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def spectral(self) -> tuple[Weights, ...]:
+        return tuple(result.weights for result in self.traces)
+
+
+def trace_nodes(
+    trees: list[Octree],
+    quadrature: Quadrature,
+    scene: Scene,
+    device: Device,
+    settings: Settings,
+    *,
+    report: Callable[[str], None] | None,
+) -> NodeTraces:
+    """One trace a tree; the list is emptied as it goes, so that memory holds few trees.
+
+    Raises:
+        TransportError, DeviceError, KernelError: as `trace`.
+    """
+    count = len(trees)
+    traces: list[Trace] = []
+    for number in range(count):
+        if report is not None and count > 1:
+            report(f"wavelength {number + 1} of {count}")
+        traces.append(trace(trees.pop(0), scene, device, settings, report=report))
+    seconds: dict[str, float] = {}
+    counts: dict[str, int] = {}
+    for result in traces:
+        for name, value in result.seconds.items():
+            seconds[name] = seconds.get(name, 0.0) + value
+        for name, total in result.counts.items():
+            # Sweeps add up; the numbers of cells are the same in all nodes.
+            counts[name] = counts.get(name, 0) + total if name == "sweeps" else total
+
+    def combined(parts: Sequence[Weights]) -> Weights:
+        return effective_weights(
+            parts,
+            quadrature.nodes,
+            background_K=quadrature.reference_K,
+            wall_K=scene.walls.temperature_K,
+        )
+
+    halves = [r.weights_difference for r in traces if r.weights_difference is not None]
+    return NodeTraces(
+        traces=tuple(traces),
+        weights=combined([result.weights for result in traces]),
+        difference=combined(halves) if len(halves) == count else None,
+        seconds=seconds,
+        counts=counts,
+    )
+
+
+def save_nodes(
+    folder: Path,
+    quadrature: Quadrature,
+    spectral: Sequence[Weights],
+    *,
+    pixel_m: tuple[float, float],
+) -> None:
+    """Writes each node's weights into `folder/node_00`, .., and what the nodes are.
+
+    One node is nothing but the weights in `folder` itself, and is not written.
+    """
+    if len(spectral) == 1:
+        return
+    for number, weights in enumerate(spectral):
+        weights.save(folder / f"node_{number:02d}", pixel_m=pixel_m)
+    text = json.dumps(quadrature.to_dict())
+    (folder / _QUADRATURE).write_text(text, encoding="utf-8")
+
+
+def node_folders(folder: Path, grey: Quadrature) -> tuple[Quadrature, tuple[Path, ...]]:
+    """What `save_nodes` wrote: the nodes, and the folder of each one's weights.
+
+    Args:
+        grey: what holds where there are no nodes.
+
+    Raises:
+        RunFolderError: the description of the nodes is damaged.
+    """
+    path = folder / _QUADRATURE
+    if not path.is_file():
+        return grey, (folder,)
+    try:
+        quadrature = Quadrature.from_dict(json.loads(path.read_text(encoding="utf-8")))
+    except (ValueError, TypeError, KeyError, ClditError) as error:
+        raise RunFolderError(f"{path}: is damaged ({error}); trace the run again") from error
+    names = tuple(folder / f"node_{number:02d}" for number in range(len(quadrature.members)))
+    return quadrature, names

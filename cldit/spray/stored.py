@@ -1,0 +1,96 @@
+"""cldit's own file of a spray: an .npz that holds what `Spray` holds, in SI and in our frame.
+
+Arrays `parcels/position_m`, `parcels/diameter_m`, ..., `vapour/lower_m`, `vapour/upper_m`,
+`vapour/number_density_m3`, `vapour/temperature_K`, and `about`, a JSON text with the version of the
+layout, the molar mass, notes and remarks. Written at once: a file is whole or not there.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from cldit.errors import SprayError
+from cldit.spray.result import Cells, Floats, Parcels, Spray, Vapour
+
+LAYOUT = 1
+_PARCELS = ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3")
+_VAPOUR = ("lower_m", "upper_m", "number_density_m3", "temperature_K")
+
+
+def write_spray(path: Path, spray: Spray) -> None:
+    """Writes parcels and vapour.
+
+    Raises:
+        SprayError: the name does not end in .npz, or the file cannot be written.
+    """
+    if path.suffix != ".npz":
+        raise SprayError(f"{path}: cldit's own file ends in .npz")
+    about: dict[str, object] = {
+        "layout": LAYOUT,
+        "notes": spray.notes,
+        "remarks": list(spray.remarks),
+    }
+    arrays: dict[str, Floats] = {}
+    if spray.parcels is not None:
+        arrays |= {f"parcels/{name}": getattr(spray.parcels, name) for name in _PARCELS}
+    if spray.vapour is not None:
+        about["molar_mass_kg_mol"] = spray.vapour.molar_mass_kg_mol
+        arrays |= {
+            "vapour/lower_m": spray.vapour.cells.lower_m,
+            "vapour/upper_m": spray.vapour.cells.upper_m,
+            "vapour/number_density_m3": spray.vapour.number_density_m3,
+            "vapour/temperature_K": spray.vapour.temperature_K,
+        }
+    partial = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        with partial.open("wb") as stream:
+            np.savez_compressed(stream, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
+        partial.replace(path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise SprayError(f"{path}: cannot be written ({error})") from error
+
+
+def read_spray(path: Path) -> Spray:
+    """Reads what `write_spray` wrote.
+
+    Raises:
+        SprayError: the file is missing, damaged, cut off, of another layout, or lacks an array.
+    """
+    try:
+        with path.open("rb") as stream, zipfile.ZipFile(stream) as archive:
+            # whole members, so that their checksums are compared, which np.load leaves out
+            members = {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
+        arrays = {
+            name: np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
+            for name, content in members.items()
+        }
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, TypeError) as error:
+        raise SprayError(f"{path}: cannot be read as cldit's file: {error}") from error
+    try:
+        about = json.loads(str(arrays["about"]))
+        if about["layout"] != LAYOUT:
+            raise SprayError(f"{path}: layout {about['layout']} is unknown; import the case again")
+        parcels = vapour = None
+        if any(name.startswith("parcels/") for name in arrays):
+            parcels = Parcels(**{name: arrays[f"parcels/{name}"] for name in _PARCELS})
+        if any(name.startswith("vapour/") for name in arrays):
+            lower, upper, number, temperature = (arrays[f"vapour/{name}"] for name in _VAPOUR)
+            cells = Cells(lower, upper)
+            vapour = Vapour(cells, number, temperature, float(about["molar_mass_kg_mol"]))
+        notes = {str(name): float(value) for name, value in about["notes"].items()}
+        remarks = tuple(map(str, about["remarks"]))
+    except KeyError as error:
+        raise SprayError(f"{path}: {error.args[0]} is missing") from error
+    except SprayError as error:
+        raise error if str(path) in str(error) else SprayError(f"{path}: {error}") from error
+    except (ValueError, TypeError, AttributeError) as error:
+        raise SprayError(f"{path}: is no file of cldit's ({error})") from error
+    return Spray(parcels=parcels, vapour=vapour, notes=notes, remarks=remarks)

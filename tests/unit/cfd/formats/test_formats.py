@@ -1,0 +1,131 @@
+"""One small case in every format: the same masses, sizes and penetration; vtk reads it too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from cldit.errors import SprayError
+from cldit.scene.schema import CfdSpray
+from cldit.spray.cfd import read_cfd
+from cldit.spray.formats import contents
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+    from tests.unit.cfd.formats.conftest import Writers
+
+KINDS = [
+    "tables",
+    "ensight",
+    "ensight-big-endian",
+    "ensight-polyhedra",
+    "ensight-ascii",
+    "ensight-ascii-polyhedra",
+    "converge",
+    "converge-before-3.1",
+]
+FIGURES = (
+    "liquid_mass_kg",
+    "vapour_mass_kg",
+    "sauter_mean_diameter_m",
+    "liquid_penetration_m",
+    "vapour_penetration_m",
+    "droplets",
+    "gas_temperature_max_K",
+)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_same_figures_in_every_format(
+    tmp_path: Path, foam: Foam, writers: Writers, kind: str
+) -> None:
+    write, slack = writers.every[kind]
+    block, gas, cloud = sample = foam.sample()
+    path = write(tmp_path / "other", sample)
+    spray = read_cfd(CfdSpray(file=path, **writers.place))
+    expected = read_cfd(
+        CfdSpray(file=foam.write(tmp_path / "foam", block, gas=gas, cloud=cloud), **writers.place)
+    )
+    mass = np.sum(cloud["nParticle"] * cloud["rho"] * np.pi / 6 * cloud["d"] ** 3)
+    assert spray.notes["liquid_mass_kg"] == pytest.approx(mass, rel=slack)
+    vapour = np.sum(gas["rho"] * gas["C7H16"] * block.volume)
+    assert spray.notes["vapour_mass_kg"] == pytest.approx(vapour, rel=slack)
+    for name in FIGURES:
+        assert spray.notes[name] == pytest.approx(expected.notes[name], rel=slack), name
+    assert spray.notes["time_s"] == 0.001
+    assert spray.parcels is not None
+    assert expected.parcels is not None
+    wanted = expected.parcels.position_m
+    assert spray.parcels.position_m == pytest.approx(wanted, abs=10e-3 * slack, rel=0)
+    found = contents(CfdSpray(file=path))
+    assert found.format == kind.split("-")[0]
+    assert found.times_s[-1] == 0.001
+    assert len(found.clouds) == 1
+    axis = {key: writers.place[key] for key in ("nozzle_m",)}
+    inferred = read_cfd(CfdSpray(file=path, **axis))  # the velocity came over
+    assert inferred.notes["axis_y"] == -1.0
+
+
+def test_sheared_cells_and_earlier_time(tmp_path: Path, foam: Foam, writers: Writers) -> None:
+    block, gas, _ = sample = foam.sample(shear=0.4)
+    vapour = np.sum(gas["rho"] * gas["C7H16"] * block.volume)
+    for polyhedra in (False, True):
+        path = writers.ensight(tmp_path / str(polyhedra), sample, binary=True, polyhedra=polyhedra)
+        now = read_cfd(CfdSpray(file=path, **writers.place)).notes
+        assert now["vapour_mass_kg"] == pytest.approx(vapour, rel=5e-6)
+        early = read_cfd(CfdSpray(file=path, time_s=0.0005, **writers.place)).notes
+        assert early["vapour_mass_kg"] == pytest.approx(vapour / 2, rel=5e-6)
+    folder = writers.converge(tmp_path / "h5", sample, new=True)
+    assert read_cfd(CfdSpray(file=folder, **writers.place)).notes[
+        "vapour_mass_kg"
+    ] == pytest.approx(vapour, rel=5e-6)
+    first = min(folder.iterdir())
+    assert read_cfd(CfdSpray(file=first, **writers.place)).notes["time_s"] == 0.0005
+    with pytest.raises(SprayError, match=r"no time 0\.002 s .* available: 0\.0005, 0\.001"):
+        read_cfd(CfdSpray(file=folder, time_s=0.002, **writers.place))
+
+
+@pytest.mark.parametrize("new", [False, True])
+def test_vtk_reads_the_same_post_file(
+    tmp_path: Path, foam: Foam, writers: Writers, new: bool
+) -> None:
+    """That the layout written here is CONVERGE's is vtk's word, not the reader's own."""
+    pytest.importorskip("vtk")
+    from vtkmodules.vtkIOCONVERGECFD import vtkCONVERGECFDReader
+
+    block, _, cloud = sample = foam.sample()
+    folder = writers.converge(tmp_path, sample, new=new)
+    reader: Any = vtkCONVERGECFDReader()
+    reader.SetFileName(str(min(folder.iterdir())))
+    reader.Update()
+    data = reader.GetOutputDataObject(0)
+    parts = [data.GetPartition(n, 0) for n in range(data.GetNumberOfPartitionedDataSets())]
+    mesh, parcels = parts[0], parts[-1]
+    assert mesh.GetNumberOfCells() == block.cells
+    assert parcels.GetNumberOfPoints() == len(cloud["d"])
+    radius = parcels.GetPointData().GetArray("RADIUS").GetValue(3)
+    assert 2 * radius == pytest.approx(cloud["d"][3], rel=1e-6)
+    assert parcels.GetPointData().GetArray("VELOCITY").GetNumberOfComponents() == 3
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_vtk_reads_the_same_ensight(
+    tmp_path: Path, foam: Foam, writers: Writers, binary: bool
+) -> None:
+    pytest.importorskip("vtk")
+    from vtkmodules.vtkIOEnSight import vtkEnSightGoldCombinedReader
+
+    block, gas, cloud = sample = foam.sample()
+    reader: Any = vtkEnSightGoldCombinedReader()
+    reader.SetCaseFileName(str(writers.ensight(tmp_path, sample, binary=binary)))
+    reader.Update()
+    data = reader.GetOutputDataObject(0)
+    parts = [data.GetPartition(n, 0) for n in range(data.GetNumberOfPartitionedDataSets())]
+    assert parts[0].GetNumberOfCells() == block.cells
+    assert parts[0].GetCellData().GetArray("T").GetValue(5) == pytest.approx(gas["T"][5], rel=1e-5)
+    drops = next(part for part in parts if part.GetPointData().GetArray("d") is not None)
+    found = [drops.GetPointData().GetArray("d").GetValue(n) for n in range(17)]
+    assert found == pytest.approx(cloud["d"], rel=1e-5)

@@ -1,0 +1,274 @@
+"""Damage, impossible values, wrong units and wrong mapping files, in every format."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import yaml
+
+from cldit.errors import SprayError
+from cldit.scene.schema import CfdSpray
+from cldit.spray.cfd import read_cfd
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+    from tests.unit.cfd.formats.conftest import Writers
+
+
+@pytest.mark.parametrize("kind", ["ensight", "ensight-ascii", "converge", "tables"])
+@pytest.mark.parametrize("left", [0.0, 0.3, 0.7, 0.97])
+def test_truncated(tmp_path: Path, foam: Foam, writers: Writers, kind: str, left: float) -> None:
+    path = writers.every[kind][0](tmp_path, foam.sample())
+    early = [".000.", "post000001"]
+    for file in sorted(tmp_path.iterdir()):
+        if any(part in file.name for part in early) or file.suffix in (".case", ".yaml"):
+            continue
+        whole = file.read_bytes()
+        file.write_bytes(whole[: int(left * len(whole))])
+        with pytest.raises(SprayError, match=re.escape(str(file))):
+            read_cfd(CfdSpray(file=path, **writers.place))
+        file.write_bytes(whole)
+    assert read_cfd(CfdSpray(file=path, **writers.place)).notes["parcels"] == 17
+
+
+def changed(values: Any, entry: int, value: float) -> Any:
+    return np.where(np.arange(len(values)) == entry, value, values)
+
+
+WRONG: list[tuple[str, str, float, str]] = [
+    ("cloud", "d", -9e-6, "(RADIUS|m_d|column R).*-"),
+    ("cloud", "d", 9.0, "is outside 1e-09..0.005"),
+    ("cloud", "T", np.nan, "nan .entry 3."),
+    ("cloud", "nParticle", -5.0, "entry 3"),
+    ("gas", "T", np.nan, "nan .entry 3."),
+    ("gas", "C7H16", 1.5, "mass fraction"),
+    ("gas", "rho", -1.0, "density in kg/m3"),
+]
+
+
+@pytest.mark.parametrize("kind", ["ensight", "ensight-ascii", "converge", "tables"])
+@pytest.mark.parametrize(("part", "name", "value", "message"), WRONG)
+def test_impossible_values(
+    tmp_path: Path,
+    foam: Foam,
+    writers: Writers,
+    kind: str,
+    part: str,
+    name: str,
+    value: float,
+    message: str,
+) -> None:
+    block, gas, cloud = foam.sample()
+    values = {"gas": gas, "cloud": cloud}[part]
+    values[name] = changed(values[name], 3, value)
+    path = writers.every[kind][0](tmp_path, (block, gas, cloud))
+    with pytest.raises(SprayError, match=message) as caught:
+        read_cfd(CfdSpray(file=path, **writers.place))
+    assert str(tmp_path) in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["ensight", "ensight-ascii", "converge", "tables"])
+def test_wrong_units(tmp_path: Path, foam: Foam, writers: Writers, kind: str) -> None:
+    def refused(message: str, block: Any, gas: Any, cloud: Any) -> None:
+        path = writers.every[kind][0](tmp_path, (block, gas, cloud))
+        with pytest.raises(SprayError, match=message):
+            read_cfd(CfdSpray(file=path, **writers.place))
+
+    block, gas, cloud = foam.sample()
+    far = cloud["position"] * 1000
+    refused("parcel 0 at .* is outside the mesh", block, gas, cloud | {"position": far})
+    refused("another unit than kg/m3, K, Pa", block, gas | {"rho": gas["rho"] / 1000}, cloud)
+    refused("another unit than kg/m3, K, Pa", block, gas | {"p": gas["p"] / 1e5}, cloud)
+    refused("mass fraction", block, gas | {"C7H16": gas["C7H16"] * 100}, cloud)
+    big = foam.block(tuple(edge * 5000 for edge in block.edges))  # type: ignore[arg-type]
+    refused("m wide, allowed is 10 m; .* metres", big, gas, cloud | {"position": far * 5})
+
+
+def test_mapping_of_ensight_and_converge(tmp_path: Path, foam: Foam, writers: Writers) -> None:
+    block, gas, cloud = foam.sample()
+    expected = np.sum(cloud["nParticle"] * 700.0 * np.pi / 6 * cloud["d"] ** 3)
+    odd = {"position": cloud["position"], "halfmicron": cloud["d"] * 5e5} | {
+        "n": cloud["nParticle"],
+        "temp": cloud["T"],
+    }
+    path = writers.ensight(tmp_path, (block, gas, odd), binary=True)
+    with pytest.raises(SprayError, match=r"halfmicron, n, temp.*: cloud .* has no field 'd'"):
+        read_cfd(CfdSpray(file=path, **writers.place))
+    mapping = tmp_path / "names.yaml"
+    mapping.write_text(
+        "parcels: {radius: {column: halfmicron, unit: um}, number: n, temperature: temp,\n"
+        "  density: 700}\n"
+    )
+    notes = read_cfd(CfdSpray(file=path, mapping=mapping, **writers.place)).notes
+    assert notes["liquid_mass_kg"] == pytest.approx(expected, rel=1e-6)
+    h5py = pytest.importorskip("h5py")
+    folder = writers.converge(tmp_path / "h5", (block, gas, cloud), new=False)
+    with h5py.File(max(folder.iterdir()), "r+") as file:
+        del file["STREAM_00/PARCEL_DATA/DENSITY"]
+    with pytest.raises(SprayError, match="has no field 'rho'"):
+        read_cfd(CfdSpray(file=folder, **writers.place))
+    mapping.write_text("parcels: {density: 700}")
+    notes = read_cfd(CfdSpray(file=folder, mapping=mapping, **writers.place)).notes
+    assert notes["liquid_mass_kg"] == pytest.approx(expected, rel=1e-6)
+    case = foam.write(tmp_path / "foam", block, gas=gas, cloud=cloud)
+    with pytest.raises(SprayError, match=r"spray.mapping is for ensight and converge"):
+        read_cfd(CfdSpray(file=case, mapping=mapping, **writers.place))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("cells_temperature", "Tmp", r"cells.csv: no column 'Tmp' \(cells.temperature\); it has:"),
+        ("cells_fuel", {"column": "Fuel", "unit": "ppm"}, "unit 'ppm' is unknown; allowed .* 1, %"),
+        ("cells_fuel", None, "no cell field 'C7H16'"),
+        ("cells_file", "none.csv", r"none\.csv: cannot be read"),
+        ("cells_volume", "dx", "either size or volume"),
+        ("cells_size", ["dx", "dy", "Zero"], "no column 'Zero'"),
+        ("cells_header_line", 3, "none of the mapped columns"),
+        ("cells_colour", 3, "cells.colour: unknown key; allowed: "),
+        ("parcels_diameter", "R", "diameter and radius are both given"),
+        ("parcels_density", None, "has no field 'nParticle'"),
+        ("parcels_density", 0.7, "density"),
+    ],
+)
+def test_mapping_that_is_wrong(
+    tmp_path: Path, foam: Foam, writers: Writers, key: str, value: Any, message: str
+) -> None:
+    path = writers.tables(tmp_path, foam.sample(), **{key: value})
+    with pytest.raises(SprayError, match=message):
+        read_cfd(CfdSpray(file=path, **writers.place))
+
+
+def test_cells_by_volume(tmp_path: Path, foam: Foam, writers: Writers) -> None:
+    block, gas, cloud = foam.sample()
+    path = writers.tables(tmp_path, (block, gas, cloud))
+    lines = (tmp_path / "cells.csv").read_text().splitlines()
+    volumes = ["Vol", *(repr(value) for value in (block.volume * 1e9).tolist())]
+    joined = [f"{line},{volume}" for line, volume in zip(lines[1:], volumes, strict=True)]
+    (tmp_path / "cells.csv").write_text("\n".join(["x", *joined, ""]))
+    mapping = yaml.safe_load(path.read_text())
+    del mapping["cells"]["size"]
+    mapping["cells"]["volume"] = {"column": "Vol", "unit": "mm3"}
+    path.write_text(yaml.safe_dump(mapping))
+    notes = read_cfd(CfdSpray(file=path, **writers.place)).notes
+    mass = np.sum(gas["rho"] * gas["C7H16"] * block.volume)
+    assert notes["vapour_mass_kg"] == pytest.approx(mass, rel=1e-9)
+    (tmp_path / "cells.csv").write_text("\n".join(["x", joined[0], ""]))
+    with pytest.raises(SprayError, match=r"cells\.csv: holds no row below its header"):
+        read_cfd(CfdSpray(file=path, **writers.place))
+    (tmp_path / "cells.csv").write_text("\n".join(["x", *joined, "1,2,3,4,5,6,oops,1,1,1,1", ""]))
+    with pytest.raises(SprayError, match=r"cells\.csv: its columns .* are not all numbers"):
+        read_cfd(CfdSpray(file=path, **writers.place))
+
+
+CASE: list[tuple[str, str, str]] = [
+    ("type: ensight gold", "type: ensight", "not `type: ensight gold`"),
+    ("model: case.geo", "model: 1 1 case.geo", "several times in one file"),
+    ("model: case.geo", "", "GEOMETRY: 0 entries 'model'"),
+    ("measured: 1 case.***.mgeo", "", "GEOMETRY: no `measured` file for the parcels"),
+    ("measured: 1 case.***.mgeo", "measured: 7 case.***.mgeo", "no time set 7"),
+    ("number of steps: 2", "number of steps: 3", "TIME: 2 time values for 3 steps"),
+    ("time values: 0.0005", "time values: soon", "is no EnSight case file .*soon"),
+    ("scalar per element: 1 T", "scalar per node: 1 T", "no cell field 'T'; it has: C7H16, p, rho"),
+    ("TIME\n", "FILE\nfile set: 1\n\nTIME\n", "keeps several times in one file"),
+    ("1 T case.***.T", "1 T case.***.Tmp", r"case\.005\.Tmp: cannot be read"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), CASE)
+def test_case_file_of_ensight(
+    tmp_path: Path, foam: Foam, writers: Writers, old: str, new: str, message: str
+) -> None:
+    path = writers.ensight(tmp_path, foam.sample(), binary=True)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(SprayError, match=message):
+        read_cfd(CfdSpray(file=path, **writers.place))
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "message"),
+    [
+        ("case.geo", b"C Binary", b"Fortran Binary", "is in Fortran binary"),
+        ("case.geo", b"coordinates", b"block curvi", "part 1 is 'block curvi'; only unstructured"),
+        ("case.geo", b"hexa8 ", b"hexa20", "elements of type 'hexa20' are not read"),
+        ("case.005.T", b"hexa8 ", b"tetra4", "'tetra4' where a part or its elements"),
+        ("case.005.T", b"\x01\0\0\0", b"\x09\0\0\0", "part 9 is not in the geometry"),
+        ("case.005.mgeo", b"particle coord", b"atoms coord   ", "expected `particle coordinates`"),
+        ("case.005.mgeo", b"\x11\0\0\0", b"\x10\0\0\0", "goes on behind its 16 parcels"),
+        ("case.005.mgeo", b"\x11\0\0\0", b"\xff\xff\xff\xff", "truncated or damaged"),
+    ],
+)
+def test_ensight_that_is_not_read(
+    tmp_path: Path,
+    foam: Foam,
+    writers: Writers,
+    file: str,
+    old: bytes,
+    new: bytes,
+    message: str,
+) -> None:
+    path = writers.ensight(tmp_path, foam.sample(), binary=True)
+    body = (tmp_path / file).read_bytes()
+    assert old in body
+    (tmp_path / file).write_bytes(body.replace(old, new, 1))
+    with pytest.raises(SprayError, match=f"{re.escape(file)}: .*{message}"):
+        read_cfd(CfdSpray(file=path, **writers.place))
+
+
+@pytest.mark.parametrize(
+    ("array", "values", "message"),
+    [
+        ("CELL_CENTER_DATA/TEMPERATURE", None, "no cell field 'T'; it has: DENSITY"),
+        ("CELL_CENTER_DATA/TEMPERATURE", [300.0], "TEMPERATURE: 1 values, expected 24"),
+        ("VERTEX_COORDINATES/Y", None, "STREAM_00/VERTEX_COORDINATES/Y is missing"),
+        ("VERTEX_COORDINATES/Y", [0.0], "VERTEX_COORDINATES/Y: 1 values, expected 60"),
+        ("CONNECTIVITY/POLYGON_OFFSET", [0, 4], "CONNECTED_CELLS: .* values, expected 2"),
+        ("PARCEL_DATA/RADIUS", None, "has no field 'd'"),
+        ("PARCEL_DATA/RADIUS", [1e-6], "RADIUS: 1 values, expected 17"),
+        ("PARCEL_DATA/PARCEL_Z", None, "PARCEL_Z is missing"),
+        ("PARCEL_DATA/TEMP", [[300.0]], "TEMP: no list of numbers"),
+    ],
+)
+def test_arrays_of_converge(
+    tmp_path: Path, foam: Foam, writers: Writers, array: str, values: Any, message: str
+) -> None:
+    h5py = pytest.importorskip("h5py")
+    folder = writers.converge(tmp_path, foam.sample(), new=False)
+    last = max(folder.iterdir())
+    with h5py.File(last, "r+") as file:
+        del file[f"STREAM_00/{array}"]
+        if values is not None:
+            file[f"STREAM_00/{array}"] = np.array(values)
+    with pytest.raises(SprayError, match=f"{re.escape(str(last))}.*{message}"):
+        read_cfd(CfdSpray(file=folder, **writers.place))
+
+
+def test_choices_that_are_not_there(
+    tmp_path: Path, foam: Foam, writers: Writers, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sample = foam.sample()
+    for path in (
+        writers.ensight(tmp_path / "e", sample, binary=True),
+        writers.converge(tmp_path / "c", sample, new=True),
+    ):
+        with pytest.raises(SprayError, match=r"no cloud 'rain' .spray.cloud."):
+            read_cfd(CfdSpray(file=path, cloud="rain", **writers.place))
+        with pytest.raises(SprayError, match=r"no time 0\.3 s"):
+            read_cfd(CfdSpray(file=path, time_s=0.3, **writers.place))
+    writers.ensight(tmp_path / "c", sample, binary=True)
+    with pytest.raises(SprayError, match="holds files of converge and ensight; set format"):
+        read_cfd(CfdSpray(file=tmp_path / "c", **writers.place))
+    both = CfdSpray(file=tmp_path / "c", format="converge", **writers.place)
+    assert read_cfd(both).notes["parcels"] == 17
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(
+        SprayError, match=r'needs h5py; install it with: pip install "cldit\[cfd\]"'
+    ):
+        read_cfd(both)

@@ -1,0 +1,189 @@
+"""cldit import, the file that it writes, parcels spread over a ball, and the page on them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from cldit.cli import main
+from cldit.errors import SprayError
+from cldit.scene.load import load_scene
+from cldit.scene.schema import CfdSpray
+from cldit.spray.cfd import read_cfd
+from cldit.spray.columns import read_column_map
+from cldit.spray.result import Parcels, Spray
+from cldit.spray.spread import spread
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+    from tests.unit.cfd.formats.conftest import Writers
+
+
+def same(one: Spray, two: Spray) -> bool:
+    assert one.parcels is not None
+    assert two.parcels is not None
+    assert one.vapour is not None
+    assert two.vapour is not None
+    return (
+        one.notes == two.notes
+        and one.remarks == two.remarks
+        and all(
+            np.array_equal(getattr(one.parcels, name), getattr(two.parcels, name))
+            for name in ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3")
+        )
+        and np.array_equal(one.vapour.cells.lower_m, two.vapour.cells.lower_m)
+        and np.array_equal(one.vapour.number_density_m3, two.vapour.number_density_m3)
+    )
+
+
+def test_command(tmp_path: Path, foam: Foam, writers: Writers) -> None:
+    block, gas, cloud = foam.sample()
+    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+    out = tmp_path / "spray.npz"
+
+    def called(*arguments: str, code: int = 0) -> str:
+        result = CliRunner().invoke(main, ["import", *arguments])
+        assert result.exit_code == code, result.output
+        return result.output
+
+    text = called(str(case), "--list")
+    assert "format: openfoam" in text
+    assert "times in s: 0.001" in text
+    assert "cell fields: C7H16, T, p, rho" in text
+    assert "cloud sprayCloud: T, U, d, nParticle, positions, rho" in text
+    place = ["--nozzle", "0.0005", "0.009", "0.0001", "--axis", "0,-1,0"]
+    text = called(str(case), *place, "--out", str(out))
+    told = read_cfd(CfdSpray(file=case, **writers.place))
+    assert re.search(rf"liquid mass +{told.notes['liquid_mass_kg'] * 1e6:.5g} mg", text)
+    assert re.search(r"Sauter mean diameter +\d", text)
+    assert re.search(r"liquid penetration .* mm", text)
+    assert same(read_cfd(CfdSpray(file=out)), told)
+    assert "format: cldit" in called(str(out), "--list")
+    assert "is no direction" in called(str(case), "--axis", "0,-1,up", code=2)
+    assert not list(tmp_path.glob("*.part"))
+    wrong = called(str(case), "--fuel-field", "fuel", "--out", str(tmp_path / "no.npz"), code=1)
+    assert "no cell field 'fuel'" in wrong
+    assert not (tmp_path / "no.npz").exists()
+    assert "ends in .npz" in called(str(case), *place, "--out", str(tmp_path / "a.h5"), code=1)
+
+
+def test_own_file_that_is_damaged(tmp_path: Path, foam: Foam, writers: Writers) -> None:
+    block, gas, cloud = foam.sample()
+    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+    out = tmp_path / "spray.npz"
+    result = CliRunner().invoke(main, ["import", str(case), "--axis", "-y", "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    whole = out.read_bytes()
+    for left in (0.0, 0.3, 0.9, 0.99):
+        out.write_bytes(whole[: int(left * len(whole))])
+        with pytest.raises(SprayError, match=re.escape(str(out))):
+            read_cfd(CfdSpray(file=out))
+    out.write_bytes(whole)
+    expected, noticed = read_cfd(CfdSpray(file=out)), 0
+    places = np.linspace(0, len(whole) - 1, 60).astype(int).tolist()
+    for place in places:  # some hit only dates in the archive, which do not matter
+        flipped = bytearray(whole)
+        flipped[place] ^= 0xFF
+        out.write_bytes(bytes(flipped))
+        try:
+            assert same(read_cfd(CfdSpray(file=out)), expected)
+        except SprayError as error:
+            assert str(out) in str(error)
+            noticed += 1
+    assert noticed > len(places) / 2
+    out.write_bytes(whole)
+    with pytest.raises(SprayError, match=r"spray\.axis was settled when the case was imported"):
+        read_cfd(CfdSpray(file=out, axis="-y"))
+    with pytest.raises(SprayError, match=r"no time 0\.5 s"):
+        read_cfd(CfdSpray(file=out, time_s=0.5))
+    with np.load(out) as archive:
+        arrays = dict(archive)
+    for name, change, message in (
+        ("parcels/diameter_m", lambda v: -v, r"spray\.npz: parcels\.diameter_m: -"),
+        ("vapour/temperature_K", lambda v: v * np.nan, r"vapour\.temperature_K: .* not finite"),
+        ("parcels/droplets", None, r"spray\.npz: parcels/droplets is missing"),
+        ("about", lambda v: np.array(str(v).replace('"layout": 1', '"layout": 9')), "layout 9"),
+    ):
+        kept = {key: value for key, value in arrays.items() if key != name}
+        if change is not None:
+            kept[name] = change(arrays[name])
+        np.savez_compressed(out, **kept)
+        with pytest.raises(SprayError, match=message):
+            read_cfd(CfdSpray(file=out))
+
+
+@pytest.mark.parametrize("points", [2, 7, 16])
+def test_spread_keeps_mass_and_place(
+    tmp_path: Path, foam: Foam, writers: Writers, points: int
+) -> None:
+    block, gas, cloud = foam.sample()
+    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    keys: dict[str, Any] = {"file": case, "spread_points": points, **writers.place}
+    one = read_cfd(CfdSpray(**keys)).parcels
+    two = read_cfd(CfdSpray(spread_m=0.3e-3, **keys)).parcels
+    assert one is not None
+    assert two is not None
+    assert len(two.droplets) == points * len(one.droplets)
+    # sums of rounded shares: 17 x 16 of them
+    assert two.mass_kg == pytest.approx(one.mass_kg, rel=1e-13)
+    assert two.sauter_mean_diameter_m == pytest.approx(one.sauter_mean_diameter_m, rel=1e-13)
+    cloudlets = two.position_m.reshape(-1, points, 3)
+    assert cloudlets.mean(axis=1) == pytest.approx(one.position_m, abs=1e-15)
+    away = np.linalg.norm(cloudlets - one.position_m[:, None], axis=2)
+    assert away.max() <= 0.3e-3 * (1 + 1e-12)
+    again = read_cfd(CfdSpray(spread_m=0.3e-3, **keys)).parcels
+    other = read_cfd(CfdSpray(spread_m=0.3e-3, seed=2, **keys)).parcels
+    assert again is not None
+    assert other is not None
+    assert np.array_equal(again.position_m, two.position_m)
+    assert not np.array_equal(other.position_m, two.position_m)
+
+
+def test_spread_fills_the_ball_evenly() -> None:
+    """Half of the droplets lie within the radius of half the volume."""
+    one = Parcels(np.zeros((1, 3)), *(np.array([v]) for v in (1e-5, 1e6, 300.0, 700.0)))
+    many = spread(one, radius_m=1e-3, points=20_000, seed=5)
+    away = np.linalg.norm(many.position_m, axis=1)
+    # 10000 independent pairs: standard error of the share 0.005, four of them
+    assert np.mean(away < 1e-3 * 0.5 ** (1 / 3)) == pytest.approx(0.5, abs=0.02)
+
+
+def test_scene_finds_its_files(tmp_path: Path, foam: Foam, writers: Writers) -> None:
+    path = writers.ensight(tmp_path / "data", foam.sample(), binary=True)
+    (tmp_path / "names.yaml").write_text("parcels: {density: 700}")
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(
+        "name: s\nspray: {model: cfd, format: ensight, file: data/case.case,\n"
+        "  mapping: names.yaml, axis: -y}\n"
+    )
+    spray = load_scene(scene).spray
+    assert isinstance(spray, CfdSpray)
+    assert spray.file == path
+    assert spray.mapping == tmp_path / "names.yaml"
+    assert read_cfd(spray).notes["parcels"] == 17
+
+
+PAGE = Path(__file__).parents[4] / "docs" / "importing.md"
+
+
+def test_page_of_the_docs(tmp_path: Path) -> None:
+    """Its examples are allowed, and the options that it names are there."""
+    page = PAGE.read_text(encoding="utf-8")
+    scene, *maps = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    spray = CfdSpray.model_validate(yaml.safe_load(scene)["spray"])
+    assert spray.axis == (0.0, -1.0, 0.0)
+    assert len(maps) == 2
+    for text in maps:
+        (tmp_path / "map.yaml").write_text(text)
+        assert read_column_map(tmp_path / "map.yaml").parcels is not None
+    known = CliRunner().invoke(main, ["import", "--help"]).output
+    known += CliRunner().invoke(main, ["run", "--help"]).output
+    named = set(re.findall(r"--[a-z][a-z-]+", page)) - {"--help"}
+    assert len(named) > 8
+    assert not {option for option in named if option not in known}
