@@ -68,7 +68,7 @@ def vapour_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
     mass = vapour.number_density_m3 * vapour.cells.volume_m3
     mass = mass * vapour.molar_mass_kg_mol / 6.02214076e23
     # Each cell stands for points in it, close enough that no pixel between them is missed.
-    parts = int(np.clip(np.ceil(2 * edge.max() / pixel_m), 1, 6))
+    parts = int(np.clip(np.ceil(2 * edge.max() / pixel_m - 1e-6), 1, 6))
     first, second = _AXES[view]
     places, masses = [], []
     for i in range(parts):

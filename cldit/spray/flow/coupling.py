@@ -200,4 +200,5 @@ def _jet(cloud: Cloud, at: Floats, flow: GasFlow, injection: Injection, *, time_
         spacing_m=flow.box.spacing_m,
     )
     over = HANDED_OVER_CELLS * flow.box.spacing_m / HALF_WIDTH
+    over = min(over, 0.5 * injection.speed_m_s * max(time_s - injection.start_s, 0.0))  # its head
     return _Jet(axis, speed, weight, np.maximum(over - along, 0.0))
