@@ -80,6 +80,12 @@ def main() -> None:
 )
 @click.option("--time", "time_s", type=float, help="Time of the CFD result, s; the last one.")
 @click.option("--order", type=int, help="Scattering orders; to a residual if left out.")
+@click.option(
+    "--method",
+    type=click.Choice(["source", "path", "branching"]),
+    help="source: fast (default); path: unbiased, slow; branching: the paper's.",
+)
+@click.option("--phase", help="isotropic, mie, or g of Henyey and Greenstein.")
 @click.option("--accuracy", "accuracy_K", type=float, help="Error allowed in T_app, K.")
 @click.option("--device", help="OpenCL device: platform:device, or part of its name.")
 @click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
@@ -90,12 +96,20 @@ def run(
     cfd: Path | None,
     time_s: float | None,
     order: int | None,
+    method: str | None,
+    phase: str | None,
     accuracy_K: float | None,
     device: str | None,
     trace_only: bool,
 ) -> None:
     """Simulate SCENE (a shipped name or a YAML file), record it with the rig, evaluate."""
-    chosen = _changed(load_scene(scene), cfd=cfd, time_s=time_s, order=order, accuracy_K=accuracy_K)
+    transport = {
+        "order": order,
+        "method": method,
+        "phase": _phase(phase),
+        "accuracy_K": accuracy_K,
+    }
+    chosen = _changed(load_scene(scene), cfd=cfd, time_s=time_s, transport=transport)
     folder = out or Path("runs") / chosen.name
     opened = open_device(device)
     _OUT.print(f"{chosen.name}: {chosen.description}")
@@ -110,13 +124,20 @@ def run(
     _summary(result)
 
 
+def _phase(text: str | None) -> str | dict[str, float] | None:
+    """A number is g of Henyey and Greenstein; names are left for the scene's checks."""
+    try:
+        return None if text is None else {"henyey_greenstein": float(text)}
+    except ValueError:
+        return text
+
+
 def _changed(
     scene: Scene,
     *,
     cfd: Path | None,
     time_s: float | None,
-    order: int | None,
-    accuracy_K: float | None,
+    transport: dict[str, Any],
 ) -> Scene:
     """The scene with what the command line overrides, checked again."""
     data = scene.model_dump(mode="json")
@@ -126,10 +147,7 @@ def _changed(
         data["description"] = f"the spray of {cfd.name} before the rig of {scene.name}"
     elif time_s is not None:
         data["spray"]["time_s"] = time_s
-    if order is not None:
-        data["transport"]["order"] = order
-    if accuracy_K is not None:
-        data["transport"]["accuracy_K"] = accuracy_K
+    data["transport"].update({key: value for key, value in transport.items() if value is not None})
     return parse_scene(data, source="command line")
 
 

@@ -17,6 +17,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import platformdirs
 import yaml
 
@@ -28,6 +29,7 @@ from cldit.errors import RunFolderError
 from cldit.gpu.device import Device, open_device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, build_octree, build_octrees
+from cldit.optics.band import BandOptics
 from cldit.optics.emitters import emitters
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
@@ -43,7 +45,9 @@ from cldit.spectral import (
     save_nodes,
     trace_nodes,
 )
+from cldit.spray.result import Spray
 from cldit.spray.source import make_spray
+from cldit.transport.phase import PhaseError, ScatteringTable, mean_of
 from cldit.transport.trace import settings_for, trace
 
 Say = Callable[[str], None]
@@ -190,14 +194,19 @@ def simulate(
     stages = _Stages(progress)
     medium = _medium(scene, stages, cache or default_cache())
     frame, chosen = medium.trees[0].frame, medium.chosen
-    settings = settings_for(scene)
+    settings = settings_for(scene, medium.phase)
     result = trace_nodes(medium.trees, chosen.quadrature, scene, device, settings, report=progress)
     reference = trace(_nothing(frame), scene, device, settings).weights
-    for name in ("compile", "scattering", "image"):
+    steps = ("compile", "scattering", "image", *(["gather"] if "gather" in result.seconds else []))
+    for name in steps:
         note = "" if name in result.seconds else "left out: nothing scatters"
         passes = [one.solution.passes for one in result.traces if one.solution is not None]
         if name == "scattering" and passes:
             note = f"{result.counts['sweeps']} sweeps; {sum(passes)} passes"
+        if name == ("gather" if "gather" in steps else "scattering") and "samples" in result.counts:
+            note = f"{result.counts['samples']} samples a pixel"
+        if name == "scattering" and "scattered_rays" in result.counts:
+            note = f"{result.counts['scattered_rays']} rays started by scattering"
         stages.done.append(Stage(name, result.seconds.get(name, 0.0), note))
     with stages.stage("evaluation"):
         sensor = _sensor(scene, chosen.quadrature, (result.spectral, reference))
@@ -242,6 +251,7 @@ class _Medium:
     chosen: Wavelengths
     paper: Octree | None
     notes: dict[str, float]
+    phase: ScatteringTable | None
 
 
 def _medium(scene: Scene, stages: _Stages, cache: Path) -> _Medium:
@@ -257,6 +267,9 @@ def _medium(scene: Scene, stages: _Stages, cache: Path) -> _Medium:
         if compared:
             bands += wavelengths(scene, spray, cache=cache, paper=True).bands
         sources = [emitters(spray, band) for band in bands]
+        phase = None
+        if scene.transport.phase == "mie":
+            phase = _mean_phase(spray, bands[len(chosen.bands) // 2])
     domain = scene.domain
     frame = Frame.around(
         centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=domain.leaf_edge_m
@@ -265,7 +278,22 @@ def _medium(scene: Scene, stages: _Stages, cache: Path) -> _Medium:
         trees = build_octrees(frame, sources, optical_depth_split=domain.optical_depth_split)
         note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
     paper = trees.pop() if compared else None
-    return _Medium(trees, chosen, paper, dict(spray.notes))
+    return _Medium(trees, chosen, paper, dict(spray.notes), phase)
+
+
+def _mean_phase(spray: Spray, band: BandOptics) -> ScatteringTable | None:
+    """The droplets' mean phase function in one band, which serves for all; None without droplets.
+
+    Raises:
+        PhaseError: droplets are given as coefficients, without diameters.
+    """
+    if spray.prescribed is not None and np.any(spray.prescribed.droplet_scattering_per_m > 0):
+        raise PhaseError(
+            "transport.phase: mie needs droplet diameters, and this spray gives coefficients only; "
+            "allowed: isotropic, {henyey_greenstein: g}"
+        )
+    points, _ = emitters(spray, band)
+    return mean_of(spray.parcels, band.droplets, None if points is None else points.scattering_m2)
 
 
 def _nothing(frame: Frame) -> Octree:

@@ -16,10 +16,10 @@
    difference of two near-equal numbers would lose it; plain exp keeps the loop vectorisable. */
 #ifdef USE_FLOAT64
 
-inline REAL absorbed(REAL t) { return -expm1(-t); }
+INLINE REAL absorbed(REAL t) { return -expm1(-t); }
 
 /* share: absorbed(t), which the caller has at hand. */
-inline REAL mean_transmission(REAL t, REAL share)
+INLINE REAL mean_transmission(REAL t, REAL share)
 {
     return t > (REAL)0.0 ? share / t : (REAL)1.0;
 }
@@ -28,14 +28,14 @@ inline REAL mean_transmission(REAL t, REAL share)
 
 #define THIN 0.05f
 
-inline REAL thin_mean(REAL t)
+INLINE REAL thin_mean(REAL t)
 {
     return 1.0f - t * (0.5f - t * (0.16666667f - t * 0.041666667f));
 }
 
-inline REAL absorbed(REAL t) { return t < THIN ? t * thin_mean(t) : 1.0f - exp(-t); }
+INLINE REAL absorbed(REAL t) { return t < THIN ? t * thin_mean(t) : 1.0f - exp(-t); }
 
-inline REAL mean_transmission(REAL t, REAL share) { return t < THIN ? thin_mean(t) : share / t; }
+INLINE REAL mean_transmission(REAL t, REAL share) { return t < THIN ? thin_mean(t) : share / t; }
 
 #endif
 #endif

@@ -12,7 +12,7 @@
 
 /* 1 where the line from (px, py, pz) along (dx, dy, dz) meets the background, else 0. Only lines
    with dy > 0 meet the disc's front. disc: centre x, y, z and squared radius, in the unit of p. */
-inline real sees_background(real px, real py, real pz, real dx, real dy, real dz, real4 disc)
+INLINE real sees_background(real px, real py, real pz, real dx, real dy, real dz, real4 disc)
 {
 #ifdef BOUNDARY_ENCLOSURE
     return R(1);

@@ -52,9 +52,23 @@ __kernel void next_order(
     }
 }
 
+/* Mean radiance S + D / (sum of the weights). */
+__kernel void weighted_mean(
+    __global real *out, __global const real *listed, __global const real *excess,
+    __global const real *shares, __global const int *place, const int plane, const int count)
+{
+    const int i = get_global_id(0);
+    if (i >= count) return;
+    const real share = shares[place[i]];
+    for (int c = 0; c < COMPONENTS; ++c) {
+        const int k = c * count + i;
+        out[k] = listed[k] + (share > R(0) ? excess[c * plane + place[i]] / share : R(0));
+    }
+}
+
 /* Where, in a cell of optical depth t, the light comes from that leaves it towards the camera:
    mean distance behind the cell's middle in units of its edge, -1/2 (the near face) to 0. */
-inline real light_depth(real t)
+INLINE real light_depth(real t)
 {
     return t < R(0.1) ? t * (t * t * R(1.0 / 720.0) - R(1.0 / 12.0))
         : R(1) / t - R(1) / (exp(fmin(t, R(80))) - R(1)) - R(0.5);

@@ -16,7 +16,7 @@ typedef struct {
 
 /* column, row: pixel, row 0 on top; middle: target point; pitch: pixel width and height in the
    target plane; distance: from the camera to the target. All in cells. */
-inline Ray pixel_ray(
+INLINE Ray pixel_ray(
     int column, int row, int columns, int rows, real4 middle, real pitch_x, real pitch_z,
     real distance)
 {

@@ -14,4 +14,7 @@ typedef float4 real4;
 #endif
 #define R(x) ((real)(x))
 
+/* Of every helper: a call would keep the ray's state in memory, not in registers. */
+#define INLINE static inline __attribute__((always_inline))
+
 #endif

@@ -9,7 +9,9 @@
 
    In a cell of optical depth t the intensity I goes to I exp(-t) + S (1 - exp(-t)); its mean over
    the cell is S + (I - S) q(t). Stored is the excess D = sum w (I - S) q over the source, not the
-   mean: in thick cells it is far below S, and the difference would be lost to rounding. */
+   mean: in thick cells it is far below S, and the difference would be lost to rounding.
+
+   TO_CAMERA: the mean is weighted by the phase function towards the camera, for the last sweep. */
 
 #include "boundary.h"
 #include "components.h"
@@ -50,7 +52,7 @@ typedef real lane_t;
 #define LAYERS_X 2 /* u = y, v = z, l = x: in the transposed copy */
 
 /* What a ray brings that comes into the box at cell (u, v, l), from `back`. */
-inline real seen_from(int u, int v, int l, int layout, real4 back, real4 disc)
+INLINE real seen_from(int u, int v, int l, int layout, real4 back, real4 disc)
 {
     const real pu = u + R(0.5);
     const real pv = v + R(0.5);
@@ -61,6 +63,29 @@ inline real seen_from(int u, int v, int l, int layout, real4 back, real4 disc)
         layout == LAYERS_Z ? pl : pv,
         back.x, back.y, back.z, disc);
 }
+
+#ifdef TO_CAMERA
+#if VECTOR != 1
+#error "TO_CAMERA goes cell by cell: VECTOR 1"
+#endif
+
+/* Phase function for light from `back` that the cell (u, v, l) scatters towards the camera; the
+   table has PHASE_STEPS bins, even in the sine of half the angle. */
+INLINE real phase_to_camera(
+    int u, int v, int l, int layout, real4 back, real4 camera, __global const real *phase)
+{
+#ifdef CAMERA_PINHOLE
+    const real x = (layout == LAYERS_X ? l : u) + R(0.5) - camera.x;
+    const real y = (layout == LAYERS_Z ? v : layout == LAYERS_Y ? l : u) + R(0.5) - camera.y;
+    const real z = (layout == LAYERS_Z ? l : v) + R(0.5) - camera.z;
+    const real cosine = (back.x * x + back.y * y + back.z * z) / sqrt(x * x + y * y + z * z);
+#else
+    const real cosine = back.y;
+#endif
+    const real sine = sqrt(fmax(R(0), (R(1) - cosine) / 2));
+    return phase[clamp((int)(sine * PHASE_STEPS), 0, PHASE_STEPS - 1)];
+}
+#endif
 
 /* One work-group carries one row of rays through all layers. A ray keeps its slot in local memory;
    the cell u finds the ray that crosses it at slot u - moved + origin, so that rays shift along the
@@ -82,7 +107,12 @@ __kernel void sweep(
     const real weight,
     const real inflow,             /* 1: boundaries shine; 0: black */
     const real4 back,              /* direction from which the ray comes, x y z */
-    const real4 disc)              /* in cells of this box */
+    const real4 disc               /* in cells of this box */
+#ifdef TO_CAMERA
+    , __global real *shares,       /* inout: sum of weights, a plane of cells */
+    __global const real *phase, const real4 camera
+#endif
+    )
 {
     __local real rays[COMPONENTS][SLOTS];
     const int lane = get_local_id(0);
@@ -116,7 +146,14 @@ __kernel void sweep(
                 const lane_t t = LOAD(depth + base + u) * stretch;
                 if (EMPTY(t)) continue;
                 const lane_t share = absorbed(t);
-                const lane_t q = weight * mean_transmission(t, share);
+#ifdef TO_CAMERA
+                const real part =
+                    weight * phase_to_camera(u, v, l, layout, back, camera, phase);
+                shares[base + u] += part;
+#else
+                const real part = weight;
+#endif
+                const lane_t q = part * mean_transmission(t, share);
                 for (int c = 0; c < COMPONENTS; ++c) {
                     __global real *d = excess + c * plane + base + u;
                     __local real *ray = &rays[c][slot + u];

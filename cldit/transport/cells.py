@@ -73,11 +73,14 @@ class OpticalCells:
     coalbedo: NDArray[np.float64]
 
     @classmethod
-    def of(cls, tree: Octree) -> OpticalCells:
-        """Coefficients of a tree, in double precision."""
+    def of(cls, tree: Octree, *, scattered: float = 1.0) -> OpticalCells:
+        """Coefficients of a tree, in double precision.
+
+        scattered: share of the scattering that counts; 1 - g is the transport correction.
+        """
         fields = {name: values.astype(np.float64) for name, values in tree.fields.items()}
         absorption = fields["vapour_absorption"] + fields["droplet_absorption"]
-        scattering = fields["droplet_scattering"]
+        scattering = fields["droplet_scattering"] * scattered
         extinction = absorption + scattering
         safe = np.where(extinction > 0, extinction, 1.0)
         emitted = {

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.transport.phase import ScatteringTable
+
 Floats = NDArray[np.float64]
 _GOLDEN = (1 + 5**0.5) / 2
 
@@ -71,6 +73,24 @@ def focused(
     )
     frame = _frame_about(axis / np.linalg.norm(axis))
     return Directions(unit=np.concatenate(parts) @ frame.T, weight=weight)
+
+
+def about_camera(count: int, rng: np.random.Generator, phase: ScatteringTable) -> Directions:
+    """Directions about +y, the way that the camera looks, as densely as the phase function scatters
+    light from there to it. Half of them are spread evenly, for what lies off the middle.
+
+    Weights are 1 / (4 pi x density): with them goes the phase function of each cell's own angle.
+    """
+    density = phase.density * -np.diff(phase.cosine)
+    mixed = 0.5 * np.concatenate([[0.0], np.cumsum(density)]) + 0.25 * (1 - phase.cosine)
+    place = (np.arange(count) + rng.random()) / count
+    cosine = np.interp(place, mixed, phase.cosine)
+    bin_ = np.clip(np.searchsorted(mixed, place, "right") - 1, 0, phase.bins - 1)
+    per_cosine = np.diff(mixed)[bin_] / -np.diff(phase.cosine)[bin_]
+    angle = 2 * np.pi * (np.arange(count) / _GOLDEN + rng.random())
+    sine = np.sqrt(np.maximum(0.0, 1 - cosine**2))
+    unit = np.stack([sine * np.cos(angle), cosine, sine * np.sin(angle)], axis=1)
+    return Directions(unit=unit, weight=1.0 / (count * per_cosine))
 
 
 def for_boundary(

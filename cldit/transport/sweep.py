@@ -48,6 +48,16 @@ def sweep_defines(device: Device, box: Box) -> dict[str, int]:
     return {"VECTOR": vector, "SLOTS": max(nx + nz, nx + ny, ny + nx) + 4}
 
 
+@dataclass(frozen=True)
+class ToCamera:
+    """A sweep whose directions count by the phase function towards the camera."""
+
+    kernel: Any
+    phase: Any
+    place: NDArray[np.float64]
+    shares: dict[bool, Any]  # sum of weights in every cell, and its turned copy
+
+
 class Sweeper:
     """The swept box on the device.
 
@@ -157,19 +167,34 @@ class Sweeper:
             self.device.queue, self._grid(), (_TILE, _TILE, 1), arrays[True], arrays[False], *sizes
         )
 
-    def sweep(self, directions: Directions, starts: NDArray[np.float64], *, shining: bool) -> None:
+    def sweep(
+        self,
+        directions: Directions,
+        starts: NDArray[np.float64],
+        *,
+        shining: bool,
+        camera: ToCamera | None = None,
+    ) -> None:
         """Sweeps every direction; the excess D of the present source is then on the device.
 
         starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer.
+        camera: what directions count for towards it; None counts all alike.
         """
         for turned in (False, True):
             clear(self.device, self._excess[turned], self._bytes)
+            if camera is not None:
+                clear(self.device, camera.shares[turned], self._bytes // self.components)
         layouts = _layouts(self.box.shape)
         main = np.argmax(np.abs(directions.unit), axis=1)
         for axis, layout in layouts.items():
             for i in np.flatnonzero(main == axis):
                 self._one(
-                    layout, directions.unit[i], float(directions.weight[i]), starts[i], shining
+                    layout,
+                    directions.unit[i],
+                    float(directions.weight[i]),
+                    starts[i],
+                    shining,
+                    camera,
                 )
         if np.any(main == 0):
             sizes = [np.int32(n) for n in self.box.shape]
@@ -181,6 +206,16 @@ class Sweeper:
                 self._excess[True],
                 *sizes,
             )
+            if camera is not None:
+                grid = (*self._grid()[:2], self.box.shape[2])
+                self._kernels["add_turned"](
+                    self.device.queue,
+                    grid,
+                    (_TILE, _TILE, 1),
+                    camera.shares[False],
+                    camera.shares[True],
+                    *sizes,
+                )
         self.sweeps += len(directions)
 
     def _one(
@@ -190,14 +225,22 @@ class Sweeper:
         weight: float,
         start: NDArray[np.float64],
         shining: bool,
+        camera: ToCamera | None,
     ) -> None:
         real = self._real
         u, v, run = (
             -unit[axis] for axis in layout.axes
         )  # light runs away from where it comes from
         nu, nv, nl = layout.size
-        lanes = 1 if self._vector > 1 else min(nu, self._lanes)
-        self._sweep(
+        vector = 1 if camera is not None else self._vector
+        lanes = 1 if vector > 1 else min(nu, self._lanes)
+        extra = []
+        if camera is not None:
+            place = np.zeros(4)
+            place[:3] = camera.place - self.box.low
+            extra = [camera.shares[layout.turned], camera.phase, place.astype(real)]
+        kernel = self._sweep if camera is None else camera.kernel
+        kernel(
             self.device.queue,
             (lanes, nv),
             (lanes, 1),
@@ -219,7 +262,37 @@ class Sweeper:
             real(shining),
             np.array([*unit, 0], real),
             self._disc.astype(real),
+            *extra,
         )
+
+    def to_camera(
+        self, program: Program, phase: NDArray[np.float64], place: NDArray[np.float64]
+    ) -> ToCamera:
+        """What a sweep towards the camera needs; place: of the camera, in cells of the cube."""
+        return ToCamera(
+            kernel=program["sweep"],
+            phase=upload(self.device, "phase function", phase.astype(self._real)),
+            place=place,
+            shares={
+                t: zeros(self.device, "shares", self.box.cells, self._real) for t in (False, True)
+            },
+        )
+
+    def weighted_mean(self, camera: ToCamera) -> NDArray[Any]:
+        """Mean radiance (C, N) of the scattering cells after a sweep towards the camera."""
+        self._kernels["weighted_mean"](
+            self.device.queue,
+            (self.count,),
+            None,
+            self._out,
+            self._list,
+            self._excess[False],
+            camera.shares[False],
+            self._place,
+            np.int32(self.box.cells),
+            np.int32(self.count),
+        )
+        return download(self.device, self._out, np.empty((self.components, self.count), self._real))
 
     def _shifts(
         self, slope_u: float, slope_v: float, start: NDArray[np.float64], size: tuple[int, int, int]

@@ -222,3 +222,22 @@ def test_scenes_are_frozen() -> None:
     scene = load_scene("empty")
     with pytest.raises(ValueError, match="frozen"):
         scene.name = "other"  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("phase", ["isotropic", "mie", {"henyey_greenstein": -0.3}])
+def test_phase_functions_there_and_back(phase: Any) -> None:
+    scene = _scene(transport={"phase": phase, "method": "path"})
+    assert parse_scene(yaml.safe_load(dump_scene(scene))) == scene
+
+
+@pytest.mark.parametrize(
+    ("phase", "said"),
+    [
+        ("rayleigh", "allowed: isotropic, mie, {henyey_greenstein: g}"),
+        (0.8, "allowed: isotropic, mie, {henyey_greenstein: g}"),
+        ({"henyey_greenstein": 1.0}, "1 is outside -0.999..0.999"),
+        ({"g": 0.5}, "henyey_greenstein"),
+    ],
+)
+def test_wrong_phase_functions_are_refused(phase: Any, said: str) -> None:
+    assert said in _complaint(transport={"phase": phase})

@@ -38,6 +38,7 @@ def cavity(
     albedo: float,
     vapour: float,
     cells: int = 16,
+    model: str = "pinhole",
     **scene: Any,
 ) -> Run:
     """A cube full of droplets (and vapour), `depth` per cell's edge."""
@@ -53,7 +54,7 @@ def cavity(
         },
         size_m=(EDGE, EDGE, EDGE),
         domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / cells},
-        camera={"pixels": [21, 17], "field_m": [0.19, 0.19]},
+        camera={"model": model, "pixels": [21, 17], "field_m": [0.19, 0.19]},
         walls={"temperature_K": T},
         **scene,
     )
@@ -80,6 +81,19 @@ def test_flat_at_the_extremes(
 def test_flat_at_every_order(run_block: Callable[..., Run], order: int) -> None:
     """Beyond the last order stands the wall, so truncated answers close as well."""
     run = cavity(run_block, depth=0.5, albedo=0.7, vapour=0.1, transport={"order": order})
+    assert closure(run) < 1e-5
+
+
+@pytest.mark.parametrize("order", [0, 1, None])
+@pytest.mark.parametrize("model", ["pinhole", "orthographic"])
+@pytest.mark.parametrize("g", [-0.4, 0.85])
+def test_flat_with_a_phase_function(
+    run_block: Callable[..., Run], g: float, model: str, order: int | None
+) -> None:
+    """The weights towards the camera are divided by their sum, so nothing is made or lost."""
+    phase = {"henyey_greenstein": g}
+    transport = {"phase": phase, "order": order}
+    run = cavity(run_block, depth=0.5, albedo=0.7, vapour=0.1, transport=transport, model=model)
     assert closure(run) < 1e-5
 
 

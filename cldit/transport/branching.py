@@ -1,0 +1,88 @@
+"""The paper's ray tracing (Section "Ray Tracing"), to compare its cost and its results with."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from cldit.errors import TransportError
+from cldit.gpu.buffers import download, upload, zeros
+from cldit.gpu.device import Device
+from cldit.gpu.program import Define, build
+from cldit.scene.schema import Scene
+from cldit.transport.cells import OpticalCells
+from cldit.transport.result import Settings, Trace, weights_of
+from cldit.transport.source import check_disc
+from cldit.transport.view import View, upload_tree
+
+HIGHEST_ORDER = 3  # each order costs some hundred times the one before
+
+
+def trace_branching(
+    cells: OpticalCells,
+    scene: Scene,
+    device: Device,
+    settings: Settings,
+    report: Callable[[str], None] | None,
+) -> Trace:
+    """Weights as the paper has them; what is left of a ray at the cut-off is lost, as there.
+
+    Raises:
+        TransportError: no order is given, or one above 3; the phase function is not isotropic.
+    """
+    if settings.order is None or settings.order > HIGHEST_ORDER:
+        given = "all" if settings.order is None else settings.order
+        raise TransportError(
+            f"transport.order: {given} with method branching; allowed is 0..{HIGHEST_ORDER}, for "
+            "each order costs some hundred times the one before; or take method source or path"
+        )
+    if settings.phase is not None:
+        raise TransportError(
+            "transport.phase: method branching scatters isotropically, as the paper does; allowed: "
+            "isotropic"
+        )
+    view = View.of(scene, cells)
+    check_disc(scene, cells, view.disc)
+    real = np.float64 if settings.precision == "float64" else np.float32
+    defines: dict[str, Define] = {
+        **cells.needs.defines,
+        **view.defines,
+        "CUTOFF": float(settings.cutoff),
+        "ORDER": settings.order,
+    }
+    if settings.precision == "float64":
+        defines["USE_FLOAT64"] = 1
+    program = build(device, "branching.cl", defines)
+    start = time.perf_counter()
+    columns, rows = view.pixels
+    components = len(cells.needs.components)
+    albedo = np.zeros(len(cells.depth), real)
+    albedo[cells.address] = cells.albedo
+    out = zeros(device, "picture", components * rows * columns, real)
+    rays = zeros(device, "rays", rows * columns, np.uint32)
+    program["branching"](
+        device.queue,
+        *view.tiles,
+        out,
+        rays,
+        np.array([settings.seed, 1], np.uint32),
+        *upload_tree(device, cells, real),
+        upload(device, "thermal source", cells.source_planes(real)[2:]),
+        upload(device, "albedo", albedo),
+        *view.arguments(cells, real),
+    )
+    image = download(device, out, np.empty((components, rows, columns), real))
+    count = int(download(device, rays, np.empty(rows * columns, np.uint32)).sum(dtype=np.int64))
+    if report is not None:
+        report(f"{count} rays started by scattering")
+    return Trace(
+        weights=weights_of(image.astype(np.float64), cells),
+        weights_difference=None,
+        programs=(program,),
+        solution=None,
+        seconds={"compile": program.build_s, "scattering": time.perf_counter() - start},
+        counts={"scattering_cells": len(cells.address), "scattered_rays": count},
+        precision=real.__name__,
+    )

@@ -1,0 +1,208 @@
+"""Path tracing: batches of chains for every pixel that scatters, until the wanted error.
+
+Every batch is a low-discrepancy set of its own, shifted at random, so that the scatter of the
+batches is an unbiased estimate of the picture's error.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.gpu.buffers import download, upload, zeros
+from cldit.gpu.device import Device
+from cldit.gpu.program import Define, build
+from cldit.optics.planck import (
+    band_radiance,
+    band_radiance_slope,
+    temperature_of_radiance,
+)
+from cldit.optics.response import scene_filter
+from cldit.scene.schema import Scene
+from cldit.transport.cells import OpticalCells
+from cldit.transport.result import Settings, Trace, weights_of
+from cldit.transport.sobol import columns
+from cldit.transport.source import check_disc
+from cldit.transport.view import View, upload_tree
+
+Floats = NDArray[np.float64]
+
+SAMPLES = 32  # of a batch: longer sets converge faster, more batches know their error better
+_LEAST = 4  # batches
+_CUTOFF = 1e-6  # at most: what is held to be exact must not leave out 1e-4
+_GROUP = 16
+_VISIBLE = 0.05  # emissivity under which a temperature says little, whatever the trace
+
+
+@dataclass
+class _Sums:
+    """Sums over batches of (C, N) means, and of even and odd batches apart."""
+
+    halves: tuple[Floats, Floats]
+    squares: Floats
+    batches: int = 0
+
+    def add(self, means: Floats) -> None:
+        self.halves[self.batches % 2][:] += means
+        self.squares += means * means
+        self.batches += 1
+
+    @property
+    def mean(self) -> Floats:
+        return (self.halves[0] + self.halves[1]) / self.batches
+
+    @property
+    def difference(self) -> Floats:
+        """Half the difference of two means of half the batches each (an even number of them)."""
+        return (self.halves[0] - self.halves[1]) / self.batches
+
+    @property
+    def error(self) -> Floats:
+        """Standard error of the mean."""
+        spread = self.squares / self.batches - self.mean**2
+        return np.sqrt(np.maximum(spread, 0.0) / (self.batches - 1))
+
+
+def trace_path(
+    cells: OpticalCells,
+    scene: Scene,
+    device: Device,
+    settings: Settings,
+    report: Callable[[str], None] | None,
+    solved: tuple[OpticalCells, NDArray[np.floating]] | None = None,
+) -> Trace:
+    """Weights by path tracing; raises as `trace`.
+
+    Args:
+        solved: a medium and the source (C, P) of all its stored cells, in units of `cells`: chains
+            then end after one flight through it, and gather that source.
+    """
+    view = View.of(scene, cells)
+    check_disc(scene, cells, view.disc)
+    real = np.float64 if settings.precision == "float64" else np.float32
+    defines: dict[str, Define] = {
+        **cells.needs.defines,
+        **view.defines,
+        "CUTOFF": min(float(settings.cutoff), _CUTOFF),
+        "SAMPLES": SAMPLES,
+    }
+    if settings.precision == "float64":
+        defines["USE_FLOAT64"] = 1
+    if settings.order is not None:
+        defines["ORDER"] = settings.order
+    table = np.zeros(1, real)
+    if settings.phase is not None:
+        defines["PHASE_BINS"] = settings.phase.bins
+        table = np.concatenate([settings.phase.cosine, settings.phase.cumulative]).astype(real)
+    if solved is not None:
+        defines["GATHER"] = 1
+    program = build(device, "path.cl", defines)
+    start = time.perf_counter()
+    components = len(cells.needs.components)
+    column_count, row_count = view.pixels
+    pixels = column_count * row_count
+    albedo = np.zeros(len(cells.depth))
+    albedo[cells.address] = cells.albedo
+    flights = []
+    if solved is not None:
+        flights = [
+            upload(device, "optical depth", solved[0].depth.astype(real)),
+            upload(device, "source", solved[1].astype(real)),
+        ]
+    medium = [
+        *flights,
+        *upload_tree(device, cells, real),
+        upload(device, "thermal source", cells.source_planes(real)[2:]),
+        upload(device, "albedo", albedo.astype(real)),
+        *view.arguments(cells, real),
+    ]
+    out = zeros(device, "picture", components * pixels, real)
+    lost = zeros(device, "scattered light", pixels, real)
+    program["straight"](device.queue, *view.tiles, out, lost, *medium)
+    image = download(device, out, np.empty((components, pixels), real)).astype(np.float64)
+    scattered = download(device, lost, np.empty(pixels, real))
+    listed = np.flatnonzero(scattered > 0).astype(np.int32)
+    seconds = {"image": time.perf_counter() - start}
+
+    start = time.perf_counter()
+    count = len(listed)
+    means = zeros(device, "means", components * count, real)
+    fixed = [
+        upload(device, "phase function", table),
+        upload(device, "Sobol", columns()),
+        *medium,
+    ]
+    listing = [
+        upload(device, "pixels", listed),
+        upload(device, "scattered light", scattered[listed]),
+    ]
+    sums = _Sums(
+        (np.zeros((components, count)), np.zeros((components, count))),
+        np.zeros((components, count)),
+    )
+    while count:
+        program["scatter"](
+            device.queue,
+            (-(-count // _GROUP) * _GROUP,),
+            (_GROUP,),
+            means,
+            *listing,
+            np.int32(count),
+            np.array([settings.seed, 0], np.uint32),
+            np.uint32(sums.batches),
+            *fixed,
+        )
+        sums.add(download(device, means, np.empty((components, count), real)).astype(np.float64))
+        if sums.batches % 2 or sums.batches < _LEAST:
+            continue
+        error = _error_K(image[:, listed] + sums.mean, sums.difference, cells, scene)
+        if report is not None:
+            report(f"{sums.batches * SAMPLES} samples a pixel: {error:.2g} K")
+        if error <= settings.accuracy_K or sums.batches * SAMPLES >= settings.max_samples:
+            break
+    seconds["scattering"] = time.perf_counter() - start
+    difference = np.zeros_like(image)
+    error_of = np.zeros_like(image)
+    if count:
+        image[:, listed] += sums.mean
+        difference[:, listed] = sums.difference
+        error_of[:, listed] = sums.error
+    shape = (components, row_count, column_count)
+    return Trace(
+        weights=weights_of(image.reshape(shape), cells),
+        weights_difference=weights_of(difference.reshape(shape), cells),
+        standard_error=weights_of(error_of.reshape(shape), cells),
+        programs=(program,),
+        solution=None,
+        seconds={"compile": program.build_s, **seconds},
+        counts={
+            "scattering_cells": len(cells.address),
+            "scattering_pixels": count,
+            "samples": sums.batches * SAMPLES,
+        },
+        precision=real.__name__,
+    )
+
+
+def _error_K(mean: Floats, difference: Floats, cells: OpticalCells, scene: Scene) -> float:
+    """RMS error of T_app that `difference` (C, N) of the weights (C, N) stands for, to first order.
+
+    Pixels of emissivity up to 0.05 do not count. Where the line of sight misses the background the
+    emissivity is taken as if it did not; this only says when to stop.
+    """
+    filter_um = scene_filter(scene)
+    wall = float(band_radiance(scene.walls.temperature_K, filter_um=filter_um))
+    emissivity = 1.0 - mean[0]
+    apparent = (wall * mean[1] + cells.scale * mean[2:].sum(axis=0)) / np.maximum(emissivity, 1e-9)
+    here = (emissivity > _VISIBLE) & (apparent > 0)
+    if not here.any():
+        return 0.0
+    change = wall * difference[1] + cells.scale * difference[2:].sum(axis=0)
+    radiance = (change + difference[0] * apparent)[here] / emissivity[here]
+    temperature = temperature_of_radiance(apparent[here], filter_um=filter_um)
+    kelvin = radiance / band_radiance_slope(temperature, filter_um=filter_um)
+    return float(np.sqrt(np.mean(kelvin**2)))

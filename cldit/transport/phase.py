@@ -1,0 +1,151 @@
+"""Phase functions: where light goes when droplets scatter it, as tables that kernels sample.
+
+A table divides the cosine of the scattering angle into bins and says how much is scattered into
+each; within a bin the phase function is constant. Normalised to 1 over the cosine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import eval_legendre
+
+from cldit.errors import ClditError
+from cldit.optics import mie
+from cldit.optics.band import Droplets
+from cldit.spray.result import Parcels
+
+Floats = NDArray[np.float64]
+
+_BINS = 1024
+_SIZES = 64  # classes of the droplets' size parameter, evenly spaced in its logarithm
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(2)
+
+
+class PhaseError(ClditError, ValueError):
+    """A phase function that cannot be."""
+
+
+@dataclass(frozen=True)
+class ScatteringTable:
+    """cosine (M + 1,): bounds of the bins, from 1 down to -1; cumulative (M + 1,): share that is
+    scattered into larger cosines, from 0 to 1."""
+
+    cosine: Floats
+    cumulative: Floats
+
+    @property
+    def bins(self) -> int:
+        return len(self.cosine) - 1
+
+    @property
+    def density(self) -> Floats:
+        """Phase function in each bin (M,): 1/2 where it is isotropic."""
+        return np.asarray(np.diff(self.cumulative) / -np.diff(self.cosine))
+
+    @property
+    def asymmetry(self) -> float:
+        """Mean cosine of the scattering angle, g."""
+        return float(self.moments(2)[1])
+
+    def by_half_sine(self, steps: int) -> Floats:
+        """Phase function (steps,) in bins that are even in the sine of half the angle."""
+        cosine = 1 - 2 * np.linspace(0.0, 1.0, steps + 1) ** 2
+        share = np.interp(-cosine, -self.cosine, self.cumulative)
+        return np.asarray(np.diff(share) / -np.diff(cosine))
+
+    def moments(self, count: int) -> Floats:
+        """Legendre moments (count,) of the table, exactly; moment 0 is 1 and moment 1 is g."""
+        degrees = np.arange(count)[:, None]
+        upper = eval_legendre(degrees + 1, self.cosine)
+        lower = np.where(degrees > 0, eval_legendre(np.maximum(degrees - 1, 0), self.cosine), 1.0)
+        integral = -np.diff((upper - lower) / (2 * degrees + 1), axis=1)
+        return np.asarray(integral @ self.density)
+
+
+def _bounds() -> Floats:
+    """Bins evenly spaced in the angle: fine in cosine at the forward peak."""
+    cosine = np.cos(np.linspace(0.0, np.pi, _BINS + 1))
+    cosine[0], cosine[-1] = 1.0, -1.0
+    return np.asarray(cosine)
+
+
+def henyey_greenstein(g: float) -> ScatteringTable:
+    """The phase function of Henyey and Greenstein with mean cosine g, -1 < g < 1.
+
+    Raises:
+        PhaseError: g is out of range.
+    """
+    if not -1 < g < 1:
+        raise PhaseError(f"Henyey-Greenstein: g = {g:g} is outside -1..1 (both excluded)")
+    cosine = _bounds()
+    if abs(g) < 1e-6:
+        return ScatteringTable(cosine, (1 - cosine) / 2)
+    root = np.sqrt(1 + g * g - 2 * g * cosine)
+    cumulative = (1 - g * g) / (2 * g) * (1 / abs(1 - g) - 1 / root)
+    cumulative /= cumulative[-1]
+    return ScatteringTable(cosine, cumulative)
+
+
+def mean_of(
+    parcels: Parcels | None, droplets: Droplets | None, scattering_m2: Floats | None
+) -> ScatteringTable | None:
+    """One phase function for all of a spray's droplets, each counted by what it scatters.
+
+    The refractive index is that of the middle one of the tables' temperatures.
+
+    Args:
+        scattering_m2: (N,) cross section of all of a parcel's droplets.
+
+    Returns: None where no droplet scatters.
+    """
+    if parcels is None or droplets is None or scattering_m2 is None or not scattering_m2.any():
+        return None
+    table = droplets.tables[len(droplets.tables) // 2]
+    return mie_table(
+        parcels.diameter_m,
+        scattering_m2,
+        wavelength_um=table.wavelength_um,
+        n=table.n,
+        k=table.k,
+    )
+
+
+def mie_table(
+    diameter_m: Floats, scattering_m2: Floats, *, wavelength_um: float, n: float, k: float
+) -> ScatteringTable:
+    """Mean phase function of droplets of refractive index n - ik, weighted by what they scatter.
+
+    Args:
+        diameter_m, scattering_m2: (N,) diameters, and the scattering cross section that stands for
+            each of them (of all droplets of a parcel, say).
+
+    Raises:
+        PhaseError: nothing scatters.
+    """
+    scatters = (scattering_m2 > 0) & (diameter_m > 0)
+    if not scatters.any():
+        raise PhaseError("no droplet scatters light, so there is no mean phase function")
+    log_x = np.log(np.pi * diameter_m[scatters] / (wavelength_um * 1e-6))
+    weight = scattering_m2[scatters] / scattering_m2[scatters].sum()
+    low, high = float(log_x.min()), float(log_x.max())
+    step = max((high - low) / _SIZES, 1e-9)
+    number = np.minimum(((log_x - low) / step).astype(int), _SIZES - 1)
+    share = np.bincount(number, weight, minlength=_SIZES)
+    middle = np.bincount(number, weight * log_x, minlength=_SIZES) / np.where(share > 0, share, 1)
+    cosine = _bounds()
+    angle = np.linspace(0.0, np.pi, _BINS + 1)
+    half = np.diff(angle)[:, None] / 2
+    nodes = (angle[:-1, None] + half) + half * _NODES
+    within = np.zeros(_BINS)
+    for x, part in zip(np.exp(middle), share, strict=True):
+        if part > 1e-6:  # what is left out is less than 1e-4 of all
+            series = mie.coefficients(n=n, k=k, x=mie.check(n=n, k=k, x=x))
+            intensity = mie.intensity(*series, np.cos(nodes.reshape(-1)))[:, 0]
+            intensity = intensity.reshape(nodes.shape) * np.sin(nodes)
+            in_bin = (intensity * half) @ _WEIGHTS
+            within += part * in_bin / in_bin.sum()
+    cumulative = np.concatenate([[0.0], np.cumsum(within)])
+    return ScatteringTable(cosine, cumulative / cumulative[-1])

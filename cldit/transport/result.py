@@ -1,0 +1,78 @@
+"""How a trace is to be carried out, and what comes out of it, whatever the method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.gpu.program import Program
+from cldit.radiance.weights import Weights
+from cldit.transport.cells import OpticalCells
+from cldit.transport.phase import ScatteringTable
+from cldit.transport.solve import Solution
+
+Method = Literal["source", "path", "branching"]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a trace is carried out; `settings_for` derives it from the wanted accuracy.
+
+    directions: of the sweeps that solve for the source; final_directions: of the two halves
+    together of the last sweep; tolerance: RMS error allowed in the source (weights are 0..1).
+    accuracy_K, max_samples: where `path` stops, RMS error of T_app or samples a pixel. order: most
+    scatterings, None for all; beyond it the wall is seen. phase: None is isotropic.
+    gather: `source` ends with flights from where light is scattered, up to accuracy_K.
+    """
+
+    directions: int
+    final_directions: int
+    tolerance: float
+    order: int | None
+    cutoff: float
+    precision: Literal["auto", "float32", "float64"]
+    seed: int
+    method: Method = "source"
+    accuracy_K: float = 0.1
+    max_samples: int = 4096
+    phase: ScatteringTable | None = None
+    gather: bool = False
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What came out of a trace, and how.
+
+    weights_difference: half the difference of two pictures that are independent of each other (of
+    the two halves of the last sweep, or of the samples); its RMS estimates the standard error of
+    the weights. standard_error: that of every pixel, from the scatter of its samples (`path` only).
+    Both are None where nothing scatters, and for `branching`, which does not know its error.
+    """
+
+    weights: Weights
+    weights_difference: Weights | None
+    programs: tuple[Program, ...]
+    solution: Solution | None
+    seconds: dict[str, float]
+    precision: str
+    counts: dict[str, int] = field(default_factory=dict)
+    standard_error: Weights | None = None
+
+
+def weights_of(image: NDArray[np.float64], cells: OpticalCells) -> Weights:
+    """Weights from planes (C, H, W) in the order of `cells.needs.components`."""
+    planes = dict(zip(cells.needs.components, image, strict=True))
+    nothing = np.zeros(image.shape[1:], np.float32)
+
+    def emitted(name: str) -> NDArray[np.float32]:
+        return (planes[name] * cells.scale).astype(np.float32) if name in planes else nothing
+
+    return Weights(
+        background=planes["background"].astype(np.float32),
+        wall=planes["wall"].astype(np.float32),
+        vapour=emitted("vapour"),
+        liquid=emitted("liquid"),
+    )

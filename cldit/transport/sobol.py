@@ -1,0 +1,39 @@
+"""Sobol points: direction numbers of the first dimensions (Joe and Kuo, SIAM J. Sci. Comput. 30,
+2008), as the kernels read them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+BITS = 10  # of a point's index: both are also written in kernels/random.h
+DIMENSIONS = 7
+
+# Primitive polynomial (degree s, coefficients a), and the first s direction integers.
+_POLYNOMIALS = (
+    (1, 0, (1,)),
+    (2, 1, (1, 3)),
+    (3, 1, (1, 3, 1)),
+    (3, 2, (1, 1, 1)),
+    (4, 1, (1, 1, 3, 3)),
+    (4, 4, (1, 3, 5, 13)),
+)
+
+
+def columns() -> NDArray[np.uint32]:
+    """(DIMENSIONS, BITS) words: point i is the exclusive or of those where i has a bit.
+
+    The first dimension is van der Corput's sequence.
+    """
+    out = np.zeros((DIMENSIONS, BITS), np.uint32)
+    out[0] = [1 << (31 - bit) for bit in range(BITS)]
+    for dimension, (degree, coefficients, first) in enumerate(_POLYNOMIALS, start=1):
+        m = list(first)
+        while len(m) < BITS:
+            new = m[-degree] ^ (m[-degree] << degree)
+            for k in range(1, degree):
+                if coefficients >> (degree - 1 - k) & 1:
+                    new ^= m[-k] << k
+            m.append(new)
+        out[dimension] = [value << (31 - bit) for bit, value in enumerate(m[:BITS])]
+    return out

@@ -1,0 +1,84 @@
+"""What every kernel that walks through the bricks is told of the scene's geometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.gpu.buffers import upload
+from cldit.gpu.device import Device
+from cldit.medium.frame import BRICK
+from cldit.scene.schema import Scene
+from cldit.transport.cells import OpticalCells
+
+Floats = NDArray[np.float64]
+_TILE = 8
+
+
+@dataclass(frozen=True)
+class View:
+    """Camera and background in units of finest cells from the cube's lower corner.
+
+    disc: (4,) centre x, y, z and squared radius. middle: (4,) the target, and 0. pitch: width and
+    height of a pixel in the target's plane. pixels: columns, rows.
+    """
+
+    disc: Floats
+    middle: Floats
+    pitch: tuple[float, float]
+    distance: float
+    pixels: tuple[int, int]
+    defines: dict[str, int]
+
+    @classmethod
+    def of(cls, scene: Scene, cells: OpticalCells) -> View:
+        frame, camera = cells.tree.frame, scene.camera
+        centre = frame.to_cells(np.asarray([scene.background_centre_m]))[0]
+        (columns, rows), (width_m, height_m) = camera.pixels, camera.field_m
+        background = "DISC" if scene.background.shape == "disc" else "ENCLOSURE"
+        return cls(
+            disc=np.array([*centre, (scene.background.radius_m / frame.cell_m) ** 2]),
+            middle=np.array([*frame.to_cells(np.asarray([scene.target_m]))[0], 0.0]),
+            pitch=(width_m / frame.cell_m / columns, height_m / frame.cell_m / rows),
+            distance=camera.distance_m / frame.cell_m,
+            pixels=camera.pixels,
+            defines={f"BOUNDARY_{background}": 1, f"CAMERA_{camera.model.upper()}": 1},
+        )
+
+    @property
+    def tiles(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Global and local size of a kernel that has one work-item a pixel."""
+        columns, rows = self.pixels
+        return (-(-columns // _TILE) * _TILE, -(-rows // _TILE) * _TILE), (_TILE, _TILE)
+
+    def arguments(self, cells: OpticalCells, real: type[np.floating]) -> list[Any]:
+        """Kernel arguments `coarse` to `disc`."""
+        bounds = cells.bounds()
+        return [
+            np.int32(cells.tree.slots * BRICK**3),
+            np.int32(len(cells.depth)),
+            np.int32(cells.tree.frame.bricks),
+            np.array([*bounds.low, 0], np.int32),
+            np.array([*np.add(bounds.low, bounds.shape), 0], np.int32),
+            np.int32(self.pixels[0]),
+            np.int32(self.pixels[1]),
+            self.middle.astype(real),
+            real(self.pitch[0]),
+            real(self.pitch[1]),
+            real(self.distance),
+            self.disc.astype(real),
+        ]
+
+
+def upload_tree(device: Device, cells: OpticalCells, real: type[np.floating]) -> list[Any]:
+    """Kernel arguments `directory`, `span` and `depth`."""
+    tree = cells.tree
+    spans = np.maximum(1, tree.frame.cells >> tree.coarse_level).astype(np.int32)
+    return [
+        upload(device, "octree", tree.directory),
+        upload(device, "coarse leaves", spans),
+        upload(device, "optical depth", cells.depth.astype(real)),
+    ]

@@ -1,0 +1,127 @@
+/* The paper's own ray tracing (Section "Ray Tracing"): in each cell that scatters, new rays leave
+   random places of the cell in random directions: as many as 1000 times the share of the ray that is
+   scattered there, at most 100. They do the same in turn, up to the order; what is scattered beyond
+   it is what the walls emit. A ray ends where it is attenuated to CUTOFF of what it was.
+
+   Rays wait on a stack of one place an order while those that they started are followed. Where the
+   rule gives a broken number of rays the last is started by chance, so that no light is lost. */
+
+#include "attenuation.h"
+#include "boundary.h"
+#include "components.h"
+#include "phase.h"
+#include "random.h"
+#include "ray.h"
+#include "walk.h"
+
+#ifndef HAS_SCATTERING
+#error "branching.cl is for scenes that scatter: define HAS_SCATTERING"
+#endif
+#ifndef CUTOFF
+#error "CUTOFF: transmission at which a ray ends"
+#endif
+#ifndef ORDER
+#error "ORDER: most scatterings of a ray"
+#endif
+
+#define RAYS_PER_SHARE R(1000)
+#define MOST_RAYS R(100)
+
+/* A ray on its way, and the rays that the cell it has just crossed still has to start. */
+typedef struct {
+    Walk walk;
+    real weight;      /* of the ray when it started */
+    real transmitted; /* of it, up to here */
+    int inside;
+    int waiting;      /* rays to start ... */
+    real each;        /* ... of this weight ... */
+    int4 low, high;   /* ... in this cell */
+} Branch;
+
+__kernel void branching(
+    __global real *weights,           /* out: [component][row][column] */
+    __global uint *started,           /* out: rays of each pixel, for the record */
+    const uint2 key,
+    __global const int *directory, __global const int *span, __global const real *depth,
+    __global const real *thermal, __global const real *albedo,
+    const int coarse, const int stored, const int bricks,
+    const int4 low, const int4 high, const int columns, const int rows, const real4 middle,
+    const real pitch_x, const real pitch_z, const real distance, const real4 disc)
+{
+    const int column = get_global_id(0);
+    const int row = get_global_id(1);
+    if (column >= columns || row >= rows) return;
+    const uint pixel = row * columns + column;
+    const Ray ray = pixel_ray(column, row, columns, rows, middle, pitch_x, pitch_z, distance);
+    const Grid grid = {coarse, bricks, low, high};
+    real sum[COMPONENTS];
+    for (int c = 0; c < COMPONENTS; ++c) sum[c] = R(0);
+
+    Branch stack[ORDER + 1];
+    const Walk first = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
+    stack[0].walk = first;
+    stack[0].weight = R(1);
+    stack[0].transmitted = R(1);
+    stack[0].waiting = 0;
+    stack[0].inside = walk_in(&stack[0].walk, &grid, ray.start);
+    int level = 0;
+    uint count = 0, draws = 0;
+    while (level >= 0) {
+        Branch b = stack[level];
+        if (b.waiting > 0) {
+            const uint4 place = philox((uint4)(pixel, draws++, 0, 0), key);
+            const uint4 way = philox((uint4)(pixel, draws++, 0, 0), key);
+            const real3 up = (real3)(R(0), R(0), R(1));
+            const real3 d = turned(up, R(1) - R(2) * unit(way.x), unit(way.y));
+            --stack[level].waiting;
+            ++count;
+            ++level;
+            const Walk next = {
+                b.low.x + unit(place.x) * (b.high.x - b.low.x),
+                b.low.y + unit(place.y) * (b.high.y - b.low.y),
+                b.low.z + unit(place.z) * (b.high.z - b.low.z),
+                d.x, d.y, d.z, R(0), 0, 0, 0};
+            stack[level].walk = next;
+            stack[level].weight = b.each;
+            stack[level].transmitted = R(1);
+            stack[level].waiting = 0;
+            stack[level].inside = walk_in(&stack[level].walk, &grid, R(0));
+            continue;
+        }
+        while (b.inside && b.transmitted > R(CUTOFF) && b.waiting == 0) {
+            const Crossing cell = walk_ahead(&b.walk, &grid, directory, span);
+            const real density = depth[cell.address];
+            if (density > R(0)) {
+                const real taken =
+                    b.transmitted * absorbed(density * walk_length(&b.walk, &cell));
+                for (int c = 0; c < COMPONENTS - 2; ++c)
+                    sum[2 + c] += b.weight * taken * thermal[c * stored + cell.address];
+                const real share = taken * albedo[cell.address];
+                b.transmitted -= taken;
+                if (level == ORDER) {
+                    sum[WALL] += b.weight * share;
+                } else if (share > R(0)) {
+                    const real rays = fmin(RAYS_PER_SHARE * share, MOST_RAYS);
+                    const uint4 chance = philox((uint4)(pixel, draws++, 0, 0), key);
+                    b.waiting = (int)floor(rays);
+                    if (unit(chance.x) < rays - floor(rays)) ++b.waiting;
+                    b.each = b.weight * share / rays;
+                    b.low = (int4)(cell.lx, cell.ly, cell.lz, 0);
+                    b.high = (int4)(cell.hx, cell.hy, cell.hz, 0);
+                }
+            }
+            b.inside = walk_on(&b.walk, &cell, &grid);
+        }
+        stack[level] = b;
+        if (b.waiting > 0) continue;
+        if (b.transmitted > R(CUTOFF)) {
+            const real seen = sees_background(
+                b.walk.px, b.walk.py, b.walk.pz, b.walk.dx, b.walk.dy, b.walk.dz, disc);
+            sum[BACKGROUND] += b.weight * b.transmitted * seen;
+            sum[WALL] += b.weight * b.transmitted * (R(1) - seen);
+        }
+        --level;
+    }
+    for (int c = 0; c < COMPONENTS; ++c) weights[c * rows * columns + pixel] = sum[c];
+    started[pixel] = count;
+}

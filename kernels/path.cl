@@ -1,0 +1,269 @@
+/* Path tracing, unbiased: one chain of scatterings a sample.
+
+   A flight scores what it meets at its expected value: in every cell the emission, and at its end
+   the boundary, each times what the line transmits up to there. One place of the flight is chosen to
+   scatter from. On the line of sight this is forced: what scatters there in all is known from
+   `straight`, and the samples of a pixel divide it evenly among them, so that one walk along the
+   line serves them all. On later flights it is chosen by the extinction, or does not happen.
+   Chains of little weight end by Russian roulette; after the last order the wall is seen.
+
+   GATHER: a chain is one flight, which scores the solved source of the cells that it meets. */
+
+#include "attenuation.h"
+#include "boundary.h"
+#include "components.h"
+#include "phase.h"
+#include "random.h"
+#include "ray.h"
+#include "walk.h"
+
+#ifndef HAS_SCATTERING
+#error "path.cl is for scenes that scatter: define HAS_SCATTERING"
+#endif
+#ifndef CUTOFF
+#error "CUTOFF: transmission at which a ray ends"
+#endif
+#ifndef SAMPLES
+#error "SAMPLES: a pixel and batch, a power of two up to 1024"
+#endif
+
+#define THERMAL (COMPONENTS - 2)
+#define ROULETTE R(0.4) /* weight under which a chain may end */
+
+/* What the light meets, stored cell by stored cell. */
+typedef struct {
+    __global const int *directory;
+    __global const int *span;
+    __global const real *depth;     /* optical depth of a cell's edge */
+    __global const real *thermal;   /* thermal source, a plane of stored cells a phase */
+    __global const real *albedo;
+#ifdef GATHER
+    __global const real *flight_depth; /* of the medium in which the source was solved */
+    __global const real *source;       /* in it, a plane of stored cells a component */
+#endif
+    int stored;                     /* length of a plane */
+    Grid grid;
+    real4 disc;
+} Medium;
+
+INLINE void score_thermal(real *sum, real taken, int address, const Medium *m)
+{
+    for (int c = 0; c < THERMAL; ++c) sum[2 + c] += taken * m->thermal[c * m->stored + address];
+}
+
+/* What the cells of a flight bring, and how deep they are to it. */
+#ifdef GATHER
+#define FLIGHT_DEPTH flight_depth
+INLINE void score_flight(real *sum, real taken, int address, const Medium *m)
+{
+    for (int c = 0; c < COMPONENTS; ++c) sum[c] += taken * m->source[c * m->stored + address];
+}
+#else
+#define FLIGHT_DEPTH depth
+#define score_flight score_thermal
+#endif
+
+INLINE void score_boundary(real *sum, real weight, const Walk *w, const Medium *m)
+{
+    const real seen = sees_background(w->px, w->py, w->pz, w->dx, w->dy, w->dz, m->disc);
+    sum[BACKGROUND] += weight * seen;
+    sum[WALL] += weight * (R(1) - seen);
+}
+
+/* The bits of sample, SAMPLES being two to their number, in reverse: the Sobol point that is in the
+   sample's place along the first dimension. */
+INLINE uint van_der_corput(uint sample)
+{
+    uint word = 0;
+    for (uint bit = SAMPLES / 2; bit > 0; bit >>= 1, sample >>= 1)
+        word |= (sample & 1u) ? bit : 0u;
+    return word;
+}
+
+/* Path within a cell at which a ray that loses `share` in all of it has lost `part` of that. */
+INLINE real length_at(real part, real share, real density)
+{
+    return -log1p(-part * share) / density;
+}
+
+/* Follows one chain from p, where light that runs on along d is scattered; adds to sum what it
+   brings, times weight. */
+INLINE void chain(
+    real *sum, real weight, real3 p, real3 d, uint pixel, uint sample, uint batch, uint2 key,
+    uint4 shift0, uint4 shift1, const Medium *m, __global const real *table,
+    __global const uint *columns)
+{
+    const real floor_ = ROULETTE * weight;
+    for (uint event = 0; ; ++event) {
+#ifdef ORDER
+        if (event >= ORDER) {
+            sum[WALL] += weight;
+            return;
+        }
+#endif
+        uint4 word = philox((uint4)(pixel, sample, event, batch), key);
+        if (event < 2) {
+            const uint4 shift = event == 0 ? shift0 : shift1;
+            word.x = sobol(sample, 3 * event + 1, columns) ^ shift.x;
+            word.y = sobol(sample, 3 * event + 2, columns) ^ shift.y;
+            word.z = sobol(sample, 3 * event + 3, columns) ^ shift.z;
+        }
+        d = turned(d, phase_cosine(unit(word.x), table), unit(word.y));
+        const real goal = unit(word.z); /* transmission at which this flight is scattered */
+
+        Walk walk = {p.x, p.y, p.z, d.x, d.y, d.z, R(0), 0, 0, 0};
+        real transmitted = R(1), albedo = R(0);
+        int met = 0, last = m->grid.coarse;
+        int inside = walk_in(&walk, &m->grid, R(0));
+        while (inside && transmitted > R(CUTOFF)) {
+            const Crossing cell = walk_ahead(&walk, &m->grid, m->directory, m->span);
+            const real density = m->FLIGHT_DEPTH[cell.address];
+            if (density > R(0)) {
+                const real share = absorbed(density * walk_length(&walk, &cell));
+                const real taken = transmitted * share;
+                score_flight(sum, weight * taken, cell.address, m);
+                if (!met && transmitted - taken <= goal) {
+                    const real part = clamp((transmitted - goal) / taken, R(0), R(1));
+                    const real at = fmin(walk.t + length_at(part, share, density), cell.next);
+                    p = (real3)(walk.px, walk.py, walk.pz) + at * d;
+                    albedo = m->albedo[cell.address];
+                    met = 1;
+                }
+                transmitted -= taken;
+                last = cell.address;
+            }
+            inside = walk_on(&walk, &cell, &m->grid);
+        }
+        if (transmitted > R(CUTOFF)) {
+            score_boundary(sum, weight * transmitted, &walk, m);
+        } else {
+            /* What is left ends in the last cell, as if that went on for ever. */
+            score_flight(sum, weight * transmitted, last, m);
+            if (!met) {
+                p = (real3)(walk.px, walk.py, walk.pz) + walk.t * d;
+                albedo = m->albedo[last];
+                met = 1;
+            }
+        }
+#ifdef GATHER
+        return;
+#endif
+        weight *= albedo;
+        if (!met || weight <= R(0)) return;
+        if (weight < floor_) {
+            if (unit(word.w) * floor_ >= weight) return;
+            weight = floor_;
+        }
+    }
+}
+
+#define MEDIUM_ARGUMENTS \
+    __global const int *directory, __global const int *span, __global const real *depth, \
+    __global const real *thermal, __global const real *albedo, const int coarse, const int stored, const int bricks, \
+    const int4 low, const int4 high, const int columns, const int rows, const real4 middle, \
+    const real pitch_x, const real pitch_z, const real distance, const real4 disc
+
+#ifdef GATHER
+#define FLIGHT_ARGUMENTS __global const real *flight_depth, __global const real *source,
+#define MEDIUM {directory, span, depth, thermal, albedo, flight_depth, source, stored, \
+    {coarse, bricks, low, high}, disc}
+#else
+#define FLIGHT_ARGUMENTS
+#define MEDIUM {directory, span, depth, thermal, albedo, stored, {coarse, bricks, low, high}, disc}
+#endif
+
+/* What is seen without scattering, in every pixel, and what the line of sight scatters in all. */
+__kernel void straight(
+    __global real *weights,   /* out: [component][row][column] */
+    __global real *scattered, /* out: [row][column] */
+    FLIGHT_ARGUMENTS MEDIUM_ARGUMENTS)
+{
+    const int column = get_global_id(0);
+    const int row = get_global_id(1);
+    if (column >= columns || row >= rows) return;
+    const Ray ray = pixel_ray(column, row, columns, rows, middle, pitch_x, pitch_z, distance);
+    const Medium m = MEDIUM;
+    Walk walk = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
+    real sum[COMPONENTS];
+    for (int c = 0; c < COMPONENTS; ++c) sum[c] = R(0);
+    real transmitted = R(1), loss = R(0);
+    int last = coarse;
+    int inside = walk_in(&walk, &m.grid, ray.start);
+    while (inside && transmitted > R(CUTOFF)) {
+        const Crossing cell = walk_ahead(&walk, &m.grid, directory, span);
+        const real density = depth[cell.address];
+        if (density > R(0)) {
+            const real taken = transmitted * absorbed(density * walk_length(&walk, &cell));
+            score_thermal(sum, taken, cell.address, &m);
+            loss += taken * albedo[cell.address];
+            transmitted -= taken;
+            last = cell.address;
+        }
+        inside = walk_on(&walk, &cell, &m.grid);
+    }
+    if (transmitted > R(CUTOFF)) {
+        score_boundary(sum, transmitted, &walk, &m);
+    } else {
+        score_thermal(sum, transmitted, last, &m);
+        loss += transmitted * albedo[last];
+    }
+    const int pixel = row * columns + column;
+    for (int c = 0; c < COMPONENTS; ++c) weights[c * rows * columns + pixel] = sum[c];
+    scattered[pixel] = loss;
+}
+
+/* Mean of SAMPLES chains for each listed pixel. Sample k scatters for the first time where the share
+   (k + something) / SAMPLES of all that the line of sight scatters has been scattered. */
+__kernel void scatter(
+    __global real *means,           /* out: [component][list] */
+    __global const int *list,       /* in: pixels that scatter */
+    __global const real *scattered, /* in: what they scatter in all */
+    const int count, const uint2 key, const uint batch,
+    __global const real *table, __global const uint *sobol_columns,
+    FLIGHT_ARGUMENTS MEDIUM_ARGUMENTS)
+{
+    const int item = get_global_id(0);
+    if (item >= count) return;
+    const uint pixel = list[item];
+    const Ray ray = pixel_ray(
+        pixel % columns, pixel / columns, columns, rows, middle, pitch_x, pitch_z, distance);
+    const Medium m = MEDIUM;
+    Walk walk = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
+    const real3 along = (real3)(ray.dx, ray.dy, ray.dz);
+    const real all = scattered[item];
+    const uint4 shift0 = philox((uint4)(pixel, 0, 0xFFFFFFFFu, batch), key);
+    const uint4 shift1 = philox((uint4)(pixel, 1, 0xFFFFFFFFu, batch), key);
+    const real offset = unit(shift0.w);
+    real sum[COMPONENTS];
+    for (int c = 0; c < COMPONENTS; ++c) sum[c] = R(0);
+
+    real transmitted = R(1), loss = R(0);
+    uint sample = 0;
+    int inside = walk_in(&walk, &m.grid, ray.start);
+    while (inside && transmitted > R(CUTOFF) && sample < SAMPLES) {
+        const Crossing cell = walk_ahead(&walk, &m.grid, directory, span);
+        const real density = depth[cell.address];
+        if (density > R(0)) {
+            const real share = absorbed(density * walk_length(&walk, &cell));
+            const real taken = transmitted * share;
+            const real here = taken * albedo[cell.address];
+            transmitted -= taken;
+            /* At the end of the light all that remains is scattered; rounding must lose no sample. */
+            const int end = transmitted <= R(CUTOFF) || loss + here >= all * R(0.999999);
+            while (sample < SAMPLES && here > R(0)) {
+                const real goal = (sample + offset) * (all / SAMPLES) - loss;
+                if (goal >= here && !end) break;
+                const real part = clamp(goal / here, R(0), R(1));
+                const real at = fmin(walk.t + length_at(part, share, density), cell.next);
+                const real3 p = (real3)(ray.px, ray.py, ray.pz) + at * along;
+                const uint index = van_der_corput(sample);
+                chain(sum, all / SAMPLES, p, along, pixel, index, batch, key, shift0, shift1, &m,
+                      table, sobol_columns);
+                ++sample;
+            }
+            loss += here;
+        }
+        inside = walk_on(&walk, &cell, &m.grid);
+    }
+    for (int c = 0; c < COMPONENTS; ++c) means[c * count + item] = sum[c];
+}

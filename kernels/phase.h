@@ -1,0 +1,46 @@
+/* Directions after scattering: isotropic, or by a table of the cumulative phase function. */
+#ifndef PHASE_H
+#define PHASE_H
+
+#include "real.h"
+
+#ifdef PHASE_BINS
+
+/* Cosine of the scattering angle at which the cumulative phase function reaches u. The table:
+   PHASE_BINS + 1 cosines from 1 down to -1, then as many shares scattered into larger cosines, from
+   0 to 1; within a bin the phase function is constant. */
+INLINE real phase_cosine(real u, __global const real *table)
+{
+    __global const real *share = table + PHASE_BINS + 1;
+    int low = 0, high = PHASE_BINS;
+    while (high - low > 1) {
+        const int middle = (low + high) / 2;
+        if (share[middle] <= u) low = middle;
+        else high = middle;
+    }
+    const real gap = share[low + 1] - share[low];
+    const real part = gap > R(0) ? clamp((u - share[low]) / gap, R(0), R(1)) : R(0.5);
+    return table[low] + part * (table[low + 1] - table[low]);
+}
+
+#else
+
+INLINE real phase_cosine(real u, __global const real *table) { return R(1) - R(2) * u; }
+
+#endif
+
+/* Unit vector at an angle of this cosine to d, turned by u of a whole turn about it (basis: Duff et
+   al., J. Computer Graphics Techniques 6, 2017). */
+INLINE real3 turned(real3 d, real cosine, real u)
+{
+    const real side = copysign(R(1), d.z);
+    const real a = R(-1) / (side + d.z);
+    const real b = d.x * d.y * a;
+    const real3 first = (real3)(R(1) + side * d.x * d.x * a, side * b, -side * d.x);
+    const real3 second = (real3)(b, side + d.y * d.y * a, -d.y);
+    const real sine = sqrt(fmax(R(0), (R(1) - cosine) * (R(1) + cosine)));
+    const real angle = R(6.283185307179586) * u;
+    return normalize(sine * cos(angle) * first + sine * sin(angle) * second + cosine * d);
+}
+
+#endif

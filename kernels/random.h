@@ -1,0 +1,35 @@
+/* Random numbers that are functions of what they are for: Philox4x32-10 (Salmon et al., "Parallel
+   random numbers: as easy as 1, 2, 3", SC 2011), and Sobol points for a path's first dimensions. */
+#ifndef RANDOM_H
+#define RANDOM_H
+
+#include "real.h"
+
+/* Four random words of a counter and a key. */
+INLINE uint4 philox(uint4 counter, uint2 key)
+{
+    for (int round = 0; round < 10; ++round) {
+        const uint high0 = mul_hi(counter.x, 0xD2511F53u), low0 = counter.x * 0xD2511F53u;
+        const uint high1 = mul_hi(counter.z, 0xCD9E8D57u), low1 = counter.z * 0xCD9E8D57u;
+        counter = (uint4)(high1 ^ counter.y ^ key.x, low1, high0 ^ counter.w ^ key.y, low0);
+        key += (uint2)(0x9E3779B9u, 0xBB67AE85u);
+    }
+    return counter;
+}
+
+/* A word as a number above 0 and below 1; 23 bits, so that single precision holds the halves. */
+INLINE real unit(uint word) { return ((real)(word >> 9) + R(0.5)) * R(1.1920928955078125e-7); }
+
+/* Word `dimension` (below SOBOL_DIMENSIONS) of Sobol point `index` (below 1024); columns: direction
+   numbers of ten bits a dimension. */
+#define SOBOL_BITS 10
+#define SOBOL_DIMENSIONS 7
+INLINE uint sobol(uint index, int dimension, __global const uint *columns)
+{
+    uint word = 0;
+    for (int bit = 0; bit < SOBOL_BITS; ++bit)
+        word ^= (index >> bit & 1u) ? columns[dimension * SOBOL_BITS + bit] : 0u;
+    return word;
+}
+
+#endif

@@ -1,0 +1,142 @@
+"""Random words, Sobol points and scattered directions of the kernels, against NumPy and SciPy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from cldit.gpu.buffers import download, upload, zeros
+from cldit.gpu.device import Device
+from cldit.gpu.source import assemble
+from cldit.transport.phase import henyey_greenstein
+from cldit.transport.sobol import BITS, DIMENSIONS, columns
+
+Words = NDArray[np.uint32]
+ULP = float(np.finfo(np.float32).eps)
+
+
+def philox(counter: Words, key: Words) -> Words:
+    """Philox4x32-10 of counters (N, 4) and keys (N, 2), in 64-bit integers."""
+    x = counter.astype(np.uint64)
+    k = key.astype(np.uint64)
+    low = np.uint64(0xFFFFFFFF)
+    for _ in range(10):
+        product0, product1 = x[:, 0] * np.uint64(0xD2511F53), x[:, 2] * np.uint64(0xCD9E8D57)
+        x = np.stack(
+            [
+                (product1 >> np.uint64(32)) ^ x[:, 1] ^ k[:, 0],
+                product1 & low,
+                (product0 >> np.uint64(32)) ^ x[:, 3] ^ k[:, 1],
+                product0 & low,
+            ],
+            axis=1,
+        )
+        k = (k + np.array([0x9E3779B9, 0xBB67AE85], np.uint64)) & low
+    return x.astype(np.uint32)
+
+
+def _run(device: Device, body: str, inputs: list[NDArray[Any]], out: NDArray[Any]) -> NDArray[Any]:
+    """A kernel whose one line sets out[i] from inputs a, b, ..., which are pointers."""
+    types = {"uint32": "uint", "float32": "float"}
+    arguments = "".join(
+        f", __global const {types[array.dtype.name]} *{chr(97 + n)}"
+        for n, array in enumerate(inputs)
+    )
+    source = (
+        f"{assemble('random.h')}{assemble('phase.h')}\n__kernel void apply("
+        f"__global {types[out.dtype.name]} *out{arguments})\n"
+        f"{{ const int i = get_global_id(0); {body} }}\n"
+    )
+    program = cl.Program(device.context, source).build(options=["-cl-std=CL1.2", *_OPTIONS])
+    buffer = zeros(device, "out", out.size, out.dtype.type)
+    buffers = [upload(device, "in", array) for array in inputs]
+    cl.Kernel(program, "apply")(device.queue, (len(out),), None, buffer, *buffers)
+    return download(device, buffer, out)
+
+
+_OPTIONS = ["-DPHASE_BINS=1024"]
+_PHILOX = "vstore4(philox(vload4(i, a), vload2(i, b)), i, out);"
+
+
+def test_philox_known_answers(device: Device) -> None:
+    """The three vectors that the Random123 library is published with (kat_vectors)."""
+    counter = np.array(
+        [[0] * 4, [0xFFFFFFFF] * 4, [0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344]], np.uint32
+    )
+    key = np.array([[0, 0], [0xFFFFFFFF] * 2, [0xA4093822, 0x299F31D0]], np.uint32)
+    expected = [
+        [0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8],
+        [0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD],
+        [0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1],
+    ]
+    np.testing.assert_array_equal(philox(counter, key), expected)
+    got = _run(device, _PHILOX, [counter, key], np.empty((3, 4), np.uint32))
+    np.testing.assert_array_equal(got, expected)
+
+
+def test_philox_against_numpy(device: Device) -> None:
+    rng = np.random.default_rng(1)
+    counter = rng.integers(0, 2**32, (5000, 4), np.uint32)
+    key = rng.integers(0, 2**32, (5000, 2), np.uint32)
+    got = _run(device, _PHILOX, [counter, key], np.empty((5000, 4), np.uint32))
+    np.testing.assert_array_equal(got, philox(counter, key))
+
+
+def test_units_are_open(device: Device) -> None:
+    """Never 0 and never 1: both would be logarithms of 0 somewhere."""
+    words = np.array([0, 1, 511, 512, 2**31, 2**32 - 1], np.uint32)
+    got = _run(device, "out[i] = unit(a[i]);", [words], np.empty(6, np.float32))
+    assert got.min() > 0.0 and got.max() < 1.0
+    np.testing.assert_allclose(got, (words >> 9) / 2.0**23, atol=2.0**-23)
+
+
+def test_sobol_against_scipy(device: Device) -> None:
+    """SciPy goes through the points in Gray code order; they are the same points."""
+    index = np.arange(2**BITS, dtype=np.uint32)
+    expected = qmc.Sobol(DIMENSIONS, scramble=False, bits=30).random(2**BITS)
+    for dimension in range(DIMENSIONS):
+        got = _run(
+            device,
+            f"out[i] = sobol(a[i] ^ (a[i] >> 1), {dimension}, b);",
+            [index, columns()],
+            np.empty(2**BITS, np.uint32),
+        )
+        np.testing.assert_array_equal(got / 2.0**32, expected[:, dimension])
+
+
+@pytest.mark.parametrize("g", [-0.5, 0.0, 0.85])
+def test_phase_cosine_against_numpy(device: Device, g: float) -> None:
+    """Bin bounds and shares are single precision: a cosine errs by that, over the density."""
+    phase = henyey_greenstein(g)
+    table = np.concatenate([phase.cosine, phase.cumulative]).astype(np.float32)
+    u = np.linspace(1e-6, 1 - 1e-6, 4001).astype(np.float32)
+    got = _run(device, "out[i] = phase_cosine(a[i], b);", [u, table], np.empty(len(u), np.float32))
+    expected = np.interp(u.astype(float), phase.cumulative, phase.cosine)
+    slope = 1 / phase.density[np.clip(np.searchsorted(-phase.cosine, -expected) - 1, 0, 1023)]
+    assert np.all(np.abs(got - expected) <= 4 * ULP * (1 + 1.1 * slope))
+
+
+def test_scattered_directions(device: Device) -> None:
+    """At the angle asked for, of length one, and all round: also from directions along axes."""
+    rng = np.random.default_rng(2)
+    d = rng.normal(size=(4000, 3))
+    d[:6] = np.concatenate([np.eye(3), -np.eye(3)])
+    d = (d / np.linalg.norm(d, axis=1, keepdims=True)).astype(np.float32)
+    cosine = rng.uniform(-1, 1, 4000).astype(np.float32)
+    turn = rng.random(4000).astype(np.float32)
+    got = _run(
+        device,
+        "vstore3(turned(vload3(i, a), b[i], c[i]), i, out);",
+        [d, cosine, turn],
+        np.empty((4000, 3), np.float32),
+    ).astype(float)
+    np.testing.assert_allclose(np.linalg.norm(got, axis=1), 1.0, atol=4 * ULP)
+    np.testing.assert_allclose(np.sum(got * d, axis=1), cosine, atol=8 * ULP)
+    # Mean of what lies across d vanishes: 4000 vectors of length below 1, five standard errors.
+    across = got - cosine[:, None] * d
+    assert np.all(np.abs(across.mean(axis=0)) < 5 / 4000**0.5)
