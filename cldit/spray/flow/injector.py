@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MOST_PARCELS = 2_000_000
+HEAVIEST = 2.0  # parcel, over their mean mass
 
 
 @dataclass(frozen=True)
@@ -159,11 +160,17 @@ def _hole(
             f"spray.droplets: these sizes reach {diameter.max():.3g} m, allowed is less than 1e-3"
         )
     each = fuel.mass_kg(diameter, spec.fuel_temperature_K)
-    droplets = np.full(count, share * spec.injected_mass_kg / each.sum())
+    whole = share * spec.injected_mass_kg / each.sum()
+    # A heavy parcel is made several: one would carry its gas along and run ahead of the plume.
+    pieces = np.ceil(each / (HEAVIEST * each.mean())).astype(np.int64)
+    order = random.permutation(int(pieces.sum()))
+    diameter = np.repeat(diameter, pieces)[order]
+    droplets = np.repeat(whole / pieces, pieces)[order]
     # By mass, so that the flow follows its curve whatever sizes come one after the other.
-    middle = (np.cumsum(each) - 0.5 * each) / each.sum()
+    weight = np.repeat(each / pieces, pieces)[order]
+    middle = (np.cumsum(weight) - 0.5 * weight) / weight.sum()
     time = np.interp(middle, release[1], release[0])
-    return time, diameter, droplets, np.full(count, float(index))
+    return time, diameter, droplets, np.full(len(time), float(index))
 
 
 def _axis(inclination_deg: float, azimuth_deg: float) -> Floats:

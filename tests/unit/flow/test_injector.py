@@ -38,7 +38,9 @@ def test_mass_shares_and_sizes() -> None:
         found.droplets * found.diameter_m**2
     )
     assert sauter == pytest.approx(mean_diameter_m(spec.droplets, 3, 2), rel=2e-3)
-    np.testing.assert_allclose(found.droplets, 1e3, rtol=0.01)
+    assert found.droplets.max() == pytest.approx(1e3, rel=0.01)
+    # None is much heavier than the others: 2 means of the parcels before they are divided.
+    assert mass(found).max() <= 2.0 * 2e-6 / len(np.unique(found.diameter_m)) * 1.001
     # Bernoulli: 0.9 sqrt(2 dp / rho).
     density = float(heptane().liquid.one("density", 370.0))
     assert found.speed_m_s == pytest.approx(0.9 * np.sqrt(2 * 19.4e6 / density), rel=1e-12)
