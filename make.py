@@ -74,18 +74,19 @@ def run(arguments: list[str]) -> None:
 
 
 def test(arguments: list[str]) -> None:
-    call(install("pocl,cfd,dev"), "-m", "pytest", *arguments)
+    python = install("pocl,cfd,rig,dev")
+    call(python, "-m", "pytest", *(arguments or ["--numprocesses", "auto"]))
 
 
 def lint() -> None:
-    python = install("pocl,cfd,dev")
+    python = install("pocl,cfd,rig,dev")
     call(python, "-m", "ruff", "check", ".")
     call(python, "-m", "ruff", "format", "--check", ".")
     call(python, "-m", "mypy")
 
 
 def wheel() -> None:
-    python = install("pocl,cfd,dev")
+    python = install("pocl,cfd,rig,dev")
     with tempfile.TemporaryDirectory(prefix="cldit wheel ") as place:
         call(python, "-m", "build", "--outdir", Path(place) / "dist", HERE)
         built = next(Path(place, "dist").glob("*.whl"))

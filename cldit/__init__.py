@@ -9,6 +9,7 @@ from cldit.experiment import run_experiment
 from cldit.gpu.device import list_devices, open_device
 from cldit.run import Run, open_run, simulate
 from cldit.scene import Scene, dump_scene, load_scene, parse_scene, shipped_scenes
+from cldit.scripting import open_rig
 
 __all__ = [
     "Run",
@@ -18,6 +19,7 @@ __all__ = [
     "list_devices",
     "load_scene",
     "open_device",
+    "open_rig",
     "open_run",
     "parse_scene",
     "run_experiment",

@@ -15,6 +15,8 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 
 from cldit import __version__
+from cldit.acquisition.bench import bench_rig
+from cldit.acquisition.dry_run import SECONDS_PER_KELVIN, DryRun, dry_run
 from cldit.acquisition.plan import load_plan
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.runner import acquire
@@ -26,6 +28,8 @@ from cldit.report.optics_figures import optics_picture
 from cldit.report.optics_summary import scene_optics
 from cldit.report.run_report import show_folder
 from cldit.report.spray_report import write_spray
+from cldit.rig.drivers import describe_drivers
+from cldit.rig.errors import RigError
 from cldit.rig.load import open_rig
 from cldit.run import Run, default_cache, simulate
 from cldit.scene import Scene, load_scene, parse_scene, shipped_scenes
@@ -302,7 +306,7 @@ def scenes() -> None:
 @click.option("--device", help="Show which device this choice means.")
 @_plain_errors
 def devices(device: str | None) -> None:
-    """OpenCL devices: which there are, which is used, and why."""
+    """OpenCL devices: which there are, which is used, and why; and the drivers of instruments."""
     found = list_devices()
     used, reason = choose(found, device)
     table = Table("", "device", "kind", "name", "memory", "float64", "platform", box=None)
@@ -318,6 +322,13 @@ def devices(device: str | None) -> None:
         )
     _OUT.print(table)
     _OUT.print(f"* is used: {reason}")
+    drivers = Table("driver", "kind", "instrument", "tested", box=None)
+    for name, about in describe_drivers().items():
+        missing = about.missing()
+        note = f"[yellow]needs cldit\\[rig] ({', '.join(missing)})[/]; " if missing else ""
+        drivers.add_row(name, about.kind, about.instrument, note + about.tested)
+    _OUT.print()
+    _OUT.print(drivers)
 
 
 @main.command()
@@ -344,10 +355,18 @@ def optics(scene: str, out: Path | None) -> None:
 @click.argument("rig", type=click.Path(path_type=Path))
 @click.argument("plan", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the shots.")
+@click.option("--dry-run", "dry", is_flag=True, help="Check and estimate; nothing moves or fires.")
 @_plain_errors
-def acquire_command(rig: Path, plan: Path, out: Path) -> None:
+def acquire_command(rig: Path, plan: Path, out: Path, dry: bool) -> None:
     """Record the sequence in PLAN with the instruments in RIG; resumes where it stopped."""
     sequence = load_plan(plan)
+    if dry:
+        asked = open_rig(rig)
+        try:
+            _estimate(dry_run(asked, sequence, out))
+        finally:
+            asked.close()  # not made safe: that would move the black body
+        return
     with open_rig(rig) as opened, _Bar() as bar:
         record = acquire(opened, sequence, out, progress=bar.watch)
     _OUT.print(
@@ -356,6 +375,44 @@ def acquire_command(rig: Path, plan: Path, out: Path) -> None:
     )
     if not record.complete:
         raise RunFolderError("not complete; run the same command again to go on")
+
+
+@main.group()
+def bench() -> None:
+    """Measure this computer."""
+
+
+@bench.command("rig")
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    default=Path("."),
+    help="On the disk to be measured; here.",
+)
+@click.option("--frames", type=click.IntRange(10, 7000), default=300, show_default=True)
+@click.option("--camera-rate", "rate_Hz", type=float, default=146.7, show_default=True)
+@_plain_errors
+def bench_rig_command(folder: Path, frames: int, rate_Hz: float) -> None:
+    """Full frames (640 x 512) that the runner saves per second, every guarantee kept."""
+    result = bench_rig(folder, frames=frames)
+    _OUT.print(
+        f"{result.frames_per_s:.0f} frames/s saved, {result.lost} lost; the camera takes "
+        f"{rate_Hz:g}/s"
+    )
+    if result.lost:
+        raise RigError(f"{result.lost} frames are lost; do not acquire on this disk")
+
+
+def _estimate(found: DryRun) -> None:
+    _OUT.print(
+        f"{found.shots} shots at {len(found.backgrounds_K)} backgrounds: "
+        f"{found.time_s / 60.0:.0f} min, of which {found.background_s / 60.0:.0f} min wait for "
+        f"backgrounds at {SECONDS_PER_KELVIN:g} s/K; {found.disk_bytes / 1e6:.0f} MB of "
+        f"{found.free_bytes / 1e6:.0f} MB free"
+    )
+    if found.problems:
+        raise RigError("the plan cannot run:\n" + "\n".join(found.problems))
+    _OUT.print("nothing speaks against it")
 
 
 @main.command()

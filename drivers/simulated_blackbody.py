@@ -1,26 +1,31 @@
-"""A simulated black body: first-order approach to its set point."""
+"""A simulated black body, which can be slow, overshoot, drift, or never settle."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import exp
 from typing import Annotated, Any
 
 from pydantic import model_validator
 
 from cldit.rig.clock import StopCheck
-from cldit.rig.drivers import RigContext, check_settings
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import NotConnected, OutOfLimits
 from cldit.rig.protocols import DeviceInfo, Limits, Stability
 from cldit.rig.stability import wait_stable
-from cldit.scene.checks import Section, Within
+from cldit.scene.checks import Within
 from cldit.scene.schema import Temperature
 
+from .heater import Dynamics, Heater
 from .simulated_bench import SimulatedBench, bench_of
 
+ABOUT = DriverAbout(
+    "background",
+    "a black body",
+    "simulated",
+)
 
-class BlackBodySettings(Section):
-    time_constant_s: Annotated[float, Within(0.0, 1e5)] = 120.0
+
+class BlackBodySettings(Dynamics):
     start_K: Temperature = 295.0  # also where it is safe
     limits_K: tuple[Temperature, Temperature] = (253.0, 873.0)
     noise_K: Annotated[float, Within(0.0, 10.0)] = 0.02  # standard deviation of a reading
@@ -43,9 +48,7 @@ class SimulatedBlackBody:
         self._clock = context.clock
         self._bench = bench
         self._connected = False
-        self._from_K = settings.start_K
-        self._since_s = context.clock.now_s()
-        self._setpoint_K = settings.start_K
+        self._heater = Heater(settings, context.clock, settings.start_K)
         self._readings = 0
 
     @property
@@ -53,7 +56,7 @@ class SimulatedBlackBody:
         return Limits(*self._settings.limits_K)
 
     def connect(self, timeout_s: float = 10.0) -> None:
-        self._bench.attach_blackbody(self.temperature_K)
+        self._bench.attach_blackbody(self._heater.temperature_K)
         self._connected = True
 
     def close(self) -> None:
@@ -64,30 +67,30 @@ class SimulatedBlackBody:
 
     def read_configuration(self) -> dict[str, Any]:
         self._check()
-        return {**self._settings.model_dump(mode="json"), "setpoint_K": self._setpoint_K}
+        return {**self._settings.model_dump(mode="json"), "setpoint_K": self._heater.setpoint_K}
 
     def make_safe(self) -> None:
         if self._connected:
-            self._aim(self._settings.start_K)
+            self._heater.aim(self._settings.start_K)
 
     def set_setpoint(self, temperature_K: float) -> float:
         self._check()
         low, high = self._settings.limits_K
         if not low <= temperature_K <= high:
             raise OutOfLimits(f"background: {temperature_K:g} K is outside {low:g}..{high:g} K")
-        self._aim(temperature_K)
-        return self._setpoint_K
+        self._heater.aim(temperature_K)
+        return self._heater.setpoint_K
 
     def read_temperature(self) -> float:
         self._check()
         now_s = self._clock.now_s()
         self._readings += 1
         noise = self._bench.random(now_s, 2, self._readings).normal(0.0, self._settings.noise_K)
-        return self.temperature_K(now_s) + float(noise)
+        return self._heater.temperature_K(now_s) + float(noise)
 
     def is_stable(self) -> bool | None:
         self._check()
-        off = abs(self.temperature_K(self._clock.now_s()) - self._setpoint_K)
+        off = abs(self._heater.now_K() - self._heater.setpoint_K)
         return off <= self._settings.stable_within_K
 
     def wait_stable(
@@ -105,18 +108,6 @@ class SimulatedBlackBody:
             should_stop=should_stop,
             on_progress=on_progress,
         )
-
-    def temperature_K(self, time_s: float) -> float:
-        """What the cavity really has at `time_s` on the rig's clock."""
-        if self._settings.time_constant_s == 0.0:
-            return self._setpoint_K
-        left = exp(-max(time_s - self._since_s, 0.0) / self._settings.time_constant_s)
-        return self._setpoint_K + (self._from_K - self._setpoint_K) * left
-
-    def _aim(self, setpoint_K: float) -> None:
-        now_s = self._clock.now_s()
-        self._from_K, self._since_s = self.temperature_K(now_s), now_s
-        self._setpoint_K = setpoint_K
 
     def _check(self) -> None:
         if not self._connected:

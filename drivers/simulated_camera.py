@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from cldit.camera.sensor import SensorModel
-from cldit.rig.drivers import RigContext, check_settings
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, OutOfLimits
 from cldit.rig.protocols import (
     Capabilities,
@@ -20,7 +20,7 @@ from cldit.rig.protocols import (
     TriggerInfo,
     TriggerMode,
 )
-from cldit.scene.checks import Section
+from cldit.scene.checks import Section, Within
 
 from .simulated_bench import Pulse, SimulatedBench, bench_of
 
@@ -30,8 +30,19 @@ _FORMAT = "Mono16"
 _MODES = frozenset({TriggerMode.INTERNAL, TriggerMode.SOFTWARE, TriggerMode.EXTERNAL_EDGE})
 
 
+ABOUT = DriverAbout(
+    "camera",
+    "an InSb camera",
+    "simulated",
+)
+
+
 class CameraSettings(Section):
-    """Nothing to set: the scene of the bench says what the camera is."""
+    """Faults; what the camera is, the scene of the bench says."""
+
+    drop: Annotated[float, Within(0.0, 1.0)] = 0.0  # part of the frames that never arrive
+    incomplete: Annotated[float, Within(0.0, 1.0)] = 0.0  # part that arrives with lines missing
+    unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # frames, then it is gone
 
 
 class SimulatedCamera:
@@ -40,6 +51,9 @@ class SimulatedCamera:
     def __init__(
         self, settings: CameraSettings, context: RigContext, bench: SimulatedBench
     ) -> None:
+        self._faults = settings
+        self._torn: set[int] = set()
+        self._exposed = 0
         self._clock = context.clock
         self._bench = bench
         self._model: SensorModel | None = None
@@ -203,6 +217,11 @@ class SimulatedCamera:
         self._taken += 1
         self._frame_id += 1
         self._last_s = pulse.time_s
+        chance = float(self._bench.random(pulse.time_s, 4).random())
+        if chance < self._faults.drop:
+            return
+        if chance < self._faults.drop + self._faults.incomplete:
+            self._torn.add(self._frame_id)
         self._buffer.append((self._frame_id, pulse))
 
     def _expose(self, frame_id: int, pulse: Pulse) -> Frame:
@@ -210,16 +229,24 @@ class SimulatedCamera:
         random = self._bench.random(pulse.time_s, 3, frame_id)
         counts = model.expose(self._bench.radiance(pulse), random)
         since_s = pulse.time_s - self._clock.now_s()
+        self._exposed += 1
+        data = counts[part.y : part.y + part.height, part.x : part.x + part.width]
+        torn = frame_id in self._torn
+        if torn:
+            data[len(data) // 2 :] = 0
         return Frame(
-            data=counts[part.y : part.y + part.height, part.x : part.x + part.width],
+            data=data,
             frame_id=frame_id,
             device_timestamp_ns=round(pulse.time_s * 1e9),
             host_timestamp_ns=round((self._clock.epoch_s() + since_s) * 1e9),
+            complete=not torn,
         )
 
     def _connected(self) -> SensorModel:
         if self._model is None:
             raise NotConnected("camera: simulated camera is not connected; call connect()")
+        if self._faults.unplug_after is not None and self._exposed >= self._faults.unplug_after:
+            raise NotConnected("camera: simulated camera was unplugged (its fault unplug_after)")
         return self._model
 
     def _ready(self) -> Settings:

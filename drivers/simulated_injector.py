@@ -6,19 +6,28 @@ import json
 import os
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from cldit.rig.drivers import RigContext, check_settings
-from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
+from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, NotConnected
 from cldit.rig.protocols import Burst, DeviceInfo
-from cldit.scene.checks import Section
+from cldit.scene.checks import Section, Within
 
 from .simulated_bench import Pulse, SimulatedBench, bench_of
 
 _STEP_S = 1e-8  # to which delays and widths are rounded
 
 
+ABOUT = DriverAbout(
+    "trigger",
+    "a delay generator with an injector",
+    "simulated",
+)
+
+
 class InjectorSettings(Section):
+    misfire: Annotated[float, Within(0.0, 1.0)] = 0.0  # part of the injections without fuel
+    rate_error: Annotated[float, Within(0.0, 1.0)] = 0.0  # part of the triggers that are refused
     pulse_log: Path | None = None  # one JSON line a burst: what the device itself counts
 
 
@@ -29,6 +38,7 @@ class SimulatedInjector:
         self, settings: InjectorSettings, context: RigContext, bench: SimulatedBench
     ) -> None:
         self._log = None if settings.pulse_log is None else context.folder / settings.pulse_log
+        self._faults = settings
         self._clock = context.clock
         self._bench = bench
         self._connected = False
@@ -89,6 +99,10 @@ class SimulatedInjector:
         if start_s < self._done_s:
             raise ConfigRejected("trigger: is still firing; wait_done() first")
         in_air = burst.inject and burst.camera_delay_s >= burst.injector_delay_s
+        chance = self._bench.random(start_s, 5).random(2)
+        if chance[0] < self._faults.rate_error:
+            raise FireUncertain("trigger: rate error (a fault of the simulated injector)")
+        in_air = in_air and not chance[1] < self._faults.misfire
         self._count(burst.n)
         self._starts_s = [start_s + index * burst.period_s for index in range(burst.n)]
         for pulse_s in self._starts_s:

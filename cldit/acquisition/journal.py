@@ -1,4 +1,4 @@
-"""The journal: what happened, one JSON object a line, each on the disk before the next step."""
+"""The journal: what happened, one JSON object a line, on the disk before the next step."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _damaged(path: Path, number: int, what: str) -> RunFolderError:
 
 
 class Journal:
-    """Appends to the journal; every entry is synced before `append` returns.
+    """Appends to the journal; an entry is synced before `append` returns, or with the next one.
 
     Args:
         room_bytes: asked when the disk is full: how much the error is to say is needed.
@@ -77,8 +77,12 @@ class Journal:
             os.fsync(self._file)
             fsync_folder(path.parent)
 
-    def append(self, event: str, *, time: str, **values: Any) -> Entry:
+    def append(self, event: str, *, time: str, sync: bool = True, **values: Any) -> Entry:
         """Adds one line.
+
+        Args:
+            sync: False for what the rest of the folder says too: a power cut may take the line,
+                a kill does not.
 
         Raises:
             DiskFull, RunFolderError: not written; the journal is as it was before.
@@ -91,7 +95,8 @@ class Journal:
                 done = 0
                 while done < len(line):
                     done += os.write(self._file, line[done:])
-                os.fsync(self._file)
+                if sync:
+                    os.fsync(self._file)
             except OSError:
                 os.ftruncate(self._file, self._end)
                 raise

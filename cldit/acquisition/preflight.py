@@ -37,6 +37,7 @@ class Ready:
     shape: tuple[int, int]
     integration_time_s: float
     saturation_counts: int
+    minimum_period_s: float
     trigger: TriggerInfo
     picture_bytes: int
 
@@ -61,7 +62,8 @@ def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int) -> Ready:
     rig.camera.wait_ready(_READY_S)
     settings = rig.camera.configure(plan.integration_time_s)
     _agree("camera: integration_time_s", plan.integration_time_s, settings.integration_time_s)
-    modes = rig.camera.capabilities.trigger_modes
+    capabilities = rig.camera.capabilities
+    modes = capabilities.trigger_modes
     trigger = _external(modes)
     _check_trigger(rig, plan)
     picture = _test_picture(rig, modes, timeout_s=plan.frame_timeout_s)
@@ -89,7 +91,8 @@ def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int) -> Ready:
         },
         shape=(rows, columns),
         integration_time_s=settings.integration_time_s,
-        saturation_counts=rig.camera.capabilities.saturation_counts,
+        saturation_counts=capabilities.saturation_counts,
+        minimum_period_s=capabilities.minimum_period_s,
         trigger=trigger,
         picture_bytes=picture.nbytes,
     )

@@ -22,24 +22,28 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from cldit.acquisition.disk import needed_bytes, write_text, written
 from cldit.acquisition.interrupts import Interrupts
 from cldit.acquisition.journal import Entry, Journal
 from cldit.acquisition.plan import Plan, Shot
 from cldit.acquisition.preflight import Ready, check_same_rig, preflight
+from cldit.acquisition.preview import Preview
 from cldit.acquisition.progress import Eta, Progress
 from cldit.acquisition.shot import Rejected, Shooter, Taken
 from cldit.acquisition.storage import (
     CONFIGURATION,
+    GUARD,
     JOURNAL,
     PLAN,
     RIG,
@@ -54,6 +58,7 @@ from cldit.acquisition.storage import (
 from cldit.errors import ClditError
 from cldit.rig.clock import StopCheck
 from cldit.rig.errors import Aborted, RetakesExhausted, RigError
+from cldit.rig.guard import Guard
 from cldit.rig.load import Rig
 from cldit.rig.stability import wait_stable
 
@@ -70,6 +75,15 @@ class Record:
     rejected: int
 
 
+@dataclass(frozen=True)
+class SavedShot:
+    """A picture (h, w) of raw counts that is on the disk, and what is stored beside it."""
+
+    shot: Shot
+    image: NDArray[np.uint16]
+    meta: dict[str, Any]
+
+
 def acquire(
     rig: Rig,
     plan: Plan,
@@ -77,20 +91,51 @@ def acquire(
     *,
     progress: Callable[[Progress], None] | None = None,
     should_stop: StopCheck | None = None,
+    preview: Callable[[SavedShot], None] | None = None,
 ) -> Record:
     """Takes every shot of `plan` that `folder` does not hold yet.
 
     The same call resumes after any ending, a kill included. Ctrl-C once finishes the shot and
     returns a record that is not complete; twice aborts the shot. The rig is left safe, connected.
 
+    Args:
+        preview: called in a thread of its own with the newest picture; while it is busy,
+            pictures pass it by, and saving never waits for it.
+
+    Raises:
+        As `iterate`.
+    """
+    shots = iterate(rig, plan, folder, progress=progress, should_stop=should_stop)
+    with ExitStack() as stack:
+        show = None if preview is None else stack.enter_context(Preview(preview)).offer
+        while True:
+            try:
+                saved = next(shots)
+            except StopIteration as end:
+                record: Record = end.value
+                return record
+            if show is not None:
+                show(saved)
+
+
+def iterate(
+    rig: Rig,
+    plan: Plan,
+    folder: Path,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+    should_stop: StopCheck | None = None,
+) -> Generator[SavedShot, None, Record]:
+    """As `acquire`, and hands out each shot after it is saved; closing it early ends it safely.
+
     Raises:
         RunFolderError: the folder is in use, belongs to another plan, or is damaged.
         DiskFull: says how much room is needed.
         RigError: what went wrong on the rig; Aborted on the second Ctrl-C.
     """
-    with exclusive(folder), Interrupts(should_stop) as interrupts:
+    with exclusive(folder), Guard(rig, folder / GUARD), Interrupts(should_stop) as interrupts:
         try:
-            record = _Sequence(rig, plan, folder, interrupts, progress).run()
+            record = yield from _Sequence(rig, plan, folder, interrupts, progress).run()
         except Exception as error:
             problems = rig.make_safe()
             if problems:
@@ -128,7 +173,7 @@ class _Sequence:
         self._eta = Eta()
         self._picture_bytes = 0
 
-    def run(self) -> Record:
+    def run(self) -> Generator[SavedShot, None, Record]:
         found = survey(self._folder, self._plan)
         self._done = found.done
         if found.entries:
@@ -146,7 +191,7 @@ class _Sequence:
         with Journal(self._folder / JOURNAL, self._room_bytes) as journal:
             self._reconcile(journal, found)
             if ready is not None:
-                self._measure(journal, ready)
+                yield from self._measure(journal, ready)
             return self._record(journal.entries)
 
     def _room_bytes(self) -> int:
@@ -185,7 +230,7 @@ class _Sequence:
                 reason="the acquisition ended between trigger and picture",
             )
 
-    def _measure(self, journal: Journal, ready: Ready) -> None:
+    def _measure(self, journal: Journal, ready: Ready) -> Generator[SavedShot, None, None]:
         clock = self._rig.clock
         journal.append("start", time=clock.wall_time(), configuration=ready.configuration)
         shooter = Shooter(self._rig, self._plan, ready, journal, self._interrupts)
@@ -201,10 +246,15 @@ class _Sequence:
                 self._stabilise(journal, self._plan.backgrounds_K[background])
                 for shot in left:
                     if shot.background == background:
-                        self._shoot(journal, shooter, shot)
+                        yield self._shoot(journal, shooter, shot)
+                        if self._interrupts.should_stop():
+                            raise _Stopped
         except _Stopped:
             journal.append("stopped", time=clock.wall_time())
             return
+        except GeneratorExit:
+            journal.append("stopped", time=clock.wall_time())
+            raise
         journal.append("finished", time=clock.wall_time())
 
     def _stabilise(self, journal: Journal, temperature_K: float) -> None:
@@ -240,7 +290,7 @@ class _Sequence:
             elapsed_s=elapsed_s,
         )
 
-    def _shoot(self, journal: Journal, shooter: Shooter, shot: Shot) -> None:
+    def _shoot(self, journal: Journal, shooter: Shooter, shot: Shot) -> SavedShot:
         clock = self._rig.clock
         first = 1 + max(
             (entry["attempt"] for entry in journal.entries if entry.get("shot") == shot.id),
@@ -261,9 +311,7 @@ class _Sequence:
                 self._save(journal, shot, result)
                 self._eta.shot(clock.now_s() - start)
                 self._say(f"{shot.background_K:g} K, {shot.kind} {shot.number + 1}")
-                if self._interrupts.should_stop():
-                    raise _Stopped
-                return
+                return SavedShot(shot, result.image, result.meta)
             reason = result.reason
             self._reject(journal, shot, attempt, result)
         raise RetakesExhausted(
@@ -280,7 +328,9 @@ class _Sequence:
                 pixel_m=self._rig.file.setup.pixel_m,
                 meta=taken.meta,
             )
-        journal.append("saved", **_saved(taken.meta))
+        # The picture is on the disk; were this line lost, the next run would find it and adopt it.
+        # The next `fired` line, which is always synced, takes it along.
+        journal.append("saved", **_saved(taken.meta), sync=False)
         self._done.add(shot.id)
 
     def _reject(self, journal: Journal, shot: Shot, attempt: int, result: Rejected) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,7 +47,9 @@ class Shooter:
         self._ready = ready
         self._journal = journal
         self._interrupts = interrupts
+        self._plan_hash = plan.hash()
         self._last_id: int | None = None
+        self._next_s = -math.inf  # before this the camera does not take a trigger
 
     def take(self, shot: Shot, attempt: int) -> Taken | Rejected:
         """One attempt. The `fired` line is on the disk before the trigger goes out, and the
@@ -65,6 +68,8 @@ class Shooter:
             return Rejected(f"drift: {before_K:.2f} K before the shot", fired=False, drifted=True)
         burst = trigger.configure(self._plan.burst(shot))
         camera.arm()
+        clock = self._rig.clock
+        clock.sleep(max(self._next_s - clock.now_s(), 0.0))
         self._journal.append(
             "fired",
             time=self._rig.clock.wall_time(),
@@ -78,6 +83,7 @@ class Shooter:
             with self._interrupts.abortable():
                 try:
                     trigger.fire()
+                    self._next_s = clock.now_s() + 1.05 * self._ready.minimum_period_s
                     trigger.wait_done(self._plan.frame_timeout_s)
                 except FireUncertain as error:
                     uncertain = error
@@ -117,7 +123,7 @@ class Shooter:
                 "saturation_counts": self._ready.saturation_counts,
                 "saturated_percent": 100.0 * saturated / frame.data.size,
                 "fire_uncertain": uncertain is not None,
-                "plan_hash": self._plan.hash(),
+                "plan_hash": self._plan_hash,
                 "sha256": checksum(frame.data),
             },
         )

@@ -20,12 +20,13 @@ from cldit.acquisition.plan import Plan, Shot, load_plan
 from cldit.errors import RunFolderError
 from cldit.images import read_image, write_image
 
-PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS = (
+PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS, GUARD = (
     "plan.yaml",
     "rig.yaml",
     "configuration.json",
     "journal.jsonl",
     "shots",
+    "guard.log",
 )
 
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -38,6 +40,24 @@ class RigContext:
     seed: int
 
 
+@dataclass(frozen=True)
+class DriverAbout:
+    """What a driver's module says of it as `ABOUT`, for `cldit devices`.
+
+    kind: camera, background, trigger or bench. needs: the modules that it imports when it
+    connects. tested: on what it was tried, in words.
+    """
+
+    kind: str
+    instrument: str
+    tested: str
+    needs: tuple[str, ...] = ()
+
+    def missing(self) -> list[str]:
+        """The modules that are not installed."""
+        return [name for name in self.needs if find_spec(name) is None]
+
+
 Factory = Callable[[dict[str, Any], RigContext], Any]
 
 
@@ -56,6 +76,20 @@ def check_settings(model: type[S], settings: dict[str, Any]) -> S:
 def installed_drivers() -> dict[str, EntryPoint]:
     """Every driver that is installed, by name."""
     return {entry.name: entry for entry in sorted(entry_points(group=GROUP))}
+
+
+def describe_drivers() -> dict[str, DriverAbout]:
+    """What every installed driver says of itself, by name."""
+    found: dict[str, DriverAbout] = {}
+    for name, entry in installed_drivers().items():
+        try:
+            about = getattr(import_module(entry.module), "ABOUT", None)
+        except ImportError as error:
+            about = DriverAbout("?", entry.value, f"cannot be loaded: {error}")
+        if not isinstance(about, DriverAbout):
+            about = DriverAbout("?", entry.value, "says nothing of itself")
+        found[name] = about
+    return found
 
 
 def load_driver(name: str) -> Factory:

@@ -1,0 +1,65 @@
+"""The rig for scripts.
+
+with cldit.open_rig("rig.yaml") as rig:
+    for saved in rig.acquire("plan.yaml", "shots"):
+        print(saved.shot.id, saved.image.mean())
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cldit.acquisition.dry_run import DryRun, dry_run
+from cldit.acquisition.plan import Plan, load_plan, parse_plan
+from cldit.acquisition.progress import Progress
+from cldit.acquisition.runner import Record, SavedShot, iterate
+from cldit.rig.clock import Clock
+from cldit.rig.load import Rig
+from cldit.rig.load import open_rig as _open_rig
+
+AnyPlan = Plan | str | Path | dict[str, Any]
+
+
+@dataclass(frozen=True)
+class ScriptRig(Rig):
+    """A rig that takes plans. Leaving the `with` block makes it safe and closes it."""
+
+    def acquire(
+        self,
+        plan: AnyPlan,
+        folder: str | Path,
+        *,
+        progress: Callable[[Progress], None] | None = None,
+    ) -> Generator[SavedShot, None, Record]:
+        """The shots of `plan` that `folder` lacks, each after it is on the disk.
+
+        Everything that `cldit.acquisition.acquire` promises holds: Ctrl-C, resuming, the journal.
+        Leaving the loop early ends the acquisition after the present shot.
+
+        Raises:
+            As `cldit.acquisition.acquire`; SceneError: the plan is not allowed.
+        """
+        return iterate(self, _plan(plan), Path(folder), progress=progress)
+
+    def dry_run(self, plan: AnyPlan, folder: str | Path) -> DryRun:
+        """As `cldit.acquisition.dry_run`."""
+        return dry_run(self, _plan(plan), Path(folder))
+
+
+def _plan(plan: AnyPlan) -> Plan:
+    if isinstance(plan, Plan):
+        return plan
+    return parse_plan(plan) if isinstance(plan, dict) else load_plan(Path(plan))
+
+
+def open_rig(file: str | Path | dict[str, Any], *, clock: Clock | None = None) -> ScriptRig:
+    """The rig that a file describes; see `cldit.rig.load.open_rig`.
+
+    Raises:
+        SceneError: names every key that is not allowed, every driver that is missing.
+    """
+    rig = _open_rig(file, clock=clock)
+    return ScriptRig(rig.camera, rig.background, rig.trigger, rig.clock, rig.file)

@@ -1,0 +1,246 @@
+"""Stanford Research Systems DG645 digital delay generator, over SCPI on TCP.
+
+Commands: DG645 user manual, remote programming; the maker's driver (srsinst.dg645) agrees.
+Each output pair gives a pulse from its first edge to its second: AB from A to B.
+
+A reference picture must not inject: the injector's pair then has both edges at the same moment,
+and its level is the lowest that the instrument has (0.5 V). Look at that output with an
+oscilloscope before the first acquisition.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from typing import Annotated, Any, Literal
+
+from pydantic import model_validator
+
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
+from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, NotConnected, RigError
+from cldit.rig.protocols import Burst, DeviceInfo
+from cldit.scene.checks import Section, Within
+
+from .scpi import ScpiLink
+
+Pair = Literal["AB", "CD", "EF", "GH"]
+
+_EDGES = {"AB": (2, 3), "CD": (4, 5), "EF": (6, 7), "GH": (8, 9)}  # channels of DLAY
+_OUTPUTS = {"AB": 1, "CD": 2, "EF": 3, "GH": 4}  # of LAMP, LOFF, LPOL
+_SINGLE_SHOT = 5
+_LOWEST_V = 0.5
+_STEP_S = 1e-11  # how far a delay may read back from what was written
+_TRIGGERED, _RATE_ERROR = 1 << 0, 1 << 1  # of INSR?
+_BUSY, _IN_BURST = 1 << 1, 1 << 2  # of *STB?
+
+
+ABOUT = DriverAbout(
+    "trigger",
+    "SRS DG645 delay generator, SCPI over TCP",
+    "untested on hardware; tested with a simulator that the maker's own driver agrees with",
+    needs=("pyvisa", "pyvisa_py"),
+)
+
+
+class Dg645Settings(Section):
+    host: str
+    port: Annotated[int, Within(1, 65535)] = 5025
+    camera: Pair = "AB"  # the output at the camera's trigger input
+    injector: Pair = "CD"  # the output at the injector's driver
+    camera_V: Annotated[float, Within(0.5, 5.0)] = 5.0
+    injector_V: Annotated[float, Within(1.0, 5.0)] = 5.0
+    answer_s: Annotated[float, Within(0.01, 60.0)] = 2.0
+
+    @model_validator(mode="after")
+    def _apart(self) -> Dg645Settings:
+        if self.camera == self.injector:
+            raise ValueError(f"camera, injector: both are {self.camera}; allowed are two outputs")
+        return self
+
+
+class Dg645:
+    """A `cldit.rig.protocols.TriggerGenerator`."""
+
+    tested_on_hardware = False
+
+    def __init__(self, settings: Dg645Settings, context: RigContext) -> None:
+        self._settings = settings
+        self._clock = context.clock
+        resource = f"TCPIP::{settings.host}::{settings.port}::SOCKET"
+        self._link = ScpiLink("trigger", resource)
+        self._identity = ["Stanford Research Systems", "DG645", "", ""]
+        self._burst: Burst | None = None
+        self._inhibited = True
+
+    def connect(self, timeout_s: float = 10.0) -> None:
+        if self._link.is_open:
+            return
+        self._link.open(min(timeout_s, self._settings.answer_s))
+        try:
+            identity = self._link.query("*IDN?").split(",")
+            if len(identity) != 4 or identity[1] != "DG645":
+                raise NotConnected(f"trigger: {','.join(identity)!r} answers, expected a DG645")
+            self._identity = identity
+            self._link.write("*CLS")
+            self._still()
+        except RigError as error:
+            self._link.close()
+            raise NotConnected(str(error)) from error
+
+    def close(self) -> None:
+        self._link.close()
+        self._inhibited = True
+
+    def identify(self) -> DeviceInfo:
+        maker, model, serial, firmware = self._identity
+        return DeviceInfo(
+            "trigger",
+            maker,
+            model,
+            serial.removeprefix("s/n"),
+            firmware.removeprefix("ver"),
+            tested_on_hardware=self.tested_on_hardware,
+        )
+
+    def read_configuration(self) -> dict[str, Any]:
+        burst = None if self._burst is None else asdict(self._burst)
+        if burst is not None:
+            burst["widths_s"] = list(burst["widths_s"])
+        edges = [edge for pair in self._pairs for edge in _EDGES[pair]]
+        return {
+            **self._settings.model_dump(mode="json"),
+            "burst": burst,
+            "inhibited": self._inhibited,
+            "delays": {f"DLAY {edge}": self._link.query(f"DLAY? {edge}") for edge in edges},
+            "levels_V": [self._link.number(f"LAMP? {_OUTPUTS[pair]}") for pair in self._pairs],
+            "trigger_source": round(self._link.number("TSRC?")),
+            "inhibit_input": round(self._link.number("INHB?")),
+        }
+
+    @property
+    def _pairs(self) -> tuple[Pair, Pair]:
+        return self._settings.camera, self._settings.injector
+
+    def make_safe(self) -> None:
+        if self._link.is_open:
+            self._still()
+
+    def configure(self, burst: Burst) -> Burst:
+        self.inhibit()
+        delays = (burst.camera_delay_s, burst.injector_delay_s)
+        last_s = max(d + w for d, w in zip(delays, burst.widths_s, strict=True))
+        if burst.n < 1 or not min(delays) >= 0.0 or not min(burst.widths_s) > 0.0:
+            raise ConfigRejected(f"trigger: {burst}: allowed are n >= 1, delays >= 0, widths > 0")
+        if burst.n > 1 and burst.period_s < last_s:
+            raise ConfigRejected(
+                f"trigger: period_s: {burst.period_s:g} is shorter than one shot, {last_s:g}"
+            )
+        camera, injector = self._pairs
+        got_delays = [
+            self._edge(_EDGES[pair][0], 0, delay)
+            for pair, delay in zip(self._pairs, delays, strict=True)
+        ]
+        camera_width = self._edge(_EDGES[camera][1], _EDGES[camera][0], burst.widths_s[0])
+        injector_width = float(f"{burst.widths_s[1]:.12f}")
+        level_V = _LOWEST_V
+        if burst.inject:
+            first, second = _EDGES[injector]
+            injector_width = self._edge(second, first, burst.widths_s[1])
+            level_V = self._settings.injector_V
+        self._set("LAMP", _OUTPUTS[camera], self._settings.camera_V)
+        self._set("LAMP", _OUTPUTS[injector], level_V)
+        period_s = float(f"{burst.period_s:.8f}")
+        if burst.n > 1:
+            self._set("BURC", None, burst.n)
+            period_s = self._set("BURP", None, period_s)
+            self._set("BURD", None, 0.0)
+            self._set("BURM", None, 1)
+        self._no_error("the burst")
+        self._burst = replace(
+            burst,
+            period_s=period_s,
+            camera_delay_s=got_delays[0],
+            injector_delay_s=got_delays[1],
+            widths_s=(camera_width, injector_width),
+        )
+        self._inhibited = False
+        return self._burst
+
+    def fire(self) -> None:
+        if not self._link.is_open:
+            raise NotConnected("trigger: is not connected; call connect()")
+        if self._burst is None or self._inhibited:
+            raise ConfigRejected("trigger: is inhibited; configure a burst first")
+        self._link.query("INSR?")  # reading clears it; a link that is dead shows here, unfired
+        try:
+            status = int(self._link.number("*TRG;INSR?"))
+        except RigError as error:
+            raise FireUncertain(
+                f"trigger: the link failed while the trigger went out ({error})"
+            ) from error
+        if status & _RATE_ERROR:
+            raise FireUncertain(
+                "trigger: rate error, the trigger came while the last one was still running"
+            )
+        if not status & _TRIGGERED:
+            raise FireUncertain(
+                f"trigger: the instrument does not say that it was triggered (INSR {status}); is "
+                "its inhibit input active?"
+            )
+
+    def wait_done(self, timeout_s: float) -> None:
+        end_s = self._clock.now_s() + timeout_s
+        while int(self._link.number("*STB?")) & (_BUSY | _IN_BURST):
+            if self._clock.now_s() >= end_s:
+                raise DeviceTimeout(f"trigger: the burst is not over after {timeout_s:g} s")
+            self._clock.sleep(1e-3)
+        if int(self._link.number("INSR?")) & _RATE_ERROR:
+            raise FireUncertain("trigger: rate error within the burst; pulses are missing")
+
+    def inhibit(self) -> None:
+        self._inhibited = True
+        self._still()
+
+    def abort(self) -> None:
+        self._link.write("BURM 0")  # a change of settings ends the running cycle
+
+    def _still(self) -> None:
+        """Only *TRG triggers, it would give one cycle, and the injector's output would not move."""
+        self._inhibited = True
+        first, second = _EDGES[self._settings.injector]
+        self._set("TSRC", None, _SINGLE_SHOT)
+        self._set("BURM", None, 0)
+        self._edge(second, first, 0.0)
+        self._set("LAMP", _OUTPUTS[self._settings.injector], _LOWEST_V)
+        self._no_error("being inhibited")
+
+    def _edge(self, channel: int, reference: int, delay_s: float) -> float:
+        answer = self._link.query(f"DLAY {channel},{reference},{delay_s:.12f};DLAY? {channel}")
+        try:
+            against, delay = answer.split(",")
+            agrees = int(against) == reference and abs(float(delay) - delay_s) <= _STEP_S
+        except ValueError:
+            agrees = False
+        if not agrees:
+            raise ConfigRejected(
+                f"trigger: DLAY {channel} reads back {answer!r} after {reference},{delay_s:.12f}"
+            )
+        return float(delay)
+
+    def _set(self, command: str, channel: int | None, value: float) -> float:
+        index = "" if channel is None else f"{channel}"
+        comma = "," if index else ""
+        got = self._link.number(f"{command} {index}{comma}{value:.12g};{command}? {index}")
+        if not abs(got - value) <= 1e-6 * abs(value):
+            raise ConfigRejected(f"trigger: {command} {index} reads back {got:g} after {value:g}")
+        return got
+
+    def _no_error(self, what: str) -> None:
+        code = int(self._link.number("LERR?"))
+        if code:
+            self._link.write("*CLS")
+            raise ConfigRejected(f"trigger: error {code} at {what}; see the DG645's manual")
+
+
+def open_dg645(settings: dict[str, Any], context: RigContext) -> Dg645:
+    """The driver `dg645`."""
+    return Dg645(check_settings(Dg645Settings, settings), context)

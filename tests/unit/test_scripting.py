@@ -1,0 +1,118 @@
+"""The rig from a script: shots as they are saved, live preview, dry run, bench."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from click.testing import CliRunner
+
+import cldit
+from cldit.acquisition import Plan, SavedShot, acquire, open_acquisition
+from cldit.acquisition.bench import bench_rig
+from cldit.acquisition.journal import read_journal
+from cldit.acquisition.preview import Preview
+from cldit.cli import main
+from cldit.rig.drivers import describe_drivers
+from cldit.rig.load import open_rig
+
+
+def test_ten_lines(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+    seen = []
+    with cldit.open_rig(tiny_rig) as rig:
+        for saved in rig.acquire(tiny_plan, tmp_path / "a"):
+            assert (tmp_path / "a" / "shots" / f"{saved.shot.id}.tif").is_file()
+            seen.append((saved.shot.id, saved.image))
+    acquisition = open_acquisition(tmp_path / "a")
+    assert [name for name, _ in seen] == [shot.id for shot in tiny_plan.steps()]
+    for shot in acquisition.shots:
+        assert np.array_equal(dict(seen)[shot.id], acquisition.load(shot))
+
+
+def test_leaving_the_loop_stops_safely_and_resumes(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    with cldit.open_rig(tiny_rig) as rig:
+        for _, saved in zip(range(3), rig.acquire(tiny_plan, tmp_path / "a"), strict=False):
+            assert saved.meta["shot"] == saved.shot.id
+    events = [entry["event"] for entry in read_journal(tmp_path / "a" / "journal.jsonl")]
+    assert events[-1] == "stopped"
+    with cldit.open_rig(tiny_rig) as rig:
+        rest = list(rig.acquire(tiny_plan, tmp_path / "a"))
+    assert open_acquisition(tmp_path / "a").complete and 0 < len(rest) <= 7
+
+
+def test_preview_drops_rather_than_delays() -> None:
+    release = threading.Event()
+    shown: list[int] = []
+
+    def slow(item: int) -> None:
+        release.wait(10.0)
+        shown.append(item)
+
+    with Preview(slow) as preview:
+        begin = time.monotonic()
+        for item in range(1000):
+            preview.offer(item)
+        assert time.monotonic() - begin < 1.0
+        release.set()
+    assert shown[-1] == 999 and len(shown) <= 2 and preview.dropped == 1000 - len(shown)
+
+
+def test_broken_preview_costs_nothing(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    calls = []
+
+    def broken(saved: SavedShot) -> None:
+        calls.append(saved)
+        raise RuntimeError("no window")
+
+    assert acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a", preview=broken).complete
+    assert len(calls) == 1
+
+
+def test_dry_run(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+    """Nothing moves, nothing is written; what cannot work is said, all of it."""
+    with cldit.open_rig(tiny_rig) as rig:
+        found = rig.dry_run(tiny_plan, tmp_path / "a")
+        assert rig.background.read_configuration()["setpoint_K"] == 295.0
+        assert found.problems == () and found.shots == 10
+        # 145 K + 40 K of way at 3 s/K, two settlings of 60 s, ten shots of a second and more.
+        assert found.background_s == (185 * 3.0 + 120.0) or abs(found.background_s - 675.0) < 1.0
+        assert 10.0 < found.time_s - found.background_s < 11.0
+        assert found.disk_bytes > 10 * 2 * 16 * 12
+        bad = tiny_plan.model_copy(
+            update={"backgrounds_K": (440.0, 2000.0), "integration_time_s": 5.0}
+        )
+        problems = "\n".join(rig.dry_run(bad, tmp_path / "a").problems)
+        assert "2000 is outside" in problems and "integration_time_s: 5" in problems
+    assert not (tmp_path / "a").exists()
+
+
+def test_dry_run_command(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text(yaml.safe_dump(tiny_rig))
+    (tmp_path / "plan.yaml").write_text(tiny_plan.dump())
+    arguments = ["acquire", *(str(tmp_path / f"{n}.yaml") for n in ("rig", "plan")), "--dry-run"]
+    result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "a")])
+    assert result.exit_code == 0 and "10 shots at 2 backgrounds" in result.output
+    assert not (tmp_path / "a").exists()
+
+
+def test_bench_loses_nothing(tmp_path: Path) -> None:
+    result = bench_rig(tmp_path, frames=20, sensor=(64, 48))
+    assert result.lost == 0 and result.frames_per_s > 1.0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_driver_says_on_what_it_was_tested() -> None:
+    """A user must see that no driver of a real instrument has met the instrument."""
+    for name, about in describe_drivers().items():
+        assert about.kind in ("bench", "camera", "background", "trigger"), name
+        simulated = name.startswith("simulated")
+        assert about.tested.startswith("simulated" if simulated else "untested on hardware"), name
+        assert simulated == (about.needs == ())
