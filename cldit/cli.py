@@ -27,16 +27,20 @@ from cldit.report.droplets import convergence_picture, life_picture
 from cldit.report.optics_figures import optics_picture
 from cldit.report.optics_summary import scene_optics
 from cldit.report.run_report import show_folder
+from cldit.report.spray_report import write_spray
 from cldit.rig.drivers import describe_drivers
 from cldit.rig.errors import RigError
 from cldit.rig.load import open_rig
 from cldit.run import Run, default_cache, simulate
 from cldit.scene import Scene, load_scene, parse_scene, shipped_scenes
+from cldit.scene.schema import LagrangianSpray
 from cldit.spray.droplet.convergence import measure_all
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow
 from cldit.spray.droplet.verification import page
+from cldit.spray.flow.simulate import History, simulate_spray
 from cldit.spray.importing import cfd_spray, import_case, list_case
+from cldit.spray.source import make_spray
 
 P = ParamSpec("P")
 _OUT = Console(highlight=False, soft_wrap=True)
@@ -204,6 +208,34 @@ def _summary(result: Run) -> None:
         for name in ("pictures/maps.png", "report.html"):
             if (result.folder / name).is_file():
                 _OUT.print(f"{result.folder / name}")
+
+
+@main.command("spray")
+@click.argument("scene")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder; sprays/SCENE.")
+@_plain_errors
+def spray_command(scene: str, out: Path | None) -> None:
+    """The spray of SCENE alone: pictures, figures against time, files for ParaView."""
+    chosen = load_scene(scene)
+    folder = out or Path("sprays") / chosen.name
+    title = f"{chosen.name}: {chosen.description}" if chosen.description else chosen.name
+    history: History | None = None
+    if isinstance(chosen.spray, LagrangianSpray):
+        with _Bar() as bar:
+
+            def watch(time_s: float, end_s: float, parcels: int) -> None:
+                phase = f"{time_s * 1e3:.3f} ms, {parcels} parcels"
+                bar.watch(Progress(phase, round(time_s / end_s * 100), 100, None))
+
+            found, history, _ = simulate_spray(chosen.spray, cache=default_cache(), watch=watch)
+    else:
+        found = make_spray(chosen.spray, cache=default_cache())
+    for text in found.remarks:
+        _say(text)
+    for name, value in found.notes.items():
+        _OUT.print(f"  {name}: {value:.5g}", style="dim")
+    for path in write_spray(found, history, folder, title=title):
+        _OUT.print(str(path))
 
 
 @main.command("import")

@@ -256,7 +256,7 @@ class _Medium:
 
 def _medium(scene: Scene, stages: _Stages, cache: Path) -> _Medium:
     with stages.stage("spray") as note:
-        spray = make_spray(scene.spray)
+        spray = make_spray(scene.spray, cache=cache)
         note.append(scene.spray.model)
         stages.remark(spray.remarks)
     with stages.stage("optics") as note:

@@ -137,6 +137,18 @@ class Plume(Section):
     mass_fraction: Annotated[float, Within(1e-6, 1e6)] = 1.0  # relative to the other plumes
 
 
+def _some(plumes: tuple[Plume, ...]) -> tuple[Plume, ...]:
+    if not 1 <= len(plumes) <= 64:
+        raise ValueError(f"{len(plumes)} plumes, allowed is 1..64")
+    return plumes
+
+
+Plumes = Annotated[tuple[Plume, ...], AfterValidator(_some)]
+EIGHT_PLUMES = tuple(
+    Plume(inclination_deg=33.0, azimuth_deg=22.5 + 45.0 * hole) for hole in range(8)
+)
+
+
 class NukiyamaTanasawa(Section):
     """f(D) ~ D^p exp(-(D/m)^n), paper Eq. (5)."""
 
@@ -235,16 +247,61 @@ class ConeSpray(Section):
     parcels_per_cell: Annotated[int, Within(1, 1000)] = 4
     spacing_m: Annotated[float, Within(1e-5, 1e-2)] = 0.5e-3
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
-    plumes: tuple[Plume, ...] = tuple(
-        Plume(inclination_deg=33.0, azimuth_deg=22.5 + 45.0 * hole) for hole in range(8)
-    )
+    plumes: Plumes = EIGHT_PLUMES
 
-    @field_validator("plumes")
+
+class InjectionRate(Section):
+    """How the fuel flow rises and falls: a trapezoid, or a table of time and relative flow."""
+
+    ramp_s: Annotated[float, Within(0.0, 1.0)] = 5e-5  # each, within the injection's duration
+    table: tuple[tuple[float, float], ...] | None = None  # then neither ramp nor duration count
+
+    @field_validator("table")
     @classmethod
-    def _some(cls, plumes: tuple[Plume, ...]) -> tuple[Plume, ...]:
-        if not 1 <= len(plumes) <= 64:
-            raise ValueError(f"{len(plumes)} plumes, allowed is 1..64")
-        return plumes
+    def _rising(
+        cls, table: tuple[tuple[float, float], ...] | None
+    ) -> tuple[tuple[float, float], ...] | None:
+        if table is None:
+            return None
+        times, flows = [row[0] for row in table], [row[1] for row in table]
+        if len(table) < 2 or times[0] < 0 or any(b <= a for a, b in pairwise(times)):
+            raise ValueError("times must rise from 0 or later, and there must be two at least")
+        if min(flows) < 0 or max(flows) <= 0:
+            raise ValueError("no flow may be negative, and one must be above 0")
+        return table
+
+
+class FlowBox(Section):
+    """Box of gas that is computed; closed, the injector hangs in it from above."""
+
+    spacing_m: Annotated[float, Within(1e-4, 1e-2)] = 1e-3
+    width_m: Length | None = None  # None: so that the spray fits in
+    depth_m: Length | None = None  # below the injector; None: so that the spray fits in
+    above_m: Annotated[float, Within(0.0, 1.0)] = 5e-3  # gas above the injector's tip
+
+
+class LagrangianSpray(Section):
+    """Parcels of droplets in a computed flow of gas, with exchange both ways."""
+
+    model: Literal["lagrangian"] = "lagrangian"
+    time_s: Annotated[float, Within(1e-5, 0.1)] = 0.95e-3
+    injected_mass_kg: Annotated[float, Within(0.0, 1e-2)] = 10e-6
+    injection_duration_s: Annotated[float, Within(1e-5, 1.0)] = 1.5e-3
+    rate: InjectionRate = InjectionRate()
+    injection_pressure_Pa: Annotated[float, Within(1e5, 5e8)] = 20e6
+    hole_diameter_m: Annotated[float, Within(1e-6, 1e-2)] = 165e-6
+    fuel: Annotated[str, Field(min_length=1, max_length=60)] = "n-heptane"
+    fuel_temperature_K: Annotated[float, Within(180.0, 800.0)] = 370.0
+    gas: Annotated[str, Field(min_length=1, max_length=60)] = "nitrogen"
+    ambient: Ambient = Ambient()
+    droplets: Droplets = NukiyamaTanasawa()
+    droplets_per_parcel: Annotated[float, Within(1.0, 1e9)] = 1e4
+    evaporation: Literal[
+        "abramzon-sirignano", "spalding", "dukowicz", "dukowicz-log", "frolov-type", "none"
+    ] = "abramzon-sirignano"
+    box: FlowBox = FlowBox()
+    seed: Annotated[int, Within(0, 2**31 - 1)] = 1
+    plumes: Plumes = EIGHT_PLUMES
 
 
 class GridSpray(Section):
@@ -280,7 +337,9 @@ class EmptySpray(Section):
     model: Literal["none"] = "none"
 
 
-Spray = Annotated[ConeSpray | GridSpray | CfdSpray | EmptySpray, Field(discriminator="model")]
+Spray = Annotated[
+    ConeSpray | LagrangianSpray | GridSpray | CfdSpray | EmptySpray, Field(discriminator="model")
+]
 
 
 class Sensor(Section):

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import assert_never
 
-from cldit.scene.schema import CfdSpray, ConeSpray, EmptySpray, GridSpray
+from cldit.scene.schema import CfdSpray, ConeSpray, EmptySpray, GridSpray, LagrangianSpray
 from cldit.spray.cfd import read_cfd
 from cldit.spray.cone import make_cone
+from cldit.spray.flow.simulate import simulate_spray
 from cldit.spray.grid import read_grid
 from cldit.spray.result import Spray
 
 
-def make_spray(spec: ConeSpray | GridSpray | CfdSpray | EmptySpray) -> Spray:
+def make_spray(
+    spec: ConeSpray | LagrangianSpray | GridSpray | CfdSpray | EmptySpray,
+    *,
+    cache: Path | None = None,
+) -> Spray:
     """Runs the model or reads the file.
+
+    Args:
+        cache: folder for tables of fuel properties; None keeps nothing.
 
     Raises:
         SprayError: the source is missing something or holds impossible values.
@@ -20,6 +29,8 @@ def make_spray(spec: ConeSpray | GridSpray | CfdSpray | EmptySpray) -> Spray:
     match spec:
         case ConeSpray():
             return make_cone(spec)
+        case LagrangianSpray():
+            return simulate_spray(spec, cache=cache)[0]
         case GridSpray():
             return read_grid(spec)
         case CfdSpray():

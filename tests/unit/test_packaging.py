@@ -28,7 +28,7 @@ def test_every_data_file_matches_a_pattern() -> None:
         "package-data"
     ]
     for path in [*(ROOT / "cldit").rglob("*"), *(ROOT / "kernels").iterdir()]:
-        if path.is_dir() or path.suffix in (".py", ".pyc"):
+        if path.is_dir() or path.suffix == ".py" or path.parent.name == "__pycache__":
             continue
         package = ".".join(path.parent.relative_to(ROOT).parts)
         package = "cldit.kernels" if package == "kernels" else package

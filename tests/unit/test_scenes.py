@@ -20,7 +20,7 @@ from cldit.scene.schema import (
     RosinRammler,
 )
 
-SHIPPED = ("droplets-only", "empty", "gdi-cold", "gdi", "methane-jet")
+SHIPPED = ("droplets-only", "empty", "gdi-cold", "gdi-flow", "gdi", "methane-jet")
 
 
 def _scene(**sections: Any) -> Scene:
@@ -120,9 +120,9 @@ def test_sizes_as_objects() -> None:
         ),
         (
             {"spray": {"model": "fog"}},
-            "spray.model: fog is unknown; allowed: cone, grid, cfd, none",
+            "spray.model: fog is unknown; allowed: cone, lagrangian, grid, cfd, none",
         ),
-        ({"spray": {}}, "spray.model: is missing; allowed: cone, grid, cfd, none"),
+        ({"spray": {}}, "spray.model: is missing; allowed: cone, lagrangian, grid, cfd, none"),
         ({"spray": {"model": "grid"}}, "spray.file: is missing"),
         (
             {"spray": {"model": "none", "file": "x.npz"}},

@@ -1,0 +1,196 @@
+"""A spray alone, in pictures: from the side, from below, and against time."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from cldit.spray.flow.simulate import History
+from cldit.spray.result import Spray
+from cldit.spray.vtkwrite import write_vtk
+
+Floats = NDArray[np.float64]
+View = Literal["side", "below"]
+
+_DPI = 130
+_DECADES = 3.0  # of the colours
+_SMOOTHING = 1.0  # pixels, of the liquid: parcels are points
+_AXES = {"side": (0, 2), "below": (0, 1)}
+_NAMES = "xyz"
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Mass of what is seen per area, kg/m2 (H, W), row 0 at the lowest coordinate; edges_m: left,
+    right, bottom, top."""
+
+    image: Floats
+    edges_m: tuple[float, float, float, float]
+
+
+def extent(spray: Spray) -> tuple[Floats, Floats]:
+    """Lower and upper corner (3,) of what holds fuel, the injector among it."""
+    points = [np.zeros((1, 3))]
+    if spray.parcels is not None:
+        points.append(spray.parcels.position_m)
+    if spray.vapour is not None and np.any(spray.vapour.number_density_m3 > 0):
+        dense = spray.vapour.number_density_m3 > 1e-3 * spray.vapour.number_density_m3.max()
+        points += [spray.vapour.cells.lower_m[dense], spray.vapour.cells.upper_m[dense]]
+    every = np.concatenate(points)
+    return every.min(axis=0) - 2e-3, every.max(axis=0) + 2e-3
+
+
+def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
+    """The paper's Fig. 5 from below: droplets of a column, added up. A mass is kept."""
+    place, mass = np.empty((0, 3)), np.empty(0)
+    if (parcels := spray.parcels) is not None:
+        place = parcels.position_m
+        mass = np.pi / 6 * parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
+    return _project(place, mass, extent(spray), view, pixel_m, _SMOOTHING)
+
+
+def vapour_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
+    """Fuel vapour of a column."""
+    if (vapour := spray.vapour) is None:
+        return _project(np.empty((0, 3)), np.empty(0), extent(spray), view, pixel_m, 0.0)
+    edge = vapour.cells.upper_m - vapour.cells.lower_m
+    mass = vapour.number_density_m3 * vapour.cells.volume_m3
+    mass = mass * vapour.molar_mass_kg_mol / 6.02214076e23
+    # Each cell stands for points in it, close enough that no pixel between them is missed.
+    parts = int(np.clip(np.ceil(2 * edge.max() / pixel_m - 1e-6), 1, 6))
+    first, second = _AXES[view]
+    places, masses = [], []
+    for i in range(parts):
+        for j in range(parts):
+            at = vapour.cells.lower_m + 0.5 * edge
+            at[:, first] += ((i + 0.5) / parts - 0.5) * edge[:, first]
+            at[:, second] += ((j + 0.5) / parts - 0.5) * edge[:, second]
+            places.append(at)
+            masses.append(mass / parts**2)
+    joined = np.concatenate(places), np.concatenate(masses)
+    return _project(*joined, extent(spray), view, pixel_m, 0.0)
+
+
+def _project(
+    place: Floats,
+    mass: Floats,
+    bounds: tuple[Floats, Floats],
+    view: View,
+    pixel_m: float,
+    smoothing: float,
+) -> Projection:
+    first, second = _AXES[view]
+    edges = [
+        np.arange(np.floor(bounds[0][a] / pixel_m), np.ceil(bounds[1][a] / pixel_m) + 1) * pixel_m
+        for a in (first, second)
+    ]
+    image = np.histogram2d(place[:, first], place[:, second], bins=edges, weights=mass)[0].T
+    if smoothing:
+        image = gaussian_filter(image, smoothing, mode="constant")
+    corners = (edges[0][0], edges[0][-1], edges[1][0], edges[1][-1])
+    return Projection(np.asarray(image) / pixel_m**2, corners)
+
+
+def views_figure(spray: Spray, *, title: str, pixel_m: float = 5e-4) -> Figure:
+    """Droplets and vapour, from the side and from below."""
+    figure = Figure(figsize=(10, 9.5), dpi=_DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title.replace("$", r"\$"))
+    axes = figure.subplots(2, 2)
+    views: tuple[View, View] = ("side", "below")
+    for row, view in enumerate(views):
+        _image(axes[row, 0], liquid_mass(spray, view, pixel_m=pixel_m), f"droplets, {view}", view)
+        _image(axes[row, 1], vapour_mass(spray, view, pixel_m=pixel_m), f"vapour, {view}", view)
+    return figure
+
+
+def _image(axes: Axes, seen: Projection, title: str, view: View) -> None:
+    first, second = _AXES[view]
+    axes.set_title(title)
+    axes.set_xlabel(f"{_NAMES[first]} / mm")
+    axes.set_ylabel(f"{_NAMES[second]} / mm")
+    edges = [1e3 * edge for edge in seen.edges_m]
+    axes.set_xlim(edges[0], edges[1])
+    axes.set_ylim(edges[2], edges[3])
+    axes.set_aspect("equal")
+    axes.plot(0, 0, marker="+", color="tab:blue", markersize=9)
+    top = float(seen.image.max(initial=0.0))
+    if top <= 0:
+        axes.text(0.5, 0.5, "nothing", transform=axes.transAxes, ha="center")
+        return
+    low = top / 10**_DECADES
+    picture = axes.imshow(
+        np.where(seen.image >= low, seen.image, np.nan),
+        origin="lower",
+        extent=(edges[0], edges[1], edges[2], edges[3]),
+        cmap="viridis_r",
+        norm=LogNorm(low, top),
+        interpolation="nearest",
+    )
+    axes.figure.colorbar(picture, ax=axes, label="mass per area / (kg/m²)", shrink=0.85)
+
+
+def history_figure(history: History, *, title: str) -> Figure:
+    """Penetration, droplet size, masses and coldest gas against time."""
+    figure = Figure(figsize=(10, 7), dpi=_DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title.replace("$", r"\$"))
+    panels: Sequence[tuple[str, tuple[tuple[Floats, str], ...]]] = (
+        (
+            "penetration / mm",
+            (
+                (1e3 * history.vapour_m, "vapour (mass fraction 0.001)"),
+                (1e3 * history.liquid_m, "liquid (97 % of its mass)"),
+                (1e3 * history.axial_m, "liquid, along the injector's axis"),
+            ),
+        ),
+        ("Sauter mean diameter / µm", ((1e6 * history.sauter_mean_diameter_m, ""),)),
+        (
+            "mass / mg",
+            (
+                (1e6 * history.injected_kg, "injected"),
+                (1e6 * history.liquid_kg, "liquid"),
+                (1e6 * history.vapour_kg, "vapour"),
+            ),
+        ),
+        ("coldest gas / K", ((history.coldest_K, ""),)),
+    )
+    for axes, (label, lines) in zip(figure.subplots(2, 2).flat, panels, strict=True):
+        for values, name in lines:
+            axes.plot(1e3 * history.time_s, values, label=name or None)
+        axes.set_xlabel("time after start of injection / ms")
+        axes.set_ylabel(label)
+        axes.grid(alpha=0.3)
+        axes.set_xlim(left=0)
+        if len(lines) > 1:
+            axes.set_ylim(bottom=0)
+            axes.legend()
+    return figure
+
+
+def write_spray(spray: Spray, history: History | None, folder: Path, *, title: str) -> list[Path]:
+    """Pictures, the history as CSV, and files for ParaView, in a folder made if need be."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = [folder / "views.png"]
+    views_figure(spray, title=title).savefig(written[0])
+    if history is not None:
+        written += [folder / "history.png", folder / "history.csv"]
+        history_figure(history, title=title).savefig(written[1])
+        with written[2].open("w", encoding="utf-8", newline="") as stream:
+            writer = csv.writer(stream, lineterminator="\n")
+            names = [each.name for each in fields(history)]
+            writer.writerow(names)
+            rows = np.stack([getattr(history, name) for name in names], axis=1)
+            writer.writerows([f"{value:.6g}" for value in row] for row in rows)
+    return written + write_vtk(spray, folder)

@@ -1,0 +1,1 @@
+"""The spray that is computed: an injector's droplets in a gas that they drag along and cool."""

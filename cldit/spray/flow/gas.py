@@ -1,0 +1,222 @@
+"""Gas at low Mach number on a coarse Cartesian grid: one pressure, density by temperature and fuel.
+
+Mass, fuel, enthalpy and momentum are carried in conservation form (`kernels`). The mass fluxes are
+made, by one projection a step with constant coefficients (cosine or Fourier transforms), such that
+every cell keeps the common pressure: their divergence is what kept it in the last step, plus what
+the droplets just added and what is still amiss. Kinetic energy and molecular diffusion are left out
+(Mach number below 0.3; eddies mix much faster).
+
+The box is closed, its pressure follows from its energy; or it is periodic, for tests.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dctn, idctn, irfftn, rfftn
+
+from cldit.errors import SprayError
+from cldit.spray.flow import kernels
+from cldit.spray.flow.mixture import GasMixture
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SMAGORINSKY = 0.15  # of the grid's spacing: the mixing length of eddies that it does not resolve
+TURBULENT_SCHMIDT = 0.7  # and Prandtl number: a round jet's
+CFL = 0.7  # summed over the three axes; the scheme is stable below 1
+EDDY_STEPS = 4  # between two looks at the shear
+
+
+@dataclass(frozen=True)
+class Box:
+    """Where the gas is: `origin_m` (3,) is the lower corner."""
+
+    origin_m: Floats
+    spacing_m: float
+    shape: tuple[int, int, int]
+    closed: bool = True
+
+    @property
+    def upper_m(self) -> Floats:
+        return np.asarray(self.origin_m + self.spacing_m * np.array(self.shape))
+
+    @property
+    def cell_m3(self) -> float:
+        return self.spacing_m**3
+
+
+class GasFlow:
+    """State of the gas; `step` moves it on.
+
+    Attributes are arrays of the box's shape: density, fuel (vapour) kg/m3, enthalpy J/m3 on the
+    zero of the mixture, temperature_K; flux (3, ...) kg/(m2 s) through the low faces, velocity
+    (3, ...) there; eddy, the turbulent viscosity in m2/s. pressure_Pa is one number.
+    """
+
+    def __init__(
+        self, box: Box, mixture: GasMixture, *, pressure_Pa: float, temperature_K: float
+    ) -> None:
+        shape = box.shape
+        self.box, self.mixture, self.pressure_Pa = box, mixture, pressure_Pa
+        density = pressure_Pa / (mixture.carrier_J_kg_K * temperature_K)
+        self.far_density_kg_m3 = density
+        self.density, self.fuel = np.full(shape, density), np.zeros(shape)
+        self.temperature_K = np.full(shape, temperature_K)
+        start = mixture.enthalpy_J_kg(np.zeros(1), np.array([temperature_K]))
+        self.enthalpy = np.full(shape, density * start[0])
+        self.flux, self.velocity = np.zeros((3, *shape)), np.zeros((3, *shape))
+        self.eddy = np.zeros(shape)
+        self._kept, self._amiss = np.zeros(shape), np.zeros(shape)
+        self._wave = _eigenvalues(box)
+        self._top, self._steps = 0.0, 0
+        self._low, self._high = np.zeros(3, dtype=np.int64), np.array(shape)
+
+    @property
+    def share(self) -> Floats:
+        """Mass fraction of fuel vapour."""
+        return np.asarray(self.fuel / self.density)
+
+    def longest_step_s(self) -> float:
+        """By the CFL number; infinite in gas at rest."""
+        return CFL * self.box.spacing_m / self._top if self._top > 0 else np.inf
+
+    def step(self, step_s: float, *, mass: Floats, enthalpy: Floats, momentum: Floats) -> None:
+        """One step after the droplets have given what they gave in it.
+
+        Args:
+            mass: of fuel vapour, kg/m3 (X, Y, Z). enthalpy: J/m3 on the mixture's zero.
+            momentum: kg m/(s m3) for the faces, (3, X, Y, Z).
+
+        Raises:
+            SprayError: the gas left what is possible; the flow could not be followed.
+        """
+        box, h = self.box, self.box.spacing_m
+        self.density = self.density + mass
+        self.fuel = self.fuel + mass
+        self.enthalpy = self.enthalpy + enthalpy
+        changed = np.flatnonzero(enthalpy)
+        amiss = self._amiss
+        amiss.reshape(-1)[changed] = self._pressures(changed) / self.pressure_Pa - 1
+
+        kernels.velocities(self.flux, self.density, self.velocity)
+        self._bounds()
+        if self._steps % EDDY_STEPS == 0:
+            kernels.shear(self.velocity, h, box.closed, self._low, self._high, self.eddy)
+            self.eddy *= (SMAGORINSKY * h) ** 2
+        self._steps += 1
+        viscosity = self.eddy * self.density
+        rates = np.zeros_like(self.flux)
+
+        def push(axis: int) -> None:
+            kernels.momentum_rates(
+                axis,
+                self.velocity[axis],
+                self.flux,
+                self.density,
+                viscosity,
+                step_s,
+                h,
+                box.closed,
+                self._low,
+                self._high,
+                rates[axis],
+            )
+
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(push, range(3)))
+        rates *= step_s
+        flux = self.flux
+        flux += rates
+        flux += momentum
+        if box.closed:
+            flux[0, 0], flux[1, :, 0], flux[2, :, :, 0] = 0.0, 0.0, 0.0
+        wanted = self._kept + self.density * amiss / step_s
+        self.flux = self._project(flux, wanted - wanted.mean())
+
+        self._carry(step_s, viscosity / TURBULENT_SCHMIDT)
+        after = self._pressures(None)
+        mean = float(after.mean())
+        self.enthalpy += mean - self.pressure_Pa  # compression; energy is then conserved
+        self.pressure_Pa = mean
+        # What the divergence lacked, had it only been known.
+        self._amiss = after / mean - 1
+        self._kept += self.density * self._amiss / step_s
+        kernels.velocities(self.flux, self.density, self.velocity)
+        self._bounds()
+
+    def _bounds(self) -> None:
+        """Fastest gas; and the cells that move: shear and eddies elsewhere do not count."""
+        self._top = kernels.busy(self.velocity, self._low, self._high)
+        if not self.box.closed:
+            self._low[:], self._high[:] = 0, self.box.shape
+            return
+        self._low[:] = np.maximum(self._low - 2, 0)
+        self._high[:] = np.minimum(self._high + 2, self.box.shape)
+
+    def _carry(self, step_s: float, exchange: Floats) -> None:
+        """Mass, fuel and enthalpy go with the fluxes, fuel and enthalpy also with the eddies."""
+        fields = np.stack([self.fuel / self.density, self.enthalpy / self.density])
+        rates = np.zeros_like(fields)
+        h = self.box.spacing_m
+        kernels.scalar_rates(
+            fields, self.flux, self.density, exchange, step_s, h, self.box.closed, rates
+        )
+        out = np.empty_like(self.density)
+        kernels.divergence(self.flux, h, out)
+        self.density = self.density - step_s * out
+        self.fuel += step_s * rates[0]
+        self.enthalpy += step_s * rates[1]
+
+    def _pressures(self, chosen: Ints | None) -> Floats:
+        """Of every cell by itself, or of those chosen (flat); temperatures are set on the way."""
+        every = slice(None) if chosen is None else chosen
+        density, fuel = self.density.reshape(-1)[every], self.fuel.reshape(-1)[every]
+        if not np.all(density > 0):
+            raise SprayError(
+                "the gas flow of the spray broke down: a cell lost all of its gas; a finer "
+                "spray.box.spacing_m may help"
+            )
+        heat, warm = self.enthalpy.reshape(-1)[every], self.temperature_K.reshape(-1)
+        found = self.mixture.temperature_K(fuel / density, heat / density, warm[every])
+        low, high = float(found.min(initial=300.0)), float(found.max(initial=300.0))
+        if not 100 < low <= high < 1500:
+            raise SprayError(
+                f"the gas flow of the spray broke down: temperatures from {low:g} to {high:g} K; "
+                "a finer spray.box.spacing_m may help"
+            )
+        warm[every] = found
+        pressure = self.mixture.pressure_Pa(density, fuel, found)
+        return pressure.reshape(self.box.shape) if chosen is None else pressure
+
+    def _project(self, flux: Floats, wanted: Floats) -> Floats:
+        """The nearest mass fluxes that have the wanted divergence."""
+        h = self.box.spacing_m
+        amiss = np.empty_like(wanted)
+        kernels.divergence(flux, h, amiss)
+        amiss -= wanted
+        if self.box.closed:
+            potential = idctn(
+                dctn(amiss, workers=2, overwrite_x=True) / self._wave, workers=2, overwrite_x=True
+            )
+        else:
+            potential = irfftn(rfftn(amiss, workers=2) / self._wave, s=self.box.shape, workers=2)
+        kernels.subtract_gradient(np.asarray(potential), h, self.box.closed, flux)
+        return flux
+
+
+def _eigenvalues(box: Box) -> Floats:
+    """Of the seven-point Laplacian; infinite for the mean, which has no gradient."""
+    parts = []
+    for axis, count in enumerate(box.shape):
+        n = np.arange(count)
+        if not box.closed and axis == 2:
+            n = n[: count // 2 + 1]
+        angle = np.pi * n / (2 * count) if box.closed else np.pi * n / count
+        parts.append(-((2 * np.sin(angle) / box.spacing_m) ** 2))
+    total = parts[0][:, None, None] + parts[1][None, :, None] + parts[2][None, None, :]
+    total[0, 0, 0] = np.inf
+    return np.asarray(total)

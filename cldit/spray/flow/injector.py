@@ -1,0 +1,201 @@
+"""What leaves the injector: all parcels, drawn before the flow is computed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.errors import SprayError
+from cldit.scene.schema import LagrangianSpray
+from cldit.spray.cone import VELOCITY_COEFFICIENT
+from cldit.spray.droplet.fluids import Fuel
+from cldit.spray.jet import profile
+from cldit.spray.sizes import mean_diameter_m, quantile_m
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MOST_PARCELS = 2_000_000
+HEAVIEST = 2.0  # parcel, over their mean mass
+
+
+@dataclass(frozen=True)
+class Hole:
+    """axis (3,) unit vector; diameter_m of a jet of that flow and speed, without dead rim."""
+
+    axis: Floats
+    diameter_m: float
+
+
+@dataclass(frozen=True)
+class Injection:
+    """All parcels in the order in which they leave.
+
+    time_s, diameter_m, droplets (N,): start, size, real droplets; hole (N,): index into `holes`;
+    position_m, velocity_m_s (N, 3). density_kg_m3: of the liquid.
+    flow_coefficient: of what the holes pass at full speed.
+    """
+
+    holes: tuple[Hole, ...]
+    speed_m_s: float
+    start_s: float
+    end_s: float
+    density_kg_m3: float
+    flow_coefficient: float
+    time_s: Floats
+    hole: Ints
+    diameter_m: Floats
+    droplets: Floats
+    position_m: Floats
+    velocity_m_s: Floats
+
+
+def inject(spec: LagrangianSpray, fuel: Fuel) -> Injection:
+    """Draws the parcels, seeded; their mass is the injected one to rounding.
+
+    Speed is Bernoulli's times a velocity coefficient, all the time. Directions fill the cone with
+    the density that `jet.profile` gives.
+
+    Raises:
+        SprayError: the pressure does not drive the mass through the holes; too many parcels.
+    """
+    density = float(fuel.liquid.one("density", spec.fuel_temperature_K))
+    drop = spec.injection_pressure_Pa - spec.ambient.pressure_Pa
+    if drop <= 0:
+        raise SprayError(
+            f"spray.injection_pressure_Pa: {spec.injection_pressure_Pa:g} is not above the "
+            f"pressure of the gas, {spec.ambient.pressure_Pa:g}"
+        )
+    speed = VELOCITY_COEFFICIENT * float(np.sqrt(2 * drop / density))
+    times, released = _released(spec)
+    shares = np.array([plume.mass_fraction for plume in spec.plumes])
+    shares /= shares.sum()
+    top = float(np.max(np.diff(released) / np.diff(times))) * spec.injected_mass_kg
+    area = np.pi / 4 * spec.hole_diameter_m**2
+    coefficient = top / (len(shares) * area * density * speed)
+    if coefficient > 1:
+        raise SprayError(
+            f"spray.injected_mass_kg: {spec.injected_mass_kg:g} is {coefficient:.3g} times what "
+            f"the pressure drives through {len(shares)} holes of {spec.hole_diameter_m:g} m in "
+            f"that time; at most {spec.injected_mass_kg / coefficient:.3g}"
+        )
+    typical = float(fuel.mass_kg(mean_diameter_m(spec.droplets, 3, 0), spec.fuel_temperature_K))
+    wanted = spec.injected_mass_kg / (typical * spec.droplets_per_parcel)
+    if wanted > MOST_PARCELS:
+        least = spec.droplets_per_parcel * wanted / MOST_PARCELS
+        raise SprayError(
+            f"spray.droplets_per_parcel: {spec.droplets_per_parcel:g} makes {wanted:.3g} parcels; "
+            f"at least {least:.3g}"
+        )
+    random = np.random.default_rng(spec.seed)
+    drawn = [
+        _hole(spec, fuel, index, share, wanted * share, (times, released), random)
+        for index, share in enumerate(shares)
+        if spec.injected_mass_kg > 0
+    ]
+    columns = [np.concatenate(column) for column in zip(*drawn, strict=True)] or [np.empty(0)] * 4
+    order = np.argsort(columns[0], kind="stable")
+    time, diameter, droplets, hole = (column[order] for column in columns)
+    hole = hole.astype(np.int64)
+    holes = tuple(
+        Hole(
+            _axis(plume.inclination_deg, plume.azimuth_deg),
+            float(np.sqrt(4 * share * top / (np.pi * density * speed))),
+        )
+        for plume, share in zip(spec.plumes, shares, strict=True)
+    )
+    position, direction = _spread(spec, holes, hole, random)
+    flowing = times[np.flatnonzero(np.diff(released) > 0)]
+    return Injection(
+        holes=holes,
+        speed_m_s=speed,
+        start_s=float(flowing[0]),
+        end_s=float(times[np.flatnonzero(np.diff(released) > 0)[-1] + 1]),
+        density_kg_m3=density,
+        flow_coefficient=coefficient,
+        time_s=time,
+        hole=hole,
+        diameter_m=diameter,
+        droplets=droplets,
+        position_m=position,
+        velocity_m_s=speed * direction,
+    )
+
+
+def _released(spec: LagrangianSpray) -> tuple[Floats, Floats]:
+    """Times (M,), and the share of all fuel that has left by then."""
+    if spec.rate.table is not None:
+        at, flow = np.array(spec.rate.table, dtype=float).T
+    else:
+        end = spec.injection_duration_s
+        ramp = min(spec.rate.ramp_s, end / 2)
+        at = np.array([0.0, ramp, end - ramp, end])
+        flow = np.array([0.0, 1.0, 1.0, 0.0] if ramp > 0 else [1.0, 1.0, 1.0, 1.0])
+    parts = [np.linspace(a, b, 101) for a, b in pairwise(at)]
+    fine = np.unique(np.concatenate(parts))
+    rate = np.interp(fine, at, flow)
+    released = np.concatenate([[0.0], np.cumsum(np.diff(fine) * 0.5 * (rate[1:] + rate[:-1]))])
+    return fine, released / released[-1]
+
+
+def _hole(
+    spec: LagrangianSpray,
+    fuel: Fuel,
+    index: int,
+    share: float,
+    wanted: float,
+    release: tuple[Floats, Floats],
+    random: np.random.Generator,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Times, diameters, droplets and the hole's index of one hole's parcels: one from each of as
+    many equal parts of the droplets, in random order."""
+    count = max(1, round(wanted))
+    level = (random.permutation(count) + random.random(count)) / count
+    diameter = quantile_m(spec.droplets, level, by="number")
+    if not diameter.max() < 1e-3:
+        raise SprayError(
+            f"spray.droplets: these sizes reach {diameter.max():.3g} m, allowed is less than 1e-3"
+        )
+    each = fuel.mass_kg(diameter, spec.fuel_temperature_K)
+    whole = share * spec.injected_mass_kg / each.sum()
+    # A heavy parcel is made several: one would carry its gas along and run ahead of the plume.
+    pieces = np.ceil(each / (HEAVIEST * each.mean())).astype(np.int64)
+    order = random.permutation(int(pieces.sum()))
+    diameter = np.repeat(diameter, pieces)[order]
+    droplets = np.repeat(whole / pieces, pieces)[order]
+    # By mass, so that the flow follows its curve whatever sizes come one after the other.
+    weight = np.repeat(each / pieces, pieces)[order]
+    middle = (np.cumsum(weight) - 0.5 * weight) / weight.sum()
+    time = np.interp(middle, release[1], release[0])
+    return time, diameter, droplets, np.full(len(time), float(index))
+
+
+def _axis(inclination_deg: float, azimuth_deg: float) -> Floats:
+    inclination, azimuth = np.radians(inclination_deg), np.radians(azimuth_deg)
+    side = np.sin(inclination)
+    return np.array([side * np.cos(azimuth), side * np.sin(azimuth), -np.cos(inclination)])
+
+
+def _spread(
+    spec: LagrangianSpray, holes: tuple[Hole, ...], hole: Ints, random: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Where parcels start, on the discs of the holes, and unit vectors of their directions."""
+    axes = np.array([each.axis for each in holes]).reshape(-1, 3)
+    helper = np.where(np.abs(axes[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    first = np.cross(axes, helper)
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    second = np.cross(axes, first)
+    edge = np.tan(np.radians([plume.cone_angle_deg / 2 for plume in spec.plumes]))[hole]
+    # Radius by inversion of the integral of 2 xi profile(xi).
+    xi = np.linspace(0.0, 1.0, 400)
+    inside = np.concatenate([[0.0], np.cumsum(np.diff(xi**2) * profile(0.5 * (xi[1:] + xi[:-1])))])
+    size = np.interp(random.random(len(hole)), inside / inside[-1], xi)
+    angle = 2 * np.pi * random.random(len(hole))
+    sideways = np.cos(angle)[:, None] * first[hole] + np.sin(angle)[:, None] * second[hole]
+    direction = axes[hole] + (edge * size)[:, None] * sideways
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    start = (0.5 * spec.hole_diameter_m * size)[:, None] * sideways
+    return start, direction

@@ -1,0 +1,116 @@
+"""The gas as a mixture of carrier and fuel vapour, for the flow solver: ideal, cp of each a
+polynomial of temperature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.spray.droplet.fluids import Fuel, Gas
+from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
+from cldit.spray.flow.compiled import compiled
+
+Floats = NDArray[np.float64]
+
+_LOW_K, _HIGH_K = 150.0, 1200.0
+_DEGREE = 7  # of the enthalpies: within 75 J/kg of the tables from 200 to 1200 K
+_SCALE_K = 1000.0
+
+
+@dataclass(frozen=True)
+class GasMixture:
+    """Enthalpies are zero at `reference_K` for both, so that mixing at that temperature keeps it.
+
+    carrier, vapour: coefficients of the enthalpies (J/kg) in powers of (T - reference) / 1000 K,
+    from the first power on. zero_J_kg: what the fuel's own zero differs by.
+    """
+
+    reference_K: float
+    carrier: Floats
+    vapour: Floats
+    carrier_J_kg_K: float
+    vapour_J_kg_K: float
+    zero_J_kg: float
+
+    def pressure_Pa(self, density: Floats, fuel: Floats, temperature_K: Floats) -> Floats:
+        """density: of the mixture; fuel: of the vapour in it, kg/m3."""
+        part = (density - fuel) * self.carrier_J_kg_K + fuel * self.vapour_J_kg_K
+        return np.asarray(part * temperature_K)
+
+    def enthalpy_J_kg(self, share: Floats, temperature_K: Floats) -> Floats:
+        """share: mass fraction of fuel vapour."""
+        x = (np.asarray(temperature_K) - self.reference_K) / _SCALE_K
+        powers = [x ** (n + 1) for n in range(_DEGREE)]
+        parts = zip(self.carrier, self.vapour, powers, strict=True)
+        return np.asarray(sum(((1 - share) * c + share * v) * x for c, v, x in parts))
+
+    def temperature_K(self, share: Floats, enthalpy_J_kg: Floats, guess_K: Floats) -> Floats:
+        """The inverse, by Newton's method; any shape."""
+        return _temperature(
+            share, enthalpy_J_kg, guess_K, self.carrier, self.vapour, self.reference_K
+        )
+
+
+def gas_mixture(fuel: Fuel, carrier: Gas, *, reference_K: float) -> GasMixture:
+    """Fitted to the tables of both."""
+    low = max(_LOW_K, fuel.vapour.low_K, carrier.vapour.low_K)
+    t = np.linspace(low, min(_HIGH_K, fuel.vapour.high_K, carrier.vapour.high_K), 400)
+    x = (t - reference_K) / _SCALE_K
+    powers = np.stack([x ** (n + 1) for n in range(_DEGREE)], axis=1)
+    fits = []
+    for gas in (carrier, fuel):
+        rise = gas.vapour.one("enthalpy", t) - gas.vapour.one("enthalpy", reference_K)
+        fits.append(np.asarray(np.linalg.lstsq(powers, rise, rcond=None)[0], dtype=np.float64))
+    return GasMixture(
+        reference_K=reference_K,
+        carrier=fits[0],
+        vapour=fits[1],
+        carrier_J_kg_K=GAS_CONSTANT_J_mol_K / carrier.molar_mass_kg_mol,
+        vapour_J_kg_K=GAS_CONSTANT_J_mol_K / fuel.molar_mass_kg_mol,
+        zero_J_kg=float(fuel.vapour.one("enthalpy", reference_K)),
+    )
+
+
+@compiled
+def _newton(
+    share: Floats,
+    enthalpy: Floats,
+    guess: Floats,
+    carrier: Floats,
+    vapour: Floats,
+    reference: float,
+    result: Floats,
+) -> None:
+    degree = carrier.shape[0]
+    for n in range(result.shape[0]):
+        x = (guess[n] - reference) / 1000.0
+        y = share[n]
+        for _ in range(20):
+            value = 0.0
+            slope = 0.0
+            for d in range(degree - 1, -1, -1):
+                c = (1.0 - y) * carrier[d] + y * vapour[d]
+                slope = slope * x + c * (d + 1)
+                value = value * x + c
+            value *= x
+            change = (value - enthalpy[n]) / slope
+            x -= change
+            if abs(change) < 1e-5:  # converges quadratically: within 1e-7 K after it
+                break
+        result[n] = reference + 1000.0 * x
+
+
+def _temperature(
+    share: Floats,
+    enthalpy: Floats,
+    guess: Floats,
+    carrier: Floats,
+    vapour: Floats,
+    reference: float,
+) -> Floats:
+    result = np.empty_like(share)
+    flat = [np.ascontiguousarray(each).reshape(-1) for each in (share, enthalpy, guess)]
+    _newton(flat[0], flat[1], flat[2], carrier, vapour, reference, result.reshape(-1))
+    return result

@@ -1,0 +1,273 @@
+"""The `lagrangian` spray: parcels and gas, step by step, and what became of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len
+
+from cldit.errors import SprayError
+from cldit.scene.schema import LagrangianSpray
+from cldit.spray.droplet.evaporation import MODELS, Drop, Rates
+from cldit.spray.droplet.fluids import Fuel, check_conditions, fuel_table, gas_table
+from cldit.spray.flow.coupling import Cloud, Liquid, move
+from cldit.spray.flow.gas import Box, GasFlow
+from cldit.spray.flow.injector import Injection, inject
+from cldit.spray.flow.mixture import gas_mixture
+from cldit.spray.jet import Jet
+from cldit.spray.result import Cells, Parcels, Spray, Vapour
+
+Floats = NDArray[np.float64]
+
+LONGEST_STEP_S = 2e-5
+MOST_CELLS = 2e7
+LIQUID_SHARE = 0.97  # of the liquid's mass lies within the liquid penetration
+VAPOUR_SHARE = 1e-3  # mass fraction at the edge of the vapour
+NEGLIGIBLE = (
+    1e-6  # cells with less vapour than this, as a mass fraction, are left out of the result
+)
+_AVOGADRO = 6.02214076e23
+_RECORDS = 200
+
+
+@dataclass(frozen=True)
+class History:
+    """Columns against time, (M,). Penetrations are distances from the injector's tip; `axial_m` is
+    that of the liquid along the injector's axis."""
+
+    time_s: Floats
+    injected_kg: Floats
+    liquid_kg: Floats
+    vapour_kg: Floats
+    sauter_mean_diameter_m: Floats
+    liquid_m: Floats
+    vapour_m: Floats
+    axial_m: Floats
+    coldest_K: Floats
+
+
+Watch = Callable[[float, float, int], None]  # time reached, time of the end, parcels
+
+
+def simulate_spray(
+    spec: LagrangianSpray, *, cache: Path | None = None, watch: Watch | None = None
+) -> tuple[Spray, History, GasFlow]:
+    """The spray at `spec.time_s`, how it came there, and the gas's state.
+
+    `notes` of the spray: injected, liquid, vapour and wall mass (kg), parcels, steps, cells, speed
+    at the hole, flow coefficient, Sauter mean diameter, penetrations, coldest gas, pressure.
+
+    Args:
+        cache: folder for property tables.
+        watch: called after every step.
+
+    Raises:
+        SprayError: an impossible combination of values, or a flow that cannot be followed.
+    """
+    fuel, carrier = fuel_table(spec.fuel, cache=cache), gas_table(spec.gas, cache=cache)
+    ambient = spec.ambient
+    check_conditions(
+        fuel,
+        temperature_K=spec.fuel_temperature_K,
+        gas_K=ambient.temperature_K,
+        pressure_Pa=ambient.pressure_Pa,
+    )
+    injection = inject(spec, fuel)
+    flow = GasFlow(
+        make_box(spec, injection),
+        gas_mixture(fuel, carrier, reference_K=ambient.temperature_K),
+        pressure_Pa=ambient.pressure_Pa,
+        temperature_K=ambient.temperature_K,
+    )
+    model = _inert if spec.evaporation == "none" else MODELS[spec.evaporation]
+    liquid = Liquid(fuel=fuel, carrier=carrier, model=model, injection=injection)
+    random = np.random.default_rng([spec.seed, 1])
+    each = fuel.mass_kg(injection.diameter_m, np.full(1, spec.fuel_temperature_K))
+    cloud = _born(injection, each, spec, 0, 0, 0.0)
+    time, steps, next_parcel, wall_kg = 0.0, 0, 0, 0.0
+    rows: list[tuple[float, ...]] = []
+    while time < spec.time_s * (1 - 1e-9):
+        step = _step_s(spec, injection, flow, cloud, time)
+        until = int(np.searchsorted(injection.time_s, time + step, side="left"))
+        if len(cloud.mass_kg):
+            cloud, given = move(cloud, flow, liquid, time_s=time, step_s=step, random=random)
+            flow.step(step, mass=given.mass, enthalpy=given.enthalpy, momentum=given.momentum)
+            inside = np.all(cloud.position_m > flow.box.origin_m, axis=1)
+            inside &= np.all(cloud.position_m < flow.box.upper_m, axis=1)
+            wall_kg += float(cloud.liquid_kg[~inside].sum())
+            cloud = cloud.where(inside & (cloud.mass_kg > 0))
+        time, steps = time + step, steps + 1
+        cloud = cloud + _born(injection, each, spec, next_parcel, until, time)
+        next_parcel = until
+        injected = float(np.sum((each * injection.droplets)[:until]))
+        if len(rows) < time / spec.time_s * _RECORDS or time >= spec.time_s * (1 - 1e-9):
+            rows.append((time, injected, *_measures(cloud, flow, fuel)))
+        if watch is not None:
+            watch(time, spec.time_s, len(cloud.mass_kg))
+    history = History(*np.array(rows).T)
+    notes = {
+        "injected_mass_kg": injected,
+        "liquid_mass_kg": float(cloud.liquid_kg.sum()),
+        "vapour_mass_kg": float(flow.fuel.sum() * flow.box.cell_m3),
+        "wall_mass_kg": wall_kg,
+        "parcels": float(len(cloud.mass_kg)),
+        "sauter_mean_diameter_m": float(history.sauter_mean_diameter_m[-1]),
+        "liquid_penetration_m": float(history.liquid_m[-1]),
+        "vapour_penetration_m": float(history.vapour_m[-1]),
+        "coldest_K": float(history.coldest_K[-1]),
+        "jet_speed_m_s": injection.speed_m_s,
+        "flow_coefficient": injection.flow_coefficient,
+        "pressure_Pa": flow.pressure_Pa,
+        "steps": float(steps),
+        "grid_cells": float(np.prod(flow.box.shape)),
+    }
+    remarks: tuple[str, ...] = ()
+    if wall_kg > 1e-3 * injected:
+        remarks = (
+            f"{100 * wall_kg / injected:.2g} % of the fuel left the box of gas as liquid; "
+            "spray.box.width_m and depth_m make it larger",
+        )
+    notes = {name: value for name, value in notes.items() if np.isfinite(value)}
+    spray = Spray(
+        parcels=_parcels(cloud, fuel), vapour=_vapour(flow, fuel), notes=notes, remarks=remarks
+    )
+    return spray, history, flow
+
+
+def _inert(drop: Drop) -> Rates:
+    nothing = np.zeros_like(drop.diameter_m)
+    return Rates(nothing, nothing)
+
+
+def make_box(spec: LagrangianSpray, injection: Injection) -> Box:
+    """The box of gas, injector tip in the middle of its top; large enough for the plumes.
+
+    Raises:
+        SprayError: too many cells.
+    """
+    h = spec.box.spacing_m
+    gas = spec.ambient.pressure_Pa * 0.028 / (8.314 * spec.ambient.temperature_K)
+    below, beside = 5e-3, 5e-3
+    for plume, hole in zip(spec.plumes, injection.holes, strict=True):
+        if not hole.diameter_m > 0:
+            continue
+        half = np.radians(plume.cone_angle_deg / 2)
+        area = np.pi / 4 * hole.diameter_m**2
+        jet = Jet(
+            rate_kg_s=area * injection.density_kg_m3 * injection.speed_m_s,
+            speed_m_s=injection.speed_m_s,
+            half_angle_rad=float(half),
+            fuel_kg_m3=injection.density_kg_m3,
+            gas_kg_m3=gas,
+        )
+        reach = 1.1 * jet.tip_m(spec.time_s) + 4e-3
+        lean = np.radians(plume.inclination_deg)
+        below = max(below, reach * float(np.cos(max(lean - half / 2, 0.0))))
+        beside = max(beside, reach * float(np.sin(min(lean + half / 2, np.pi / 2))))
+    width = spec.box.width_m or 2 * beside
+    depth = spec.box.depth_m or below
+    cells = np.array([width, width, depth + spec.box.above_m]) / h
+    if np.prod(cells) > MOST_CELLS:
+        least = h * float(np.prod(cells) / MOST_CELLS) ** (1 / 3)
+        raise SprayError(
+            f"spray.box.spacing_m: {h:g} makes {np.prod(cells):.3g} cells of a box of "
+            f"{width:.3g} x {width:.3g} x {depth + spec.box.above_m:.3g} m; at least {least:.2g}"
+        )
+    across, high = (int(next_fast_len(max(8, int(np.ceil(n))), real=True)) for n in cells[1:])
+    above = round(spec.box.above_m / h)
+    origin = np.array([-0.5 * across * h, -0.5 * across * h, (above - high) * h])
+    return Box(origin, h, (across, across, high))
+
+
+def _step_s(
+    spec: LagrangianSpray, injection: Injection, flow: GasFlow, cloud: Cloud, time: float
+) -> float:
+    """By the gas's CFL number, and so that no parcel passes more than a cell."""
+    fastest = float(np.abs(cloud.velocity_m_s).max(initial=0.0))
+    if time < injection.end_s:
+        fastest = max(fastest, injection.speed_m_s)
+    free = flow.box.spacing_m / max(fastest, 1e-9)
+    return min(free, flow.longest_step_s(), LONGEST_STEP_S, spec.time_s - time)
+
+
+def _born(
+    injection: Injection,
+    each_kg: Floats,
+    spec: LagrangianSpray,
+    first: int,
+    last: int,
+    time_s: float,
+) -> Cloud:
+    """Parcels that left the holes, where they are at `time_s` had they flown freely."""
+    new = slice(first, last)
+    velocity = injection.velocity_m_s[new]
+    flown = velocity * (time_s - injection.time_s[new])[:, None]
+    return Cloud(
+        mass_kg=each_kg[new],
+        temperature_K=np.full(last - first, spec.fuel_temperature_K),
+        droplets=injection.droplets[new],
+        hole=injection.hole[new],
+        position_m=injection.position_m[new] + flown,
+        velocity_m_s=velocity,
+    )
+
+
+def _measures(cloud: Cloud, flow: GasFlow, fuel: Fuel) -> tuple[float, ...]:
+    """The columns of `History` after the injected mass."""
+    mass = cloud.liquid_kg
+    diameter = fuel.diameter_m(cloud.mass_kg, cloud.temperature_K)
+    area = float(np.sum(cloud.droplets * diameter**2))
+    sauter = float(np.sum(cloud.droplets * diameter**3)) / area if area > 0 else np.nan
+    distance = np.linalg.norm(cloud.position_m, axis=1)
+    rich = np.argwhere(flow.share >= VAPOUR_SHARE)
+    centre = flow.box.origin_m + (rich + 0.5) * flow.box.spacing_m
+    return (
+        float(mass.sum()),
+        float(flow.fuel.sum() * flow.box.cell_m3),
+        sauter,
+        quantile(distance, mass, LIQUID_SHARE),
+        float(np.max(np.linalg.norm(centre, axis=1), initial=0.0)),
+        quantile(-cloud.position_m[:, 2], mass, LIQUID_SHARE),
+        float(flow.temperature_K.min()),
+    )
+
+
+def quantile(values: Floats, weights: Floats, share: float) -> float:
+    """Value below which that share of the weights lies; 0 without any."""
+    if not weights.sum() > 0:
+        return 0.0
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order])
+    return float(values[order][min(np.searchsorted(reached, share * reached[-1]), len(order) - 1)])
+
+
+def _parcels(cloud: Cloud, fuel: Fuel) -> Parcels | None:
+    diameter = fuel.diameter_m(cloud.mass_kg, cloud.temperature_K)
+    seen = diameter >= 1e-8
+    if not seen.any():
+        return None
+    return Parcels(
+        position_m=cloud.position_m[seen],
+        diameter_m=diameter[seen],
+        droplets=cloud.droplets[seen],
+        temperature_K=cloud.temperature_K[seen],
+        density_kg_m3=fuel.liquid.one("density", cloud.temperature_K[seen]),
+    )
+
+
+def _vapour(flow: GasFlow, fuel: Fuel) -> Vapour | None:
+    index = np.flatnonzero(flow.share >= NEGLIGIBLE)
+    if not index.size:
+        return None
+    box = flow.box
+    spacing = np.full(3, box.spacing_m)
+    return Vapour(
+        cells=Cells.regular(origin_m=box.origin_m, spacing_m=spacing, shape=box.shape, index=index),
+        number_density_m3=flow.fuel.reshape(-1)[index] * (_AVOGADRO / fuel.molar_mass_kg_mol),
+        temperature_K=flow.temperature_K.reshape(-1)[index],
+        molar_mass_kg_mol=fuel.molar_mass_kg_mol,
+    )
