@@ -1,0 +1,106 @@
+"""`cldit acquire`, `evaluate`, `show` and `bench rig`: the rig and its pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from cldit.acquisition.bench import bench_rig
+from cldit.acquisition.dry_run import SECONDS_PER_KELVIN, DryRun, dry_run
+from cldit.acquisition.plan import load_plan
+from cldit.acquisition.runner import acquire
+from cldit.cli.console import OUT, ProgressBar, plain_errors
+from cldit.errors import RunFolderError
+from cldit.experiment import evaluate_folder
+from cldit.report.run_report import show_folder
+from cldit.rig.errors import RigError
+from cldit.rig.load import open_rig
+
+
+@click.command("acquire")
+@click.argument("rig", type=click.Path(path_type=Path))
+@click.argument("plan", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the shots.")
+@click.option("--dry-run", "dry", is_flag=True, help="Check and estimate; nothing moves or fires.")
+@plain_errors
+def acquire_command(rig: Path, plan: Path, out: Path, dry: bool) -> None:
+    """Record the sequence in PLAN with the instruments in RIG; resumes where it stopped."""
+    sequence = load_plan(plan)
+    if dry:
+        asked = open_rig(rig)
+        try:
+            _estimate(dry_run(asked, sequence, out))
+        finally:
+            asked.close()  # not made safe: that would move the black body
+        return
+    with open_rig(rig) as opened, ProgressBar() as bar:
+        record = acquire(opened, sequence, out, progress=bar.watch)
+    OUT.print(
+        f"{record.saved} of {record.total} shots in {out}; {record.rejected} rejected, "
+        f"{record.lost_injections} injections without a kept picture"
+    )
+    if not record.complete:
+        raise RunFolderError("not complete; run the same command again to go on")
+
+
+@click.group()
+def bench() -> None:
+    """Measure this computer."""
+
+
+@bench.command("rig")
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    default=Path("."),
+    help="On the disk to be measured; here.",
+)
+@click.option("--frames", type=click.IntRange(10, 7000), default=300, show_default=True)
+@click.option("--camera-rate", "rate_Hz", type=float, default=146.7, show_default=True)
+@plain_errors
+def bench_rig_command(folder: Path, frames: int, rate_Hz: float) -> None:
+    """Full frames (640 x 512) that the runner saves per second, every guarantee kept."""
+    result = bench_rig(folder, frames=frames)
+    OUT.print(
+        f"{result.frames_per_s:.0f} frames/s saved, {result.lost} lost; the camera takes "
+        f"{rate_Hz:g}/s"
+    )
+    if result.lost:
+        raise RigError(f"{result.lost} frames are lost; do not acquire on this disk")
+
+
+def _estimate(found: DryRun) -> None:
+    OUT.print(
+        f"{found.shots} shots at {len(found.backgrounds_K)} backgrounds: "
+        f"{found.time_s / 60.0:.0f} min, of which {found.background_s / 60.0:.0f} min wait for "
+        f"backgrounds at {SECONDS_PER_KELVIN:g} s/K; {found.disk_bytes / 1e6:.0f} MB of "
+        f"{found.free_bytes / 1e6:.0f} MB free"
+    )
+    if found.problems:
+        raise RigError("the plan cannot run:\n" + "\n".join(found.problems))
+    OUT.print("nothing speaks against it")
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@plain_errors
+def evaluate(folder: Path) -> None:
+    """Evaluate an acquisition FOLDER (or that of a run): its maps go into FOLDER/maps."""
+    target = folder / "acquisition" if (folder / "acquisition").is_dir() else folder
+    maps = evaluate_folder(target)
+    for reason, count in maps.count().items():
+        OUT.print(f"{count:9d} pixels: {reason.text}")
+    OUT.print(f"{target / 'maps'}")
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--open", "opened", is_flag=True, help="Open the picture in the system's viewer.")
+@plain_errors
+def show(folder: Path, opened: bool) -> None:
+    """The maps of a run or acquisition FOLDER, as a picture."""
+    picture = show_folder(folder)
+    OUT.print(str(picture))
+    if opened:
+        click.launch(str(picture))

@@ -1,0 +1,120 @@
+"""`cldit run`: the main job."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.table import Table
+
+from cldit.cli.console import OUT, ProgressBar, plain_errors, say
+from cldit.experiment import run_experiment
+from cldit.gpu.device import open_device
+from cldit.run import Run, simulate
+from cldit.scene import Scene, load_scene, parse_scene
+
+
+@click.command()
+@click.argument("scene")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of the run; runs/SCENE.")
+@click.option(
+    "--cfd",
+    type=click.Path(path_type=Path),
+    help="Take the spray from a CFD result, or from what `cldit import` wrote.",
+)
+@click.option("--time", "time_s", type=float, help="Time of the CFD result, s; the last one.")
+@click.option("--order", type=int, help="Scattering orders; to a residual if left out.")
+@click.option(
+    "--method",
+    type=click.Choice(["source", "path", "branching"]),
+    help="source: fast (default); path: unbiased, slow; branching: the paper's.",
+)
+@click.option("--phase", help="isotropic, mie, or g of Henyey and Greenstein.")
+@click.option(
+    "--preset",
+    type=click.Choice(["paper", "spectral"]),
+    help="Optics at one wavelength, as in the paper, or over all of the filter.",
+)
+@click.option("--accuracy", "accuracy_K", type=float, help="Error allowed in T_app, K.")
+@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
+@plain_errors
+def run(
+    scene: str,
+    out: Path | None,
+    cfd: Path | None,
+    time_s: float | None,
+    order: int | None,
+    method: str | None,
+    phase: str | None,
+    preset: str | None,
+    accuracy_K: float | None,
+    device: str | None,
+    trace_only: bool,
+) -> None:
+    """Simulate SCENE (a shipped name or a YAML file), record it with the rig, evaluate."""
+    transport = {
+        "order": order,
+        "method": method,
+        "phase": _phase(phase),
+        "accuracy_K": accuracy_K,
+    }
+    chosen = _changed(load_scene(scene), cfd=cfd, time_s=time_s, preset=preset, transport=transport)
+    folder = out or Path("runs") / chosen.name
+    opened = open_device(device)
+    OUT.print(f"{chosen.name}: {chosen.description}")
+    OUT.print(f"OpenCL device {opened.info.index} {opened.info.name}: {opened.reason}")
+    if trace_only:
+        result = simulate(chosen, folder, device=opened, progress=say)
+    else:
+        with ProgressBar() as bar:
+            result = run_experiment(
+                chosen, folder, device=opened, progress=bar.say, watch=bar.watch
+            )
+    _summary(result)
+
+
+def _phase(text: str | None) -> str | dict[str, float] | None:
+    """A number is g of Henyey and Greenstein; names are left for the scene's checks."""
+    try:
+        return None if text is None else {"henyey_greenstein": float(text)}
+    except ValueError:
+        return text
+
+
+def _changed(
+    scene: Scene,
+    *,
+    cfd: Path | None,
+    time_s: float | None,
+    preset: str | None,
+    transport: dict[str, Any],
+) -> Scene:
+    """The scene with what the command line overrides, checked again."""
+    data = scene.model_dump(mode="json")
+    if cfd is not None:
+        data["spray"] = {"model": "cfd", "file": str(cfd.resolve()), "time_s": time_s}
+        data["name"] = f"{scene.name}-{cfd.resolve().name}"
+        data["description"] = f"the spray of {cfd.name} before the rig of {scene.name}"
+    elif time_s is not None:
+        data["spray"]["time_s"] = time_s
+    if preset is not None:
+        data["optics"]["preset"] = preset
+    data["transport"].update({key: value for key, value in transport.items() if value is not None})
+    return parse_scene(data, source="command line")
+
+
+def _summary(result: Run) -> None:
+    table = Table("stage", "s", "", box=None)
+    for stage in result.info.stages:
+        table.add_row(stage.name, f"{stage.seconds:.2f}", stage.note)
+    OUT.print(table)
+    if result.info.accuracy_K is not None:
+        OUT.print(f"estimated error of the trace in T_app: {result.info.accuracy_K:.2g} K RMS")
+    for name, value in result.info.spray.items():
+        OUT.print(f"  {name}: {value:.5g}", style="dim")
+    if result.folder is not None:
+        for name in ("pictures/maps.png", "report.html"):
+            if (result.folder / name).is_file():
+                OUT.print(f"{result.folder / name}")

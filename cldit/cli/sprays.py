@@ -1,0 +1,198 @@
+"""`cldit spray`, `cldit import` and `cldit droplet`: sprays and droplets alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from cldit.acquisition.progress import Progress
+from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
+from cldit.errors import ClditError
+from cldit.report.droplets import convergence_picture, life_picture
+from cldit.report.spray_report import write_spray
+from cldit.run import default_cache
+from cldit.scene import load_scene
+from cldit.scene.schema import LagrangianSpray
+from cldit.spray.droplet.convergence import measure_all
+from cldit.spray.droplet.evaporation import MODELS
+from cldit.spray.droplet.follow import COLUMNS, Life, follow
+from cldit.spray.droplet.verification import page
+from cldit.spray.flow.simulate import History, simulate_spray
+from cldit.spray.importing import cfd_spray, import_case, list_case
+from cldit.spray.source import make_spray
+
+
+@click.command("spray")
+@click.argument("scene")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder; sprays/SCENE.")
+@plain_errors
+def spray_command(scene: str, out: Path | None) -> None:
+    """The spray of SCENE alone: pictures, figures against time, files for ParaView."""
+    chosen = load_scene(scene)
+    folder = out or Path("sprays") / chosen.name
+    title = f"{chosen.name}: {chosen.description}" if chosen.description else chosen.name
+    history: History | None = None
+    if isinstance(chosen.spray, LagrangianSpray):
+        with ProgressBar() as bar:
+
+            def watch(time_s: float, end_s: float, parcels: int) -> None:
+                phase = f"{time_s * 1e3:.3f} ms, {parcels} parcels"
+                bar.watch(Progress(phase, round(time_s / end_s * 100), 100, None))
+
+            found, history, _ = simulate_spray(chosen.spray, cache=default_cache(), watch=watch)
+    else:
+        found = make_spray(chosen.spray, cache=default_cache())
+    for text in found.remarks:
+        say(text)
+    for name, value in found.notes.items():
+        OUT.print(f"  {name}: {value:.5g}", style="dim")
+    for path in write_spray(found, history, folder, title=title):
+        OUT.print(str(path))
+
+
+@click.command("import")
+@click.argument("case", type=click.Path(path_type=Path))
+@click.option("--list", "listed", is_flag=True, help="Only list times, fields and clouds.")
+@click.option("--out", type=click.Path(path_type=Path), help="cldit's own file, .npz.")
+@click.option("--format", "kind", help="openfoam, vtk, ensight, converge or tables; else told.")
+@click.option("--mapping", type=click.Path(path_type=Path), help="Names and units of fields, YAML.")
+@click.option("--time", "time_s", type=float, help="Time, s; the last one.")
+@click.option("--cloud", help="Cloud of parcels, where there are several.")
+@click.option("--fuel-field", help="Cell field of the fuel's mass fraction; C7H16.")
+@click.option("--fuel-molar-mass", "molar_mass", type=float, help="kg/mol; 0.100204.")
+@click.option("--nozzle", type=(float, float, float), help="In the case's coordinates, m.")
+@click.option("--axis", help="Of the injection: -y, +z, or three numbers as 0,-1,0.")
+@plain_errors
+def import_command(
+    case: Path,
+    listed: bool,
+    out: Path | None,
+    kind: str | None,
+    mapping: Path | None,
+    time_s: float | None,
+    cloud: str | None,
+    fuel_field: str | None,
+    molar_mass: float | None,
+    nozzle: tuple[float, float, float] | None,
+    axis: str | None,
+) -> None:
+    """Check a CFD result CASE, print its figures, and keep it as cldit's own file."""
+    spec = cfd_spray(
+        {
+            "file": case,
+            "format": kind,
+            "mapping": mapping,
+            "time_s": time_s,
+            "cloud": cloud,
+            "fuel_field": fuel_field,
+            "fuel_molar_mass_kg_mol": molar_mass,
+            "nozzle_m": nozzle,
+            "axis": _axis(axis),
+        }
+    )
+    lines = list_case(spec) if listed else import_case(spec, out)
+    for line in lines:
+        OUT.print(escaped(line))
+
+
+def _axis(text: str | None) -> str | list[float] | None:
+    """`-y` as it is, `0,-1,0` as numbers."""
+    if text is None or "," not in text:
+        return text
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise click.BadParameter(f"{text!r} is no direction", param_hint="--axis") from error
+
+
+@click.command()
+@click.option("--fuel", default="n-heptane", show_default=True, help="A name, as CoolProp has it.")
+@click.option("--gas", default="nitrogen", show_default=True)
+@click.option("--model", default=next(iter(MODELS)), help=", ".join(MODELS))
+@click.option("--diameter-um", type=float, default=9.0, show_default=True)
+@click.option("--temperature", "temperature_K", type=float, default=370.0, help="Of the liquid, K.")
+@click.option("--gas-temperature", "gas_K", type=float, default=573.0, help="K.")
+@click.option("--pressure", "pressure_Pa", type=float, default=0.6e6, help="Pa.")
+@click.option("--velocity", "velocity_m_s", type=float, default=0.0, help="Through the gas, m/s.")
+@click.option("--vapour", type=float, default=0.0, help="Mass fraction of fuel in the gas.")
+@click.option("--held", is_flag=True, help="Keep the velocity: no drag.")
+@click.option("--duration", "duration_s", type=float, help="s; until it vanishes if left out.")
+@click.option("--csv", "as_csv", is_flag=True, help="Print the columns as CSV.")
+@click.option("--out", type=click.Path(path_type=Path), help="Draw them into this PNG.")
+@click.option(
+    "--convergence",
+    type=click.Path(path_type=Path),
+    help="Draw the error against step size and run time of all models into this PNG, and stop.",
+)
+@click.option(
+    "--verification",
+    type=click.Path(path_type=Path),
+    help="Write the comparison with published data into this Markdown file, and stop.",
+)
+@plain_errors
+def droplet(
+    fuel: str,
+    gas: str,
+    model: str,
+    diameter_um: float,
+    temperature_K: float,
+    gas_K: float,
+    pressure_Pa: float,
+    velocity_m_s: float,
+    vapour: float,
+    held: bool,
+    duration_s: float | None,
+    as_csv: bool,
+    out: Path | None,
+    convergence: Path | None,
+    verification: Path | None,
+) -> None:
+    """Follow one droplet of fuel through hot gas until it has evaporated."""
+    cache = default_cache()
+    if convergence is not None or verification is not None:
+        if convergence is not None:
+            _write(convergence, convergence_picture(*measure_all(cache)))
+            OUT.print(f"{convergence}")
+        if verification is not None:
+            _write(verification, page(cache).encode())
+            OUT.print(f"{verification}")
+        return
+    life = follow(
+        fuel=fuel,
+        gas=gas,
+        model=model,
+        diameter_m=diameter_um * 1e-6,
+        temperature_K=temperature_K,
+        gas_temperature_K=gas_K,
+        pressure_Pa=pressure_Pa,
+        velocity_m_s=velocity_m_s,
+        vapour=vapour,
+        held=held,
+        duration_s=duration_s,
+        cache=cache,
+    )
+    if as_csv:
+        click.echo(life.csv(), nl=False)
+    if out is not None:
+        title = f"{fuel}, {diameter_um:g} µm, in {gas} of {gas_K:g} K, {pressure_Pa / 1e6:g} MPa"
+        _write(out, life_picture(life, title=f"{title}: {model}"))
+    if not as_csv:
+        _life_table(life)
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise ClditError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def _life_table(life: Life) -> None:
+    table = Table(*COLUMNS, box=None)
+    for row in list(life.rows())[:: max(1, life.time_s.size // 10)]:
+        table.add_row(*(f"{value:.5g}" for value in row))
+    OUT.print(table)
+    if life.vanished:
+        OUT.print(f"vanished after {life.time_s[-1]:.5g} s")
