@@ -1,4 +1,4 @@
-"""`cldit acquire`, `evaluate`, `show` and `bench rig`: the rig and its pictures."""
+"""`cldit acquire`, `evaluate` and `show`: the rig and its pictures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-from cldit.acquisition.bench import bench_rig
 from cldit.acquisition.dry_run import SECONDS_PER_KELVIN, DryRun, dry_run
 from cldit.acquisition.plan import load_plan
 from cldit.acquisition.runner import acquire
@@ -42,32 +41,6 @@ def acquire_command(rig: Path, plan: Path, out: Path, dry: bool) -> None:
     )
     if not record.complete:
         raise RunFolderError("not complete; run the same command again to go on")
-
-
-@click.group()
-def bench() -> None:
-    """Measure this computer."""
-
-
-@bench.command("rig")
-@click.option(
-    "--folder",
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
-    default=Path("."),
-    help="On the disk to be measured; here.",
-)
-@click.option("--frames", type=click.IntRange(10, 7000), default=300, show_default=True)
-@click.option("--camera-rate", "rate_Hz", type=float, default=146.7, show_default=True)
-@plain_errors
-def bench_rig_command(folder: Path, frames: int, rate_Hz: float) -> None:
-    """Full frames (640 x 512) that the runner saves per second, every guarantee kept."""
-    result = bench_rig(folder, frames=frames)
-    OUT.print(
-        f"{result.frames_per_s:.0f} frames/s saved, {result.lost} lost; the camera takes "
-        f"{rate_Hz:g}/s"
-    )
-    if result.lost:
-        raise RigError(f"{result.lost} frames are lost; do not acquire on this disk")
 
 
 def _estimate(found: DryRun) -> None:

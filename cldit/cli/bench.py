@@ -1,0 +1,70 @@
+"""`cldit bench`: what this computer can do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from cldit.acquisition.bench import bench_rig
+from cldit.bench import QUICK, WAYS, bench_transport, write_bench
+from cldit.cli.console import OUT, plain_errors, say
+from cldit.gpu.device import open_device
+from cldit.rig.errors import RigError
+from cldit.scene import load_scene
+
+
+@click.group()
+def bench() -> None:
+    """Measure this computer."""
+
+
+@bench.command("rig")
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    default=Path("."),
+    help="On the disk to be measured; here.",
+)
+@click.option("--frames", type=click.IntRange(10, 7000), default=300, show_default=True)
+@click.option("--camera-rate", "rate_Hz", type=float, default=146.7, show_default=True)
+@plain_errors
+def bench_rig_command(folder: Path, frames: int, rate_Hz: float) -> None:
+    """Full frames (640 x 512) that the runner saves per second, every guarantee kept."""
+    result = bench_rig(folder, frames=frames)
+    OUT.print(
+        f"{result.frames_per_s:.0f} frames/s saved, {result.lost} lost; the camera takes "
+        f"{rate_Hz:g}/s"
+    )
+    if result.lost:
+        raise RigError(f"{result.lost} frames are lost; do not acquire on this disk")
+
+
+@bench.command("transport")
+@click.argument("scene", default="gdi")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of bench.json and bench.png.")
+@click.option("--quick", is_flag=True, help="Fewer ways.")
+@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@plain_errors
+def bench_transport_command(scene: str, out: Path | None, quick: bool, device: str | None) -> None:
+    """Error of the trace against its run time, on SCENE."""
+    chosen = load_scene(scene)
+    rows = bench_transport(chosen, open_device(device), QUICK if quick else WAYS, say=say)
+    table = Table(
+        "way", "s", "T_app RMS / K", "largest / K", "w_bg", "w_wall", "stated / K", box=None
+    )
+    for row in rows:
+        stated = "" if row.stated_K is None else f"{row.stated_K:.3f}"
+        table.add_row(
+            row.label,
+            f"{row.seconds:.2f}",
+            f"{row.rms_K:.3f}",
+            f"{row.largest_K:.2f}",
+            f"{row.rms_background:.1e}",
+            f"{row.rms_wall:.1e}",
+            stated,
+        )
+    OUT.print(table)
+    if out is not None:
+        OUT.print(str(write_bench(rows, out, title=f"{chosen.name}: source iteration")))
