@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cldit.errors import MediumError
 from cldit.medium.frame import BRICK, Frame
+from cldit.medium.lattice import Lattice
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -173,6 +174,13 @@ def add_boxes(touched: Touched, boxes: Boxes, amounts: list[Floats]) -> list[Flo
     """Sum of every amount (N,), spread evenly over its box, in each stored cell."""
     size = touched.slots * _CELLS_PER_BRICK
     total = [np.zeros(size) for _ in amounts]
+    lattice = Lattice.of(boxes.lower, boxes.upper)
+    if lattice is not None:
+        there = np.argwhere(lattice.spread(np.ones(len(boxes.lower))) > 0)
+        address = touched.address(there[:, ::-1] + np.asarray(lattice.first))
+        for sum_, amount in zip(total, amounts, strict=True):
+            sum_[address] = lattice.spread(amount)[tuple(there.T)]
+        return total
     for box, cell, share in boxes.overlaps():
         address = touched.address(cell)
         for sum_, amount in zip(total, amounts, strict=True):

@@ -1,0 +1,81 @@
+"""Boxes that lie on a regular lattice: their overlaps with cells factor into a matrix an axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+Floats = NDArray[np.float64]
+
+_FEWEST = 1000  # boxes; below it pairs are as fast
+_SPARSEST = 16  # lattice points a box; above it the dense lattice costs more than the pairs
+_FINEST = 1e-2  # of a cell: a finer lattice is all slivers
+_TOLERANCE = 1e-5  # in cells: how far a box may be from its lattice point
+_SLIVER = 1e-6  # in cells: overlaps below it go to the neighbour
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """place (N,): flat [z, y, x] lattice point of each box. shape: lattice points along z, y, x.
+
+    shares: for x, y, z the (cells, points) share of each point's interval in each cell, columns
+    summing to 1; first: the first cell along x, y, z.
+    """
+
+    place: NDArray[np.int64]
+    shape: tuple[int, int, int]
+    shares: tuple[csr_array, csr_array, csr_array]
+    first: tuple[int, int, int]
+
+    @classmethod
+    def of(cls, lower: Floats, upper: Floats) -> Lattice | None:
+        """The lattice of boxes (N, 3) in units of cells, or None where they are on none."""
+        if len(lower) < _FEWEST:
+            return None
+        origin, spacing = lower.min(axis=0), upper[0] - lower[0]
+        if spacing.min() < _FINEST:
+            return None
+        steps = (lower - origin) / spacing
+        index = np.rint(steps).astype(np.int64)
+        off = np.abs(steps - index) * spacing
+        if np.abs(upper - lower - spacing).max() > _TOLERANCE or off.max() > _TOLERANCE:
+            return None
+        nx, ny, nz = (int(n) for n in index.max(axis=0) + 1)
+        if nx * ny * nz > _SPARSEST * len(lower):
+            return None
+        parts = [_axis(float(origin[a]), float(spacing[a]), n) for a, n in enumerate((nx, ny, nz))]
+        return cls(
+            place=(index[:, 2] * ny + index[:, 1]) * nx + index[:, 0],
+            shape=(nz, ny, nx),
+            shares=(parts[0][1], parts[1][1], parts[2][1]),
+            first=(parts[0][0], parts[1][0], parts[2][0]),
+        )
+
+    def spread(self, amount: Floats) -> Floats:
+        """Sum of the amounts (N,) in each cell of the lattice's extent, [z, y, x]."""
+        nz, ny, nx = self.shape
+        along_x, along_y, along_z = self.shares
+        points = np.bincount(self.place, amount, minlength=nz * ny * nx)
+        out = (along_x @ points.reshape(nz * ny, nx).T).reshape(-1, ny)  # (cx nz, ny)
+        out = (along_y @ out.T).reshape(-1, nz)  # (cy cx, nz)
+        out = along_z @ out.T  # (cz, cy cx)
+        return np.asarray(out.reshape(-1, along_y.shape[0], along_x.shape[0]))
+
+
+def _axis(origin: float, spacing: float, count: int) -> tuple[int, csr_array]:
+    """First cell touched, and the shares of `count` intervals in the cells from there on."""
+    low = origin + spacing * np.arange(count)
+    high = low + spacing
+    first = int(np.floor(low[0] + _SLIVER))
+    cells = max(1, int(np.ceil(high[-1] - _SLIVER)) - first)
+    reach = int(np.ceil(spacing)) + 1
+    start = np.floor(low + _SLIVER).astype(int) - first
+    point = np.repeat(np.arange(count), reach)
+    cell = (start[:, None] + np.arange(reach)).ravel()
+    share = np.minimum(high[point], first + cell + 1.0) - np.maximum(low[point], first + cell)
+    keep = (share > _SLIVER) & (cell < cells)
+    matrix = csr_array((share[keep], (cell[keep], point[keep])), shape=(cells, count))
+    return first, csr_array(matrix / np.asarray(matrix.sum(axis=0))[None, :])
