@@ -274,7 +274,11 @@ class _Division:
         mark = self.touched.directory >= 0
         members = np.bincount(self.member, minlength=len(self.filled))
         values: dict[str, NDArray[np.float32]] = {}
+        length = len(self.keep) * _CELLS_PER_BRICK + self.frame.depth + 1 + int(self.filled.sum())
         for name, data in fields.items():
+            if not data.any():
+                values[name] = np.zeros(length, np.float32)
+                continue
             total = np.zeros(mark.shape)
             total[mark] = data.reshape(shape)[_inside(self.frame)].mean(axis=(1, 2, 3))
             means = np.bincount(self.member, total[self.whole], len(members)) / members
