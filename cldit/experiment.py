@@ -14,7 +14,7 @@ from cldit.acquisition.record import open_acquisition
 from cldit.acquisition.runner import Record, acquire
 from cldit.dit.evaluate import evaluate_acquisition
 from cldit.dit.maps import Maps
-from cldit.errors import RunFolderError
+from cldit.errors import EvaluationError, RunFolderError
 from cldit.gpu.device import Device
 from cldit.report.run_report import write_run_report
 from cldit.rig.load import open_rig
@@ -46,6 +46,11 @@ def run_experiment(
         ClditError: a subclass that says what is wrong and what to do.
     """
     folder = Path(out)
+    if len(set(scene.background.temperatures_K)) < 2:
+        raise EvaluationError(
+            f"background.temperatures_K: {list(scene.background.temperatures_K)} holds one "
+            "temperature; DIT needs at least two that differ"
+        )
     run = simulate(scene, folder, device=device, progress=progress)
     start = time.perf_counter()
     plan = plan_from_scene(scene, integration_time_s=run.info.integration_time_s)

@@ -24,7 +24,7 @@ import yaml
 from cldit.camera.sensor import SensorModel
 from cldit.dit.accuracy import temperature_error_K
 from cldit.dit.evaluate import evaluate_radiance
-from cldit.dit.maps import Maps
+from cldit.dit.maps import Maps, Reason
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device, open_device
 from cldit.medium.frame import Frame
@@ -329,6 +329,9 @@ def _evaluate(
     reference: Weights,
     sensor: SensorModel,
 ) -> Maps:
+    if len(set(scene.background.temperatures_K)) < 2:
+        # A trace is of use without DIT; the maps say why they are empty.
+        return Maps.unevaluated(reference.background.shape, Reason.TOO_FEW_BACKGROUNDS)
     return evaluate_radiance(
         spectral,
         reference,

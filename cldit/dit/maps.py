@@ -70,6 +70,13 @@ class Maps:
     reason: NDArray[np.uint8]
     reduced_chi2: Image
 
+    @classmethod
+    def unevaluated(cls, shape: tuple[int, int], reason: Reason) -> Maps:
+        """Maps without any value, for one reason."""
+        nothing = np.full(shape, np.nan, np.float32)
+        codes = np.full(shape, int(reason), np.uint8)
+        return cls(nothing, nothing, nothing, nothing, codes, nothing)
+
     def count(self) -> dict[Reason, int]:
         """Number of pixels for each reason that occurs, OK first."""
         return {reason: n for reason in Reason if (n := int(np.sum(self.reason == reason)))}

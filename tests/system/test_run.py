@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 
 import cldit
 from cldit.cli import main
-from cldit.errors import RunFolderError
+from cldit.errors import EvaluationError, RunFolderError
 
 SMALL: dict[str, Any] = {
     "camera": {"pixels": [80, 80], "sensor": {"pixels": [64, 48], "bad_pixels": 3}},
@@ -194,3 +194,20 @@ def test_methane_runs_no_scattering_code() -> None:
     assert not np.any(run.weights.liquid)
     scattering = next(stage for stage in run.info.stages if stage.name == "scattering")
     assert "left out" in scattering.note
+
+
+def test_one_background_can_be_traced_but_not_evaluated(tmp_path: Path) -> None:
+    """Weights are there; the maps are empty and say why; the experiment is refused at once."""
+    data = cldit.load_scene("droplets-only").model_dump(mode="json")
+    data["camera"]["pixels"] = [20, 20]
+    data["domain"]["leaf_edge_m"] = 5e-3
+    data["background"]["temperatures_K"] = [450.0]
+    scene = cldit.parse_scene(data)
+    run = cldit.simulate(scene, tmp_path / "traced")
+    assert np.nanmin(run.weights.background) < 0.5
+    assert np.all(np.isnan(run.maps.emissivity))
+    assert np.all(run.maps.reason == 1)
+    assert np.all(np.isnan(cldit.open_run(tmp_path / "traced").maps.apparent_temperature_K))
+    with pytest.raises(EvaluationError, match=r"background\.temperatures_K: \[450\.0\]"):
+        cldit.run_experiment(scene, tmp_path / "refused")
+    assert not (tmp_path / "refused").exists()
