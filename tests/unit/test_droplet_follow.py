@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from cldit import cli
 from cldit.cli import main
 from cldit.errors import SprayError
 from cldit.spray.droplet.follow import COLUMNS, follow
@@ -29,7 +28,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_command_prints_columns(monkeypatch: pytest.MonkeyPatch, cache: Path) -> None:
-    monkeypatch.setattr(cli, "default_cache", lambda: cache)
+    monkeypatch.setattr("cldit.cli.sprays.default_cache", lambda: cache)
     text = (
         "droplet --fuel n-heptane --diameter-um 9 --temperature 370 --gas-temperature 573 "
         "--pressure 0.6e6 --velocity 0 --model abramzon-sirignano --csv"
@@ -46,7 +45,7 @@ def test_command_prints_columns(monkeypatch: pytest.MonkeyPatch, cache: Path) ->
 
 
 def test_command_draws(monkeypatch: pytest.MonkeyPatch, cache: Path, tmp_path: Path) -> None:
-    monkeypatch.setattr(cli, "default_cache", lambda: cache)
+    monkeypatch.setattr("cldit.cli.sprays.default_cache", lambda: cache)
     out = tmp_path / "life.png"
     result = CliRunner().invoke(main, ["droplet", "--velocity", "50", "--out", str(out)])
     assert result.exit_code == 0, result.output
