@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.run.stages import Stages
 from cldit.scene import Scene
+from cldit.scene.transport import HenyeyGreenstein
 from cldit.spray.result import Spray
 from cldit.spray.source import make_spray
 from cldit.transport.phase import PhaseError, ScatteringTable, mean_of
@@ -21,13 +23,19 @@ from cldit.transport.phase import PhaseError, ScatteringTable, mean_of
 
 @dataclass(frozen=True)
 class Medium:
-    """A tree for each spectral node, and one with the paper's properties where that is wanted."""
+    """A tree for each spectral node, and one with the paper's properties where that is wanted.
+
+    phases: of each node's droplets, None where they scatter isotropically; paper_phase: likewise,
+    with the paper's properties. phase: what was chosen, in words.
+    """
 
     trees: list[Octree]
     chosen: Wavelengths
     paper: Octree | None
     notes: dict[str, float]
-    phase: ScatteringTable | None
+    phases: tuple[ScatteringTable | None, ...]
+    paper_phase: ScatteringTable | None
+    phase: str
 
 
 def make_medium(scene: Scene, stages: Stages, cache: Path) -> Medium:
@@ -43,9 +51,11 @@ def make_medium(scene: Scene, stages: Stages, cache: Path) -> Medium:
         if compared:
             bands += wavelengths(scene, spray, cache=cache, paper=True).bands
         sources = [emitters(spray, band) for band in bands]
-        phase = None
-        if scene.transport.phase == "mie":
-            phase = mean_phase(spray, bands[len(chosen.bands) // 2])
+        choice = phase_choice(scene, spray, scene.optics.preset)
+        phases = [mean_phase(spray, b) if choice.mie else None for b in chosen.bands]
+        as_paper = compared and phase_choice(scene, spray, "paper").mie
+        paper_phase = mean_phase(spray, bands[-1]) if as_paper else None
+        stages.remark(choice.remarks)
     domain = scene.domain
     frame = Frame.around(
         centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=domain.leaf_edge_m
@@ -54,16 +64,55 @@ def make_medium(scene: Scene, stages: Stages, cache: Path) -> Medium:
         trees = build_octrees(frame, sources, optical_depth_split=domain.optical_depth_split)
         note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
     paper = trees.pop() if compared else None
-    return Medium(trees, chosen, paper, dict(spray.notes), phase)
+    words = choice.words
+    g = [phase.asymmetry for phase in phases if phase is not None]
+    if choice.mie:
+        words += f", g {min(g):.3f} to {max(g):.3f}" if g else ": nothing scatters"
+    return Medium(trees, chosen, paper, dict(spray.notes), tuple(phases), paper_phase, words)
+
+
+@dataclass(frozen=True)
+class PhaseChoice:
+    """How droplets scatter: by Mie's phase function or not, in words, and what one should know."""
+
+    mie: bool
+    words: str
+    remarks: tuple[str, ...] = ()
+
+
+def phase_choice(scene: Scene, spray: Spray, preset: Literal["paper", "spectral"]) -> PhaseChoice:
+    """What the scene says, or what its preset means where it says nothing."""
+    given = scene.transport.phase
+    if isinstance(given, HenyeyGreenstein):
+        return PhaseChoice(False, f"Henyey and Greenstein, g {given.henyey_greenstein:g}")
+    if given is not None:
+        return PhaseChoice(given == "mie", given)
+    if preset == "paper":
+        return PhaseChoice(False, "isotropic (preset paper)")
+    if _coefficients(spray):
+        remark = (
+            "droplets given as coefficients, without diameters, are taken to scatter isotropically; "
+            "set transport.phase: {henyey_greenstein: g} if g is known"
+        )
+        return PhaseChoice(False, "isotropic (no diameters)", (remark,))
+    if scene.transport.method == "branching":
+        remark = "method branching scatters isotropically, whatever the preset"
+        return PhaseChoice(False, "isotropic (method branching)", (remark,))
+    return PhaseChoice(True, "mie (preset spectral)")
+
+
+def _coefficients(spray: Spray) -> bool:
+    given = spray.prescribed
+    return given is not None and bool(np.any(given.droplet_scattering_per_m > 0))
 
 
 def mean_phase(spray: Spray, band: BandOptics) -> ScatteringTable | None:
-    """The droplets' mean phase function in one band, which serves for all; None without droplets.
+    """The droplets' mean phase function in one band; None where none scatters.
 
     Raises:
         PhaseError: droplets are given as coefficients, without diameters.
     """
-    if spray.prescribed is not None and np.any(spray.prescribed.droplet_scattering_per_m > 0):
+    if _coefficients(spray):
         raise PhaseError(
             "transport.phase: mie needs droplet diameters, and this spray gives coefficients only; "
             "allowed: isotropic, {henyey_greenstein: g}"
