@@ -72,7 +72,12 @@ class DropletTable:
         Raises:
             DropletError: a diameter is not positive, or above the table.
         """
-        d = np.asarray(diameter_m, dtype=float)
+        columns = (self.absorption, self.scattering, self.asymmetry)
+        q_abs, q_sca, g = self._efficiencies(np.asarray(diameter_m, dtype=float), columns)
+        return q_sca + q_abs, q_sca, g
+
+    def _efficiencies(self, d: Floats, columns: tuple[Floats, ...]) -> list[Floats]:
+        """Of the columns (absorption, scattering, asymmetry), those that are given."""
         if d.size and not (d.min() > 0 and d.max() <= self.largest_m * (1 + 1e-9)):
             bad = d[~((d > 0) & (d <= self.largest_m))].reshape(-1)[0]
             raise DropletError(
@@ -86,9 +91,10 @@ class DropletTable:
         cell = np.minimum(place.astype(np.intp), last - 1)
         part = place - cell
         x2 = x * x
-        q_sca = _between(self.scattering, cell, part) * (x2 * x2 / (1 + x2 * x2))
-        q_abs = _between(self.absorption, cell, part) * (x / np.sqrt(1 + x2))
-        return q_sca + q_abs, q_sca, _between(self.asymmetry, cell, part)
+        found = [_between(column, cell, part) for column in columns]
+        found[0] *= x / np.sqrt(1 + x2)
+        found[1] *= x2 * x2 / (1 + x2 * x2)
+        return found
 
     def cross_sections(self, diameter_m: ArrayLike) -> tuple[Floats, Floats]:
         """C_abs and C_sca in m2, shaped as `diameter_m`; raises as `efficiencies`.
@@ -97,8 +103,7 @@ class DropletTable:
         spheres; otherwise as the table has them.
         """
         d = np.asarray(diameter_m, dtype=float)
-        q_ext, q_sca, _ = self.efficiencies(d)
-        q_abs = q_ext - q_sca
+        q_abs, q_sca = self._efficiencies(d, (self.absorption, self.scattering))
         if self.k < POINTWISE_K:
             some, which = np.unique(d, return_inverse=True)
             x = some * (np.pi / (self.wavelength_um * 1e-6))

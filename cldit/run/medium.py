@@ -9,8 +9,9 @@ from typing import Literal
 import numpy as np
 
 from cldit.medium.frame import Frame
-from cldit.medium.octree import Octree, build_octrees
+from cldit.medium.octree import Octree, PointSource, build_octrees
 from cldit.optics.band import BandOptics
+from cldit.optics.cache import Arrays, cached, digest
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.run.stages import Stages
@@ -19,6 +20,8 @@ from cldit.scene.transport import HenyeyGreenstein
 from cldit.spray.result import Spray
 from cldit.spray.source import make_spray
 from cldit.transport.phase import PhaseError, ScatteringTable, mean_of
+
+_FORM = 1  # of kept phase functions
 
 
 @dataclass(frozen=True)
@@ -52,9 +55,11 @@ def make_medium(scene: Scene, stages: Stages, cache: Path) -> Medium:
             bands += wavelengths(scene, spray, cache=cache, paper=True).bands
         sources = [emitters(spray, band) for band in bands]
         choice = phase_choice(scene, spray, scene.optics.preset)
-        phases = [mean_phase(spray, b) if choice.mie else None for b in chosen.bands]
-        as_paper = compared and phase_choice(scene, spray, "paper").mie
-        paper_phase = mean_phase(spray, bands[-1]) if as_paper else None
+        each = list(zip(bands, (points for points, _ in sources), strict=True))
+        phases = [mean_phase(spray, *one, cache) if choice.mie else None for one in each]
+        paper_phase = phases.pop() if compared else None
+        if not phase_choice(scene, spray, "paper").mie:
+            paper_phase = None
         stages.remark(choice.remarks)
     domain = scene.domain
     frame = Frame.around(
@@ -91,8 +96,8 @@ def phase_choice(scene: Scene, spray: Spray, preset: Literal["paper", "spectral"
         return PhaseChoice(False, "isotropic (preset paper)")
     if _coefficients(spray):
         remark = (
-            "droplets given as coefficients, without diameters, are taken to scatter isotropically; "
-            "set transport.phase: {henyey_greenstein: g} if g is known"
+            "droplets given as coefficients, without diameters, are taken to scatter "
+            "isotropically; set transport.phase: {henyey_greenstein: g} if g is known"
         )
         return PhaseChoice(False, "isotropic (no diameters)", (remark,))
     if scene.transport.method == "branching":
@@ -106,8 +111,14 @@ def _coefficients(spray: Spray) -> bool:
     return given is not None and bool(np.any(given.droplet_scattering_per_m > 0))
 
 
-def mean_phase(spray: Spray, band: BandOptics) -> ScatteringTable | None:
+def mean_phase(
+    spray: Spray, band: BandOptics, points: PointSource | None, cache: Path | None
+) -> ScatteringTable | None:
     """The droplets' mean phase function in one band; None where none scatters.
+
+    Args:
+        points: what `emitters` made of the droplets in this band.
+        cache: folder in which it is kept by content; None keeps nothing.
 
     Raises:
         PhaseError: droplets are given as coefficients, without diameters.
@@ -117,5 +128,20 @@ def mean_phase(spray: Spray, band: BandOptics) -> ScatteringTable | None:
             "transport.phase: mie needs droplet diameters, and this spray gives coefficients only; "
             "allowed: isotropic, {henyey_greenstein: g}"
         )
-    points, _ = emitters(spray, band)
-    return mean_of(spray.parcels, band.droplets, None if points is None else points.scattering_m2)
+    if points is None or spray.parcels is None or band.droplets is None:
+        return None
+    if not points.scattering_m2.any():
+        return None
+    table = band.droplets.tables[len(band.droplets.tables) // 2]
+    sizes = digest(spray.parcels.diameter_m, points.scattering_m2)
+    kept = cached(
+        cache,
+        kind="scattering",
+        text=f"{_FORM} {table.wavelength_um!r} {table.n!r} {table.k!r} {sizes}",
+        make=lambda: _plain(mean_of(spray.parcels, band.droplets, points.scattering_m2)),
+    )
+    return ScatteringTable(kept["cosine"], kept["cumulative"])
+
+
+def _plain(table: ScatteringTable | None) -> Arrays:
+    return {} if table is None else {"cosine": table.cosine, "cumulative": table.cumulative}
