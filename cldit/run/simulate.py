@@ -76,9 +76,9 @@ def simulate(
     device = device or open_device()
     stages = Stages(progress)
     medium = make_medium(scene, stages, cache or default_cache())
-    frame, chosen = medium.trees[0].frame, medium.chosen
-    grey = settings_for(scene, medium.paper_phase)
-    settings = node_settings(scene, chosen.quadrature, medium.phases)
+    frame, chosen = medium.trees[0].frame, medium.properties.chosen
+    grey = settings_for(scene, medium.properties.paper_phase)
+    settings = node_settings(scene, chosen.quadrature, medium.properties.phases)
     result = trace_nodes(medium.trees, chosen.quadrature, scene, device, settings, report=progress)
     reference = trace(_nothing(frame), scene, device, grey).weights
     steps = ("compile", "scattering", "image", *(["gather"] if "gather" in result.seconds else []))
@@ -115,7 +115,7 @@ def simulate(
             maps,
             stages,
             medium.notes,
-            medium.phase,
+            medium.properties.phase,
             sensor.integration_time_s,
             SpectralInfo.of(chosen.quadrature, chosen.errors_K, from_paper),
         ),
