@@ -71,7 +71,7 @@ def _narrow(table: DropletTable, middle_m: float, samples: int = 20000) -> float
 class TableUse:
     """What a scene's optical properties cost.
 
-    made: tables that were made rather than read. tables_s: seconds for them, the choice of
+    made: tables that were made rather than read. tables_s: CPU seconds for them, the choice of
     wavelengths and phase functions included; rest_s: for what every parcel and cell does to light.
     """
 
@@ -87,13 +87,13 @@ def table_use(scene: Scene, spray: Spray) -> tuple[TableUse, TableUse]:
         folder = Path(name)
         for _ in range(2):
             before = len(list(folder.iterdir()))
-            start = time.perf_counter()
+            start = time.process_time()
             found = properties_of(scene, spray, cache=folder)
-            whole = time.perf_counter() - start
-            start = time.perf_counter()
+            whole = time.process_time() - start
+            start = time.process_time()
             for band in found.chosen.bands:
                 emitters(spray, band)
-            rest = time.perf_counter() - start
+            rest = time.process_time() - start
             if found.paper is not None:  # one more, with the paper's properties
                 rest *= 1.0 + 1.0 / len(found.chosen.bands)
             made = len(list(folder.iterdir())) - before

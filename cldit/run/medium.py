@@ -9,7 +9,7 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, PointSource, build_octrees
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
-from cldit.run.phases import mean_phase, phase_choice
+from cldit.run.phases import droplets_content, mean_phase, phase_choice
 from cldit.run.stages import Stages
 from cldit.scene import Scene
 from cldit.spray.result import Spray
@@ -47,9 +47,13 @@ def properties_of(scene: Scene, spray: Spray, *, cache: Path | None) -> Properti
     sources = tuple(emitters(spray, band) for band in chosen.bands)
     choice = phase_choice(scene, spray, scene.optics.preset)
     phases: list[ScatteringTable | None] = [None] * len(sources)
+    content = droplets_content(spray)
     if choice.mie:
         each = zip(chosen.bands, sources, strict=True)
-        phases = [mean_phase(spray, band, points, cache) for band, (points, _) in each]
+        phases = [
+            mean_phase(spray, band, points, content=content, cache=cache)
+            for band, (points, _) in each
+        ]
     words = choice.words
     g = [phase.asymmetry for phase in phases if phase is not None]
     if choice.mie:
@@ -59,7 +63,7 @@ def properties_of(scene: Scene, spray: Spray, *, cache: Path | None) -> Properti
         (band,) = wavelengths(scene, spray, cache=cache, paper=True).bands
         paper = emitters(spray, band)
         if phase_choice(scene, spray, "paper").mie:
-            paper_phase = mean_phase(spray, band, paper[0], cache)
+            paper_phase = mean_phase(spray, band, paper[0], content=content, cache=cache)
     return Properties(chosen, sources, tuple(phases), paper, paper_phase, words, choice.remarks)
 
 

@@ -54,14 +54,28 @@ def _coefficients(spray: Spray) -> bool:
     return given is not None and bool(np.any(given.droplet_scattering_per_m > 0))
 
 
+def droplets_content(spray: Spray) -> str:
+    """A short text that stands for all of a spray's droplets."""
+    if spray.parcels is None:
+        return ""
+    parcels = spray.parcels
+    return digest(parcels.diameter_m, parcels.droplets, parcels.temperature_K)
+
+
 def mean_phase(
-    spray: Spray, band: BandOptics, points: PointSource | None, cache: Path | None
+    spray: Spray,
+    band: BandOptics,
+    points: PointSource | None,
+    *,
+    content: str,
+    cache: Path | None,
 ) -> ScatteringTable | None:
     """The droplets' mean phase function in one band; None where none scatters.
 
     Args:
         points: what `emitters` made of the droplets in this band.
-        cache: folder in which it is kept by content; None keeps nothing.
+        content: digest of the droplets, `droplets_content`, by which it is kept.
+        cache: folder in which it is kept; None keeps nothing.
 
     Raises:
         PhaseError: droplets are given as coefficients, without diameters.
@@ -75,12 +89,11 @@ def mean_phase(
         return None
     if not points.scattering_m2.any():
         return None
-    table = band.droplets.tables[len(band.droplets.tables) // 2]
-    sizes = digest(spray.parcels.diameter_m, points.scattering_m2)
+    indices = [(one.wavelength_um, one.n, one.k) for one in band.droplets.tables]
     kept = cached(
         cache,
         kind="scattering",
-        text=f"{_FORM} {table.wavelength_um!r} {table.n!r} {table.k!r} {sizes}",
+        text=f"{_FORM} {indices!r} {band.droplets.temperature_K.tolist()!r} {content}",
         make=lambda: _plain(mean_of(spray.parcels, band.droplets, points.scattering_m2)),
     )
     return ScatteringTable(kept["cosine"], kept["cumulative"])
