@@ -12,12 +12,20 @@ from cldit.bench import QUICK, WAYS, bench_transport, write_bench
 from cldit.bench_optics import ABSORPTIONS, check_table, table_use, with_preset
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.gpu.device import open_device
+<<<<<<< HEAD
 from cldit.optics.wavelengths import wavelengths
 from cldit.report.pictures import nodes_picture
 from cldit.rig.errors import RigError
 from cldit.run.simulate import default_cache
 from cldit.scene import load_scene
 from cldit.spray.source import make_spray
+=======
+from cldit.report.droplets import convergence_picture
+from cldit.rig.errors import RigError
+from cldit.run import default_cache
+from cldit.scene import load_scene
+from cldit.spray.droplet.convergence import measure_all
+>>>>>>> spray
 
 
 @click.group()
@@ -75,6 +83,7 @@ def bench_transport_command(scene: str, out: Path | None, quick: bool, device: s
         OUT.print(str(write_bench(rows, out, title=f"{chosen.name}: source iteration")))
 
 
+<<<<<<< HEAD
 @bench.command("optics")
 @click.argument("scene", default="gdi")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of wavelengths.png.")
@@ -113,3 +122,28 @@ def bench_optics_command(scene: str, out: Path | None) -> None:
         picture = nodes_picture(resolved.errors_K, chosen=count, title=title)
         (out / "wavelengths.png").write_bytes(picture)
         OUT.print(str(out / "wavelengths.png"))
+=======
+@bench.command("spray")
+@click.option("--out", type=click.Path(path_type=Path), help="Markdown file; else printed.")
+@plain_errors
+def bench_spray_command(out: Path | None) -> None:
+    """The computed spray against correlations and measurements; takes minutes."""
+    from cldit.spray.flow.verification import page
+
+    text = page(default_cache(), say=say)
+    if out is None:
+        click.echo(text)
+        return
+    out.write_text(text, encoding="utf-8")
+    OUT.print(str(out))
+
+
+@bench.command("droplet")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="PNG.")
+@plain_errors
+def bench_droplet_command(out: Path) -> None:
+    """Error of a droplet's life against step size and run time, all models, stiff cases among
+    them."""
+    out.write_bytes(convergence_picture(*measure_all(default_cache())))
+    OUT.print(str(out))
+>>>>>>> spray
