@@ -12,8 +12,8 @@ from cldit.acquisition.plan import plan_from_scene
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.record import open_acquisition
 from cldit.acquisition.runner import Record, acquire
-from cldit.dit.evaluate import evaluate_acquisition
 from cldit.dit.maps import Maps
+from cldit.dit.recorded import evaluate_acquisition
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.gpu.device import Device
 from cldit.report.run_report import write_run_report
