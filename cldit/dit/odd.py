@@ -121,6 +121,6 @@ def check_not_mirrored(
             best, where = swapped / given, number
     if best < _MIRRORED:
         raise EvaluationError(
-            f"background {setpoints[where]:g} K: the spray does the opposite of what it does before "
-            "the others; are its references and injections swapped?"
+            f"background {setpoints[where]:g} K: the spray does the opposite of what it does "
+            "before the others; are its references and injections swapped?"
         )
