@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -46,6 +47,23 @@ class Evaluation:
     odd: tuple[OddShot, ...]
     fitted: CurveFit | None
     calibration: Calibration
+
+    def to_json(self) -> str:
+        """Everything but the maps."""
+        plain = {
+            "remarks": self.remarks,
+            "odd_shots": [asdict(shot) for shot in self.odd],
+            "pixels": {reason.text: count for reason, count in self.maps.count().items()},
+            "calibration": self.calibration.to_dict(),
+            "curve": None
+            if self.fitted is None
+            else {
+                "stretch": self.fitted.curve.stretch,
+                "stretch_error": self.fitted.stretch_error,
+                "residual_K": self.fitted.residual_K,
+            },
+        }
+        return json.dumps(plain, indent=2)
 
 
 def evaluate_acquisition(acquisition: Acquisition, *, progress: Watch | None = None) -> Maps:
