@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 import click
@@ -11,6 +12,7 @@ from cldit.acquisition.bench import bench_rig
 from cldit.bench import QUICK, WAYS, bench_transport, write_bench
 from cldit.bench_optics import ABSORPTIONS, check_table, table_use, with_preset
 from cldit.cli.console import OUT, plain_errors, say
+from cldit.dit.bench import bench_evaluation
 from cldit.gpu.device import open_device
 <<<<<<< HEAD
 from cldit.optics.wavelengths import wavelengths
@@ -52,6 +54,26 @@ def bench_rig_command(folder: Path, frames: int, rate_Hz: float) -> None:
     )
     if result.lost:
         raise RigError(f"{result.lost} frames are lost; do not acquire on this disk")
+
+
+@bench.command("evaluate")
+@click.option("--shots", type=click.IntRange(10, 100_000), default=1000, show_default=True)
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    default=None,
+    help="Where the pictures are written, and removed; that for temporary files.",
+)
+@plain_errors
+def bench_evaluate_command(shots: int, folder: Path | None) -> None:
+    """Time and memory that the evaluation of SHOTS full frames (640 x 512) takes."""
+    with tempfile.TemporaryDirectory(dir=folder, prefix="cldit-bench-") as place:
+        result = bench_evaluation(Path(place), shots=shots)
+    OUT.print(
+        f"{result.shots} shots of 640 x 512 in {result.seconds:.1f} s, of which "
+        f"{result.read_s:.1f} s to read them; {result.peak_bytes / 2**20:.0f} MiB at most, "
+        f"{result.grown_bytes / 2**20:.0f} MiB more than before"
+    )
 
 
 @bench.command("transport")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.acquisition.measured import is_measured, open_measured
 from cldit.acquisition.record import Acquisition, open_acquisition
 from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
@@ -191,7 +192,7 @@ def write_run_report(run: Run) -> Path:
 
 
 def show_folder(folder: str | Path) -> Path:
-    """Draws the maps of a run or acquisition folder; returns the picture's path.
+    """Draws the maps of a run, acquisition or measured data; returns the picture's path.
 
     Raises:
         RunFolderError: the folder holds neither, or was not evaluated yet.
@@ -200,7 +201,8 @@ def show_folder(folder: str | Path) -> Path:
     if (place / "scene.yaml").is_file():
         write_pictures(open_run(place))
         return place / "pictures" / "maps.png"
-    acquisition = open_acquisition(place)
+    acquisition = open_measured(place) if is_measured(place) else open_acquisition(place)
+    place = acquisition.folder
     if not (place / "maps").is_dir():
         raise RunFolderError(f"{place}: is not evaluated yet; run `cldit evaluate {place}` first")
     picture = map_picture(
