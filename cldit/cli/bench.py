@@ -127,8 +127,8 @@ def bench_optics_command(scene: str, out: Path | None) -> None:
     spray = make_spray(spectral.spray, cache=default_cache())
     for name, use in zip(("first", "second"), table_use(spectral, spray), strict=True):
         OUT.print(
-            f"{chosen.name}, {name} use: {use.made} tables made, {use.tables_s:.2f} CPU s; light of "
-            f"all parcels and cells: {use.rest_s:.2f} CPU s"
+            f"{chosen.name}, {name} use: {use.made} tables made, {use.tables_s:.2f} CPU s; "
+            f"light of all parcels and cells: {use.rest_s:.2f} CPU s"
         )
     resolved = wavelengths(spectral, spray, cache=default_cache())
     rows = Table("wavelengths", "error of T_app, K RMS", box=None)
