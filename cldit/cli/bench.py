@@ -9,7 +9,7 @@ import click
 from rich.table import Table
 
 from cldit.acquisition.bench import bench_rig
-from cldit.bench_optics import ABSORPTIONS, check_table, table_use, with_preset
+from cldit.bench.optics import ABSORPTIONS, check_table, table_use, with_preset
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.dit.bench import bench_evaluation
 from cldit.optics.wavelengths import wavelengths
