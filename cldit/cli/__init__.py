@@ -14,6 +14,7 @@ _COMMANDS = {
     "scenes": "lists:scenes",
     "devices": "lists:devices",
     "optics": "lists:optics",
+    "fit-liquid": "liquid:fit_liquid",
     "spray": "sprays:spray_command",
     "import": "sprays:import_command",
     "droplet": "sprays:droplet",
