@@ -362,7 +362,7 @@ def _info(
         accuracy = 1.3 * temperature_error_K(
             maps,
             result.difference,
-            wall_temperature_K=scene.walls.temperature_K,
+            surroundings=Surroundings.from_scene(scene),
             filter_um=scene_filter(scene),
         )
     last = result.traces[-1]  # all are compiled alike
@@ -432,6 +432,7 @@ def open_run(path: str | Path) -> Run:
             raise RunFolderError(f"{folder}: holds no finished run ({name} is missing){hint}")
     scene = parse_scene(yaml.safe_load((folder / "scene.yaml").read_text(encoding="utf-8")))
     measured = folder / "acquisition" / "maps"
+    patches = [patch.name for patch in scene.patches]
     try:
         info = RunInfo.from_json((folder / "run.json").read_text(encoding="utf-8"))
     except (ValueError, TypeError, KeyError) as error:
@@ -443,10 +444,10 @@ def open_run(path: str | Path) -> Run:
     quadrature, nodes = node_folders(folder / "weights", grey)
     return Run(
         scene=scene,
-        weights=Weights.load(folder / "weights"),
+        weights=Weights.load(folder / "weights", patches=patches),
         quadrature=quadrature,
-        spectral=tuple(Weights.load(node) for node in nodes),
-        reference=Weights.load(folder / "weights_reference"),
+        spectral=tuple(Weights.load(node, patches=patches) for node in nodes),
+        reference=Weights.load(folder / "weights_reference", patches=patches),
         maps=Maps.load(folder / "maps"),
         info=info,
         measured=Maps.load(measured) if measured.is_dir() else None,

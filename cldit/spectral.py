@@ -143,6 +143,7 @@ def trace_nodes(
             quadrature.nodes,
             background_K=quadrature.reference_K,
             wall_K=scene.walls.temperature_K,
+            patches_K={patch.name: patch.temperature_K for patch in scene.patches},
         )
 
     halves = [r.weights_difference for r in traces if r.weights_difference is not None]

@@ -2,8 +2,8 @@
 
    Each cell of optical depth t adds T (1 - exp(-t)) S to the pixel, T being what is still
    transmitted. S, the source of the cell, has a component for the light that began at the
-   background, at the walls, in the vapour and in the droplets. Without scattering the first two
-   are nothing, and are not compiled in. */
+   background, at the walls and their patches, in the vapour and in the droplets. Without scattering
+   those from outside are nothing, and are not compiled in. */
 
 #include "attenuation.h"
 #include "boundary.h"
@@ -14,7 +14,7 @@
 #ifdef HAS_SCATTERING
 #define FIRST_SOURCE 0
 #else
-#define FIRST_SOURCE 2
+#define FIRST_SOURCE BOUNDARIES
 #endif
 #define SOURCES (COMPONENTS - FIRST_SOURCE)
 
@@ -34,7 +34,7 @@ __kernel void image(
     const int4 low, const int4 high,  /* cells outside these bounds are empty */
     const int columns, const int rows,
     const real4 middle, const real pitch_x, const real pitch_z, const real distance,
-    const real4 disc)
+    BOUNDARY_ARGUMENTS)
 {
     const int column = get_global_id(0);
     const int row = get_global_id(1);
@@ -62,10 +62,10 @@ __kernel void image(
     }
 
     if (transmitted > R(CUTOFF)) {
-        const real seen = sees_background(
-            ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, disc);
-        sum[BACKGROUND] += transmitted * seen;
-        sum[WALL] += transmitted * (R(1) - seen);
+        const Boundary boundary = BOUNDARY;
+        const int seen = boundary_seen(
+            ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, ray.start, &boundary);
+        for (int c = 0; c < BOUNDARIES; ++c) sum[c] += c == seen ? transmitted : R(0);
     } else {
         /* The little that is left goes as deep as the last cell looks: it takes that cell's source,
            which costs no light and errs by CUTOFF times the change of S beyond. */

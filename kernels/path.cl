@@ -27,7 +27,6 @@
 #error "SAMPLES: a pixel and batch, a power of two up to 1024"
 #endif
 
-#define THERMAL (COMPONENTS - 2)
 #define ROULETTE R(0.4) /* weight under which a chain may end */
 
 /* What the light meets, stored cell by stored cell. */
@@ -43,12 +42,13 @@ typedef struct {
 #endif
     int stored;                     /* length of a plane */
     Grid grid;
-    real4 disc;
+    Boundary boundary;
 } Medium;
 
 INLINE void score_thermal(real *sum, real taken, int address, const Medium *m)
 {
-    for (int c = 0; c < THERMAL; ++c) sum[2 + c] += taken * m->thermal[c * m->stored + address];
+    for (int c = 0; c < EMITTERS; ++c)
+        sum[BOUNDARIES + c] += taken * m->thermal[c * m->stored + address];
 }
 
 /* What the cells of a flight bring, and how deep they are to it. */
@@ -63,11 +63,11 @@ INLINE void score_flight(real *sum, real taken, int address, const Medium *m)
 #define score_flight score_thermal
 #endif
 
-INLINE void score_boundary(real *sum, real weight, const Walk *w, const Medium *m)
+INLINE void score_boundary(real *sum, real weight, const Walk *w, real from, const Medium *m)
 {
-    const real seen = sees_background(w->px, w->py, w->pz, w->dx, w->dy, w->dz, m->disc);
-    sum[BACKGROUND] += weight * seen;
-    sum[WALL] += weight * (R(1) - seen);
+    const int seen =
+        boundary_seen(w->px, w->py, w->pz, w->dx, w->dy, w->dz, from, &m->boundary);
+    for (int c = 0; c < BOUNDARIES; ++c) sum[c] += c == seen ? weight : R(0);
 }
 
 /* The bits of sample, SAMPLES being two to their number, in reverse: the Sobol point that is in the
@@ -135,7 +135,7 @@ INLINE void chain(
             inside = walk_on(&walk, &cell, &m->grid);
         }
         if (transmitted > R(CUTOFF)) {
-            score_boundary(sum, weight * transmitted, &walk, m);
+            score_boundary(sum, weight * transmitted, &walk, R(0), m);
         } else {
             /* What is left ends in the last cell, as if that went on for ever. */
             score_flight(sum, weight * transmitted, last, m);
@@ -161,15 +161,16 @@ INLINE void chain(
     __global const int *directory, __global const int *span, __global const real *depth, \
     __global const real *thermal, __global const real *albedo, const int coarse, const int stored, const int bricks, \
     const int4 low, const int4 high, const int columns, const int rows, const real4 middle, \
-    const real pitch_x, const real pitch_z, const real distance, const real4 disc
+    const real pitch_x, const real pitch_z, const real distance, BOUNDARY_ARGUMENTS
 
 #ifdef GATHER
 #define FLIGHT_ARGUMENTS __global const real *flight_depth, __global const real *source,
 #define MEDIUM {directory, span, depth, thermal, albedo, flight_depth, source, stored, \
-    {coarse, bricks, low, high}, disc}
+    {coarse, bricks, low, high}, BOUNDARY}
 #else
 #define FLIGHT_ARGUMENTS
-#define MEDIUM {directory, span, depth, thermal, albedo, stored, {coarse, bricks, low, high}, disc}
+#define MEDIUM {directory, span, depth, thermal, albedo, stored, {coarse, bricks, low, high}, \
+    BOUNDARY}
 #endif
 
 /* What is seen without scattering, in every pixel, and what the line of sight scatters in all. */
@@ -202,7 +203,7 @@ __kernel void straight(
         inside = walk_on(&walk, &cell, &m.grid);
     }
     if (transmitted > R(CUTOFF)) {
-        score_boundary(sum, transmitted, &walk, &m);
+        score_boundary(sum, transmitted, &walk, ray.start, &m);
     } else {
         score_thermal(sum, transmitted, last, &m);
         loss += transmitted * albedo[last];

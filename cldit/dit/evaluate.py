@@ -45,7 +45,7 @@ def _blocks(shape: tuple[int, int], backgrounds: int) -> Iterator[slice]:
 
 
 def _rows(weights: Weights, rows: slice) -> Weights:
-    return Weights(**{item.name: getattr(weights, item.name)[rows] for item in fields(weights)})
+    return weights.map(lambda image: image[rows])
 
 
 def _stack(parts: list[Maps]) -> Maps:

@@ -117,7 +117,9 @@ def _shares(run: Run) -> Shares:
         reference_K=run.quadrature.reference_K,
     )
     leaves = float(whole.leaving(run.quadrature.reference_K))
-    return Shares.of(run.weights, run.reference, background=leaves, wall=whole.wall)
+    return Shares.of(
+        run.weights, run.reference, background=leaves, wall=whole.wall, patches=whole.patches
+    )
 
 
 def _spectral(run: Run) -> dict[str, str]:

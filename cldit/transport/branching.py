@@ -14,8 +14,7 @@ from cldit.gpu.program import Define, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.result import Settings, Trace, weights_of
-from cldit.transport.source import check_disc
-from cldit.transport.view import View, upload_tree
+from cldit.transport.view import View, check_boundary, upload_tree
 
 HIGHEST_ORDER = 3  # each order costs some hundred times the one before
 
@@ -44,7 +43,7 @@ def trace_branching(
             "isotropic"
         )
     view = View.of(scene, cells)
-    check_disc(scene, cells, view.disc)
+    check_boundary(scene, cells, view)
     real = np.float64 if settings.precision == "float64" else np.float32
     defines: dict[str, Define] = {
         **cells.needs.defines,
@@ -69,9 +68,9 @@ def trace_branching(
         rays,
         np.array([settings.seed, 1], np.uint32),
         *upload_tree(device, cells, real),
-        upload(device, "thermal source", cells.source_planes(real)[2:]),
+        upload(device, "thermal source", cells.thermal_planes(real)),
         upload(device, "albedo", albedo),
-        *view.arguments(cells, real),
+        *view.arguments(device, cells, real),
     )
     image = download(device, out, np.empty((components, rows, columns), real))
     count = int(download(device, rays, np.empty(rows * columns, np.uint32)).sum(dtype=np.int64))

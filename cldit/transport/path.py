@@ -22,12 +22,12 @@ from cldit.optics.planck import (
     temperature_of_radiance,
 )
 from cldit.optics.response import scene_filter
+from cldit.radiance.weights import background_radiance
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.sobol import columns
-from cldit.transport.source import check_disc
-from cldit.transport.view import View, upload_tree
+from cldit.transport.view import View, check_boundary, upload_tree
 
 Floats = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def trace_path(
             then end after one flight through it, and gather that source.
     """
     view = View.of(scene, cells)
-    check_disc(scene, cells, view.disc)
+    check_boundary(scene, cells, view)
     real = np.float64 if settings.precision == "float64" else np.float32
     defines: dict[str, Define] = {
         **cells.needs.defines,
@@ -116,9 +116,9 @@ def trace_path(
     medium = [
         *flights,
         *upload_tree(device, cells, real),
-        upload(device, "thermal source", cells.source_planes(real)[2:]),
+        upload(device, "thermal source", cells.thermal_planes(real)),
         upload(device, "albedo", albedo.astype(real)),
-        *view.arguments(cells, real),
+        *view.arguments(device, cells, real),
     ]
     out = zeros(device, "picture", components * pixels, real)
     lost = zeros(device, "scattered light", pixels, real)
@@ -196,13 +196,21 @@ def _error_K(mean: Floats, difference: Floats, cells: OpticalCells, scene: Scene
     """
     filter_um = scene_filter(scene)
     wall = float(band_radiance(scene.walls.temperature_K, filter_um=filter_um))
+    patches = [
+        background_radiance(
+            blackbody=float(band_radiance(patch.temperature_K, filter_um=filter_um)),
+            wall=wall,
+            emissivity=patch.emissivity,
+        )
+        for patch in scene.patches
+    ]
+    own = np.array([wall, *patches, *(cells.scale for _ in cells.needs.emitters)])
     emissivity = 1.0 - mean[0]
-    apparent = (wall * mean[1] + cells.scale * mean[2:].sum(axis=0)) / np.maximum(emissivity, 1e-9)
+    apparent = own @ mean[1:] / np.maximum(emissivity, 1e-9)
     here = (emissivity > _VISIBLE) & (apparent > 0)
     if not here.any():
         return 0.0
-    change = wall * difference[1] + cells.scale * difference[2:].sum(axis=0)
-    radiance = (change + difference[0] * apparent)[here] / emissivity[here]
+    radiance = (own @ difference[1:] + difference[0] * apparent)[here] / emissivity[here]
     temperature = temperature_of_radiance(apparent[here], filter_um=filter_um)
     kelvin = radiance / band_radiance_slope(temperature, filter_um=filter_um)
     return float(np.sqrt(np.mean(kelvin**2)))

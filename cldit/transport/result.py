@@ -75,4 +75,5 @@ def weights_of(image: NDArray[np.float64], cells: OpticalCells) -> Weights:
         wall=planes["wall"].astype(np.float32),
         vapour=emitted("vapour"),
         liquid=emitted("liquid"),
+        patches={name: planes[name].astype(np.float32) for name in cells.needs.patches},
     )

@@ -14,7 +14,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.errors import TransportError
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
@@ -25,7 +24,7 @@ from cldit.transport.phase import ScatteringTable
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.solve import Rays, Solution, another_order, first_guess, last_order, solve
 from cldit.transport.sweep import Sweeper, sweep_defines
-from cldit.transport.view import View, upload_tree
+from cldit.transport.view import View, check_boundary, upload_tree
 
 Floats = NDArray[np.float64]
 
@@ -47,7 +46,9 @@ def trace_source(
     """
     solved, phase = cells, settings.phase
     if phase is not None and cells.needs.scattering:
-        solved = OpticalCells.of(cells.tree, scattered=1.0 - phase.asymmetry)
+        solved = OpticalCells.of(
+            cells.tree, patches=cells.needs.patches, scattered=1.0 - phase.asymmetry
+        )
     view = View.of(scene, cells)
     defines: dict[str, Define] = {**cells.needs.defines, **view.defines}
     if settings.precision == "float64":
@@ -60,7 +61,7 @@ def trace_source(
     counts: dict[str, int] = {}
     seconds = {}
     if cells.needs.scattering:
-        check_disc(scene, cells, view.disc)
+        check_boundary(scene, cells, view)
         specialised = {**defines, **sweep_defines(device, cells.box())}
         programs += [build(device, "sweep.cl", specialised), build(device, "iterate.cl", defines)]
         start = time.perf_counter()
@@ -89,17 +90,6 @@ def trace_source(
     )
 
 
-def check_disc(scene: Scene, cells: OpticalCells, disc: Floats) -> None:
-    """Rays that leave the medium must still have the disc before them."""
-    box = cells.box()
-    if scene.background.shape == "disc" and disc[1] < box.low[1] + box.shape[1] - 1e-6:
-        reach = cells.tree.frame.lower_m[1] + (box.low[1] + box.shape[1]) * cells.tree.frame.cell_m
-        raise TransportError(
-            f"background.centre_m: y = {scene.background_centre_m[1]:g} m lies inside the spray, "
-            f"which reaches to y = {reach:.4g} m; allowed is a disc behind it"
-        )
-
-
 def _scattering(
     cells: OpticalCells,
     seen: OpticalCells,
@@ -118,7 +108,7 @@ def _scattering(
     towards: program and phase function of the last sweep; None is isotropic.
     """
     disc = view.disc
-    sweeper = Sweeper(device, cells, programs[1], programs[2], disc=disc)
+    sweeper = Sweeper(device, cells, programs[1], programs[2], disc=disc, patches=view.patches)
     rng = np.random.default_rng(settings.seed)
     low = np.asarray(sweeper.box.low, float)
     high = low + sweeper.box.shape
@@ -171,8 +161,7 @@ def _scattering(
 def _thermal(cells: OpticalCells) -> Floats:
     """Thermal source (C, N) of the scattering cells."""
     out = np.zeros((len(cells.needs.components), len(cells.address)))
-    for c, name in enumerate(cells.needs.components[2:], start=2):
-        out[c] = cells.emitted[name][cells.address]
+    out[cells.needs.boundaries :] = cells.thermal_planes(np.float64)[:, cells.address]
     return out
 
 
@@ -199,7 +188,7 @@ def _to_camera(
         sweeper.set_source(source, shining=True)
         sweeper.sweep(directions, rng.random((half, 2)), shining=True, camera=camera)
         mean = sweeper.weighted_mean(camera).astype(np.float64)
-        mean[2:] *= scale / cells.scale
+        mean[cells.needs.boundaries :] *= scale / cells.scale
         halves.append((_thermal(cells) + cells.albedo * mean).astype(sweeper.real))
     return halves
 
@@ -220,7 +209,7 @@ def _images(
     columns, rows = view.pixels
     components = len(cells.needs.components)
     tree = upload_tree(device, cells, real)
-    arguments = view.arguments(cells, real)
+    arguments = view.arguments(device, cells, real)
     out = zeros(device, "picture", components * rows * columns, real)
     images = []
     for listed in scattered:

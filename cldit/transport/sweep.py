@@ -14,6 +14,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.directions import Directions
+from cldit.transport.patches import NONE, shifted
 
 _TILE = 16
 _MEAN_STRETCH = 1.2  # mean over the sphere of 1 / |largest component| is 1.199
@@ -73,8 +74,9 @@ class Sweeper:
         iterate: Program,
         *,
         disc: NDArray[np.float64],
+        patches: NDArray[np.float64] = NONE,
     ) -> None:
-        """disc: centre x, y, z and squared radius in cells from the cube's lower corner."""
+        """disc, patches: as in `View`, in cells from the cube's lower corner."""
         self.device = device
         self.box: Box = cells.box()
         self.count = len(cells.address)
@@ -85,6 +87,10 @@ class Sweeper:
         self._real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
         self._disc = disc.copy()
         self._disc[:3] -= self.box.low
+        self._patches = []
+        if len(patches):
+            moved = shifted(patches, -np.asarray(self.box.low, float))
+            self._patches = [upload(device, "patches", moved.astype(self._real))]
         planes = self.components * self.box.cells
         real = self._real
         exact = cells.dense(self.box, cells.depth)
@@ -107,7 +113,7 @@ class Sweeper:
         self._place = upload(device, "places", place.astype(np.int32))
         thermal = np.zeros((self.components, self.count), real)
         base = np.zeros((self.components, self.box.cells), real)
-        for c, name in enumerate(cells.needs.components[2:], start=2):
+        for c, name in enumerate(cells.needs.emitters, start=cells.needs.boundaries):
             base[c] = cells.dense(self.box, cells.emitted[name]).reshape(-1)
             thermal[c] = cells.emitted[name][cells.address]
         self._base = upload(device, "thermal source", base)
@@ -262,6 +268,7 @@ class Sweeper:
             real(shining),
             np.array([*unit, 0], real),
             self._disc.astype(real),
+            *self._patches,
             *extra,
         )
 

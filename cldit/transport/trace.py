@@ -82,7 +82,7 @@ def trace(
         raise TransportError(
             f"transport.precision: float64 is not available on {device.info.name}; allowed: float32"
         )
-    cells = OpticalCells.of(tree)
+    cells = OpticalCells.of(tree, patches=tuple(patch.name for patch in scene.patches))
     single = replace(settings, precision="float32") if settings.precision == "auto" else settings
     if cells.needs.scattering and settings.method != "source":
         follow = trace_path if settings.method == "path" else trace_branching
@@ -113,10 +113,10 @@ def _gathered(
     """The picture once more: what scatters towards the camera is gathered by single flights through
     the solved source, from where it is scattered, by the phase function itself."""
     turned = 1.0 if settings.phase is None else 1.0 - settings.phase.asymmetry
-    solved = OpticalCells.of(cells.tree, scattered=turned)
+    solved = OpticalCells.of(cells.tree, patches=cells.needs.patches, scattered=turned)
     planes = solved.source_planes(np.float64)
     planes[:, solved.address] = solution.source
-    planes[2:] *= solved.scale / cells.scale
+    planes[cells.needs.boundaries :] *= solved.scale / cells.scale
     picture = trace_path(cells, scene, device, settings, report, (solved, planes))
     seconds = {"gather": picture.seconds["image"] + picture.seconds["scattering"]}
     return replace(
