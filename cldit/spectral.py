@@ -19,6 +19,7 @@ from cldit.optics.spectral import Quadrature
 from cldit.radiance.effective import effective_weights
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
+from cldit.transport.closure import Closure
 from cldit.transport.trace import Settings, Trace, trace
 
 _QUADRATURE = "quadrature.json"
@@ -102,6 +103,12 @@ class NodeTraces:
     difference: Weights | None
     seconds: dict[str, float] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def closure(self) -> Closure | None:
+        """The worst of all nodes'."""
+        found = [result.closure for result in self.traces if result.closure is not None]
+        return max(found, key=lambda one: abs(one.largest), default=None)
 
     @property
     def spectral(self) -> tuple[Weights, ...]:

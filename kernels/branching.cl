@@ -39,7 +39,7 @@ typedef struct {
 } Branch;
 
 __kernel void branching(
-    __global real *weights,           /* out: [component][row][column] */
+    __global real *weights,           /* out: [component][row][column], and the part from within */
     __global uint *started,           /* out: rays of each pixel, for the record */
     const uint2 key,
     __global const int *directory, __global const int *span, __global const real *depth,
@@ -55,7 +55,7 @@ __kernel void branching(
     const Ray ray = pixel_ray(column, row, columns, rows, middle, pitch_x, pitch_z, distance);
     const Grid grid = {coarse, bricks, low, high};
     const Boundary boundary = BOUNDARY;
-    real sum[COMPONENTS];
+    real sum[COMPONENTS], within = R(0);
     for (int c = 0; c < COMPONENTS; ++c) sum[c] = R(0);
 
     Branch stack[ORDER + 1];
@@ -98,6 +98,7 @@ __kernel void branching(
                 for (int c = 0; c < EMITTERS; ++c)
                     sum[BOUNDARIES + c] += b.weight * taken * thermal[c * stored + cell.address];
                 const real share = taken * albedo[cell.address];
+                within += b.weight * (taken - share);
                 b.transmitted -= taken;
                 if (level == ORDER) {
                     sum[WALL] += b.weight * share;
@@ -125,5 +126,6 @@ __kernel void branching(
         --level;
     }
     for (int c = 0; c < COMPONENTS; ++c) weights[c * rows * columns + pixel] = sum[c];
+    weights[COMPONENTS * rows * columns + pixel] = within;
     started[pixel] = count;
 }

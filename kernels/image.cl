@@ -3,7 +3,10 @@
    Each cell of optical depth t adds T (1 - exp(-t)) S to the pixel, T being what is still
    transmitted. S, the source of the cell, has a component for the light that began at the
    background, at the walls and their patches, in the vapour and in the droplets. Without scattering
-   those from outside are nothing, and are not compiled in. */
+   those from outside are nothing, and are not compiled in.
+
+   The last plane is what a medium and an enclosure of radiance 1 add from within the medium: with the
+   weights of what is outside it makes 1 in every pixel, unless light is made or lost. */
 
 #include "attenuation.h"
 #include "boundary.h"
@@ -18,16 +21,25 @@
 #endif
 #define SOURCES (COMPONENTS - FIRST_SOURCE)
 
+#ifdef HAS_SCATTERING
+#define ISOTHERMAL(address) isothermal[address]
+#else
+#define ISOTHERMAL(address) R(1)
+#endif
+
 #ifndef CUTOFF
 #error "CUTOFF: transmission at which a ray ends"
 #endif
 
 __kernel void image(
-    __global real *weights,           /* out: [component][row][column] */
+    __global real *weights,           /* out: [component][row][column], and the part from within */
     __global const int *directory,    /* in: brick -> slot, or -1 - coarse leaf; [z][y][x] */
     __global const int *span,         /* in: cells along the edge of each coarse leaf */
     __global const real *depth,       /* in: optical depth of a cell's edge, per stored cell */
     __global const real *source,      /* in: S, one plane of stored cells a component */
+#ifdef HAS_SCATTERING
+    __global const real *isothermal,  /* in: S of what is emitted at radiance 1 */
+#endif
     const int coarse,                 /* address of coarse leaf 0 */
     const int stored,                 /* length of a plane */
     const int bricks,
@@ -45,7 +57,7 @@ __kernel void image(
 
     real sum[COMPONENTS];
     for (int c = 0; c < COMPONENTS; ++c) sum[c] = R(0);
-    real transmitted = R(1);
+    real transmitted = R(1), within = R(0);
     int last = coarse;
 
     if (walk_in(&walk, &grid, ray.start)) while (transmitted > R(CUTOFF)) {
@@ -55,6 +67,7 @@ __kernel void image(
             const real taken = transmitted * absorbed(density * walk_length(&walk, &cell));
             for (int c = 0; c < SOURCES; ++c)
                 sum[FIRST_SOURCE + c] += taken * source[c * stored + cell.address];
+            within += taken * ISOTHERMAL(cell.address);
             transmitted -= taken;
             last = cell.address;
         }
@@ -71,7 +84,9 @@ __kernel void image(
            which costs no light and errs by CUTOFF times the change of S beyond. */
         for (int c = 0; c < SOURCES; ++c)
             sum[FIRST_SOURCE + c] += transmitted * source[c * stored + last];
+        within += transmitted * ISOTHERMAL(last);
     }
     const int pixel = row * columns + column;
     for (int c = 0; c < COMPONENTS; ++c) weights[c * rows * columns + pixel] = sum[c];
+    weights[COMPONENTS * rows * columns + pixel] = within;
 }

@@ -27,6 +27,9 @@
 #error "SAMPLES: a pixel and batch, a power of two up to 1024"
 #endif
 
+/* Of a chain's sum: the components, and what it would bring from within a medium of radiance 1. */
+#define WITHIN COMPONENTS
+#define PARTS (COMPONENTS + 1)
 #define ROULETTE R(0.4) /* weight under which a chain may end */
 
 /* What the light meets, stored cell by stored cell. */
@@ -148,6 +151,7 @@ INLINE void chain(
 #ifdef GATHER
         return;
 #endif
+        if (met) sum[WITHIN] += weight * (R(1) - albedo);
         weight *= albedo;
         if (!met || weight <= R(0)) return;
         if (weight < floor_) {
@@ -175,7 +179,7 @@ INLINE void chain(
 
 /* What is seen without scattering, in every pixel, and what the line of sight scatters in all. */
 __kernel void straight(
-    __global real *weights,   /* out: [component][row][column] */
+    __global real *weights,   /* out: [component][row][column], and the part from within */
     __global real *scattered, /* out: [row][column] */
     FLIGHT_ARGUMENTS MEDIUM_ARGUMENTS)
 {
@@ -185,8 +189,8 @@ __kernel void straight(
     const Ray ray = pixel_ray(column, row, columns, rows, middle, pitch_x, pitch_z, distance);
     const Medium m = MEDIUM;
     Walk walk = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
-    real sum[COMPONENTS];
-    for (int c = 0; c < COMPONENTS; ++c) sum[c] = R(0);
+    real sum[PARTS];
+    for (int c = 0; c < PARTS; ++c) sum[c] = R(0);
     real transmitted = R(1), loss = R(0);
     int last = coarse;
     int inside = walk_in(&walk, &m.grid, ray.start);
@@ -196,7 +200,9 @@ __kernel void straight(
         if (density > R(0)) {
             const real taken = transmitted * absorbed(density * walk_length(&walk, &cell));
             score_thermal(sum, taken, cell.address, &m);
-            loss += taken * albedo[cell.address];
+            const real share = taken * albedo[cell.address];
+            sum[WITHIN] += taken - share;
+            loss += share;
             transmitted -= taken;
             last = cell.address;
         }
@@ -206,17 +212,18 @@ __kernel void straight(
         score_boundary(sum, transmitted, &walk, ray.start, &m);
     } else {
         score_thermal(sum, transmitted, last, &m);
+        sum[WITHIN] += transmitted * (R(1) - albedo[last]);
         loss += transmitted * albedo[last];
     }
     const int pixel = row * columns + column;
-    for (int c = 0; c < COMPONENTS; ++c) weights[c * rows * columns + pixel] = sum[c];
+    for (int c = 0; c < PARTS; ++c) weights[c * rows * columns + pixel] = sum[c];
     scattered[pixel] = loss;
 }
 
 /* Mean of SAMPLES chains for each listed pixel. Sample k scatters for the first time where the share
    (k + something) / SAMPLES of all that the line of sight scatters has been scattered. */
 __kernel void scatter(
-    __global real *means,           /* out: [component][list] */
+    __global real *means,           /* out: [component][list], and the part from within */
     __global const int *list,       /* in: pixels that scatter */
     __global const real *scattered, /* in: what they scatter in all */
     const int count, const uint2 key, const uint batch,
@@ -235,8 +242,8 @@ __kernel void scatter(
     const uint4 shift0 = philox((uint4)(pixel, 0, 0xFFFFFFFFu, batch), key);
     const uint4 shift1 = philox((uint4)(pixel, 1, 0xFFFFFFFFu, batch), key);
     const real offset = unit(shift0.w);
-    real sum[COMPONENTS];
-    for (int c = 0; c < COMPONENTS; ++c) sum[c] = R(0);
+    real sum[PARTS];
+    for (int c = 0; c < PARTS; ++c) sum[c] = R(0);
 
     real transmitted = R(1), loss = R(0);
     uint sample = 0;
@@ -266,5 +273,5 @@ __kernel void scatter(
         }
         inside = walk_on(&walk, &cell, &m.grid);
     }
-    for (int c = 0; c < COMPONENTS; ++c) means[c * count + item] = sum[c];
+    for (int c = 0; c < PARTS; ++c) means[c * count + item] = sum[c];
 }

@@ -150,6 +150,12 @@ def _figures(run: Run) -> dict[str, str]:
     figures["integration time"] = f"{run.info.integration_time_s * 1e6:.4g} us"
     figures |= _spectral(run)
     figures["precision"] = run.info.precision
+    if run.info.closure is not None:
+        kept = run.info.closure
+        figures["sum of weights and isothermal emission, less 1"] = (
+            f"{kept.largest:+.2g} at most, {kept.mean:+.2g} in the mean; the {kept.value} is "
+            f"allowed {kept.bound:.2g}"
+        )
     if run.info.accuracy_K is not None:
         figures["estimated error of the trace in T_app"] = f"{run.info.accuracy_K:.2g} K RMS"
     for file, defines in run.info.defines.items():

@@ -25,6 +25,7 @@ from cldit.optics.response import scene_filter
 from cldit.radiance.weights import background_radiance
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
+from cldit.transport.closure import Closure
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.sobol import columns
 from cldit.transport.view import View, check_boundary, upload_tree
@@ -102,7 +103,7 @@ def trace_path(
         defines["GATHER"] = 1
     program = build(device, "path.cl", defines)
     start = time.perf_counter()
-    components = len(cells.needs.components)
+    components = len(cells.needs.components) + 1  # the last: from within, see closure.py
     column_count, row_count = view.pixels
     pixels = column_count * row_count
     albedo = np.zeros(len(cells.depth))
@@ -172,7 +173,12 @@ def trace_path(
         difference[:, listed] = sums.difference
         error_of[:, listed] = sums.error
     shape = (components, row_count, column_count)
+    closure = None
+    if solved is None:
+        planes = image.reshape(shape)
+        closure = Closure.of(planes[: cells.needs.boundaries], planes[-1], bound=1e-4, noisy=True)
     return Trace(
+        closure=closure,
         weights=weights_of(image.reshape(shape), cells),
         weights_difference=weights_of(difference.reshape(shape), cells),
         standard_error=weights_of(error_of.reshape(shape), cells),
@@ -206,11 +212,11 @@ def _error_K(mean: Floats, difference: Floats, cells: OpticalCells, scene: Scene
     ]
     own = np.array([wall, *patches, *(cells.scale for _ in cells.needs.emitters)])
     emissivity = 1.0 - mean[0]
-    apparent = own @ mean[1:] / np.maximum(emissivity, 1e-9)
+    apparent = own @ mean[1:-1] / np.maximum(emissivity, 1e-9)
     here = (emissivity > _VISIBLE) & (apparent > 0)
     if not here.any():
         return 0.0
-    radiance = (own @ difference[1:] + difference[0] * apparent)[here] / emissivity[here]
+    radiance = (own @ difference[1:-1] + difference[0] * apparent)[here] / emissivity[here]
     temperature = temperature_of_radiance(apparent[here], filter_um=filter_um)
     kelvin = radiance / band_radiance_slope(temperature, filter_um=filter_um)
     return float(np.sqrt(np.mean(kelvin**2)))

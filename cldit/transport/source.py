@@ -19,6 +19,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
+from cldit.transport.closure import Closure
 from cldit.transport.directions import about_camera, for_boundary
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.result import Settings, Trace, weights_of
@@ -29,6 +30,8 @@ from cldit.transport.view import View, check_boundary, upload_tree
 Floats = NDArray[np.float64]
 
 _PHASE_STEPS = 1024
+_CLOSED = 1e-3  # what single precision may lose in thick and nearly conservative media
+_CHECKED = 8  # directions on which the sweeps are checked for what they make or lose
 
 
 def trace_source(
@@ -57,6 +60,7 @@ def trace_source(
     planes = cells.source_planes(real)
     programs = [build(device, "image.cl", {**defines, "CUTOFF": float(settings.cutoff)})]
     scattered: list[NDArray[np.floating] | None] = [None]
+    defect: Floats = np.zeros(0)
     solution = None
     counts: dict[str, int] = {}
     seconds = {}
@@ -70,23 +74,27 @@ def trace_source(
             flags = {"TO_CAMERA": 1, "PHASE_STEPS": _PHASE_STEPS, "VECTOR": 1}
             programs.append(build(device, "sweep.cl", {**specialised, **flags}))
             towards = (programs[-1], phase)
-        solution, halves = _scattering(
+        solution, halves, defect = _scattering(
             solved, cells, scene, view, device, settings, programs, towards, counts, report
         )
         scattered = list(halves)
         seconds["scattering"] = time.perf_counter() - start
     start = time.perf_counter()
-    images = _images(cells, view, device, programs[0], planes, scattered)
+    images = _images(cells, view, device, programs[0], planes, scattered, defect)
     seconds["image"] = time.perf_counter() - start
     difference = None if len(images) < 2 else (images[0] - images[1]) / 2
+    mean = np.mean(images, axis=0)
     return Trace(
-        weights=weights_of(np.mean(images, axis=0), cells),
+        weights=weights_of(mean, cells),
         weights_difference=None if difference is None else weights_of(difference, cells),
         programs=tuple(programs),
         solution=solution,
         seconds={"compile": sum(program.build_s for program in programs), **seconds},
         counts=counts,
         precision=real.__name__,
+        closure=Closure.of(
+            mean[: cells.needs.boundaries], mean[-1], bound=_CLOSED + 10 * settings.tolerance
+        ),
     )
 
 
@@ -101,8 +109,9 @@ def _scattering(
     towards: tuple[Program, ScatteringTable] | None,
     counts: dict[str, int],
     report: Callable[[str], None] | None,
-) -> tuple[Solution, list[NDArray[np.floating]]]:
-    """The source of the scattering cells, and its two final estimates (C, N).
+) -> tuple[Solution, list[NDArray[np.floating]], Floats]:
+    """The source of the scattering cells, its two final estimates (C, N), and what they make or
+    lose of a cavity's radiance of 1 (N,).
 
     cells: as they are swept; seen: as the picture shows them, which differs with a phase function.
     towards: program and phase function of the last sweep; None is isotropic.
@@ -125,6 +134,7 @@ def _scattering(
         )
         return Rays(directions, rng.random((count, 2)))
 
+    defect = np.zeros(sweeper.count)
     guess = first_guess(sweeper, cells.albedo)
     if settings.order == 0:
         seen_guess = _thermal(seen)
@@ -146,6 +156,10 @@ def _scattering(
                 source = another_order(sweeper, source, rays(settings.directions))
             solution = Solution(source, settings.order, 0.0, 0.0)
         half = settings.final_directions // 2
+        few = rays(_CHECKED)
+        defect = sweeper.defect(solution.source, few.directions, few.starts)
+        if solution.lack is not None:
+            defect -= solution.lack[: cells.needs.boundaries].sum(axis=0)
         if towards is None:
             halves = [last_order(sweeper, solution.source, rays(half)) for _ in range(2)]
         else:
@@ -155,7 +169,7 @@ def _scattering(
     counts.update(
         swept_cells=sweeper.box.cells, scattering_cells=sweeper.count, sweeps=sweeper.sweeps
     )
-    return solution, halves
+    return solution, halves, defect
 
 
 def _thermal(cells: OpticalCells) -> Floats:
@@ -200,23 +214,31 @@ def _images(
     program: Program,
     planes: NDArray[np.floating],
     scattered: list[NDArray[np.floating] | None],
+    defect: Floats,
 ) -> list[NDArray[np.float64]]:
-    """Weights (C, H, W), one picture for each source (C, N) of the scattering cells.
+    """Weights (C + 1, H, W), the part from within last (see closure.py), one picture for each
+    source (C, N) of the scattering cells.
 
-    planes: thermal sources of all stored cells, overwritten where cells scatter.
+    planes: thermal sources of all stored cells, overwritten where cells scatter. defect (N,): of
+    the mean radiance in a cavity of radiance 1.
     """
     real = planes.dtype.type
     columns, rows = view.pixels
-    components = len(cells.needs.components)
+    components = len(cells.needs.components) + 1
     tree = upload_tree(device, cells, real)
     arguments = view.arguments(device, cells, real)
     out = zeros(device, "picture", components * rows * columns, real)
     images = []
     for listed in scattered:
+        own = []
         if listed is not None:
             planes[:, cells.address] = listed
+            within = np.ones(len(cells.depth), real)
+            outside = listed[: cells.needs.boundaries].sum(axis=0, dtype=np.float64)
+            within[cells.address] = 1.0 - outside + cells.albedo * defect
+            own = [upload(device, "isothermal source", within)]
         source = upload(device, "source", planes)
-        program["image"](device.queue, *view.tiles, out, *tree, source, *arguments)
+        program["image"](device.queue, *view.tiles, out, *tree, source, *own, *arguments)
         image = download(device, out, np.empty((components, rows, columns), real))
         images.append(image.astype(np.float64))
     return images

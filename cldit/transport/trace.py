@@ -123,6 +123,7 @@ def _gathered(
         picture,
         programs=(*result.programs, *picture.programs),
         solution=solution,
+        closure=result.closure,  # of the solution and the plain picture
         seconds={**result.seconds, **seconds},
         counts={**result.counts, **picture.counts},
     )
