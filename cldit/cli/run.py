@@ -30,7 +30,9 @@ from cldit.scene import Scene, load_scene, parse_scene
     type=click.Choice(["source", "path", "branching"]),
     help="source: fast (default); path: unbiased, slow; branching: the paper's.",
 )
-@click.option("--phase", help="isotropic, mie, or g of Henyey and Greenstein.")
+@click.option(
+    "--phase", help="isotropic, mie, or g of Henyey and Greenstein; as the preset has it."
+)
 @click.option(
     "--preset",
     type=click.Choice(["paper", "spectral"]),

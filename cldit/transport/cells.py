@@ -33,6 +33,15 @@ class Needs:
         present = {"vapour": self.vapour, "liquid": self.droplets}
         return tuple(name for name, there in present.items() if there)
 
+    def with_(self, other: Needs) -> Needs:
+        """What either needs."""
+        return Needs(
+            vapour=self.vapour or other.vapour,
+            droplets=self.droplets or other.droplets,
+            scattering=self.scattering or other.scattering,
+            patches=self.patches or other.patches,
+        )
+
     @property
     def components(self) -> tuple[str, ...]:
         """Names of the light's parts, in the kernels' order."""
@@ -82,12 +91,18 @@ class OpticalCells:
 
     @classmethod
     def of(
-        cls, tree: Octree, *, patches: tuple[str, ...] = (), scattered: float = 1.0
+        cls,
+        tree: Octree,
+        *,
+        patches: tuple[str, ...] = (),
+        scattered: float = 1.0,
+        compiled_in: Needs | None = None,
     ) -> OpticalCells:
         """Coefficients of a tree, in double precision.
 
         patches: names of the enclosure's. scattered: share of the scattering that counts; 1 - g is
-        the transport correction.
+        the transport correction. compiled_in: what is to be compiled though nothing needs it, to
+        see what that costs.
         """
         fields = {name: values.astype(np.float64) for name, values in tree.fields.items()}
         absorption = fields["vapour_absorption"] + fields["droplet_absorption"]
@@ -100,14 +115,15 @@ class OpticalCells:
         }
         scale = max(float(values.max(initial=0.0)) for values in emitted.values()) or 1.0
         address = np.flatnonzero(scattering > 0)
+        needs = Needs(
+            vapour=tree.has_vapour,
+            droplets=tree.has_droplets,
+            scattering=len(address) > 0,
+            patches=patches,
+        )
         return cls(
             tree=tree,
-            needs=Needs(
-                vapour=tree.has_vapour,
-                droplets=tree.has_droplets,
-                scattering=len(address) > 0,
-                patches=patches,
-            ),
+            needs=needs if compiled_in is None else needs.with_(compiled_in),
             scale=scale,
             depth=extinction * tree.frame.cell_m,
             emitted={name: values / scale for name, values in emitted.items()},

@@ -50,7 +50,11 @@ class View:
             pitch=(width_m / frame.cell_m / columns, height_m / frame.cell_m / rows),
             distance=camera.distance_m / frame.cell_m,
             pixels=camera.pixels,
-            defines={f"BOUNDARY_{background}": 1, f"CAMERA_{camera.model.upper()}": 1},
+            defines={
+                f"BOUNDARY_{background}": 1,
+                f"CAMERA_{camera.model.upper()}": 1,
+                **({"N_PATCHES": len(scene.patches)} if scene.patches else {}),
+            },
         )
 
     @property
