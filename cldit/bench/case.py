@@ -155,7 +155,5 @@ class Case:
         apparent = np.divide(own, emissivity, out=np.zeros_like(own), where=emissivity > 1e-6)
         # Interpolated between logarithms, whose curve over 1 / T is nearly straight.
         known = apparent > radiance[0]
-        inverse = np.interp(
-            np.log(np.where(known, apparent, 1.0)), np.log(radiance), -1.0 / kelvin
-        )
+        inverse = np.interp(np.log(np.where(known, apparent, 1.0)), np.log(radiance), -1.0 / kelvin)
         return np.where(known, -1.0 / inverse, np.nan)

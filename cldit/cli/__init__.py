@@ -18,7 +18,7 @@ _COMMANDS = {
     "import": "sprays:import_command",
     "droplet": "sprays:droplet",
     "acquire": "rig:acquire_command",
-    "evaluate": "rig:evaluate",
+    "evaluate": "evaluate:evaluate",
     "show": "rig:show",
     "bench": "bench:bench",
 }

@@ -9,11 +9,9 @@ import click
 from rich.table import Table
 
 from cldit.acquisition.bench import bench_rig
-from cldit.bench import QUICK, WAYS, bench_transport, write_bench
 from cldit.bench_optics import ABSORPTIONS, check_table, table_use, with_preset
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.dit.bench import bench_evaluation
-from cldit.gpu.device import open_device
 from cldit.optics.wavelengths import wavelengths
 from cldit.report.droplets import convergence_picture
 from cldit.report.pictures import nodes_picture
@@ -70,35 +68,6 @@ def bench_evaluate_command(shots: int, folder: Path | None) -> None:
     )
 
 
-@bench.command("transport")
-@click.argument("scene", default="gdi")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of bench.json and bench.png.")
-@click.option("--quick", is_flag=True, help="Fewer ways.")
-@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
-@plain_errors
-def bench_transport_command(scene: str, out: Path | None, quick: bool, device: str | None) -> None:
-    """Error of the trace against its run time, on SCENE."""
-    chosen = load_scene(scene)
-    rows = bench_transport(chosen, open_device(device), QUICK if quick else WAYS, say=say)
-    table = Table(
-        "way", "s", "T_app RMS / K", "largest / K", "w_bg", "w_wall", "stated / K", box=None
-    )
-    for row in rows:
-        stated = "" if row.stated_K is None else f"{row.stated_K:.3f}"
-        table.add_row(
-            row.label,
-            f"{row.seconds:.2f}",
-            f"{row.rms_K:.3f}",
-            f"{row.largest_K:.2f}",
-            f"{row.rms_background:.1e}",
-            f"{row.rms_wall:.1e}",
-            stated,
-        )
-    OUT.print(table)
-    if out is not None:
-        OUT.print(str(write_bench(rows, out, title=f"{chosen.name}: source iteration")))
-
-
 @bench.command("optics")
 @click.argument("scene", default="gdi")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of wavelengths.png.")
@@ -120,8 +89,8 @@ def bench_optics_command(scene: str, out: Path | None) -> None:
     spray = make_spray(spectral.spray, cache=default_cache())
     for name, use in zip(("first", "second"), table_use(spectral, spray), strict=True):
         OUT.print(
-            f"{chosen.name}, {name} use: {use.made} tables made, {use.tables_s:.2f} CPU s; light of "
-            f"all parcels and cells: {use.rest_s:.2f} CPU s"
+            f"{chosen.name}, {name} use: {use.made} tables made, {use.tables_s:.2f} CPU s; light "
+            f"of all parcels and cells: {use.rest_s:.2f} CPU s"
         )
     resolved = wavelengths(spectral, spray, cache=default_cache())
     rows = Table("wavelengths", "error of T_app, K RMS", box=None)
