@@ -16,16 +16,10 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, build
-from cldit.optics.planck import (
-    band_radiance,
-    band_radiance_slope,
-    temperature_of_radiance,
-)
-from cldit.optics.response import scene_filter
-from cldit.radiance.weights import background_radiance
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
+from cldit.transport.kelvin import error_K
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.sobol import columns
 from cldit.transport.view import View, check_boundary, upload_tree
@@ -36,7 +30,6 @@ SAMPLES = 32  # of a batch: longer sets converge faster, more batches know their
 _LEAST = 4  # batches
 _CUTOFF = 1e-6  # at most: what is held to be exact must not leave out 1e-4
 _GROUP = 16
-_VISIBLE = 0.05  # emissivity under which a temperature says little, whatever the trace
 
 
 @dataclass
@@ -160,7 +153,9 @@ def trace_path(
         sums.add(download(device, means, np.empty((components, count), real)).astype(np.float64))
         if sums.batches % 2 or sums.batches < _LEAST:
             continue
-        error = _error_K(image[:, listed] + sums.mean, sums.difference, cells, scene)
+        kelvin = error_K((image[:, listed] + sums.mean)[:-1], sums.difference[:-1], cells, scene)
+        kelvin = kelvin[np.isfinite(kelvin)]
+        error = float(np.sqrt(np.mean(kelvin**2))) if kelvin.size else 0.0
         if report is not None:
             report(f"{sums.batches * SAMPLES} samples a pixel: {error:.2g} K")
         if error <= settings.accuracy_K or sums.batches * SAMPLES >= settings.max_samples:
@@ -192,31 +187,3 @@ def trace_path(
         },
         precision=real.__name__,
     )
-
-
-def _error_K(mean: Floats, difference: Floats, cells: OpticalCells, scene: Scene) -> float:
-    """RMS error of T_app that `difference` (C, N) of the weights (C, N) stands for, to first order.
-
-    Pixels of emissivity up to 0.05 do not count. Where the line of sight misses the background the
-    emissivity is taken as if it did not; this only says when to stop.
-    """
-    filter_um = scene_filter(scene)
-    wall = float(band_radiance(scene.walls.temperature_K, filter_um=filter_um))
-    patches = [
-        background_radiance(
-            blackbody=float(band_radiance(patch.temperature_K, filter_um=filter_um)),
-            wall=wall,
-            emissivity=patch.emissivity,
-        )
-        for patch in scene.patches
-    ]
-    own = np.array([wall, *patches, *(cells.scale for _ in cells.needs.emitters)])
-    emissivity = 1.0 - mean[0]
-    apparent = own @ mean[1:-1] / np.maximum(emissivity, 1e-9)
-    here = (emissivity > _VISIBLE) & (apparent > 0)
-    if not here.any():
-        return 0.0
-    radiance = (own @ difference[1:-1] + difference[0] * apparent)[here] / emissivity[here]
-    temperature = temperature_of_radiance(apparent[here], filter_um=filter_um)
-    kelvin = radiance / band_radiance_slope(temperature, filter_um=filter_um)
-    return float(np.sqrt(np.mean(kelvin**2)))

@@ -14,7 +14,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
@@ -22,10 +21,11 @@ from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
 from cldit.transport.directions import about_camera, for_boundary
 from cldit.transport.phase import ScatteringTable
+from cldit.transport.picture import Painter
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.solve import Rays, Solution, another_order, first_guess, last_order, solve
 from cldit.transport.sweep import Sweeper, sweep_defines
-from cldit.transport.view import View, check_boundary, upload_tree
+from cldit.transport.view import View, check_boundary
 
 Floats = NDArray[np.float64]
 
@@ -57,8 +57,15 @@ def trace_source(
     if settings.precision == "float64":
         defines["USE_FLOAT64"] = 1
     real = np.float64 if settings.precision == "float64" else np.float32
-    planes = cells.source_planes(real)
-    programs = [build(device, "image.cl", {**defines, "CUTOFF": float(settings.cutoff)})]
+    painter = Painter.of(
+        cells,
+        view,
+        scene,
+        device,
+        {**defines, "CUTOFF": float(settings.cutoff)},
+        accuracy_K=settings.accuracy_K,
+    )
+    programs = [painter.parts[0].program]
     scattered: list[NDArray[np.floating] | None] = [None]
     defect: Floats = np.zeros(0)
     solution = None
@@ -80,7 +87,9 @@ def trace_source(
         scattered = list(halves)
         seconds["scattering"] = time.perf_counter() - start
     start = time.perf_counter()
-    images = _images(cells, view, device, programs[0], planes, scattered, defect)
+    images, refined = painter.pictures(scattered, defect)
+    if scene.camera.rays_per_pixel != 1:
+        counts["pixels_of_several_rays"] = refined
     seconds["image"] = time.perf_counter() - start
     difference = None if len(images) < 2 else (images[0] - images[1]) / 2
     mean = np.mean(images, axis=0)
@@ -205,40 +214,3 @@ def _to_camera(
         mean[cells.needs.boundaries :] *= scale / cells.scale
         halves.append((_thermal(cells) + cells.albedo * mean).astype(sweeper.real))
     return halves
-
-
-def _images(
-    cells: OpticalCells,
-    view: View,
-    device: Device,
-    program: Program,
-    planes: NDArray[np.floating],
-    scattered: list[NDArray[np.floating] | None],
-    defect: Floats,
-) -> list[NDArray[np.float64]]:
-    """Weights (C + 1, H, W), the part from within last (see closure.py), one picture for each
-    source (C, N) of the scattering cells.
-
-    planes: thermal sources of all stored cells, overwritten where cells scatter. defect (N,): of
-    the mean radiance in a cavity of radiance 1.
-    """
-    real = planes.dtype.type
-    columns, rows = view.pixels
-    components = len(cells.needs.components) + 1
-    tree = upload_tree(device, cells, real)
-    arguments = view.arguments(device, cells, real)
-    out = zeros(device, "picture", components * rows * columns, real)
-    images = []
-    for listed in scattered:
-        own = []
-        if listed is not None:
-            planes[:, cells.address] = listed
-            within = np.ones(len(cells.depth), real)
-            outside = listed[: cells.needs.boundaries].sum(axis=0, dtype=np.float64)
-            within[cells.address] = 1.0 - outside + cells.albedo * defect
-            own = [upload(device, "isothermal source", within)]
-        source = upload(device, "source", planes)
-        program["image"](device.queue, *view.tiles, out, *tree, source, *own, *arguments)
-        image = download(device, out, np.empty((components, rows, columns), real))
-        images.append(image.astype(np.float64))
-    return images

@@ -83,6 +83,12 @@ def trace(
             f"transport.precision: float64 is not available on {device.info.name}; allowed: float32"
         )
     cells = OpticalCells.of(tree, patches=tuple(patch.name for patch in scene.patches))
+    if scene.camera.rays_per_pixel != 1 and (settings.method != "source" or settings.gather):
+        way = "transport.gather" if settings.method == "source" else f"method {settings.method}"
+        raise TransportError(
+            f"camera.rays_per_pixel: {scene.camera.rays_per_pixel} with {way}, whose samples go "
+            "through the middle of a pixel; allowed is 1, or method source without gather"
+        )
     single = replace(settings, precision="float32") if settings.precision == "auto" else settings
     if cells.needs.scattering and settings.method != "source":
         follow = trace_path if settings.method == "path" else trace_branching
