@@ -144,10 +144,17 @@ def _refined(start: Floats, number: Floats, k: Floats, weight: Floats) -> Floats
     span = float(number.max() - number.min())
     low = np.array([-16.0, float(number.min()) - span / 4, *2 * [np.log(_LIMITS_PER_CM[0])]])
     high = np.array([1.0, float(number.max()) + span / 4, *2 * [np.log(_LIMITS_PER_CM[1])]])
+
+    def misfit(x: Floats) -> Floats:
+        return (_k(x.reshape(-1, 4), number) - k) * weight
+
+    def slopes(x: Floats) -> Floats:
+        return _slopes(x.reshape(-1, 4), number) * weight[:, None]
+
     found = least_squares(
-        lambda x: (_k(x.reshape(-1, 4), number) - k) * weight,
+        misfit,
         np.clip(start, low + 1e-9, high - 1e-9).ravel(),
-        jac=lambda x: _slopes(x.reshape(-1, 4), number) * weight[:, None],
+        jac=slopes,
         bounds=(np.tile(low, len(start)), np.tile(high, len(start))),
         x_scale="jac",
         max_nfev=40,

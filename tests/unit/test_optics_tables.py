@@ -62,6 +62,7 @@ def test_the_second_use_solves_nothing(tmp_path: Path, monkeypatch: pytest.Monke
     assert second.chosen.quadrature == first.chosen.quadrature
     assert second.chosen.errors_K == first.chosen.errors_K and second.phase == first.phase
     for one, two in zip(first.sources, second.sources, strict=True):
+        assert one[0] is not None and two[0] is not None
         np.testing.assert_array_equal(one[0].scattering_m2, two[0].scattering_m2)
         np.testing.assert_array_equal(one[1][0].vapour_emission, two[1][0].vapour_emission)
     for before, after in zip(first.phases, second.phases, strict=True):
