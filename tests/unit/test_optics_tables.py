@@ -11,6 +11,7 @@ import pytest
 
 from cldit.errors import ClditError, OpticsError
 from cldit.optics import mie
+from cldit.report.optics_summary import scene_optics
 from cldit.run.medium import properties_of
 from cldit.run.phases import phase_choice
 from cldit.scene import Scene, load_scene, parse_scene
@@ -74,9 +75,9 @@ def test_the_second_use_solves_nothing(tmp_path: Path, monkeypatch: pytest.Monke
         (spray_of(kelvin=351.0), scene),
         (spray, scene_of(walls={"temperature_K": 500.0}, optics=scene.optics.model_dump())),
     ):
-        before = len(list(tmp_path.glob("wavelengths-*")))
+        known = len(list(tmp_path.glob("wavelengths-*")))
         properties_of(changed, other, cache=tmp_path)
-        assert len(list(tmp_path.glob("wavelengths-*"))) == before + 1
+        assert len(list(tmp_path.glob("wavelengths-*"))) == known + 1
 
 
 def test_phase_of_the_presets() -> None:
@@ -87,7 +88,7 @@ def test_phase_of_the_presets() -> None:
     for given in ("isotropic", "mie", {"henyey_greenstein": 0.5}):
         said = scene_of(transport={"phase": given})
         for preset in ("paper", "spectral"):
-            found = phase_choice(said, spray, preset)  # type: ignore[arg-type]
+            found = phase_choice(said, spray, preset)
             assert found.mie == (given == "mie") and found.remarks == ()
     branching = phase_choice(scene_of(transport={"method": "branching"}), spray, "spectral")
     assert not branching.mie and "branching" in branching.remarks[0]
@@ -159,6 +160,9 @@ def test_tables_of_the_user_from_a_scene(tmp_path: Path) -> None:
     (table,) = band.droplets.tables
     assert (table.n, table.k) == pytest.approx((1.35, 0.02), rel=1e-9)
     assert float(band.vapour_m2_mol(np.array([350.0]))[0]) == pytest.approx(12.044, rel=1e-3)
+    shown = scene_optics(scene, cache=tmp_path / "cache")
+    assert shown.liquid is not None and shown.liquid.source == "mine"
+    assert [vapour.species for vapour in shown.vapours] == ["MINE"]
     # A file that changes is another table, though its name stays.
     (tmp_path / "gas.xsc").write_text(xsc(4e-19))
     (again,) = properties_of(scene, spray_of(), cache=tmp_path / "cache").chosen.bands
