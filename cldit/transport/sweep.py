@@ -9,6 +9,7 @@ import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
+from cldit.errors import DeviceError
 from cldit.gpu.buffers import clear, download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
@@ -16,7 +17,7 @@ from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.directions import Directions
 from cldit.transport.patches import NONE, shifted
 
-_TILE = 16
+_TILE = 16  # as in iterate.cl, unless the device's work-groups are smaller
 _MEAN_STRETCH = 1.2  # mean over the sphere of 1 / |largest component| is 1.199
 
 
@@ -42,11 +43,24 @@ def _layouts(shape: tuple[int, int, int]) -> dict[int, _Layout]:
     }
 
 
-def sweep_defines(device: Device, box: Box) -> dict[str, int]:
-    """What the sweep kernel must know of the device and of the box when it is built."""
+def sweep_defines(device: Device, box: Box, *, ray_bytes: int = 8) -> dict[str, int]:
+    """What the sweep kernel must know of the device and of the box when it is built.
+
+    ray_bytes: what the components of one ray take.
+
+    Raises:
+        DeviceError: a row of rays does not fit into what a work-group shares.
+    """
     nx, ny, nz = box.shape
     vector = 8 if device.is_cpu and nx % 8 == 0 and ny % 8 == 0 else 1
-    return {"VECTOR": vector, "SLOTS": max(nx + nz, nx + ny, ny + nx) + 4}
+    slots = max(nx + nz, nx + ny, ny + nx) + 4
+    if slots * ray_bytes > device.info.local_bytes:
+        raise DeviceError(
+            f"{device.info.name}: a row of rays takes {slots * ray_bytes} bytes of local memory, "
+            f"and a work-group has {device.info.local_bytes}; set domain.leaf_edge_m coarser, or "
+            "name fewer patches"
+        )
+    return {"VECTOR": vector, "SLOTS": slots}
 
 
 @dataclass(frozen=True)
@@ -106,7 +120,8 @@ class Sweeper:
             1: upload(device, "rows", np.asarray(filled.any(axis=2)).T.astype(np.int8)),
             2: upload(device, "rows", np.asarray(filled.any(axis=2)).astype(np.int8)),
         }
-        self._lanes = int(device.queue.device.max_work_group_size)
+        self._lanes = device.info.largest_group
+        self._tile = int(iterate.defines.get("TILE", _TILE))
         self._source = {t: zeros(device, "source", planes, real) for t in (False, True)}
         self._excess = {t: zeros(device, "excess", planes, real) for t in (False, True)}
         self._bytes = planes * np.dtype(real).itemsize
@@ -137,7 +152,11 @@ class Sweeper:
 
     def _grid(self) -> tuple[int, int, int]:
         nx, ny, nz = self.box.shape
-        return (-(-nx // _TILE) * _TILE, -(-ny // _TILE) * _TILE, nz * self.components)
+        return (
+            -(-nx // self._tile) * self._tile,
+            -(-ny // self._tile) * self._tile,
+            nz * self.components,
+        )
 
     def set_source(self, listed: NDArray[Any], *, shining: bool) -> None:
         """Puts the source (C, N) of the scattering cells into the box.
@@ -175,7 +194,12 @@ class Sweeper:
     def _turn(self, arrays: dict[bool, Any]) -> None:
         sizes = [np.int32(n) for n in self.box.shape]
         self._kernels["turn"](
-            self.device.queue, self._grid(), (_TILE, _TILE, 1), arrays[True], arrays[False], *sizes
+            self.device.queue,
+            self._grid(),
+            (self._tile, self._tile, 1),
+            arrays[True],
+            arrays[False],
+            *sizes,
         )
 
     def sweep(
@@ -212,7 +236,7 @@ class Sweeper:
             self._kernels["add_turned"](
                 self.device.queue,
                 self._grid(),
-                (_TILE, _TILE, 1),
+                (self._tile, self._tile, 1),
                 self._excess[False],
                 self._excess[True],
                 *sizes,
@@ -222,7 +246,7 @@ class Sweeper:
                 self._kernels["add_turned"](
                     self.device.queue,
                     grid,
-                    (_TILE, _TILE, 1),
+                    (self._tile, self._tile, 1),
                     camera.shares[False],
                     camera.shares[True],
                     *sizes,
