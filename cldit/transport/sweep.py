@@ -15,32 +15,11 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.directions import Directions
+from cldit.transport.layout import Layout, layouts
 from cldit.transport.patches import NONE, shifted
 
 _TILE = 16  # as in iterate.cl, unless the device's work-groups are smaller
 _MEAN_STRETCH = 1.2  # mean over the sphere of 1 / |largest component| is 1.199
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """How one of the three orders of axes runs through memory."""
-
-    number: int
-    axes: tuple[int, int, int]  # u, v, l as x, y, z = 0, 1, 2
-    size: tuple[int, int, int]
-    stride_v: int
-    stride_l: int
-    turned: bool
-
-
-def _layouts(shape: tuple[int, int, int]) -> dict[int, _Layout]:
-    """Layout for each axis (x, y, z) that layers are stacked along."""
-    nx, ny, nz = shape
-    return {
-        2: _Layout(0, (0, 1, 2), (nx, ny, nz), nx, nx * ny, turned=False),
-        1: _Layout(1, (0, 2, 1), (nx, nz, ny), nx * ny, nx, turned=False),
-        0: _Layout(2, (1, 2, 0), (ny, nz, nx), ny, ny * nz, turned=True),
-    }
 
 
 def sweep_defines(device: Device, box: Box, *, ray_bytes: int = 8) -> dict[str, int]:
@@ -145,11 +124,6 @@ class Sweeper:
     def real(self) -> type[np.float32] | type[np.float64]:
         return self._real
 
-    @property
-    def cells_swept(self) -> int:
-        """Cells visited so far, over all directions."""
-        return self.sweeps * self.box.cells
-
     def _grid(self) -> tuple[int, int, int]:
         nx, ny, nz = self.box.shape
         return (
@@ -163,13 +137,11 @@ class Sweeper:
 
         shining: with the thermal source of all other cells; else these are black.
         """
-
         queue = self.device.queue
         cl.enqueue_copy(queue, self._list, np.ascontiguousarray(listed, self._real))
         self._fill(shining)
 
     def _fill(self, shining: bool) -> None:
-
         queue = self.device.queue
         if shining:
             cl.enqueue_copy(queue, self._source[False], self._base, byte_count=self._bytes)
@@ -219,9 +191,8 @@ class Sweeper:
             clear(self.device, self._excess[turned], self._bytes)
             if camera is not None:
                 clear(self.device, camera.shares[turned], self._bytes // self.components)
-        layouts = _layouts(self.box.shape)
         main = np.argmax(np.abs(directions.unit), axis=1)
-        for axis, layout in layouts.items():
+        for axis, layout in layouts(self.box.shape).items():
             for i in np.flatnonzero(main == axis):
                 self._one(
                     layout,
@@ -255,7 +226,7 @@ class Sweeper:
 
     def _one(
         self,
-        layout: _Layout,
+        layout: Layout,
         unit: NDArray[np.float64],
         weight: float,
         start: NDArray[np.float64],
