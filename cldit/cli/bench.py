@@ -156,3 +156,17 @@ def bench_stability_command(out: Path | None, slow: bool, device: str | None) ->
     missed = [outcome.case.name for outcome in outcomes if not outcome.holds]
     if missed:
         raise TransportError(f"the bound is missed in {len(missed)} cases: {'; '.join(missed)}")
+
+
+@bench.command("rays")
+@click.argument("scene", default="gdi")
+@click.option("--order", type=click.IntRange(0, 1000), help="Fewer scatterings, as steep, cheaper.")
+@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@plain_errors
+def bench_rays_command(scene: str, order: int | None, device: str | None) -> None:
+    """Error and cost of 1, 4, 16 and adaptive rays a pixel on SCENE, against 64."""
+    from cldit.bench.case import changed
+    from cldit.bench.rays import bench_rays, table
+
+    chosen = changed(load_scene(scene), transport={"order": order})
+    click.echo(table(bench_rays(chosen, open_device(device), say=say)).markdown())
