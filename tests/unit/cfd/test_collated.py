@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from tests.unit.cfd.conftest import Foam
 
 HEAD = b"FoamFile { version 2.0; format binary; %s class decomposedBlockData; }\n// * //\n"
-    b"FoamFile { version 2.0; format binary; %s class decomposedBlockData; object x; }\n// * //\n"
-)
 
 
 def spec(case: Path) -> CfdSpray:
