@@ -11,11 +11,9 @@ from cldit.acquisition.bench import bench_rig
 from cldit.bench import QUICK, WAYS, bench_transport, write_bench
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.gpu.device import open_device
-from cldit.report.droplets import convergence_picture
 from cldit.rig.errors import RigError
 from cldit.run import default_cache
 from cldit.scene import load_scene
-from cldit.spray.droplet.convergence import measure_all
 
 
 @click.group()
@@ -85,14 +83,4 @@ def bench_spray_command(out: Path | None) -> None:
         click.echo(text)
         return
     out.write_text(text, encoding="utf-8")
-    OUT.print(str(out))
-
-
-@bench.command("droplet")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="PNG.")
-@plain_errors
-def bench_droplet_command(out: Path) -> None:
-    """Error of a droplet's life against step size and run time, all models, stiff cases among
-    them."""
-    out.write_bytes(convergence_picture(*measure_all(default_cache())))
     OUT.print(str(out))
