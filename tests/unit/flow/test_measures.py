@@ -10,7 +10,7 @@ import pytest
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
 from cldit.spray.flow.coupling import Cloud
 from cldit.spray.flow.gas import Box, GasFlow
-from cldit.spray.flow.measures import Station, quantile, sauter_m, vapour_reach_m
+from cldit.spray.flow.measures import Station, reach, sauter_m, vapour_reach_m
 from cldit.spray.flow.mixture import gas_mixture
 from cldit.spray.flow.verification import at, jet, saturation
 
@@ -81,11 +81,14 @@ def test_the_station_counts_what_passes_once() -> None:
     assert station.sauter_m == pytest.approx(wanted, rel=1e-12)
 
 
-def test_quantile() -> None:
+def test_reach() -> None:
     values, weights = np.array([3.0, 1.0, 2.0]), np.array([1.0, 1.0, 2.0])
-    assert quantile(values, weights, 0.5) == 2.0
-    assert quantile(values, weights, 0.97) == 3.0
-    assert quantile(values, 0 * weights, 0.5) == 0.0
+    assert reach(values, weights, 0.1) == 3.0
+    assert reach(values, weights, 1.0) == 3.0
+    assert reach(values, weights, 1.1) == 2.0
+    assert reach(values, weights, 4.0) == 1.0
+    assert reach(values, weights, 4.1) == 0.0  # less than that is left
+    assert reach(np.empty(0), np.empty(0), 1.0) == 0.0
 
 
 def test_the_reference_jet_is_naber_and_siebers() -> None:
