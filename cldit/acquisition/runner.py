@@ -218,6 +218,9 @@ class _Sequence:
     def _reconcile(self, journal: Journal, found: Found) -> None:
         """Brings the journal up to what a kill left behind."""
         now = self._rig.clock.wall_time()
+        for shot_id in found.torn:
+            path = shot_path(self._folder, shot_id)
+            path.replace(path.with_name(path.name + ".torn"))
         for meta in found.adoptable.values():
             journal.append("saved", **_saved(meta), adopted=True)
         for entry in found.lost:

@@ -14,11 +14,11 @@ import numpy as np
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
-from cldit.acquisition.disk import written
+from cldit.acquisition.disk import write_checked, written
 from cldit.acquisition.journal import Entry, read_journal
 from cldit.acquisition.plan import Plan, Shot, load_plan
 from cldit.errors import RunFolderError
-from cldit.images import read_image, write_image
+from cldit.images import encode_image, read_image
 
 PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS, GUARD = (
     "plan.yaml",
@@ -30,18 +30,24 @@ PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS, GUARD = (
 )
 
 
+class DamagedPicture(RunFolderError):
+    """A picture that is not, or no longer, what was recorded."""
+
+
 @dataclass(frozen=True)
 class Found:
     """What an acquisition folder holds already.
 
     saved: shot id -> the `saved` entry of its journal, for every shot whose file is there.
     adoptable: shot id -> metadata of a whole file that the journal does not know yet.
+    torn: shots whose file a power cut left damaged, before the journal knew of it.
     lost: `fired` entries that came to nothing, and of which the journal does not say so yet.
     """
 
     entries: list[Entry]
     saved: dict[str, Entry]
     adoptable: dict[str, dict[str, Any]]
+    torn: tuple[str, ...]
     lost: list[Entry]
 
     @property
@@ -88,13 +94,9 @@ def save_shot(
     pixel_m: tuple[float, float],
     meta: dict[str, Any],
 ) -> None:
-    """Writes one picture; see `cldit.images.write_image`. Leaves nothing behind on failure."""
-    path = shot_path(folder, shot.id)
-    try:
-        write_image(path, image, name=shot.id, unit="counts", pixel_m=pixel_m, meta=meta)
-    except OSError:
-        path.with_name(path.name + ".part").unlink(missing_ok=True)
-        raise
+    """Writes one picture, durable on return; leaves nothing behind on failure."""
+    data = encode_image(image, name=shot.id, unit="counts", pixel_m=pixel_m, meta=meta)
+    write_checked(shot_path(folder, shot.id), data)
 
 
 def load_shot(
@@ -103,10 +105,14 @@ def load_shot(
     """Picture (h, w) of raw counts, and its metadata, after every check that it is that picture.
 
     Raises:
-        RunFolderError: missing, damaged, or not this shot of this plan.
+        DamagedPicture: cannot be read, or its pixels are not those that were recorded.
+        RunFolderError: not this shot of this plan.
     """
     path = shot_path(folder, shot_id)
-    image, meta = read_image(path)
+    try:
+        image, meta = read_image(path)
+    except RunFolderError as error:
+        raise DamagedPicture(str(error)) from error
     if image.dtype != np.uint16 or image.ndim != 2:
         raise RunFolderError(f"{path}: {image.dtype} of shape {image.shape} is no raw picture")
     if meta.get("shot") != shot_id or meta.get("plan_hash") != plan_hash:
@@ -114,7 +120,7 @@ def load_shot(
             f"{path}: is no shot {shot_id} of this plan; move it out of the folder"
         )
     if meta.get("sha256") != checksum(image):
-        raise RunFolderError(
+        raise DamagedPicture(
             f"{path}: the pixels are not those that were recorded; restore the file, or remove it "
             "and acquire again: the shot is retaken"
         )
@@ -156,12 +162,17 @@ def survey(folder: Path, plan: Plan) -> Found:
         if entry["event"] == "saved" and key[0] in present:
             saved[key[0]] = entry
     adoptable: dict[str, dict[str, Any]] = {}
+    torn: list[str] = []
     for shot_id in sorted(present - set(saved)):
-        meta = load_shot(folder, shot_id, plan_hash=plan.hash())[1]
+        try:
+            meta = load_shot(folder, shot_id, plan_hash=plan.hash())[1]
+        except DamagedPicture:
+            torn.append(shot_id)
+            continue
         adoptable[shot_id] = meta
         ended.add((shot_id, int(meta["attempt"])))
     lost = [entry for key, entry in fired.items() if key not in ended]
-    return Found(entries, saved, adoptable, lost)
+    return Found(entries, saved, adoptable, tuple(torn), lost)
 
 
 def read_json(path: Path) -> dict[str, Any]:
