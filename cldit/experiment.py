@@ -11,7 +11,8 @@ import yaml
 from cldit.acquisition.plan import plan_from_scene
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.record import open_acquisition
-from cldit.acquisition.runner import Record, acquire
+from cldit.acquisition.runner import acquire
+from cldit.acquisition.sequence import Record
 from cldit.dit.evaluate import evaluate_acquisition
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError, RunFolderError

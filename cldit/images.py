@@ -34,7 +34,9 @@ def encode_image(
     pixel_m: tuple[float, float] | None = None,
     meta: dict[str, Any] | None = None,
 ) -> bytes:
-    """One picture (H, W), row 0 at the top, as ImageJ TIFF: float32, uint16 or uint8.
+    """One picture (H, W), or several (N, H, W), as ImageJ TIFF: float32, uint16 or uint8.
+
+    Row 0 is at the top.
 
     Args:
         name: what the picture shows, as the viewer's label.
@@ -45,11 +47,14 @@ def encode_image(
     Raises:
         ValueError: another type or shape.
     """
-    if image.dtype not in (np.float32, np.uint16, np.uint8) or image.ndim != 2:
-        raise ValueError(f"{name}: {image.dtype} of shape {image.shape} is no 2-D picture")
+    if image.dtype not in (np.float32, np.uint16, np.uint8) or image.ndim not in (2, 3):
+        raise ValueError(f"{name}: {image.dtype} of shape {image.shape} is no picture")
     info = {"name": name, "unit": unit, **(meta or {})}
     resolution = None
     metadata: dict[str, Any] = {"axes": "YX", "Labels": [f"{name} [{unit}]"]}
+    if image.ndim == 3:
+        labels = [f"{name} {number} [{unit}]" for number in range(len(image))]
+        metadata = {"axes": "TYX", "Labels": labels}
     if pixel_m is not None:
         resolution = (1e-3 / pixel_m[0], 1e-3 / pixel_m[1])  # pixels per mm
         metadata["unit"] = "mm"

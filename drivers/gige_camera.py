@@ -234,7 +234,11 @@ class GigeCamera:
 
     def prepare(self, trigger: TriggerInfo) -> None:
         self._connected()
-        if trigger.mode not in _MODES or trigger.n_frames < 1 or trigger.activation not in _EDGES:
+        if (
+            trigger.mode not in _MODES
+            or min(trigger.n_frames, trigger.frames_per_trigger) < 1
+            or trigger.activation not in _EDGES
+        ):
             raise ConfigRejected(
                 f"camera: {trigger}; allowed are {', '.join(sorted(_MODES))}, n_frames >= 1, and "
                 "rising or falling"
@@ -243,10 +247,21 @@ class GigeCamera:
             raise ConfigRejected("camera: is armed; disarm() before prepare()")
         self._connected().choose("AcquisitionMode", "MultiFrame")
         self._connected().set_integer("AcquisitionFrameCount", trigger.n_frames)
-        self._connected().choose("TriggerSelector", "FrameStart")
-        if trigger.mode is TriggerMode.INTERNAL:
-            self._connected().choose("TriggerMode", "Off")
-        else:
+        features = self._connected()
+        burst = trigger.frames_per_trigger > 1
+        selectors = features.ask(lambda c: c.available_enum_entries("TriggerSelector"))
+        if burst and "FrameBurstStart" not in selectors:
+            raise ConfigRejected(
+                "camera: has no trigger FrameBurstStart; allowed is 1 frame for each trigger"
+            )
+        for selector in ("FrameBurstStart", "FrameStart"):  # one that is on would block the other
+            if selector in selectors:
+                features.choose("TriggerSelector", selector)
+                features.choose("TriggerMode", "Off")
+        if trigger.mode is not TriggerMode.INTERNAL:
+            if burst:
+                features.set_integer("AcquisitionBurstFrameCount", trigger.frames_per_trigger)
+                features.choose("TriggerSelector", "FrameBurstStart")
             self._connected().choose("TriggerSource", _SOURCES[trigger.mode] or self._settings.line)
             self._connected().choose("TriggerActivation", _EDGES[trigger.activation])
             self._connected().choose("TriggerMode", "On")

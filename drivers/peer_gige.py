@@ -84,6 +84,7 @@ class GigePeer:
         self._memory[:] = bytes(reg.SIZE)
         reg.bootstrap(self._memory, self.host, self.sensor, self.serial)
         self._put_float(reg.FRAME_RATE, self._rate_Hz)
+        self._modes = dict.fromkeys(reg.SELECTORS.values(), 0)
         for at, size in zip((reg.WIDTH, reg.HEIGHT), self.sensor, strict=True):
             self._put(at + 0x100, size)
         self._control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -152,8 +153,7 @@ class GigePeer:
         """A rising edge on Line1, now; at this time of time.monotonic() if a peer knows better."""
         with self._lock:
             self._expire()
-            triggered = self._get(reg.TRIGGER_MODE) == 1
-            if triggered and self._get(reg.TRIGGER_SOURCE) == reg.SOURCES["Line1"]:
+            if self._triggered and self._get(reg.TRIGGER_SOURCE) == reg.SOURCES["Line1"]:
                 self._trigger(at_s)
             else:
                 self._miss()
@@ -166,6 +166,14 @@ class GigePeer:
 
     # Triggers and pictures
 
+    @property
+    def _triggered(self) -> bool:
+        return any(self._modes.values())
+
+    @property
+    def _burst_mode(self) -> bool:
+        return self._modes[reg.SELECTORS["FrameBurstStart"]] == 1
+
     def _miss(self) -> None:
         self.missed += 1
         self._put(reg.MISSED_TRIGGERS, self.missed)
@@ -176,9 +184,11 @@ class GigePeer:
         if not self._active or self._left <= 0 or soon:
             self._miss()
             return
-        self._last_s = now_s
-        self._left -= 1
-        self._triggers.put(now_s)
+        count = self._get(reg.BURST_COUNT) if self._burst_mode else 1
+        for number in range(min(count, self._left)):
+            self._last_s = now_s + number / self._rate_Hz
+            self._left -= 1
+            self._triggers.put(self._last_s)
 
     def _expose(self) -> None:
         while (taken_s := self._triggers.get()) is not None:
@@ -202,7 +212,7 @@ class GigePeer:
             if target is not None:
                 for packet in packets:
                     self._send(packet, target)
-            if self._get(reg.TRIGGER_MODE) == 0:
+            if not self._triggered:
                 with self._lock:
                     self._free_run()
 
@@ -316,12 +326,18 @@ class GigePeer:
         if sender != self._controller:
             return _DENIED
         if at == reg.TRIGGER_SOFTWARE:
-            if self._get(reg.TRIGGER_MODE) == 1 and self._get(reg.TRIGGER_SOURCE) == 0:
+            if self._triggered and self._get(reg.TRIGGER_SOURCE) == 0:
                 self._trigger()
         elif at == reg.START:
             self._start()
         elif at == reg.STOP:
             self._active = False
+        elif at == reg.TRIGGER_SELECTOR and value in self._modes:
+            self._put(at, value)
+            self._put(reg.TRIGGER_MODE, self._modes[value])
+        elif at == reg.TRIGGER_MODE:
+            self._modes[self._get(reg.TRIGGER_SELECTOR)] = value
+            self._put(at, value)
         elif at == reg.TIMESTAMP_CONTROL:
             if value & 2:
                 stamp = round(1e9 * time.monotonic())
@@ -341,7 +357,7 @@ class GigePeer:
         self._sent.clear()
         limits = {0: 1, 1: self._get(reg.FRAME_COUNT)}
         self._left = limits.get(self._get(reg.ACQUISITION_MODE), 2**31)
-        if self._get(reg.TRIGGER_MODE) == 0:
+        if not self._triggered:
             self._free_run()
 
     def _resend(self, body: bytes) -> None:

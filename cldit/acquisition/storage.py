@@ -94,7 +94,7 @@ def save_shot(
     pixel_m: tuple[float, float],
     meta: dict[str, Any],
 ) -> None:
-    """Writes one picture, durable on return; leaves nothing behind on failure."""
+    """Writes the picture(s) of a shot, durable on return; leaves nothing behind on failure."""
     data = encode_image(image, name=shot.id, unit="counts", pixel_m=pixel_m, meta=meta)
     write_checked(shot_path(folder, shot.id), data)
 
@@ -102,7 +102,7 @@ def save_shot(
 def load_shot(
     folder: Path, shot_id: str, *, plan_hash: str
 ) -> tuple[NDArray[np.uint16], dict[str, Any]]:
-    """Picture (h, w) of raw counts, and its metadata, after every check that it is that picture.
+    """Picture (h, w) of raw counts, or a shot's (n, h, w), and its metadata, after every check.
 
     Raises:
         DamagedPicture: cannot be read, or its pixels are not those that were recorded.
@@ -113,7 +113,7 @@ def load_shot(
         image, meta = read_image(path)
     except RunFolderError as error:
         raise DamagedPicture(str(error)) from error
-    if image.dtype != np.uint16 or image.ndim != 2:
+    if image.dtype != np.uint16 or image.ndim not in (2, 3):
         raise RunFolderError(f"{path}: {image.dtype} of shape {image.shape} is no raw picture")
     if meta.get("shot") != shot_id or meta.get("plan_hash") != plan_hash:
         raise RunFolderError(

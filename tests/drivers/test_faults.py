@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from cldit.acquisition import Plan, acquire, open_acquisition
+from cldit.acquisition import Plan, Progress, acquire, open_acquisition
 from cldit.acquisition.journal import read_journal
 from cldit.rig.clock import SimulatedClock
-from cldit.rig.errors import DeviceTimeout, FireUncertain, RigError
+from cldit.rig.errors import DeviceTimeout, FireUncertain, RetakesExhausted, RigError
 from cldit.rig.load import open_rig
 
 if TYPE_CHECKING:  # the same file, by the name under which mypy finds it
@@ -87,6 +87,38 @@ def test_unplugged_camera_and_resume(
         acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
     del tiny_rig["camera"]["settings"]["unplug_after"]
     assert acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a").complete
+
+
+def test_failed_injections_are_retaken(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """Four in ten injections bring no fuel: each is rejected, counted, and taken again, also by a
+    run that resumes with the references on the disk; with every one failing, it ends."""
+    tiny_rig["trigger"]["settings"]["misfire"] = 0.4
+    plan = tiny_plan.model_copy(update={"expect_fuel": True, "shots": 8, "retakes": 10})
+    done = 0
+
+    def count(progress: Progress) -> None:
+        nonlocal done
+        done = progress.done
+
+    acquire(open_rig(tiny_rig), plan, tmp_path / "a", progress=count, should_stop=lambda: done > 3)
+    record = acquire(open_rig(tiny_rig), plan, tmp_path / "a")
+    assert record.complete and record.rejected == record.lost_injections >= 3
+    entries = read_journal(tmp_path / "a" / "journal.jsonl")
+    reasons = {e["reason"].partition(":")[0] for e in entries if e["event"] == "rejected"}
+    assert reasons == {"failed injection"}
+    acquisition = open_acquisition(tmp_path / "a")
+    for background in (0, 1):
+        middle = {
+            kind: [acquisition.load(s)[5:7, 7:9].mean() for s in acquisition.shots
+                   if s.kind == kind and s.background == background]
+            for kind in ("reference", "injection")
+        }  # fmt: skip
+        assert max(middle["injection"]) < 0.7 * min(middle["reference"])
+    tiny_rig["trigger"]["settings"]["misfire"] = 1.0
+    with pytest.raises(RetakesExhausted, match="rejected 3 times, at last for failed injection"):
+        acquire(open_rig(tiny_rig), plan.model_copy(update={"retakes": 2}), tmp_path / "b")
 
 
 def test_rate_error_and_misfire(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:

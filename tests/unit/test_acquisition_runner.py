@@ -439,7 +439,7 @@ def test_disk_full_while_writing(
             raise OSError(28, "No space left on device")
         save_shot(*args, **kwargs)
 
-    monkeypatch.setattr("cldit.acquisition.runner.save_shot", full)
+    monkeypatch.setattr("cldit.acquisition.sequence.save_shot", full)
     rig = wrapped(tiny_rig)
     with pytest.raises(DiskFull, match=r"b00_inj_02\.tif: the disk is full.*free 1 MB.*resumes"):
         acquire(rig, tiny_plan, tmp_path / "a")
