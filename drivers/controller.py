@@ -6,7 +6,7 @@ from pydantic import model_validator
 
 from cldit.rig.errors import ConfigRejected, OutOfLimits
 from cldit.scene.checks import Section
-from cldit.scene.schema import Temperature
+from cldit.scene.values import Temperature
 
 KELVIN = 273.15  # 0 °C
 _AGREE_K = 0.1  # a set point may read back rounded to a tenth

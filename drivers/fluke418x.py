@@ -16,7 +16,7 @@ from cldit.rig.errors import ConfigRejected, NotConnected, RigError
 from cldit.rig.protocols import DeviceInfo, Limits, Stability
 from cldit.rig.stability import wait_stable
 from cldit.scene.checks import Within
-from cldit.scene.schema import Temperature
+from cldit.scene.values import Temperature
 
 from .controller import KELVIN, ControllerSettings, check_limits, check_readback
 from .scpi import ScpiLink

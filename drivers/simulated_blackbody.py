@@ -13,7 +13,7 @@ from cldit.rig.errors import NotConnected, OutOfLimits
 from cldit.rig.protocols import DeviceInfo, Limits, Stability
 from cldit.rig.stability import wait_stable
 from cldit.scene.checks import Within
-from cldit.scene.schema import Temperature
+from cldit.scene.values import Temperature
 
 from .heater import Dynamics, Heater
 from .simulated_bench import SimulatedBench, bench_of

@@ -17,7 +17,8 @@ from cldit.camera.sensor import USUAL_INTEGRATION_S
 from cldit.errors import SceneError
 from cldit.rig.protocols import Burst, Stability
 from cldit.scene.checks import Section, Within, describe, read_mapping
-from cldit.scene.schema import Scene, Temperature
+from cldit.scene.schema import Scene
+from cldit.scene.values import Temperature
 
 Kind = Literal["reference", "injection"]
 Seconds = Annotated[float, Within(0.0, 1e6)]

@@ -14,7 +14,7 @@ from cldit.report.droplets import convergence_picture, life_picture
 from cldit.report.spray_report import write_spray
 from cldit.run import default_cache
 from cldit.scene import load_scene
-from cldit.scene.schema import LagrangianSpray
+from cldit.scene.spray import LagrangianSpray
 from cldit.spray.droplet.convergence import measure_all
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cldit.optics.droplets import DropletTable, droplet_table
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import Filter
-from cldit.scene.schema import Optics
+from cldit.scene.optics import Optics
 
 Floats = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from cldit.errors import SceneError
 from cldit.optics.planck import band_radiance, part_radiance
 from cldit.optics.response import Filter, edges_um, from_plain, to_plain
 from cldit.optics.windows import Pane, mean_pane
-from cldit.scene.schema import Window
+from cldit.scene.vessel import Window
 
 Floats = NDArray[np.float64]
 

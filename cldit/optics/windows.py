@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from cldit.errors import SceneError
 from cldit.optics.planck import part_radiance
 from cldit.optics.response import Filter, edges_um
-from cldit.scene.schema import Window
+from cldit.scene.vessel import Window
 
 Floats = NDArray[np.float64]
 

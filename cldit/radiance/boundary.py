@@ -22,7 +22,8 @@ from cldit.optics.planck import band_radiance
 from cldit.optics.response import Filter
 from cldit.optics.windows import Pane, band_pane
 from cldit.radiance.weights import Weights, compose
-from cldit.scene.schema import Scene, Window
+from cldit.scene.schema import Scene
+from cldit.scene.vessel import Window
 
 Floats = NDArray[np.float64]
 

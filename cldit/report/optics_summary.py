@@ -14,7 +14,9 @@ from cldit.optics.liquid import Liquid, liquid, liquids
 from cldit.optics.phase import PhaseFunction, phase_table
 from cldit.optics.response import edges_um, scene_filter
 from cldit.optics.vapour import VapourBand, vapour_band, vapours
-from cldit.scene.schema import ConeSpray, Monodisperse, NukiyamaTanasawa, Scene
+from cldit.scene.schema import Scene
+from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
+from cldit.scene.spray import ConeSpray
 from cldit.spray.fuel import GAS_CONSTANT_J_mol_K
 from cldit.spray.sizes import Sizes, mean_diameter_m, strata_m
 

@@ -18,7 +18,8 @@ from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import NotConnected, RigError
 from cldit.rig.protocols import Background, Camera, Device, TriggerGenerator
 from cldit.scene.checks import Section, Within, describe, read_mapping
-from cldit.scene.schema import Coordinate, Length, Temperature, Windows
+from cldit.scene.values import Coordinate, Length, Temperature
+from cldit.scene.vessel import Windows
 
 
 class ClockChoice(Section):

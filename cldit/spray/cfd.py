@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cldit.errors import SprayError
-from cldit.scene.schema import CfdSpray
+from cldit.scene.spray import CfdSpray
 from cldit.spray.cfdcase import CfdCase, Cloud, Column, nearest_time
 from cldit.spray.formats import find_format, read_case
 from cldit.spray.frame import Frame, find_frame

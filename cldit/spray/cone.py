@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import SprayError
-from cldit.scene.schema import ConeSpray, Plume
+from cldit.scene.spray import ConeSpray, Plume
 from cldit.spray.film import WetBulb, wet_bulb
 from cldit.spray.fuel import (
     METHANE,

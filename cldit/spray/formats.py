@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cldit.errors import SprayError
-from cldit.scene.schema import CfdSpray
+from cldit.scene.spray import CfdSpray
 from cldit.spray import converge, ensight, openfoam, tables, vtkfiles
 from cldit.spray.cfdcase import CfdCase
 from cldit.spray.columns import ColumnMap, read_column_map

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cldit.errors import SprayError
-from cldit.scene.schema import CfdSpray
+from cldit.scene.spray import CfdSpray
 from cldit.spray.cfdcase import CfdCase, Cloud
 from cldit.spray.result import Floats
 

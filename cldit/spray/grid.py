@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.errors import SprayError
-from cldit.scene.schema import GridSpray
+from cldit.scene.spray import GridSpray
 from cldit.spray.result import Cells, Floats, Prescribed, Spray
 
 _COEFFICIENTS = (

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from cldit.errors import SprayError
 from cldit.scene.checks import describe
-from cldit.scene.schema import CfdSpray
+from cldit.scene.spray import CfdSpray
 from cldit.spray.cfd import read_cfd
 from cldit.spray.formats import contents, find_format
 from cldit.spray.stored import write_spray

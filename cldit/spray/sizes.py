@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammainc, gammaincinv, gammaln, ndtr, ndtri
 
 from cldit.errors import SprayError
-from cldit.scene.schema import Histogram, LogNormal, Monodisperse, NukiyamaTanasawa, RosinRammler
+from cldit.scene.sizes import Histogram, LogNormal, Monodisperse, NukiyamaTanasawa, RosinRammler
 
 Floats = NDArray[np.float64]
 Sizes = NukiyamaTanasawa | Monodisperse | LogNormal | RosinRammler | Histogram

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import assert_never
 
-from cldit.scene.schema import CfdSpray, ConeSpray, EmptySpray, GridSpray, LagrangianSpray
+from cldit.scene.spray import CfdSpray, ConeSpray, EmptySpray, GridSpray, LagrangianSpray
 from cldit.spray.cfd import read_cfd
 from cldit.spray.cone import make_cone
 from cldit.spray.flow.simulate import simulate_spray

@@ -15,7 +15,8 @@ import numpy as np
 from cldit.errors import NotConvergedError, TransportError
 from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
-from cldit.scene.schema import HenyeyGreenstein, Scene
+from cldit.scene.schema import Scene
+from cldit.scene.transport import HenyeyGreenstein
 from cldit.transport.branching import trace_branching
 from cldit.transport.cells import OpticalCells
 from cldit.transport.path import trace_path

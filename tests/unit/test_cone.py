@@ -10,7 +10,8 @@ import pytest
 
 from cldit.errors import SprayError
 from cldit.scene import load_scene
-from cldit.scene.schema import Ambient, ConeSpray, Monodisperse, NukiyamaTanasawa, Plume
+from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
+from cldit.scene.spray import Ambient, ConeSpray, Plume
 from cldit.spray.cone import make_cone
 from cldit.spray.fuel import (
     NITROGEN,

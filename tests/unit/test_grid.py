@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cldit.errors import SprayError
-from cldit.scene.schema import GridSpray
+from cldit.scene.spray import GridSpray
 from cldit.spray.grid import read_grid
 from cldit.spray.result import Cells, RegularGrid
 

@@ -11,14 +11,8 @@ import yaml
 import cldit.scene
 from cldit.errors import SceneError
 from cldit.scene import Scene, dump_scene, load_scene, parse_scene, shipped_scenes
-from cldit.scene.schema import (
-    ConeSpray,
-    Histogram,
-    LogNormal,
-    Monodisperse,
-    NukiyamaTanasawa,
-    RosinRammler,
-)
+from cldit.scene.sizes import Histogram, LogNormal, Monodisperse, NukiyamaTanasawa, RosinRammler
+from cldit.scene.spray import ConeSpray
 
 SHIPPED = ("droplets-only", "empty", "gdi-cold", "gdi-flow", "gdi", "methane-jet")
 

@@ -8,7 +8,9 @@ from cldit.camera.calibration import Calibration
 from cldit.camera.sensor import SensorModel
 from cldit.errors import EvaluationError, SceneError, TransportError
 from cldit.optics.planck import band_radiance
-from cldit.scene.schema import Camera, EmptySpray, Scene, Sensor
+from cldit.scene.camera import Camera, Sensor
+from cldit.scene.schema import Scene
+from cldit.scene.spray import EmptySpray
 
 
 def _model(**sensor: object) -> SensorModel:

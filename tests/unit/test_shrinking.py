@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cldit.scene.schema import NukiyamaTanasawa
+from cldit.scene.sizes import NukiyamaTanasawa
 from cldit.spray.film import film, wet_bulb
 from cldit.spray.shrinking import shrinking
 from cldit.spray.sizes import strata_m

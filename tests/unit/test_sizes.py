@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.special import gamma
 
 from cldit.errors import SprayError
-from cldit.scene.schema import Histogram, LogNormal, Monodisperse, NukiyamaTanasawa, RosinRammler
+from cldit.scene.sizes import Histogram, LogNormal, Monodisperse, NukiyamaTanasawa, RosinRammler
 from cldit.spray.sizes import Sizes, density_per_m, mean_diameter_m, quantile_m, strata_m
 
 # The paper's Fig. 4. It rounds n: with 1.28822 and 0.86420 all its entries come out.

@@ -21,7 +21,7 @@ from cldit.optics.spectrum import _regrouped
 from cldit.optics.vapour import KDistribution, vapour_band
 from cldit.optics.wavelengths import _cuts
 from cldit.optics.windows import band_pane
-from cldit.scene.schema import Window
+from cldit.scene.vessel import Window
 
 KELVIN = np.array([1.0, 20.0, 77.0, 300.0, 450.0, 1234.5, 5000.0, 1e5])
 TRAPEZE = Response(((3.25, 0.0), (3.3, 0.9), (3.45, 0.9), (3.52, 0.0)))

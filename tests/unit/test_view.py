@@ -5,7 +5,9 @@ import pytest
 
 from cldit.camera.view import SensorView, overlap_matrix
 from cldit.errors import TransportError
-from cldit.scene.schema import Camera, EmptySpray, Scene, Sensor
+from cldit.scene.camera import Camera, Sensor
+from cldit.scene.schema import Scene
+from cldit.scene.spray import EmptySpray
 
 
 def _view(

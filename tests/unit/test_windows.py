@@ -7,7 +7,7 @@ import pytest
 
 from cldit.errors import SceneError
 from cldit.optics.windows import MATERIALS, Pane, band_pane, slab, window_shares
-from cldit.scene.schema import Window
+from cldit.scene.vessel import Window
 
 
 def window(material: str = "CaF2", **keys: float) -> Window:

@@ -17,7 +17,8 @@ from cldit.dit.maps import Maps, Reason
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
-from cldit.scene.schema import EmptySpray, Scene
+from cldit.scene.schema import Scene
+from cldit.scene.spray import EmptySpray
 
 FILTER = (3.3, 3.5)
 

@@ -20,7 +20,9 @@ from cldit.dit.evaluate import evaluate_acquisition
 from cldit.dit.maps import Maps
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Surroundings
-from cldit.scene.schema import Camera, EmptySpray, Scene, Sensor
+from cldit.scene.camera import Camera, Sensor
+from cldit.scene.schema import Scene
+from cldit.scene.spray import EmptySpray
 
 AROUND = Surroundings(wall_temperature_K=300.0)
 FILTER = (3.3, 3.5)

@@ -101,7 +101,7 @@ def test_mie_slab(
 ) -> None:
     """The phase function of droplets of 9 um at 3.4 um, whose moments end near 2 x = 17."""
     phase = mie_table(np.array([9e-6]), np.ones(1), wavelength_um=3.4, n=1.338, k=0.0341)
-    monkeypatch.setattr("cldit.run._mean_phase", lambda *_: phase)
+    monkeypatch.setattr("cldit.run.medium.mean_phase", lambda *_: phase)
     run = slab(run_block, depth, albedo, "mie")
     check(run, disort(depth, albedo, phase.moments(65), streams=64), depth, albedo)
 
@@ -220,7 +220,7 @@ def test_the_error_is_known(run_block: Callable[..., Run], monkeypatch: pytest.M
         traced.append(trace(*arguments, **named))
         return traced[-1]
 
-    monkeypatch.setattr("cldit.spectral.trace", spy)
+    monkeypatch.setattr("cldit.run.spectral.trace", spy)
     run = slab(run_block, 1.0, 0.5, "isotropic", seed=3)
     assert run.info.counts["samples"] == 512
     estimated, halves = traced[0].standard_error, traced[0].weights_difference

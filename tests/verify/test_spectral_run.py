@@ -25,8 +25,8 @@ from cldit.optics.vapour import vapour_band
 from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.radiance.boundary import Boundary, Surroundings, picture
 from cldit.radiance.weights import Weights
+from cldit.run.spectral import NodeTraces, trace_nodes
 from cldit.scene import Scene, parse_scene
-from cldit.spectral import NodeTraces, trace_nodes
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 from cldit.transport.trace import settings_for
 

@@ -25,7 +25,7 @@ from cldit.radiance.weights import Weights
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.scene import Scene, dump_scene, parse_scene
-from cldit.scene.schema import Window
+from cldit.scene.vessel import Window
 from tests.conftest import tiny_weights
 
 FILTERS: list[Filter] = [(3.3, 3.5), Response(((3.2, 0.0), (3.35, 0.8), (3.5, 0.7), (3.6, 0.0)))]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import SprayError
-from cldit.scene.schema import LagrangianSpray
+from cldit.scene.spray import LagrangianSpray
 from cldit.spray.cone import VELOCITY_COEFFICIENT
 from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.jet import profile

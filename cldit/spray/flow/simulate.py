@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
 from cldit.errors import SprayError
-from cldit.scene.schema import LagrangianSpray
+from cldit.scene.spray import LagrangianSpray
 from cldit.spray.droplet.evaporation import MODELS, Drop, Rates
 from cldit.spray.droplet.fluids import Fuel, check_conditions, fuel_table, gas_table
 from cldit.spray.flow.coupling import Cloud, Liquid, move

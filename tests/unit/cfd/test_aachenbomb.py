@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cldit.scene.schema import CfdSpray
+from cldit.scene.spray import CfdSpray
 from cldit.spray.cfd import read_cfd
 from cldit.spray.foamfile import particles, read_foam
 from cldit.spray.lagrangian import decode

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from cldit.errors import SprayError
 from cldit.scene.load import dump_scene, parse_scene
-from cldit.scene.schema import CfdSpray
+from cldit.scene.spray import CfdSpray
 from cldit.spray.cfd import read_cfd
 from cldit.spray.foamdict import read_injectors
 from cldit.spray.frame import Frame

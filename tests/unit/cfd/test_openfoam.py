@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from cldit.scene.schema import CfdSpray
+from cldit.scene.spray import CfdSpray
 from cldit.spray.cfd import read_cfd
 from cldit.spray.openfoam import read_openfoam
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from cldit.errors import SprayError
-from cldit.scene.schema import CfdSpray
+from cldit.scene.spray import CfdSpray
 from cldit.spray.cfd import read_cfd
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cldit.errors import SprayError
-from cldit.scene.schema import CfdSpray
+from cldit.scene.spray import CfdSpray
 from cldit.spray.cfd import read_cfd
 from cldit.spray.formats import contents
 

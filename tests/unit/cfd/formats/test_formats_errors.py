@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from cldit.errors import SprayError
-from cldit.scene.schema import CfdSpray
+from cldit.scene.spray import CfdSpray
 from cldit.spray.cfd import read_cfd
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from cldit.cli import main
 from cldit.errors import SprayError
 from cldit.scene.load import load_scene
-from cldit.scene.schema import CfdSpray
+from cldit.scene.spray import CfdSpray
 from cldit.spray.cfd import read_cfd
 from cldit.spray.columns import read_column_map
 from cldit.spray.result import Parcels, Spray

@@ -1,0 +1,94 @@
+"""What a run is, once it is done."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cldit.dit.maps import Maps
+from cldit.optics.spectral import Quadrature
+from cldit.radiance.weights import Weights
+from cldit.run.spectral import (
+    SpectralInfo,
+)
+from cldit.scene import Scene
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step of a run: what it took, and a word on what it did or why it was left out."""
+
+    name: str
+    seconds: float
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class RunInfo:
+    """How a run came about; everything here can be written as JSON."""
+
+    device: str
+    device_reason: str
+    stages: tuple[Stage, ...]
+    accuracy_K: float | None  # estimated error of T_app by the trace; None where nothing scatters
+    spray: dict[str, float]
+    counts: dict[str, int]
+    defines: dict[str, dict[str, Any]]  # kernel file -> what it was compiled with
+    precision: str
+    integration_time_s: float  # of the sensor, for the standard errors and the rig
+    versions: dict[str, str] = field(default_factory=dict)
+    spectral: SpectralInfo | None = None  # how the filter was resolved
+    remarks: tuple[str, ...] = ()  # what was inferred from the spray's files
+
+    def to_json(self) -> str:
+        data = {**self.__dict__, "stages": [stage.__dict__ for stage in self.stages]}
+        data["spectral"] = None if self.spectral is None else self.spectral.to_dict()
+        return json.dumps(data, indent=2)
+
+    @classmethod
+    def from_json(cls, text: str) -> RunInfo:
+        data = json.loads(text)
+        stages = tuple(Stage(**stage) for stage in data["stages"])
+        spectral = data.get("spectral")
+        return cls(
+            **{
+                **data,
+                "stages": stages,
+                "remarks": tuple(data["remarks"]),
+                "spectral": None if spectral is None else SpectralInfo.from_dict(spectral),
+            }
+        )
+
+
+@dataclass(frozen=True)
+class Run:
+    """What `simulate` and `open_run` return.
+
+    weights, reference: of the traced scene, and of the same scene without spray; (H, W) float32,
+        row 0 at the top; emission in photons s-1 m-2 sr-1. For all of the filter: those of several
+        spectral nodes are combined by `effective_weights`, for light of
+        `quadrature.reference_K` (the middle background).
+    spectral: the weights of each node of `quadrature`; (weights,) where there is one.
+    maps: DIT of the trace without noise, (H, W); the standard errors are those that the scene's
+        sensor and number of shots would give.
+    measured: DIT of what the rig acquired, on the sensor's pixels; None before an acquisition.
+    folder: where it is stored, if anywhere.
+    """
+
+    scene: Scene
+    weights: Weights
+    reference: Weights
+    maps: Maps
+    info: RunInfo
+    quadrature: Quadrature
+    spectral: tuple[Weights, ...]
+    measured: Maps | None = None
+    folder: Path | None = None
+
+    @property
+    def pixel_m(self) -> tuple[float, float]:
+        """Width and height of a traced pixel in the plane of the target."""
+        camera = self.scene.camera
+        return (camera.field_m[0] / camera.pixels[0], camera.field_m[1] / camera.pixels[1])

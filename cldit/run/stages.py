@@ -1,0 +1,36 @@
+"""The stages of a run, timed as they go."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from cldit.run.result import Stage
+
+Say = Callable[[str], None]
+
+
+class Stages:
+    """Times the stages of a run and tells the user which one is under way."""
+
+    def __init__(self, say: Say | None) -> None:
+        self.done: list[Stage] = []
+        self.remarks: list[str] = []
+        self._say = say
+
+    def remark(self, remarks: Sequence[str]) -> None:
+        """What a stage inferred and the user should know; kept for the report."""
+        self.remarks += remarks
+        if self._say is not None:
+            for text in remarks:
+                self._say(text)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[list[str]]:
+        if self._say is not None:
+            self._say(name)
+        note: list[str] = []
+        start = time.perf_counter()
+        yield note
+        self.done.append(Stage(name, time.perf_counter() - start, "; ".join(note)))

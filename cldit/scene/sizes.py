@@ -1,0 +1,91 @@
+"""Size distributions of the droplets, as a scene names them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated
+
+from pydantic import Discriminator, Tag, model_validator
+
+from cldit.scene.checks import Section, Within
+
+
+class NukiyamaTanasawa(Section):
+    """f(D) ~ D^p exp(-(D/m)^n), paper Eq. (5)."""
+
+    m_um: Annotated[float, Within(1e-3, 1e3)] = 1.5
+    n: Annotated[float, Within(0.05, 20.0)] = 1.0
+    p: Annotated[float, Within(-0.9, 50.0)] = 3.0
+
+
+class Monodisperse(Section):
+    """Every droplet leaves the nozzle with this diameter."""
+
+    diameter_um: Annotated[float, Within(1e-2, 1e3)]
+
+
+class LogNormal(Section):
+    """ln D is normal: numbers of droplets by their median, `sigma` the geometric deviation."""
+
+    median_um: Annotated[float, Within(1e-3, 1e3)]
+    sigma: Annotated[float, Within(1.001, 10.0)]
+
+
+class RosinRammler(Section):
+    """The mass in droplets above D is exp(-(D/d)^q)."""
+
+    d_um: Annotated[float, Within(1e-3, 1e3)]
+    q: Annotated[float, Within(1.01, 20.0)]  # at 1 and below, D32 is 0
+
+
+class Histogram(Section):
+    """Numbers of droplets between edges, even within each; of any scale."""
+
+    edges_um: tuple[Annotated[float, Within(0.0, 1e4)], ...]
+    number: tuple[Annotated[float, Within(0.0, 1e30)], ...]
+
+    @model_validator(mode="after")
+    def _fits(self) -> Histogram:
+        if len(self.edges_um) != len(self.number) + 1 or not 1 <= len(self.number) <= 1000:
+            raise ValueError(
+                f"number: {len(self.number)} values for {len(self.edges_um)} edges; allowed are "
+                "1..1000, one less than edges_um"
+            )
+        if any(low >= high for low, high in pairwise(self.edges_um)):
+            raise ValueError("edges_um: must rise")
+        if not any(self.number):
+            raise ValueError("number: holds no droplets")
+        return self
+
+
+_KINDS: dict[str, type[Section]] = {  # by a key that only one of them has
+    "diameter_um": Monodisperse,
+    "median_um": LogNormal,
+    "d_um": RosinRammler,
+    "edges_um": Histogram,
+}
+
+
+def _distribution(value: object) -> str | None:
+    """Which kind of sizes a scene means, by the keys that it gives."""
+    for key, kind in _KINDS.items():
+        if isinstance(value, kind) or (isinstance(value, dict) and key in value):
+            return kind.__name__
+    return "NukiyamaTanasawa" if isinstance(value, (dict, NukiyamaTanasawa)) else None
+
+
+Droplets = Annotated[
+    Annotated[NukiyamaTanasawa, Tag("NukiyamaTanasawa")]
+    | Annotated[Monodisperse, Tag("Monodisperse")]
+    | Annotated[LogNormal, Tag("LogNormal")]
+    | Annotated[RosinRammler, Tag("RosinRammler")]
+    | Annotated[Histogram, Tag("Histogram")],
+    Discriminator(
+        _distribution,
+        custom_error_type="not_allowed",
+        custom_error_message=(
+            "is no size distribution; allowed: {m_um, n, p}, {diameter_um}, {median_um, sigma}, "
+            "{d_um, q}, {edges_um, number} or null"
+        ),
+    ),
+]

@@ -1,0 +1,105 @@
+"""Kinds of values that a scene is made of: numbers with a range, points, directions, curves."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, ValidationInfo
+
+from cldit.errors import SceneError
+from cldit.scene.checks import Within
+from cldit.scene.curves import LONGEST_UM, SHORTEST_UM, Curve, check_curve, read_curve
+
+Length = Annotated[float, Within(1e-6, 100.0)]
+
+
+Coordinate = Annotated[float, Within(-100.0, 100.0)]
+
+
+Temperature = Annotated[float, Within(0.0, 5000.0)]
+
+
+Pixels = Annotated[int, Within(1, 16384)]
+
+
+Fraction = Annotated[float, Within(0.0, 1.0)]
+
+
+Angle = Annotated[float, Within(-360.0, 360.0)]
+
+
+Point = tuple[Coordinate, Coordinate, Coordinate]
+
+
+def _direction(value: object) -> object:
+    """`-y` as three numbers; other text is refused."""
+    if not isinstance(value, str):
+        return value
+    if len(value) != 2 or value[0] not in "+-" or value[1] not in "xyz":
+        raise ValueError(f"{value!r} is no direction; allowed is -x, +x .. +z, or three numbers")
+    sign = 1.0 if value[0] == "+" else -1.0
+    return tuple(sign if name == value[1] else 0.0 for name in "xyz")
+
+
+def _not_zero(value: Point) -> Point:
+    if math.hypot(*value) < 1e-9:
+        raise ValueError(f"{value} has no length; allowed is -x, +x .. +z, or three numbers")
+    return value
+
+
+Direction = Annotated[Point, BeforeValidator(_direction), AfterValidator(_not_zero)]
+
+
+Wavelength = Annotated[float, Within(SHORTEST_UM, LONGEST_UM)]
+
+
+_CURVE_FORMS = "a list of [wavelength_um, value], or a text file of both"
+
+
+def _in_folder(file: str | Path, info: ValidationInfo) -> Path:
+    """Relative paths start in the folder of the file that holds them."""
+    folder = (info.context or {}).get("folder")
+    return Path(file) if folder is None else (Path(folder) / file).resolve()
+
+
+def _curve(value: object, info: ValidationInfo) -> object:
+    """Reads a curve from its file, and checks one given as pairs; numbers are left alone."""
+    try:
+        if isinstance(value, (str, Path)):
+            return read_curve(_in_folder(value, info))
+        if isinstance(value, (list, tuple)) and value and isinstance(value[0], (list, tuple)):
+            return check_curve(value, what="curve")
+    except SceneError as error:
+        raise ValueError(str(error)) from error
+    return value
+
+
+def _curve_or_numbers(value: object) -> str:
+    pairs = isinstance(value, tuple) and bool(value) and isinstance(value[0], tuple)
+    return "[curve]" if pairs else "[numbers]"
+
+
+Filter = Annotated[
+    Annotated[Curve, Tag("[curve]")] | Annotated[tuple[Wavelength, Wavelength], Tag("[numbers]")],
+    Discriminator(_curve_or_numbers),
+    BeforeValidator(_curve),
+]
+
+
+QuantumEfficiency = Annotated[
+    Annotated[Curve, Tag("[curve]")] | Annotated[float, Within(1e-3, 1.0), Tag("[numbers]")],
+    Discriminator(_curve_or_numbers),
+    BeforeValidator(_curve),
+]
+
+
+def _material(value: object, info: ValidationInfo) -> object:
+    """The name of a substance, or the full path of a table."""
+    if isinstance(value, str) and Path(value).suffix:
+        return str(_in_folder(value, info))
+    return value
+
+
+Material = Annotated[str, Field(min_length=1), BeforeValidator(_material)]

@@ -1,0 +1,72 @@
+"""What encloses the spray: the cube that is traced, background, walls and windows."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, field_validator, model_validator
+
+from cldit.scene.checks import Section, Within
+from cldit.scene.values import Length, Point, Temperature
+
+
+class Domain(Section):
+    """The cube that is traced, and how finely the octree may divide it."""
+
+    edge_m: Length = 0.20
+    centre_m: Point = (0.0, 0.0, 0.0)
+    leaf_edge_m: Annotated[float, Within(1e-6, 100.0)] = 0.5e-3
+    optical_depth_split: Annotated[float, Within(0.0, 1.0)] = 1e-5
+
+    @model_validator(mode="after")
+    def _depth(self) -> Domain:
+        if self.edge_m / self.leaf_edge_m > 4096:
+            raise ValueError(
+                f"leaf_edge_m: {self.leaf_edge_m:g} is finer than edge_m / 4096 = "
+                f"{self.edge_m / 4096:g}"
+            )
+        return self
+
+
+class Background(Section):
+    """What is before the camera behind the spray: a disc that faces it, or all of the enclosure."""
+
+    shape: Literal["disc", "enclosure"] = "disc"
+    radius_m: Length = 0.05
+    centre_m: Point | None = None  # the middle of the domain's face on +y where left out
+    temperatures_K: tuple[Temperature, ...] = (400.0, 440.0, 480.0, 520.0, 560.0)
+    emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0
+    surroundings_K: Temperature | None = None  # what it reflects; the walls where left out
+
+    @field_validator("temperatures_K")
+    @classmethod
+    def _two(cls, temperatures: tuple[float, ...]) -> tuple[float, ...]:
+        if not 1 <= len(temperatures) <= 1000:
+            raise ValueError(f"{len(temperatures)} temperatures, allowed is 1..1000")
+        return temperatures
+
+
+class Walls(Section):
+    """The rest of the enclosure, a black body at one temperature."""
+
+    temperature_K: Temperature = 300.0
+
+
+class Window(Section):
+    """An uncoated plane window that fills what the camera sees (front) or the background (rear)."""
+
+    side: Literal["front", "rear"]
+    material: Literal["CaF2", "sapphire"]
+    thickness_m: Annotated[float, Within(1e-5, 0.2)] = 0.01
+    temperature_K: Temperature = 300.0
+
+
+def one_window_a_side(windows: tuple[Window, ...]) -> tuple[Window, ...]:
+    """Raises ValueError where a side has two windows."""
+    sides = [window.side for window in windows]
+    if len(set(sides)) < len(sides):
+        raise ValueError(f"sides {', '.join(sides)}; allowed are one front and one rear window")
+    return windows
+
+
+Windows = Annotated[tuple[Window, ...], AfterValidator(one_window_a_side)]
