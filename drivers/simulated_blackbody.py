@@ -29,6 +29,7 @@ class BlackBodySettings(Dynamics):
     start_K: Temperature = 295.0  # also where it is safe
     limits_K: tuple[Temperature, Temperature] = (253.0, 873.0)
     noise_K: Annotated[float, Within(0.0, 10.0)] = 0.02  # standard deviation of a reading
+    unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # readings, then it is gone
     stable_within_K: Annotated[float, Within(0.0, 100.0)] = 0.5  # the controller's own flag
 
     @model_validator(mode="after")
@@ -112,6 +113,9 @@ class SimulatedBlackBody:
     def _check(self) -> None:
         if not self._connected:
             raise NotConnected("background: simulated black body is not connected; call connect()")
+        gone = self._settings.unplug_after
+        if gone is not None and self._readings >= gone:
+            raise NotConnected("background: black body was unplugged (its fault unplug_after)")
 
 
 def open_blackbody(settings: dict[str, Any], context: RigContext) -> SimulatedBlackBody:
