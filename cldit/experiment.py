@@ -89,15 +89,21 @@ def _complete(record: Record) -> None:
 
 
 def evaluate_folder(
-    folder: str | Path, *, progress: Callable[[int, int], None] | None = None
+    folder: str | Path,
+    *,
+    frame: int = 0,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Maps:
     """Evaluates an acquisition folder and stores its maps in `folder/maps`.
+
+    Args:
+        frame: which picture of each shot, where the plan has several.
 
     Raises:
         RunFolderError: the folder holds no acquisition, or a shot is damaged.
         EvaluationError: the shots cannot be evaluated.
     """
-    acquisition = open_acquisition(folder)
+    acquisition = open_acquisition(folder, frame=frame)
     maps = evaluate_acquisition(acquisition, progress=progress)
     maps.save(Path(folder) / "maps", pixel_m=acquisition.pixel_m)
     return maps

@@ -7,7 +7,7 @@ import click
 from cldit import __version__
 from cldit.cli.bench import bench
 from cldit.cli.lists import devices, optics, scenes
-from cldit.cli.rig import acquire_command, evaluate, show
+from cldit.cli.rig import acquire_command, evaluate, export_command, show
 from cldit.cli.run import run
 from cldit.cli.sprays import droplet, import_command, spray_command
 
@@ -28,6 +28,7 @@ for command in (
     droplet,
     acquire_command,
     evaluate,
+    export_command,
     show,
     bench,
 ):

@@ -7,7 +7,9 @@ from pathlib import Path
 import click
 
 from cldit.acquisition.dry_run import SECONDS_PER_KELVIN, DryRun, dry_run
+from cldit.acquisition.export import FORMATS, export
 from cldit.acquisition.plan import load_plan
+from cldit.acquisition.record import open_acquisition
 from cldit.acquisition.runner import acquire
 from cldit.cli.console import OUT, ProgressBar, plain_errors
 from cldit.errors import RunFolderError
@@ -55,13 +57,32 @@ def _estimate(found: DryRun) -> None:
     OUT.print("nothing speaks against it")
 
 
+@click.command("export")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--to", "form", type=click.Choice(list(FORMATS)), required=True)
+@click.option("--out", type=click.Path(path_type=Path), help="The file; in FOLDER if left out.")
+@plain_errors
+def export_command(folder: Path, form: str, out: Path | None) -> None:
+    """Write the raw pictures of an acquisition FOLDER (or that of a run) into one file."""
+    acquisition = open_acquisition(_acquisition_in(folder))
+    path = export(acquisition, form, out)
+    if acquisition.missing:
+        OUT.print(f"[yellow]{len(acquisition.missing)} shots are still to be taken[/]")
+    OUT.print(f"{path}: {len(acquisition.shots)} shots, {path.stat().st_size / 1e6:.1f} MB")
+
+
+def _acquisition_in(folder: Path) -> Path:
+    return folder / "acquisition" if (folder / "acquisition").is_dir() else folder
+
+
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--frame", type=click.IntRange(0), default=0, help="Which picture of each shot.")
 @plain_errors
-def evaluate(folder: Path) -> None:
+def evaluate(folder: Path, frame: int) -> None:
     """Evaluate an acquisition FOLDER (or that of a run): its maps go into FOLDER/maps."""
-    target = folder / "acquisition" if (folder / "acquisition").is_dir() else folder
-    maps = evaluate_folder(target)
+    target = _acquisition_in(folder)
+    maps = evaluate_folder(target, frame=frame)
     for reason, count in maps.count().items():
         OUT.print(f"{count:9d} pixels: {reason.text}")
     OUT.print(f"{target / 'maps'}")

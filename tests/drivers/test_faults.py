@@ -169,7 +169,7 @@ def test_window_glows(tiny_rig: dict[str, Any]) -> None:
         reflected = front.reflection * boundary.radiance(295.0)
         seen.append(image[0, 0])
         behind.append((image - own - reflected) / front.transmission)
-    assert seen[1] > 1.02 * seen[0]
+    assert seen[1] > 1.004 * seen[0]  # an emissivity of half a percent, at 400 K before 420 K
     assert behind[1] == pytest.approx(behind[0], rel=1e-6)
 
 
