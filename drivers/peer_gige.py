@@ -44,8 +44,9 @@ class GigePeer:
 
     Attributes:
         loss: part of the stream's packets that never arrive, drawn with `seed`.
-        skip: the next so many pictures are taken and never sent.
+        skip: the next so many pictures are taken and never sent; `skipped` were.
         cut: the next so many pictures lack their second half, and are not sent again.
+        picture: what it sees, from the picture's number and the integration time in seconds.
         taken: pictures since it was switched on.
         missed: triggers that found it not ready.
     """
@@ -63,9 +64,9 @@ class GigePeer:
         self.sensor = sensor
         self.host = host or ".".join(["127", *(str(secrets.randbelow(254) + 1) for _ in "abc")])
         self.serial = f"{secrets.randbelow(10**8):08d}"
-        self.loss, self.skip, self.cut = loss, 0, 0
+        self.loss, self.skip, self.cut, self.skipped = loss, 0, 0, 0
         self.taken = self.missed = self.lost_packets = self.resent_packets = 0
-        self._image = image or pattern(sensor)
+        self.picture = image or pattern(sensor)
         self._rate_Hz = frame_rate_Hz
         self._random = random.Random(seed)
         self._lock = threading.RLock()
@@ -160,7 +161,7 @@ class GigePeer:
 
     def image(self, number: int) -> NDArray[np.uint16]:
         """The picture with this number (from 1) as it was sent with the present settings."""
-        whole = self._image(number, 1e-6 * self._get_float(reg.EXPOSURE))
+        whole = self.picture(number, 1e-6 * self._get_float(reg.EXPOSURE))
         x, y, w, h = (self._get(at) for at in (reg.OFFSET_X, reg.OFFSET_Y, reg.WIDTH, reg.HEIGHT))
         return whole[y : y + h, x : x + w]
 
@@ -207,6 +208,7 @@ class GigePeer:
                     del packets[len(packets) // 2 : -1]
                 if self.skip > 0:
                     self.skip -= 1
+                    self.skipped += 1
                     del self._sent[self._block]
                     continue
             if target is not None:

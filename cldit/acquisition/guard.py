@@ -29,6 +29,10 @@ _SAFE = b"safe\n"
 _CONNECT_s = 15.0  # longer than any camera's heartbeat
 _PAUSES_s = (0.0, 1.0, 10.0)  # before each attempt
 _WAIT_s = 120.0  # for all attempts of the guard, where its parent lives on
+_PROCESS = (
+    "import pathlib, sys; from cldit.acquisition.guard import watch; "
+    "sys.exit(watch(sys.stdin.buffer, pathlib.Path(sys.argv[1])))"
+)
 STILL_ON = {
     "camera": "the camera may still be armed",
     "background": "the black body may still be hot",
@@ -57,7 +61,7 @@ class Guard:
             return self
         rig_file = yaml.safe_dump(self._rig.file.model_dump(mode="json"))
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "cldit.acquisition.guard", str(self._folder.resolve())],
+            [sys.executable, "-c", _PROCESS, str(self._folder.resolve())],
             stdin=subprocess.PIPE,
             start_new_session=True,  # Ctrl-C and a closed terminal are not for it
         )
@@ -168,7 +172,3 @@ def _make_safe(rig_file: bytes) -> list[str]:
         except Exception as error:  # as above
             problems.append(f"{name}: {error}")
     return problems + rig.close()
-
-
-if __name__ == "__main__":
-    sys.exit(watch(sys.stdin.buffer, Path(sys.argv[1])))
