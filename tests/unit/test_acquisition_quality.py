@@ -54,7 +54,7 @@ def picture(seed: int, *, drift_K: float = 0.0, depth: float = 0.0) -> NDArray[n
     signal = CAMERA.counts_per_radiance * np.where(disc(), hot, wall) * through
     electrons = rng.poisson(signal * CAMERA.electrons_per_count) + rng.normal(0.0, 200.0, SHAPE)
     counts = np.rint(CAMERA.offset_counts + electrons / CAMERA.electrons_per_count)
-    return np.clip(counts, 0, 16383).astype(np.uint16)
+    return np.asarray(np.clip(counts, 0, 16383), np.uint16)
 
 
 def references(**plan: Any) -> References:
