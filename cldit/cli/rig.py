@@ -12,6 +12,7 @@ from cldit.acquisition.plan import load_plan
 from cldit.acquisition.record import open_acquisition
 from cldit.acquisition.runner import acquire
 from cldit.cli.console import OUT, ProgressBar, plain_errors
+from cldit.cli.live import LiveView
 from cldit.errors import RunFolderError
 from cldit.experiment import evaluate_folder
 from cldit.report.run_report import show_folder
@@ -24,8 +25,9 @@ from cldit.rig.load import open_rig
 @click.argument("plan", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the shots.")
 @click.option("--dry-run", "dry", is_flag=True, help="Check and estimate; nothing moves or fires.")
+@click.option("--live", is_flag=True, help="Show the last picture, here and in a window.")
 @plain_errors
-def acquire_command(rig: Path, plan: Path, out: Path, dry: bool) -> None:
+def acquire_command(rig: Path, plan: Path, out: Path, dry: bool, live: bool) -> None:
     """Record the sequence in PLAN with the instruments in RIG; resumes where it stopped."""
     sequence = load_plan(plan)
     if dry:
@@ -35,8 +37,13 @@ def acquire_command(rig: Path, plan: Path, out: Path, dry: bool) -> None:
         finally:
             asked.close()  # not made safe: that would move the black body
         return
-    with open_rig(rig) as opened, ProgressBar() as bar:
-        record = acquire(opened, sequence, out, progress=bar.watch)
+    with open_rig(rig) as opened:
+        if live:
+            with LiveView() as view:
+                record = acquire(opened, sequence, out, progress=view.watch, preview=view.show)
+        else:
+            with ProgressBar() as bar:
+                record = acquire(opened, sequence, out, progress=bar.watch)
     OUT.print(
         f"{record.saved} of {record.total} shots in {out}; {record.rejected} rejected, "
         f"{record.lost_injections} injections without a kept picture"
