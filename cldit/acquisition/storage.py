@@ -115,11 +115,13 @@ def load_shot(
         raise DamagedPicture(str(error)) from error
     if image.dtype != np.uint16 or image.ndim not in (2, 3):
         raise RunFolderError(f"{path}: {image.dtype} of shape {image.shape} is no raw picture")
-    if meta.get("shot") != shot_id or meta.get("plan_hash") != plan_hash:
+    if not {"shot", "plan_hash", "sha256"} <= set(meta):
+        raise DamagedPicture(f"{path}: does not say which shot it is; move it out of the folder")
+    if meta["shot"] != shot_id or meta["plan_hash"] != plan_hash:
         raise RunFolderError(
             f"{path}: is no shot {shot_id} of this plan; move it out of the folder"
         )
-    if meta.get("sha256") != checksum(image):
+    if meta["sha256"] != checksum(image):
         raise DamagedPicture(
             f"{path}: the pixels are not those that were recorded; restore the file, or remove it "
             "and acquire again: the shot is retaken"
