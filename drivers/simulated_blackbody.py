@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Annotated, Any
 
 from pydantic import model_validator
 
-from cldit.rig.clock import StopCheck
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import NotConnected, OutOfLimits
-from cldit.rig.protocols import DeviceInfo, Limits, Stability
-from cldit.rig.stability import wait_stable
+from cldit.rig.protocols import DeviceInfo, Limits
+from cldit.rig.stability import Settling
 from cldit.scene.checks import Within
 from cldit.scene.values import Temperature
 
@@ -39,7 +37,7 @@ class BlackBodySettings(Dynamics):
         return self
 
 
-class SimulatedBlackBody:
+class SimulatedBlackBody(Settling):
     """A `cldit.rig.protocols.Background`."""
 
     def __init__(
@@ -93,22 +91,6 @@ class SimulatedBlackBody:
         self._check()
         off = abs(self._heater.now_K() - self._heater.setpoint_K)
         return off <= self._settings.stable_within_K
-
-    def wait_stable(
-        self,
-        temperature_K: float,
-        stability: Stability,
-        should_stop: StopCheck | None = None,
-        on_progress: Callable[[float], None] | None = None,
-    ) -> float:
-        return wait_stable(
-            self,
-            self._clock,
-            temperature_K,
-            stability,
-            should_stop=should_stop,
-            on_progress=on_progress,
-        )
 
     def _check(self) -> None:
         if not self._connected:

@@ -14,7 +14,6 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import IO
 
 import yaml
@@ -96,12 +95,7 @@ class Guard:
         self._process.stdin.write(data)
         self._process.stdin.flush()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._process is None or self._process.stdin is None:
             return
         if self._process.stdin.closed:  # it took over

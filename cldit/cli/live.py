@@ -6,11 +6,9 @@ served by the main thread of its process, and that of the acquisition has better
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import threading
-from types import TracebackType
 from typing import IO, Any
 
 import matplotlib
@@ -35,7 +33,7 @@ def stretched(image: NDArray[np.uint16]) -> NDArray[np.float64]:
     low, high = np.percentile(image, (1.0, 99.0))
     if high <= low:
         return np.zeros(image.shape)
-    return np.clip((image - low) / (high - low), 0.0, 1.0)
+    return np.asarray(np.clip((image - low) / (high - low), 0.0, 1.0))
 
 
 def half_blocks(image: NDArray[np.uint16], columns: int = _COLUMNS) -> Text:
@@ -85,12 +83,7 @@ class LiveView:
         self._live.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._live.stop()
         self._close_window()
 
@@ -143,16 +136,12 @@ def window(stream: IO[bytes] | None = None, *, interactive: bool | None = None) 
     import matplotlib.pyplot as plt
 
     stream = sys.stdin.buffer if stream is None else stream
-    if interactive is None:
-        headless = sys.platform.startswith("linux") and not (
-            os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-        )
-        gui = matplotlib.backends.BackendFilter.INTERACTIVE
-        names = matplotlib.backends.backend_registry.list_builtin(gui)
-        interactive = not headless and plt.get_backend().lower() in names
-    if not interactive:
-        return None
     figure, axes = plt.subplots(num="cldit acquire --live")
+    if interactive is None:  # matplotlib falls back to a canvas without a window where it must
+        interactive = getattr(figure.canvas, "required_interactive_framework", None) is not None
+    if not interactive:
+        plt.close(figure)
+        return None
     shown = None
     while True:
         try:

@@ -61,7 +61,11 @@ def test_window_draws_each_picture_and_ends(monkeypatch: pytest.MonkeyPatch) -> 
     import matplotlib.pyplot as plt
 
     seen = []
-    monkeypatch.setattr(plt, "pause", lambda s: seen.append(plt.gca().images[0].get_array().copy()))
+
+    def pause(seconds: float) -> None:
+        seen.append(np.array(plt.gca().images[0].get_array()))
+
+    monkeypatch.setattr(plt, "pause", pause)
     stream = io.BytesIO()
     for image in (ramp(), ramp()[::-1]):
         np.save(stream, image)
@@ -115,7 +119,12 @@ def test_acquire_live(
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(tiny_rig))
     (tmp_path / "plan.yaml").write_text(tiny_plan.dump())
     pictures = []
-    monkeypatch.setattr(live, "half_blocks", lambda *a: pictures.append(a) or half_blocks(*a))
+
+    def counted(*arguments: Any) -> Any:
+        pictures.append(arguments)
+        return half_blocks(*arguments)
+
+    monkeypatch.setattr(live, "half_blocks", counted)
     arguments = ["acquire", *(str(tmp_path / f"{n}.yaml") for n in ("rig", "plan")), "--live"]
     result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "a")])
     assert result.exit_code == 0 and "10 of 10 shots" in result.output, result.output
