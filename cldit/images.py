@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import tifffile
@@ -26,15 +25,16 @@ def fsync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def encode_image(
+def put_image(
+    stream: IO[bytes],
     image: NDArray[Any],
     *,
     name: str,
     unit: str,
     pixel_m: tuple[float, float] | None = None,
     meta: dict[str, Any] | None = None,
-) -> bytes:
-    """One picture (H, W), or several (N, H, W), as ImageJ TIFF: float32, uint16 or uint8.
+) -> None:
+    """Writes one picture (H, W), or several (N, H, W), as ImageJ TIFF: float32, uint16 or uint8.
 
     Row 0 is at the top.
 
@@ -60,9 +60,7 @@ def encode_image(
         metadata["unit"] = "mm"
         info["pixel_m"] = list(pixel_m)
     metadata["Info"] = json.dumps(info)
-    stream = io.BytesIO()
     tifffile.imwrite(stream, image, imagej=True, resolution=resolution, metadata=metadata)
-    return stream.getvalue()
 
 
 def write_image(
@@ -74,14 +72,13 @@ def write_image(
     pixel_m: tuple[float, float] | None = None,
     meta: dict[str, Any] | None = None,
 ) -> None:
-    """Writes one picture; arguments as those of `encode_image`.
+    """Writes one picture; arguments as those of `put_image`.
 
     The file appears whole or not at all: it is written beside its place, synced, and renamed.
     """
-    data = encode_image(image, name=name, unit=unit, pixel_m=pixel_m, meta=meta)
     part = path.with_name(path.name + ".part")
     with part.open("wb") as stream:
-        stream.write(data)
+        put_image(stream, image, name=name, unit=unit, pixel_m=pixel_m, meta=meta)
         stream.flush()
         os.fsync(stream.fileno())
     part.replace(path)

@@ -40,7 +40,7 @@ _IN_FLIGHT_s = 0.5  # a picture arrives this long after its exposure, or never
 ABOUT = DriverAbout(
     "camera",
     "GenICam cameras on GigE Vision",
-    "untested on hardware; tested with a simulated GigE Vision camera over sockets",
+    "untested on hardware; tested with three simulated GigE Vision cameras, two of them not ours",
     needs=("viva_genicam",),
 )
 

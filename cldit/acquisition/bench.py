@@ -52,12 +52,14 @@ _CALIBRATION = {
 @dataclass(frozen=True)
 class BenchResult:
     """Of each repetition: frames saved per second, every guarantee kept, and syncs per second of
-    the bare loop right before and after it. lost: frames taken and not found afterwards, in all.
+    the bare loop right before and after it. cpu_s: of this process for one frame, whatever else
+    the computer does. lost: frames taken and not found afterwards, in all.
     """
 
     frames_per_shot: int
     frames_per_s: tuple[float, ...]
     syncs_per_s: tuple[float, ...]
+    cpu_s: tuple[float, ...]
     lost: int
     sensor: tuple[int, int]
 
@@ -198,25 +200,28 @@ def bench_rig(
             "stability": {"hold_s": 0.0, "settle_s": 0.0},
         }
     )
-    rates, floors, lost = [], [], 0
+    rates, floors, cpu_s, lost = [], [], [], 0
     for _ in range(repeats):
         rig = Rig(_Camera(sensor), _Background(), _Trigger(), SystemClock(), file)
         with tempfile.TemporaryDirectory(dir=folder, prefix="cldit-bench-") as place:
             before = _syncs_per_s(Path(place))
-            rate, missing = _measure(rig, plan, Path(place) / "a")
+            rate, used_s, missing = _measure(rig, plan, Path(place) / "a")
             rates.append(rate)
+            cpu_s.append(used_s)
             lost += missing
             floors.append((before + _syncs_per_s(Path(place))) / 2.0)
-    return BenchResult(frames_per_shot, tuple(rates), tuple(floors), lost, sensor)
+    return BenchResult(frames_per_shot, tuple(rates), tuple(floors), tuple(cpu_s), lost, sensor)
 
 
-def _measure(rig: Rig, plan: Plan, folder: Path) -> tuple[float, int]:
-    """Frames per second, from the first shot to the last; frames that are not found afterwards."""
+def _measure(rig: Rig, plan: Plan, folder: Path) -> tuple[float, float, int]:
+    """From the first shot to the last: frames per second, CPU seconds a frame; frames lost."""
     times: list[float] = []
+    cpu_s: list[float] = []
 
     def watch(progress: Progress) -> None:
         if progress.done > len(times) - 1:  # the first time with so many shots saved
             times.append(time.perf_counter())
+            cpu_s.append(time.process_time())
 
     acquire(rig, plan, folder, progress=watch)
     acquisition = open_acquisition(folder)
@@ -226,7 +231,9 @@ def _measure(rig: Rig, plan: Plan, folder: Path) -> tuple[float, int]:
         for frame in acquisition.load_frames(shot)[0]
     }
     total = len(plan.steps()) * plan.frames
-    return (len(times) - 1) * plan.frames / (times[-1] - times[0]), total - len(found)
+    frames = (len(times) - 1) * plan.frames
+    rate, used_s = frames / (times[-1] - times[0]), (cpu_s[-1] - cpu_s[0]) / frames
+    return rate, used_s, total - len(found)
 
 
 def _syncs_per_s(folder: Path) -> float:

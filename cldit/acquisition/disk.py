@@ -5,10 +5,11 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 from cldit.errors import ClditError, RunFolderError
 from cldit.images import fsync_folder
@@ -58,7 +59,7 @@ def check_room(folder: Path, needed: int) -> None:
         )
 
 
-def write_checked(path: Path, data: bytes) -> None:
+def write_checked(path: Path, write: Callable[[IO[bytes]], None]) -> None:
     """A file that carries its own checksum, on the disk with its folder's entry on return.
 
     It is renamed before it is synced, so that the system can write data and entry in one go:
@@ -68,10 +69,8 @@ def write_checked(path: Path, data: bytes) -> None:
     """
     part = path.with_name(path.name + ".part")
     try:
-        with part.open("wb", buffering=0) as stream:
-            left = memoryview(data)
-            while left:
-                left = left[stream.write(left) :]
+        with part.open("wb") as stream:
+            write(stream)
         part.replace(path)
         with ThreadPoolExecutor(1) as pool:
             folder = pool.submit(fsync_folder, path.parent)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from filelock import FileLock, Timeout
@@ -18,7 +18,7 @@ from cldit.acquisition.disk import write_checked, written
 from cldit.acquisition.journal import Entry, read_journal
 from cldit.acquisition.plan import Plan, Shot, load_plan
 from cldit.errors import RunFolderError
-from cldit.images import encode_image, read_image
+from cldit.images import put_image, read_image
 
 PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS, GUARD = (
     "plan.yaml",
@@ -61,7 +61,7 @@ def shot_path(folder: Path, shot_id: str) -> Path:
 
 def checksum(image: NDArray[Any]) -> str:
     """SHA-256 of the pixels, row by row, little endian."""
-    return hashlib.sha256(np.ascontiguousarray(image, dtype="<u2").tobytes()).hexdigest()
+    return hashlib.sha256(np.ascontiguousarray(image, dtype="<u2").data).hexdigest()
 
 
 @contextmanager
@@ -95,8 +95,11 @@ def save_shot(
     meta: dict[str, Any],
 ) -> None:
     """Writes the picture(s) of a shot, durable on return; leaves nothing behind on failure."""
-    data = encode_image(image, name=shot.id, unit="counts", pixel_m=pixel_m, meta=meta)
-    write_checked(shot_path(folder, shot.id), data)
+
+    def write(stream: IO[bytes]) -> None:
+        put_image(stream, image, name=shot.id, unit="counts", pixel_m=pixel_m, meta=meta)
+
+    write_checked(shot_path(folder, shot.id), write)
 
 
 def load_shot(
