@@ -1,4 +1,4 @@
-"""`cldit acquire`, `evaluate` and `show`: the rig and its pictures."""
+"""`cldit acquire` and `show`: the rig and its pictures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from cldit.acquisition.runner import acquire
 from cldit.cli.console import OUT, ProgressBar, plain_errors
 from cldit.cli.live import LiveView
 from cldit.errors import RunFolderError
-from cldit.experiment import evaluate_folder
 from cldit.report.run_report import show_folder
 from cldit.rig.errors import RigError
 from cldit.rig.load import open_rig
@@ -80,19 +79,6 @@ def export_command(folder: Path, form: str, out: Path | None) -> None:
 
 def _acquisition_in(folder: Path) -> Path:
     return folder / "acquisition" if (folder / "acquisition").is_dir() else folder
-
-
-@click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--frame", type=click.IntRange(0), default=0, help="Which picture of each shot.")
-@plain_errors
-def evaluate(folder: Path, frame: int) -> None:
-    """Evaluate an acquisition FOLDER (or that of a run): its maps go into FOLDER/maps."""
-    target = _acquisition_in(folder)
-    maps = evaluate_folder(target, frame=frame)
-    for reason, count in maps.count().items():
-        OUT.print(f"{count:9d} pixels: {reason.text}")
-    OUT.print(f"{target / 'maps'}")
 
 
 @click.command()
