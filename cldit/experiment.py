@@ -110,10 +110,11 @@ def evaluate_folder(
         EvaluationError: the shots cannot be evaluated.
     """
     acquisition: Acquisition | Measured
+    missing: tuple[str, ...] = ()
     if is_measured(folder):
         if frame:
             raise EvaluationError(f"{folder}: frame {frame}: measured shots have one picture, 0")
-        acquisition, missing = open_measured(folder), ()
+        acquisition = open_measured(folder)
     else:
         acquisition = open_acquisition(folder, frame=frame)
         missing = acquisition.missing
