@@ -133,10 +133,15 @@ def watch(stream: IO[bytes], folder: Path) -> int:
         out.flush()
         os.fsync(out.fileno())
     if problems:
-        print("\a\ncldit: THE RIG IS NOT SAFE:\n" + "\n".join(problems), file=sys.stderr)
+        alarm(problems)
     with suppress(ClditError), exclusive(folder):  # in use: that process sees the rig itself
         _note(folder, problems)
     return int(bool(problems))
+
+
+def alarm(problems: list[str]) -> None:
+    """On the terminal, where the error itself may not reach it."""
+    print("\a\ncldit: THE RIG IS NOT SAFE:\n" + "\n".join(problems), file=sys.stderr, flush=True)
 
 
 def _note(folder: Path, problems: list[str]) -> None:

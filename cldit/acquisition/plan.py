@@ -179,7 +179,7 @@ def plan_from_scene(scene: Scene, *, integration_time_s: float = USUAL_INTEGRATI
         backgrounds_K=scene.background.temperatures_K,
         shots=scene.plan.shots,
         references=scene.plan.references,
-        expect_fuel=scene.spray.model != "none",
+        expect_fuel=False,  # a scene may well be one in which nothing can be seen
         integration_time_s=integration_time_s,
         stability=StabilitySection(timeout_s=timeout_s),
         trigger=trigger,

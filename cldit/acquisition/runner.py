@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator
 from contextlib import ExitStack
 from pathlib import Path
 
-from cldit.acquisition.guard import Guard
+from cldit.acquisition.guard import Guard, alarm
 from cldit.acquisition.interrupts import Interrupts
 from cldit.acquisition.plan import Plan
 from cldit.acquisition.preview import Preview
@@ -73,11 +73,14 @@ def iterate(
         except Exception as error:
             _end_safe(guard, f"{error}\nand ", error)
             raise
-        except BaseException as error:
-            try:
-                _end_safe(guard, "", error)
-            except RigError as unsafe:  # whoever ends the process must still be able to
-                error.add_note(str(unsafe))
+        except GeneratorExit as error:
+            _end_safe(guard, "", error)
+            raise
+        except BaseException as error:  # whoever ends the process must still be able to
+            problems = guard.make_safe()
+            if problems:
+                alarm(problems)
+                error.add_note("\n".join(problems))
             raise
         _end_safe(guard, "", None)
         return record

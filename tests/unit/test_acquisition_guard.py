@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from cldit.acquisition import Plan, acquire
+from cldit.acquisition import Plan, Progress, acquire, iterate
 from cldit.acquisition import guard as guard_module
 from cldit.acquisition.guard import Guard, watch
 from cldit.acquisition.journal import Journal, read_journal
@@ -102,6 +102,33 @@ def test_the_acquisition_says_it_too(
     assert entry["event"] == "unsafe" and "may still be hot" in entry["problems"][0]
     record = acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")  # such a journal can be read
     assert record.complete
+
+
+def test_a_loop_that_is_left_says_it_too(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    shots = iterate(stuck(tiny_rig), tiny_plan, tmp_path / "a")
+    next(shots)
+    with pytest.raises(RigError, match="the black body may still be hot"):
+        shots.close()
+
+
+@pytest.mark.parametrize("error", [SystemExit, KeyboardInterrupt])
+def test_a_process_that_is_ended_says_it_too(
+    error: type[BaseException],
+    tiny_rig: dict[str, Any],
+    tiny_plan: Plan,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def ending(progress: Progress) -> None:
+        if progress.done == 2:
+            raise error
+
+    with pytest.raises(error) as caught:
+        acquire(stuck(tiny_rig), tiny_plan, tmp_path / "a", progress=ending)
+    assert "may still be hot" in caught.value.__notes__[0]
+    assert "THE RIG IS NOT SAFE" in capsys.readouterr().err
 
 
 class NotSimulated:
