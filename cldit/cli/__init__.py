@@ -20,6 +20,7 @@ _COMMANDS = {
     "droplet": "sprays:droplet",
     "acquire": "rig:acquire_command",
     "evaluate": "evaluate:evaluate",
+    "export": "rig:export_command",
     "show": "rig:show",
     "bench": "bench:bench",
 }
