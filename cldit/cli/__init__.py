@@ -8,6 +8,7 @@ from cldit import __version__
 from cldit.cli.bench import bench
 from cldit.cli.evaluate import evaluate
 from cldit.cli.lists import devices, optics, scenes
+from cldit.cli.plan import plan_command
 from cldit.cli.rig import acquire_command, show
 from cldit.cli.run import run
 from cldit.cli.sprays import droplet, import_command, spray_command
@@ -27,6 +28,7 @@ for command in (
     spray_command,
     import_command,
     droplet,
+    plan_command,
     acquire_command,
     evaluate,
     show,
