@@ -136,6 +136,7 @@ def _figures(run: Run) -> dict[str, str]:
     figures |= {f"inferred {n}": text for n, text in enumerate(run.info.remarks, start=1)}
     figures["integration time"] = f"{run.info.integration_time_s * 1e6:.4g} us"
     figures |= _spectral(run)
+    figures["phase function"] = run.info.phase
     figures["precision"] = run.info.precision
     if run.info.accuracy_K is not None:
         figures["estimated error of the trace in T_app"] = f"{run.info.accuracy_K:.2g} K RMS"
