@@ -20,6 +20,7 @@ _COMMANDS = {
     "plan": "plan:plan_command",
     "acquire": "rig:acquire_command",
     "evaluate": "evaluate:evaluate",
+    "scattering": "scattering:scattering_command",
     "show": "rig:show",
     "bench": "bench:bench",
 }

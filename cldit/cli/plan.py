@@ -10,6 +10,7 @@ from rich.table import Table
 
 from cldit.acquisition.plan import StabilitySection
 from cldit.cli.console import OUT, plain_errors, say
+from cldit.cli.units import KELVIN
 from cldit.dit.design import (
     BlackBody,
     Design,
@@ -29,26 +30,9 @@ from cldit.run import simulate
 from cldit.scene import Scene, load_scene
 
 
-class Kelvin(click.ParamType):
-    """A number, with K or without."""
-
-    name = "kelvin"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        try:
-            kelvin = float(str(value).strip().removesuffix("K"))
-        except ValueError:
-            self.fail(f"{value!r} is no temperature; allowed is a number of kelvin, as 2K", param)
-        if not 1e-3 <= kelvin <= 5000.0:
-            self.fail(f"{kelvin:g} K is outside 0.001..5000", param)
-        return kelvin
-
-
 @click.command("plan")
 @click.argument("scene")
-@click.option("--error", "error_K", type=Kelvin(), required=True, help="Wanted in T_app: 2K.")
+@click.option("--error", "error_K", type=KELVIN, required=True, help="Wanted in T_app: 2K.")
 @click.option(
     "--emissivity-error",
     type=click.FloatRange(1e-5, 1.0),
@@ -74,7 +58,7 @@ class Kelvin(click.ParamType):
 @click.option(
     "--limits",
     "limits_K",
-    type=(Kelvin(), Kelvin()),
+    type=(KELVIN, KELVIN),
     help="Of the black body; the scene's lowest and highest background.",
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder; runs/SCENE-plan.")
@@ -107,6 +91,8 @@ def plan_command(
         time_constant_s=loaded.rig.background_time_constant_s,
         stability=StabilitySection(),
     )
+    if not error_K > 0.0:
+        raise click.BadParameter(f"{error_K:g} K; allowed is more than 0", param_hint="--error")
     goal = Goal(error_K=error_K, emissivity_error=emissivity_error, quantile=quantile)
     shot_s = shot_time_s(loaded)
     found = designs(subject, blackbody, goal, shot_s=shot_s)
@@ -136,9 +122,9 @@ def _print(found: list[Design], best: Design, goal: Goal, least_emissivity: floa
         f"{100 * goal.quantile:g} % of the pixels of emissivity {least_emissivity:g} and more "
         f"within {goal.error_K:g} K and {goal.emissivity_error:g}:"
     )
-    table = Table("", "backgrounds / K", "shots", "references", "T_app / K", "emissivity", box=None)
-    table.add_column("time / min")
-    table.add_column("waiting / min")
+    table = Table(box=None)
+    for head in ("", "backgrounds / K", "shots", "refs", "T_app / K", "eps", "min", "waiting"):
+        table.add_column(head, no_wrap=True)
     for one in found:
         table.add_row(
             "->" if one is best else "",

@@ -54,6 +54,10 @@ def design_picture(
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.set_minor_formatter(lambda value, _: "")
+    axes.set_yticks([0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50])
+    lowest = min(float(errors.min()) for _, _, errors in lines)
+    highest = max(float(errors.max()) for _, _, errors in lines)
+    axes.set_ylim(0.8 * lowest, 1.2 * max(highest, goal.error_K))
     axes.set_xticks([20, 30, 40, 60, 100, 200, 400, 1000])
     longest = max(float(time_s[-1]) for _, time_s, _ in lines) / 60.0
     shortest = min(float(time_s[0]) for _, time_s, _ in lines) / 60.0
