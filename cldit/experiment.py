@@ -113,6 +113,7 @@ def evaluate_folder(
         EvaluationError: the shots cannot be evaluated.
     """
     acquisition: Acquisition | Measured
+    missing: tuple[str, ...]
     if is_measured(folder):
         acquisition, missing = open_measured(folder), ()
     else:

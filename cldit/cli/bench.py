@@ -12,6 +12,7 @@ from cldit.acquisition.bench import bench_rig
 from cldit.bench_optics import ABSORPTIONS, check_table, table_use, with_preset
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.dit.bench import bench_evaluation
+from cldit.dit.truth import truth_table
 from cldit.optics.wavelengths import wavelengths
 from cldit.report.droplets import convergence_picture
 from cldit.report.pictures import nodes_picture
@@ -58,7 +59,25 @@ def bench_rig_command(folder: Path, frames: int, rate_Hz: float) -> None:
 )
 @plain_errors
 def bench_evaluate_command(shots: int, folder: Path | None) -> None:
-    """Time and memory that the evaluation of SHOTS full frames (640 x 512) takes."""
+    """Bias and errors against known sprays; time and memory of SHOTS full frames (640 x 512)."""
+    table = Table(box=None)
+    for head in ("eps", "T bias / K", "T error / K", "T chi2", "eps bias", "eps chi2"):
+        table.add_column(head)
+    last = ""
+    for row in truth_table():
+        if row.surroundings != last:
+            last = row.surroundings
+            table.add_section()
+            table.add_row(f"surroundings: {last}")
+        table.add_row(
+            f"{row.emissivity:g}",
+            f"{row.bias_K:+.3f}",
+            f"{row.error_K:.3f}",
+            f"{row.chi2_K:.2f}",
+            f"{row.emissivity_bias:+.1e}",
+            f"{row.chi2_emissivity:.2f}",
+        )
+    OUT.print(table)
     with tempfile.TemporaryDirectory(dir=folder, prefix="cldit-bench-") as place:
         result = bench_evaluation(Path(place), shots=shots)
     OUT.print(

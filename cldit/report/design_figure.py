@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.dit.design import Design, Goal
-from cldit.report.pictures import figure_of, png_of
+from cldit.report.sheet import figure_of, png_of
 
 Floats = NDArray[np.float64]
 
