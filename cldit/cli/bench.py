@@ -13,6 +13,8 @@ from cldit.bench_optics import ABSORPTIONS, check_table, table_use, with_preset
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.dit.bench import bench_evaluation
 from cldit.dit.truth import truth_table
+from cldit.errors import TransportError
+from cldit.gpu.device import open_device
 from cldit.optics.wavelengths import wavelengths
 from cldit.report.droplets import convergence_picture
 from cldit.report.pictures import nodes_picture
@@ -81,8 +83,8 @@ def bench_evaluate_command(shots: int, folder: Path | None) -> None:
     with tempfile.TemporaryDirectory(dir=folder, prefix="cldit-bench-") as place:
         result = bench_evaluation(Path(place), shots=shots)
     OUT.print(
-        f"{result.shots} shots of 640 x 512 in {result.seconds:.1f} s, of which "
-        f"{result.read_s:.1f} s to read them; {result.peak_bytes / 2**20:.0f} MiB at most, "
+        f"{result.shots} shots of 640 x 512 in {result.seconds:.1f} s "
+        f"({result.cpu_s:.1f} s of CPU, {result.read_s:.1f} s to read them); {result.peak_bytes / 2**20:.0f} MiB at most, "
         f"{result.grown_bytes / 2**20:.0f} MiB more than before"
     )
 
@@ -150,3 +152,26 @@ def bench_droplet_command(out: Path) -> None:
     them."""
     out.write_bytes(convergence_picture(*measure_all(default_cache())))
     OUT.print(str(out))
+
+
+@bench.command("stability")
+@click.option("--out", type=click.Path(path_type=Path), help="Markdown file; else printed.")
+@click.option("--slow", is_flag=True, help="With 1e7 cells: some 6 GB of memory, minutes.")
+@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@plain_errors
+def bench_stability_command(out: Path | None, slow: bool, device: str | None) -> None:
+    """Stiff and extreme cases of the transport, with the error that each reaches."""
+    from cldit.bench.stability import bench_stability, cases, page
+
+    opened = open_device(device)
+    outcomes = bench_stability(opened, cases(), slow=slow, say=say)
+    command = "cldit bench stability" + (" --slow" if slow else "")
+    text = page(outcomes, opened, command=f"{command} --out docs/stability.md")
+    if out is None:
+        click.echo(text)
+    else:
+        out.write_text(text, encoding="utf-8")
+        OUT.print(str(out))
+    missed = [outcome.case.name for outcome in outcomes if not outcome.holds]
+    if missed:
+        raise TransportError(f"the bound is missed in {len(missed)} cases: {'; '.join(missed)}")
