@@ -18,9 +18,11 @@ _COMMANDS = {
     "spray": "sprays:spray_command",
     "import": "sprays:import_command",
     "droplet": "sprays:droplet",
+    "plan": "plan:plan_command",
     "acquire": "rig:acquire_command",
     "evaluate": "evaluate:evaluate",
     "export": "rig:export_command",
+    "scattering": "scattering:scattering_command",
     "show": "rig:show",
     "bench": "bench:bench",
 }

@@ -13,6 +13,7 @@ from cldit.acquisition.bench import bench_rig
 from cldit.bench.optics import ABSORPTIONS, check_table, table_use, with_preset
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.dit.bench import bench_evaluation
+from cldit.dit.truth import truth_table
 from cldit.errors import TransportError
 from cldit.gpu.device import open_device
 from cldit.optics.wavelengths import wavelengths
@@ -83,12 +84,31 @@ def bench_rig_command(folder: Path, frames: int, repeats: int, rate_Hz: float) -
 )
 @plain_errors
 def bench_evaluate_command(shots: int, folder: Path | None) -> None:
-    """Time and memory that the evaluation of SHOTS full frames (640 x 512) takes."""
+    """Bias and errors against known sprays; time and memory of SHOTS full frames (640 x 512)."""
+    table = Table(box=None)
+    for head in ("eps", "T bias / K", "T error / K", "T chi2", "eps bias", "eps chi2"):
+        table.add_column(head)
+    last = ""
+    for row in truth_table():
+        if row.surroundings != last:
+            last = row.surroundings
+            table.add_section()
+            table.add_row(f"surroundings: {last}")
+        table.add_row(
+            f"{row.emissivity:g}",
+            f"{row.bias_K:+.3f}",
+            f"{row.error_K:.3f}",
+            f"{row.chi2_K:.2f}",
+            f"{row.emissivity_bias:+.1e}",
+            f"{row.chi2_emissivity:.2f}",
+        )
+    OUT.print(table)
     with tempfile.TemporaryDirectory(dir=folder, prefix="cldit-bench-") as place:
         result = bench_evaluation(Path(place), shots=shots)
     OUT.print(
-        f"{result.shots} shots of 640 x 512 in {result.seconds:.1f} s, of which "
-        f"{result.read_s:.1f} s to read them; {result.peak_bytes / 2**20:.0f} MiB at most, "
+        f"{result.shots} shots of 640 x 512 in {result.seconds:.1f} s "
+        f"({result.cpu_s:.1f} s of CPU, {result.read_s:.1f} s to read them); "
+        f"{result.peak_bytes / 2**20:.0f} MiB at most, "
         f"{result.grown_bytes / 2**20:.0f} MiB more than before"
     )
 
