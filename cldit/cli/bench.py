@@ -10,9 +10,10 @@ import click
 from rich.table import Table
 
 from cldit.acquisition.bench import bench_rig
-from cldit.bench_optics import ABSORPTIONS, check_table, table_use, with_preset
+from cldit.bench.optics import ABSORPTIONS, check_table, table_use, with_preset
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.dit.bench import bench_evaluation
+from cldit.dit.truth import truth_table
 from cldit.errors import TransportError
 from cldit.gpu.device import open_device
 from cldit.optics.wavelengths import wavelengths
@@ -83,12 +84,31 @@ def bench_rig_command(folder: Path, frames: int, repeats: int, rate_Hz: float) -
 )
 @plain_errors
 def bench_evaluate_command(shots: int, folder: Path | None) -> None:
-    """Time and memory that the evaluation of SHOTS full frames (640 x 512) takes."""
+    """Bias and errors against known sprays; time and memory of SHOTS full frames (640 x 512)."""
+    table = Table(box=None)
+    for head in ("eps", "T bias / K", "T error / K", "T chi2", "eps bias", "eps chi2"):
+        table.add_column(head)
+    last = ""
+    for row in truth_table():
+        if row.surroundings != last:
+            last = row.surroundings
+            table.add_section()
+            table.add_row(f"surroundings: {last}")
+        table.add_row(
+            f"{row.emissivity:g}",
+            f"{row.bias_K:+.3f}",
+            f"{row.error_K:.3f}",
+            f"{row.chi2_K:.2f}",
+            f"{row.emissivity_bias:+.1e}",
+            f"{row.chi2_emissivity:.2f}",
+        )
+    OUT.print(table)
     with tempfile.TemporaryDirectory(dir=folder, prefix="cldit-bench-") as place:
         result = bench_evaluation(Path(place), shots=shots)
     OUT.print(
-        f"{result.shots} shots of 640 x 512 in {result.seconds:.1f} s, of which "
-        f"{result.read_s:.1f} s to read them; {result.peak_bytes / 2**20:.0f} MiB at most, "
+        f"{result.shots} shots of 640 x 512 in {result.seconds:.1f} s "
+        f"({result.cpu_s:.1f} s of CPU, {result.read_s:.1f} s to read them); "
+        f"{result.peak_bytes / 2**20:.0f} MiB at most, "
         f"{result.grown_bytes / 2**20:.0f} MiB more than before"
     )
 
@@ -135,12 +155,13 @@ def bench_optics_command(scene: str, out: Path | None) -> None:
 
 @bench.command("spray")
 @click.option("--out", type=click.Path(path_type=Path), help="Markdown file; else printed.")
+@click.option("--spacing-mm", type=click.FloatRange(0.5, 4.0), default=2.0, show_default=True)
 @plain_errors
-def bench_spray_command(out: Path | None) -> None:
+def bench_spray_command(out: Path | None, spacing_mm: float) -> None:
     """The computed spray against correlations and measurements; takes minutes."""
     from cldit.spray.flow.verification import page
 
-    text = page(default_cache(), say=say)
+    text = page(default_cache(), spacing_m=1e-3 * spacing_mm, say=say)
     if out is None:
         click.echo(text)
         return
@@ -179,3 +200,17 @@ def bench_stability_command(out: Path | None, slow: bool, device: str | None) ->
     missed = [outcome.case.name for outcome in outcomes if not outcome.holds]
     if missed:
         raise TransportError(f"the bound is missed in {len(missed)} cases: {'; '.join(missed)}")
+
+
+@bench.command("rays")
+@click.argument("scene", default="gdi")
+@click.option("--order", type=click.IntRange(0, 1000), help="Fewer scatterings, as steep, cheaper.")
+@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@plain_errors
+def bench_rays_command(scene: str, order: int | None, device: str | None) -> None:
+    """Error and cost of 1, 4, 16 and adaptive rays a pixel on SCENE, against 64."""
+    from cldit.bench.case import changed
+    from cldit.bench.rays import bench_rays, table
+
+    chosen = changed(load_scene(scene), transport={"order": order})
+    click.echo(table(bench_rays(chosen, open_device(device), say=say)).markdown())
