@@ -148,3 +148,27 @@ def test_control_is_given_back() -> None:
         camera.configure(1e-3, Roi(0, 0, 64, 48))  # its sensor has 33 MB a picture
         assert len(shoot(camera)) == 1
         camera.close()
+
+
+def test_a_picture_without_its_end_is_incomplete() -> None:
+    """What the client cannot make a picture of is a frame that fails, not an error of its own."""
+    import viva_genicam
+
+    class Cut:
+        block_id, ts_dev, is_complete, missing_packets = 1, 0, False, 7
+
+        def to_numpy(self) -> None:
+            raise viva_genicam.ParseError("payload is 100 bytes; the image needs 6144")
+
+    class Stream:
+        def next_frame(self, timeout_ms: int) -> Cut:
+            return Cut()
+
+        def close(self) -> None: ...
+
+    with FakeGigeCamera(64, 48, pixel_format="Mono16") as fake:
+        camera = driver(fake.ip)
+        camera._stream = Stream()
+        (frame,) = camera.read_frames(1, 1.0)
+        camera.close()
+    assert not frame.complete and camera.statistics()["incomplete"] == 1
