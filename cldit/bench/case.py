@@ -87,14 +87,19 @@ class Lattice:
         ]
         return changed(scene, camera={"pixels": counts, "field_m": kept})
 
-    def pick(self, scene: Scene, weights: Weights) -> Weights:
-        """These pixels out of the whole picture's weights."""
-        where = []
+    def numbers(self, scene: Scene) -> tuple[list[int], list[int]]:
+        """Columns and rows of the whole picture that these pixels lie in."""
+        found = []
         for n, every in zip(scene.camera.pixels, self.every, strict=True):
             count, first = self._along(n, every)
-            where.append(slice(first, first + (count - 1) * every + 1, every))
-        across, down = where
-        return Weights(**{name: image[down, across] for name, image in vars(weights).items()})
+            found.append(list(range(first, first + count * every, every)))
+        return found[0], found[1]
+
+    def pick(self, scene: Scene, weights: Weights) -> Weights:
+        """These pixels out of the whole picture's weights."""
+        columns, rows = self.numbers(scene)
+        where = np.ix_(rows, columns)
+        return Weights(**{name: image[where] for name, image in vars(weights).items()})
 
     def share(self, scene: Scene) -> float:
         """Part of the whole picture's pixels."""
@@ -155,7 +160,5 @@ class Case:
         apparent = np.divide(own, emissivity, out=np.zeros_like(own), where=emissivity > 1e-6)
         # Interpolated between logarithms, whose curve over 1 / T is nearly straight.
         known = apparent > radiance[0]
-        inverse = np.interp(
-            np.log(np.where(known, apparent, 1.0)), np.log(radiance), -1.0 / kelvin
-        )
+        inverse = np.interp(np.log(np.where(known, apparent, 1.0)), np.log(radiance), -1.0 / kelvin)
         return np.where(known, -1.0 / inverse, np.nan)

@@ -313,9 +313,7 @@ def ratios(rows: Sequence[Row]) -> list[Ratio]:
                 out.append(Ratio(f"path / {row.label}, {phase}", times, row.rms_K))
         for row in these:
             if row.method == "branching":
-                same = next(
-                    r for r in these if r.method == "source" and r.order == row.order
-                )
+                same = next(r for r in these if r.method == "source" and r.order == row.order)
                 what = f"branching / source, order {row.order}"
                 out.append(Ratio(what, row.picture_core_s / same.picture_core_s, None))
     return out

@@ -96,9 +96,7 @@ def _figure(scene: Scene, rows: Sequence[Row], found: Sequence[Ratio]) -> Figure
         for method, (marker, colour) in _STYLES.items():
             for whole in (True, False):
                 line = [
-                    row
-                    for row in these
-                    if row.method == method and (row.order is None) == whole
+                    row for row in these if row.method == method and (row.order is None) == whole
                 ]
                 if not line:
                     continue

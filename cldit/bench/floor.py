@@ -51,9 +51,7 @@ class Machine:
 
         def cost(kernel: str, lanes: int, *more: Any) -> Cost:
             run = program[kernel]
-            return quickest(
-                case, lambda: run(device.queue, (lanes,), None, target, source, *more)
-            )
+            return quickest(case, lambda: run(device.queue, (lanes,), None, target, source, *more))
 
         lanes = _LANES if device.is_cpu else 32 * _LANES
         rounds = np.int32(_ROUNDS)
@@ -165,9 +163,7 @@ def _sweeps(machine: Machine, kernels: Kernels, directions: int) -> list[Line]:
             continue
         cost = kernels.sweep(directions, vector=vector)
         name = "sweep" if vector is None else "sweep, one cell at a time"
-        lines.append(
-            Line.of(machine, name, work, cost.core_s, moved=moved, flops=flops, exps=exps)
-        )
+        lines.append(Line.of(machine, name, work, cost.core_s, moved=moved, flops=flops, exps=exps))
     return lines
 
 

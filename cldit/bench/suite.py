@@ -9,6 +9,11 @@ from pathlib import Path
 from cldit.bench.case import Case, Lattice, Say, changed
 from cldit.bench.error import bench_error
 from cldit.bench.error_report import error_part
+from cldit.bench.floor import floor
+from cldit.bench.growth import growth
+from cldit.bench.leave_out import leave_out
+from cldit.bench.memory import memory
+from cldit.bench.peers import peers
 from cldit.bench.report import Part
 from cldit.gpu.device import Device
 from cldit.scene import Scene
@@ -51,4 +56,12 @@ def error(bench: Bench) -> Part:
     return error_part(bench.scene, rows, truths)
 
 
-MEASUREMENTS: dict[str, Callable[[Bench], Part]] = {"error": error}
+MEASUREMENTS: dict[str, Callable[[Bench], Part]] = {
+    "error": error,
+    "growth": lambda bench: growth(bench.case(), cache=bench.cache, say=bench.say),
+    "memory": lambda bench: memory(bench.scene, bench.device, say=bench.say),
+    "leave-out": lambda bench: leave_out(bench.case(), say=bench.say),
+    "floor": lambda bench: floor(bench.case()),
+    "peers": lambda bench: peers(bench.case(), say=bench.say),
+}
+USUAL = tuple(name for name in MEASUREMENTS if name != "peers")

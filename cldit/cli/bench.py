@@ -8,16 +8,88 @@ import click
 from rich.table import Table
 
 from cldit.acquisition.bench import bench_rig
-from cldit.bench import QUICK, WAYS, bench_transport, write_bench
-from cldit.cli.console import OUT, plain_errors, say
+from cldit.bench.case import Lattice
+from cldit.bench.report import PARTS, Part, write_part
+from cldit.bench.suite import MEASUREMENTS, USUAL, Bench
+from cldit.cli.console import OUT, escaped, plain_errors, say
 from cldit.gpu.device import open_device
 from cldit.rig.errors import RigError
+from cldit.run import default_cache
 from cldit.scene import load_scene
 
 
-@click.group()
-def bench() -> None:
-    """Measure this computer."""
+@click.group(invoke_without_command=True)
+@click.option("--scene", default="gdi", show_default=True, help="A shipped name or a YAML file.")
+@click.option(
+    "--only", "parts", multiple=True, type=click.Choice(PARTS), help="One part; may be repeated."
+)
+@click.option("--peers", is_flag=True, help="Also what others need, where it is installed.")
+@click.option(
+    "--every",
+    type=click.IntRange(1),
+    default=5,
+    show_default=True,
+    help="The reference, path and branching trace every n-th pixel across and down (odd); 1: all.",
+)
+@click.option(
+    "--samples",
+    type=click.IntRange(256),
+    default=512,
+    show_default=True,
+    help="Of the reference, a pixel.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("bench"),
+    show_default=True,
+    help="Folder of benchmarks.md and of tables, pictures and JSON.",
+)
+@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@click.pass_context
+@plain_errors
+def bench(
+    context: click.Context,
+    scene: str,
+    parts: tuple[str, ...],
+    peers: bool,
+    every: int,
+    samples: int,
+    out: Path,
+    device: str | None,
+) -> None:
+    """Measure this computer: error against run time of all methods, growth of cost, memory, what
+    leaving out saves, kernels against the machine's floor."""
+    if context.invoked_subcommand is not None:
+        return
+    opened = open_device(device)
+    OUT.print(f"OpenCL device {opened.info.index} {opened.info.name}: {opened.reason}")
+    measured = Bench(
+        scene=load_scene(scene),
+        device=opened,
+        cache=default_cache(),
+        lattice=Lattice((every, every)),
+        samples=samples,
+        say=say,
+    )
+    for name in parts or (*USUAL, *(["peers"] if peers else [])):
+        part = MEASUREMENTS[name](measured)
+        _show(part)
+        command = f"cldit bench --scene {scene} --only {name} --out {out}"
+        if name == "error":
+            command += f" --every {every} --samples {samples}"
+        OUT.print(f"{write_part(part, out, command=command, device=opened)}\n")
+
+
+def _show(part: Part) -> None:
+    OUT.print(part.title, style="bold")
+    for table in part.tables:
+        shown = Table(*table.head, box=None)
+        for row in table.rows:
+            shown.add_row(*row)
+        OUT.print(shown)
+    for text in part.text:
+        OUT.print(escaped(text), style="dim")
 
 
 @bench.command("rig")
@@ -39,32 +111,3 @@ def bench_rig_command(folder: Path, frames: int, rate_Hz: float) -> None:
     )
     if result.lost:
         raise RigError(f"{result.lost} frames are lost; do not acquire on this disk")
-
-
-@bench.command("transport")
-@click.argument("scene", default="gdi")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of bench.json and bench.png.")
-@click.option("--quick", is_flag=True, help="Fewer ways.")
-@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
-@plain_errors
-def bench_transport_command(scene: str, out: Path | None, quick: bool, device: str | None) -> None:
-    """Error of the trace against its run time, on SCENE."""
-    chosen = load_scene(scene)
-    rows = bench_transport(chosen, open_device(device), QUICK if quick else WAYS, say=say)
-    table = Table(
-        "way", "s", "T_app RMS / K", "largest / K", "w_bg", "w_wall", "stated / K", box=None
-    )
-    for row in rows:
-        stated = "" if row.stated_K is None else f"{row.stated_K:.3f}"
-        table.add_row(
-            row.label,
-            f"{row.seconds:.2f}",
-            f"{row.rms_K:.3f}",
-            f"{row.largest_K:.2f}",
-            f"{row.rms_background:.1e}",
-            f"{row.rms_wall:.1e}",
-            stated,
-        )
-    OUT.print(table)
-    if out is not None:
-        OUT.print(str(write_bench(rows, out, title=f"{chosen.name}: source iteration")))
