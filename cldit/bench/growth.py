@@ -41,17 +41,21 @@ class Growth:
 
     @property
     def exponent(self) -> float:
+        if len(self.points) < 2:
+            return float("nan")
         amount, cost = np.log([(p.amount, p.core_s) for p in self.points]).T
         return float(np.polyfit(amount, cost, 1)[0])
 
     @property
     def last(self) -> float:
-        (a, b) = self.points[-2:]
+        if len(self.points) < 2:
+            return float("nan")
+        a, b = self.points[-2:]
         return float(np.log(b.core_s / a.core_s) / np.log(b.amount / a.amount))
 
 
 def growth(case: Case, *, cache: Path, say: Say) -> Part:
-    """Every quantity on its own, on the scene at half its resolution in space and in the picture."""
+    """Every quantity on its own, on the scene at half its resolution in space and picture."""
     scene = case.scene
     columns, rows = scene.camera.pixels
     half = changed(
@@ -135,8 +139,9 @@ def _cells(case: Case, cache: Path) -> Growth:
         )
         some = case.seen(scene) if coarser == 1 else Case.of(scene, case.device, cache=cache)
         result, _ = some.run(_settings(some, order=1))
-        cells = result.counts.get("swept_cells", some.tree.slots * 512)
-        points.append(Point(float(cells), _cost(some)))
+        cells = float(result.counts.get("swept_cells", some.tree.slots * 512))
+        if not points or cells > points[-1].amount:  # whole bricks: coarse boxes may be the same
+            points.append(Point(cells, _cost(some)))
     return Growth("cells swept", "the trace, one pixel", tuple(points))
 
 
@@ -173,11 +178,11 @@ def _orders(base: Case) -> Growth:
 
 def _wavelengths(half: Scene, base: Case, cache: Path) -> Growth:
     points = []
+    settings = _settings(base)
     for count in (1, 3, 10):
         scene = changed(
             half, optics={"preset": "spectral", "wavelengths": count, "compare_paper": False}
         )
-        settings = _settings(base)
 
         def work(scene: Scene = scene) -> int:
             medium = make_medium(scene, Stages(None), cache)

@@ -24,6 +24,7 @@ class Bench:
     """What is measured, and how much of it.
 
     lattice: pixels that `path` and the reference trace. samples: of the reference, a pixel.
+    accuracies_K: what `source` is asked for. save: takes a part as far as it has come.
     """
 
     scene: Scene
@@ -31,7 +32,9 @@ class Bench:
     cache: Path
     lattice: Lattice
     samples: int
+    accuracies_K: tuple[float, ...]
     say: Say
+    save: Callable[[Part], None]
 
     def case(self, *, mie: bool = False) -> Case:
         phase = "mie" if mie else "isotropic"
@@ -51,8 +54,10 @@ def error(bench: Bench) -> Part:
             lattice=bench.lattice,
             say=bench.say,
             reference_samples=bench.samples,
+            accuracies_K=bench.accuracies_K,
         )
         rows += some
+        bench.save(error_part(bench.scene, rows, truths))
     return error_part(bench.scene, rows, truths)
 
 

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from cldit.acquisition.bench import bench_rig
 from cldit.bench.case import Lattice
+from cldit.bench.error import ACCURACIES_K
 from cldit.bench.report import PARTS, Part, write_part
 from cldit.bench.suite import MEASUREMENTS, USUAL, Bench
 from cldit.cli.console import OUT, escaped, plain_errors, say
@@ -39,6 +40,15 @@ from cldit.scene import load_scene
     help="Of the reference, a pixel.",
 )
 @click.option(
+    "--accuracy",
+    "accuracies_K",
+    type=float,
+    multiple=True,
+    default=ACCURACIES_K,
+    show_default=True,
+    help="K that source is asked for; may be repeated.",
+)
+@click.option(
     "--out",
     type=click.Path(path_type=Path),
     default=Path("bench"),
@@ -55,6 +65,7 @@ def bench(
     peers: bool,
     every: int,
     samples: int,
+    accuracies_K: tuple[float, ...],
     out: Path,
     device: str | None,
 ) -> None:
@@ -64,21 +75,29 @@ def bench(
         return
     opened = open_device(device)
     OUT.print(f"OpenCL device {opened.info.index} {opened.info.name}: {opened.reason}")
+
+    def save(part: Part) -> None:
+        command = f"cldit bench --scene {scene} --only {part.name} --out {out}"
+        if part.name == "error":
+            command += f" --every {every} --samples {samples}"
+            command += "".join(f" --accuracy {kelvin:g}" for kelvin in accuracies_K)
+        page = write_part(part, out, command=command, device=opened)
+        OUT.print(f"{page}\n")
+
     measured = Bench(
         scene=load_scene(scene),
         device=opened,
         cache=default_cache(),
         lattice=Lattice((every, every)),
         samples=samples,
+        accuracies_K=accuracies_K,
         say=say,
+        save=save,
     )
     for name in parts or (*USUAL, *(["peers"] if peers else [])):
         part = MEASUREMENTS[name](measured)
         _show(part)
-        command = f"cldit bench --scene {scene} --only {name} --out {out}"
-        if name == "error":
-            command += f" --every {every} --samples {samples}"
-        OUT.print(f"{write_part(part, out, command=command, device=opened)}\n")
+        save(part)
 
 
 def _show(part: Part) -> None:
