@@ -130,7 +130,7 @@ def _pixels(base: Case) -> list[Growth]:
 
 
 def _cells(case: Case, cache: Path) -> Growth:
-    points = []
+    points: list[Point] = []
     for coarser in (4, 2, 1):
         scene = changed(
             case.scene,
