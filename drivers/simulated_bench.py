@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -191,29 +191,33 @@ class _Loaded:
         missing = 1.0 - transmission
         thin = np.abs(missing) < 1e-6  # there s -> g
         scale = np.where(thin, g, (1.0 - transmission**g) / np.where(thin, 1.0, missing))
-        changed: dict[str, Any] = {}
-        for item in fields(Weights):
-            bare, there = getattr(self.reference, item.name), getattr(spray, item.name)
-            changed[item.name] = (bare + scale * (there - bare)).astype(np.float32)
-        return Weights(**changed)
+        bare = self.reference.images
+        return Weights.of(
+            {
+                name: (bare[name] + scale * (there - bare[name])).astype(np.float32)
+                for name, there in spray.images.items()
+            }
+        )
 
 
 def _transmission(spray: Weights, reference: Weights) -> NDArray[np.float64]:
     """Read off the boundary that fills most of the pixel."""
-    disc = reference.background >= reference.wall
-    seen = np.where(disc, reference.background, reference.wall)
-    through = np.where(disc, spray.background, spray.wall)
+    names = ("background", "wall", *reference.patches)
+    bare = np.stack([reference.images[name] for name in names])
+    most = np.argmax(bare, axis=0)[None]
+    seen = np.take_along_axis(bare, most, axis=0)[0]
+    there = np.stack([spray.images[name] for name in names])
+    through = np.take_along_axis(there, most, axis=0)[0]
     safe = np.where(seen > 0.0, seen, 1.0)
     return np.where(seen > 0.0, np.maximum(through, 0.0) / safe, 1.0)
 
 
 def _on_sensor(folder: Path, scene: Scene, view: SensorView) -> Weights:
-    traced = Weights.load(folder)
+    traced = Weights.load(folder, patches=[patch.name for patch in scene.patches])
     columns, rows = scene.camera.pixels
-    images: dict[str, Any] = {}
-    for item in fields(Weights):
-        image = getattr(traced, item.name)
-        path = folder / f"{item.name}.tif"
+    images: dict[str, NDArray[np.float32]] = {}
+    for name, image in traced.images.items():
+        path = folder / f"{name}.tif"
         if image.shape != (rows, columns):
             raise RunFolderError(
                 f"{path}: shape {image.shape}, but camera.pixels of the scene asks for "
@@ -221,8 +225,8 @@ def _on_sensor(folder: Path, scene: Scene, view: SensorView) -> Weights:
             )
         if not np.all(np.isfinite(image)):
             raise RunFolderError(f"{path}: holds values that are not finite; trace the run again")
-        images[item.name] = view.image(image).astype(np.float32)
-    return Weights(**images)
+        images[name] = view.image(image).astype(np.float32)
+    return Weights.of(images)
 
 
 def _scatter(

@@ -19,6 +19,7 @@ from cldit.radiance.weights import Weights
 from cldit.run.medium import Medium, make_medium
 from cldit.run.stages import Stages
 from cldit.scene import Scene, parse_scene
+from cldit.transport.phase import ScatteringTable
 from cldit.transport.trace import Settings, Trace, settings_for, trace
 
 Floats = NDArray[np.float64]
@@ -99,7 +100,7 @@ class Lattice:
         """These pixels out of the whole picture's weights."""
         columns, rows = self.numbers(scene)
         where = np.ix_(rows, columns)
-        return Weights(**{name: image[where] for name, image in vars(weights).items()})
+        return weights.map(lambda image: image[where])
 
     def share(self, scene: Scene) -> float:
         """Part of the whole picture's pixels."""
@@ -123,13 +124,19 @@ class Case:
     def tree(self) -> Octree:
         return self.medium.trees[len(self.medium.trees) // 2]
 
+    @property
+    def phase(self) -> ScatteringTable | None:
+        """The droplets' mean phase function at that wavelength, where the scene asks for it."""
+        phases = self.medium.properties.phases
+        return phases[len(phases) // 2]
+
     def seen(self, scene: Scene) -> Case:
         """The same medium by another camera, or traced otherwise."""
         return replace(self, scene=scene)
 
     def settings(self, **transport: Any) -> Settings:
         """Settings with keys of the scene's `transport` replaced."""
-        return settings_for(changed(self.scene, transport=transport), self.medium.phase)
+        return settings_for(changed(self.scene, transport=transport), self.phase)
 
     def run(self, settings: Settings) -> tuple[Trace, Cost]:
         """The trace and its cost. What is built for the first time on this machine should be run
@@ -144,7 +151,7 @@ class Case:
     @cached_property
     def _inverse(self) -> tuple[Floats, Floats]:
         kelvin = np.geomspace(20.0, 5000.0, 20_000)
-        nodes = self.medium.chosen.nodes
+        nodes = self.medium.properties.chosen.nodes
         return np.asarray(nodes[len(nodes) // 2].radiance(kelvin), float), kelvin
 
     def temperature_K(self, weights: Weights) -> Floats:
@@ -156,6 +163,9 @@ class Case:
         radiance, kelvin = self._inverse
         wall = np.interp(self.scene.walls.temperature_K, kelvin, radiance)
         own = weights.wall * wall + weights.vapour.astype(float) + weights.liquid
+        for patch in self.scene.patches:
+            lit = np.interp(patch.temperature_K, kelvin, radiance)
+            own += weights.patches[patch.name] * lit
         emissivity = 1.0 - weights.background.astype(float)
         apparent = np.divide(own, emissivity, out=np.zeros_like(own), where=emissivity > 1e-6)
         # Interpolated between logarithms, whose curve over 1 / T is nearly straight.

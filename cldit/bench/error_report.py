@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from cldit.bench.error import Ratio, Row, Truth, ratios
 from cldit.bench.report import Part, Table, number
-from cldit.report.pictures import figure_of
+from cldit.report.sheet import figure_of
 from cldit.scene import Scene
 
 _STYLES = {

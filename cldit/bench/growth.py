@@ -187,8 +187,9 @@ def _wavelengths(half: Scene, base: Case, cache: Path) -> Growth:
         def work(scene: Scene = scene) -> int:
             medium = make_medium(scene, Stages(None), cache)
             trees = list(medium.trees)
-            nodes = medium.chosen.quadrature
-            trace_nodes(trees, nodes, scene, base.device, settings, report=None)
+            nodes = medium.properties.chosen.quadrature
+            each = [settings] * len(trees)
+            trace_nodes(trees, nodes, scene, base.device, each, report=None)
             return len(medium.trees)
 
         if count == 1:

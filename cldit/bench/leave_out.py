@@ -140,7 +140,7 @@ def _disc(case: Case, directions: int, add: Callable[[Saving], None]) -> None:
 
 def _spectral(case: Case, add: Callable[[Saving], None]) -> None:
     """The sum over the nodes of two equal ones, beside one picture."""
-    nodes = case.medium.chosen.nodes
+    nodes = case.medium.properties.chosen.nodes
     node = nodes[len(nodes) // 2]
     few = [max(n // 4, 1) for n in case.scene.camera.pixels]
     small = case.seen(changed(case.scene, camera={"pixels": few}))

@@ -13,7 +13,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from cldit.gpu.device import Device
-from cldit.report.pictures import png_of
+from cldit.report.sheet import png_of
 
 PARTS = ("error", "growth", "memory", "leave-out", "floor", "peers")  # order of the page
 

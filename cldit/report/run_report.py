@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.acquisition.measured import is_measured, open_measured
 from cldit.acquisition.record import Acquisition, open_acquisition
 from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
@@ -15,11 +16,10 @@ from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.report.html import Picture, ReportContent, write_report
 from cldit.report.pictures import (
     Frame,
-    camera_picture,
+    camera_pictures,
     errors_picture,
     map_picture,
     nodes_picture,
-    robust_limits,
     weights_picture,
 )
 from cldit.report.shares import Shares
@@ -91,21 +91,10 @@ def _camera(run: Run, acquisition: Acquisition) -> tuple[tuple[float, Picture], 
             total, count = sums.get(shot.background_setpoint_K, (np.zeros(acquisition.shape), 0))
             sums[shot.background_setpoint_K] = (total + acquisition.load(shot), count + 1)
     means = {at: (total / count).astype(np.float32) for at, (total, count) in sorted(sums.items())}
-    if not means:
-        return ()
-    low = min(robust_limits(mean)[0] for mean in means.values())
-    high = max(robust_limits(mean)[1] for mean in means.values())
+    drawn = camera_pictures(means, frame, title=run.scene.name)
     return tuple(
-        (
-            at,
-            Picture(
-                camera_picture(
-                    mean, frame, background_K=at, limits=(low, high), title=run.scene.name
-                ),
-                f"Mean of {sums[at][1]} injections before a background of {at:g} K.",
-            ),
-        )
-        for at, mean in means.items()
+        (at, Picture(png, f"Mean of {sums[at][1]} injections before a background of {at:g} K."))
+        for at, png in drawn.items()
     )
 
 
@@ -117,7 +106,9 @@ def _shares(run: Run) -> Shares:
         reference_K=run.quadrature.reference_K,
     )
     leaves = float(whole.leaving(run.quadrature.reference_K))
-    return Shares.of(run.weights, run.reference, background=leaves, wall=whole.wall)
+    return Shares.of(
+        run.weights, run.reference, background=leaves, wall=whole.wall, patches=whole.patches
+    )
 
 
 def _spectral(run: Run) -> dict[str, str]:
@@ -147,7 +138,14 @@ def _figures(run: Run) -> dict[str, str]:
     figures |= {f"inferred {n}": text for n, text in enumerate(run.info.remarks, start=1)}
     figures["integration time"] = f"{run.info.integration_time_s * 1e6:.4g} us"
     figures |= _spectral(run)
+    figures["phase function"] = run.info.phase
     figures["precision"] = run.info.precision
+    if run.info.closure is not None:
+        kept = run.info.closure
+        figures["sum of weights and isothermal emission, less 1"] = (
+            f"{kept.largest:+.2g} at most, {kept.mean:+.2g} in the mean; the {kept.value} is "
+            f"allowed {kept.bound:.2g}"
+        )
     if run.info.accuracy_K is not None:
         figures["estimated error of the trace in T_app"] = f"{run.info.accuracy_K:.2g} K RMS"
     for file, defines in run.info.defines.items():
@@ -202,7 +200,7 @@ def write_run_report(run: Run) -> Path:
 
 
 def show_folder(folder: str | Path) -> Path:
-    """Draws the maps of a run or acquisition folder; returns the picture's path.
+    """Draws the maps of a run, acquisition or measured data; returns the picture's path.
 
     Raises:
         RunFolderError: the folder holds neither, or was not evaluated yet.
@@ -211,7 +209,8 @@ def show_folder(folder: str | Path) -> Path:
     if (place / "scene.yaml").is_file():
         write_pictures(open_run(place))
         return place / "pictures" / "maps.png"
-    acquisition = open_acquisition(place)
+    acquisition = open_measured(place) if is_measured(place) else open_acquisition(place)
+    place = acquisition.folder
     if not (place / "maps").is_dir():
         raise RunFolderError(f"{place}: is not evaluated yet; run `cldit evaluate {place}` first")
     picture = map_picture(

@@ -14,6 +14,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.directions import Directions
+from cldit.transport.patches import NONE, shifted
 
 _TILE = 16
 _MEAN_STRETCH = 1.2  # mean over the sphere of 1 / |largest component| is 1.199
@@ -73,18 +74,24 @@ class Sweeper:
         iterate: Program,
         *,
         disc: NDArray[np.float64],
+        patches: NDArray[np.float64] = NONE,
     ) -> None:
-        """disc: centre x, y, z and squared radius in cells from the cube's lower corner."""
+        """disc, patches: as in `View`, in cells from the cube's lower corner."""
         self.device = device
         self.box: Box = cells.box()
         self.count = len(cells.address)
         self.components = len(cells.needs.components)
+        self._boundaries = cells.needs.boundaries
         self._sweep = sweep["sweep"]
         self._vector = int(sweep.defines["VECTOR"])
         self._kernels = iterate
         self._real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
         self._disc = disc.copy()
         self._disc[:3] -= self.box.low
+        self._patches = []
+        if len(patches):
+            moved = shifted(patches, -np.asarray(self.box.low, float))
+            self._patches = [upload(device, "patches", moved.astype(self._real))]
         planes = self.components * self.box.cells
         real = self._real
         exact = cells.dense(self.box, cells.depth)
@@ -103,11 +110,11 @@ class Sweeper:
         self._source = {t: zeros(device, "source", planes, real) for t in (False, True)}
         self._excess = {t: zeros(device, "excess", planes, real) for t in (False, True)}
         self._bytes = planes * np.dtype(real).itemsize
-        place = cells.place(self.box, cells.address)
-        self._place = upload(device, "places", place.astype(np.int32))
+        self._at = cells.place(self.box, cells.address)
+        self._place = upload(device, "places", self._at.astype(np.int32))
         thermal = np.zeros((self.components, self.count), real)
         base = np.zeros((self.components, self.box.cells), real)
-        for c, name in enumerate(cells.needs.components[2:], start=2):
+        for c, name in enumerate(cells.needs.emitters, start=cells.needs.boundaries):
             base[c] = cells.dense(self.box, cells.emitted[name]).reshape(-1)
             thermal[c] = cells.emitted[name][cells.address]
         self._base = upload(device, "thermal source", base)
@@ -149,8 +156,12 @@ class Sweeper:
             cl.enqueue_copy(queue, self._source[False], self._base, byte_count=self._bytes)
         else:
             clear(self.device, self._source[False], self._bytes)
+        self._scatter()
+
+    def _scatter(self) -> None:
+        """The list into the box's source, and its turned copy."""
         self._kernels["scatter_list"](
-            queue,
+            self.device.queue,
             (self.count,),
             None,
             self._source[False],
@@ -262,8 +273,33 @@ class Sweeper:
             real(shining),
             np.array([*unit, 0], real),
             self._disc.astype(real),
+            *self._patches,
             *extra,
         )
+
+    def defect(
+        self, listed: NDArray[Any], directions: Directions, starts: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Mean radiance (N,) of the scattering cells, less 1, in a cavity of radiance 1.
+
+        listed: (C, N) source; what the boundaries' part of it lacks to 1, the cells emit, as all
+        other cells emit 1. The sweep carries the parts one by one, as it always does.
+        """
+        b, real = self._boundaries, self._real
+        parts = np.zeros((self.components, self.count), real)
+        parts[:b] = listed[:b]
+        queue, size = self.device.queue, self._bytes // self.components
+        clear(self.device, self._source[False], self._bytes)
+        if self.components > b:
+            parts[b] = 1.0 - listed[:b].sum(axis=0)
+            cl.enqueue_fill_buffer(queue, self._source[False], np.ones(1, real), b * size, size)
+        cl.enqueue_copy(queue, self._list, parts)
+        self._scatter()
+        self.sweep(directions, starts, shining=True)
+        excess = np.empty((self.components, self.box.cells), real)
+        total = download(self.device, self._excess[False], excess)[:, self._at].sum(axis=0)
+        missing = parts.sum(axis=0, dtype=np.float64) - 1.0
+        return np.asarray(total / directions.weight.sum() + missing)
 
     def to_camera(
         self, program: Program, phase: NDArray[np.float64], place: NDArray[np.float64]
