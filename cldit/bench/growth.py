@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from cldit.bench.case import Case, Say, changed, clocked
 from cldit.bench.report import Part, Table
 from cldit.medium.octree import Octree
-from cldit.report.pictures import figure_of
+from cldit.report.sheet import figure_of
 from cldit.run.medium import make_medium
 from cldit.run.spectral import trace_nodes
 from cldit.run.stages import Stages

@@ -15,6 +15,7 @@ from cldit.bench.report import PARTS, Part, write_part
 from cldit.bench.suite import MEASUREMENTS, USUAL, Bench
 from cldit.bench_optics import ABSORPTIONS, check_table, table_use, with_preset
 from cldit.cli.console import OUT, escaped, plain_errors, say
+from cldit.cli.units import KELVIN
 from cldit.dit.bench import bench_evaluation
 from cldit.errors import TransportError
 from cldit.gpu.device import open_device
@@ -51,7 +52,7 @@ from cldit.spray.source import make_spray
 @click.option(
     "--accuracy",
     "accuracies_K",
-    type=float,
+    type=KELVIN,
     multiple=True,
     default=ACCURACIES_K,
     show_default=True,
@@ -89,7 +90,7 @@ def bench(
         command = f"cldit bench --scene {scene} --only {part.name} --out {out}"
         if part.name == "error":
             command += f" --every {every} --samples {samples}"
-            command += "".join(f" --accuracy {kelvin:g}" for kelvin in accuracies_K)
+            command += "".join(f" --accuracy {kelvin:g}K" for kelvin in accuracies_K)
         page = write_part(part, out, command=command, device=opened)
         OUT.print(f"{page}\n")
 
