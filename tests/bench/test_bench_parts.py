@@ -19,7 +19,7 @@ from cldit.scene import Scene
 def tiny() -> Scene:
     scene = cldit.load_scene("droplets-only")
     return changed(
-        scene, camera={"pixels": [16, 16]}, domain={"leaf_edge_m": 6e-3}, spray={"time_s": 0.3e-3}
+        scene, camera={"pixels": [16, 16]}, domain={"leaf_edge_m": 4e-3}, spray={"time_s": 0.3e-3}
     )
 
 
