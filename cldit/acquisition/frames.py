@@ -116,7 +116,7 @@ class _Hdf5:
                 f"{source.text}: no such data set; the file has {', '.join(known) or 'none'}"
             )
         self._data = self._file[source.dataset]
-        shape = getattr(self._data, "shape", ())
+        shape: tuple[int, ...] = getattr(self._data, "shape", ())
         if len(shape) not in (2, 3):
             self._file.close()
             raise EvaluationError(f"{source.text}: shape {shape}, expected (frames, rows, columns)")
@@ -138,7 +138,7 @@ class _Hdf5:
         self._file.close()
 
 
-def _datasets(file: Any, kind: type) -> list[str]:
+def _datasets(file: Any, kind: Any) -> list[str]:
     names: list[str] = []
 
     def note(name: str, item: Any) -> None:
