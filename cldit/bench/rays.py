@@ -26,9 +26,9 @@ WAYS: tuple[int | str, ...] = (1, "adaptive", 4, 16)
 
 @dataclass(frozen=True)
 class Row:
-    """rays: a pixel. traced: rays a pixel in all, the picture's cost. rms_K, largest_K: of T_app against 64 rays,
-    over pixels of emissivity above 0.05; rms_background: of the weight, over all pixels. several:
-    share of the pixels with more than one ray."""
+    """rays: a pixel. traced: rays a pixel in all, the picture's cost. rms_K, largest_K: of T_app
+    against 64 rays, over pixels of emissivity above 0.05; rms_background: of the weight, over all
+    pixels. several: share of the pixels with more than one ray."""
 
     rays: int | str
     traced: float
