@@ -23,7 +23,6 @@ from cldit.dit.scattering import Medium, medium_temperature, wall_share
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.gpu.device import Device
 from cldit.images import write_image
-from cldit.radiance.weights import Weights
 from cldit.report.run_report import write_run_report
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
@@ -147,8 +146,8 @@ def evaluate_scattering(folder: str | Path, model: Run, evaluation: Evaluation) 
     opened = open_measured(folder) if is_measured(folder) else open_acquisition(folder)
     view = SensorView.from_scene(model.scene)
     spray, reference = (
-        Weights(**{name: view.image(image).astype(np.float32) for name, image in vars(w).items()})
-        for w in (model.weights, model.reference)
+        weights.map(lambda image: view.image(image).astype(np.float32))
+        for weights in (model.weights, model.reference)
     )
     curve = Curve(filter_um=evaluation.calibration.filter_um)
     if evaluation.fitted is not None:

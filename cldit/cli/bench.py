@@ -84,7 +84,8 @@ def bench_evaluate_command(shots: int, folder: Path | None) -> None:
         result = bench_evaluation(Path(place), shots=shots)
     OUT.print(
         f"{result.shots} shots of 640 x 512 in {result.seconds:.1f} s "
-        f"({result.cpu_s:.1f} s of CPU, {result.read_s:.1f} s to read them); {result.peak_bytes / 2**20:.0f} MiB at most, "
+        f"({result.cpu_s:.1f} s of CPU, {result.read_s:.1f} s to read them); "
+        f"{result.peak_bytes / 2**20:.0f} MiB at most, "
         f"{result.grown_bytes / 2**20:.0f} MiB more than before"
     )
 

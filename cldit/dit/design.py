@@ -164,14 +164,11 @@ class Subject:
 
 
 def _seen(view: SensorView, weights: Weights) -> Weights:
-    images = {name: view.image(image).astype(np.float32) for name, image in vars(weights).items()}
-    return Weights(**images)
+    return weights.map(lambda image: view.image(image).astype(np.float32))
 
 
 def _pixels(weights: Weights, places: NDArray[np.intp]) -> Weights:
-    return Weights(
-        **{name: image.reshape(1, -1)[:, places] for name, image in vars(weights).items()}
-    )
+    return weights.map(lambda image: image.reshape(1, -1)[:, places])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -48,7 +48,7 @@ VAPOUR_K, DROPLETS_K = 470.0, 380.0
 
 
 def _weights(**parts: object) -> Weights:
-    return Weights(**{name: np.asarray(part, np.float32) for name, part in parts.items()})
+    return Weights.of({name: np.asarray(part, np.float32) for name, part in parts.items()})
 
 
 def _spray() -> tuple[Weights, Weights, np.ndarray, np.ndarray]:
