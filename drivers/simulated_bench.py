@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,8 @@ from cldit.radiance.weights import Weights
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.run.spectral import node_folders
 from cldit.scene import Scene, load_scene
-from cldit.scene.checks import Section
+from cldit.scene.checks import Section, Within
+from cldit.scene.vessel import Windows
 
 ABOUT = DriverAbout(
     "bench",
@@ -35,6 +36,9 @@ ABOUT = DriverAbout(
 
 class BenchSettings(Section):
     run: Path  # folder with scene.yaml, weights/ and weights_reference/
+    shot_scatter: Annotated[float, Within(0.0, 5.0)] | None = None  # None: as the scene says
+    windows: Windows | None = None  # those before the camera; None: the scene's
+    window_heating_K: Annotated[float, Within(-200.0, 500.0)] = 0.0  # that nobody measured
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,7 @@ class SimulatedBench:
 
     def __init__(self, settings: BenchSettings, context: RigContext) -> None:
         self._run = context.folder / settings.run
+        self._settings = settings
         self._clock = context.clock
         self._seed = context.seed
         self._lock = threading.Lock()
@@ -74,7 +79,7 @@ class SimulatedBench:
         """
         with self._lock:
             if self._loaded is None:
-                self._loaded = _Loaded.read(self._run)
+                self._loaded = _Loaded.read(self._run, self._settings)
 
     @property
     def scene(self) -> Scene:
@@ -138,11 +143,11 @@ class _Loaded:
     pixel_m: tuple[float, float]
 
     @classmethod
-    def read(cls, run: Path) -> _Loaded:
+    def read(cls, run: Path, settings: BenchSettings) -> _Loaded:
         path = run / "scene.yaml"
         if not path.is_file():
             raise RunFolderError(f"{run}: holds no scene.yaml; give the folder of a finished run")
-        scene = load_scene(path)
+        scene = _changed_scene(load_scene(path), settings)
         view = SensorView.from_scene(scene)
         grey = Quadrature.grey(
             scene_filter(scene),
@@ -198,6 +203,21 @@ class _Loaded:
                 for name, there in spray.images.items()
             }
         )
+
+
+def _changed_scene(scene: Scene, settings: BenchSettings) -> Scene:
+    """The traced scene with the rig file's injector and windows, which no trace depends on."""
+    rig = scene.rig
+    if settings.shot_scatter is not None:
+        rig = rig.model_copy(update={"shot_scatter": settings.shot_scatter})
+    windows = scene.windows if settings.windows is None else settings.windows
+    hotter = tuple(
+        window.model_copy(
+            update={"temperature_K": window.temperature_K + settings.window_heating_K}
+        )
+        for window in windows
+    )
+    return scene.model_copy(update={"rig": rig, "windows": hotter})
 
 
 def _transmission(spray: Weights, reference: Weights) -> NDArray[np.float64]:

@@ -66,7 +66,7 @@ class Kernels:
         kernel = program["image"]
         return quickest(
             self.case,
-            lambda: kernel(device.queue, *self.view.tiles, out, *tree, *source, *arguments),
+            lambda: kernel(device.queue, *self.view.tiles(device), out, *tree, *source, *arguments),
         )
 
     def steps(self) -> tuple[NDArray[np.int64], Cost]:
@@ -79,7 +79,8 @@ class Kernels:
         arguments = self.view.arguments(device, cells, real)
         kernel = program["count"]
         cost = quickest(
-            self.case, lambda: kernel(device.queue, *self.view.tiles, out, *tree, *arguments)
+            self.case,
+            lambda: kernel(device.queue, *self.view.tiles(device), out, *tree, *arguments),
         )
         counted = download(device, out, np.empty((rows, columns, 2), np.int32))
         return counted.transpose(2, 0, 1).astype(np.int64), cost

@@ -14,6 +14,7 @@ _COMMANDS = {
     "scenes": "lists:scenes",
     "devices": "lists:devices",
     "optics": "lists:optics",
+    "fit-liquid": "liquid:fit_liquid",
     "spray": "sprays:spray_command",
     "import": "sprays:import_command",
     "droplet": "sprays:droplet",
@@ -21,6 +22,7 @@ _COMMANDS = {
     "acquire": "rig:acquire_command",
     "evaluate": "evaluate:evaluate",
     "scattering": "scattering:scattering_command",
+    "export": "rig:export_command",
     "show": "rig:show",
     "bench": "bench:bench",
 }

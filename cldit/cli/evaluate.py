@@ -29,8 +29,11 @@ from cldit.run import open_run
     type=click.Path(path_type=Path),
     help="Folder of a run that models the spray: also the temperature of what emits.",
 )
+@click.option("--frame", type=click.IntRange(0), default=0, help="Which picture of each shot.")
 @plain_errors
-def evaluate(folder: Path, calibration: CurveSource, robust: bool, model: Path | None) -> None:
+def evaluate(
+    folder: Path, calibration: CurveSource, robust: bool, model: Path | None, frame: int
+) -> None:
     """Evaluate an acquisition, a run, or measured data (a FOLDER with measured.yaml).
 
     The maps go into `maps` beside the pictures.
@@ -41,6 +44,7 @@ def evaluate(folder: Path, calibration: CurveSource, robust: bool, model: Path |
             target,
             curve=calibration,
             robust=robust,
+            frame=frame,
             progress=lambda done, total: bar.watch(Progress("shots", done, total, None)),
         )
     for reason, count in found.maps.count().items():

@@ -16,15 +16,13 @@ from cldit.dit.design import (
     BlackBody,
     Design,
     Goal,
-    Subject,
     chosen,
-    coldest_K,
     designs,
     error_against_time,
-    opaque_errors_K,
     plan_of,
     shot_time_s,
 )
+from cldit.dit.subject import Subject, coldest_K, opaque_errors_K
 from cldit.gpu.device import open_device
 from cldit.report.design_figure import design_picture
 from cldit.rig.simulated import simulated_rig_data

@@ -30,6 +30,13 @@ class DeviceInfo:
     memory_bytes: int
     largest_buffer_bytes: int
     float64: bool
+    largest_group: int = 256  # work-items in one work-group
+    local_bytes: int = 32768  # that a work-group shares
+
+    @property
+    def tile(self) -> int:
+        """Edge of the largest square work-group, a power of two up to 16."""
+        return next(edge for edge in (16, 8, 4, 2, 1) if edge**2 <= max(self.largest_group, 1))
 
 
 @dataclass(frozen=True)
@@ -82,6 +89,8 @@ def _describe(index: str, platform: Any, device: Any) -> DeviceInfo:
         memory_bytes=device.global_mem_size,
         largest_buffer_bytes=device.max_mem_alloc_size,
         float64=bool(device.double_fp_config),
+        largest_group=device.max_work_group_size,
+        local_bytes=device.local_mem_size,
     )
 
 

@@ -64,7 +64,7 @@ def trace_branching(
     rays = zeros(device, "rays", rows * columns, np.uint32)
     program["branching"](
         device.queue,
-        *view.tiles,
+        *view.tiles(device),
         out,
         rays,
         np.array([settings.seed, 1], np.uint32),

@@ -116,7 +116,7 @@ def trace_path(
     ]
     out = zeros(device, "picture", components * pixels, real)
     lost = zeros(device, "scattered light", pixels, real)
-    program["straight"](device.queue, *view.tiles, out, lost, *medium)
+    program["straight"](device.queue, *view.tiles(device), out, lost, *medium)
     image = download(device, out, np.empty((components, pixels), real)).astype(np.float64)
     scattered = download(device, lost, np.empty(pixels, real))
     listed = np.flatnonzero(scattered > 0).astype(np.int32)
@@ -124,6 +124,7 @@ def trace_path(
 
     start = time.perf_counter()
     count = len(listed)
+    group = min(_GROUP, device.info.largest_group)
     means = zeros(device, "means", components * count, real)
     fixed = [
         upload(device, "phase function", table),
@@ -141,8 +142,8 @@ def trace_path(
     while count:
         program["scatter"](
             device.queue,
-            (-(-count // _GROUP) * _GROUP,),
-            (_GROUP,),
+            (-(-count // group) * group,),
+            (group,),
             means,
             *listing,
             np.int32(count),

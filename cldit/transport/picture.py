@@ -122,12 +122,12 @@ class Painter:
         """One ray through the middle of every pixel, each device its rows."""
         columns, rows = self.view.pixels
         components = len(self.cells.needs.components) + 1
-        (across, _), tile = self.view.tiles
         outs = []
         for part, sources in zip(self.parts, ready, strict=True):
             out = zeros(part.device, "picture", components * rows * columns, self.real)
             first, count = part.rows
             if count:
+                (across, _), tile = self.view.tiles(part.device)
                 part.program["image"](
                     part.device.queue,
                     (across, -(-count // tile[1]) * tile[1]),
@@ -157,13 +157,13 @@ class Painter:
         for part, sources, first, last in zip(
             self.parts, ready, bounds[:-1], bounds[1:], strict=True
         ):
-            count = last - first
+            count, group = last - first, min(_GROUP, part.device.info.largest_group)
             out = zeros(part.device, "picture", components * count, self.real)
             if count:
                 part.program["refine"](
                     part.device.queue,
-                    (-(-count // _GROUP) * _GROUP,),
-                    (_GROUP,),
+                    (-(-count // group) * group,),
+                    (group,),
                     out,
                     upload(part.device, "pixels", pixels[first:last].astype(np.int32)),
                     np.int32(count),

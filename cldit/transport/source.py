@@ -73,8 +73,13 @@ def trace_source(
     seconds = {}
     if cells.needs.scattering:
         check_boundary(scene, cells, view)
-        specialised = {**defines, **sweep_defines(device, cells.box())}
-        programs += [build(device, "sweep.cl", specialised), build(device, "iterate.cl", defines)]
+        ray_bytes = len(cells.needs.components) * np.dtype(real).itemsize
+        specialised = {**defines, **sweep_defines(device, cells.box(), ray_bytes=ray_bytes)}
+        small = {"TILE": device.info.tile} if device.info.tile < 16 else {}
+        programs += [
+            build(device, "sweep.cl", specialised),
+            build(device, "iterate.cl", {**defines, **small}),
+        ]
         start = time.perf_counter()
         towards = None
         if phase is not None:

@@ -9,44 +9,37 @@ import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
+from cldit.errors import DeviceError
 from cldit.gpu.buffers import clear, download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.directions import Directions
+from cldit.transport.layout import Layout, layouts
 from cldit.transport.patches import NONE, shifted
 
-_TILE = 16
+_TILE = 16  # as in iterate.cl, unless the device's work-groups are smaller
 _MEAN_STRETCH = 1.2  # mean over the sphere of 1 / |largest component| is 1.199
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """How one of the three orders of axes runs through memory."""
+def sweep_defines(device: Device, box: Box, *, ray_bytes: int = 8) -> dict[str, int]:
+    """What the sweep kernel must know of the device and of the box when it is built.
 
-    number: int
-    axes: tuple[int, int, int]  # u, v, l as x, y, z = 0, 1, 2
-    size: tuple[int, int, int]
-    stride_v: int
-    stride_l: int
-    turned: bool
+    ray_bytes: what the components of one ray take.
 
-
-def _layouts(shape: tuple[int, int, int]) -> dict[int, _Layout]:
-    """Layout for each axis (x, y, z) that layers are stacked along."""
-    nx, ny, nz = shape
-    return {
-        2: _Layout(0, (0, 1, 2), (nx, ny, nz), nx, nx * ny, turned=False),
-        1: _Layout(1, (0, 2, 1), (nx, nz, ny), nx * ny, nx, turned=False),
-        0: _Layout(2, (1, 2, 0), (ny, nz, nx), ny, ny * nz, turned=True),
-    }
-
-
-def sweep_defines(device: Device, box: Box) -> dict[str, int]:
-    """What the sweep kernel must know of the device and of the box when it is built."""
+    Raises:
+        DeviceError: a row of rays does not fit into what a work-group shares.
+    """
     nx, ny, nz = box.shape
     vector = 8 if device.is_cpu and nx % 8 == 0 and ny % 8 == 0 else 1
-    return {"VECTOR": vector, "SLOTS": max(nx + nz, nx + ny, ny + nx) + 4}
+    slots = max(nx + nz, nx + ny, ny + nx) + 4
+    if slots * ray_bytes > device.info.local_bytes:
+        raise DeviceError(
+            f"{device.info.name}: a row of rays takes {slots * ray_bytes} bytes of local memory, "
+            f"and a work-group has {device.info.local_bytes}; set domain.leaf_edge_m coarser, or "
+            "name fewer patches"
+        )
+    return {"VECTOR": vector, "SLOTS": slots}
 
 
 @dataclass(frozen=True)
@@ -106,7 +99,8 @@ class Sweeper:
             1: upload(device, "rows", np.asarray(filled.any(axis=2)).T.astype(np.int8)),
             2: upload(device, "rows", np.asarray(filled.any(axis=2)).astype(np.int8)),
         }
-        self._lanes = int(device.queue.device.max_work_group_size)
+        self._lanes = device.info.largest_group
+        self._tile = int(iterate.defines.get("TILE", _TILE))
         self._source = {t: zeros(device, "source", planes, real) for t in (False, True)}
         self._excess = {t: zeros(device, "excess", planes, real) for t in (False, True)}
         self._bytes = planes * np.dtype(real).itemsize
@@ -130,27 +124,24 @@ class Sweeper:
     def real(self) -> type[np.float32] | type[np.float64]:
         return self._real
 
-    @property
-    def cells_swept(self) -> int:
-        """Cells visited so far, over all directions."""
-        return self.sweeps * self.box.cells
-
     def _grid(self) -> tuple[int, int, int]:
         nx, ny, nz = self.box.shape
-        return (-(-nx // _TILE) * _TILE, -(-ny // _TILE) * _TILE, nz * self.components)
+        return (
+            -(-nx // self._tile) * self._tile,
+            -(-ny // self._tile) * self._tile,
+            nz * self.components,
+        )
 
     def set_source(self, listed: NDArray[Any], *, shining: bool) -> None:
         """Puts the source (C, N) of the scattering cells into the box.
 
         shining: with the thermal source of all other cells; else these are black.
         """
-
         queue = self.device.queue
         cl.enqueue_copy(queue, self._list, np.ascontiguousarray(listed, self._real))
         self._fill(shining)
 
     def _fill(self, shining: bool) -> None:
-
         queue = self.device.queue
         if shining:
             cl.enqueue_copy(queue, self._source[False], self._base, byte_count=self._bytes)
@@ -175,7 +166,12 @@ class Sweeper:
     def _turn(self, arrays: dict[bool, Any]) -> None:
         sizes = [np.int32(n) for n in self.box.shape]
         self._kernels["turn"](
-            self.device.queue, self._grid(), (_TILE, _TILE, 1), arrays[True], arrays[False], *sizes
+            self.device.queue,
+            self._grid(),
+            (self._tile, self._tile, 1),
+            arrays[True],
+            arrays[False],
+            *sizes,
         )
 
     def sweep(
@@ -195,9 +191,8 @@ class Sweeper:
             clear(self.device, self._excess[turned], self._bytes)
             if camera is not None:
                 clear(self.device, camera.shares[turned], self._bytes // self.components)
-        layouts = _layouts(self.box.shape)
         main = np.argmax(np.abs(directions.unit), axis=1)
-        for axis, layout in layouts.items():
+        for axis, layout in layouts(self.box.shape).items():
             for i in np.flatnonzero(main == axis):
                 self._one(
                     layout,
@@ -212,7 +207,7 @@ class Sweeper:
             self._kernels["add_turned"](
                 self.device.queue,
                 self._grid(),
-                (_TILE, _TILE, 1),
+                (self._tile, self._tile, 1),
                 self._excess[False],
                 self._excess[True],
                 *sizes,
@@ -222,7 +217,7 @@ class Sweeper:
                 self._kernels["add_turned"](
                     self.device.queue,
                     grid,
-                    (_TILE, _TILE, 1),
+                    (self._tile, self._tile, 1),
                     camera.shares[False],
                     camera.shares[True],
                     *sizes,
@@ -231,7 +226,7 @@ class Sweeper:
 
     def _one(
         self,
-        layout: _Layout,
+        layout: Layout,
         unit: NDArray[np.float64],
         weight: float,
         start: NDArray[np.float64],

@@ -57,11 +57,11 @@ class View:
             },
         )
 
-    @property
-    def tiles(self) -> tuple[tuple[int, int], tuple[int, int]]:
+    def tiles(self, device: Device) -> tuple[tuple[int, int], tuple[int, int]]:
         """Global and local size of a kernel that has one work-item a pixel."""
         columns, rows = self.pixels
-        return (-(-columns // _TILE) * _TILE, -(-rows // _TILE) * _TILE), (_TILE, _TILE)
+        edge = min(_TILE, device.info.tile)
+        return (-(-columns // edge) * edge, -(-rows // edge) * edge), (edge, edge)
 
     def arguments(self, device: Device, cells: OpticalCells, real: type[np.floating]) -> list[Any]:
         """Kernel arguments `coarse` to `disc`, and `patches` where there are any."""

@@ -20,14 +20,12 @@ from cldit.acquisition.runner import acquire
 from cldit.dit.design import (
     BlackBody,
     Goal,
-    Subject,
     chosen,
-    coldest_K,
     designs,
-    opaque_errors_K,
     plan_of,
     shot_time_s,
 )
+from cldit.dit.subject import Subject, coldest_K, opaque_errors_K
 from cldit.errors import EvaluationError
 from cldit.experiment import evaluate_folder
 from cldit.optics.planck import band_radiance

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -144,3 +145,35 @@ def test_a_device_with_little_memory_says_so(run_block: Callable[..., Run], devi
     info = replace(device.info, largest_buffer_bytes=10_000)
     with pytest.raises(DeviceError, match=r"GB is more than .* takes in one buffer .*leaf_edge_m"):
         vessel(replace(device, info=info), 1, pixels=[400, 400])
+
+
+@pytest.mark.parametrize("method", ["source", "path", "branching"])
+def test_small_work_groups(
+    run_block: Callable[..., Run], device: Device, tmp_path: Path, method: str
+) -> None:
+    """A device of work-groups of 20 gives the same picture: nothing relies on their size."""
+    scene = {"camera": {"pixels": 9, "field_m": [0.1, 0.1]}}
+    transport = {"method": method, "order": 1, "accuracy_K": 5.0, "max_samples": 128}
+    first = run_block(
+        {"droplet_scattering_per_m": 30.0, "droplet_absorption_per_m": 10.0},
+        size_m=(0.05, 0.07, 0.06),
+        domain={"edge_m": EDGE, "leaf_edge_m": 0.007},
+        transport=transport,
+        **scene,
+    )
+    small = replace(device, info=replace(device.info, largest_group=20))
+    second = cldit.simulate(first.scene, device=small, cache=tmp_path / "cache")
+    for name, image in first.weights.images.items():
+        np.testing.assert_array_equal(image, second.weights.images[name])
+
+
+def test_little_local_memory_says_so(run_block: Callable[..., Run], device: Device) -> None:
+    scene = run_block(
+        {"droplet_scattering_per_m": 30.0},
+        size_m=(0.05,) * 3,
+        domain={"edge_m": EDGE, "leaf_edge_m": 0.007},
+        camera={"pixels": 4},
+    ).scene
+    small = replace(device, info=replace(device.info, local_bytes=100))
+    with pytest.raises(DeviceError, match="bytes of local memory, and a work-group has 100"):
+        cldit.simulate(scene, device=small)
