@@ -95,7 +95,7 @@ class Lattice:
             count, first = self._along(n, every)
             where.append(slice(first, first + (count - 1) * every + 1, every))
         across, down = where
-        return Weights(**{name: image[down, across] for name, image in vars(weights).items()})
+        return weights.map(lambda image: image[down, across])
 
     def share(self, scene: Scene) -> float:
         """Part of the whole picture's pixels."""

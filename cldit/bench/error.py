@@ -135,7 +135,7 @@ class _Bench:
         wall = one.wall.astype(float), other.wall.astype(float)
         error_K = None
         if stated is not None:
-            shifted = Weights(**{k: v + getattr(stated, k) for k, v in vars(weights).items()})
+            shifted = Weights.of({k: v + stated.images[k] for k, v in weights.images.items()})
             change = (self.part.temperature_K(shifted) - kelvin)[truth.visible]
             error_K = float(np.sqrt(np.nanmean(change**2)))
         return Row(

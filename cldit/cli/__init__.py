@@ -21,8 +21,8 @@ _COMMANDS = {
     "plan": "plan:plan_command",
     "acquire": "rig:acquire_command",
     "evaluate": "evaluate:evaluate",
-    "scattering": "scattering:scattering_command",
     "export": "rig:export_command",
+    "scattering": "scattering:scattering_command",
     "show": "rig:show",
     "bench": "bench:bench",
 }

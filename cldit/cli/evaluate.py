@@ -24,15 +24,15 @@ from cldit.run import open_run
     help="Curve from Planck, filter and detector, or fitted to the references.",
 )
 @click.option("--robust", is_flag=True, help="Weigh shots that are far off the others less.")
+@click.option("--frame", type=click.IntRange(0), default=0, help="Which picture of each shot.")
 @click.option(
     "--model",
     type=click.Path(path_type=Path),
     help="Folder of a run that models the spray: also the temperature of what emits.",
 )
-@click.option("--frame", type=click.IntRange(0), default=0, help="Which picture of each shot.")
 @plain_errors
 def evaluate(
-    folder: Path, calibration: CurveSource, robust: bool, model: Path | None, frame: int
+    folder: Path, calibration: CurveSource, robust: bool, frame: int, model: Path | None
 ) -> None:
     """Evaluate an acquisition, a run, or measured data (a FOLDER with measured.yaml).
 
