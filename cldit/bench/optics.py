@@ -11,7 +11,13 @@ from typing import Literal
 import numpy as np
 
 from cldit.optics import mie
-from cldit.optics.droplets import DropletTable, TableError, droplet_table, table_error
+from cldit.optics.droplets import (
+    DropletTable,
+    TableError,
+    droplet_table,
+    resolved,
+    table_error,
+)
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import wavelengths
 from cldit.run.phases import droplets_content, mean_phase
@@ -51,18 +57,17 @@ def check_table(*, wavelength_um: float, n: float, k: float, cache: Path | None)
     return TableCheck(k, table_error(table), narrow)
 
 
-def _narrow(table: DropletTable, middle_m: float, samples: int = 20000) -> float:
+def _narrow(table: DropletTable, middle_m: float) -> float:
     """Error of the mean cross sections of one narrow distribution, by area."""
-    spread = _NARROW * np.linspace(-4.0, 4.0, samples)
+    count = resolved(n=table.n, k=table.k, span=8 * _NARROW, least=20000)
+    spread = _NARROW * np.linspace(-4.0, 4.0, count)
     weight = np.exp(-0.5 * (spread / _NARROW) ** 2)
     d = middle_m * np.exp(spread)
-    solved = mie.efficiencies(n=table.n, k=table.k, x=d * (np.pi / (table.wavelength_um * 1e-6)))
+    x = d * (np.pi / (table.wavelength_um * 1e-6))
+    solved = mie.efficiencies(n=table.n, k=table.k, x=x, spacing=8 * _NARROW / count)
     q_ext, q_sca, _ = table.efficiencies(d)
-    pairs = [(q_sca, solved.scattering), (q_ext - q_sca, solved.absorption)]
-    if table.k < 1e-4:  # as in `TableError`
-        pairs[1] = (q_ext, solved.extinction)
     errors = [0.0]
-    for found, exact in pairs:
+    for found, exact in ((q_sca, solved.scattering), (q_ext - q_sca, solved.absorption)):
         if np.any(exact > 0):
             errors.append(abs(float(weight @ found) / float(weight @ exact) - 1.0))
     return max(errors)
