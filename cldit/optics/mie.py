@@ -186,7 +186,7 @@ def _solve(*, n: float, k: float, x: Floats, spacing: float = 0.0) -> _Series:
 
 
 def _absorbed(matched: Complex, wave: Complex) -> Floats:
-    """Re a - |a|^2: by the Wronskian of psi and chi no difference, but -Im(m^power D) / |wave|^2."""
+    """Re a - |a|^2: by the Wronskian of psi and chi -Im(m^power D) / |wave|^2, no difference."""
     return np.asarray(-matched.imag / (wave.real**2 + wave.imag**2))
 
 
