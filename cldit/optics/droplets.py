@@ -221,12 +221,13 @@ def table_error(table: DropletTable, *, samples: int = 400, seed: int = 1) -> Ta
     random = np.random.default_rng(seed)
     low = table.log_x_start
     high = low + table.log_x_step * (len(table.scattering) - 1)
-    offsets, spacing = np.zeros(1), 0.0
+    offsets: Floats = np.zeros(1)
+    spacing = 0.0
     if table.k < POINTWISE_K:
         count = resolved(n=table.n, k=table.k, span=2 * AVERAGED, least=600)
         samples = int(np.clip(2e6 / count, 4, max(samples // 8, 1)))
         spacing = 2 * AVERAGED / count
-        offsets = spacing * (np.arange(count) + 0.5) - AVERAGED
+        offsets = np.asarray(spacing * (np.arange(count) + 0.5) - AVERAGED, np.float64)
     weight = np.maximum(1.0 - np.abs(offsets) / AVERAGED, 0.0)
     weight /= weight.sum()
     centres = np.exp(random.uniform(low, high, samples))

@@ -129,8 +129,9 @@ def coefficients(*, n: float, k: float, x: Floats) -> tuple[Complex, Complex]:
     return series.a, series.b
 
 
-def _inner(z: Complex, last: int) -> Complex:
-    """Logarithmic derivatives psi_n'(z) / psi_n(z) of orders 0 .. last, (last + 1, S)."""
+def _inner(m: complex, x: Floats, last: int) -> Complex:
+    """Logarithmic derivatives psi_n'(z) / psi_n(z) at z = m x, orders 0 .. last, (last + 1, S)."""
+    z = np.asarray(m * x, np.complex128)
     largest = float(np.abs(z).max())
     start = max(last, int(largest + 4.05 * np.cbrt(largest))) + 20
     inner = np.zeros((last + 1, z.size), dtype=complex)
@@ -148,9 +149,9 @@ def _solve(*, n: float, k: float, x: Floats, spacing: float = 0.0) -> _Series:
     broad = complex(n, max(k, _SEEN * spacing * n))
     count = np.array([terms(size) for size in x])
     last = int(count.max())
-    inner = _inner(m * x, last)
-    broader = _inner(broad * x, last) if 0 < k < broad.imag else None
-    outer = _inner(x + 0j, last).real if x.max() < _SMALL else None
+    inner = _inner(m, x, last)
+    broader = _inner(broad, x, last) if 0 < k < broad.imag else None
+    outer = _inner(1.0 + 0j, x, last).real if x.max() < _SMALL else None
     a = np.zeros((last, x.size), dtype=complex)
     b = np.zeros_like(a)
     absorbed = np.zeros((last, x.size))

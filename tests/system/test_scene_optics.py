@@ -71,7 +71,7 @@ def test_every_distribution_of_sizes(
     droplets: str, sauter_um: float, folder: Path, device: Device
 ) -> None:
     run = run_of(SCENE.format(droplets=droplets), folder, device)
-    assert isinstance(run.scene.spray, ConeSpray)
+    assert isinstance(run.scene.spray, ConeSpray) and run.scene.spray.droplets is not None
     assert mean_diameter_m(run.scene.spray.droplets, 3, 2) * 1e6 == approx(sauter_um, rel=1e-8)
     emissivity, kelvin = run.maps.emissivity, run.maps.apparent_temperature_K
     spray = np.nan_to_num(emissivity) > VISIBLE_EMISSIVITY
@@ -98,5 +98,7 @@ def test_two_windows_in_yaml(folder: Path, device: Device) -> None:
     np.testing.assert_allclose(
         behind.maps.emissivity[spray], without.maps.emissivity[spray], atol=2e-6
     )
-    # They were there: the sensor is exposed longer for less light.
-    assert behind.info.integration_time_s > 1.05 * without.info.integration_time_s
+    # They were there: less of the spray's light reaches the sensor, whose noise counts for more.
+    assert behind.info.integration_time_s == without.info.integration_time_s
+    noise = [run.maps.apparent_temperature_standard_error_K[spray] for run in (without, behind)]
+    assert np.all(noise[1] > 1.02 * noise[0])
