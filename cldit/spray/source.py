@@ -10,6 +10,7 @@ from cldit.spray.cfd import read_cfd
 from cldit.spray.cone import make_cone
 from cldit.spray.flow.simulate import simulate_spray
 from cldit.spray.grid import read_grid
+from cldit.spray.kept import kept_spray
 from cldit.spray.result import Spray
 
 
@@ -21,7 +22,7 @@ def make_spray(
     """Runs the model or reads the file.
 
     Args:
-        cache: folder for tables of fuel properties; None keeps nothing.
+        cache: folder for tables of fuel properties and computed sprays; None keeps nothing.
 
     Raises:
         SprayError: the source is missing something or holds impossible values.
@@ -30,7 +31,7 @@ def make_spray(
         case ConeSpray():
             return make_cone(spec)
         case LagrangianSpray():
-            return simulate_spray(spec, cache=cache)[0]
+            return kept_spray(spec, cache, lambda: simulate_spray(spec, cache=cache)[0])
         case GridSpray():
             return read_grid(spec)
         case CfdSpray():
