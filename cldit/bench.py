@@ -12,7 +12,7 @@ import numpy as np
 
 from cldit.dit.accuracy import VISIBLE_EMISSIVITY
 from cldit.gpu.device import Device
-from cldit.report.pictures import figure_of, png_of
+from cldit.report.sheet import figure_of, png_of
 from cldit.run import Run, simulate
 from cldit.scene import Scene, parse_scene
 

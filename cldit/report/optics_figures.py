@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from cldit.optics.planck import LIGHT_SPEED_m_s, SECOND_RADIATION_CONSTANT_m_K
 from cldit.optics.response import Response
 from cldit.report.optics_summary import FIG4, SceneOptics
-from cldit.report.pictures import figure_of, png_of
+from cldit.report.sheet import figure_of, png_of
 from cldit.scene.sizes import Monodisperse
 from cldit.spray.sizes import density_per_m, mean_diameter_m
 

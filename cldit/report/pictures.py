@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm, Normalize
-from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from cldit.dit.maps import Maps, Reason
@@ -22,8 +21,8 @@ from cldit.report.colours import (
     picture_colours,
     temperature_range_K,
 )
+from cldit.report.sheet import Place, figure_of, plain, png_of, sheet
 
-_DPI = 130
 _GREY = (UNKNOWN, UNKNOWN, UNKNOWN)
 
 
@@ -56,23 +55,6 @@ class Panel:
     logarithmic: bool = False
 
 
-def figure_of(width_in: float, height_in: float) -> Figure:
-    figure = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def png_of(figure: Figure) -> bytes:
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=_DPI, bbox_inches="tight", pad_inches=0.08)
-    return stream.getvalue()
-
-
-def _plain(text: str) -> str:
-    """User text in a title: `$` would start a formula."""
-    return text.replace("$", r"\$")
-
-
 def _axes_mm(axes: Axes, frame: Frame, shape: tuple[int, ...]) -> None:
     left, right, bottom, top = frame.extent_mm(shape)
     axes.set_xlabel("x / mm")
@@ -84,9 +66,9 @@ def _axes_mm(axes: Axes, frame: Frame, shape: tuple[int, ...]) -> None:
         axes.annotate(
             "injector",
             (0.0, 0.0),
-            xytext=(0, 7),
+            xytext=(8, 0),
             textcoords="offset points",
-            ha="center",
+            va="center",
             fontsize=8,
             color="black",
             bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "lw": 0},
@@ -94,9 +76,9 @@ def _axes_mm(axes: Axes, frame: Frame, shape: tuple[int, ...]) -> None:
 
 
 def _aspect(frame: Frame, shape: tuple[int, ...]) -> float:
-    """Height over width, kept drawable."""
+    """Height over width."""
     left, right, bottom, top = frame.extent_mm(shape)
-    return float(np.clip((top - bottom) / (right - left), 0.3, 3.0))
+    return (top - bottom) / (right - left)
 
 
 def _explained(maps: Maps) -> str:
@@ -111,7 +93,7 @@ def _explained(maps: Maps) -> str:
         if reason not in (Reason.OK, Reason.EMISSIVITY_TOO_LOW)
     ]
     if grey:
-        lines.append("grey: " + "; ".join(grey))
+        lines += textwrap.wrap("grey: " + "; ".join(grey), 100)
     return "\n".join(lines)
 
 
@@ -135,18 +117,23 @@ def map_picture(
     chosen_K = temperature_range_K(maps) if range_K is None else range_K
     full = emissivity_scale(maps) if scale is None else scale
     shape = maps.emissivity.shape
-    figure = figure_of(7.6, max(3.4, 5.2 * _aspect(frame, shape) + 1.2))
-    axes = figure.subplots()
-    key = axes.inset_axes((1.05, 0.0, 0.18, 1.0))
+    figure, [place] = sheet(
+        [""],
+        aspect=_aspect(frame, shape),
+        heading=title,
+        width_in=5.4,
+        gap_in=0.3,
+        key_in=0.85,
+        note=_explained(maps),
+    )
+    axes, key = place.picture, place.key
     axes.imshow(
         picture_colours(maps, range_K=chosen_K, scale=full),
         extent=frame.extent_mm(shape),
         interpolation="nearest",
+        aspect="auto",
     )
     _axes_mm(axes, frame, shape)
-    figure.suptitle(_plain(title), fontsize=11)
-    if note := _explained(maps):
-        figure.supxlabel(note, fontsize=7.5, color="0.25")
     low, high = chosen_K
     if high > low:
         warm, there = np.meshgrid(np.linspace(high, low, 240), np.linspace(0, full, 60))
@@ -169,43 +156,45 @@ def map_picture(
 def panels_picture(panels: Sequence[Panel], frame: Frame, *, title: str) -> bytes:
     """PNG of one or more pictures with a colour bar each, at most two side by side."""
     columns = min(2, len(panels))
-    rows = -(-len(panels) // columns)
-    aspect = _aspect(frame, panels[0].image.shape)
-    width = 6.4 if columns == 1 else 10.4
-    each = (width / columns - 1.7) * aspect + 0.9
-    figure = figure_of(width, rows * each + 0.4)
-    grid = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, panel in zip(grid, panels, strict=False):
-        _draw(axes, panel, frame)
-    for axes in grid[len(panels) :]:
-        axes.set_axis_off()
-    figure.suptitle(_plain(title), fontsize=11)
+    figure, places = sheet(
+        [panel.title for panel in panels],
+        aspect=_aspect(frame, panels[0].image.shape),
+        heading=title,
+        columns=columns,
+        width_in=4.7 if columns == 1 else 3.6,
+    )
+    for place, panel in zip(places, panels, strict=True):
+        values = panel.image.astype(np.float64)
+        low, high = panel.limits or robust_limits(values)
+        norm = LogNorm(low, high) if panel.logarithmic else Normalize(low, high)
+        drawn = _draw(place, values, frame, norm=norm, colours=panel.colours)
+        _key(place, drawn, panel.label, below=np.any(values < low), above=np.any(values > high))
     return png_of(figure)
 
 
-def _draw(axes: Axes, panel: Panel, frame: Frame) -> None:
-    shape = panel.image.shape
-    values = panel.image.astype(np.float64)
-    low, high = panel.limits or robust_limits(values)
-    axes.set_facecolor(_GREY)
-    drawn = axes.imshow(
+def _draw(
+    place: Place, values: NDArray[np.float64], frame: Frame, *, norm: Normalize, colours: str
+) -> AxesImage:
+    place.picture.set_facecolor(_GREY)
+    drawn = place.picture.imshow(
         np.ma.masked_invalid(values),
-        extent=frame.extent_mm(shape),
-        cmap=panel.colours,
-        norm=LogNorm(low, high) if panel.logarithmic else Normalize(low, high),
+        extent=frame.extent_mm(values.shape),
+        cmap=colours,
+        norm=norm,
         interpolation="nearest",
+        aspect="auto",
     )
-    _axes_mm(axes, frame, shape)
-    if panel.title:
-        axes.set_title(panel.title, fontsize=9.5)
-    beyond = bool(np.any(values < low)), bool(np.any(values > high))
-    extend = {(True, True): "both", (True, False): "min", (False, True): "max"}
-    axes.figure.colorbar(
-        drawn,
-        cax=axes.inset_axes((1.03, 0.0, 0.045, 1.0)),
-        label=panel.label,
-        extend=extend.get(beyond, "neither"),
-    )
+    _axes_mm(place.picture, frame, values.shape)
+    return drawn
+
+
+def _key(
+    place: Place, drawn: AxesImage, label: str, *, below: bool | np.bool_, above: bool | np.bool_
+) -> None:
+    """The colour bar; its ends are pointed where values lie beyond them."""
+    names = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    extend = names.get((bool(below), bool(above)), "neither")
+    place.picture.figure.colorbar(drawn, cax=place.key, label=label, extend=extend)
 
 
 def robust_limits(values: NDArray[np.floating], *, cut: float = 0.1) -> tuple[float, float]:
@@ -231,17 +220,30 @@ def weights_picture(weights: Weights, frame: Frame, *, title: str) -> bytes:
     )
 
 
-def camera_picture(
-    image: NDArray[np.generic],
-    frame: Frame,
-    *,
-    background_K: float,
-    limits: tuple[float, float] | None = None,
-    title: str = "",
-) -> bytes:
-    """PNG of one recorded image (rows, columns) in counts before one background."""
-    heading = f"{title}, background {background_K:g} K" if title else f"{background_K:g} K"
-    return panels_picture([Panel(image, "", "counts", limits)], frame, title=heading)
+def camera_pictures(
+    images: Mapping[float, NDArray[np.floating | np.integer]], frame: Frame, *, title: str
+) -> dict[float, bytes]:
+    """PNGs of recorded images (rows, columns) in counts, by their background's temperature in K.
+
+    All have one scale, so that they can be compared.
+    """
+    if not images:
+        return {}
+    bounds = [robust_limits(image.astype(np.float64)) for image in images.values()]
+    low, high = min(low for low, _ in bounds), max(high for _, high in bounds)
+    first = next(iter(images.values()))
+    figure, [place] = sheet([""], aspect=_aspect(frame, first.shape), heading=" ")
+    norm = Normalize(low, high)
+    drawn = _draw(place, first.astype(np.float64), frame, norm=norm, colours="inferno")
+    below = any(np.any(image < low) for image in images.values())
+    above = any(np.any(image > high) for image in images.values())
+    _key(place, drawn, "counts", below=below, above=above)
+    pictures = {}
+    for background_K, image in images.items():
+        drawn.set_data(np.ma.masked_invalid(image.astype(np.float64)))
+        figure.suptitle(plain(f"{title}, background {background_K:g} K"))
+        pictures[background_K] = png_of(figure)
+    return pictures
 
 
 def errors_picture(maps: Maps, frame: Frame, *, title: str) -> bytes:
@@ -283,7 +285,7 @@ def nodes_picture(errors_K: Sequence[float], *, chosen: int, title: str) -> byte
     axes.plot(chosen, shown[chosen - 1], "o", color="C3", markersize=9, label="traced")
     axes.set_xlabel("number of wavelengths")
     axes.set_ylabel("RMS error of apparent temperature / K")
-    axes.set_title(_plain(title), fontsize="medium")
+    axes.set_title(plain(title), fontsize="medium")
     axes.grid(True, which="both", alpha=0.3)
     axes.legend()
     return png_of(figure)

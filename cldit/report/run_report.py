@@ -15,11 +15,10 @@ from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.report.html import Picture, ReportContent, write_report
 from cldit.report.pictures import (
     Frame,
-    camera_picture,
+    camera_pictures,
     errors_picture,
     map_picture,
     nodes_picture,
-    robust_limits,
     weights_picture,
 )
 from cldit.report.shares import Shares
@@ -91,21 +90,10 @@ def _camera(run: Run, acquisition: Acquisition) -> tuple[tuple[float, Picture], 
             total, count = sums.get(shot.background_setpoint_K, (np.zeros(acquisition.shape), 0))
             sums[shot.background_setpoint_K] = (total + acquisition.load(shot), count + 1)
     means = {at: (total / count).astype(np.float32) for at, (total, count) in sorted(sums.items())}
-    if not means:
-        return ()
-    low = min(robust_limits(mean)[0] for mean in means.values())
-    high = max(robust_limits(mean)[1] for mean in means.values())
+    drawn = camera_pictures(means, frame, title=run.scene.name)
     return tuple(
-        (
-            at,
-            Picture(
-                camera_picture(
-                    mean, frame, background_K=at, limits=(low, high), title=run.scene.name
-                ),
-                f"Mean of {sums[at][1]} injections before a background of {at:g} K.",
-            ),
-        )
-        for at, mean in means.items()
+        (at, Picture(png, f"Mean of {sums[at][1]} injections before a background of {at:g} K."))
+        for at, png in drawn.items()
     )
 
 

@@ -22,7 +22,7 @@ from cldit.report.colours import (
 from cldit.report.pictures import (
     Frame,
     Panel,
-    camera_picture,
+    camera_pictures,
     errors_picture,
     map_picture,
     panels_picture,
@@ -154,7 +154,11 @@ def test_pictures_of_nothing() -> None:
     assert errors_picture(exact, FRAME, title="exact").startswith(b"\x89PNG")
     for shape in ((1, 1), (2, 200), (200, 2)):
         image = np.zeros(shape, np.uint16)
-        assert camera_picture(image, FRAME, background_K=400.0).startswith(b"\x89PNG")
+        both = camera_pictures({400.0: image, 450.0: image + 1}, FRAME, title="t")
+        assert list(both) == [400.0, 450.0]
+        assert all(png.startswith(b"\x89PNG") for png in both.values())
+        assert both[400.0] != both[450.0]
+    assert camera_pictures({}, FRAME, title="t") == {}
     assert robust_limits(np.array([])) == (0.0, 1.0)
     assert robust_limits(np.array([np.nan, 5.0]))[0] == 5.0
     low, high = robust_limits(np.append(np.full(99_999, 7.0), 1e9))
