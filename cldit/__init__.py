@@ -10,6 +10,7 @@ from cldit.gpu.device import list_devices, open_device
 from cldit.run import Run, open_run, simulate
 from cldit.scene import Scene, dump_scene, load_scene, parse_scene, shipped_scenes
 from cldit.scripting import open_rig
+from cldit.study.dataset import open_study
 
 __all__ = [
     "Run",
@@ -21,6 +22,7 @@ __all__ = [
     "open_device",
     "open_rig",
     "open_run",
+    "open_study",
     "parse_scene",
     "run_experiment",
     "shipped_scenes",

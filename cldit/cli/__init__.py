@@ -10,6 +10,7 @@ from cldit.cli.lists import devices, optics, scenes
 from cldit.cli.rig import acquire_command, evaluate, show
 from cldit.cli.run import run
 from cldit.cli.sprays import droplet, import_command, spray_command
+from cldit.cli.study import study
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -30,5 +31,6 @@ for command in (
     evaluate,
     show,
     bench,
+    study,
 ):
     main.add_command(command)

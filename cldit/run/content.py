@@ -33,7 +33,9 @@ def trace_content(scene: Scene) -> dict[str, Any]:
     """
     data = scene.model_dump(mode="json")
     # A tabulated efficiency is part of the response in which vapour and droplets emit.
-    data["camera"]["sensor"] = {"quantum_efficiency": data["camera"]["sensor"]["quantum_efficiency"]}
+    data["camera"]["sensor"] = {
+        "quantum_efficiency": data["camera"]["sensor"]["quantum_efficiency"]
+    }
     bound = scene.optics.preset == "spectral" or scene.transport.method != "source"
     for name in _LEFT_OUT:
         if not (bound and name.endswith(("walls.temperature_K", "temperatures_K"))):

@@ -86,9 +86,7 @@ class KeptRuns:
         part = folder.with_suffix(".part")
         shutil.rmtree(part, ignore_errors=True)  # of one that was killed
         given = None if spray is None else spray()
-        run = simulate(
-            scene, part, device=device, cache=self.cache, spray=given, progress=progress
-        )
+        run = simulate(scene, part, device=device, cache=self.cache, spray=given, progress=progress)
         part.rename(folder)
         return run
 

@@ -27,8 +27,8 @@ from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.radiance.boundary import Boundary, Surroundings, picture
 from cldit.radiance.effective import effective_weights
 from cldit.radiance.weights import Weights
-from cldit.run.folder import save_run, stored_run
 from cldit.run.content import trace_content
+from cldit.run.folder import save_run, stored_run
 from cldit.run.medium import make_medium
 from cldit.run.result import Run, RunInfo, Stage
 from cldit.run.spectral import (

@@ -54,8 +54,8 @@ def write_spray(path: Path, spray: Spray) -> None:
             arrays |= {
                 "vapour/grid_origin_m": grid.origin_m,
                 "vapour/grid_spacing_m": grid.spacing_m,
-                "vapour/grid_shape": np.array(grid.shape),
-                "vapour/grid_index": grid.index,
+                "vapour/grid_shape": np.array(grid.shape, dtype=float),
+                "vapour/grid_index": grid.index.astype(float),
             }
     partial = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:

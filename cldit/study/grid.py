@@ -72,9 +72,7 @@ class Grid:
         """
         places = itertools.product(*(range(count) for count in self.shape))
         for number, place in enumerate(places):
-            chosen = {
-                axis.key: axis.values[at] for axis, at in zip(self.axes, place, strict=True)
-            }
+            chosen = {axis.key: axis.values[at] for axis, at in zip(self.axes, place, strict=True)}
             yield Point(number, place, changed(base, chosen))
 
     @classmethod

@@ -27,7 +27,8 @@ def positions_m(run: Run) -> tuple[Floats, Floats]:
     pixel_x, pixel_z = run.pixel_m
     across = x + (np.arange(width) - (width - 1) / 2) * pixel_x
     up = z - (np.arange(height) - (height - 1) / 2) * pixel_z
-    return tuple(np.meshgrid(across, up))  # type: ignore[return-value]
+    x_m, z_m = np.meshgrid(across, up)
+    return x_m, z_m
 
 
 def visible(run: Run) -> Mask:

@@ -8,9 +8,9 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
+from importlib.metadata import version
 from pathlib import Path
 
-from cldit import __version__
 from cldit.errors import StudyError
 from cldit.report.html import Picture, document, figures_html, table_html
 from cldit.scene import Scene, dump_scene
@@ -79,7 +79,7 @@ def page_html(page: Page) -> str:
         "</details>\n"
         for name, scene in page.scenes.items()
     )
-    repeat = f"<p><code>{escape(page.command)}</code>, cldit {escape(__version__)}</p>\n"
+    repeat = f"<p><code>{escape(page.command)}</code>, cldit {escape(version('cldit'))}</p>\n"
     return document(
         page.title,
         f"<p>{escape(page.about)}</p>\n",

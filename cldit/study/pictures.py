@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from cldit.dit.maps import Maps
 from cldit.report.colours import (
     UNKNOWN,
     emissivity_scale,
@@ -22,7 +21,8 @@ from cldit.report.colours import (
     picture_colours,
     temperature_range_K,
 )
-from cldit.report.pictures import Frame, figure_of, png_of
+from cldit.report.pictures import Frame
+from cldit.report.sheet import figure_of, png_of
 from cldit.run import Run
 
 _COLUMNS = 3
@@ -46,7 +46,7 @@ class Crop:
 def small_png(figure: Figure) -> bytes:
     """PNG in 255 colours, a third of the size; pages hold many."""
     with Image.open(io.BytesIO(png_of(figure))) as picture:
-        plain = picture.convert("RGB").quantize(255, dither=Image.Dither.NONE)
+        plain = picture.convert("RGB").quantize(255, Image.Quantize.MAXCOVERAGE, kmeans=3)
     stream = io.BytesIO()
     plain.save(stream, format="PNG", optimize=True)
     return stream.getvalue()
@@ -160,11 +160,11 @@ def changes_figure(
         )
         _crop(axes, crop)
     figure.colorbar(
-        ScalarMappable(norm, "RdBu_r"), ax=panels, label=label, fraction=0.06, pad=0.02, extend="both"
+        ScalarMappable(norm, "RdBu_r"),
+        ax=panels,
+        label=label,
+        fraction=0.06,
+        pad=0.02,
+        extend="both",
     )
     return small_png(figure)
-
-
-def emptied(maps: Maps, where: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """T_app where `where` holds, NaN elsewhere."""
-    return np.where(where, maps.apparent_temperature_K, np.float32(np.nan))

@@ -28,9 +28,7 @@ def all_round(run: Run) -> Run:
         return replace(weights, background=every, wall=np.zeros_like(every))
 
     parts = tuple(joined(each) for each in run.spectral)
-    return reevaluated(
-        replace(run, spectral=parts, reference=joined(run.reference)), run.scene
-    )
+    return reevaluated(replace(run, spectral=parts, reference=joined(run.reference)), run.scene)
 
 
 def study(lab: Lab) -> Page:
@@ -128,11 +126,11 @@ def _one_droplet(run: Run) -> float:
 
 
 _TEXT = (
-    "Transfer is linear in its sources: the trace gives each pixel's share of background and walls, "
-    "and all panels come from one trace. In the first the background surrounds the spray, so that "
-    "what droplets scatter counts as transmitted: the emissivity is that of absorption alone, and "
-    "T_app lies near what emits. Before walls of constant temperature all that is scattered counts "
-    "as extinct and the walls' light as emitted, so that T_app below the nozzle follows the walls; "
-    "walls of 0 K add nothing and pull it below the temperature of what emits. Vapour alone does "
-    "not scatter and shows its own temperature before any walls."
+    "Transfer is linear in its sources: the trace gives each pixel's share of background and "
+    "walls, and all panels come from one trace. In the first the background surrounds the spray, "
+    "so that what droplets scatter counts as transmitted: the emissivity is that of absorption "
+    "alone, and T_app lies near what emits. Before walls of constant temperature all that is "
+    "scattered counts as extinct and the walls' light as emitted, so that T_app below the nozzle "
+    "follows the walls; walls of 0 K add nothing and pull it below the temperature of what emits. "
+    "Vapour alone does not scatter and shows its own temperature before any walls."
 )
