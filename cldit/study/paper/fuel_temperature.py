@@ -6,7 +6,7 @@ import numpy as np
 
 from cldit.study.compare import change_pictures, root_change_K, tips_change_K
 from cldit.study.lab import Lab
-from cldit.study.measures import mean_K, positions_m, visible
+from cldit.study.measures import droplets_K, mean_K, positions_m, visible
 from cldit.study.page import Page, Row
 from cldit.study.pictures import Crop
 from cldit.study.verdict import Verdict
@@ -33,6 +33,7 @@ def study(lab: Lab) -> Page:
             }
         )
     below = root_change_K(warm, cold)
+    droplets = [droplets_K(lab.spray(run.scene), within_m=10e-3) for run in (warm, cold)]
     return Page(
         name="fuel-temperature",
         title="Fuel temperature",
@@ -54,9 +55,10 @@ def study(lab: Lab) -> Page:
                 unit="K",
                 low=20.0,
                 high=40.0,
-                why="droplets of 9 µm lose the difference to the vapour pressure within some "
-                "20 µs and stand near their wet-bulb temperature, and part of what is seen is the "
-                "walls' light, which is the same in both",
+                why=f"the droplets themselves, {droplets[0]:.0f} and {droplets[1]:.0f} K in the "
+                "first 10 mm, differ by "
+                f"{droplets[0] - droplets[1]:.0f} K; the rest of what is seen is vapour and "
+                "scattered light of the walls, which is alike in both",
             ),
             Verdict(
                 claim="It fades downstream (mean at the tips over mean below the nozzle)",

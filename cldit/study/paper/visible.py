@@ -19,7 +19,7 @@ from cldit.study.verdict import Verdict
 _CONDITIONS = ((0.15, 300.0), (0.6, 300.0), (0.3, 500.0), (0.6, 570.0), (0.9, 620.0))
 _WITHIN = 0.97  # of the liquid's mass
 _DECADES = 3.0
-_HALF_MM = 45.0
+_HALF_MM = 55.0
 
 
 def projected_m(spray: Spray) -> float:
