@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import yaml
 
+from cldit.acquisition.disk import write_text
+from cldit.acquisition.measured import Measured, is_measured, open_measured
 from cldit.acquisition.plan import plan_from_scene
 from cldit.acquisition.progress import Progress
-from cldit.acquisition.record import open_acquisition
+from cldit.acquisition.record import Acquisition, open_acquisition
 from cldit.acquisition.runner import Record, acquire
-from cldit.dit.evaluate import evaluate_acquisition
-from cldit.dit.maps import Maps
+from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.gpu.device import Device
 from cldit.report.run_report import write_run_report
@@ -66,7 +68,7 @@ def run_experiment(
     acquired = time.perf_counter()
     if progress is not None:
         progress("evaluation of the shots")
-    measured = evaluate_folder(folder / "acquisition")
+    measured = evaluate_folder(folder / "acquisition").maps
     evaluated = time.perf_counter()
     stages = [
         Stage("acquisition", acquired - start, f"{record.saved} shots"),
@@ -88,15 +90,38 @@ def _complete(record: Record) -> None:
 
 
 def evaluate_folder(
-    folder: str | Path, *, progress: Callable[[int, int], None] | None = None
-) -> Maps:
-    """Evaluates an acquisition folder and stores its maps in `folder/maps`.
+    folder: str | Path,
+    *,
+    curve: CurveSource = "planck",
+    robust: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Evaluation:
+    """Evaluates an acquisition folder, or measured data, and stores the maps in `maps` beside it.
+
+    Args:
+        folder: of an acquisition; or with measured.yaml, or such a file itself.
+        curve, robust, progress: as `cldit.dit.recorded.evaluate_shots`.
 
     Raises:
         RunFolderError: the folder holds no acquisition, or a shot is damaged.
         EvaluationError: the shots cannot be evaluated.
     """
-    acquisition = open_acquisition(folder)
-    maps = evaluate_acquisition(acquisition, progress=progress)
-    maps.save(Path(folder) / "maps", pixel_m=acquisition.pixel_m)
-    return maps
+    acquisition: Acquisition | Measured
+    if is_measured(folder):
+        acquisition, missing = open_measured(folder), ()
+    else:
+        acquisition = open_acquisition(folder)
+        missing = acquisition.missing
+    try:
+        evaluation = evaluate_shots(acquisition, curve=curve, robust=robust, progress=progress)
+    finally:
+        if isinstance(acquisition, Measured):
+            acquisition.close()
+    if missing:
+        line = f"{len(missing)} shots of the plan are missing ({', '.join(missing[:5])}"
+        line += ", ..)" if len(missing) > 5 else ")"
+        evaluation = replace(evaluation, remarks=(line, *evaluation.remarks))
+    place = acquisition.folder / "maps"
+    evaluation.maps.save(place, pixel_m=acquisition.pixel_m)
+    write_text(place / "evaluation.json", evaluation.to_json())
+    return evaluation

@@ -1,4 +1,4 @@
-"""`cldit acquire`, `evaluate` and `show`: the rig and its pictures."""
+"""`cldit acquire` and `show`: the rig and its pictures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from cldit.acquisition.plan import load_plan
 from cldit.acquisition.runner import acquire
 from cldit.cli.console import OUT, ProgressBar, plain_errors
 from cldit.errors import RunFolderError
-from cldit.experiment import evaluate_folder
 from cldit.report.run_report import show_folder
 from cldit.rig.errors import RigError
 from cldit.rig.load import open_rig
@@ -53,18 +52,6 @@ def _estimate(found: DryRun) -> None:
     if found.problems:
         raise RigError("the plan cannot run:\n" + "\n".join(found.problems))
     OUT.print("nothing speaks against it")
-
-
-@click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
-@plain_errors
-def evaluate(folder: Path) -> None:
-    """Evaluate an acquisition FOLDER (or that of a run): its maps go into FOLDER/maps."""
-    target = folder / "acquisition" if (folder / "acquisition").is_dir() else folder
-    maps = evaluate_folder(target)
-    for reason, count in maps.count().items():
-        OUT.print(f"{count:9d} pixels: {reason.text}")
-    OUT.print(f"{target / 'maps'}")
 
 
 @click.command()

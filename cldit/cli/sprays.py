@@ -19,7 +19,8 @@ from cldit.spray.droplet.convergence import measure_all
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow
 from cldit.spray.droplet.verification import page
-from cldit.spray.flow.simulate import History, simulate_spray
+from cldit.spray.flow.measures import History
+from cldit.spray.flow.simulate import simulate_spray
 from cldit.spray.importing import cfd_spray, import_case, list_case
 from cldit.spray.source import make_spray
 

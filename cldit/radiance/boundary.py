@@ -35,7 +35,8 @@ class Surroundings:
     """Temperatures and emissivities around the spray, as a scene or a rig file gives them.
 
     background_surroundings_K: what the black body reflects; None is the walls. windows: at most
-    one front and one rear.
+    one front and one rear. background_error_K: standard deviation of the black body's temperature
+    about what it says, from one set point to the next.
     """
 
     wall_temperature_K: float
@@ -43,6 +44,7 @@ class Surroundings:
     background_surroundings_K: float | None = None
     camera_surroundings_K: float = 295.0
     windows: tuple[Window, ...] = ()
+    background_error_K: float = 0.0
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Surroundings:

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from cldit.spray.flow.simulate import History
+from cldit.spray.flow.measures import History
 from cldit.spray.result import Spray
 from cldit.spray.vtkwrite import write_vtk
 

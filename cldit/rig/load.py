@@ -42,6 +42,8 @@ class Setup(Section):
     background_surroundings_K: Temperature | None = None  # reflected by it; None: the walls
     camera_surroundings_K: Temperature = 295.0  # what a front window reflects into the camera
     windows: Windows = ()
+    # standard deviation of the black body about its reading, from one set point to the next
+    background_error_K: Annotated[float, Within(0.0, 10.0)] = 0.0
     centre_m: tuple[Coordinate, Coordinate] = (0.0, 0.0)  # x, z of the picture's middle
     pixel_m: tuple[Length, Length]  # width and height of a pixel in the plane of the spray
 
@@ -53,6 +55,7 @@ class Setup(Section):
             background_surroundings_K=self.background_surroundings_K,
             camera_surroundings_K=self.camera_surroundings_K,
             windows=self.windows,
+            background_error_K=self.background_error_K,
         )
 
 

@@ -41,6 +41,7 @@ class RunInfo:
     versions: dict[str, str] = field(default_factory=dict)
     spectral: SpectralInfo | None = None  # how the filter was resolved
     remarks: tuple[str, ...] = ()  # what was inferred from the spray's files
+    phase: str = ""  # how droplets were taken to scatter
 
     def to_json(self) -> str:
         data = {**self.__dict__, "stages": [stage.__dict__ for stage in self.stages]}

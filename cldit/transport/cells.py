@@ -21,6 +21,14 @@ class Needs:
     droplets: bool
     scattering: bool
 
+    def with_(self, other: Needs) -> Needs:
+        """What either needs."""
+        return Needs(
+            vapour=self.vapour or other.vapour,
+            droplets=self.droplets or other.droplets,
+            scattering=self.scattering or other.scattering,
+        )
+
     @property
     def components(self) -> tuple[str, ...]:
         """Names of the light's parts, in the kernels' order."""
@@ -73,10 +81,13 @@ class OpticalCells:
     coalbedo: NDArray[np.float64]
 
     @classmethod
-    def of(cls, tree: Octree, *, scattered: float = 1.0) -> OpticalCells:
+    def of(
+        cls, tree: Octree, *, scattered: float = 1.0, compiled_in: Needs | None = None
+    ) -> OpticalCells:
         """Coefficients of a tree, in double precision.
 
         scattered: share of the scattering that counts; 1 - g is the transport correction.
+        compiled_in: what is to be compiled though nothing needs it, to see what that costs.
         """
         fields = {name: values.astype(np.float64) for name, values in tree.fields.items()}
         absorption = fields["vapour_absorption"] + fields["droplet_absorption"]
@@ -89,11 +100,12 @@ class OpticalCells:
         }
         scale = max(float(values.max(initial=0.0)) for values in emitted.values()) or 1.0
         address = np.flatnonzero(scattering > 0)
+        needs = Needs(
+            vapour=tree.has_vapour, droplets=tree.has_droplets, scattering=len(address) > 0
+        )
         return cls(
             tree=tree,
-            needs=Needs(
-                vapour=tree.has_vapour, droplets=tree.has_droplets, scattering=len(address) > 0
-            ),
+            needs=needs if compiled_in is None else needs.with_(compiled_in),
             scale=scale,
             depth=extinction * tree.frame.cell_m,
             emitted={name: values / scale for name, values in emitted.items()},

@@ -25,10 +25,9 @@ from cldit.optics.vapour import vapour_band
 from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.radiance.boundary import Boundary, Surroundings, picture
 from cldit.radiance.weights import Weights
-from cldit.run.spectral import NodeTraces, trace_nodes
+from cldit.run.spectral import NodeTraces, node_settings, trace_nodes
 from cldit.scene import Scene, parse_scene
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
-from cldit.transport.trace import settings_for
 
 EDGE = 0.1
 MOLE = 6.02214076e23
@@ -83,7 +82,7 @@ def traced(
     )
     sources = [emitters(spray, band) for band in chosen.bands]
     trees = build_octrees(frame, sources, optical_depth_split=1e-5)
-    settings = settings_for(scene)
+    settings = node_settings(scene, chosen.quadrature, [None] * len(trees))
     return chosen, trace_nodes(trees, chosen.quadrature, scene, device, settings, report=None)
 
 
