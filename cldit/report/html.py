@@ -40,6 +40,9 @@ document.querySelectorAll('.slider').forEach(function (box) {
 """
 
 
+_SHORT = 16  # characters of a table's cell that stay on one line
+
+
 @dataclass(frozen=True)
 class Picture:
     """A PNG with the text that stands below it."""
@@ -180,9 +183,14 @@ def _rows(rows: list[str]) -> str:
 
 
 def table_html(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of texts below their titles."""
+    """A table of texts below their titles; columns of short ones, as numbers, are not broken."""
     head = _row(*(f"<th>{escape(title)}</th>" for title in titles))
-    return _rows([head, *(_row(*map(_cell, row)) for row in rows)]) if rows else ""
+    short = [all(len(row[at]) <= _SHORT for row in rows) for at in range(len(titles))]
+
+    def line(row: Sequence[str]) -> str:
+        return _row(*(_number(c) if s else _cell(c) for c, s in zip(row, short, strict=True)))
+
+    return _rows([head, *map(line, rows)]) if rows else ""
 
 
 def _table(values: Mapping[str, str]) -> str:

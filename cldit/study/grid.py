@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -157,7 +157,7 @@ def _value(text: str) -> Value:
     return text
 
 
-def changed(scene: Scene, values: dict[str, Any]) -> Scene:
+def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """The scene with some of its values changed, checked again.
 
     Args:

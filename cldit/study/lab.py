@@ -41,13 +41,15 @@ _QUICK_SPRAY: dict[str, Any] = {
 class Lab:
     """Runs and sprays by scene, from the cache where they are there.
 
-    quick: reduced pixels and accuracy. used: every scene that was asked for, for the page.
+    quick: reduced pixels and accuracy. always: values of every scene, whatever a study asks for.
+    used: every scene that was asked for, for the page.
     """
 
     kept: KeptRuns = field(default_factory=KeptRuns)
     quick: bool = False
     device: Device | None = None
     say: Say | None = None
+    always: Mapping[str, Any] = field(default_factory=dict)
     used: dict[str, Scene] = field(default_factory=dict)
 
     def gdi(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
@@ -61,11 +63,13 @@ class Lab:
             "walls.temperature_K": _WALLS_K,
         }
         quick = {**QUICK, **_QUICK_SPRAY} if self.quick else {}
-        return changed(base, {**fixed, **_CAMERA, **quick, **(values or {})})
+        scene = changed(base, {**fixed, **_CAMERA, **quick, **(values or {})})
+        return changed(scene, self.always)
 
     def shipped(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
         """A shipped scene with some values changed, reduced where the study is quick."""
-        return changed(load_scene(name), {**(QUICK if self.quick else {}), **(values or {})})
+        quick = QUICK if self.quick else {}
+        return changed(changed(load_scene(name), {**quick, **(values or {})}), self.always)
 
     def run(self, scene: Scene) -> Run:
         self._note(scene)

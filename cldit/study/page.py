@@ -49,7 +49,7 @@ class Page:
     @property
     def about(self) -> str:
         reduced = ", with reduced pixels and accuracy" if self.quick else ""
-        return f"The paper's {self.figure}; made by `{self.command}`{reduced}."
+        return f"The paper's {self.figure}{reduced}."
 
 
 def _cells(row: Row) -> list[str]:
@@ -104,7 +104,7 @@ def _markdown_table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str
 
 def page_markdown(page: Page, *, level: int = 1) -> str:
     """The same with pictures as files beside it."""
-    parts = [f"{'#' * level} {page.title}", page.about]
+    parts = [f"{'#' * level} {page.title}", f"{page.about} Made by `{page.command}`."]
     for name, picture in page.pictures.items():
         parts.append(f"![{picture.caption}]({picture_file(page, name)})")
     parts.append(page.text)

@@ -11,7 +11,7 @@ from cldit.report.html import Picture
 from cldit.run import Run
 from cldit.scene import Scene
 from cldit.study.lab import Lab
-from cldit.study.measures import mean_K, positions_m, root, tips, visible
+from cldit.study.measures import Phases, mean_K, positions_m, root, tips, visible
 from cldit.study.page import Page, Row
 from cldit.study.pictures import Crop, maps_figure
 from cldit.study.verdict import Verdict
@@ -151,13 +151,14 @@ def study(lab: Lab) -> Page:
                 "seen further",
             ),
             Verdict(
-                claim="Hot gas: tips near the gas's temperature (T_app minus 570 K, 0.6 MPa)",
-                value=mean_K(at[0.6], tips(at[0.6])) - 570.0,
+                claim="Vapour around the plumes is very close to the gas's temperature "
+                "(T_app where there is vapour only, minus 570 K, 0.6 MPa)",
+                value=mean_K(at[0.6], Phases.of(at[0.6]).vapour_only) - 570.0,
                 unit="K",
-                low=-60.0,
-                high=0.0,
-                why="the vapour in the plume stands near the temperature of adiabatic saturation, "
-                "not the gas's",
+                low=-20.0,
+                high=5.0,
+                why="vapour that absorbs enough to be seen has mixed with a few times its mass of "
+                "gas, and cooled it; only the outermost rim has the gas's temperature",
             ),
             Verdict(
                 claim="Raised temperature below the injector clearly seen with the filter, hardly "
