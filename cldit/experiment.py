@@ -14,7 +14,8 @@ from cldit.acquisition.measured import Measured, is_measured, open_measured
 from cldit.acquisition.plan import plan_from_scene
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.record import Acquisition, open_acquisition
-from cldit.acquisition.runner import Record, acquire
+from cldit.acquisition.runner import acquire
+from cldit.acquisition.sequence import Record
 from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.gpu.device import Device
@@ -94,6 +95,7 @@ def evaluate_folder(
     *,
     curve: CurveSource = "planck",
     robust: bool = False,
+    frame: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Evaluation:
     """Evaluates an acquisition folder, or measured data, and stores the maps in `maps` beside it.
@@ -101,16 +103,20 @@ def evaluate_folder(
     Args:
         folder: of an acquisition; or with measured.yaml, or such a file itself.
         curve, robust, progress: as `cldit.dit.recorded.evaluate_shots`.
+        frame: which picture of each shot, where the plan has several.
 
     Raises:
         RunFolderError: the folder holds no acquisition, or a shot is damaged.
         EvaluationError: the shots cannot be evaluated.
     """
     acquisition: Acquisition | Measured
+    missing: tuple[str, ...] = ()
     if is_measured(folder):
-        acquisition, missing = open_measured(folder), ()
+        if frame:
+            raise EvaluationError(f"{folder}: frame {frame}: measured shots have one picture, 0")
+        acquisition = open_measured(folder)
     else:
-        acquisition = open_acquisition(folder)
+        acquisition = open_acquisition(folder, frame=frame)
         missing = acquisition.missing
     try:
         evaluation = evaluate_shots(acquisition, curve=curve, robust=robust, progress=progress)

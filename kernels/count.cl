@@ -1,6 +1,7 @@
 /* How many steps the picture's lines of sight take, and how many of them through something: what
    image.cl does for every pixel, without the light. For `cldit bench`. */
 
+#include "boundary.h"
 #include "ray.h"
 #include "walk.h"
 
@@ -11,7 +12,7 @@ __kernel void count(
     const int4 low, const int4 high,
     const int columns, const int rows,
     const real4 middle, const real pitch_x, const real pitch_z, const real distance,
-    const real4 disc)
+    BOUNDARY_ARGUMENTS)
 {
     const int column = get_global_id(0);
     const int row = get_global_id(1);

@@ -19,6 +19,7 @@ from cldit.radiance.weights import Weights
 from cldit.run.medium import Medium, make_medium
 from cldit.run.stages import Stages
 from cldit.scene import Scene, parse_scene
+from cldit.transport.phase import ScatteringTable
 from cldit.transport.trace import Settings, Trace, settings_for, trace
 
 Floats = NDArray[np.float64]
@@ -118,13 +119,18 @@ class Case:
     def tree(self) -> Octree:
         return self.medium.trees[len(self.medium.trees) // 2]
 
+    @property
+    def phase(self) -> ScatteringTable | None:
+        """That of the droplets in the tree's node."""
+        return self.medium.properties.phases[len(self.medium.trees) // 2]
+
     def seen(self, scene: Scene) -> Case:
         """The same medium by another camera, or traced otherwise."""
         return replace(self, scene=scene)
 
     def settings(self, **transport: Any) -> Settings:
         """Settings with keys of the scene's `transport` replaced."""
-        return settings_for(changed(self.scene, transport=transport), self.medium.phase)
+        return settings_for(changed(self.scene, transport=transport), self.phase)
 
     def run(self, settings: Settings) -> tuple[Trace, Cost]:
         """The trace and its cost. What is built for the first time on this machine should be run
@@ -139,7 +145,7 @@ class Case:
     @cached_property
     def _inverse(self) -> tuple[Floats, Floats]:
         kelvin = np.geomspace(20.0, 5000.0, 20_000)
-        nodes = self.medium.chosen.nodes
+        nodes = self.medium.properties.chosen.nodes
         return np.asarray(nodes[len(nodes) // 2].radiance(kelvin), float), kelvin
 
     def temperature_K(self, weights: Weights) -> Floats:

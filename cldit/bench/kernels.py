@@ -41,7 +41,8 @@ class Kernels:
 
     @cached_property
     def cells(self) -> OpticalCells:
-        return OpticalCells.of(self.case.tree, compiled_in=self.compiled_in)
+        names = tuple(patch.name for patch in self.case.scene.patches)
+        return OpticalCells.of(self.case.tree, patches=names, compiled_in=self.compiled_in)
 
     @cached_property
     def view(self) -> View:
@@ -56,14 +57,16 @@ class Kernels:
         defines = {**self._defines(), "CUTOFF": float(self.case.settings().cutoff)}
         program = build(device, "image.cl", defines)
         columns, rows = self.view.pixels
-        out = zeros(device, "picture", len(cells.needs.components) * rows * columns, real)
+        out = zeros(device, "picture", (len(cells.needs.components) + 1) * rows * columns, real)
         tree = upload_tree(device, cells, real)
-        source = upload(device, "source", cells.source_planes(real))
-        arguments = self.view.arguments(cells, real)
+        source = [upload(device, "source", cells.source_planes(real))]
+        if cells.needs.scattering:
+            source.append(upload(device, "isothermal source", np.ones(len(cells.depth), real)))
+        arguments = self.view.arguments(device, cells, real)
         kernel = program["image"]
         return quickest(
             self.case,
-            lambda: kernel(device.queue, *self.view.tiles, out, *tree, source, *arguments),
+            lambda: kernel(device.queue, *self.view.tiles(device), out, *tree, *source, *arguments),
         )
 
     def steps(self) -> tuple[NDArray[np.int64], Cost]:
@@ -73,10 +76,11 @@ class Kernels:
         columns, rows = self.view.pixels
         out = zeros(device, "steps", 2 * rows * columns, np.int32)
         tree = upload_tree(device, cells, real)
-        arguments = self.view.arguments(cells, real)
+        arguments = self.view.arguments(device, cells, real)
         kernel = program["count"]
         cost = quickest(
-            self.case, lambda: kernel(device.queue, *self.view.tiles, out, *tree, *arguments)
+            self.case,
+            lambda: kernel(device.queue, *self.view.tiles(device), out, *tree, *arguments),
         )
         counted = download(device, out, np.empty((rows, columns, 2), np.int32))
         return counted.transpose(2, 0, 1).astype(np.int64), cost
@@ -102,6 +106,7 @@ class Kernels:
             sweep,
             build(device, "iterate.cl", self._defines()),
             disc=self.view.disc,
+            patches=self.view.patches,
         )
         camera: ToCamera | None = None
         if phase is not None:

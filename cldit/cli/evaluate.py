@@ -22,8 +22,9 @@ from cldit.experiment import evaluate_folder
     help="Curve from Planck, filter and detector, or fitted to the references.",
 )
 @click.option("--robust", is_flag=True, help="Weigh shots that are far off the others less.")
+@click.option("--frame", type=click.IntRange(0), default=0, help="Which picture of each shot.")
 @plain_errors
-def evaluate(folder: Path, calibration: CurveSource, robust: bool) -> None:
+def evaluate(folder: Path, calibration: CurveSource, robust: bool, frame: int) -> None:
     """Evaluate an acquisition, a run, or measured data (a FOLDER with measured.yaml).
 
     The maps go into `maps` beside the pictures.
@@ -34,6 +35,7 @@ def evaluate(folder: Path, calibration: CurveSource, robust: bool) -> None:
             target,
             curve=calibration,
             robust=robust,
+            frame=frame,
             progress=lambda done, total: bar.watch(Progress("shots", done, total, None)),
         )
     for reason, count in found.maps.count().items():

@@ -40,7 +40,10 @@ from cldit.scene import Scene, load_scene, parse_scene
     help="Optics at one wavelength, as in the paper, or over all of the filter.",
 )
 @click.option("--accuracy", "accuracy_K", type=KELVIN, help="Error allowed in T_app, K.")
-@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@click.option(
+    "--device",
+    help="OpenCL device: platform:device, or part of its name; several with commas.",
+)
 @click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
 @plain_errors
 def run(

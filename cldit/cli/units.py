@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+if TYPE_CHECKING:
+    _Float = click.ParamType[float]
+else:
+    _Float = click.ParamType  # generic from click 8.5 on
 
-class Quantity(click.ParamType):
+
+class Quantity(_Float):
     """A number in one unit, which may be written behind it: `0.1`, `0.1K`, `"0.1 K"`."""
 
     def __init__(self, unit: str) -> None:

@@ -44,7 +44,7 @@ def blocks(shape: tuple[int, int], backgrounds: int) -> Iterator[slice]:
 
 
 def _rows(weights: Weights, rows: slice) -> Weights:
-    return Weights(**{item.name: getattr(weights, item.name)[rows] for item in fields(weights)})
+    return weights.map(lambda image: image[rows])
 
 
 def stack(parts: list[Maps]) -> Maps:

@@ -106,7 +106,9 @@ def _shares(run: Run) -> Shares:
         reference_K=run.quadrature.reference_K,
     )
     leaves = float(whole.leaving(run.quadrature.reference_K))
-    return Shares.of(run.weights, run.reference, background=leaves, wall=whole.wall)
+    return Shares.of(
+        run.weights, run.reference, background=leaves, wall=whole.wall, patches=whole.patches
+    )
 
 
 def _spectral(run: Run) -> dict[str, str]:
@@ -138,6 +140,12 @@ def _figures(run: Run) -> dict[str, str]:
     figures |= _spectral(run)
     figures["phase function"] = run.info.phase
     figures["precision"] = run.info.precision
+    if run.info.closure is not None:
+        kept = run.info.closure
+        figures["sum of weights and isothermal emission, less 1"] = (
+            f"{kept.largest:+.2g} at most, {kept.mean:+.2g} in the mean; the {kept.value} is "
+            f"allowed {kept.bound:.2g}"
+        )
     if run.info.accuracy_K is not None:
         figures["estimated error of the trace in T_app"] = f"{run.info.accuracy_K:.2g} K RMS"
     for file, defines in run.info.defines.items():

@@ -151,7 +151,7 @@ def history_figure(history: History, *, title: str) -> Figure:
             "penetration / mm",
             (
                 (1e3 * history.vapour_m, "vapour (mass fraction 0.001)"),
-                (1e3 * history.liquid_m, "liquid (97 % of its mass)"),
+                (1e3 * history.liquid_m, "liquid (beyond it 3 % of the fuel)"),
                 (1e3 * history.axial_m, "liquid, along the injector's axis"),
             ),
         ),

@@ -236,7 +236,7 @@ def _info(
         accuracy = 1.3 * temperature_error_K(
             maps,
             result.difference,
-            wall_temperature_K=scene.walls.temperature_K,
+            surroundings=Surroundings.from_scene(scene),
             filter_um=scene_filter(scene),
         )
     last = result.traces[-1]  # all are compiled alike
@@ -253,6 +253,7 @@ def _info(
         counts=result.counts,
         defines={program.name: dict(program.defines) for program in last.programs},
         precision=last.precision,
+        closure=result.closure,
         remarks=tuple(stages.remarks),
         integration_time_s=integration_time_s,
         spectral=spectral,

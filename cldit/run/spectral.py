@@ -19,6 +19,7 @@ from cldit.optics.spectral import Quadrature
 from cldit.radiance.effective import effective_weights
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
+from cldit.transport.closure import Closure
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.trace import Settings, Trace, settings_for, trace
 
@@ -105,6 +106,12 @@ class NodeTraces:
     counts: dict[str, int] = field(default_factory=dict)
 
     @property
+    def closure(self) -> Closure | None:
+        """The worst of all nodes'."""
+        found = [result.closure for result in self.traces if result.closure is not None]
+        return max(found, key=lambda one: abs(one.largest), default=None)
+
+    @property
     def spectral(self) -> tuple[Weights, ...]:
         return tuple(result.weights for result in self.traces)
 
@@ -175,6 +182,7 @@ def trace_nodes(
             quadrature.nodes,
             background_K=quadrature.reference_K,
             wall_K=scene.walls.temperature_K,
+            patches_K={patch.name: patch.temperature_K for patch in scene.patches},
         )
 
     halves = [r.weights_difference for r in traces if r.weights_difference is not None]

@@ -16,18 +16,13 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, build
-from cldit.optics.planck import (
-    band_radiance,
-    band_radiance_slope,
-    temperature_of_radiance,
-)
-from cldit.optics.response import scene_filter
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
+from cldit.transport.closure import Closure
+from cldit.transport.kelvin import error_K
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.sobol import columns
-from cldit.transport.source import check_disc
-from cldit.transport.view import View, upload_tree
+from cldit.transport.view import View, check_boundary, upload_tree
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +30,6 @@ SAMPLES = 32  # of a batch: longer sets converge faster, more batches know their
 _LEAST = 4  # batches
 _CUTOFF = 1e-6  # at most: what is held to be exact must not leave out 1e-4
 _GROUP = 16
-_VISIBLE = 0.05  # emissivity under which a temperature says little, whatever the trace
 
 
 @dataclass
@@ -82,7 +76,7 @@ def trace_path(
             then end after one flight through it, and gather that source.
     """
     view = View.of(scene, cells)
-    check_disc(scene, cells, view.disc)
+    check_boundary(scene, cells, view)
     real = np.float64 if settings.precision == "float64" else np.float32
     defines: dict[str, Define] = {
         **cells.needs.defines,
@@ -102,7 +96,7 @@ def trace_path(
         defines["GATHER"] = 1
     program = build(device, "path.cl", defines)
     start = time.perf_counter()
-    components = len(cells.needs.components)
+    components = len(cells.needs.components) + 1  # the last: from within, see closure.py
     column_count, row_count = view.pixels
     pixels = column_count * row_count
     albedo = np.zeros(len(cells.depth))
@@ -116,13 +110,13 @@ def trace_path(
     medium = [
         *flights,
         *upload_tree(device, cells, real),
-        upload(device, "thermal source", cells.source_planes(real)[2:]),
+        upload(device, "thermal source", cells.thermal_planes(real)),
         upload(device, "albedo", albedo.astype(real)),
-        *view.arguments(cells, real),
+        *view.arguments(device, cells, real),
     ]
     out = zeros(device, "picture", components * pixels, real)
     lost = zeros(device, "scattered light", pixels, real)
-    program["straight"](device.queue, *view.tiles, out, lost, *medium)
+    program["straight"](device.queue, *view.tiles(device), out, lost, *medium)
     image = download(device, out, np.empty((components, pixels), real)).astype(np.float64)
     scattered = download(device, lost, np.empty(pixels, real))
     listed = np.flatnonzero(scattered > 0).astype(np.int32)
@@ -130,6 +124,7 @@ def trace_path(
 
     start = time.perf_counter()
     count = len(listed)
+    group = min(_GROUP, device.info.largest_group)
     means = zeros(device, "means", components * count, real)
     fixed = [
         upload(device, "phase function", table),
@@ -147,8 +142,8 @@ def trace_path(
     while count:
         program["scatter"](
             device.queue,
-            (-(-count // _GROUP) * _GROUP,),
-            (_GROUP,),
+            (-(-count // group) * group,),
+            (group,),
             means,
             *listing,
             np.int32(count),
@@ -159,7 +154,9 @@ def trace_path(
         sums.add(download(device, means, np.empty((components, count), real)).astype(np.float64))
         if sums.batches % 2 or sums.batches < _LEAST:
             continue
-        error = _error_K(image[:, listed] + sums.mean, sums.difference, cells, scene)
+        kelvin = error_K((image[:, listed] + sums.mean)[:-1], sums.difference[:-1], cells, scene)
+        kelvin = kelvin[np.isfinite(kelvin)]
+        error = float(np.sqrt(np.mean(kelvin**2))) if kelvin.size else 0.0
         if report is not None:
             report(f"{sums.batches * SAMPLES} samples a pixel: {error:.2g} K")
         if error <= settings.accuracy_K or sums.batches * SAMPLES >= settings.max_samples:
@@ -172,7 +169,12 @@ def trace_path(
         difference[:, listed] = sums.difference
         error_of[:, listed] = sums.error
     shape = (components, row_count, column_count)
+    closure = None
+    if solved is None:
+        planes = image.reshape(shape)
+        closure = Closure.of(planes[: cells.needs.boundaries], planes[-1], bound=1e-4, noisy=True)
     return Trace(
+        closure=closure,
         weights=weights_of(image.reshape(shape), cells),
         weights_difference=weights_of(difference.reshape(shape), cells),
         standard_error=weights_of(error_of.reshape(shape), cells),
@@ -186,23 +188,3 @@ def trace_path(
         },
         precision=real.__name__,
     )
-
-
-def _error_K(mean: Floats, difference: Floats, cells: OpticalCells, scene: Scene) -> float:
-    """RMS error of T_app that `difference` (C, N) of the weights (C, N) stands for, to first order.
-
-    Pixels of emissivity up to 0.05 do not count. Where the line of sight misses the background the
-    emissivity is taken as if it did not; this only says when to stop.
-    """
-    filter_um = scene_filter(scene)
-    wall = float(band_radiance(scene.walls.temperature_K, filter_um=filter_um))
-    emissivity = 1.0 - mean[0]
-    apparent = (wall * mean[1] + cells.scale * mean[2:].sum(axis=0)) / np.maximum(emissivity, 1e-9)
-    here = (emissivity > _VISIBLE) & (apparent > 0)
-    if not here.any():
-        return 0.0
-    change = wall * difference[1] + cells.scale * difference[2:].sum(axis=0)
-    radiance = (change + difference[0] * apparent)[here] / emissivity[here]
-    temperature = temperature_of_radiance(apparent[here], filter_um=filter_um)
-    kelvin = radiance / band_radiance_slope(temperature, filter_um=filter_um)
-    return float(np.sqrt(np.mean(kelvin**2)))

@@ -82,7 +82,13 @@ def trace(
         raise TransportError(
             f"transport.precision: float64 is not available on {device.info.name}; allowed: float32"
         )
-    cells = OpticalCells.of(tree)
+    cells = OpticalCells.of(tree, patches=tuple(patch.name for patch in scene.patches))
+    if scene.camera.rays_per_pixel != 1 and (settings.method != "source" or settings.gather):
+        way = "transport.gather" if settings.method == "source" else f"method {settings.method}"
+        raise TransportError(
+            f"camera.rays_per_pixel: {scene.camera.rays_per_pixel} with {way}, whose samples go "
+            "through the middle of a pixel; allowed is 1, or method source without gather"
+        )
     single = replace(settings, precision="float32") if settings.precision == "auto" else settings
     if cells.needs.scattering and settings.method != "source":
         follow = trace_path if settings.method == "path" else trace_branching
@@ -113,16 +119,17 @@ def _gathered(
     """The picture once more: what scatters towards the camera is gathered by single flights through
     the solved source, from where it is scattered, by the phase function itself."""
     turned = 1.0 if settings.phase is None else 1.0 - settings.phase.asymmetry
-    solved = OpticalCells.of(cells.tree, scattered=turned)
+    solved = OpticalCells.of(cells.tree, patches=cells.needs.patches, scattered=turned)
     planes = solved.source_planes(np.float64)
     planes[:, solved.address] = solution.source
-    planes[2:] *= solved.scale / cells.scale
+    planes[cells.needs.boundaries :] *= solved.scale / cells.scale
     picture = trace_path(cells, scene, device, settings, report, (solved, planes))
     seconds = {"gather": picture.seconds["image"] + picture.seconds["scattering"]}
     return replace(
         picture,
         programs=(*result.programs, *picture.programs),
         solution=solution,
+        closure=result.closure,  # of the solution and the plain picture
         seconds={**result.seconds, **seconds},
         counts={**result.counts, **picture.counts},
     )

@@ -215,3 +215,20 @@ def test_kept_and_opened(device: Device, tmp_path: Path) -> None:
     damaged.write_text(damaged.read_text()[:40])
     with pytest.raises(cldit.errors.RunFolderError, match=r"quadrature\.json: is damaged"):
         cldit.open_run(tmp_path / "run")
+
+
+def test_the_methane_jet_stays_translucent(device: Device, tmp_path: Path) -> None:
+    """Emissivity of the shipped jet, traced: above 0.15, and nowhere above the paper's 0.3.
+
+    Beer-Lambert on the mean absorption, or the paper's one cross section, make its core opaque.
+    """
+    data = cldit.load_scene("methane-jet").model_dump(mode="json")
+    data["optics"]["compare_paper"] = False
+    data["camera"]["pixels"] = [40, 40]
+    data["domain"]["leaf_edge_m"] = 2e-3
+    data["spray"]["spacing_m"] = 2e-3
+    run = cldit.simulate(parse_scene(data), device=device, cache=tmp_path)
+    assert 0.15 < float(np.nanmax(run.maps.emissivity)) <= 0.3
+    data["optics"]["preset"] = "paper"
+    grey = cldit.simulate(parse_scene(data), device=device, cache=tmp_path)
+    assert float(np.nanmax(grey.maps.emissivity)) > 0.8

@@ -13,7 +13,7 @@ from cldit.spray.flow.gas import GasFlow
 
 Floats = NDArray[np.float64]
 
-LIQUID_SHARE = 0.97  # of the liquid's mass lies within the liquid penetration
+LIQUID_SHARE = 0.03  # of the fuel injected so far is liquid beyond the liquid penetration
 VAPOUR_SHARE = 1e-3  # mass fraction at the edge of the vapour
 STATION_m = 15e-3  # below the injector: where the ECN has droplets measured
 
@@ -21,8 +21,10 @@ STATION_m = 15e-3  # below the injector: where the ECN has droplets measured
 @dataclass(frozen=True)
 class History:
     """Columns against time, (M,). Penetrations are distances from the injector's tip; `axial_m` is
-    that of the liquid along the injector's axis. That of the vapour is the mean over the plumes:
-    the farthest of eight varies three times as much from seed to seed."""
+    that of the liquid along the injector's axis. The liquid's is a fixed amount of fuel, as a
+    threshold of an optical instrument is, not a share of the liquid that is left: a few last
+    droplets far away would count as a spray. The vapour's is the mean over the plumes, for the
+    farthest cell of eight varies more from seed to seed."""
 
     time_s: Floats
     injected_kg: Floats
@@ -35,7 +37,9 @@ class History:
     coldest_K: Floats
 
 
-def measures(cloud: Cloud, flow: GasFlow, fuel: Fuel, axes: Floats) -> tuple[float, ...]:
+def measures(
+    cloud: Cloud, flow: GasFlow, fuel: Fuel, axes: Floats, *, injected_kg: float
+) -> tuple[float, ...]:
     """The columns of `History` after the injected mass; axes (H, 3) of the holes."""
     mass = cloud.liquid_kg
     diameter = fuel.diameter_m(cloud.mass_kg, cloud.temperature_K)
@@ -44,9 +48,9 @@ def measures(cloud: Cloud, flow: GasFlow, fuel: Fuel, axes: Floats) -> tuple[flo
         float(mass.sum()),
         float(flow.fuel.sum() * flow.box.cell_m3),
         sauter_m(cloud.droplets, diameter),
-        quantile(distance, mass, LIQUID_SHARE),
+        reach(distance, mass, LIQUID_SHARE * injected_kg),
         vapour_reach_m(flow, axes),
-        quantile(-cloud.position_m[:, 2], mass, LIQUID_SHARE),
+        reach(-cloud.position_m[:, 2], mass, LIQUID_SHARE * injected_kg),
         float(flow.temperature_K.min()),
     )
 
@@ -69,13 +73,12 @@ def sauter_m(droplets: Floats, diameter_m: Floats) -> float:
     return float(np.sum(droplets * diameter_m**3)) / area if area > 0 else float("nan")
 
 
-def quantile(values: Floats, weights: Floats, share: float) -> float:
-    """Value below which that share of the weights lies; 0 without any."""
-    if not weights.sum() > 0:
-        return 0.0
-    order = np.argsort(values)
-    reached = np.cumsum(weights[order])
-    return float(values[order][min(np.searchsorted(reached, share * reached[-1]), len(order) - 1)])
+def reach(values: Floats, weights: Floats, beyond: float) -> float:
+    """Value above which the weights sum up to `beyond`; 0 where all of them are less."""
+    order = np.argsort(-values)
+    above = np.cumsum(weights[order])
+    place = int(np.searchsorted(above, beyond * (1 - 1e-12)))
+    return float(values[order][place]) if place < len(order) else 0.0
 
 
 class Station:

@@ -91,7 +91,7 @@ def simulate_spray(
         next_parcel = until
         injected = float(np.sum((each * injection.droplets)[:until]))
         if len(rows) < time / spec.time_s * _RECORDS or time >= spec.time_s * (1 - 1e-9):
-            rows.append((time, injected, *measures(cloud, flow, fuel, axes)))
+            rows.append((time, injected, *measures(cloud, flow, fuel, axes, injected_kg=injected)))
         if watch is not None:
             watch(time, spec.time_s, len(cloud.mass_kg))
     history = History(*np.array(rows).T)

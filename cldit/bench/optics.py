@@ -13,7 +13,8 @@ import numpy as np
 from cldit.optics import mie
 from cldit.optics.droplets import DropletTable, TableError, droplet_table, table_error
 from cldit.optics.emitters import emitters
-from cldit.run.medium import properties_of
+from cldit.optics.wavelengths import wavelengths
+from cldit.run.phases import droplets_content, mean_phase
 from cldit.scene import Scene, parse_scene
 from cldit.spray.result import Spray
 
@@ -88,16 +89,17 @@ def table_use(scene: Scene, spray: Spray) -> tuple[TableUse, TableUse]:
         for _ in range(2):
             before = len(list(folder.iterdir()))
             start = time.process_time()
-            found = properties_of(scene, spray, cache=folder)
-            whole = time.process_time() - start
-            start = time.process_time()
-            for band in found.chosen.bands:
-                emitters(spray, band)
-            rest = time.process_time() - start
-            if found.paper is not None:  # one more, with the paper's properties
-                rest *= 1.0 + 1.0 / len(found.chosen.bands)
+            bands = wavelengths(scene, spray, cache=folder).bands
+            bands += wavelengths(scene, spray, cache=folder, paper=True).bands
+            chosen = time.process_time()
+            points = [emitters(spray, band)[0] for band in bands]
+            lit = time.process_time()
+            content = droplets_content(spray)
+            for band, one in zip(bands[:-1], points[:-1], strict=True):
+                mean_phase(spray, band, one, content=content, cache=folder)
+            tables_s = time.process_time() - lit + chosen - start
             made = len(list(folder.iterdir())) - before
-            uses.append(TableUse(made, max(whole - rest, 0.0), rest))
+            uses.append(TableUse(made, tables_s, lit - chosen))
     return uses[0], uses[1]
 
 
