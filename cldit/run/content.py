@@ -29,14 +29,22 @@ def trace_content(scene: Scene) -> dict[str, Any]:
     """The part of a scene, as plain data, that its trace depends on.
 
     Light of several wavelengths is traced at nodes that are chosen for the light of the scene's
-    backgrounds and walls, and `path` stops at an error in T_app: there these temperatures count.
+    backgrounds and walls, `path` stops at an error in T_app, and adaptive rays go where T_app is
+    steep: there these temperatures count.
     """
     data = scene.model_dump(mode="json")
     # A tabulated efficiency is part of the response in which vapour and droplets emit.
     data["camera"]["sensor"] = {
         "quantum_efficiency": data["camera"]["sensor"]["quantum_efficiency"]
     }
-    bound = scene.optics.preset == "spectral" or scene.transport.method != "source"
+    bound = (
+        scene.optics.preset == "spectral"
+        or scene.transport.method != "source"
+        or scene.camera.rays_per_pixel == "adaptive"
+    )
+    if not bound:
+        for patch in data["patches"]:
+            del patch["temperature_K"], patch["emissivity"]
     for name in _LEFT_OUT:
         if not (bound and name.endswith(("walls.temperature_K", "temperatures_K"))):
             section, _, key = name.partition(".")

@@ -160,6 +160,7 @@ def reevaluated(run: Run, scene: Scene) -> Run:
             quadrature.nodes,
             background_K=at_K,
             wall_K=scene.walls.temperature_K,
+            patches_K={patch.name: patch.temperature_K for patch in scene.patches},
         ),
         maps=_evaluate(scene, quadrature, run.spectral, run.reference, sensor),
         info=replace(run.info, integration_time_s=sensor.integration_time_s),

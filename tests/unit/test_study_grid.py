@@ -113,7 +113,13 @@ def test_what_a_trace_depends_on(gdi: Scene, key: str, value: object, same: bool
 
 
 @pytest.mark.parametrize(
-    "values", [{"optics.preset": "spectral"}, {"transport.method": "path"}], ids=str
+    "values",
+    [
+        {"optics.preset": "spectral"},
+        {"transport.method": "path"},
+        {"camera.rays_per_pixel": "adaptive"},
+    ],
+    ids=str,
 )
 def test_bound_to_its_light(gdi: Scene, values: dict[str, object]) -> None:
     """Nodes are chosen for the scene's light, and `path` stops at an error in it."""

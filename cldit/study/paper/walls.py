@@ -24,8 +24,8 @@ def all_round(run: Run) -> Run:
     """The same trace with the background on all of the enclosure: walls count as background."""
 
     def joined(weights: Weights) -> Weights:
-        every = weights.background + weights.wall
-        return replace(weights, background=every, wall=np.zeros_like(every))
+        every = sum(weights.patches.values(), weights.background + weights.wall)
+        return replace(weights, background=every, wall=np.zeros_like(every), patches={})
 
     parts = tuple(joined(each) for each in run.spectral)
     return reevaluated(replace(run, spectral=parts, reference=joined(run.reference)), run.scene)
