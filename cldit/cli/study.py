@@ -23,7 +23,7 @@ from cldit.study.sweep import run_sweep
 
 
 @click.command()
-@click.argument("name")
+@click.argument("name", required=False)
 @click.option("--quick", is_flag=True, help="Reduced pixels and accuracy.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder; studies, or sweeps/SCENE.")
 @click.option("--grid", "grid_text", help="KEY=VALUES,...: a sweep over the scene NAME.")
@@ -33,7 +33,7 @@ from cldit.study.sweep import run_sweep
 @click.option("--device", help="OpenCL device: platform:device, or part of its name.")
 @plain_errors
 def study(
-    name: str,
+    name: str | None,
     quick: bool,
     out: Path | None,
     grid_text: str | None,
@@ -42,7 +42,7 @@ def study(
     cache: Path | None,
     device: str | None,
 ) -> None:
-    """Run the paper's study NAME, or all; or a sweep over the scene NAME with --grid.
+    """Run the paper's study NAME, or all; or a sweep over the scene NAME (gdi) with --grid.
 
     --grid "walls.temperature_K=300:600:25,fuel.temperature_K=330,350,370": all combinations;
     start:stop:step includes the stop.
@@ -51,14 +51,14 @@ def study(
     if grid_text is not None:
         if device is not None:
             raise StudyError("--device: a sweep deals out the devices itself; leave it out")
-        _sweep(name, grid_text, quick, out, scheduler, workers, kept if cache else None)
+        _sweep(name or "gdi", grid_text, quick, out, scheduler, workers, kept if cache else None)
         return
     if scheduler is not None or workers is not None:
         raise StudyError("--scheduler and --workers are for sweeps; give --grid too")
-    if name != "all" and name not in STUDIES:
+    if name is None or (name != "all" and name not in STUDIES):
         raise StudyError(
-            f"{name}: no such study; there are {', '.join(STUDIES)}, or all. A scene is swept with "
-            "--grid"
+            f"{name or 'study'}: no such study; there are {', '.join(STUDIES)}, or all. A scene "
+            "is swept with --grid"
         )
     folder = out or Path("studies")
     lab = Lab(KeptRuns(kept), quick, open_device(device), say)
