@@ -17,15 +17,17 @@ from cldit.scene import load_scene
 from cldit.study.grid import Grid, changed
 from cldit.study.lab import QUICK, Lab
 from cldit.study.named import STUDIES, run_study
-from cldit.study.page import Page, overview, write_page
+from cldit.study.page import Page
 from cldit.study.sweep import Progress as Swept
 from cldit.study.sweep import run_sweep
+from cldit.study.written import write_overview, write_page
 
 
 @click.command()
 @click.argument("name", required=False)
 @click.option("--quick", is_flag=True, help="Reduced pixels and accuracy.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder; studies, or sweeps/SCENE.")
+@click.option("--markdown", is_flag=True, help="Only Markdown and pictures, as for docs.")
 @click.option("--grid", "grid_text", help="KEY=VALUES,...: a sweep over the scene NAME.")
 @click.option("--scheduler", help="Address of a dask scheduler; this machine's cores without.")
 @click.option("--workers", type=click.IntRange(1, 1024), help="On this machine; one a core.")
@@ -36,6 +38,7 @@ def study(
     name: str | None,
     quick: bool,
     out: Path | None,
+    markdown: bool,
     grid_text: str | None,
     scheduler: str | None,
     workers: int | None,
@@ -67,11 +70,9 @@ def study(
         OUT.print(f"study {each}")
         page = run_study(each, lab)
         pages.append(page)
-        OUT.print(f"{write_page(page, folder)}: {page.summary} ({page.seconds:.0f} s)")
-    if name == "all":
-        path = folder / "studies.md"
-        path.write_text(f"# The paper's studies\n\n{overview(pages)}", encoding="utf-8")
-        OUT.print(str(path))
+        path = write_page(page, folder, markdown_only=markdown)
+        OUT.print(f"{path}: {page.summary} ({page.seconds:.0f} s)")
+    OUT.print(str(write_overview(folder, list(STUDIES), markdown_only=markdown)))
     _verdicts(pages)
 
 

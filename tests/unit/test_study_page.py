@@ -14,9 +14,10 @@ from cldit.errors import StudyError
 from cldit.report.html import Picture
 from cldit.report.sheet import figure_of
 from cldit.scene import load_scene
-from cldit.study.page import Page, overview, page_html, write_page
+from cldit.study.page import Page, page_html
 from cldit.study.pictures import small_png
 from cldit.study.verdict import Verdict, summary
+from cldit.study.written import write_overview, write_page
 
 
 @pytest.mark.parametrize(
@@ -78,7 +79,19 @@ def test_page_is_whole(tmp_path: Path) -> None:
     told = json.loads((tmp_path / "walls.json").read_text(encoding="utf-8"))
     assert [each["agrees"] for each in told["verdicts"]] == [True, False]
     assert load_scene(tmp_path / "scenes" / "walls-gdi.yaml") == page.scenes["gdi"]
-    assert "[walls](#" in overview([page])
+    assert told["table"][1]["T_app / K"] is None  # NaN is no JSON
+    index = write_overview(tmp_path, ["methane", "walls"]).read_text(encoding="utf-8")
+    assert 'href="walls.html"' in index and "methane" not in index
+    assert "1 of 2 statements agree." in (tmp_path / "index.md").read_text(encoding="utf-8")
+
+
+def test_markdown_alone(tmp_path: Path) -> None:
+    assert write_page(_page(), tmp_path, markdown_only=True).name == "walls.md"
+    write_overview(tmp_path, ["walls"], markdown_only=True)
+    assert {path.suffix for path in tmp_path.iterdir()} == {".md", ".json", ".png"}
+    (tmp_path / "walls.json").write_text("{")
+    with pytest.raises(StudyError, match="is damaged"):
+        write_overview(tmp_path, ["walls"])
 
 
 def test_place_that_cannot_be_written(tmp_path: Path) -> None:
