@@ -44,8 +44,13 @@ class Crop:
 
 
 def small_png(figure: Figure) -> bytes:
-    """PNG in 255 colours, a third of the size; pages hold many."""
-    with Image.open(io.BytesIO(png_of(figure))) as picture:
+    """PNG of a figure, as `smaller`."""
+    return smaller(png_of(figure))
+
+
+def smaller(png: bytes) -> bytes:
+    """The picture in 255 colours, a third of the size; pages hold many."""
+    with Image.open(io.BytesIO(png)) as picture:
         plain = picture.convert("RGB").quantize(255, Image.Quantize.MAXCOVERAGE, kmeans=3)
     stream = io.BytesIO()
     plain.save(stream, format="PNG", optimize=True)

@@ -84,7 +84,7 @@ def _json(page: Page) -> str:
 
 
 def write_overview(folder: Path, names: Sequence[str], *, markdown_only: bool = False) -> Path:
-    """index.md and index.html: each study of `names` whose page lies in the folder, in a line.
+    """overview.md and overview.html: a line for each of `names` whose page lies in the folder.
 
     Raises:
         StudyError: a page's file is damaged, or the overview cannot be written.
@@ -115,7 +115,7 @@ def write_overview(folder: Path, names: Sequence[str], *, markdown_only: bool = 
         texts["html"] = document("The paper's studies", "", [("", lines)])
     try:
         for ending, text in texts.items():
-            (folder / f"index.{ending}").write_text(text, encoding="utf-8")
+            (folder / f"overview.{ending}").write_text(text, encoding="utf-8")
     except OSError as error:
         raise StudyError(f"{folder}: cannot be written ({error})") from error
-    return folder / f"index.{list(texts)[-1]}"
+    return folder / f"overview.{list(texts)[-1]}"

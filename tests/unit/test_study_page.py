@@ -82,7 +82,7 @@ def test_page_is_whole(tmp_path: Path) -> None:
     assert told["table"][1]["T_app / K"] is None  # NaN is no JSON
     index = write_overview(tmp_path, ["methane", "walls"]).read_text(encoding="utf-8")
     assert 'href="walls.html"' in index and "methane" not in index
-    assert "1 of 2 statements agree." in (tmp_path / "index.md").read_text(encoding="utf-8")
+    assert "1 of 2 statements agree." in (tmp_path / "overview.md").read_text(encoding="utf-8")
 
 
 def test_markdown_alone(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from cldit.scene.sizes import Monodisperse
 from cldit.spray.sizes import mean_diameter_m
 from cldit.study.lab import Lab
 from cldit.study.page import Page, Row
+from cldit.study.pictures import smaller
 from cldit.study.verdict import Verdict
 
 _UM, _N, _K = 3.4, 1.338, 0.0341  # paper
@@ -55,7 +56,7 @@ def study(lab: Lab) -> Page:
         text=_TEXT,
         pictures={
             "optics": Picture(
-                optics_picture(data),
+                smaller(optics_picture(data)),
                 "What the scene gdi uses, with the data and the paper's values.",
             )
         },

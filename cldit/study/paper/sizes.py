@@ -48,6 +48,8 @@ def study(lab: Lab) -> Page:
                 value=worst,
                 unit="K",
                 high=10.0,
+                why=f"other random numbers alone make {by_chance.rms():.3g} K: where single "
+                "parcels are seen, a pixel shows a droplet in one spray and vapour in the other",
             ),
             Verdict(
                 claim="No general trend to higher or lower temperatures (largest mean)",
