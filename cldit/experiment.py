@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 from cldit.acquisition.disk import write_text
@@ -16,9 +17,13 @@ from cldit.acquisition.progress import Progress
 from cldit.acquisition.record import Acquisition, open_acquisition
 from cldit.acquisition.runner import acquire
 from cldit.acquisition.sequence import Record
+from cldit.camera.curve import Curve
+from cldit.camera.view import SensorView
 from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
+from cldit.dit.scattering import Medium, medium_temperature, wall_share
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.gpu.device import Device
+from cldit.images import write_image
 from cldit.report.run_report import write_run_report
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
@@ -131,3 +136,43 @@ def evaluate_folder(
     evaluation.maps.save(place, pixel_m=acquisition.pixel_m)
     write_text(place / "evaluation.json", evaluation.to_json())
     return evaluation
+
+
+def evaluate_scattering(folder: str | Path, model: Run, evaluation: Evaluation) -> Medium:
+    """The temperature of what emits, with the scattered share of a model; stored beside the maps.
+
+    Args:
+        folder: as given to `evaluate_folder`, which must have gone before.
+        model: a run whose spray and camera stand for the measurement's.
+
+    Raises:
+        EvaluationError: the model's sensor has another number of pixels.
+    """
+    opened = open_measured(folder) if is_measured(folder) else open_acquisition(folder)
+    view = SensorView.from_scene(model.scene)
+    spray, reference = (
+        weights.map(lambda image: view.image(image).astype(np.float32))
+        for weights in (model.weights, model.reference)
+    )
+    curve = Curve(filter_um=evaluation.calibration.filter_um)
+    if evaluation.fitted is not None:
+        curve = evaluation.fitted.curve
+    medium = medium_temperature(
+        evaluation.maps,
+        wall_share(spray, reference),
+        wall_temperature_K=opened.surroundings.wall_temperature_K,
+        curve=curve,
+    )
+    for name, image, unit in (
+        ("medium_temperature_K", medium.temperature_K, "K"),
+        ("medium_temperature_standard_error_K", medium.standard_error_K, "K"),
+        ("scattered_share", medium.share, "1"),
+    ):
+        write_image(
+            opened.folder / "maps" / f"{name}.tif",
+            image.astype(np.float32),
+            name=name.removesuffix("_K").replace("_", " "),
+            unit=unit,
+            pixel_m=opened.pixel_m,
+        )
+    return medium

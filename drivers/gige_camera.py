@@ -339,7 +339,11 @@ class GigeCamera:
         self._last_id = self._frame_id(int(got.block_id))
         ticks = int(got.ts_dev or 0)
         device_ns = round(ticks * self._ns_per_tick)
-        data = np.asarray(got.to_numpy())
+        whole = bool(got.is_complete)
+        try:
+            data = np.asarray(got.to_numpy())
+        except viva.GenicamError:  # its end is missing, so that it fills no picture
+            whole, data = False, np.zeros((0, 0), np.uint16)
         return Frame(
             data=data.astype(np.uint16, copy=False),
             frame_id=self._last_id,
@@ -347,7 +351,7 @@ class GigeCamera:
             host_timestamp_ns=(
                 now_ns if self._clock_offset_ns is None else device_ns + self._clock_offset_ns
             ),
-            complete=bool(got.is_complete),
+            complete=whole,
             meta={"missing_packets": got.missing_packets or 0},
         )
 

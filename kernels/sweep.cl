@@ -78,7 +78,9 @@ INLINE real phase_to_camera(
     const real x = (layout == LAYERS_X ? l : u) + R(0.5) - camera.x;
     const real y = (layout == LAYERS_Z ? v : layout == LAYERS_Y ? l : u) + R(0.5) - camera.y;
     const real z = (layout == LAYERS_Z ? l : v) + R(0.5) - camera.z;
-    const real cosine = (back.x * x + back.y * y + back.z * z) / sqrt(x * x + y * y + z * z);
+    /* A camera in the very middle of the cell sees it from nowhere: any angle will do. */
+    const real far = sqrt(fmax(x * x + y * y + z * z, R(1e-12)));
+    const real cosine = (back.x * x + back.y * y + back.z * z) / far;
 #else
     const real cosine = back.y;
 #endif

@@ -20,7 +20,7 @@ from cldit.transport.solve import first_guess
 from cldit.transport.sweep import Sweeper, ToCamera, sweep_defines
 from cldit.transport.view import View, upload_tree
 
-_ROUNDS = 5
+_ROUNDS = 3
 _PHASE_STEPS = 1024
 
 
@@ -120,5 +120,4 @@ class Kernels:
         return quickest(
             self.case,
             lambda: sweeper.sweep(directions, starts, shining=True, camera=camera),
-            rounds=3,
         )

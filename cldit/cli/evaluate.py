@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+import numpy as np
 
 from cldit.acquisition.progress import Progress
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors
 from cldit.dit.recorded import CurveSource
-from cldit.experiment import evaluate_folder
+from cldit.experiment import evaluate_folder, evaluate_scattering
+from cldit.run import open_run
 
 
 @click.command()
@@ -23,8 +25,15 @@ from cldit.experiment import evaluate_folder
 )
 @click.option("--robust", is_flag=True, help="Weigh shots that are far off the others less.")
 @click.option("--frame", type=click.IntRange(0), default=0, help="Which picture of each shot.")
+@click.option(
+    "--model",
+    type=click.Path(path_type=Path),
+    help="Folder of a run that models the spray: also the temperature of what emits.",
+)
 @plain_errors
-def evaluate(folder: Path, calibration: CurveSource, robust: bool, frame: int) -> None:
+def evaluate(
+    folder: Path, calibration: CurveSource, robust: bool, frame: int, model: Path | None
+) -> None:
     """Evaluate an acquisition, a run, or measured data (a FOLDER with measured.yaml).
 
     The maps go into `maps` beside the pictures.
@@ -42,4 +51,12 @@ def evaluate(folder: Path, calibration: CurveSource, robust: bool, frame: int) -
         OUT.print(f"{count:9d} pixels: {reason.text}")
     for line in found.remarks:
         OUT.print(escaped(line))
+    if model is not None:
+        medium = evaluate_scattering(target, open_run(model), found)
+        told = np.isfinite(medium.temperature_K)
+        changed = medium.temperature_K - found.maps.apparent_temperature_K
+        OUT.print(
+            f"{int(told.sum()):9d} pixels: temperature of what emits, without scattered walls; "
+            f"{float(np.mean(changed[told])) if told.any() else 0.0:+.2g} K against T_app"
+        )
     OUT.print(f"{(target.parent if target.is_file() else target) / 'maps'}")

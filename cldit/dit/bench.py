@@ -33,11 +33,13 @@ _CAMERA = Calibration(
 class EvaluationBench:
     """peak_bytes: largest resident set of the whole process; grown_bytes: of it, since the start.
 
-    read_s: of `seconds`, spent in reading the files.
+    read_s: of `seconds`, spent in reading the files. cpu_s: of all threads, whatever else the
+    computer does.
     """
 
     shots: int
     seconds: float
+    cpu_s: float
     read_s: float
     peak_bytes: int
     grown_bytes: int
@@ -118,8 +120,11 @@ def bench_evaluation(
             ]
     before = peak_bytes()
     recorded = _Folder(found)
-    begin = time.perf_counter()
+    begin, cpu = time.perf_counter(), time.process_time()
     evaluation = evaluate_shots(recorded)
     seconds = time.perf_counter() - begin
+    cpu_s = time.process_time() - cpu
     peak = peak_bytes()
-    return EvaluationBench(len(found), seconds, recorded.read_s, peak, peak - before, evaluation)
+    return EvaluationBench(
+        len(found), seconds, cpu_s, recorded.read_s, peak, peak - before, evaluation
+    )

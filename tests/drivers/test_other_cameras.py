@@ -71,7 +71,7 @@ def shoot(camera: GigeCamera, n: int = 1) -> list[Frame]:
         camera.flush()
         camera.arm()
         camera.software_trigger()
-        frames += camera.read_frames(1, 2.0)
+        frames += camera.read_frames(1, 5.0)
         camera.disarm()
     return frames
 
@@ -145,5 +145,30 @@ def test_control_is_given_back() -> None:
             assert time.monotonic() < end
             time.sleep(0.01)
         camera.connect(5.0)
+        camera.configure(1e-3, Roi(0, 0, 64, 48))  # its sensor has 33 MB a picture
         assert len(shoot(camera)) == 1
         camera.close()
+
+
+def test_a_picture_without_its_end_is_incomplete() -> None:
+    """What the client cannot make a picture of is a frame that fails, not an error of its own."""
+    import viva_genicam
+
+    class Cut:
+        block_id, ts_dev, is_complete, missing_packets = 1, 0, False, 7
+
+        def to_numpy(self) -> None:
+            raise viva_genicam.ParseError("payload is 100 bytes; the image needs 6144")
+
+    class Stream:
+        def next_frame(self, timeout_ms: int) -> Cut:
+            return Cut()
+
+        def close(self) -> None: ...
+
+    with FakeGigeCamera(64, 48, pixel_format="Mono16") as fake:
+        camera = driver(fake.ip)
+        camera._stream = Stream()
+        (frame,) = camera.read_frames(1, 1.0)
+        camera.close()
+    assert not frame.complete and camera.statistics()["incomplete"] == 1

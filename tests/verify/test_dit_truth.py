@@ -191,7 +191,13 @@ def test_held_against_scipy() -> None:
         epsilon, kelvin, gain, offset = free
         own = band_radiance(kelvin, filter_um=FILTER)
         through = (1.0 - epsilon) * source + epsilon * own
-        return gain * unit * np.concatenate([source, through]) + offset
+        return np.asarray(gain * unit * np.concatenate([source, through]) + offset)
+
+    def fitted(seen: NDArray[np.float64], sigma: NDArray[np.float64], start: list[float]) -> Any:
+        def off(free: NDArray[np.float64]) -> NDArray[np.float64]:
+            return (model(free) - seen) / sigma
+
+        return least_squares(off, start, x_scale=[0.1, 10.0, 0.1, 50.0], xtol=1e-12)
 
     for column in range(6, 18):  # from 0.3 on: below, a temperature is not normal
         for row in range(3):
@@ -199,13 +205,8 @@ def test_held_against_scipy() -> None:
             sigma = np.sqrt(CAMERA.variance_counts2(seen))
             start = [0.5, 450.0, 1.0, 500.0]
             for _ in range(2):
-                fit = least_squares(
-                    lambda free, seen=seen, sigma=sigma: (model(free) - seen) / sigma,
-                    start,
-                    x_scale=[0.1, 10.0, 0.1, 50.0],
-                    xtol=1e-12,
-                )
-                sigma, start = np.sqrt(CAMERA.variance_counts2(model(fit.x))), fit.x
+                fit = fitted(seen, sigma, start)
+                sigma, start = np.sqrt(CAMERA.variance_counts2(model(fit.x))), fit.x.tolist()
             errors = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))
             at = (row, column)
             assert abs(maps.emissivity[at] - fit.x[0]) < 0.02 * errors[0]

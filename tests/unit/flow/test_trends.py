@@ -28,19 +28,19 @@ def evaporated(found: Found) -> float:
 
 
 def test_pressure_and_heat_shorten_the_spray() -> None:
-    cold, dense, hot = spray(0.15, 300), spray(0.9, 300), spray(0.9, 620)
-    # N-S: rho_gas^(-1/4), that is 6^0.25 = 1.57; within a fifth, for the drops arrive later.
-    ratio = note(cold, "vapour_penetration_m") / note(dense, "vapour_penetration_m")
-    assert 1.2 < ratio < 1.9
-    assert note(cold, "liquid_penetration_m") > 1.2 * note(dense, "liquid_penetration_m")
+    thin, dense, hot = spray(0.6, 300), spray(0.9, 300), spray(0.9, 620)
+    for name in ("vapour_penetration_m", "liquid_penetration_m"):
+        # Naber and Siebers: (3/2)^0.25 = 1.107 by the gas's density; half to twice of that excess.
+        assert 1.05 < note(thin, name) / note(dense, name) < 1.22
+    # Thinner gas lets the vapour go farther, but the liquid evaporates on the way.
+    assert note(hot, "vapour_penetration_m") > note(dense, "vapour_penetration_m")
     assert note(hot, "liquid_penetration_m") < 0.95 * note(dense, "liquid_penetration_m")
 
 
 def test_droplets_last_in_cold_gas_and_vapour_follows_the_temperature() -> None:
-    shares = [evaporated(spray(0.6, gas_K)) for gas_K in (300, 400, 573)]
-    assert shares == sorted(shares)
-    assert shares[0] < 0.25  # 300 K holds no more than 0.03 of its mass as vapour
-    assert shares[2] > 0.5
+    assert evaporated(spray(0.9, 300)) < evaporated(spray(0.6, 300)) < 0.3
+    assert evaporated(spray(0.6, 573)) > 0.8
+    assert evaporated(spray(0.9, 620)) > 0.8
 
 
 def test_nothing_is_colder_than_saturation_and_droplets_have_the_wet_bulb() -> None:
