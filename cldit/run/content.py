@@ -55,6 +55,7 @@ def trace_content(scene: Scene) -> dict[str, Any]:
 def trace_key(scene: Scene) -> str:
     """Digest of `trace_content`, of the files that the scene names, and of the code."""
     named = [getattr(scene.spray, key, None) for key in ("file", "mapping")]
-    named += [scene.optics.liquid, scene.optics.vapour]
+    substances = [scene.optics.liquid, scene.optics.vapour]
+    named += [each for each in substances if each is not None and Path(each).suffix]  # tables
     files = file_content([Path(each) for each in named if each is not None])
     return digest(trace_content(scene), files, code_digest(*_TRACED_BY))

@@ -94,5 +94,5 @@ _TEXT = (
     "open, so that the emissivity stays low however long the column: cldit takes the lines as a "
     "k-distribution, where Beer's law on the mean absorption would come near 1. Nothing scatters, "
     "and T_app is a temperature of the jet itself: cold where it leaves the nozzle, warming as it "
-    "mixes. Mach discs and the drift in the vessel's cross flow are not in this model."
+    "mixes. The row of Mach discs and the drift in the vessel's cross flow are not resolved."
 )
