@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,22 @@ _LEAST = 4  # batches
 _CUTOFF = 1e-6  # at most: what is held to be exact must not leave out 1e-4
 _GROUP = 16
 _VISIBLE = 0.05  # emissivity under which a temperature says little, whatever the trace
+
+
+@dataclass(frozen=True)
+class Known:
+    """A medium whose source is known in most cells; (P,) stands for all stored cells, all in units
+    of the traced cells' scale.
+
+    towards (C, P): what cells send to the camera. depth (P,), source (C, P): of the medium as
+    scattered light meets it. thick (P,): cells within which the source varies; their own `towards`
+    and `source` hold no more than what they emit.
+    """
+
+    towards: Floats
+    depth: Floats
+    source: Floats
+    thick: NDArray[np.bool_]
 
 
 @dataclass
@@ -73,13 +89,12 @@ def trace_path(
     device: Device,
     settings: Settings,
     report: Callable[[str], None] | None,
-    solved: tuple[OpticalCells, NDArray[np.floating]] | None = None,
+    known: Known | None = None,
 ) -> Trace:
     """Weights by path tracing; raises as `trace`.
 
-    Args:
-        solved: a medium and the source (C, P) of all its stored cells, in units of `cells`: chains
-            then end after one flight through it, and gather that source.
+    known: what has been solved for already; chains then begin and go on in thick cells only, and
+    stop at an error of the picture of accuracy_K.
     """
     view = View.of(scene, cells)
     check_disc(scene, cells, view.disc)
@@ -90,6 +105,8 @@ def trace_path(
         "CUTOFF": min(float(settings.cutoff), _CUTOFF),
         "SAMPLES": SAMPLES,
     }
+    if known is not None:
+        defines["GATHER"] = 1
     if settings.precision == "float64":
         defines["USE_FLOAT64"] = 1
     if settings.order is not None:
@@ -97,9 +114,7 @@ def trace_path(
     table = np.zeros(1, real)
     if settings.phase is not None:
         defines["PHASE_BINS"] = settings.phase.bins
-        table = np.concatenate([settings.phase.cosine, settings.phase.cumulative]).astype(real)
-    if solved is not None:
-        defines["GATHER"] = 1
+        table = settings.phase.to_sample().astype(real)
     program = build(device, "path.cl", defines)
     start = time.perf_counter()
     components = len(cells.needs.components)
@@ -107,22 +122,23 @@ def trace_path(
     pixels = column_count * row_count
     albedo = np.zeros(len(cells.depth))
     albedo[cells.address] = cells.albedo
-    flights = []
-    if solved is not None:
-        flights = [
-            upload(device, "optical depth", solved[0].depth.astype(real)),
-            upload(device, "source", solved[1].astype(real)),
+    sight, flights, source = [], cells, cells.source_planes(real)[2:]
+    if known is not None:
+        sight = [
+            upload(device, "optical depth", cells.depth.astype(real)),
+            upload(device, "source towards the camera", known.towards.astype(real)),
         ]
+        flights, source = replace(cells, depth=known.depth), known.source.astype(real)
+        albedo[~known.thick] = 0.0
     medium = [
-        *flights,
-        *upload_tree(device, cells, real),
-        upload(device, "thermal source", cells.source_planes(real)[2:]),
+        *upload_tree(device, flights, real),
+        upload(device, "source", source),
         upload(device, "albedo", albedo.astype(real)),
         *view.arguments(cells, real),
     ]
     out = zeros(device, "picture", components * pixels, real)
     lost = zeros(device, "scattered light", pixels, real)
-    program["straight"](device.queue, *view.tiles, out, lost, *medium)
+    program["straight"](device.queue, *view.tiles, out, lost, *sight, *medium)
     image = download(device, out, np.empty((components, pixels), real)).astype(np.float64)
     scattered = download(device, lost, np.empty(pixels, real))
     listed = np.flatnonzero(scattered > 0).astype(np.int32)
@@ -134,12 +150,14 @@ def trace_path(
     fixed = [
         upload(device, "phase function", table),
         upload(device, "Sobol", columns()),
+        *sight,
         *medium,
     ]
     listing = [
         upload(device, "pixels", listed),
         upload(device, "scattered light", scattered[listed]),
     ]
+    other = int(np.sum(1.0 - np.delete(image[0], listed) > _VISIBLE))
     sums = _Sums(
         (np.zeros((components, count)), np.zeros((components, count))),
         np.zeros((components, count)),
@@ -159,7 +177,8 @@ def trace_path(
         sums.add(download(device, means, np.empty((components, count), real)).astype(np.float64))
         if sums.batches % 2 or sums.batches < _LEAST:
             continue
-        error = _error_K(image[:, listed] + sums.mean, sums.difference, cells, scene)
+        seen = image[:, listed] + sums.mean
+        error = _error_K(seen, sums.difference, cells, scene, other=other)
         if report is not None:
             report(f"{sums.batches * SAMPLES} samples a pixel: {error:.2g} K")
         if error <= settings.accuracy_K or sums.batches * SAMPLES >= settings.max_samples:
@@ -188,11 +207,14 @@ def trace_path(
     )
 
 
-def _error_K(mean: Floats, difference: Floats, cells: OpticalCells, scene: Scene) -> float:
+def _error_K(
+    mean: Floats, difference: Floats, cells: OpticalCells, scene: Scene, *, other: int
+) -> float:
     """RMS error of T_app that `difference` (C, N) of the weights (C, N) stands for, to first order.
 
-    Pixels of emissivity up to 0.05 do not count. Where the line of sight misses the background the
-    emissivity is taken as if it did not; this only says when to stop.
+    Pixels of emissivity up to 0.05 do not count; `other` pixels count that have no error. Where the
+    line of sight misses the background the emissivity is taken as if it did not; this only says
+    when to stop.
     """
     filter_um = scene_filter(scene)
     wall = float(band_radiance(scene.walls.temperature_K, filter_um=filter_um))
@@ -205,4 +227,4 @@ def _error_K(mean: Floats, difference: Floats, cells: OpticalCells, scene: Scene
     radiance = (change + difference[0] * apparent)[here] / emissivity[here]
     temperature = temperature_of_radiance(apparent[here], filter_um=filter_um)
     kelvin = radiance / band_radiance_slope(temperature, filter_um=filter_um)
-    return float(np.sqrt(np.mean(kelvin**2)))
+    return float(np.sqrt(np.sum(kelvin**2) / (len(kelvin) + other)))

@@ -25,7 +25,7 @@ class Settings:
     together of the last sweep; tolerance: RMS error allowed in the source (weights are 0..1).
     accuracy_K, max_samples: where `path` stops, RMS error of T_app or samples a pixel. order: most
     scatterings, None for all; beyond it the wall is seen. phase: None is isotropic.
-    gather: `source` ends with flights from where light is scattered, up to accuracy_K.
+    gather: `source` follows what cells of an optical depth above `thick` scatter, up to accuracy_K.
     """
 
     directions: int
@@ -40,6 +40,7 @@ class Settings:
     max_samples: int = 4096
     phase: ScatteringTable | None = None
     gather: bool = False
+    thick: float = 0.5
 
 
 @dataclass(frozen=True)

@@ -26,13 +26,15 @@ class Solution:
 
     residual: RMS of the preconditioned residual, of the worst component. error: what that stands
     for in the source, through the smallest singular value that GMRES met. Both are 0 for a fixed
-    order, which is no approximation of the converged answer but an answer of its own.
+    order, which is no approximation of the converged answer but an answer of its own. towards
+    (C, N): what the cells send to the camera, once that is known.
     """
 
     source: Array
     passes: int
     residual: float
     error: float
+    towards: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -58,13 +60,6 @@ def another_order(sweeper: Sweeper, source: Array, rays: Rays) -> Array:
     sweeper.set_source(source, shining=True)
     sweeper.sweep(rays.directions, rays.starts, shining=True)
     return sweeper.next_order()
-
-
-def last_order(sweeper: Sweeper, source: Array, rays: Rays) -> Array:
-    """The source after one more scattering, where the camera's light comes from in each cell."""
-    sweeper.set_source(source, shining=True)
-    sweeper.sweep(rays.directions, rays.starts, shining=True)
-    return sweeper.last_order()
 
 
 def _rms(values: Array) -> NDArray[np.float64]:

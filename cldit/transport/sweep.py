@@ -50,12 +50,13 @@ def sweep_defines(device: Device, box: Box) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class ToCamera:
-    """A sweep whose directions count by the phase function towards the camera."""
+    """A sweep for the light that cells scatter towards the camera."""
 
     kernel: Any
     phase: Any
     place: NDArray[np.float64]
-    shares: dict[bool, Any]  # sum of weights in every cell, and its turned copy
+    seen: dict[bool, Any]  # optical depths as the camera sees them, and their turned copy
+    shares: dict[bool, Any]  # sum of weights in every cell, likewise
 
 
 class Sweeper:
@@ -232,13 +233,18 @@ class Sweeper:
             -unit[axis] for axis in layout.axes
         )  # light runs away from where it comes from
         nu, nv, nl = layout.size
-        vector = 1 if camera is not None else self._vector
-        lanes = 1 if vector > 1 else min(nu, self._lanes)
+        lanes = 1 if self._vector > 1 else min(nu, self._lanes)
         extra = []
         if camera is not None:
             place = np.zeros(4)
             place[:3] = camera.place - self.box.low
-            extra = [camera.shares[layout.turned], camera.phase, place.astype(real)]
+            extra = [
+                camera.shares[layout.turned],
+                camera.seen[layout.turned],
+                self._heights(layout, u / abs(run), v / abs(run), start),
+                camera.phase,
+                place.astype(real),
+            ]
         kernel = self._sweep if camera is None else camera.kernel
         kernel(
             self.device.queue,
@@ -265,14 +271,34 @@ class Sweeper:
             *extra,
         )
 
+    def _heights(
+        self, layout: _Layout, slope_u: float, slope_v: float, start: NDArray[np.float64]
+    ) -> Any:
+        """y of the rays within their cells, layer by layer as they are met; unused along y."""
+        slope, first = (slope_u, start[0]) if layout.axes[0] == 1 else (slope_v, start[1])
+        place = first + slope * np.arange(layout.size[2])
+        return upload(self.device, "heights", (place - np.floor(place)).astype(self._real))
+
     def to_camera(
-        self, program: Program, phase: NDArray[np.float64], place: NDArray[np.float64]
+        self,
+        program: Program,
+        seen: OpticalCells,
+        phase: NDArray[np.float64],
+        place: NDArray[np.float64],
     ) -> ToCamera:
-        """What a sweep towards the camera needs; place: of the camera, in cells of the cube."""
+        """What a sweep towards the camera needs.
+
+        seen: the medium as the camera sees it; place: of the camera, in cells of the cube.
+        """
+        depth = seen.dense(self.box, seen.depth).astype(self._real)
         return ToCamera(
             kernel=program["sweep"],
             phase=upload(self.device, "phase function", phase.astype(self._real)),
             place=place,
+            seen={
+                False: upload(self.device, "optical depth", depth),
+                True: upload(self.device, "optical depth", depth.transpose(2, 0, 1)),
+            },
             shares={
                 t: zeros(self.device, "shares", self.box.cells, self._real) for t in (False, True)
             },
@@ -280,15 +306,21 @@ class Sweeper:
 
     def weighted_mean(self, camera: ToCamera) -> NDArray[Any]:
         """Mean radiance (C, N) of the scattering cells after a sweep towards the camera."""
+        nx, ny, _ = self.box.shape
         self._kernels["weighted_mean"](
             self.device.queue,
             (self.count,),
             None,
             self._out,
-            self._list,
+            self._source[False],
             self._excess[False],
             camera.shares[False],
+            self._depth[False],
+            camera.seen[False],
             self._place,
+            self._real(_MEAN_STRETCH),
+            np.int32(nx),
+            np.int32(ny),
             np.int32(self.box.cells),
             np.int32(self.count),
         )
@@ -322,27 +354,6 @@ class Sweeper:
             self._place,
             self._real(_MEAN_STRETCH),
             self._real(shining),
-            np.int32(self.box.cells),
-            np.int32(self.count),
-        )
-        return download(self.device, self._out, np.empty((self.components, self.count), self._real))
-
-    def last_order(self) -> NDArray[Any]:
-        """As `next_order`, as the camera sees it: see the kernel."""
-        nx, ny, _ = self.box.shape
-        self._kernels["last_order"](
-            self.device.queue,
-            (self.count,),
-            None,
-            self._out,
-            self._excess[False],
-            self._source[False],
-            self._emission,
-            self._albedo,
-            self._depth[False],
-            self._place,
-            np.int32(nx),
-            np.int32(ny),
             np.int32(self.box.cells),
             np.int32(self.count),
         )
