@@ -60,6 +60,10 @@ INLINE real light_depth(real t)
         : R(1) / t - R(1) / (exp(fmin(t, R(80))) - R(1)) - R(0.5);
 }
 
+/* Whether the source may be taken to run on straight between cells of these optical depths: at a
+   steep edge of the medium it does not. */
+INLINE int alike(real a, real b) { return b > R(0.5) * a && b < R(2) * a; }
+
 /* Mean radiance S + D / (sum of the weights), as the camera sees it. Of a thick cell's own light, the
    share that it does not let through, the source is continued linearly along y from the cells in
    front and behind to where the camera's light comes from. */
@@ -73,12 +77,13 @@ __kernel void weighted_mean(
     if (i >= count) return;
     const int cell = place[i];
     const int y = cell / nx % ny;
-    const int before = y > 0 && depth[cell - nx] > R(0) ? cell - nx : cell;
-    const int behind = y < ny - 1 && depth[cell + nx] > R(0) ? cell + nx : cell;
+    const real here = seen[cell];
+    const int before = y > 0 && alike(here, seen[cell - nx]) ? cell - nx : cell;
+    const int behind = y < ny - 1 && alike(here, seen[cell + nx]) ? cell + nx : cell;
     const int steps = (behind - before) / nx;
     const real t = depth[cell] * mean_stretch;
     const real own = R(1) - mean_transmission(t, absorbed(t));
-    const real slope = steps ? own * light_depth(seen[cell]) / steps : R(0);
+    const real slope = steps ? own * light_depth(here) / steps : R(0);
     const real share = shares[cell];
     for (int c = 0; c < COMPONENTS; ++c) {
         __global const real *s = source + c * plane;

@@ -90,11 +90,14 @@ def trace_path(
     settings: Settings,
     report: Callable[[str], None] | None,
     known: Known | None = None,
+    *,
+    most: int | None = None,
 ) -> Trace:
     """Weights by path tracing; raises as `trace`.
 
     known: what has been solved for already; chains then begin and go on in thick cells only, and
-    stop at an error of the picture of accuracy_K.
+    stop at an error of the picture of accuracy_K. most: pixels to trace, drawn by chance of all
+    that scatter; the others are left without what is scattered.
     """
     view = View.of(scene, cells)
     check_disc(scene, cells, view.disc)
@@ -142,6 +145,8 @@ def trace_path(
     image = download(device, out, np.empty((components, pixels), real)).astype(np.float64)
     scattered = download(device, lost, np.empty(pixels, real))
     listed = np.flatnonzero(scattered > 0).astype(np.int32)
+    if most is not None and len(listed) > most:
+        listed = np.random.default_rng(settings.seed).choice(listed, most, replace=False)
     seconds = {"image": time.perf_counter() - start}
 
     start = time.perf_counter()
@@ -212,19 +217,28 @@ def _error_K(
 ) -> float:
     """RMS error of T_app that `difference` (C, N) of the weights (C, N) stands for, to first order.
 
-    Pixels of emissivity up to 0.05 do not count; `other` pixels count that have no error. Where the
-    line of sight misses the background the emissivity is taken as if it did not; this only says
-    when to stop.
+    `other` pixels count that have no error.
+    """
+    kelvin = kelvin_of(mean, difference, cells, scene)
+    kelvin = kelvin[np.isfinite(kelvin)]
+    return float(np.sqrt(np.sum(kelvin**2) / max(len(kelvin) + other, 1)))
+
+
+def kelvin_of(mean: Floats, change: Floats, cells: OpticalCells, scene: Scene) -> Floats:
+    """What `change` (C, N) of the weights (C, N) is in T_app, to first order; NaN for pixels of
+    emissivity up to 0.05.
+
+    Where the line of sight misses the background the emissivity is taken as if it did not.
     """
     filter_um = scene_filter(scene)
     wall = float(band_radiance(scene.walls.temperature_K, filter_um=filter_um))
     emissivity = 1.0 - mean[0]
     apparent = (wall * mean[1] + cells.scale * mean[2:].sum(axis=0)) / np.maximum(emissivity, 1e-9)
     here = (emissivity > _VISIBLE) & (apparent > 0)
-    if not here.any():
-        return 0.0
-    change = wall * difference[1] + cells.scale * difference[2:].sum(axis=0)
-    radiance = (change + difference[0] * apparent)[here] / emissivity[here]
-    temperature = temperature_of_radiance(apparent[here], filter_um=filter_um)
-    kelvin = radiance / band_radiance_slope(temperature, filter_um=filter_um)
-    return float(np.sqrt(np.sum(kelvin**2) / (len(kelvin) + other)))
+    kelvin = np.full(len(emissivity), np.nan)
+    if here.any():
+        emitted = wall * change[1] + cells.scale * change[2:].sum(axis=0)
+        radiance = (emitted + change[0] * apparent)[here] / emissivity[here]
+        temperature = temperature_of_radiance(apparent[here], filter_um=filter_um)
+        kelvin[here] = radiance / band_radiance_slope(temperature, filter_um=filter_um)
+    return kelvin

@@ -51,6 +51,8 @@ class Trace:
     the two halves of the last sweep, or of the samples); its RMS estimates the standard error of
     the weights. standard_error: that of every pixel, from the scatter of its samples (`path` only).
     Both are None where nothing scatters, and for `branching`, which does not know its error.
+    audit_K: RMS error of T_app of `source` as a few pixels traced by `path` show it, one standard
+    error added; None where the method simplifies nothing.
     """
 
     weights: Weights
@@ -61,6 +63,7 @@ class Trace:
     precision: str
     counts: dict[str, int] = field(default_factory=dict)
     standard_error: Weights | None = None
+    audit_K: float | None = None
 
 
 def weights_of(image: NDArray[np.float64], cells: OpticalCells) -> Weights:

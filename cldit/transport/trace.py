@@ -17,6 +17,7 @@ from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
 from cldit.scene.schema import Scene
 from cldit.scene.transport import HenyeyGreenstein
+from cldit.transport.audit import audited
 from cldit.transport.branching import trace_branching
 from cldit.transport.cells import OpticalCells
 from cldit.transport.gather import gather
@@ -96,6 +97,6 @@ def trace(
             report("single precision does not resolve this source; again in double precision")
         single = replace(settings, precision="float64")
         result = trace_source(cells, scene, device, single, report)
-    if not settings.gather or settings.order is not None:
-        return result
-    return gather(cells, scene, device, single, report, result)
+    if settings.gather and settings.order is None:
+        result = gather(cells, scene, device, single, report, result)
+    return audited(cells, scene, device, single, result)
