@@ -35,7 +35,9 @@ def audited(
     Traces whose source is as simple as the medium (isotropic, no thick cell) are left as they are.
     """
     deepest = float(cells.depth[cells.address].max(initial=0.0))
-    if settings.order is not None or (settings.phase is None and deepest <= settings.thick):
+    if not cells.needs.scattering or settings.order is not None:
+        return result
+    if settings.phase is None and deepest <= settings.thick:
         return result
     sparse = replace(settings, max_samples=_SAMPLES, accuracy_K=0.0, seed=settings.seed + 1)
     truth = trace_path(cells, scene, device, sparse, None, most=_PIXELS)
