@@ -1,28 +1,45 @@
 """cldit: differential infrared thermography of fuel sprays, simulated, acquired, evaluated."""
 
+from __future__ import annotations
+
+from importlib import import_module
 from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cldit.experiment import run_experiment as run_experiment
+    from cldit.gpu.device import list_devices as list_devices
+    from cldit.gpu.device import open_device as open_device
+    from cldit.run import Run as Run
+    from cldit.run import open_run as open_run
+    from cldit.run import simulate as simulate
+    from cldit.scene import Scene as Scene
+    from cldit.scene import dump_scene as dump_scene
+    from cldit.scene import load_scene as load_scene
+    from cldit.scene import parse_scene as parse_scene
+    from cldit.scene import shipped_scenes as shipped_scenes
+    from cldit.scripting import open_rig as open_rig
 
 __version__ = version("cldit")
 
+# Loaded when asked for: a script that opens a rig needs neither OpenCL nor matplotlib.
+_HOMES = {
+    "cldit.experiment": ("run_experiment",),
+    "cldit.gpu.device": ("list_devices", "open_device"),
+    "cldit.run": ("Run", "open_run", "simulate"),
+    "cldit.scene": ("Scene", "dump_scene", "load_scene", "parse_scene", "shipped_scenes"),
+    "cldit.scripting": ("open_rig",),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
-from cldit.experiment import run_experiment
-from cldit.gpu.device import list_devices, open_device
-from cldit.run import Run, open_run, simulate
-from cldit.scene import Scene, dump_scene, load_scene, parse_scene, shipped_scenes
-from cldit.scripting import open_rig
+__all__ = ["__version__", *sorted(_HOME_OF)]
 
-__all__ = [
-    "Run",
-    "Scene",
-    "__version__",
-    "dump_scene",
-    "list_devices",
-    "load_scene",
-    "open_device",
-    "open_rig",
-    "open_run",
-    "parse_scene",
-    "run_experiment",
-    "shipped_scenes",
-    "simulate",
-]
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'cldit' has no attribute {name!r}")
+    return getattr(import_module(_HOME_OF[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

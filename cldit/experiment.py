@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import yaml
 
+from cldit.acquisition.disk import write_text
+from cldit.acquisition.measured import Measured, is_measured, open_measured
 from cldit.acquisition.plan import plan_from_scene
 from cldit.acquisition.progress import Progress
-from cldit.acquisition.record import open_acquisition
-from cldit.acquisition.runner import Record, acquire
-from cldit.dit.evaluate import evaluate_acquisition
-from cldit.dit.maps import Maps
+from cldit.acquisition.record import Acquisition, open_acquisition
+from cldit.acquisition.runner import acquire
+from cldit.acquisition.sequence import Record
+from cldit.camera.curve import Curve
+from cldit.camera.view import SensorView
+from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
+from cldit.dit.scattering import Medium, medium_temperature, wall_share
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.gpu.device import Device
+from cldit.images import write_image
 from cldit.report.run_report import write_run_report
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
@@ -66,7 +74,7 @@ def run_experiment(
     acquired = time.perf_counter()
     if progress is not None:
         progress("evaluation of the shots")
-    measured = evaluate_folder(folder / "acquisition")
+    measured = evaluate_folder(folder / "acquisition").maps
     evaluated = time.perf_counter()
     stages = [
         Stage("acquisition", acquired - start, f"{record.saved} shots"),
@@ -88,15 +96,83 @@ def _complete(record: Record) -> None:
 
 
 def evaluate_folder(
-    folder: str | Path, *, progress: Callable[[int, int], None] | None = None
-) -> Maps:
-    """Evaluates an acquisition folder and stores its maps in `folder/maps`.
+    folder: str | Path,
+    *,
+    curve: CurveSource = "planck",
+    robust: bool = False,
+    frame: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Evaluation:
+    """Evaluates an acquisition folder, or measured data, and stores the maps in `maps` beside it.
+
+    Args:
+        folder: of an acquisition; or with measured.yaml, or such a file itself.
+        curve, robust, progress: as `cldit.dit.recorded.evaluate_shots`.
+        frame: which picture of each shot, where the plan has several.
 
     Raises:
         RunFolderError: the folder holds no acquisition, or a shot is damaged.
         EvaluationError: the shots cannot be evaluated.
     """
-    acquisition = open_acquisition(folder)
-    maps = evaluate_acquisition(acquisition, progress=progress)
-    maps.save(Path(folder) / "maps", pixel_m=acquisition.pixel_m)
-    return maps
+    acquisition: Acquisition | Measured
+    missing: tuple[str, ...] = ()
+    if is_measured(folder):
+        if frame:
+            raise EvaluationError(f"{folder}: frame {frame}: measured shots have one picture, 0")
+        acquisition = open_measured(folder)
+    else:
+        acquisition = open_acquisition(folder, frame=frame)
+        missing = acquisition.missing
+    try:
+        evaluation = evaluate_shots(acquisition, curve=curve, robust=robust, progress=progress)
+    finally:
+        if isinstance(acquisition, Measured):
+            acquisition.close()
+    if missing:
+        line = f"{len(missing)} shots of the plan are missing ({', '.join(missing[:5])}"
+        line += ", ..)" if len(missing) > 5 else ")"
+        evaluation = replace(evaluation, remarks=(line, *evaluation.remarks))
+    place = acquisition.folder / "maps"
+    evaluation.maps.save(place, pixel_m=acquisition.pixel_m)
+    write_text(place / "evaluation.json", evaluation.to_json())
+    return evaluation
+
+
+def evaluate_scattering(folder: str | Path, model: Run, evaluation: Evaluation) -> Medium:
+    """The temperature of what emits, with the scattered share of a model; stored beside the maps.
+
+    Args:
+        folder: as given to `evaluate_folder`, which must have gone before.
+        model: a run whose spray and camera stand for the measurement's.
+
+    Raises:
+        EvaluationError: the model's sensor has another number of pixels.
+    """
+    opened = open_measured(folder) if is_measured(folder) else open_acquisition(folder)
+    view = SensorView.from_scene(model.scene)
+    spray, reference = (
+        weights.map(lambda image: view.image(image).astype(np.float32))
+        for weights in (model.weights, model.reference)
+    )
+    curve = Curve(filter_um=evaluation.calibration.filter_um)
+    if evaluation.fitted is not None:
+        curve = evaluation.fitted.curve
+    medium = medium_temperature(
+        evaluation.maps,
+        wall_share(spray, reference),
+        wall_temperature_K=opened.surroundings.wall_temperature_K,
+        curve=curve,
+    )
+    for name, image, unit in (
+        ("medium_temperature_K", medium.temperature_K, "K"),
+        ("medium_temperature_standard_error_K", medium.standard_error_K, "K"),
+        ("scattered_share", medium.share, "1"),
+    ):
+        write_image(
+            opened.folder / "maps" / f"{name}.tif",
+            image.astype(np.float32),
+            name=name.removesuffix("_K").replace("_", " "),
+            unit=unit,
+            pixel_m=opened.pixel_m,
+        )
+    return medium

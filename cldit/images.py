@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import tifffile
@@ -25,6 +25,44 @@ def fsync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+def put_image(
+    stream: IO[bytes],
+    image: NDArray[Any],
+    *,
+    name: str,
+    unit: str,
+    pixel_m: tuple[float, float] | None = None,
+    meta: dict[str, Any] | None = None,
+) -> None:
+    """Writes one picture (H, W), or several (N, H, W), as ImageJ TIFF: float32, uint16 or uint8.
+
+    Row 0 is at the top.
+
+    Args:
+        name: what the picture shows, as the viewer's label.
+        unit: unit of the pixel values ("K", "1", "counts").
+        pixel_m: width and height of a pixel on the object, for the viewer's scale bar.
+        meta: anything JSON can hold; `read_image` gives it back.
+
+    Raises:
+        ValueError: another type or shape.
+    """
+    if image.dtype not in (np.float32, np.uint16, np.uint8) or image.ndim not in (2, 3):
+        raise ValueError(f"{name}: {image.dtype} of shape {image.shape} is no picture")
+    info = {"name": name, "unit": unit, **(meta or {})}
+    resolution = None
+    metadata: dict[str, Any] = {"axes": "YX", "Labels": [f"{name} [{unit}]"]}
+    if image.ndim == 3:
+        labels = [f"{name} {number} [{unit}]" for number in range(len(image))]
+        metadata = {"axes": "TYX", "Labels": labels}
+    if pixel_m is not None:
+        resolution = (1e-3 / pixel_m[0], 1e-3 / pixel_m[1])  # pixels per mm
+        metadata["unit"] = "mm"
+        info["pixel_m"] = list(pixel_m)
+    metadata["Info"] = json.dumps(info)
+    tifffile.imwrite(stream, image, imagej=True, resolution=resolution, metadata=metadata)
+
+
 def write_image(
     path: Path,
     image: NDArray[Any],
@@ -34,29 +72,13 @@ def write_image(
     pixel_m: tuple[float, float] | None = None,
     meta: dict[str, Any] | None = None,
 ) -> None:
-    """Writes one picture (H, W), row 0 at the top: float32, uint16 or uint8.
+    """Writes one picture; arguments as those of `put_image`.
 
     The file appears whole or not at all: it is written beside its place, synced, and renamed.
-
-    Args:
-        name: what the picture shows, as the viewer's label.
-        unit: unit of the pixel values ("K", "1", "counts").
-        pixel_m: width and height of a pixel on the object, for the viewer's scale bar.
-        meta: anything JSON can hold; `read_image` gives it back.
     """
-    if image.dtype not in (np.float32, np.uint16, np.uint8) or image.ndim != 2:
-        raise ValueError(f"{path.name}: {image.dtype} of shape {image.shape} is no 2-D picture")
-    info = {"name": name, "unit": unit, **(meta or {})}
-    resolution = None
-    metadata: dict[str, Any] = {"axes": "YX", "Labels": [f"{name} [{unit}]"]}
-    if pixel_m is not None:
-        resolution = (1e-3 / pixel_m[0], 1e-3 / pixel_m[1])  # pixels per mm
-        metadata["unit"] = "mm"
-        info["pixel_m"] = list(pixel_m)
-    metadata["Info"] = json.dumps(info)
     part = path.with_name(path.name + ".part")
     with part.open("wb") as stream:
-        tifffile.imwrite(stream, image, imagej=True, resolution=resolution, metadata=metadata)
+        put_image(stream, image, name=name, unit=unit, pixel_m=pixel_m, meta=meta)
         stream.flush()
         os.fsync(stream.fileno())
     part.replace(path)

@@ -15,7 +15,8 @@ from typing import Any
 from cldit.acquisition.dry_run import DryRun, dry_run
 from cldit.acquisition.plan import Plan, load_plan, parse_plan
 from cldit.acquisition.progress import Progress
-from cldit.acquisition.runner import Record, SavedShot, iterate
+from cldit.acquisition.runner import iterate
+from cldit.acquisition.sequence import Record, SavedShot
 from cldit.rig.clock import Clock
 from cldit.rig.load import Rig
 from cldit.rig.load import open_rig as _open_rig

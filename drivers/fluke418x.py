@@ -5,16 +5,14 @@ Commands: Fluke 418x technical guide. The instrument is told to speak degrees Ce
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Annotated, Any
 
 from pydantic import model_validator
 
-from cldit.rig.clock import StopCheck
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, NotConnected, RigError
-from cldit.rig.protocols import DeviceInfo, Limits, Stability
-from cldit.rig.stability import wait_stable
+from cldit.rig.protocols import DeviceInfo, Limits
+from cldit.rig.stability import Settling
 from cldit.scene.checks import Within
 from cldit.scene.values import Temperature
 
@@ -45,7 +43,7 @@ class FlukeSettings(ControllerSettings):
         return self
 
 
-class Fluke418x:
+class Fluke418x(Settling):
     """A `cldit.rig.protocols.Background`."""
 
     tested_on_hardware = False
@@ -119,22 +117,6 @@ class Fluke418x:
 
     def is_stable(self) -> bool | None:
         return self._link.number("SOUR:STAB:TEST?") == 1.0
-
-    def wait_stable(
-        self,
-        temperature_K: float,
-        stability: Stability,
-        should_stop: StopCheck | None = None,
-        on_progress: Callable[[float], None] | None = None,
-    ) -> float:
-        return wait_stable(
-            self,
-            self._clock,
-            temperature_K,
-            stability,
-            should_stop=should_stop,
-            on_progress=on_progress,
-        )
 
     def _write(self, temperature_K: float) -> float:
         self._link.write(f"SOUR:SPO {temperature_K - KELVIN:.2f}")

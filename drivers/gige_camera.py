@@ -32,6 +32,7 @@ from .genicam import Features
 _SOURCES = {TriggerMode.SOFTWARE: "Software", TriggerMode.EXTERNAL_EDGE: ""}
 _MODES = frozenset({TriggerMode.INTERNAL, *_SOURCES})
 _EDGES = {"rising": "RisingEdge", "falling": "FallingEdge"}
+_BLOCKS = 65535  # 16-bit block ids count 1..65535 and again
 _DISCOVERY_s = 0.3
 _IN_FLIGHT_s = 0.5  # a picture arrives this long after its exposure, or never
 
@@ -39,7 +40,7 @@ _IN_FLIGHT_s = 0.5  # a picture arrives this long after its exposure, or never
 ABOUT = DriverAbout(
     "camera",
     "GenICam cameras on GigE Vision",
-    "untested on hardware; tested with a simulated GigE Vision camera over sockets",
+    "untested on hardware; tested with three simulated GigE Vision cameras, two of them not ours",
     needs=("viva_genicam",),
 )
 
@@ -83,8 +84,9 @@ class GigeCamera:
         self._triggered = self._received = 0  # since armed
         self._last_trigger_s = -np.inf
         self._period_s = 0.0
-        self._base = -1  # frame id = base + block id
+        self._base = -1  # frame id = base + 1 + blocks since the start
         self._last_id = -1
+        self._first_block: int | None = None  # of this start
         self._clock_offset_ns: int | None = None
         self._ns_per_tick = 1.0
         self._counts = {"delivered": 0, "missed": 0, "flushed": 0, "incomplete": 0}
@@ -125,12 +127,11 @@ class GigeCamera:
             raise NotConnected(f"no such camera on the network; found: {others}")
         self._camera = viva.connect_gige(here[0], iface=wanted.interface)
         self._features = Features(self._camera)
-        nodes = set(self._camera.nodes())
-        if "GevHeartbeatTimeout" in nodes:
+        if self._features.has("GevHeartbeatTimeout"):
             self._camera.set_integer("GevHeartbeatTimeout", round(1e3 * wanted.heartbeat_s))
         names = ("DeviceVendorName", "DeviceModelName", "DeviceSerialNumber", "DeviceVersion")
         maker, model, serial, firmware = (
-            self._camera.get_string(name) if name in nodes else "" for name in names
+            self._camera.get_string(name) if self._features.has(name) else "" for name in names
         )
         self._identity = (maker, model, serial, firmware)
         self._period_s = 1.0 / (wanted.maximum_rate_Hz or self._features.maximum_rate_Hz())
@@ -192,9 +193,7 @@ class GigeCamera:
             minimum_period_s=self._period_s,
             saturation_counts=self._settings.calibration.saturation_counts,
             sensor_pixels=self._sensor(),
-            pixel_formats=tuple(
-                self._connected().ask(lambda c: c.available_enum_entries("PixelFormat"))
-            ),
+            pixel_formats=self._connected().entries("PixelFormat"),
         )
 
     def configure(
@@ -214,13 +213,13 @@ class GigeCamera:
         if not inside or part.x + part.width > columns or part.y + part.height > rows:
             raise OutOfLimits(f"camera: roi: {part} does not fit on {columns} x {rows}")
         if pixel_format is not None:
-            allowed = self._connected().ask(lambda c: c.available_enum_entries("PixelFormat"))
+            allowed = self._connected().entries("PixelFormat")
             if pixel_format not in allowed:
                 raise ConfigRejected(
                     f"camera: pixel_format: {pixel_format!r}; allowed are {', '.join(allowed)}"
                 )
             self._connected().choose("PixelFormat", pixel_format)
-        self._connected().ask(lambda c: c.set_float("ExposureTime", 1e6 * integration_time_s))
+        self._connected().expose(integration_time_s)
         for name, value in (
             ("OffsetX", 0),
             ("OffsetY", 0),
@@ -234,22 +233,23 @@ class GigeCamera:
 
     def prepare(self, trigger: TriggerInfo) -> None:
         self._connected()
-        if trigger.mode not in _MODES or trigger.n_frames < 1 or trigger.activation not in _EDGES:
+        if (
+            trigger.mode not in _MODES
+            or min(trigger.n_frames, trigger.frames_per_trigger) < 1
+            or trigger.activation not in _EDGES
+        ):
             raise ConfigRejected(
                 f"camera: {trigger}; allowed are {', '.join(sorted(_MODES))}, n_frames >= 1, and "
                 "rising or falling"
             )
         if self._armed:
             raise ConfigRejected("camera: is armed; disarm() before prepare()")
-        self._connected().choose("AcquisitionMode", "MultiFrame")
-        self._connected().set_integer("AcquisitionFrameCount", trigger.n_frames)
-        self._connected().choose("TriggerSelector", "FrameStart")
-        if trigger.mode is TriggerMode.INTERNAL:
-            self._connected().choose("TriggerMode", "Off")
-        else:
-            self._connected().choose("TriggerSource", _SOURCES[trigger.mode] or self._settings.line)
-            self._connected().choose("TriggerActivation", _EDGES[trigger.activation])
-            self._connected().choose("TriggerMode", "On")
+        features = self._connected()
+        features.stop_after(trigger.n_frames)
+        source = None
+        if trigger.mode is not TriggerMode.INTERNAL:
+            source = _SOURCES[trigger.mode] or self._settings.line
+        features.trigger(source, _EDGES[trigger.activation], trigger.frames_per_trigger)
         self._trigger = trigger
 
     # Pictures
@@ -271,7 +271,7 @@ class GigeCamera:
         self._stream = self._connected().ask(
             lambda c: c.stream(iface=wanted.interface, deliver_incomplete=True, **options)
         )
-        self._base = self._last_id
+        self._base, self._first_block = self._last_id, None
 
     def flush(self) -> int:
         self._connected()
@@ -336,7 +336,7 @@ class GigeCamera:
             raise NotConnected("camera: the stream has ended; connect again")
         now_ns = time.time_ns()
         self._received += 1
-        self._last_id = self._base + int(got.block_id)
+        self._last_id = self._frame_id(int(got.block_id))
         ticks = int(got.ts_dev or 0)
         device_ns = round(ticks * self._ns_per_tick)
         data = np.asarray(got.to_numpy())
@@ -351,6 +351,14 @@ class GigeCamera:
             meta={"missing_packets": got.missing_packets or 0},
         )
 
+    def _frame_id(self, block: int) -> int:
+        """Ids go on from start to start; block ids do so on some cameras only. A picture that is
+        lost right after a start shows by its absence."""
+        if self._first_block is None:
+            self._first_block = block
+        since = block - self._first_block
+        return self._base + 1 + (since % _BLOCKS if block <= _BLOCKS else since)
+
     # The camera's features
 
     def _sensor(self) -> tuple[int, int]:
@@ -361,10 +369,8 @@ class GigeCamera:
         roi = Roi(
             *(self._connected().integer(name) for name in ("OffsetX", "OffsetY", "Width", "Height"))
         )
-        exposure_us = float(self._connected().ask(lambda c: c.get_float("ExposureTime")))
-        return Settings(
-            1e-6 * exposure_us, roi, self._connected().ask(lambda c: c.get_enum("PixelFormat"))
-        )
+        pixel_format = self._connected().ask(lambda c: c.get_enum("PixelFormat"))
+        return Settings(self._connected().exposure_s(), roi, pixel_format)
 
     def _calibration(self, integration_time_s: float) -> Calibration:
         given = self._settings.calibration

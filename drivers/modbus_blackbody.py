@@ -10,17 +10,15 @@ once for each background.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from pydantic import model_validator
 
-from cldit.rig.clock import StopCheck
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, NotConnected
-from cldit.rig.protocols import DeviceInfo, Limits, Stability
-from cldit.rig.stability import wait_stable
+from cldit.rig.protocols import DeviceInfo, Limits
+from cldit.rig.stability import Settling
 from cldit.scene.checks import Within
 
 from .controller import KELVIN, ControllerSettings, check_limits, check_readback
@@ -70,7 +68,7 @@ class ModbusSettings(ControllerSettings):
         return self
 
 
-class ModbusBlackBody:
+class ModbusBlackBody(Settling):
     """A `cldit.rig.protocols.Background`."""
 
     tested_on_hardware = False
@@ -151,22 +149,6 @@ class ModbusBlackBody:
     def is_stable(self) -> bool | None:
         """These controllers have no flag of their own."""
         return None
-
-    def wait_stable(
-        self,
-        temperature_K: float,
-        stability: Stability,
-        should_stop: StopCheck | None = None,
-        on_progress: Callable[[float], None] | None = None,
-    ) -> float:
-        return wait_stable(
-            self,
-            self._clock,
-            temperature_K,
-            stability,
-            should_stop=should_stop,
-            on_progress=on_progress,
-        )
 
     def _write(self, temperature_K: float) -> float:
         celsius = temperature_K - KELVIN

@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import asyncio
 import os
-import socketserver
 import struct
 import threading
-from types import TracebackType
 from typing import Any
 
 from cldit.rig.clock import Clock, SystemClock
 
 from .controller import KELVIN
 from .heater import Dynamics, Heater
+from .peer_lines import LineServer
 
 
 class _Peer:
@@ -75,12 +74,7 @@ class ModbusPeer(_Peer):
             raise RuntimeError("the Modbus server does not start")
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.unplug()
         self._close_terminal()
 
@@ -190,52 +184,27 @@ class FlukePeer(_Peer):
         super().__init__(**options)
         self.heating = False
         self._limit_K = 0.5
-        self._links: set[Any] = set()
+        self._server: LineServer | None = None
 
     def __enter__(self) -> FlukePeer:
         self._open_terminal()
-        peer = self
         if self.serial is not None:
             threading.Thread(target=self._serve_line, daemon=True).start()
             return self
 
-        class Handler(socketserver.StreamRequestHandler):
-            def handle(self) -> None:
-                peer._links.add(self.connection)
-                try:
-                    for line in self.rfile:
-                        self.wfile.write(peer._obey(line))
-                except OSError:
-                    return
-
-        class Server(socketserver.ThreadingTCPServer):
-            allow_reuse_address = True
-            daemon_threads = True
-
-        self._server = Server((self.host, self.port), Handler)
-        self.port = self._server.server_address[1]
-        threading.Thread(target=self._server.serve_forever, args=(0.02,), daemon=True).start()
+        self._server = LineServer(self.host, self.port, self._obey)
+        self.port = self._server.port
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if self.serial is None:
-            self.unplug()
-            self._server.shutdown()
-            self._server.server_close()
+    def __exit__(self, *_: object) -> None:
+        if self._server is not None:
+            self._server.close()
         self._close_terminal()
 
     def unplug(self) -> None:
         """Cuts every connection."""
-        for link in list(self._links):
-            try:
-                link.shutdown(2)
-            except OSError:
-                continue
+        if self._server is not None:
+            self._server.unplug()
 
     def _serve_line(self) -> None:
         waiting = b""

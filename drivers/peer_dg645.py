@@ -6,14 +6,13 @@ error for a trigger while busy, settings that abort the running cycle, bursts, t
 
 from __future__ import annotations
 
-import socketserver
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any
+
+from .peer_lines import LineServer
 
 _SCALARS = {  # command: lowest, highest, value after *RST
     "TSRC": (0, 6, 5),
@@ -73,52 +72,25 @@ class Dg645Peer:
         self._running = self._in_burst = False
         self._insr = 0
         self._errors: deque[int] = deque()
-        self._links: set[Any] = set()
         self._reset()
 
     def __enter__(self) -> Dg645Peer:
-        peer = self
-
-        class Handler(socketserver.StreamRequestHandler):
-            def handle(self) -> None:
-                peer._links.add(self.connection)
-                try:
-                    for line in self.rfile:
-                        for command in line.decode("ascii", "replace").strip().split(";"):
-                            answer = peer._obey(command.strip())
-                            if answer is not None and not peer.deaf:
-                                self.wfile.write(f"{answer}\r\n".encode())
-                except OSError:
-                    return
-                finally:
-                    peer._links.discard(self.connection)
-
-        class Server(socketserver.ThreadingTCPServer):
-            allow_reuse_address = True
-            daemon_threads = True
-
-        self._server = Server((self.host, self.port), Handler)
-        self.port = self._server.server_address[1]
-        threading.Thread(target=self._server.serve_forever, args=(0.02,), daemon=True).start()
+        self._server = LineServer(self.host, self.port, self._answer)
+        self.port = self._server.port
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.unplug()
-        self._server.shutdown()
-        self._server.server_close()
+    def __exit__(self, *_: object) -> None:
+        self._server.close()
 
     def unplug(self) -> None:
         """Cuts every connection; new ones are taken again."""
-        for link in list(self._links):
-            try:
-                link.shutdown(2)
-            except OSError:
-                continue
+        self._server.unplug()
+
+    def _answer(self, line: bytes) -> bytes:
+        commands = line.decode("ascii", "replace").strip().split(";")
+        answers = [self._obey(command.strip()) for command in commands]
+        said = "".join(f"{answer}\r\n" for answer in answers if answer is not None)
+        return b"" if self.deaf else said.encode()
 
     @property
     def busy(self) -> bool:

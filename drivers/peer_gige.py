@@ -17,7 +17,6 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +43,9 @@ class GigePeer:
 
     Attributes:
         loss: part of the stream's packets that never arrive, drawn with `seed`.
-        skip: the next so many pictures are taken and never sent.
+        skip: the next so many pictures are taken and never sent; `skipped` were.
         cut: the next so many pictures lack their second half, and are not sent again.
+        picture: what it sees, from the picture's number and the integration time in seconds.
         taken: pictures since it was switched on.
         missed: triggers that found it not ready.
     """
@@ -63,9 +63,9 @@ class GigePeer:
         self.sensor = sensor
         self.host = host or ".".join(["127", *(str(secrets.randbelow(254) + 1) for _ in "abc")])
         self.serial = f"{secrets.randbelow(10**8):08d}"
-        self.loss, self.skip, self.cut = loss, 0, 0
+        self.loss, self.skip, self.cut, self.skipped = loss, 0, 0, 0
         self.taken = self.missed = self.lost_packets = self.resent_packets = 0
-        self._image = image or pattern(sensor)
+        self.picture = image or pattern(sensor)
         self._rate_Hz = frame_rate_Hz
         self._random = random.Random(seed)
         self._lock = threading.RLock()
@@ -84,6 +84,7 @@ class GigePeer:
         self._memory[:] = bytes(reg.SIZE)
         reg.bootstrap(self._memory, self.host, self.sensor, self.serial)
         self._put_float(reg.FRAME_RATE, self._rate_Hz)
+        self._modes = dict.fromkeys(reg.SELECTORS.values(), 0)
         for at, size in zip((reg.WIDTH, reg.HEIGHT), self.sensor, strict=True):
             self._put(at + 0x100, size)
         self._control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -110,12 +111,7 @@ class GigePeer:
             thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.switch_off()
 
     def switch_off(self) -> None:
@@ -152,19 +148,26 @@ class GigePeer:
         """A rising edge on Line1, now; at this time of time.monotonic() if a peer knows better."""
         with self._lock:
             self._expire()
-            triggered = self._get(reg.TRIGGER_MODE) == 1
-            if triggered and self._get(reg.TRIGGER_SOURCE) == reg.SOURCES["Line1"]:
+            if self._triggered and self._get(reg.TRIGGER_SOURCE) == reg.SOURCES["Line1"]:
                 self._trigger(at_s)
             else:
                 self._miss()
 
     def image(self, number: int) -> NDArray[np.uint16]:
         """The picture with this number (from 1) as it was sent with the present settings."""
-        whole = self._image(number, 1e-6 * self._get_float(reg.EXPOSURE))
+        whole = self.picture(number, 1e-6 * self._get_float(reg.EXPOSURE))
         x, y, w, h = (self._get(at) for at in (reg.OFFSET_X, reg.OFFSET_Y, reg.WIDTH, reg.HEIGHT))
         return whole[y : y + h, x : x + w]
 
     # Triggers and pictures
+
+    @property
+    def _triggered(self) -> bool:
+        return any(self._modes.values())
+
+    @property
+    def _burst_mode(self) -> bool:
+        return self._modes[reg.SELECTORS["FrameBurstStart"]] == 1
 
     def _miss(self) -> None:
         self.missed += 1
@@ -176,9 +179,11 @@ class GigePeer:
         if not self._active or self._left <= 0 or soon:
             self._miss()
             return
-        self._last_s = now_s
-        self._left -= 1
-        self._triggers.put(now_s)
+        count = self._get(reg.BURST_COUNT) if self._burst_mode else 1
+        for number in range(min(count, self._left)):
+            self._last_s = now_s + number / self._rate_Hz
+            self._left -= 1
+            self._triggers.put(self._last_s)
 
     def _expose(self) -> None:
         while (taken_s := self._triggers.get()) is not None:
@@ -197,12 +202,13 @@ class GigePeer:
                     del packets[len(packets) // 2 : -1]
                 if self.skip > 0:
                     self.skip -= 1
+                    self.skipped += 1
                     del self._sent[self._block]
                     continue
             if target is not None:
                 for packet in packets:
                     self._send(packet, target)
-            if self._get(reg.TRIGGER_MODE) == 0:
+            if not self._triggered:
                 with self._lock:
                     self._free_run()
 
@@ -316,12 +322,18 @@ class GigePeer:
         if sender != self._controller:
             return _DENIED
         if at == reg.TRIGGER_SOFTWARE:
-            if self._get(reg.TRIGGER_MODE) == 1 and self._get(reg.TRIGGER_SOURCE) == 0:
+            if self._triggered and self._get(reg.TRIGGER_SOURCE) == 0:
                 self._trigger()
         elif at == reg.START:
             self._start()
         elif at == reg.STOP:
             self._active = False
+        elif at == reg.TRIGGER_SELECTOR and value in self._modes:
+            self._put(at, value)
+            self._put(reg.TRIGGER_MODE, self._modes[value])
+        elif at == reg.TRIGGER_MODE:
+            self._modes[self._get(reg.TRIGGER_SELECTOR)] = value
+            self._put(at, value)
         elif at == reg.TIMESTAMP_CONTROL:
             if value & 2:
                 stamp = round(1e9 * time.monotonic())
@@ -341,7 +353,7 @@ class GigePeer:
         self._sent.clear()
         limits = {0: 1, 1: self._get(reg.FRAME_COUNT)}
         self._left = limits.get(self._get(reg.ACQUISITION_MODE), 2**31)
-        if self._get(reg.TRIGGER_MODE) == 0:
+        if not self._triggered:
             self._free_run()
 
     def _resend(self, body: bytes) -> None:

@@ -23,10 +23,11 @@ TRIGGER_MODE, TRIGGER_SOURCE, TRIGGER_ACTIVATION, TRIGGER_SOFTWARE = (
     0xA030 + 4 * i for i in range(4)
 )
 ACQUISITION_MODE, FRAME_COUNT, START, STOP, LOCKED = (0xA050 + 4 * i for i in range(5))
-MISSED_TRIGGERS = 0xA070
+MISSED_TRIGGERS, TRIGGER_SELECTOR, BURST_COUNT = (0xA070 + 4 * i for i in range(3))
 XML_AT = 0x10000
 SIZE = 0x20000
 
+SELECTORS = {"FrameStart": 0, "FrameBurstStart": 1}
 SOURCES = {"Software": 0, "Line1": 1}
 MODES = {"SingleFrame": 0, "MultiFrame": 1, "Continuous": 2}
 EXPOSURE_LIMITS_us = (0.32, 1e6)
@@ -69,6 +70,7 @@ def bootstrap(memory: bytearray, host: str, sensor: tuple[int, int], serial: str
     put(PIXEL_FORMAT, MONO16)
     put(ACQUISITION_MODE, MODES["Continuous"])
     put(FRAME_COUNT, 1)
+    put(BURST_COUNT, 1)
     struct.pack_into(">f", memory, EXPOSURE, 1000.0)
     description = xml(sensor).encode()
     memory[XML_AT : XML_AT + len(description)] = description
@@ -143,13 +145,14 @@ def xml(sensor: tuple[int, int]) -> str:
     integer("PayloadSize", PAYLOAD, 0, 2**31 - 1, mode="RO")
     real("ExposureTime", EXPOSURE, *EXPOSURE_LIMITS_us, "us")
     real("AcquisitionFrameRate", FRAME_RATE, 1e-3, 1e5, "Hz", mode="RO")
-    choice("TriggerSelector", TRIGGER_MODE + 0x100, {"FrameStart": 0})
+    choice("TriggerSelector", TRIGGER_SELECTOR, SELECTORS)
     choice("TriggerMode", TRIGGER_MODE, {"Off": 0, "On": 1})
     choice("TriggerSource", TRIGGER_SOURCE, SOURCES)
     choice("TriggerActivation", TRIGGER_ACTIVATION, {"RisingEdge": 0, "FallingEdge": 1})
     command("TriggerSoftware", TRIGGER_SOFTWARE)
     choice("AcquisitionMode", ACQUISITION_MODE, MODES)
     integer("AcquisitionFrameCount", FRAME_COUNT, 1, 2**31 - 1)
+    integer("AcquisitionBurstFrameCount", BURST_COUNT, 1, 2**31 - 1)
     command("AcquisitionStart", START)
     command("AcquisitionStop", STOP)
     integer("TLParamsLocked", LOCKED, 0, 1)

@@ -9,16 +9,18 @@ import sys
 import threading
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from .heater import Dynamics
 from .peer_blackbody import ModbusPeer
 from .peer_dg645 import Dg645Peer, Edge
 from .peer_gige import GigePeer
 
+_IN_AIR_s = 0.05  # how long fuel is seen after an injection
 _FAST = Dynamics(time_constant_s=0.05)
 
 # A camera of 14 bit that sees black bodies from 340 K.
@@ -34,7 +36,8 @@ CALIBRATION = {
 
 
 class PeerRig:
-    """Enter it to switch everything on. The generator's output AB is the camera's Line1."""
+    """Enter it to switch everything on. The generator's output AB is the camera's Line1, CD the
+    injector, which brings fuel while `fuel_pressure`."""
 
     def __init__(
         self, *, camera: GigePeer | None = None, dynamics: Dynamics = _FAST, start_K: float = 295.0
@@ -42,11 +45,27 @@ class PeerRig:
         self.camera = camera or GigePeer()
         self.blackbody = ModbusPeer("eurotherm-3200", dynamics=dynamics, start_K=start_K)
         self.generator = Dg645Peer(on_edge=self._wire)
+        self.fuel_pressure = True
+        self._injected_s = -1.0
+        self._fuel: dict[int, bool] = {0: False}  # from the picture with this number on
+        self._plain, self.camera.picture = self.camera.picture, self._picture
         self._stack = ExitStack()
 
     def _wire(self, edge: Edge) -> None:
-        if edge.output == "AB":
+        if edge.output == "CD":
+            self._injected_s = edge.time_s
+        elif edge.output == "AB":
+            since_s = edge.time_s - self._injected_s
+            self._fuel[self.camera.taken + 1] = self.fuel_pressure and 0.0 <= since_s < _IN_AIR_s
             self.camera.line(edge.time_s)
+
+    def _picture(self, number: int, exposure_s: float) -> NDArray[np.uint16]:
+        """What the camera sees anyway, at half the counts where fuel is."""
+        image = self._plain(number, exposure_s)
+        if self._fuel[max(first for first in self._fuel if first <= number)]:
+            rows, columns = image.shape
+            image[rows // 4 : -rows // 4, columns // 4 : -columns // 4] //= 2
+        return image
 
     @property
     def injections(self) -> int:
@@ -58,12 +77,7 @@ class PeerRig:
             self._stack.enter_context(peer)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stack.close()
 
     def rig_data(self) -> dict[str, Any]:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,8 @@ from cldit.radiance.weights import Weights
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.run.spectral import node_folders
 from cldit.scene import Scene, load_scene
-from cldit.scene.checks import Section
+from cldit.scene.checks import Section, Within
+from cldit.scene.vessel import Windows
 
 ABOUT = DriverAbout(
     "bench",
@@ -35,6 +36,9 @@ ABOUT = DriverAbout(
 
 class BenchSettings(Section):
     run: Path  # folder with scene.yaml, weights/ and weights_reference/
+    shot_scatter: Annotated[float, Within(0.0, 5.0)] | None = None  # None: as the scene says
+    windows: Windows | None = None  # those before the camera; None: the scene's
+    window_heating_K: Annotated[float, Within(-200.0, 500.0)] = 0.0  # that nobody measured
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,7 @@ class SimulatedBench:
 
     def __init__(self, settings: BenchSettings, context: RigContext) -> None:
         self._run = context.folder / settings.run
+        self._settings = settings
         self._clock = context.clock
         self._seed = context.seed
         self._lock = threading.Lock()
@@ -74,7 +79,7 @@ class SimulatedBench:
         """
         with self._lock:
             if self._loaded is None:
-                self._loaded = _Loaded.read(self._run)
+                self._loaded = _Loaded.read(self._run, self._settings)
 
     @property
     def scene(self) -> Scene:
@@ -138,11 +143,11 @@ class _Loaded:
     pixel_m: tuple[float, float]
 
     @classmethod
-    def read(cls, run: Path) -> _Loaded:
+    def read(cls, run: Path, settings: BenchSettings) -> _Loaded:
         path = run / "scene.yaml"
         if not path.is_file():
             raise RunFolderError(f"{run}: holds no scene.yaml; give the folder of a finished run")
-        scene = load_scene(path)
+        scene = _changed_scene(load_scene(path), settings)
         view = SensorView.from_scene(scene)
         grey = Quadrature.grey(
             scene_filter(scene),
@@ -191,29 +196,48 @@ class _Loaded:
         missing = 1.0 - transmission
         thin = np.abs(missing) < 1e-6  # there s -> g
         scale = np.where(thin, g, (1.0 - transmission**g) / np.where(thin, 1.0, missing))
-        changed: dict[str, Any] = {}
-        for item in fields(Weights):
-            bare, there = getattr(self.reference, item.name), getattr(spray, item.name)
-            changed[item.name] = (bare + scale * (there - bare)).astype(np.float32)
-        return Weights(**changed)
+        bare = self.reference.images
+        return Weights.of(
+            {
+                name: (bare[name] + scale * (there - bare[name])).astype(np.float32)
+                for name, there in spray.images.items()
+            }
+        )
+
+
+def _changed_scene(scene: Scene, settings: BenchSettings) -> Scene:
+    """The traced scene with the rig file's injector and windows, which no trace depends on."""
+    rig = scene.rig
+    if settings.shot_scatter is not None:
+        rig = rig.model_copy(update={"shot_scatter": settings.shot_scatter})
+    windows = scene.windows if settings.windows is None else settings.windows
+    hotter = tuple(
+        window.model_copy(
+            update={"temperature_K": window.temperature_K + settings.window_heating_K}
+        )
+        for window in windows
+    )
+    return scene.model_copy(update={"rig": rig, "windows": hotter})
 
 
 def _transmission(spray: Weights, reference: Weights) -> NDArray[np.float64]:
     """Read off the boundary that fills most of the pixel."""
-    disc = reference.background >= reference.wall
-    seen = np.where(disc, reference.background, reference.wall)
-    through = np.where(disc, spray.background, spray.wall)
+    names = ("background", "wall", *reference.patches)
+    bare = np.stack([reference.images[name] for name in names])
+    most = np.argmax(bare, axis=0)[None]
+    seen = np.take_along_axis(bare, most, axis=0)[0]
+    there = np.stack([spray.images[name] for name in names])
+    through = np.take_along_axis(there, most, axis=0)[0]
     safe = np.where(seen > 0.0, seen, 1.0)
     return np.where(seen > 0.0, np.maximum(through, 0.0) / safe, 1.0)
 
 
 def _on_sensor(folder: Path, scene: Scene, view: SensorView) -> Weights:
-    traced = Weights.load(folder)
+    traced = Weights.load(folder, patches=[patch.name for patch in scene.patches])
     columns, rows = scene.camera.pixels
-    images: dict[str, Any] = {}
-    for item in fields(Weights):
-        image = getattr(traced, item.name)
-        path = folder / f"{item.name}.tif"
+    images: dict[str, NDArray[np.float32]] = {}
+    for name, image in traced.images.items():
+        path = folder / f"{name}.tif"
         if image.shape != (rows, columns):
             raise RunFolderError(
                 f"{path}: shape {image.shape}, but camera.pixels of the scene asks for "
@@ -221,8 +245,8 @@ def _on_sensor(folder: Path, scene: Scene, view: SensorView) -> Weights:
             )
         if not np.all(np.isfinite(image)):
             raise RunFolderError(f"{path}: holds values that are not finite; trace the run again")
-        images[item.name] = view.image(image).astype(np.float32)
-    return Weights(**images)
+        images[name] = view.image(image).astype(np.float32)
+    return Weights.of(images)
 
 
 def _scatter(

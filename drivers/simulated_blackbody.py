@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Annotated, Any
 
 from pydantic import model_validator
 
-from cldit.rig.clock import StopCheck
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import NotConnected, OutOfLimits
-from cldit.rig.protocols import DeviceInfo, Limits, Stability
-from cldit.rig.stability import wait_stable
+from cldit.rig.protocols import DeviceInfo, Limits
+from cldit.rig.stability import Settling
 from cldit.scene.checks import Within
 from cldit.scene.values import Temperature
 
@@ -29,6 +27,7 @@ class BlackBodySettings(Dynamics):
     start_K: Temperature = 295.0  # also where it is safe
     limits_K: tuple[Temperature, Temperature] = (253.0, 873.0)
     noise_K: Annotated[float, Within(0.0, 10.0)] = 0.02  # standard deviation of a reading
+    unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # readings, then it is gone
     stable_within_K: Annotated[float, Within(0.0, 100.0)] = 0.5  # the controller's own flag
 
     @model_validator(mode="after")
@@ -38,7 +37,7 @@ class BlackBodySettings(Dynamics):
         return self
 
 
-class SimulatedBlackBody:
+class SimulatedBlackBody(Settling):
     """A `cldit.rig.protocols.Background`."""
 
     def __init__(
@@ -93,25 +92,12 @@ class SimulatedBlackBody:
         off = abs(self._heater.now_K() - self._heater.setpoint_K)
         return off <= self._settings.stable_within_K
 
-    def wait_stable(
-        self,
-        temperature_K: float,
-        stability: Stability,
-        should_stop: StopCheck | None = None,
-        on_progress: Callable[[float], None] | None = None,
-    ) -> float:
-        return wait_stable(
-            self,
-            self._clock,
-            temperature_K,
-            stability,
-            should_stop=should_stop,
-            on_progress=on_progress,
-        )
-
     def _check(self) -> None:
         if not self._connected:
             raise NotConnected("background: simulated black body is not connected; call connect()")
+        gone = self._settings.unplug_after
+        if gone is not None and self._readings >= gone:
+            raise NotConnected("background: black body was unplugged (its fault unplug_after)")
 
 
 def open_blackbody(settings: dict[str, Any], context: RigContext) -> SimulatedBlackBody:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cldit.camera.sensor import SensorModel
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
-from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, OutOfLimits
+from cldit.rig.errors import ConfigRejected, DeviceTimeout, MissingFrames, NotConnected, OutOfLimits
 from cldit.rig.protocols import (
     Capabilities,
     DeviceInfo,
@@ -40,6 +42,11 @@ ABOUT = DriverAbout(
 class CameraSettings(Section):
     """Faults; what the camera is, the scene of the bench says."""
 
+    warm_up_s: Annotated[float, Within(0.0, 1e5)] = 0.0  # of the cooler, after it is connected
+    warm_up_counts: Annotated[float, Within(0.0, 65535.0)] = 2000.0  # on top while it is warm
+    gain_spread: Annotated[float, Within(0.0, 1.0)] = 0.0  # of the pixels, standard deviation
+    offset_spread_counts: Annotated[float, Within(0.0, 1e4)] = 0.0  # the same, of their offsets
+
     drop: Annotated[float, Within(0.0, 1.0)] = 0.0  # part of the frames that never arrive
     incomplete: Annotated[float, Within(0.0, 1.0)] = 0.0  # part that arrives with lines missing
     unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # frames, then it is gone
@@ -52,9 +59,13 @@ class SimulatedCamera:
         self, settings: CameraSettings, context: RigContext, bench: SimulatedBench
     ) -> None:
         self._faults = settings
+        self._rate_Hz = _FRAME_RATE_Hz
+        self._warm_until_s = -np.inf
+        self._pattern: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         self._torn: set[int] = set()
         self._exposed = 0
         self._clock = context.clock
+        self._seed = context.seed
         self._bench = bench
         self._model: SensorModel | None = None
         self._settings: Settings | None = None
@@ -83,6 +94,8 @@ class SimulatedCamera:
     def connect(self, timeout_s: float = 10.0) -> None:
         if self._model is None:
             self._bench.open()
+            self._warm_until_s = self._clock.now_s() + self._faults.warm_up_s
+            self._pattern = self._non_uniformity()
             self._model = SensorModel.from_scene(self._bench.scene)
             self.configure(SensorModel.from_scene(self._bench.scene).integration_time_s)
 
@@ -118,6 +131,21 @@ class SimulatedCamera:
 
     def wait_ready(self, timeout_s: float) -> None:
         self._connected()
+        left_s = self._warm_until_s - self._clock.now_s()
+        if left_s > timeout_s:
+            self._clock.sleep(timeout_s)
+            raise DeviceTimeout(
+                f"camera: is not cold after {timeout_s:g} s; its cooler needs "
+                f"{left_s - timeout_s:.0f} s more"
+            )
+        self._clock.sleep(max(left_s, 0.0))
+
+    def _non_uniformity(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Gain and offset in counts of each pixel: the same ones whenever it is switched on."""
+        columns, rows = self._bench.scene.camera.sensor.pixels
+        gain, offset = np.random.default_rng([self._seed, 0xF1A7]).normal(size=(2, rows, columns))
+        gains = np.maximum(1.0 + self._faults.gain_spread * gain, 0.0)
+        return gains, self._faults.offset_spread_counts * offset
 
     def configure(
         self, integration_time_s: float, roi: Roi | None = None, pixel_format: str | None = None
@@ -145,9 +173,9 @@ class SimulatedCamera:
 
     def prepare(self, trigger: TriggerInfo) -> None:
         self._connected()
-        if trigger.mode not in _MODES or trigger.n_frames < 1:
+        if trigger.mode not in _MODES or min(trigger.n_frames, trigger.frames_per_trigger) < 1:
             allowed = ", ".join(sorted(_MODES))
-            raise ConfigRejected(f"camera: {trigger}; allowed are {allowed} and n_frames >= 1")
+            raise ConfigRejected(f"camera: {trigger}; allowed are {allowed}, and 1 frame or more")
         self._trigger = trigger
 
     def arm(self) -> None:
@@ -202,8 +230,9 @@ class SimulatedCamera:
     def hear(self, pulse: Pulse) -> None:
         """The external line: only an armed camera with a free slot takes the trigger."""
         external = self._trigger is not None and self._trigger.mode == TriggerMode.EXTERNAL_EDGE
-        if self._armed and external:
-            self._take(pulse)
+        if self._armed and external and self._trigger is not None:
+            for number in range(self._trigger.frames_per_trigger):
+                self._take(replace(pulse, time_s=pulse.time_s + number / self._rate_Hz))
         else:
             self._counts["missed"] += 1
 
@@ -227,7 +256,15 @@ class SimulatedCamera:
     def _expose(self, frame_id: int, pulse: Pulse) -> Frame:
         model, part = self._connected(), self._ready().roi
         random = self._bench.random(pulse.time_s, 3, frame_id)
-        counts = model.expose(self._bench.radiance(pulse), random)
+        assert self._pattern is not None  # connect() makes it
+        gain, offset = self._pattern
+        if pulse.time_s < self._warm_until_s:
+            offset = offset + self._faults.warm_up_counts
+        counts = model.expose(gain * self._bench.radiance(pulse), random)
+        if np.any(offset):
+            stuck = model.bad_pixels()
+            shifted = np.clip(np.rint(counts + offset), 0, model.saturation_counts)
+            counts = np.where(stuck, counts, shifted.astype(np.uint16))
         since_s = pulse.time_s - self._clock.now_s()
         self._exposed += 1
         data = counts[part.y : part.y + part.height, part.x : part.x + part.width]

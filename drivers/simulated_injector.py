@@ -28,6 +28,7 @@ ABOUT = DriverAbout(
 class InjectorSettings(Section):
     misfire: Annotated[float, Within(0.0, 1.0)] = 0.0  # part of the injections without fuel
     rate_error: Annotated[float, Within(0.0, 1.0)] = 0.0  # part of the triggers that are refused
+    unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # triggers, then it is gone
     pulse_log: Path | None = None  # one JSON line a burst: what the device itself counts
 
 
@@ -47,6 +48,7 @@ class SimulatedInjector:
         self._starts_s: list[float] = []
         self._done_s = context.clock.now_s()
         self._pulses = 0
+        self._fired = 0
 
     def connect(self, timeout_s: float = 10.0) -> None:
         if self._log is not None and not self._log.parent.is_dir():
@@ -104,6 +106,7 @@ class SimulatedInjector:
             raise FireUncertain("trigger: rate error (a fault of the simulated injector)")
         in_air = in_air and not chance[1] < self._faults.misfire
         self._count(burst.n)
+        self._fired += 1
         self._starts_s = [start_s + index * burst.period_s for index in range(burst.n)]
         for pulse_s in self._starts_s:
             self._pulses += 1
@@ -153,6 +156,9 @@ class SimulatedInjector:
     def _check(self) -> None:
         if not self._connected:
             raise NotConnected("trigger: simulated injector is not connected; call connect()")
+        gone = self._faults.unplug_after
+        if gone is not None and self._fired >= gone:
+            raise NotConnected("trigger: injector was unplugged (its fault unplug_after)")
 
 
 def _rounded(seconds: float) -> float:

@@ -1,13 +1,33 @@
-/* What a straight line sees once it has left the medium: the background disc or the walls. */
+/* What a straight line sees once it has left the medium: background, walls or a patch of these. */
 #ifndef BOUNDARY_H
 #define BOUNDARY_H
 
+#include "components.h"
 #include "real.h"
 
 /* BOUNDARY_ENCLOSURE: the background surrounds everything.
-   BOUNDARY_DISC: a disc that faces the camera (normal along y) in the plane disc.y. */
+   BOUNDARY_DISC: a disc that faces the camera (normal along y) in the plane disc.y.
+   N_PATCHES: patches that stand before it or beside it. */
 #if defined(BOUNDARY_ENCLOSURE) == defined(BOUNDARY_DISC)
 #error "define one of BOUNDARY_ENCLOSURE and BOUNDARY_DISC"
+#endif
+
+/* disc: centre x, y, z and squared radius. patches, four rows each: normal and offset of the plane;
+   centre, and 1 for a rectangle; unit vectors across and up, each divided by the half-width or
+   half-height. In the unit of the lines. */
+typedef struct {
+    real4 disc;
+#ifdef N_PATCHES
+    __constant const real4 *patches;
+#endif
+} Boundary;
+
+#ifdef N_PATCHES
+#define BOUNDARY_ARGUMENTS const real4 disc, __constant const real4 *patches
+#define BOUNDARY {disc, patches}
+#else
+#define BOUNDARY_ARGUMENTS const real4 disc
+#define BOUNDARY {disc}
 #endif
 
 /* 1 where the line from (px, py, pz) along (dx, dy, dz) meets the background, else 0. Only lines
@@ -22,6 +42,39 @@ INLINE real sees_background(real px, real py, real pz, real dx, real dy, real dz
     real z = pz + s * dz - disc.z;
     return (dy > R(0) && x * x + z * z <= disc.w) ? R(1) : R(0);
 #endif
+}
+
+INLINE real along(real4 a, real x, real y, real z) { return a.x * x + a.y * y + a.z * z; }
+
+/* The component whose light comes to p along d from beyond p + from d. Of what stands in one plane
+   the background is seen, then the first patch: distances are equal there, and `<` keeps it. */
+INLINE int boundary_seen(
+    real px, real py, real pz, real dx, real dy, real dz, real from, const Boundary *b)
+{
+    int seen = sees_background(px, py, pz, dx, dy, dz, b->disc) > R(0) ? BACKGROUND : WALL;
+#ifdef N_PATCHES
+    real nearest = R(INFINITY);
+#ifdef BOUNDARY_DISC
+    if (seen == BACKGROUND) nearest = (b->disc.y - py) / dy;
+#endif
+    for (int k = 0; k < N_PATCHES; ++k) {
+        const real4 plane = b->patches[4 * k], centre = b->patches[4 * k + 1];
+        const real against = -along(plane, dx, dy, dz);
+        if (!(against > R(0))) continue;
+        const real s = (along(plane, px, py, pz) - plane.w) / against;
+        if (!(s >= from && s < nearest)) continue;
+        const real x = px + s * dx - centre.x;
+        const real y = py + s * dy - centre.y;
+        const real z = pz + s * dz - centre.z;
+        const real u = fabs(along(b->patches[4 * k + 2], x, y, z));
+        const real v = fabs(along(b->patches[4 * k + 3], x, y, z));
+        if (centre.w > R(0) ? fmax(u, v) <= R(1) : u * u + v * v <= R(1)) {
+            nearest = s;
+            seen = BOUNDARIES - N_PATCHES + k;
+        }
+    }
+#endif
+    return seen;
 }
 
 #endif

@@ -39,14 +39,14 @@ typedef struct {
 } Branch;
 
 __kernel void branching(
-    __global real *weights,           /* out: [component][row][column] */
+    __global real *weights,           /* out: [component][row][column], and the part from within */
     __global uint *started,           /* out: rays of each pixel, for the record */
     const uint2 key,
     __global const int *directory, __global const int *span, __global const real *depth,
     __global const real *thermal, __global const real *albedo,
     const int coarse, const int stored, const int bricks,
     const int4 low, const int4 high, const int columns, const int rows, const real4 middle,
-    const real pitch_x, const real pitch_z, const real distance, const real4 disc)
+    const real pitch_x, const real pitch_z, const real distance, BOUNDARY_ARGUMENTS)
 {
     const int column = get_global_id(0);
     const int row = get_global_id(1);
@@ -54,7 +54,8 @@ __kernel void branching(
     const uint pixel = row * columns + column;
     const Ray ray = pixel_ray(column, row, columns, rows, middle, pitch_x, pitch_z, distance);
     const Grid grid = {coarse, bricks, low, high};
-    real sum[COMPONENTS];
+    const Boundary boundary = BOUNDARY;
+    real sum[COMPONENTS], within = R(0);
     for (int c = 0; c < COMPONENTS; ++c) sum[c] = R(0);
 
     Branch stack[ORDER + 1];
@@ -94,9 +95,10 @@ __kernel void branching(
             if (density > R(0)) {
                 const real taken =
                     b.transmitted * absorbed(density * walk_length(&b.walk, &cell));
-                for (int c = 0; c < COMPONENTS - 2; ++c)
-                    sum[2 + c] += b.weight * taken * thermal[c * stored + cell.address];
+                for (int c = 0; c < EMITTERS; ++c)
+                    sum[BOUNDARIES + c] += b.weight * taken * thermal[c * stored + cell.address];
                 const real share = taken * albedo[cell.address];
+                within += b.weight * (taken - share);
                 b.transmitted -= taken;
                 if (level == ORDER) {
                     sum[WALL] += b.weight * share;
@@ -115,13 +117,15 @@ __kernel void branching(
         stack[level] = b;
         if (b.waiting > 0) continue;
         if (b.transmitted > R(CUTOFF)) {
-            const real seen = sees_background(
-                b.walk.px, b.walk.py, b.walk.pz, b.walk.dx, b.walk.dy, b.walk.dz, disc);
-            sum[BACKGROUND] += b.weight * b.transmitted * seen;
-            sum[WALL] += b.weight * b.transmitted * (R(1) - seen);
+            const int seen = boundary_seen(
+                b.walk.px, b.walk.py, b.walk.pz, b.walk.dx, b.walk.dy, b.walk.dz,
+                level == 0 ? ray.start : R(0), &boundary);
+            for (int c = 0; c < BOUNDARIES; ++c)
+                sum[c] += c == seen ? b.weight * b.transmitted : R(0);
         }
         --level;
     }
     for (int c = 0; c < COMPONENTS; ++c) weights[c * rows * columns + pixel] = sum[c];
+    weights[COMPONENTS * rows * columns + pixel] = within;
     started[pixel] = count;
 }

@@ -1,24 +1,27 @@
-/* The parts into which the light at a pixel is divided, each carried through the same trace:
-   background and wall always, vapour and liquid where the scene has them. */
+/* The parts into which the light at a pixel is divided, each carried through the same trace: first
+   those that enter from outside, background and wall always and N_PATCHES patches of the enclosure
+   where the scene names any; then those that begin in the medium, vapour and liquid where the scene
+   has them. */
 #ifndef COMPONENTS_H
 #define COMPONENTS_H
 
 #define BACKGROUND 0
 #define WALL 1
 
-#if defined(HAS_VAPOUR)
-#define VAPOUR 2
-#if defined(HAS_DROPLETS)
-#define LIQUID 3
-#define COMPONENTS 4
+#ifdef N_PATCHES
+#define BOUNDARIES (2 + N_PATCHES)
 #else
-#define COMPONENTS 3
+#define BOUNDARIES 2
 #endif
-#elif defined(HAS_DROPLETS)
-#define LIQUID 2
-#define COMPONENTS 3
+
+#if defined(HAS_VAPOUR) && defined(HAS_DROPLETS)
+#define EMITTERS 2
+#elif defined(HAS_VAPOUR) || defined(HAS_DROPLETS)
+#define EMITTERS 1
 #else
-#define COMPONENTS 2
+#define EMITTERS 0
 #endif
+
+#define COMPONENTS (BOUNDARIES + EMITTERS)
 
 #endif

@@ -94,7 +94,9 @@ __kernel void weighted_mean(
 
 /* out[x][z][y] (+)= in[z][y][x] for each component and back, tile by tile. Sizes are those of in
    read as in[l][v][u]; the turned array is out[u][l][v]. */
+#ifndef TILE
 #define TILE 16
+#endif
 __kernel void turn(
     __global real *out, __global const real *in, const int nu, const int nv, const int nl)
 {

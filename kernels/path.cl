@@ -33,8 +33,11 @@
 #ifdef GATHER
 #define FIRST_SOURCE 0
 #else
-#define FIRST_SOURCE 2
+#define FIRST_SOURCE BOUNDARIES
 #endif
+/* Of a chain's sum: the components, and what it would bring from within a medium of radiance 1. */
+#define WITHIN COMPONENTS
+#define PARTS (COMPONENTS + 1)
 #define ROULETTE R(0.4) /* weight under which a chain may end */
 
 /* What the light meets, stored cell by stored cell. */
@@ -46,7 +49,7 @@ typedef struct {
     __global const real *albedo;
     int stored;                     /* length of a plane */
     Grid grid;
-    real4 disc;
+    Boundary boundary;
 } Medium;
 
 INLINE void score_of(
@@ -61,11 +64,11 @@ INLINE void score_thermal(real *sum, real taken, int address, const Medium *m)
     score_of(m->thermal, sum, taken, address, m->stored);
 }
 
-INLINE void score_boundary(real *sum, real weight, const Walk *w, const Medium *m)
+INLINE void score_boundary(real *sum, real weight, const Walk *w, real from, const Medium *m)
 {
-    const real seen = sees_background(w->px, w->py, w->pz, w->dx, w->dy, w->dz, m->disc);
-    sum[BACKGROUND] += weight * seen;
-    sum[WALL] += weight * (R(1) - seen);
+    const int seen =
+        boundary_seen(w->px, w->py, w->pz, w->dx, w->dy, w->dz, from, &m->boundary);
+    for (int c = 0; c < BOUNDARIES; ++c) sum[c] += c == seen ? weight : R(0);
 }
 
 /* The bits of sample, SAMPLES being two to their number, in reverse: the Sobol point that is in the
@@ -133,7 +136,7 @@ INLINE void chain(
             inside = walk_on(&walk, &cell, &m->grid);
         }
         if (transmitted > R(CUTOFF)) {
-            score_boundary(sum, weight * transmitted, &walk, m);
+            score_boundary(sum, weight * transmitted, &walk, R(0), m);
         } else {
             /* What is left ends in the last cell, as if that went on for ever. */
             score_thermal(sum, weight * transmitted, last, m);
@@ -143,6 +146,7 @@ INLINE void chain(
                 met = 1;
             }
         }
+        if (met) sum[WITHIN] += weight * (R(1) - albedo);
         weight *= albedo;
         if (!met || weight <= R(0)) return;
         if (weight < floor_) {
@@ -157,9 +161,10 @@ INLINE void chain(
     __global const real *thermal, __global const real *albedo, \
     const int coarse, const int stored, const int bricks, \
     const int4 low, const int4 high, const int columns, const int rows, const real4 middle, \
-    const real pitch_x, const real pitch_z, const real distance, const real4 disc
+    const real pitch_x, const real pitch_z, const real distance, BOUNDARY_ARGUMENTS
 
-#define MEDIUM {directory, span, depth, thermal, albedo, stored, {coarse, bricks, low, high}, disc}
+#define MEDIUM {directory, span, depth, thermal, albedo, stored, {coarse, bricks, low, high}, \
+    BOUNDARY}
 
 /* The medium as the line of sight meets it. */
 #ifdef GATHER
@@ -172,7 +177,7 @@ INLINE void chain(
 
 /* What is seen without scattering, in every pixel, and what the line of sight scatters in all. */
 __kernel void straight(
-    __global real *weights,   /* out: [component][row][column] */
+    __global real *weights,   /* out: [component][row][column], and the part from within */
     __global real *scattered, /* out: [row][column] */
     SIGHT_ARGUMENTS MEDIUM_ARGUMENTS)
 {
@@ -182,8 +187,8 @@ __kernel void straight(
     const Ray ray = pixel_ray(column, row, columns, rows, middle, pitch_x, pitch_z, distance);
     const Medium m = MEDIUM;
     Walk walk = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
-    real sum[COMPONENTS];
-    for (int c = 0; c < COMPONENTS; ++c) sum[c] = R(0);
+    real sum[PARTS];
+    for (int c = 0; c < PARTS; ++c) sum[c] = R(0);
     real transmitted = R(1), loss = R(0);
     int last = coarse;
     int inside = walk_in(&walk, &m.grid, ray.start);
@@ -193,27 +198,30 @@ __kernel void straight(
         if (density > R(0)) {
             const real taken = transmitted * absorbed(density * walk_length(&walk, &cell));
             score_of(towards, sum, taken, cell.address, stored);
-            loss += taken * albedo[cell.address];
+            const real share = taken * albedo[cell.address];
+            sum[WITHIN] += taken - share;
+            loss += share;
             transmitted -= taken;
             last = cell.address;
         }
         inside = walk_on(&walk, &cell, &m.grid);
     }
     if (transmitted > R(CUTOFF)) {
-        score_boundary(sum, transmitted, &walk, &m);
+        score_boundary(sum, transmitted, &walk, ray.start, &m);
     } else {
         score_of(towards, sum, transmitted, last, stored);
+        sum[WITHIN] += transmitted * (R(1) - albedo[last]);
         loss += transmitted * albedo[last];
     }
     const int pixel = row * columns + column;
-    for (int c = 0; c < COMPONENTS; ++c) weights[c * rows * columns + pixel] = sum[c];
+    for (int c = 0; c < PARTS; ++c) weights[c * rows * columns + pixel] = sum[c];
     scattered[pixel] = loss;
 }
 
 /* Mean of SAMPLES chains for each listed pixel. Sample k scatters for the first time where the share
    (k + something) / SAMPLES of all that the line of sight scatters has been scattered. */
 __kernel void scatter(
-    __global real *means,           /* out: [component][list] */
+    __global real *means,           /* out: [component][list], and the part from within */
     __global const int *list,       /* in: pixels that scatter */
     __global const real *scattered, /* in: what they scatter in all */
     const int count, const uint2 key, const uint batch,
@@ -232,8 +240,8 @@ __kernel void scatter(
     const uint4 shift0 = philox((uint4)(pixel, 0, 0xFFFFFFFFu, batch), key);
     const uint4 shift1 = philox((uint4)(pixel, 1, 0xFFFFFFFFu, batch), key);
     const real offset = unit(shift0.w);
-    real sum[COMPONENTS];
-    for (int c = 0; c < COMPONENTS; ++c) sum[c] = R(0);
+    real sum[PARTS];
+    for (int c = 0; c < PARTS; ++c) sum[c] = R(0);
 
     real transmitted = R(1), loss = R(0);
     uint sample = 0;
@@ -263,5 +271,5 @@ __kernel void scatter(
         }
         inside = walk_on(&walk, &cell, &m.grid);
     }
-    for (int c = 0; c < COMPONENTS; ++c) means[c * count + item] = sum[c];
+    for (int c = 0; c < PARTS; ++c) means[c * count + item] = sum[c];
 }

@@ -14,15 +14,16 @@ typedef struct {
     real start;        /* the camera's place on the line: p + start d */
 } Ray;
 
-/* column, row: pixel, row 0 on top; middle: target point; pitch: pixel width and height in the
-   target plane; distance: from the camera to the target. All in cells. */
-INLINE Ray pixel_ray(
-    int column, int row, int columns, int rows, real4 middle, real pitch_x, real pitch_z,
+/* across, down: place in the picture in pixels, from its upper left corner; middle: target point;
+   pitch: pixel width and height in the target plane; distance: from the camera to the target. All
+   in cells. */
+INLINE Ray ray_at(
+    real across, real down, int columns, int rows, real4 middle, real pitch_x, real pitch_z,
     real distance)
 {
     Ray ray;
-    const real right = (column + R(0.5) - R(0.5) * columns) * pitch_x;
-    const real up = (R(0.5) * rows - row - R(0.5)) * pitch_z;
+    const real right = (across - R(0.5) * columns) * pitch_x;
+    const real up = (R(0.5) * rows - down) * pitch_z;
     ray.px = middle.x + right;
     ray.py = middle.y;
     ray.pz = middle.z + up;
@@ -39,6 +40,15 @@ INLINE Ray pixel_ray(
     ray.start = -distance;
 #endif
     return ray;
+}
+
+/* Through the middle of a pixel; row 0 is on top. */
+INLINE Ray pixel_ray(
+    int column, int row, int columns, int rows, real4 middle, real pitch_x, real pitch_z,
+    real distance)
+{
+    return ray_at(
+        column + R(0.5), row + R(0.5), columns, rows, middle, pitch_x, pitch_z, distance);
 }
 
 #endif

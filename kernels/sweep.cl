@@ -54,17 +54,17 @@ typedef real lane_t;
 #define LAYERS_Y 1 /* u = x, v = z, l = y */
 #define LAYERS_X 2 /* u = y, v = z, l = x: in the transposed copy */
 
-/* What a ray brings that comes into the box at cell (u, v, l), from `back`. */
-INLINE real seen_from(int u, int v, int l, int layout, real4 back, real4 disc)
+/* The component of the ray that comes into the box at cell (u, v, l), from `back`. */
+INLINE int seen_from(int u, int v, int l, int layout, real4 back, const Boundary *boundary)
 {
     const real pu = u + R(0.5);
     const real pv = v + R(0.5);
     const real pl = l + R(0.5);
-    return sees_background(
+    return boundary_seen(
         layout == LAYERS_X ? pl : pu,
         layout == LAYERS_Z ? pv : layout == LAYERS_Y ? pl : pu,
         layout == LAYERS_Z ? pl : pv,
-        back.x, back.y, back.z, disc);
+        back.x, back.y, back.z, R(0), boundary);
 }
 
 #ifdef TO_CAMERA
@@ -113,7 +113,7 @@ __kernel void sweep(
     const real weight,
     const real inflow,             /* 1: boundaries shine; 0: black */
     const real4 back,              /* direction from which the ray comes, x y z */
-    const real4 disc               /* in cells of this box */
+    BOUNDARY_ARGUMENTS             /* in cells of this box */
 #ifdef TO_CAMERA
     , __global real *shares,       /* inout: sum of weights, a plane of cells */
     __global const real *seen,     /* in: optical depth of a cell's edge as the camera sees it */
@@ -123,6 +123,7 @@ __kernel void sweep(
     )
 {
     __local real rays[COMPONENTS][SLOTS];
+    const Boundary boundary = BOUNDARY;
     const int lane = get_local_id(0);
     const int lanes = get_local_size(0);
     const int row = get_group_id(1);
@@ -141,10 +142,8 @@ __kernel void sweep(
         else if (shift.z > 0) last = 0;
         else if (shift.z < 0) first = last = nu - 1;
         for (int u = first + lane; u <= last; u += lanes) {
-            const real seen = seen_from(u, v, l, layout, back, disc);
-            rays[BACKGROUND][slot + u] = inflow * seen;
-            rays[WALL][slot + u] = inflow * (R(1) - seen);
-            for (int c = 2; c < COMPONENTS; ++c) rays[c][slot + u] = R(0);
+            const int seen = seen_from(u, v, l, layout, back, &boundary);
+            for (int c = 0; c < COMPONENTS; ++c) rays[c][slot + u] = c == seen ? inflow : R(0);
         }
         barrier(CLK_LOCAL_MEM_FENCE);
 

@@ -75,7 +75,11 @@ INLINE Crossing walk_ahead(
     const int slot =
         directory[((w->z / BRICK) * g->bricks + w->y / BRICK) * g->bricks + w->x / BRICK];
     c.whole = slot < 0;
+#ifdef EVERY_CELL
+    const int mask = 0;
+#else
     const int mask = c.whole ? span[-1 - slot] - 1 : 0;
+#endif
     c.address = c.whole ? g->coarse - 1 - slot
         : slot * BRICK_CELLS + ((w->z % BRICK) * BRICK + w->y % BRICK) * BRICK + w->x % BRICK;
     c.lx = max(w->x & ~mask, g->low.x);

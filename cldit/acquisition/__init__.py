@@ -4,7 +4,8 @@ from cldit.acquisition.dry_run import DryRun, dry_run
 from cldit.acquisition.plan import Plan, load_plan, parse_plan, plan_from_scene
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.record import Acquisition, Picture, open_acquisition
-from cldit.acquisition.runner import Record, SavedShot, acquire, iterate
+from cldit.acquisition.runner import acquire, iterate
+from cldit.acquisition.sequence import Record, SavedShot
 
 __all__ = [
     "Acquisition",

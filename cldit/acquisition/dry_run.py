@@ -71,11 +71,11 @@ def dry_run(
     background_s = way_K * seconds_per_kelvin + len(order) * (stable.hold_s + stable.settle_s)
     trigger = plan.trigger
     shot_s = plan.pause_s + max(
-        period_s,
+        plan.frames * period_s,
         plan.integration_time_s + trigger.camera_delay_s,
         trigger.injector_delay_s + trigger.injector_width_s,
     )
-    disk_bytes = needed_bytes(len(left), picture_bytes=2 * pixels)
+    disk_bytes = needed_bytes(len(left), picture_bytes=2 * pixels * plan.frames)
     place = next(parent for parent in (folder, *folder.resolve().parents) if parent.exists())
     free_bytes = shutil.disk_usage(place).free
     if free_bytes < disk_bytes:

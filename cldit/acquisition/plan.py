@@ -59,12 +59,14 @@ class Plan(Section):
     backgrounds_K: tuple[Temperature, ...]
     shots: Annotated[int, Within(0, 100_000)] = 5
     references: Annotated[int, Within(0, 100_000)] = 5
+    frames: Annotated[int, Within(1, 1000)] = 1  # of each shot: one trigger, the camera's own rate
     integration_time_s: Annotated[float, Within(1e-9, 10.0)] = 25e-6
     order: Literal["fastest", "given"] = "fastest"  # fastest: least way for the background
     pause_s: Seconds = 1.0  # before each shot, to scavenge the vessel
     frame_timeout_s: Annotated[float, Within(1e-3, 3600.0)] = 5.0
     drift_K: Annotated[float, Within(1e-3, 100.0)] = 0.5  # a shot further off is rejected
-    retakes: Annotated[int, Within(0, 100)] = 3  # after a missing frame or drift, for each shot
+    retakes: Annotated[int, Within(0, 100)] = 3  # of each shot that is rejected
+    expect_fuel: bool = True  # an injection that looks like the reference is rejected
     stability: StabilitySection = StabilitySection()
     trigger: TriggerSection = TriggerSection()
 
@@ -177,6 +179,7 @@ def plan_from_scene(scene: Scene, *, integration_time_s: float = USUAL_INTEGRATI
         backgrounds_K=scene.background.temperatures_K,
         shots=scene.plan.shots,
         references=scene.plan.references,
+        expect_fuel=False,  # a scene may well be one in which nothing can be seen
         integration_time_s=integration_time_s,
         stability=StabilitySection(timeout_s=timeout_s),
         trigger=trigger,

@@ -39,7 +39,8 @@ class Ready:
     saturation_counts: int
     minimum_period_s: float
     trigger: TriggerInfo
-    picture_bytes: int
+    picture_bytes: int  # of a whole shot
+    calibration: Calibration
 
 
 def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int) -> Ready:
@@ -64,17 +65,18 @@ def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int) -> Ready:
     _agree("camera: integration_time_s", plan.integration_time_s, settings.integration_time_s)
     capabilities = rig.camera.capabilities
     modes = capabilities.trigger_modes
-    trigger = _external(modes)
+    trigger = _external(modes, plan.frames)
     _check_trigger(rig, plan)
     picture = _test_picture(rig, modes, timeout_s=plan.frame_timeout_s)
-    check_room(folder, needed_bytes(shots_left, picture_bytes=picture.nbytes))
+    picture_bytes = plan.frames * picture.nbytes
+    check_room(folder, needed_bytes(shots_left, picture_bytes=picture_bytes))
     devices = {
         name: {"info": asdict(device.identify()), "configuration": device.read_configuration()}
         for name, device in rig.devices.items()
     }
     try:
         devices = json.loads(json.dumps(devices, allow_nan=False))
-        Calibration.from_dict(devices["camera"]["configuration"]["calibration"])
+        calibration = Calibration.from_dict(devices["camera"]["configuration"]["calibration"])
     except KeyError as error:
         raise ConfigRejected(f"camera: its configuration has no {error}") from error
     except (TypeError, ValueError) as error:
@@ -94,7 +96,8 @@ def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int) -> Ready:
         saturation_counts=capabilities.saturation_counts,
         minimum_period_s=capabilities.minimum_period_s,
         trigger=trigger,
-        picture_bytes=picture.nbytes,
+        picture_bytes=picture_bytes,
+        calibration=calibration,
     )
 
 
@@ -114,10 +117,10 @@ def _agree(what: str, wanted: float, got: float, *, floor: float = 0.0) -> None:
         raise ConfigRejected(f"{what}: reads back {got:g} after {wanted:g} was written")
 
 
-def _external(modes: frozenset[TriggerMode]) -> TriggerInfo:
+def _external(modes: frozenset[TriggerMode], frames: int) -> TriggerInfo:
     for mode in (TriggerMode.EXTERNAL_EDGE, TriggerMode.EXTERNAL_LEVEL):
         if mode in modes:
-            return TriggerInfo(mode, n_frames=1)
+            return TriggerInfo(mode, n_frames=frames, frames_per_trigger=frames)
     raise ConfigRejected("camera: has no external trigger, which every shot needs")
 
 

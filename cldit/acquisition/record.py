@@ -39,7 +39,8 @@ class Acquisition:
 
     shots: the kept pictures in the plan's order. missing: ids of those still to be taken.
     centre_m: (x, z) of the picture's middle, the injector's tip at 0, 0. bad_pixels: (h, w), those
-    that the camera reports. shape: rows and columns. configuration: the whole snapshot of the rig.
+    that the camera reports. frame: which of each shot's pictures is loaded. shape: rows
+    and columns. configuration: the whole snapshot of the rig.
     """
 
     folder: Path
@@ -53,6 +54,7 @@ class Acquisition:
     shape: tuple[int, int]
     shots: tuple[Picture, ...]
     missing: tuple[str, ...]
+    frame: int = 0
 
     @property
     def complete(self) -> bool:
@@ -75,19 +77,30 @@ class Acquisition:
         return any(device["info"].get("simulated", False) for device in devices)
 
     def load(self, shot: Picture) -> NDArray[np.uint16]:
-        """Raw counts (h, w), row 0 at the top.
+        """Raw counts (h, w) of the frame that was chosen, row 0 at the top.
 
         Raises:
             RunFolderError: missing, damaged, or not the picture that was recorded.
         """
-        image, _ = load_shot(self.folder, shot.id, plan_hash=self.plan.hash())
-        if image.shape != self.shape:
-            raise RunFolderError(f"{shot.path}: shape {image.shape}, expected {self.shape}")
+        frames, _ = self.load_frames(shot)
+        image: NDArray[np.uint16] = frames[self.frame]
         return image
 
+    def load_frames(self, shot: Picture) -> tuple[NDArray[np.uint16], dict[str, Any]]:
+        """All pictures of a shot (n, h, w), and what is stored beside them; raises as `load`."""
+        image, meta = load_shot(self.folder, shot.id, plan_hash=self.plan.hash())
+        frames = image.reshape(-1, *image.shape[-2:])
+        if frames.shape != (self.plan.frames, *self.shape):
+            expected = (self.plan.frames, *self.shape)
+            raise RunFolderError(f"{shot.path}: shape {frames.shape}, expected {expected}")
+        return frames, meta
 
-def open_acquisition(folder: str | Path) -> Acquisition:
+
+def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
     """Opens what `acquire` wrote, complete or not.
+
+    Args:
+        frame: which picture of each shot, from 0.
 
     Raises:
         RunFolderError: the folder holds no acquisition, or files are missing, damaged or foreign.
@@ -98,6 +111,8 @@ def open_acquisition(folder: str | Path) -> Acquisition:
             f"{folder}: holds no {PLAN}; give the folder that `cldit acquire --out` wrote"
         )
     plan = load_plan(folder / PLAN)
+    if not 0 <= frame < plan.frames:
+        raise RunFolderError(f"{folder}: frame {frame}: allowed is 0..{plan.frames - 1}")
     found = survey(folder, plan)
     configuration = read_json(folder / CONFIGURATION)
     if configuration.get("plan_hash") != plan.hash():
@@ -145,4 +160,5 @@ def open_acquisition(folder: str | Path) -> Acquisition:
         shape=(int(rows), int(columns)),
         shots=shots,
         missing=tuple(shot.id for shot in plan.steps() if shot.id not in known),
+        frame=frame,
     )

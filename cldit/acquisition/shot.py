@@ -13,6 +13,7 @@ from cldit.acquisition.interrupts import Interrupts
 from cldit.acquisition.journal import Journal
 from cldit.acquisition.plan import Plan, Shot
 from cldit.acquisition.preflight import Ready
+from cldit.acquisition.quality import References, frame_problem, saturated_percent
 from cldit.acquisition.storage import checksum
 from cldit.rig.errors import Aborted, FireUncertain, MissingFrames
 from cldit.rig.load import Rig
@@ -21,7 +22,7 @@ from cldit.rig.protocols import Frame
 
 @dataclass(frozen=True)
 class Taken:
-    """A picture that may be kept, and what is stored beside it."""
+    """A picture (h, w), or a shot's (n, h, w), that may be kept; and what is stored beside it."""
 
     image: NDArray[np.uint16]
     meta: dict[str, Any]
@@ -40,13 +41,20 @@ class Shooter:
     """Takes shots; remembers the last frame id, so that a gap is noticed."""
 
     def __init__(
-        self, rig: Rig, plan: Plan, ready: Ready, journal: Journal, interrupts: Interrupts
+        self,
+        rig: Rig,
+        plan: Plan,
+        ready: Ready,
+        journal: Journal,
+        interrupts: Interrupts,
+        references: References,
     ) -> None:
         self._rig = rig
         self._plan = plan
         self._ready = ready
         self._journal = journal
         self._interrupts = interrupts
+        self._references = references
         self._plan_hash = plan.hash()
         self._last_id: int | None = None
         self._next_s = -math.inf  # before this the camera does not take a trigger
@@ -83,11 +91,13 @@ class Shooter:
             with self._interrupts.abortable():
                 try:
                     trigger.fire()
-                    self._next_s = clock.now_s() + 1.05 * self._ready.minimum_period_s
+                    self._next_s = (
+                        clock.now_s() + 1.05 * self._plan.frames * self._ready.minimum_period_s
+                    )
                     trigger.wait_done(self._plan.frame_timeout_s)
                 except FireUncertain as error:
                     uncertain = error
-                frame = self._read()
+                frames = self._read()
         except MissingFrames as error:
             if uncertain is not None:
                 raise uncertain from error
@@ -97,16 +107,21 @@ class Shooter:
             raise
         finally:
             camera.disarm()
-        self._last_id = frame.frame_id
+        self._last_id = frames[-1].frame_id
         after_K = background.read_temperature()
-        problem = self._problem(frame, expected_id)
+        problem = frame_problem(frames, self._ready, expected_id=expected_id)
         if problem is not None:
             return Rejected(problem, fired=True)
         if not abs(after_K - shot.background_K) <= self._plan.drift_K:
             return Rejected(f"drift: {after_K:.2f} K after the shot", fired=True, drifted=True)
-        saturated = np.count_nonzero(frame.data >= self._ready.saturation_counts)
+        first = frames[0]
+        image = first.data if len(frames) == 1 else np.stack([frame.data for frame in frames])
+        problem = self._references.problem(shot, image)
+        if problem is not None:
+            return Rejected(problem, fired=True)
+        several = [frame.device_timestamp_ns for frame in frames]
         return Taken(
-            frame.data,
+            image,
             {
                 "shot": shot.id,
                 "kind": shot.kind,
@@ -116,33 +131,23 @@ class Shooter:
                 "background_before_K": before_K,
                 "background_after_K": after_K,
                 "time": self._rig.clock.wall_time(),
-                "frame_id": frame.frame_id,
-                "device_timestamp_ns": frame.device_timestamp_ns,
-                "host_timestamp_ns": frame.host_timestamp_ns,
+                "frame_id": first.frame_id,
+                "device_timestamp_ns": first.device_timestamp_ns,
+                "host_timestamp_ns": first.host_timestamp_ns,
+                **({"frame_timestamps_ns": several} if len(several) > 1 else {}),
                 "integration_time_s": self._ready.integration_time_s,
                 "saturation_counts": self._ready.saturation_counts,
-                "saturated_percent": 100.0 * saturated / frame.data.size,
+                "saturated_percent": saturated_percent(image, self._ready.saturation_counts),
                 "fire_uncertain": uncertain is not None,
                 "plan_hash": self._plan_hash,
-                "sha256": checksum(frame.data),
+                "sha256": checksum(image),
             },
         )
 
-    def _read(self) -> Frame:
-        frames = list(self._rig.camera.read_frames(1, self._plan.frame_timeout_s))
+    def _read(self) -> list[Frame]:
+        wanted = self._plan.frames
+        frames = list(self._rig.camera.read_frames(wanted, self._plan.frame_timeout_s))
         whole = [frame for frame in frames if frame.complete]
-        if len(whole) != 1:
-            raise MissingFrames(1, len(whole), incomplete=len(frames) - len(whole))
-        return whole[0]
-
-    def _problem(self, frame: Frame, expected_id: int | None) -> str | None:
-        if expected_id is not None and frame.frame_id != expected_id:
-            return f"missing frame: frame {frame.frame_id} came in place of {expected_id}"
-        if frame.data.shape != self._ready.shape or frame.data.dtype != np.uint16:
-            return (
-                f"damaged frame: {frame.data.dtype} of shape {frame.data.shape}, expected uint16 "
-                f"of {self._ready.shape}"
-            )
-        if frame.data.min() == frame.data.max() < self._ready.saturation_counts:
-            return f"dead frame: every pixel shows {frame.data.min()}"
-        return None
+        if len(whole) != wanted:
+            raise MissingFrames(wanted, len(whole), incomplete=len(frames) - len(whole))
+        return whole

@@ -8,17 +8,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
-from cldit.acquisition.disk import written
+from cldit.acquisition.disk import write_checked, written
 from cldit.acquisition.journal import Entry, read_journal
 from cldit.acquisition.plan import Plan, Shot, load_plan
 from cldit.errors import RunFolderError
-from cldit.images import read_image, write_image
+from cldit.images import put_image, read_image
 
 PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS, GUARD = (
     "plan.yaml",
@@ -30,18 +30,24 @@ PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS, GUARD = (
 )
 
 
+class DamagedPicture(RunFolderError):
+    """A picture that is not, or no longer, what was recorded."""
+
+
 @dataclass(frozen=True)
 class Found:
     """What an acquisition folder holds already.
 
     saved: shot id -> the `saved` entry of its journal, for every shot whose file is there.
     adoptable: shot id -> metadata of a whole file that the journal does not know yet.
+    torn: shots whose file a power cut left damaged, before the journal knew of it.
     lost: `fired` entries that came to nothing, and of which the journal does not say so yet.
     """
 
     entries: list[Entry]
     saved: dict[str, Entry]
     adoptable: dict[str, dict[str, Any]]
+    torn: tuple[str, ...]
     lost: list[Entry]
 
     @property
@@ -55,7 +61,7 @@ def shot_path(folder: Path, shot_id: str) -> Path:
 
 def checksum(image: NDArray[Any]) -> str:
     """SHA-256 of the pixels, row by row, little endian."""
-    return hashlib.sha256(np.ascontiguousarray(image, dtype="<u2").tobytes()).hexdigest()
+    return hashlib.sha256(np.ascontiguousarray(image, dtype="<u2").data).hexdigest()
 
 
 @contextmanager
@@ -88,33 +94,38 @@ def save_shot(
     pixel_m: tuple[float, float],
     meta: dict[str, Any],
 ) -> None:
-    """Writes one picture; see `cldit.images.write_image`. Leaves nothing behind on failure."""
-    path = shot_path(folder, shot.id)
-    try:
-        write_image(path, image, name=shot.id, unit="counts", pixel_m=pixel_m, meta=meta)
-    except OSError:
-        path.with_name(path.name + ".part").unlink(missing_ok=True)
-        raise
+    """Writes the picture(s) of a shot, durable on return; leaves nothing behind on failure."""
+
+    def write(stream: IO[bytes]) -> None:
+        put_image(stream, image, name=shot.id, unit="counts", pixel_m=pixel_m, meta=meta)
+
+    write_checked(shot_path(folder, shot.id), write)
 
 
 def load_shot(
     folder: Path, shot_id: str, *, plan_hash: str
 ) -> tuple[NDArray[np.uint16], dict[str, Any]]:
-    """Picture (h, w) of raw counts, and its metadata, after every check that it is that picture.
+    """Picture (h, w) of raw counts, or a shot's (n, h, w), and its metadata, after every check.
 
     Raises:
-        RunFolderError: missing, damaged, or not this shot of this plan.
+        DamagedPicture: cannot be read, or its pixels are not those that were recorded.
+        RunFolderError: not this shot of this plan.
     """
     path = shot_path(folder, shot_id)
-    image, meta = read_image(path)
-    if image.dtype != np.uint16 or image.ndim != 2:
+    try:
+        image, meta = read_image(path)
+    except RunFolderError as error:
+        raise DamagedPicture(str(error)) from error
+    if image.dtype != np.uint16 or image.ndim not in (2, 3):
         raise RunFolderError(f"{path}: {image.dtype} of shape {image.shape} is no raw picture")
-    if meta.get("shot") != shot_id or meta.get("plan_hash") != plan_hash:
+    if not {"shot", "plan_hash", "sha256"} <= set(meta):
+        raise DamagedPicture(f"{path}: does not say which shot it is; move it out of the folder")
+    if meta["shot"] != shot_id or meta["plan_hash"] != plan_hash:
         raise RunFolderError(
             f"{path}: is no shot {shot_id} of this plan; move it out of the folder"
         )
-    if meta.get("sha256") != checksum(image):
-        raise RunFolderError(
+    if meta["sha256"] != checksum(image):
+        raise DamagedPicture(
             f"{path}: the pixels are not those that were recorded; restore the file, or remove it "
             "and acquire again: the shot is retaken"
         )
@@ -156,12 +167,17 @@ def survey(folder: Path, plan: Plan) -> Found:
         if entry["event"] == "saved" and key[0] in present:
             saved[key[0]] = entry
     adoptable: dict[str, dict[str, Any]] = {}
+    torn: list[str] = []
     for shot_id in sorted(present - set(saved)):
-        meta = load_shot(folder, shot_id, plan_hash=plan.hash())[1]
+        try:
+            meta = load_shot(folder, shot_id, plan_hash=plan.hash())[1]
+        except DamagedPicture:
+            torn.append(shot_id)
+            continue
         adoptable[shot_id] = meta
         ended.add((shot_id, int(meta["attempt"])))
     lost = [entry for key, entry in fired.items() if key not in ended]
-    return Found(entries, saved, adoptable, lost)
+    return Found(entries, saved, adoptable, tuple(torn), lost)
 
 
 def read_json(path: Path) -> dict[str, Any]:

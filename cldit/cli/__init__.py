@@ -2,33 +2,48 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import click
 
 from cldit import __version__
-from cldit.cli.bench import bench
-from cldit.cli.lists import devices, optics, scenes
-from cldit.cli.rig import acquire_command, evaluate, show
-from cldit.cli.run import run
-from cldit.cli.sprays import droplet, import_command, spray_command
+
+# Command -> where it is. Loaded when asked for, so that each pays for what it uses alone.
+_COMMANDS = {
+    "run": "run:run",
+    "scenes": "lists:scenes",
+    "devices": "lists:devices",
+    "optics": "lists:optics",
+    "fit-liquid": "liquid:fit_liquid",
+    "spray": "sprays:spray_command",
+    "import": "sprays:import_command",
+    "droplet": "sprays:droplet",
+    "plan": "plan:plan_command",
+    "acquire": "rig:acquire_command",
+    "evaluate": "evaluate:evaluate",
+    "export": "rig:export_command",
+    "scattering": "scattering:scattering_command",
+    "show": "rig:show",
+    "bench": "bench:bench",
+}
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+class _Commands(click.Group):
+    """Commands by name, each imported on its first use."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _COMMANDS:
+            return None
+        module, _, name = _COMMANDS[cmd_name].partition(":")
+        command = getattr(import_module(f"cldit.cli.{module}"), name)
+        assert isinstance(command, click.Command)
+        return command
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__)
 def main() -> None:
     """Differential infrared thermography of fuel sprays: simulated, acquired, evaluated."""
-
-
-for command in (
-    run,
-    scenes,
-    devices,
-    optics,
-    spray_command,
-    import_command,
-    droplet,
-    acquire_command,
-    evaluate,
-    show,
-    bench,
-):
-    main.add_command(command)

@@ -9,6 +9,7 @@ import click
 from rich.table import Table
 
 from cldit.cli.console import OUT, ProgressBar, plain_errors, say
+from cldit.cli.units import KELVIN, SECOND
 from cldit.experiment import run_experiment
 from cldit.gpu.device import open_device
 from cldit.run import Run, simulate
@@ -23,21 +24,26 @@ from cldit.scene import Scene, load_scene, parse_scene
     type=click.Path(path_type=Path),
     help="Take the spray from a CFD result, or from what `cldit import` wrote.",
 )
-@click.option("--time", "time_s", type=float, help="Time of the CFD result, s; the last one.")
+@click.option("--time", "time_s", type=SECOND, help="Time of the CFD result, s; the last one.")
 @click.option("--order", type=int, help="Scattering orders; to a residual if left out.")
 @click.option(
     "--method",
     type=click.Choice(["source", "path", "branching"]),
     help="source: fast (default); path: unbiased, slow; branching: the paper's.",
 )
-@click.option("--phase", help="isotropic, mie, or g of Henyey and Greenstein.")
+@click.option(
+    "--phase", help="isotropic, mie, or g of Henyey and Greenstein; as the preset has it."
+)
 @click.option(
     "--preset",
     type=click.Choice(["paper", "spectral"]),
     help="Optics at one wavelength, as in the paper, or over all of the filter.",
 )
-@click.option("--accuracy", "accuracy_K", type=float, help="Error allowed in T_app, K.")
-@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@click.option("--accuracy", "accuracy_K", type=KELVIN, help="Error allowed in T_app, K.")
+@click.option(
+    "--device",
+    help="OpenCL device: platform:device, or part of its name; several with commas.",
+)
 @click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
 @plain_errors
 def run(

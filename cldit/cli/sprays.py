@@ -10,16 +10,16 @@ from rich.table import Table
 from cldit.acquisition.progress import Progress
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
 from cldit.errors import ClditError
-from cldit.report.droplets import convergence_picture, life_picture
+from cldit.report.droplets import life_picture
 from cldit.report.spray_report import write_spray
 from cldit.run import default_cache
 from cldit.scene import load_scene
 from cldit.scene.spray import LagrangianSpray
-from cldit.spray.droplet.convergence import measure_all
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow
 from cldit.spray.droplet.verification import page
-from cldit.spray.flow.simulate import History, simulate_spray
+from cldit.spray.flow.measures import History
+from cldit.spray.flow.simulate import simulate_spray
 from cldit.spray.importing import cfd_spray, import_case, list_case
 from cldit.spray.source import make_spray
 
@@ -122,11 +122,6 @@ def _axis(text: str | None) -> str | list[float] | None:
 @click.option("--csv", "as_csv", is_flag=True, help="Print the columns as CSV.")
 @click.option("--out", type=click.Path(path_type=Path), help="Draw them into this PNG.")
 @click.option(
-    "--convergence",
-    type=click.Path(path_type=Path),
-    help="Draw the error against step size and run time of all models into this PNG, and stop.",
-)
-@click.option(
     "--verification",
     type=click.Path(path_type=Path),
     help="Write the comparison with published data into this Markdown file, and stop.",
@@ -146,18 +141,13 @@ def droplet(
     duration_s: float | None,
     as_csv: bool,
     out: Path | None,
-    convergence: Path | None,
     verification: Path | None,
 ) -> None:
     """Follow one droplet of fuel through hot gas until it has evaporated."""
     cache = default_cache()
-    if convergence is not None or verification is not None:
-        if convergence is not None:
-            _write(convergence, convergence_picture(*measure_all(cache)))
-            OUT.print(f"{convergence}")
-        if verification is not None:
-            _write(verification, page(cache).encode())
-            OUT.print(f"{verification}")
+    if verification is not None:
+        _write(verification, page(cache).encode())
+        OUT.print(f"{verification}")
         return
     life = follow(
         fuel=fuel,

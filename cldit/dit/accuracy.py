@@ -7,13 +7,15 @@ import numpy as np
 from cldit.dit.maps import Maps
 from cldit.optics.planck import band_radiance, band_radiance_slope
 from cldit.optics.response import Filter
-from cldit.radiance.weights import Weights
+from cldit.optics.windows import Pane
+from cldit.radiance.boundary import Boundary, Surroundings
+from cldit.radiance.weights import Weights, compose
 
 VISIBLE_EMISSIVITY = 0.05  # below it a temperature says little, whatever the trace
 
 
 def temperature_error_K(
-    maps: Maps, error: Weights, *, wall_temperature_K: float, filter_um: Filter
+    maps: Maps, error: Weights, *, surroundings: Surroundings, filter_um: Filter
 ) -> float:
     """RMS error of T_app over the pixels of emissivity above 0.05, to first order; NaN if none.
 
@@ -25,9 +27,13 @@ def temperature_error_K(
     here = np.isfinite(temperature) & (emissivity > VISIBLE_EMISSIVITY)
     if not here.any():
         return float("nan")
-    wall = float(band_radiance(wall_temperature_K, filter_um=filter_um))
+    around = Boundary.of(
+        surroundings,
+        lambda kelvin: band_radiance(kelvin, filter_um=filter_um),
+        lambda window: Pane(),  # cancels: it scales error and slope alike
+    )
     apparent = band_radiance(temperature[here], filter_um=filter_um)
-    intercept = error.wall * wall + error.vapour + error.liquid
+    intercept = compose(error, background=0.0, wall=around.wall, patches=around.patches)
     # I_app = intercept / emissivity, and emissivity = 1 - w_bg on the disc.
     radiance = (intercept[here] + error.background[here] * apparent) / emissivity[here]
     kelvin = radiance / band_radiance_slope(temperature[here], filter_um=filter_um)

@@ -48,6 +48,7 @@ _UNITS = {
     "apparent_temperature_standard_error_K": "K",
     "reason": "code",
     "reduced_chi2": "1",
+    "fit_probability": "1",
 }
 
 
@@ -59,8 +60,9 @@ class Maps:
     apparent_temperature_K: temperature of a black body that radiates as the spray does.
     *_standard_error: one standard deviation of either.
     reason: `Reason`, 0 where both have a value.
-    reduced_chi2: of the fit over the backgrounds, about 1 when the errors are right; NaN with two
-        backgrounds or without noise.
+    reduced_chi2: of the two lines over the backgrounds, about 1 when the errors are right; NaN with
+        two backgrounds or without noise. fit_probability: that chance alone makes it as large or
+        larger; near 0 where the pixel does not follow the measurement equation.
     """
 
     emissivity: Image
@@ -69,13 +71,14 @@ class Maps:
     apparent_temperature_standard_error_K: Image
     reason: NDArray[np.uint8]
     reduced_chi2: Image
+    fit_probability: Image
 
     @classmethod
     def unevaluated(cls, shape: tuple[int, int], reason: Reason) -> Maps:
         """Maps without any value, for one reason."""
         nothing = np.full(shape, np.nan, np.float32)
         codes = np.full(shape, int(reason), np.uint8)
-        return cls(nothing, nothing, nothing, nothing, codes, nothing)
+        return cls(nothing, nothing, nothing, nothing, codes, nothing, nothing)
 
     def count(self) -> dict[Reason, int]:
         """Number of pixels for each reason that occurs, OK first."""

@@ -57,33 +57,81 @@ class Acquisition(Protocol):
 
 @dataclass
 class Sums:
-    """Of the counts of one kind before one background; exact, since counts are integers."""
+    """Of the counts of one kind before one background."""
 
     temperatures_K: list[float]
     total: Floats
     squares: Floats
     full: NDArray[np.bool_]  # at least one exposure was saturated
+    weights: list[float]
+    thumbnails: list[NDArray[np.float32]]
+    ids: list[str]
 
-    def add(self, image: NDArray[Any], temperature_K: float, saturation_counts: float) -> None:
-        counts = image.astype(np.float64)
-        self.temperatures_K.append(temperature_K)
-        self.total += counts
-        self.squares += counts**2
+    @classmethod
+    def empty(cls, shape: tuple[int, ...]) -> Sums:
+        zero = np.zeros(shape)
+        return cls([], zero, zero.copy(), np.zeros(shape, dtype=bool), [], [], [])
+
+    def add(self, image: NDArray[Any], shot: Shot, saturation_counts: float) -> None:
+        """Counts one picture in full."""
+        counts = self._weigh(image, 1.0)
         self.full |= counts >= saturation_counts
+        self.temperatures_K.append(shot.background_K)
+        self.weights.append(1.0)
+        self.thumbnails.append(thumbnail(counts))
+        self.ids.append(shot.id)
+
+    def reweigh(self, image: NDArray[Any], number: int, weight: float) -> None:
+        """Counts picture `number`, already added, by `weight` instead."""
+        self._weigh(image, weight - self.weights[number])
+        self.weights[number] = weight
+
+    def _weigh(self, image: NDArray[Any], weight: float) -> Floats:
+        counts = image.astype(np.float64)
+        self.total += counts if weight == 1.0 else weight * counts
+        self.squares += counts**2 if weight == 1.0 else weight * counts**2
+        return counts
 
     @property
-    def exposures(self) -> int:
-        return len(self.temperatures_K)
+    def exposures(self) -> float:
+        """How many equal exposures tell as much: (sum w)^2 / sum w^2."""
+        weights = np.array(self.weights)
+        return float(weights.sum() ** 2 / np.sum(weights**2))
+
+    @property
+    def temperature_K(self) -> float:
+        return float(np.average(self.temperatures_K, weights=self.weights))
+
+    @property
+    def temperature_variance_K2(self) -> float:
+        """Of the mean reading, from how the readings scatter; 0 of one exposure."""
+        if len(self.temperatures_K) < 2:
+            return 0.0
+        return float(np.var(self.temperatures_K, ddof=1) / len(self.temperatures_K))
 
     def mean(self, rows: slice) -> Floats:
-        return self.total[rows] / self.exposures
+        return np.asarray(self.total[rows] / np.sum(self.weights))
 
     def variance(self, rows: slice) -> Floats:
-        """Sample variance; 0 of one exposure."""
-        if self.exposures < 2:
+        """Sample variance of one exposure; 0 of a single one."""
+        weights = np.array(self.weights)
+        left = weights.sum() - np.sum(weights**2) / weights.sum()
+        if len(weights) < 2 or left <= 0.0:
             return np.zeros_like(self.total[rows])
-        spread = self.squares[rows] - self.total[rows] ** 2 / self.exposures
-        return np.maximum(spread, 0.0) / (self.exposures - 1)
+        spread = self.squares[rows] - self.total[rows] ** 2 / weights.sum()
+        return np.asarray(np.maximum(spread, 0.0) / left)
+
+
+def thumbnail(counts: Floats) -> NDArray[np.float32]:
+    """Means over blocks, at most 32 x 32 of them."""
+    rows, columns = (
+        np.unique(np.linspace(0, n, min(n, 32), endpoint=False).astype(int)) for n in counts.shape
+    )
+    total = np.add.reduceat(np.add.reduceat(counts, rows, axis=0), columns, axis=1)
+    high, wide = (
+        np.diff(np.append(edges, n)) for edges, n in zip((rows, columns), counts.shape, strict=True)
+    )
+    return np.asarray(total / (high[:, None] * wide), np.float32)
 
 
 def check_shots(shots: Sequence[Shot]) -> list[float]:
@@ -125,7 +173,7 @@ def accumulate(
     """Reads every shot once, and sums by set point and kind.
 
     Raises:
-        EvaluationError: the pictures differ in shape.
+        EvaluationError: a picture has another shape than the others, or is not finite.
     """
     sums: dict[tuple[float, str], Sums] = {}
     bad = acquisition.bad_pixels
@@ -137,10 +185,18 @@ def accumulate(
                 f"shot {shot.id}: picture of shape {image.shape}, expected {shape}"
             )
         shape = image.shape
+        if image.dtype.kind not in "uif":
+            raise EvaluationError(f"shot {shot.id}: {image.dtype} are no counts")
+        if image.dtype.kind == "f" and not np.all(np.isfinite(image)):
+            broken = int(np.count_nonzero(~np.isfinite(image)))
+            raise EvaluationError(
+                f"shot {shot.id}: {broken} pixels are not finite; leave the shot out, or name the "
+                "pixels as bad"
+            )
         key = (shot.background_setpoint_K, shot.kind)
         if key not in sums:
-            sums[key] = Sums([], np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=bool))
-        sums[key].add(image, shot.background_K, saturation_counts)
+            sums[key] = Sums.empty(shape)
+        sums[key].add(image, shot, saturation_counts)
         if progress is not None:
             progress(done, len(acquisition.shots))
     return sums

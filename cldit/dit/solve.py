@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
-from cldit.dit.fit import Line, apparent_radiance, emissivity, fit_line, shot_scatter
+from cldit.camera.curve import Curve
+from cldit.dit.fit import Pair, apparent_radiance, emissivity, fit_pair, shot_scatter
 from cldit.dit.maps import Maps, Reason
-from cldit.optics.planck import temperature_of_radiance, temperature_slope_of_radiance
-from cldit.optics.response import Filter
 
 Floats = NDArray[np.float64]
 
@@ -25,14 +26,14 @@ class Signals:
 
     source: (K,) radiance that left the background disc.
     mean: (K, ...) mean over the exposures.
-    camera: (K, ...) variance of one exposure by the camera's noise.
-    exposures: (K,) how many.
+    camera: variance of one exposure by the camera's noise, of any signals.
+    exposures: (K,) how many; less where some count less than others.
     observed: (K, ...) sample variance of one exposure; 0 where there is only one.
     """
 
     source: Floats
     mean: Floats
-    camera: Floats
+    camera: Callable[[Floats], Floats]
     exposures: Floats
     observed: Floats | None = None
 
@@ -42,7 +43,8 @@ def solve(
     injection: Signals,
     *,
     usable: NDArray[np.bool_],
-    filter_um: Filter,
+    curve: Curve,
+    shared: Floats | None = None,
 ) -> Maps:
     """Maps of the pixels (...).
 
@@ -50,97 +52,86 @@ def solve(
     between shots beyond it (`shot_scatter`; needs two shots before a background, and is then never
     below the camera's own noise). References are taken to scatter by the camera's noise alone.
 
+    The lines are fitted twice: the second time with the camera's noise at the fitted signals, since
+    noise taken from noisy counts would favour those that came out low.
+
     Args:
         usable: (K, ...) False where a pixel's signal before that background must not be used.
+        curve: black-body temperature to radiance.
+        shared: (K,) variance of the background's radiance, common to both kinds; None: exact.
     """
+    shape = usable.shape[1:]
     usable = usable & np.isfinite(reference.mean) & np.isfinite(injection.mean)
-    column = (-1,) + (1,) * (usable.ndim - 1)
-    calm = np.where(usable, reference.camera, 0.0) / reference.exposures.reshape(column)
-    shots = injection.exposures.reshape(column)
-    noise = np.where(usable, injection.camera, 0.0)
-    lines = _Lines(
-        source=(reference.source.reshape(column), injection.source.reshape(column)),
-        mean=(np.where(usable, reference.mean, 0.0), np.where(usable, injection.mean, 0.0)),
-        usable=usable,
-    )
-    varied = noise / shots
-    fits = lines.fit(calm, varied)
+    usable = usable.reshape(len(usable), -1)
+
+    def flat(image: Floats) -> Floats:
+        return np.where(usable, image.reshape(usable.shape), 0.0)
+
+    source = (reference.source, injection.source)
+    mean = (flat(reference.mean), flat(injection.mean))
+    exposures = (reference.exposures[:, None], injection.exposures[:, None])
+    common = np.zeros(len(usable)) if shared is None else shared
+    still = np.ones(usable.shape[1])
+
+    def fit(signals: tuple[Floats, Floats], extra: Floats, slopes: tuple[Floats, Floats]) -> Pair:
+        calm, varied = reference.camera(signals[0]), injection.camera(signals[1]) + extra
+        return fit_pair(
+            source,
+            mean,
+            variance=(calm / exposures[0], varied / exposures[1]),
+            usable=usable,
+            shared=common,
+            slopes=slopes,
+        )
+
+    lines = fit(mean, np.zeros_like(mean[0]), (still, still))
+    fitted = tuple(np.nan_to_num(one) for one in lines.at(source))
+    extra = np.zeros_like(mean[0])
     if injection.observed is not None and np.any(injection.exposures > 1):
-        difference = np.nan_to_num(lines.difference(fits))
         extra = shot_scatter(
-            difference,
-            np.where(usable, injection.observed, 0.0),
-            camera=noise,
-            degrees=np.where(usable, shots - 1.0, 0.0),
+            fitted[1] - fitted[0],
+            flat(injection.observed),
+            camera=injection.camera(fitted[1]),
+            degrees=np.where(usable, exposures[1] - 1.0, 0.0),
         )
-        varied = (noise + extra) / shots
-        fits = lines.fit(calm, varied)
-    chi2 = lines.reduced_chi2(fits, calm + varied)
-    return _maps(fits, chi2, enough=usable.sum(axis=0) >= 2, filter_um=filter_um)
-
-
-@dataclass(frozen=True)
-class _Lines:
-    """The two fits, (reference, injection), with common weights."""
-
-    source: tuple[Floats, Floats]
-    mean: tuple[Floats, Floats]
-    usable: NDArray[np.bool_]
-
-    def fit(self, calm: Floats, varied: Floats) -> tuple[Line, Line]:
-        noisy = calm + varied
-        # Without any noise all backgrounds count alike.
-        weight = np.where(self.usable, 1.0 / np.where(noisy > 0, noisy, 1.0), 0.0)
-        before, during = (
-            fit_line(x, y, weight=weight, variance=variance)
-            for x, y, variance in zip(self.source, self.mean, (calm, varied), strict=True)
-        )
-        return before, during
-
-    def difference(self, fits: tuple[Line, Line]) -> Floats:
-        """Fitted Delta I before the injections' backgrounds."""
-        before, during = fits
-        return during.at(self.source[1]) - before.at(self.source[1])
-
-    def reduced_chi2(self, fits: tuple[Line, Line], variance: Floats) -> Floats:
-        before, during = fits
-        off = self.mean[1] - during.at(self.source[1]) - self.mean[0] + before.at(self.source[0])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            terms = np.where(self.usable, off**2 / variance, 0.0)
-            degrees = self.usable.sum(axis=0) - 2
-            return np.where(degrees > 0, terms.sum(axis=0) / degrees, np.nan)
+    g, _, s, _ = np.nan_to_num(lines.values.T)
+    lines = fit((fitted[0], fitted[1]), extra, (g, s))
+    return _maps(lines, backgrounds=usable.sum(axis=0), curve=curve, shape=shape)
 
 
 def _maps(
-    fits: tuple[Line, Line],
-    chi2: Floats,
-    *,
-    enough: NDArray[np.bool_],
-    filter_um: Filter,
+    lines: Pair, *, backgrounds: NDArray[np.int_], curve: Curve, shape: tuple[int, ...]
 ) -> Maps:
-    before, during = fits
-    epsilon, epsilon_variance = emissivity(before, during)
-    radiance, radiance_variance = apparent_radiance(before, during)
+    epsilon, epsilon_variance = emissivity(lines)
+    radiance, radiance_variance = apparent_radiance(lines)
     epsilon_error = np.sqrt(epsilon_variance)
-    reason = np.zeros(enough.shape, np.uint8)
+    reason = np.zeros(backgrounds.shape, np.uint8)
     # The first that holds is the reason; comparisons with NaN are False, hence the negations.
     reason[~(radiance >= 0.0)] = Reason.NEGATIVE_RADIANCE
     clear = np.maximum(DETECTION * epsilon_error, LEAST_EMISSIVITY)
     reason[~(epsilon > clear)] = Reason.EMISSIVITY_TOO_LOW
-    reason[~(before.slope >= VISIBLE)] = Reason.BACKGROUND_NOT_VISIBLE
-    reason[~enough] = Reason.TOO_FEW_BACKGROUNDS
+    reason[~(lines.values[:, 0] >= VISIBLE)] = Reason.BACKGROUND_NOT_VISIBLE
+    reason[backgrounds < 2] = Reason.TOO_FEW_BACKGROUNDS
     seen = (reason == Reason.OK) | (reason >= Reason.EMISSIVITY_TOO_LOW)
     warm = np.where(reason == Reason.OK, radiance, np.nan)
-    temperature = temperature_of_radiance(warm, filter_um=filter_um)
+    temperature = curve.temperature(warm)
     with np.errstate(invalid="ignore"):  # 0 K: infinite slope, times an error that may be 0
-        temperature_error = np.sqrt(radiance_variance) * temperature_slope_of_radiance(
-            warm, filter_um=filter_um
-        )
+        temperature_error = np.sqrt(radiance_variance) * curve.temperature_slope(warm)
+    degrees = 2 * backgrounds - 4
+    spare = seen & (degrees > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reduced = np.where(spare, lines.chi2 / degrees, np.nan)
+        chance = np.where(spare, chdtrc(np.maximum(degrees, 1), lines.chi2), np.nan)
+
+    def image(value: Floats) -> NDArray[np.float32]:
+        return value.astype(np.float32).reshape(shape)
+
     return Maps(
-        emissivity=np.where(seen, epsilon, np.nan).astype(np.float32),
-        apparent_temperature_K=temperature.astype(np.float32),
-        emissivity_standard_error=np.where(seen, epsilon_error, np.nan).astype(np.float32),
-        apparent_temperature_standard_error_K=temperature_error.astype(np.float32),
-        reason=reason,
-        reduced_chi2=np.where(seen, chi2, np.nan).astype(np.float32),
+        emissivity=image(np.where(seen, epsilon, np.nan)),
+        apparent_temperature_K=image(temperature),
+        emissivity_standard_error=image(np.where(seen, epsilon_error, np.nan)),
+        apparent_temperature_standard_error_K=image(temperature_error),
+        reason=reason.reshape(shape),
+        reduced_chi2=image(reduced),
+        fit_probability=image(chance),
     )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pyopencl as cl
@@ -29,16 +30,27 @@ class DeviceInfo:
     memory_bytes: int
     largest_buffer_bytes: int
     float64: bool
+    largest_group: int = 256  # work-items in one work-group
+    local_bytes: int = 32768  # that a work-group shares
+
+    @property
+    def tile(self) -> int:
+        """Edge of the largest square work-group, a power of two up to 16."""
+        return next(edge for edge in (16, 8, 4, 2, 1) if edge**2 <= max(self.largest_group, 1))
 
 
 @dataclass(frozen=True)
 class Device:
-    """A chosen device with its context and queue; `reason` says why it was chosen."""
+    """A chosen device with its context and queue; `reason` says why it was chosen.
+
+    others: further devices that pictures are shared with.
+    """
 
     info: DeviceInfo
     reason: str
     context: Any
     queue: Any
+    others: tuple[Device, ...] = ()
 
     @property
     def is_cpu(self) -> bool:
@@ -77,6 +89,8 @@ def _describe(index: str, platform: Any, device: Any) -> DeviceInfo:
         memory_bytes=device.global_mem_size,
         largest_buffer_bytes=device.max_mem_alloc_size,
         float64=bool(device.double_fp_config),
+        largest_group=device.max_work_group_size,
+        local_bytes=device.local_mem_size,
     )
 
 
@@ -117,14 +131,46 @@ def choose(devices: list[DeviceInfo], wanted: str | None) -> tuple[int, str]:
 
 
 def open_device(wanted: str | None = None) -> Device:
-    """Opens a device (see `choose`).
+    """Opens a device (see `choose`), or several: `0:0,0:1`, of which the first does what is not
+    shared.
 
     Raises:
         DeviceError: no device, not the one asked for, or it cannot be opened.
     """
     found = _found()
+    if wanted is not None and "," in wanted:
+        names = [name.strip() for name in wanted.split(",")]
+        numbers = [choose([info for info, _ in found], name)[0] for name in names]
+        if len(set(numbers)) < len(numbers):
+            raise DeviceError(f"device: {wanted!r} names one device more than once")
+        first, *others = (_open(*found[number], f"asked for in {wanted}") for number in numbers)
+        return replace(first, others=tuple(others))
     number, reason = choose([info for info, _ in found], wanted)
-    info, handle = found[number]
+    return _open(*found[number], reason)
+
+
+def split(device: Device, counts: Sequence[int]) -> Device:
+    """The device as several, of these numbers of its compute units (clCreateSubDevices).
+
+    Raises:
+        DeviceError: the device cannot be divided so.
+    """
+    handle = device.queue.device
+    try:
+        cut = cl.device_partition_property
+        parts = handle.create_sub_devices([cut.BY_COUNTS, *counts, cut.BY_COUNTS_LIST_END])
+    except cl.Error as error:
+        raise DeviceError(
+            f"{device.info.name} cannot be divided into {list(counts)}: {error}"
+        ) from error
+    first, *others = (
+        _open(_describe(f"{device.info.index}.{n}", handle.platform, part), part, "a part of it")
+        for n, part in enumerate(parts)
+    )
+    return replace(first, others=tuple(others))
+
+
+def _open(info: DeviceInfo, handle: Any, reason: str) -> Device:
     try:
         context = cl.Context([handle])
         queue = cl.CommandQueue(context)

@@ -8,12 +8,22 @@ import tempfile
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Arrays = dict[str, Floats]
+
+
+def digest(*arrays: NDArray[Any]) -> str:
+    """A short text that stands for the content of arrays."""
+    whole = hashlib.blake2b(digest_size=16)
+    for array in arrays:
+        whole.update(f"{array.dtype.str} {array.shape};".encode())
+        whole.update(np.ascontiguousarray(array).tobytes())
+    return whole.hexdigest()
 
 
 def cached(folder: Path | None, *, kind: str, text: str, make: Callable[[], Arrays]) -> Arrays:

@@ -10,7 +10,7 @@ with all samples then says how far T_app is off, and the smallest K that meets t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from scipy.optimize import brentq
 
 from cldit.optics import mie
 from cldit.optics.band import BandOptics, Droplets
+from cldit.optics.cache import Arrays, cached, digest
 from cldit.optics.droplets import droplet_table
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import Filter, scene_filter
@@ -33,6 +34,7 @@ Floats = NDArray[np.float64]
 Groups = NDArray[np.intp]
 
 MOST_NODES = 24  # unless the scene asks for more
+_FORM = 1  # of kept choices
 SHOWN_NODES = 10  # the report's curve reaches at least as far
 _TYPICAL = 12  # lines of sight that groups are made by
 # Traced pictures of `gdi` are off by 1.95, 0.66, 0.17, 0.13 K with 1, 2, 3, 4 nodes, their lines of
@@ -77,15 +79,35 @@ def wavelengths(
         band = BandOptics.paper(scene.optics, filter_um, droplets=droplets, cache=cache)
         return Wavelengths(Quadrature.grey(filter_um, reference_K=reference_K), (band,))
     spectrum = Spectrum.of(scene, spray, filter_um)
-    lines = Sightlines.through(spray)
-    light = _light(spectrum, filter_um, reference_K)
-    groups, errors_K = _chosen(scene, lines, spectrum, light, filter_um, reference_K)
-    properties = _Means.of(spectrum, lines, groups, light)
-    quadrature = _quadrature(spectrum, groups, filter_um, reference_K)
+
+    def choose() -> Arrays:
+        lines = Sightlines.through(spray)
+        light = _light(spectrum, filter_um, reference_K)
+        groups, errors_K = _chosen(scene, lines, spectrum, light, filter_um, reference_K)
+        means = _Means.of(spectrum, lines, groups, light)
+        return {"groups": groups.astype(float), "errors_K": np.array(errors_K), **vars(means)}
+
+    kept = cached(cache, kind="wavelengths", text=_content(scene, spray, spectrum), make=choose)
+    quadrature = _quadrature(spectrum, kept["groups"].astype(np.intp), filter_um, reference_K)
+    properties = _Means(**{field.name: kept[field.name] for field in fields(_Means)})
     bands = tuple(
         properties.band(number, node, cache=cache) for number, node in enumerate(quadrature.nodes)
     )
-    return Wavelengths(quadrature, bands, tuple(errors_K))
+    return Wavelengths(quadrature, bands, tuple(kept["errors_K"].tolist()))
+
+
+def _content(scene: Scene, spray: Spray, spectrum: Spectrum) -> str:
+    """All that the choice of wavelengths depends on, in short."""
+    arrays = [*vars(spectrum).values()]
+    if spray.parcels is not None:
+        p = spray.parcels
+        arrays += [p.position_m, p.diameter_m, p.droplets, p.temperature_K]
+    if spray.vapour is not None:
+        gas = spray.vapour
+        arrays += [gas.cells.lower_m, gas.cells.upper_m, gas.number_density_m3, gas.temperature_K]
+    optics, sensor = scene.optics.model_dump(), scene.camera.sensor
+    where = (optics, sensor.quantum_efficiency, scene.background.temperatures_K)
+    return f"{_FORM} {where!r} {scene.walls.temperature_K!r} {digest(*arrays)}"
 
 
 def _light(spectrum: Spectrum, filter_um: Filter, reference_K: float) -> Floats:

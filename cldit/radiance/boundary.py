@@ -7,13 +7,14 @@ L_bg is what enters the chamber through the rear window: the black body's own li
 reflects of its surroundings, the window's own, and the walls' that the window reflects. L is what
 leaves the spray's chamber towards the camera (`compose`), I what the camera sees. t, r, e are each
 window's transmission, reflection and emissivity, t + r + e = 1. Light that passes between black
-body and rear window more than once is left out (r_r (1 - eps) of it, below 1 %).
+body and rear window more than once is left out (r_r (1 - eps) of it, below 1 %). A patch of the
+enclosure adds to L its weight times eps B(T) + (1 - eps) B(T_wall), with its own T and eps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,9 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import Filter
 from cldit.optics.windows import Pane, band_pane
-from cldit.radiance.weights import Weights, compose
+from cldit.radiance.weights import Weights, background_radiance, compose
 from cldit.scene.schema import Scene
-from cldit.scene.vessel import Window
+from cldit.scene.vessel import Patch, Window
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +36,8 @@ class Surroundings:
     """Temperatures and emissivities around the spray, as a scene or a rig file gives them.
 
     background_surroundings_K: what the black body reflects; None is the walls. windows: at most
-    one front and one rear.
+    one front and one rear. background_error_K: standard deviation of the black body's temperature
+    about what it says, from one set point to the next.
     """
 
     wall_temperature_K: float
@@ -43,6 +45,8 @@ class Surroundings:
     background_surroundings_K: float | None = None
     camera_surroundings_K: float = 295.0
     windows: tuple[Window, ...] = ()
+    patches: tuple[Patch, ...] = ()
+    background_error_K: float = 0.0
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Surroundings:
@@ -52,6 +56,7 @@ class Surroundings:
             background_surroundings_K=scene.background.surroundings_K,
             camera_surroundings_K=scene.camera.surroundings_K,
             windows=scene.windows,
+            patches=scene.patches,
         )
 
     def window(self, side: str) -> Window | None:
@@ -62,7 +67,8 @@ class Surroundings:
 class Boundary:
     """The measurement equation in one band; all radiances in photons s-1 m-2 sr-1 of that band.
 
-    wall: B of the walls. rear_added, front_added: what either window emits and reflects.
+    wall: B of the walls. rear_added, front_added: what either window emits and reflects. patches:
+    what leaves each patch of the enclosure.
     radiance: of a black body, over its temperature.
     """
 
@@ -74,6 +80,7 @@ class Boundary:
     rear_added: float
     front: Pane
     front_added: float
+    patches: Mapping[str, float] = field(default_factory=dict)
 
     def leaving(self, blackbody_K: ArrayLike) -> Floats:
         """L_bg before a black body at these temperatures, any shape."""
@@ -109,15 +116,22 @@ class Boundary:
         outside_K = around.background_surroundings_K
         rear, rear_added = window("rear", around.wall_temperature_K)
         front, front_added = window("front", around.camera_surroundings_K)
+        wall = at(around.wall_temperature_K)
         return cls(
             radiance=radiance,
-            wall=at(around.wall_temperature_K),
+            wall=wall,
             emissivity=around.background_emissivity,
             around=at(around.wall_temperature_K if outside_K is None else outside_K),
             rear=rear,
             rear_added=rear_added,
             front=front,
             front_added=front_added,
+            patches={
+                patch.name: background_radiance(
+                    blackbody=at(patch.temperature_K), wall=wall, emissivity=patch.emissivity
+                )
+                for patch in around.patches
+            },
         )
 
     @classmethod
@@ -141,5 +155,6 @@ def picture(
     total: Floats | float = 0.0
     for part, boundary in zip(weights, boundaries, strict=True):
         leaving = float(boundary.leaving(background_K))
-        total = total + boundary.seen(compose(part, background=leaving, wall=boundary.wall))
+        inside = compose(part, background=leaving, wall=boundary.wall, patches=boundary.patches)
+        total = total + boundary.seen(inside)
     return np.asarray(total)

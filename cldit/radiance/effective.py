@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,20 +16,21 @@ def effective_weights(
     *,
     background_K: float,
     wall_K: float,
+    patches_K: Mapping[str, float] | None = None,
 ) -> Weights:
     """Band-effective weights: with one node, exactly that node's.
 
     The background's weight is the mean over the nodes for the light of a black body at
-    `background_K`, the walls' for one at `wall_K`; what vapour and droplets emit is the sum. They
-    give the sum over the nodes exactly before a background at `background_K`, and approximately
-    before others.
+    `background_K`, the walls' for one at `wall_K`, the patches' likewise; what vapour and droplets
+    emit is the sum. They give the sum over the nodes exactly before a background at `background_K`,
+    and approximately before others.
     """
     if len(weights) == 1:
         return weights[0]
 
     def mean(name: str, temperature_K: float) -> np.ndarray:
         total = sum(
-            float(node.share(temperature_K)) * getattr(part, name).astype(np.float64)
+            float(node.share(temperature_K)) * part.images[name].astype(np.float64)
             for part, node in zip(weights, nodes, strict=True)
         )
         return np.asarray(total, np.float32)
@@ -44,4 +45,5 @@ def effective_weights(
         wall=mean("wall", wall_K),
         vapour=both("vapour"),
         liquid=both("liquid"),
+        patches={name: mean(name, (patches_K or {})[name]) for name in weights[0].patches},
     )

@@ -2,16 +2,19 @@
 
 Transfer is linear in its sources, so with one trace
 
-    L = background * L_bg + wall * B(T_wall) + vapour + liquid
+    L = background * L_bg + wall * B(T_wall) + vapour + liquid + sum of patches[name] * L_name
 
-for every background and wall temperature. L_bg is what leaves the background disc,
-emissivity * B(T_bg) + (1 - emissivity) * B(T_wall).
+for every background, wall and patch temperature. L_bg is what leaves the background disc,
+emissivity * B(T_bg) + (1 - emissivity) * B(T_wall), and L_name what leaves a patch, likewise.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +23,9 @@ from cldit.images import read_image, write_image
 
 Image = NDArray[np.float32]
 
-_UNITS = {
-    "background": "1",
-    "wall": "1",
-    "vapour": "photons s-1 m-2 sr-1",
-    "liquid": "photons s-1 m-2 sr-1",
-}
+_EMITTED = ("vapour", "liquid")
+_WHOLE = ("background", "wall", *_EMITTED)
+_NONE: Mapping[str, Image] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -35,34 +35,50 @@ class Weights:
     background, wall: share of the background's and the wall's radiance that reaches the pixel.
     vapour, liquid: photon radiance emitted by either phase that reaches the pixel,
     photons s-1 m-2 sr-1 in the filter's band.
+    patches: share of each named patch of the enclosure, by its name.
     """
 
     background: Image
     wall: Image
     vapour: Image
     liquid: Image
+    patches: Mapping[str, Image] = field(default_factory=lambda: _NONE, kw_only=True)
+
+    @property
+    def images(self) -> dict[str, Image]:
+        """All weights by name, patches last."""
+        return {**{name: getattr(self, name) for name in _WHOLE}, **self.patches}
+
+    @classmethod
+    def of(cls, images: Mapping[str, Image]) -> Weights:
+        """The inverse of `images`."""
+        patches = {name: image for name, image in images.items() if name not in _WHOLE}
+        return cls(*(images[name] for name in _WHOLE), patches=patches)
+
+    def map(self, change: Callable[[Image], Any]) -> Weights:
+        """`change` of every weight."""
+        return Weights.of({name: change(image) for name, image in self.images.items()})
 
     def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
         """Writes one float32 TIFF a weight."""
         folder.mkdir(parents=True, exist_ok=True)
-        for item in fields(self):
+        for name, image in self.images.items():
             write_image(
-                folder / f"{item.name}.tif",
-                getattr(self, item.name),
-                name=f"weight of {item.name}",
-                unit=_UNITS[item.name],
+                folder / f"{name}.tif",
+                image,
+                name=f"weight of {name}",
+                unit="photons s-1 m-2 sr-1" if name in _EMITTED else "1",
                 pixel_m=pixel_m,
             )
 
     @classmethod
-    def load(cls, folder: Path) -> Weights:
-        """Reads what `save` wrote.
+    def load(cls, folder: Path, *, patches: Sequence[str] = ()) -> Weights:
+        """Reads what `save` wrote; patches: names of those that the scene has.
 
         Raises:
             RunFolderError: a file is missing or damaged.
         """
-        images = {item.name: read_image(folder / f"{item.name}.tif")[0] for item in fields(cls)}
-        return cls(**images)
+        return cls.of({name: read_image(folder / f"{name}.tif")[0] for name in (*_WHOLE, *patches)})
 
 
 def background_radiance(*, blackbody: float, wall: float, emissivity: float) -> float:
@@ -70,11 +86,21 @@ def background_radiance(*, blackbody: float, wall: float, emissivity: float) -> 
     return emissivity * blackbody + (1.0 - emissivity) * wall
 
 
-def compose(weights: Weights, *, background: float, wall: float) -> NDArray[np.float64]:
-    """Radiance (H, W) before a background and walls of these radiances, photons s-1 m-2 sr-1."""
-    return np.asarray(
+def compose(
+    weights: Weights, *, background: float, wall: float, patches: Mapping[str, float] | None = None
+) -> NDArray[np.float64]:
+    """Radiance (H, W) before a background, walls and patches of these radiances, photons s-1 m-2
+    sr-1.
+
+    Raises:
+        KeyError: a patch of the weights has no radiance.
+    """
+    total = (
         weights.background * np.float64(background)
         + weights.wall * np.float64(wall)
         + weights.vapour
         + weights.liquid
     )
+    for name, image in weights.patches.items():
+        total = total + image * np.float64((patches or {})[name])
+    return np.asarray(total)

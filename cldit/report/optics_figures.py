@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 _BLUE, _RED, _GREEN, _GREY, _BLACK = "#1f5fa8", "#c0392b", "#2e8b57", "#8a8a8a", "#222222"
 _FILTER = "#f3e3b3"
 
+PAPER_UM, PAPER_N, PAPER_K = 3.4, 1.338, 0.0341  # Sections "Ray Tracing" and "Refractive Index"
+
 
 def optics_picture(data: SceneOptics) -> bytes:
     """PNG of six panels; those of droplets are left out where the scene has none."""
@@ -70,6 +72,8 @@ def _index(axes: Axes, data: SceneOptics) -> None:
     axes.plot(optics.wavelength_um, optics.n, "o", color=_BLUE, mec="white", ms=8)
     other.plot(optics.wavelength_um, optics.k, "o", color=_RED, mec="white", ms=8)
     axes.plot([], [], "o", color=_GREY, label=f"in the scene: {optics.n:g} - {optics.k:g}i")
+    axes.plot(PAPER_UM, PAPER_N, "x", color=_BLACK, ms=9, label=f"paper: {PAPER_N} - {PAPER_K}i")
+    other.plot(PAPER_UM, PAPER_K, "x", color=_BLACK, ms=9)
     axes.plot([], [], color=_RED, label="k (right)")
     axes.set(xlabel="wavelength, µm", ylabel="n", title=title)
     other.set_ylabel("k")
@@ -182,6 +186,8 @@ def _vapour(axes: Axes, data: SceneOptics) -> None:
         ms=8,
         label=f"in the scene: {optics.vapour_m2_mol / 10:g}",
     )
+    if any(band.species.startswith("n-heptane") for band in data.vapours):
+        axes.plot(PAPER_UM, 5.0, "x", color=_BLACK, ms=9, label="paper: 5")
     axes.set(
         xlabel="wavelength, µm",
         ylabel="absorption, $10^5$ cm$^2$/mol",

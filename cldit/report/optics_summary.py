@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from cldit.errors import SprayError
 from cldit.optics.droplets import DropletTable, droplet_table, table_error
 from cldit.optics.liquid import Liquid, liquid, liquids
+from cldit.optics.liquid_table import read_liquid_table
 from cldit.optics.phase import PhaseFunction, phase_table
 from cldit.optics.response import edges_um, scene_filter
 from cldit.optics.vapour import VapourBand, vapour_band, vapours
+from cldit.optics.xsc import read_xsc
 from cldit.scene.schema import Scene
 from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
-from cldit.scene.spray import ConeSpray
+from cldit.scene.spray import ConeSpray, LagrangianSpray
 from cldit.spray.fuel import GAS_CONSTANT_J_mol_K
 from cldit.spray.sizes import Sizes, mean_diameter_m, strata_m
 
@@ -107,7 +109,7 @@ def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
         OpticsError: the scene's values are outside what can be solved.
     """
     optics = scene.optics
-    cone = scene.spray if isinstance(scene.spray, ConeSpray) else None
+    cone = scene.spray if isinstance(scene.spray, ConeSpray | LagrangianSpray) else None
     fuel, fuel_K, gas_K, pressure_Pa = "n-heptane", 300.0, 300.0, 101325.0
     sizes: Sizes | None = FIG4[0].sizes
     if cone is not None:
@@ -119,7 +121,7 @@ def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
     rows = [Row("filter", f"{low:g} to {high:g} µm", "", "around 3.4 µm")]
     sources: list[str] = []
 
-    known = liquid(fuel) if sizes is not None and fuel in liquids() else None
+    known = _liquid(optics.liquid or fuel) if sizes is not None else None
     if known is not None and not (known.wavelength_um[0] <= low and high <= known.wavelength_um[1]):
         known = None
     index: tuple[float, float] | None = None
@@ -129,9 +131,11 @@ def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
         note = f"{known.status}, mean over the filter at {fuel_K:.0f} K"
         rows.append(Row("n of the liquid", f"{optics.n:g}", f"{index[0]:.4f}", "1.338", note))
         rows.append(Row("k of the liquid", f"{optics.k:g}", f"{index[1]:.4f}", "0.0341", note))
-        sources.append(f"{known.name} ({known.status}): {known.source}; fit {known.fit}")
+        fit = f"; fit {known.fit}" if known.fit else ""
+        sources.append(f"{known.name} ({known.status}): {known.source}{fit}")
 
-    named = [vapour_band(name) for name in (fuel, f"{fuel}-radcal") if name in vapours()]
+    area = optics.vapour_area_km_mol
+    named = _vapours(optics.vapour or fuel, area)
     bands = tuple(band for band in named if _covers(band, low, high))
     for band in bands:
         gas_K = min(max(gas_K, band.temperatures_K[0]), band.temperatures_K[1])
@@ -171,6 +175,22 @@ def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
         rows=tuple(rows),
         sources=tuple(sources),
     )
+
+
+def _liquid(name: str) -> Liquid | None:
+    """The user's table, or shipped data; None where a fuel has none."""
+    if Path(name).suffix:
+        return read_liquid_table(Path(name))
+    return liquid(name) if name in liquids() else None
+
+
+def _vapours(name: str, area_km_mol: float | None) -> list[VapourBand]:
+    """What the scene uses; beside shipped data what RadCal publishes."""
+    if Path(name).suffix:
+        return [read_xsc(Path(name))]
+    used = [vapour_band(name, area_km_mol=area_km_mol)] if name in vapours() else []
+    beside = f"{name}-radcal"
+    return [*used, *([vapour_band(beside)] if beside in vapours() else [])]
 
 
 def _growth(

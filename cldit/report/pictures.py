@@ -207,11 +207,16 @@ def robust_limits(values: NDArray[np.floating], *, cut: float = 0.1) -> tuple[fl
 
 
 def weights_picture(weights: Weights, frame: Frame, *, title: str) -> bytes:
-    """PNG of the four weights."""
+    """PNG of the four weights and those of patches."""
+    patches = [
+        Panel(image, f"seen of {name}", "share", colours="gray")
+        for name, image in weights.patches.items()
+    ]
     return panels_picture(
         [
             Panel(weights.background, "seen of the background", "share", (0.0, 1.0), "gray"),
             Panel(weights.wall, "seen of the walls", "share", colours="gray"),
+            *patches,
             Panel(weights.vapour, "emitted by vapour", "photons s$^{-1}$ m$^{-2}$ sr$^{-1}$"),
             Panel(weights.liquid, "emitted by droplets", "photons s$^{-1}$ m$^{-2}$ sr$^{-1}$"),
         ],

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.acquisition.measured import is_measured, open_measured
 from cldit.acquisition.record import Acquisition, open_acquisition
 from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
@@ -105,7 +106,9 @@ def _shares(run: Run) -> Shares:
         reference_K=run.quadrature.reference_K,
     )
     leaves = float(whole.leaving(run.quadrature.reference_K))
-    return Shares.of(run.weights, run.reference, background=leaves, wall=whole.wall)
+    return Shares.of(
+        run.weights, run.reference, background=leaves, wall=whole.wall, patches=whole.patches
+    )
 
 
 def _spectral(run: Run) -> dict[str, str]:
@@ -135,7 +138,14 @@ def _figures(run: Run) -> dict[str, str]:
     figures |= {f"inferred {n}": text for n, text in enumerate(run.info.remarks, start=1)}
     figures["integration time"] = f"{run.info.integration_time_s * 1e6:.4g} us"
     figures |= _spectral(run)
+    figures["phase function"] = run.info.phase
     figures["precision"] = run.info.precision
+    if run.info.closure is not None:
+        kept = run.info.closure
+        figures["sum of weights and isothermal emission, less 1"] = (
+            f"{kept.largest:+.2g} at most, {kept.mean:+.2g} in the mean; the {kept.value} is "
+            f"allowed {kept.bound:.2g}"
+        )
     if run.info.accuracy_K is not None:
         figures["estimated error of the trace in T_app"] = f"{run.info.accuracy_K:.2g} K RMS"
     for file, defines in run.info.defines.items():
@@ -190,7 +200,7 @@ def write_run_report(run: Run) -> Path:
 
 
 def show_folder(folder: str | Path) -> Path:
-    """Draws the maps of a run or acquisition folder; returns the picture's path.
+    """Draws the maps of a run, acquisition or measured data; returns the picture's path.
 
     Raises:
         RunFolderError: the folder holds neither, or was not evaluated yet.
@@ -199,7 +209,8 @@ def show_folder(folder: str | Path) -> Path:
     if (place / "scene.yaml").is_file():
         write_pictures(open_run(place))
         return place / "pictures" / "maps.png"
-    acquisition = open_acquisition(place)
+    acquisition = open_measured(place) if is_measured(place) else open_acquisition(place)
+    place = acquisition.folder
     if not (place / "maps").is_dir():
         raise RunFolderError(f"{place}: is not evaluated yet; run `cldit evaluate {place}` first")
     picture = map_picture(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,28 +24,45 @@ class Shares:
     vapour: NDArray[np.float64]
     liquid: NDArray[np.float64]
     where: NDArray[np.bool_]
+    patches: Mapping[str, NDArray[np.float64]] = field(default_factory=dict, kw_only=True)
 
     @classmethod
-    def of(cls, weights: Weights, reference: Weights, *, background: float, wall: float) -> Shares:
-        """Before a background and walls of these radiances, photons s-1 m-2 sr-1.
+    def of(
+        cls,
+        weights: Weights,
+        reference: Weights,
+        *,
+        background: float,
+        wall: float,
+        patches: Mapping[str, float] | None = None,
+    ) -> Shares:
+        """Before a background, walls and patches of these radiances, photons s-1 m-2 sr-1.
 
         The spray is where it changes the weights of the empty scene, `reference`, by over 1 %.
         """
-        total = compose(weights, background=background, wall=wall)
+        radiances = {"background": background, "wall": wall, **(patches or {})}
+        total = compose(weights, background=background, wall=wall, patches=patches)
         with np.errstate(divide="ignore", invalid="ignore"):
-            seen, walls, vapour, liquid = (
-                np.where(total > 0, part / total, np.nan)
-                for part in (
-                    weights.background * np.float64(background),
-                    weights.wall * np.float64(wall),
-                    weights.vapour.astype(np.float64),
-                    weights.liquid.astype(np.float64),
+            share = {
+                name: np.where(
+                    total > 0, image * np.float64(radiances.get(name, 1.0)) / total, np.nan
                 )
-            )
-        before = reference.background.astype(np.float64) + reference.wall
-        thick = np.abs(before - weights.background - weights.wall) > 0.01
+                for name, image in weights.images.items()
+            }
+        outside = ("background", "wall", *weights.patches)
+        before, now = (
+            sum(part.images[name].astype(np.float64) for name in outside)
+            for part in (reference, weights)
+        )
         moved = np.abs(reference.background.astype(np.float64) - weights.background) > 0.01
-        return cls(seen, walls, vapour, liquid, where=thick | moved)
+        return cls(
+            share["background"],
+            share["wall"],
+            share["vapour"],
+            share["liquid"],
+            where=(np.abs(before - now) > 0.01) | moved,
+            patches={name: share[name] for name in weights.patches},
+        )
 
     def means(self) -> dict[str, float]:
         """Mean share over the pixels where the spray is; empty where it is nowhere."""
@@ -53,6 +71,7 @@ class Shares:
         named = {
             "background": self.background,
             "walls": self.wall,
+            **self.patches,
             "vapour": self.vapour,
             "droplets": self.liquid,
         }

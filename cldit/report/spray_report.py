@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from cldit.spray.flow.simulate import History
+from cldit.spray.flow.measures import History
 from cldit.spray.result import Spray
 from cldit.spray.vtkwrite import write_vtk
 
@@ -151,7 +151,7 @@ def history_figure(history: History, *, title: str) -> Figure:
             "penetration / mm",
             (
                 (1e3 * history.vapour_m, "vapour (mass fraction 0.001)"),
-                (1e3 * history.liquid_m, "liquid (97 % of its mass)"),
+                (1e3 * history.liquid_m, "liquid (beyond it 3 % of the fuel)"),
                 (1e3 * history.axial_m, "liquid, along the injector's axis"),
             ),
         ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -66,21 +67,31 @@ class SimulatedClock:
     Args:
         real_time_factor: None: sleeping takes no time; 1: real time; 60: a minute in a second.
         start_epoch_s: wall time at the start. A fixed one (2000-01-01) makes runs repeatable.
+        jump_after_s, jump_s: a fault: after so many seconds the wall time is set by so much, as
+            when somebody sets the computer's clock. Monotonic time goes on.
     """
 
     def __init__(
-        self, *, real_time_factor: float | None = None, start_epoch_s: float = 946_684_800.0
+        self,
+        *,
+        real_time_factor: float | None = None,
+        start_epoch_s: float = 946_684_800.0,
+        jump_after_s: float | None = None,
+        jump_s: float = 0.0,
     ) -> None:
         self._elapsed_s = 0.0
         self._start_epoch_s = start_epoch_s
         self._factor = real_time_factor
+        self._jump_after_s = math.inf if jump_after_s is None else jump_after_s
+        self._jump_s = jump_s
         self._real = SystemClock()
 
     def now_s(self) -> float:
         return self._elapsed_s
 
     def epoch_s(self) -> float:
-        return self._start_epoch_s + self._elapsed_s
+        jump_s = self._jump_s if self._elapsed_s >= self._jump_after_s else 0.0
+        return self._start_epoch_s + self._elapsed_s + jump_s
 
     def wall_time(self) -> str:
         return _iso(self.epoch_s())

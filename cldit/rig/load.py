@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from cldit.errors import ClditError, SceneError
 from cldit.radiance.boundary import Surroundings
@@ -27,6 +27,23 @@ class ClockChoice(Section):
 
     model: Literal["system", "simulated"] = "system"
     real_time_factor: Annotated[float, Within(1e-3, 1e6)] | None = None  # 1: as fast as it is real
+    jump_after_s: Annotated[float, Within(0.0, 1e9)] | None = None  # a fault of a simulated clock:
+    jump_s: Annotated[float, Within(-1e9, 1e9)] = 0.0  # its date is set by so much, once
+
+    @model_validator(mode="after")
+    def _only_simulated(self) -> ClockChoice:
+        if self.model == "system" and self.jump_after_s is not None:
+            raise ValueError("jump_after_s: the system's clock is not ours to set; allowed is null")
+        return self
+
+    def make(self) -> Clock:
+        if self.model == "system":
+            return SystemClock()
+        return SimulatedClock(
+            real_time_factor=self.real_time_factor,
+            jump_after_s=self.jump_after_s,
+            jump_s=self.jump_s,
+        )
 
 
 class DriverChoice(Section):
@@ -42,6 +59,8 @@ class Setup(Section):
     background_surroundings_K: Temperature | None = None  # reflected by it; None: the walls
     camera_surroundings_K: Temperature = 295.0  # what a front window reflects into the camera
     windows: Windows = ()
+    # standard deviation of the black body about its reading, from one set point to the next
+    background_error_K: Annotated[float, Within(0.0, 10.0)] = 0.0
     centre_m: tuple[Coordinate, Coordinate] = (0.0, 0.0)  # x, z of the picture's middle
     pixel_m: tuple[Length, Length]  # width and height of a pixel in the plane of the spray
 
@@ -53,6 +72,7 @@ class Setup(Section):
             background_surroundings_K=self.background_surroundings_K,
             camera_surroundings_K=self.camera_surroundings_K,
             windows=self.windows,
+            background_error_K=self.background_error_K,
         )
 
 
@@ -173,12 +193,7 @@ def open_rig(path_or_mapping: str | Path | dict[str, Any], *, clock: Clock | Non
     file = read_rig(path_or_mapping)
     folder = file.folder or Path.cwd()
     if clock is None:
-        simulated = file.clock.model == "simulated"
-        clock = (
-            SimulatedClock(real_time_factor=file.clock.real_time_factor)
-            if simulated
-            else SystemClock()
-        )
+        clock = file.clock.make()
     problems: list[str] = []
 
     def build(key: str, choice: DriverChoice, bench: object | None) -> Any:

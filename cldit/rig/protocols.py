@@ -86,10 +86,14 @@ class Capabilities:
 
 @dataclass(frozen=True)
 class TriggerInfo:
-    """How frames are started once the camera is armed; it stops by itself after `n_frames`."""
+    """How frames are started once the camera is armed; it stops by itself after `n_frames`.
+
+    frames_per_trigger: an external edge starts so many, at the camera's own rate.
+    """
 
     mode: TriggerMode
     n_frames: int = 1
+    frames_per_trigger: int = 1
     activation: str = "rising"
 
 

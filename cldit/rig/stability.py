@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Protocol
 
@@ -58,3 +59,32 @@ def wait_stable(
             )
         if not clock.sleep(poll_s, should_stop):
             raise Aborted(f"stopped while the background went to {temperature_K:g} K")
+
+
+class Settling(ABC):
+    """Gives a background its `wait_stable`: the one that all of them have."""
+
+    _clock: Clock
+
+    @abstractmethod
+    def read_temperature(self) -> float: ...
+
+    @abstractmethod
+    def is_stable(self) -> bool | None: ...
+
+    def wait_stable(
+        self,
+        temperature_K: float,
+        stability: Stability,
+        should_stop: StopCheck | None = None,
+        on_progress: Callable[[float], None] | None = None,
+    ) -> float:
+        """As the function of that name."""
+        return wait_stable(
+            self,
+            self._clock,
+            temperature_K,
+            stability,
+            should_stop=should_stop,
+            on_progress=on_progress,
+        )

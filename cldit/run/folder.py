@@ -77,12 +77,13 @@ def open_run(path: str | Path) -> Run:
         reference_K=reference_temperature_K(scene.background.temperatures_K),
     )
     quadrature, nodes = node_folders(folder / "weights", grey)
+    patches = [patch.name for patch in scene.patches]
     return Run(
         scene=scene,
-        weights=Weights.load(folder / "weights"),
+        weights=Weights.load(folder / "weights", patches=patches),
         quadrature=quadrature,
-        spectral=tuple(Weights.load(node) for node in nodes),
-        reference=Weights.load(folder / "weights_reference"),
+        spectral=tuple(Weights.load(node, patches=patches) for node in nodes),
+        reference=Weights.load(folder / "weights_reference", patches=patches),
         maps=Maps.load(folder / "maps"),
         info=info,
         measured=Maps.load(measured) if measured.is_dir() else None,

@@ -5,18 +5,66 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from cldit.medium.frame import Frame
-from cldit.medium.octree import Octree, build_octrees
-from cldit.optics.band import BandOptics
+from cldit.medium.octree import CellSource, Octree, PointSource, build_octrees
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
+from cldit.run.phases import droplets_content, mean_phase, phase_choice
 from cldit.run.stages import Stages
 from cldit.scene import Scene
 from cldit.spray.result import Spray
 from cldit.spray.source import make_spray
-from cldit.transport.phase import PhaseError, ScatteringTable, mean_of
+from cldit.transport.phase import ScatteringTable
+
+Source = tuple[PointSource | None, list[CellSource]]
+
+
+@dataclass(frozen=True)
+class Properties:
+    """What a spray does to light at each wavelength, and with the paper's properties.
+
+    sources: a wavelength each. phases: of each wavelength's droplets, None where they scatter
+    isotropically. paper, paper_phase: likewise with the paper's properties; None where no
+    comparison is wanted. phase: what was chosen, in words; remarks: what one should know of it.
+    """
+
+    chosen: Wavelengths
+    sources: tuple[Source, ...]
+    phases: tuple[ScatteringTable | None, ...]
+    paper: Source | None
+    paper_phase: ScatteringTable | None
+    phase: str
+    remarks: tuple[str, ...]
+
+
+def properties_of(scene: Scene, spray: Spray, *, cache: Path | None) -> Properties:
+    """Of a scene's spray; tables are kept in a folder, None keeps nothing.
+
+    Raises:
+        ClditError: optical data do not cover the scene, or its phase function needs diameters.
+    """
+    chosen = wavelengths(scene, spray, cache=cache)
+    sources = tuple(emitters(spray, band) for band in chosen.bands)
+    choice = phase_choice(scene, spray, scene.optics.preset)
+    phases: list[ScatteringTable | None] = [None] * len(sources)
+    content = droplets_content(spray)
+    if choice.mie:
+        each = zip(chosen.bands, sources, strict=True)
+        phases = [
+            mean_phase(spray, band, points, content=content, cache=cache)
+            for band, (points, _) in each
+        ]
+    words = choice.words
+    g = [phase.asymmetry for phase in phases if phase is not None]
+    if choice.mie:
+        words += f", g {min(g):.3f} to {max(g):.3f}" if g else ": nothing scatters"
+    paper = paper_phase = None
+    if chosen.errors_K and scene.optics.compare_paper:
+        (band,) = wavelengths(scene, spray, cache=cache, paper=True).bands
+        paper = emitters(spray, band)
+        if phase_choice(scene, spray, "paper").mie:
+            paper_phase = mean_phase(spray, band, paper[0], content=content, cache=cache)
+    return Properties(chosen, sources, tuple(phases), paper, paper_phase, words, choice.remarks)
 
 
 @dataclass(frozen=True)
@@ -24,10 +72,9 @@ class Medium:
     """A tree for each spectral node, and one with the paper's properties where that is wanted."""
 
     trees: list[Octree]
-    chosen: Wavelengths
     paper: Octree | None
+    properties: Properties
     notes: dict[str, float]
-    phase: ScatteringTable | None
 
 
 def make_medium(scene: Scene, stages: Stages, cache: Path) -> Medium:
@@ -36,16 +83,11 @@ def make_medium(scene: Scene, stages: Stages, cache: Path) -> Medium:
         note.append(scene.spray.model)
         stages.remark(spray.remarks)
     with stages.stage("optics") as note:
-        chosen = wavelengths(scene, spray, cache=cache)
-        bands = list(chosen.bands)
-        note.append(f"{len(bands)} wavelength{'s' if len(bands) > 1 else ''}")
-        compared = bool(chosen.errors_K) and scene.optics.compare_paper
-        if compared:
-            bands += wavelengths(scene, spray, cache=cache, paper=True).bands
-        sources = [emitters(spray, band) for band in bands]
-        phase = None
-        if scene.transport.phase == "mie":
-            phase = mean_phase(spray, bands[len(chosen.bands) // 2])
+        found = properties_of(scene, spray, cache=cache)
+        sources = [*found.sources, *([] if found.paper is None else [found.paper])]
+        count = len(found.sources)
+        note.append(f"{count} wavelength{'s' if count > 1 else ''}")
+        stages.remark(found.remarks)
     domain = scene.domain
     frame = Frame.around(
         centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=domain.leaf_edge_m
@@ -53,20 +95,5 @@ def make_medium(scene: Scene, stages: Stages, cache: Path) -> Medium:
     with stages.stage("octree") as note:
         trees = build_octrees(frame, sources, optical_depth_split=domain.optical_depth_split)
         note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
-    paper = trees.pop() if compared else None
-    return Medium(trees, chosen, paper, dict(spray.notes), phase)
-
-
-def mean_phase(spray: Spray, band: BandOptics) -> ScatteringTable | None:
-    """The droplets' mean phase function in one band, which serves for all; None without droplets.
-
-    Raises:
-        PhaseError: droplets are given as coefficients, without diameters.
-    """
-    if spray.prescribed is not None and np.any(spray.prescribed.droplet_scattering_per_m > 0):
-        raise PhaseError(
-            "transport.phase: mie needs droplet diameters, and this spray gives coefficients only; "
-            "allowed: isotropic, {henyey_greenstein: g}"
-        )
-    points, _ = emitters(spray, band)
-    return mean_of(spray.parcels, band.droplets, None if points is None else points.scattering_m2)
+    paper = trees.pop() if found.paper is not None else None
+    return Medium(trees, paper, found, dict(spray.notes))

@@ -14,6 +14,7 @@ from cldit.run.spectral import (
     SpectralInfo,
 )
 from cldit.scene import Scene
+from cldit.transport.closure import Closure
 
 
 @dataclass(frozen=True)
@@ -40,24 +41,28 @@ class RunInfo:
     integration_time_s: float  # of the sensor, for the standard errors and the rig
     versions: dict[str, str] = field(default_factory=dict)
     spectral: SpectralInfo | None = None  # how the filter was resolved
+    closure: Closure | None = None  # how far the sum of weights is from 1
     remarks: tuple[str, ...] = ()  # what was inferred from the spray's files
+    phase: str = ""  # how droplets were taken to scatter
 
     def to_json(self) -> str:
         data = {**self.__dict__, "stages": [stage.__dict__ for stage in self.stages]}
-        data["spectral"] = None if self.spectral is None else self.spectral.to_dict()
+        for name, part in (("spectral", self.spectral), ("closure", self.closure)):
+            data[name] = None if part is None else part.to_dict()
         return json.dumps(data, indent=2)
 
     @classmethod
     def from_json(cls, text: str) -> RunInfo:
         data = json.loads(text)
         stages = tuple(Stage(**stage) for stage in data["stages"])
-        spectral = data.get("spectral")
+        spectral, closure = data.get("spectral"), data.get("closure")
         return cls(
             **{
                 **data,
                 "stages": stages,
                 "remarks": tuple(data["remarks"]),
                 "spectral": None if spectral is None else SpectralInfo.from_dict(spectral),
+                "closure": None if closure is None else Closure.from_dict(closure),
             }
         )
 

@@ -31,6 +31,7 @@ from cldit.run.spectral import (
     Difference,
     NodeTraces,
     SpectralInfo,
+    node_settings,
     trace_nodes,
 )
 from cldit.run.stages import Say, Stages
@@ -75,10 +76,11 @@ def simulate(
     device = device or open_device()
     stages = Stages(progress)
     medium = make_medium(scene, stages, cache or default_cache())
-    frame, chosen = medium.trees[0].frame, medium.chosen
-    settings = settings_for(scene, medium.phase)
+    frame, chosen = medium.trees[0].frame, medium.properties.chosen
+    grey = settings_for(scene, medium.properties.paper_phase)
+    settings = node_settings(scene, chosen.quadrature, medium.properties.phases)
     result = trace_nodes(medium.trees, chosen.quadrature, scene, device, settings, report=progress)
-    reference = trace(_nothing(frame), scene, device, settings).weights
+    reference = trace(_nothing(frame), scene, device, grey).weights
     steps = ("compile", "scattering", "image", *(["gather"] if "gather" in result.seconds else []))
     for name in steps:
         note = "" if name in result.seconds else "left out: nothing scatters"
@@ -96,11 +98,11 @@ def simulate(
     from_paper = None
     if medium.paper is not None:
         with stages.stage("the paper's properties"):
-            other = trace(medium.paper, scene, device, settings).weights
-            grey = Quadrature.grey(
+            other = trace(medium.paper, scene, device, grey).weights
+            one = Quadrature.grey(
                 chosen.quadrature.filter_um, reference_K=chosen.quadrature.reference_K
             )
-            from_paper = Difference.of(maps, _evaluate(scene, grey, (other,), reference, sensor))
+            from_paper = Difference.of(maps, _evaluate(scene, one, (other,), reference, sensor))
     run = Run(
         scene=scene,
         weights=result.weights,
@@ -113,6 +115,7 @@ def simulate(
             maps,
             stages,
             medium.notes,
+            medium.properties.phase,
             sensor.integration_time_s,
             SpectralInfo.of(chosen.quadrature, chosen.errors_K, from_paper),
         ),
@@ -181,6 +184,7 @@ def _info(
     maps: Maps,
     stages: Stages,
     notes: dict[str, float],
+    phase: str,
     integration_time_s: float,
     spectral: SpectralInfo,
 ) -> RunInfo:
@@ -191,7 +195,7 @@ def _info(
         accuracy = 1.3 * temperature_error_K(
             maps,
             result.difference,
-            wall_temperature_K=scene.walls.temperature_K,
+            surroundings=Surroundings.from_scene(scene),
             filter_um=scene_filter(scene),
         )
         accuracy = max(accuracy, result.audit_K)  # which sees what both pictures simplify
@@ -205,9 +209,11 @@ def _info(
         stages=tuple(stages.done),
         accuracy_K=accuracy,
         spray=notes,
+        phase=phase,
         counts=result.counts,
         defines={program.name: dict(program.defines) for program in last.programs},
         precision=last.precision,
+        closure=result.closure,
         remarks=tuple(stages.remarks),
         integration_time_s=integration_time_s,
         spectral=spectral,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,9 @@ from cldit.optics.spectral import Quadrature
 from cldit.radiance.effective import effective_weights
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
-from cldit.transport.trace import Settings, Trace, trace
+from cldit.transport.closure import Closure
+from cldit.transport.phase import ScatteringTable
+from cldit.transport.trace import Settings, Trace, settings_for, trace
 
 _QUADRATURE = "quadrature.json"
 
@@ -109,8 +111,44 @@ class NodeTraces:
         return max((result.audit_K or 0.0 for result in self.traces), default=0.0)
 
     @property
+    def closure(self) -> Closure | None:
+        """The worst of all nodes'."""
+        found = [result.closure for result in self.traces if result.closure is not None]
+        return max(found, key=lambda one: abs(one.largest), default=None)
+
+    @property
     def spectral(self) -> tuple[Weights, ...]:
         return tuple(result.weights for result in self.traces)
+
+
+def node_settings(
+    scene: Scene, quadrature: Quadrature, phases: Sequence[ScatteringTable | None]
+) -> list[Settings]:
+    """How each node is traced, so that all together are as accurate as the scene asks for.
+
+    The nodes get directions of their own, so that their errors are independent, and the picture,
+    their sum, has less of them: K nodes of equal light need some K^-3/4 of the directions that one
+    needs (a trace's error falls with their number to the power of about 2/3).
+    """
+    spec = scene.transport
+    light = np.array([float(node.share(quadrature.reference_K)) for node in quadrature.nodes])
+    nodes = 1.0 / float(np.sum(light**2))
+    out = []
+    for number, phase in enumerate(phases):
+        one = settings_for(scene, phase)
+        directions = one.directions
+        if spec.directions is None and len(phases) > 1:
+            directions = min(one.directions, max(16, 8 * round(one.directions / 8 * nodes**-0.75)))
+        out.append(
+            replace(
+                one,
+                directions=directions,
+                final_directions=2 * directions,
+                accuracy_K=one.accuracy_K * nodes**0.5,
+                seed=one.seed + number,
+            )
+        )
+    return out
 
 
 def trace_nodes(
@@ -118,11 +156,12 @@ def trace_nodes(
     quadrature: Quadrature,
     scene: Scene,
     device: Device,
-    settings: Settings,
+    settings: Sequence[Settings],
     *,
     report: Callable[[str], None] | None,
 ) -> NodeTraces:
-    """One trace a tree; the list is emptied as it goes, so that memory holds few trees.
+    """One trace a tree, with its settings; the list of trees is emptied as it goes, so that memory
+    holds few of them.
 
     Raises:
         TransportError, DeviceError, KernelError: as `trace`.
@@ -132,7 +171,7 @@ def trace_nodes(
     for number in range(count):
         if report is not None and count > 1:
             report(f"wavelength {number + 1} of {count}")
-        traces.append(trace(trees.pop(0), scene, device, settings, report=report))
+        traces.append(trace(trees.pop(0), scene, device, settings[number], report=report))
     seconds: dict[str, float] = {}
     counts: dict[str, int] = {}
     for result in traces:
@@ -148,6 +187,7 @@ def trace_nodes(
             quadrature.nodes,
             background_K=quadrature.reference_K,
             wall_K=scene.walls.temperature_K,
+            patches_K={patch.name: patch.temperature_K for patch in scene.patches},
         )
 
     halves = [r.weights_difference for r in traces if r.weights_difference is not None]

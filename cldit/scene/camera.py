@@ -35,7 +35,9 @@ class Camera(Section):
     model: Literal["pinhole", "orthographic"] = "pinhole"
     distance_m: Annotated[float, Within(1e-3, 1e3)] = 1.0
     field_m: tuple[Length, Length] = (0.16, 0.16)  # width, height in the plane of the target
-    pixels: tuple[Pixels, Pixels] = (1000, 1000)  # columns, rows: one ray each
+    pixels: tuple[Pixels, Pixels] = (1000, 1000)  # columns, rows
+    # 1: through the middle; 4, 16, 64: even over the pixel; adaptive: 1, and 16 where it is steep
+    rays_per_pixel: Literal[1, 4, 16, 64, "adaptive"] = 1
     target_m: Point | None = None  # the middle of the picture; the domain's centre where left out
     surroundings_K: Temperature = 295.0  # what a front window reflects into the camera
     sensor: Sensor = Sensor()

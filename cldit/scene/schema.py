@@ -15,7 +15,7 @@ from cldit.scene.rig import PlanSize, Rig
 from cldit.scene.spray import Spray
 from cldit.scene.transport import Transport
 from cldit.scene.values import Point
-from cldit.scene.vessel import Background, Domain, Walls, Windows
+from cldit.scene.vessel import Background, Domain, Patches, Walls, Windows
 
 
 class Scene(Section):
@@ -28,6 +28,7 @@ class Scene(Section):
     camera: Camera = Camera()
     background: Background = Background()
     walls: Walls = Walls()
+    patches: Patches = ()
     windows: Windows = ()
     optics: Optics = Optics()
     transport: Transport = Transport()

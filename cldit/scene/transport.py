@@ -39,7 +39,9 @@ class Transport(Section):
     order: Annotated[int, Within(0, 1000)] | None = None  # None: all; beyond it the wall is seen
     accuracy_K: Annotated[float, Within(1e-4, 100.0)] = 0.1
     max_samples: Annotated[int, Within(128, 10_000_000)] = 4096  # of `path`, a pixel
-    phase: Phase = "isotropic"
+    # None: as optics.preset has it, isotropic with `paper`, mie with `spectral` (isotropic where
+    # droplets are given as coefficients, or the method is `branching`)
+    phase: Phase | None = None
     gather: bool = False  # `source`: gather the picture's scattered light by flights, not cells
     cutoff: Annotated[float, Within(0.0, 0.5)] = 1e-4
     directions: Annotated[int, Within(4, 4096)] | None = None  # None: chosen from accuracy_K

@@ -1,13 +1,14 @@
-"""What encloses the spray: the cube that is traced, background, walls and windows."""
+"""What encloses the spray: the cube that is traced, background, walls, patches and windows."""
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from cldit.scene.checks import Section, Within
-from cldit.scene.values import Length, Point, Temperature
+from cldit.scene.values import Direction, Length, Point, Temperature
 
 
 class Domain(Section):
@@ -50,6 +51,49 @@ class Walls(Section):
     """The rest of the enclosure, a black body at one temperature."""
 
     temperature_K: Temperature = 300.0
+
+
+class Patch(Section):
+    """A plane piece of the enclosure with a temperature and a weight of its own, by its name.
+
+    A window through which the laboratory is seen, a heated flange. `facing` is where its front
+    looks; from behind it is not seen. Of patches and background disc, a line sees the nearest; of
+    those in one plane the background first, then the patch that is named first.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,39}$")]  # weights/NAME.tif
+    shape: Literal["disc", "rectangle"] = "disc"
+    centre_m: Point
+    facing: Direction
+    radius_m: Length | None = None  # of a disc
+    size_m: tuple[Length, Length] | None = None  # of a rectangle: width, and height along z
+    temperature_K: Temperature
+    emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0  # what is left reflects the walls
+
+    @model_validator(mode="after")
+    def _fits(self) -> Patch:
+        wanted, other = ("radius_m", "size_m")[:: 1 if self.shape == "disc" else -1]
+        if getattr(self, wanted) is None or getattr(self, other) is not None:
+            raise ValueError(f"shape: {self.shape} takes {wanted}, and no {other}")
+        return self
+
+
+_TAKEN = ("background", "wall", "vapour", "liquid")
+
+
+def _names_differ(patches: tuple[Patch, ...]) -> tuple[Patch, ...]:
+    for name, count in Counter([*_TAKEN, *(patch.name for patch in patches)]).items():
+        if count > 1:
+            raise ValueError(
+                f"the name {name} is there more than once; allowed are names that differ, and none "
+                f"of {', '.join(_TAKEN)}"
+            )
+    if len(patches) > 16:
+        raise ValueError(f"{len(patches)} patches, allowed is 0..16")
+    return patches
+
+
+Patches = Annotated[tuple[Patch, ...], AfterValidator(_names_differ)]
 
 
 class Window(Section):

@@ -1,5 +1,7 @@
 """The `cone` spray: one quasi-steady jet a plume, superposed on a grid, its droplets evaporating.
 
+0. Methane comes out under-expanded (`cldit.spray.methane`): up to the Mach disc it is as cold and
+   fast as in the notional nozzle and takes up no gas; there the jet begins.
 1. Each plume is a jet (`cldit.spray.jet`). Fuel that left the hole at one moment travels with the
    jet's mean speed, so that the fuel in a length ds is rate / speed ds, and what has been injected
    is spread between the place of the first and of the last fuel: after the end of injection the
@@ -21,14 +23,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import SprayError
 from cldit.scene.spray import ConeSpray, Plume
-from cldit.spray.film import WetBulb, wet_bulb
+from cldit.spray.conesource import Source, source_of
 from cldit.spray.fuel import (
     METHANE,
     NITROGEN,
@@ -37,16 +37,12 @@ from cldit.spray.fuel import (
     heptane_density_kg_m3,
 )
 from cldit.spray.jet import MEAN_SQUARE, Jet, profile
-from cldit.spray.methane import expand
-from cldit.spray.mixing import Mixture, State, heptane_mixture, methane_mixture
+from cldit.spray.mixing import State
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
-from cldit.spray.shrinking import Shrinking, shrinking
-from cldit.spray.sizes import strata_m
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-VELOCITY_COEFFICIENT = 0.9  # speed at the hole over Bernoulli's
 SOFTNESS = 0.1  # half the width of tip and tail, of the time of travel
 ROUNDING = 0.4  # by how much of the time the plume's edge lags its axis
 NEGLIGIBLE = 1e-7  # of the fuel's mass: the thinnest cells go, and the others take it over
@@ -54,26 +50,7 @@ THIN = 2e-4  # of the liquid: the thinnest cells count as evaporated
 SMALLEST_m = 1e-7  # droplets below count as evaporated
 RESOLVED = 1.5  # the plume is at least this many cells wide (radius)
 MOST_CELLS = 5e7  # looked at, in the boxes around all plumes
-_CLASSES = 1024  # of the droplets' sizes
 _AVOGADRO = 6.02214076e23
-
-
-@dataclass(frozen=True)
-class _Source:
-    """What leaves the holes: the same for every plume but for the flow."""
-
-    speed_m_s: float
-    density_kg_m3: float
-    flux_kg_m2_s: float
-    mixture: Mixture
-    sizes: Shrinking | None = None
-    bulb: WetBulb | None = None
-
-    def kinetic(self, age_s: Floats) -> Floats:
-        """Share of the fuel that has had the time to evaporate."""
-        if self.sizes is None or self.bulb is None:
-            return np.ones(np.shape(age_s))
-        return self.sizes.kinetic(age_s, rate_m2_s=self.bulb.rate_m2_s)
 
 
 def make_cone(spec: ConeSpray) -> Spray:
@@ -85,12 +62,14 @@ def make_cone(spec: ConeSpray) -> Spray:
     with droplets parcels, sauter_mean_diameter_m, liquid_penetration_m (depth below the nozzle
     that 97 % of the liquid does not reach), and where it can evaporate wet_bulb_K and
     evaporation_rate_m2_s (K of the d^2 law) in the undisturbed gas, saturation_K and
-    saturation_fuel_ratio (where equilibrium leaves no liquid).
+    saturation_fuel_ratio (where equilibrium leaves no liquid). For methane mach_disc_m (distance
+    from the hole, of the largest plume), throat_K, throat_Pa, notional_K, and notional_area_ratio
+    (of the notional nozzle to the throat).
 
     Raises:
         SprayError: the combination of values is impossible: pressure, flow, sizes, grid.
     """
-    source = _source(spec)
+    source = source_of(spec)
     rate = spec.injected_mass_kg / spec.injection_duration_s
     holes = len(spec.plumes) * np.pi / 4 * spec.hole_diameter_m**2
     flow = rate / (holes * source.flux_kg_m2_s)
@@ -110,6 +89,11 @@ def make_cone(spec: ConeSpray) -> Spray:
     gone = mass - liquid
     distance = np.linalg.norm((index + 0.5) * spec.spacing_m, axis=1)
     share = state.evaporated * state.fuel_to_gas / (1 + state.fuel_to_gas)
+    notes |= source.notes
+    if source.disc > 0:
+        largest = max(plume.mass_fraction for plume in spec.plumes)
+        every = sum(plume.mass_fraction for plume in spec.plumes)
+        notes["mach_disc_m"] = source.barrel_m(largest / every * rate)
     notes |= {
         "jet_speed_m_s": source.speed_m_s,
         "cells": float(len(index)),
@@ -134,56 +118,8 @@ def make_cone(spec: ConeSpray) -> Spray:
     return Spray(parcels=parcels, vapour=vapour, notes=notes)
 
 
-def _source(spec: ConeSpray) -> _Source:
-    """State of the fuel at the holes, and the table of its mixtures with the gas."""
-    ambient = spec.ambient
-    if spec.injection_pressure_Pa <= ambient.pressure_Pa:
-        raise SprayError(
-            f"spray.injection_pressure_Pa: {spec.injection_pressure_Pa:g} is not above the "
-            f"pressure of the gas, {ambient.pressure_Pa:g}"
-        )
-    if spec.fuel == "methane":
-        jet = expand(
-            stagnation_Pa=spec.injection_pressure_Pa,
-            stagnation_K=spec.fuel_temperature_K,
-            pressure_Pa=ambient.pressure_Pa,
-        )
-        mixture = methane_mixture(
-            pressure_Pa=ambient.pressure_Pa,
-            gas_K=ambient.temperature_K,
-            fuel_K=spec.fuel_temperature_K,
-            speed_m_s=jet.speed_m_s,
-        )
-        return _Source(jet.speed_m_s, jet.density_kg_m3, jet.flux_kg_m2_s, mixture)
-    if spec.droplets is None:
-        raise SprayError("spray.droplets: null, but n-heptane leaves the injector as droplets")
-    density = float(heptane_density_kg_m3(spec.fuel_temperature_K))
-    drop = spec.injection_pressure_Pa - ambient.pressure_Pa
-    speed = VELOCITY_COEFFICIENT * float(np.sqrt(2 * drop / density))
-    mixture = heptane_mixture(
-        pressure_Pa=ambient.pressure_Pa,
-        gas_K=ambient.temperature_K,
-        fuel_K=spec.fuel_temperature_K,
-        evaporation=spec.evaporation,
-    )
-    classes = strata_m(spec.droplets, _CLASSES)
-    if not classes[-1] < 1e-3:
-        raise SprayError(
-            f"spray.droplets: these sizes reach {classes[-1]:.3g} m, allowed is less than 1e-3"
-        )
-    bulb = None
-    if spec.evaporation:
-        bulb = wet_bulb(
-            gas_K=ambient.temperature_K,
-            pressure_Pa=ambient.pressure_Pa,
-            fuel_K=spec.fuel_temperature_K,
-        )
-    sizes = shrinking(classes, bulb)
-    return _Source(speed, density, density * speed, mixture, sizes, bulb)
-
-
 def _grid(
-    spec: ConeSpray, source: _Source, *, injected: float
+    spec: ConeSpray, source: Source, *, injected: float
 ) -> tuple[Ints, Floats, Floats, Floats]:
     """Cells (N, 3) that hold fuel, counted from the nozzle, and for each (N,) the fuel's mass, its
     content in kg/m3 in that part of the cell that the plumes fill, and the share of it that has
@@ -228,7 +164,7 @@ def _grid(
 
 
 def _plume(
-    spec: ConeSpray, plume: Plume, jet: Jet, source: _Source
+    spec: ConeSpray, plume: Plume, jet: Jet, source: Source
 ) -> tuple[Ints, Floats, Floats, Floats]:
     """Cells (N, 3) of one plume, and for each (N,) the fuel in kg/m3, the part that it fills, and
     the share that has had the time to evaporate.
@@ -245,7 +181,9 @@ def _plume(
     edge = _edge_m(jet, source, along)
     wide = np.hypot(edge, RESOLVED * h)
     across = wide[-1] * np.sqrt(1 - axis**2)
-    least, most = np.minimum(0.0, reach * axis) - across, np.maximum(0.0, reach * axis) + across
+    start = source.barrel_m(jet.rate_kg_s)
+    end = (start + reach) * axis
+    least, most = np.minimum(0.0, end) - across, np.maximum(0.0, end) + across
     finest = float(np.prod(most - least) * len(spec.plumes) / MOST_CELLS) ** (1 / 3)
     if not finest <= h <= reach / 2:
         raise SprayError(
@@ -265,8 +203,9 @@ def _plume(
         centre = (index + 0.5) * h
         s = centre @ axis
         r2 = np.einsum("ij,ij->i", centre, centre) - s * s
-        near = (s > 0) & (s < reach) & (r2 < wide[-1] ** 2)
-        index, s, r2 = index[near], s[near], r2[near]
+        near = (s > 0) & (s < start + reach) & (r2 < wide[-1] ** 2)
+        # In the barrel the fuel is as it is where the jet begins: unmixed.
+        index, s, r2 = index[near], np.maximum(s[near] - start, along[0]), r2[near]
         xi2 = np.maximum(r2, 0.0) / np.interp(s, along, wide) ** 2
         near = xi2 < 1
         index, s, xi2 = index[near], s[near], xi2[near]
@@ -293,7 +232,7 @@ def _age_s(jet: Jet, along_m: Floats, xi2: Floats) -> Floats:
     return jet.travel_s(along_m) / (1 - ROUNDING * (xi2 - MEAN_SQUARE))
 
 
-def _edge_m(jet: Jet, source: _Source, along_m: Floats) -> Floats:
+def _edge_m(jet: Jet, source: Source, along_m: Floats) -> Floats:
     """Radius of the plume at distances (N,): what rate / speed of fuel a length needs."""
     xi = (np.arange(64) + 0.5) / 64
     ratio = jet.axis_ratio(along_m)[:, None] * profile(xi)
@@ -327,7 +266,7 @@ def _smooth_step(x: Floats) -> Floats:
 
 
 def _parcels(
-    spec: ConeSpray, source: _Source, index: Ints, mass: Floats, state: State
+    spec: ConeSpray, source: Source, index: Ints, mass: Floats, state: State
 ) -> tuple[Parcels | None, Floats]:
     """Parcels of all cells, and the liquid of each cell (N,); the rest of its fuel is vapour.
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import SprayError
+from cldit.spray.foamblocks import COLLATED, block_of
 from cldit.spray.result import Floats
 
 _HEADER = re.compile(rb"FoamFile\s*\{(.*?)\}", re.DOTALL)
@@ -38,9 +39,16 @@ class FoamFile:
     label_sizes: tuple[int, ...]
     scalar_sizes: tuple[int, ...]
     body: bytes
+    block: int | None = None  # of a collated file
+
+    @property
+    def nothing(self) -> bool:
+        """A processor without anything of this kind: only collated files have such blocks."""
+        return self.block is not None and not self.body.strip()
 
     def fail(self, what: str) -> SprayError:
-        return SprayError(f"{self.path}: {what}")
+        where = "" if self.block is None else f", block {self.block}"
+        return SprayError(f"{self.path}{where}: {what}")
 
 
 def find_foam(path: Path) -> Path | None:
@@ -49,8 +57,11 @@ def find_foam(path: Path) -> Path | None:
     return next((each for each in (path, packed) if each.is_file()), None)
 
 
-def read_foam(path: Path) -> FoamFile:
+def read_foam(path: Path, block: int | None = None) -> FoamFile:
     """Reads a file by its plain name; `.gz` beside it is taken where the plain file is missing.
+
+    Args:
+        block: which processor's, of a collated file.
 
     Raises:
         SprayError: there is neither, it cannot be unpacked, or it has no OpenFOAM header.
@@ -64,21 +75,42 @@ def read_foam(path: Path) -> FoamFile:
             content = gzip.decompress(content)
     except (OSError, EOFError, zlib.error) as error:
         raise SprayError(f"{found}: cannot be read ({error})") from error
-    head = _HEADER.search(content[:10_000])
-    if head is None:
-        raise SprayError(f"{found}: is not an OpenFOAM file (no FoamFile header)")
-    entries = dict(re.findall(rb'(\w+)\s+("[^"]*"|[^;]+);', head.group(1)))
-    arch = entries.get(b"arch", b"").decode("latin-1")
-    label = re.search(r"label=(\d+)", arch)
-    scalar = re.search(r"scalar=(\d+)", arch)
+    entries, body = _head(content, found)
+    if entries.get(b"class", b"").strip() == COLLATED:
+        if block is None:
+            raise SprayError(f"{found}: is collated, but not in a folder processorsN")
+        arch = entries.get(b"arch")
+        first, own = block_of(body, found, block)
+        entries, body = _head(first, found)
+        if block > 0:
+            body = own
+            if _HEADER.search(own[:10_000]):
+                entries, body = _head(own, found)
+        if arch is not None:
+            entries.setdefault(b"arch", arch)
+    elif block is not None:
+        raise SprayError(f"{found}: is not collated, though its folder is")
+    arch_text = entries.get(b"arch", b"").decode("latin-1")
+    label = re.search(r"label=(\d+)", arch_text)
+    scalar = re.search(r"scalar=(\d+)", arch_text)
     return FoamFile(
         path=found,
         binary=entries.get(b"format", b"ascii").strip() == b"binary",
-        order=">" if "MSB" in arch else "<",
+        order=">" if "MSB" in arch_text else "<",
         label_sizes=(int(label.group(1)) // 8,) if label else (4, 8),
         scalar_sizes=(int(scalar.group(1)) // 8,) if scalar else (8, 4),
-        body=content[head.end() :],
+        body=body,
+        block=block,
     )
+
+
+def _head(content: bytes, path: Path) -> tuple[dict[bytes, bytes], bytes]:
+    """Entries of the header, and what follows it."""
+    head = _HEADER.search(content[:10_000])
+    if head is None:
+        raise SprayError(f"{path}: is not an OpenFOAM file (no FoamFile header)")
+    entries = dict(re.findall(rb'(\w+)\s+("[^"]*"|[^;]+);', head.group(1)))
+    return entries, content[head.end() :]
 
 
 def _open(file: FoamFile, at: int) -> tuple[int, bytes, int]:
@@ -150,11 +182,15 @@ def whole(file: FoamFile, values: NDArray[np.generic]) -> NDArray[np.int64]:
 
 def scalars(file: FoamFile) -> Floats:
     """A scalarField, (N,)."""
+    if file.nothing:
+        return np.empty(0)
     return _list(file, "f", 1, 0)[0].reshape(-1).astype(np.float64)
 
 
 def vectors(file: FoamFile) -> Floats:
     """A vectorField, (N, 3)."""
+    if file.nothing:
+        return np.empty((0, 3))
     return _list(file, "f", 3, 0)[0].astype(np.float64)
 
 
@@ -219,6 +255,8 @@ def particles(file: FoamFile) -> Floats:
     tetrahedron. Which of the two is told by the rows, not by the file's name: `positions` of
     OpenFOAM.org 5 and later holds the second.
     """
+    if file.nothing:
+        return np.empty((0, 4))
     count, bracket, begin = _open(file, 0)
     if count == 0:
         return np.empty((0, 4))

@@ -23,8 +23,10 @@ def cloud_names(time_folder: Path) -> list[str]:
     )
 
 
-def read_cloud(folder: Path, mesh: Mesh) -> tuple[Column, dict[str, Column]]:
-    """Positions (N, 3) and fields of one cloud folder.
+def read_cloud(
+    folder: Path, mesh: Mesh, block: int | None = None
+) -> tuple[Column, dict[str, Column]]:
+    """Positions (N, 3) and fields of one cloud folder, or of one block of its collated files.
 
     `positions` are read where they are there, else `coordinates`; both may hold either form.
 
@@ -36,13 +38,13 @@ def read_cloud(folder: Path, mesh: Mesh) -> tuple[Column, dict[str, Column]]:
     found = next((folder / name for name in names if find_foam(folder / name)), None)
     if found is None:
         raise SprayError(f"{folder}: a cloud without parcels: neither positions nor coordinates")
-    file = read_foam(found)
+    file = read_foam(found, block)
     rows = particles(file)
     position = rows[:, :3] if rows.shape[1] == 4 else decode(file, rows, mesh)
     fields: dict[str, Column] = {}
     for name in (*CLOUD_FIELDS, *_EXTRA):
         if find_foam(folder / name) is not None:
-            values = _EXTRA.get(name, scalars)(read_foam(folder / name))
+            values = _EXTRA.get(name, scalars)(read_foam(folder / name, block))
             fields[name] = Column(str(folder / name), values)
     return Column(str(found), position), fields
 

@@ -1,4 +1,4 @@
-"""OpenFOAM cases: ascii, binary or gz, as one or decomposed, with any cloud of parcels.
+"""OpenFOAM cases: ascii, binary or gz, whole, decomposed or collated, with any cloud of parcels.
 
 Read with numpy rather than vtk's own readers: those return float32 and no parcels at all for
 clouds that hold only barycentric coordinates.
@@ -23,6 +23,7 @@ from cldit.spray.cfdcase import (
     joined,
     nearest_time,
 )
+from cldit.spray.foamblocks import Root, split_roots
 from cldit.spray.foamdict import read_injectors
 from cldit.spray.foamfile import faces, find_foam, internal_field, labels, read_foam, vectors
 from cldit.spray.lagrangian import cloud_names, read_cloud
@@ -35,7 +36,8 @@ def is_openfoam(path: Path) -> bool:
     """Whether the path is a case folder or the `.foam` file in one."""
     if path.suffix in (".foam", ".OpenFOAM"):
         return True
-    return any((path / part / "polyMesh").is_dir() for part in ("constant", "processor0/constant"))
+    parts = ("constant/polyMesh", "processor0/constant/polyMesh", "processors*/constant/polyMesh")
+    return any(each.is_dir() for part in parts for each in path.glob(part))
 
 
 def read_openfoam(
@@ -58,29 +60,27 @@ def read_openfoam(
     case = path if path.is_dir() else path.parent
     if not case.is_dir():
         raise SprayError(f"{path}: no such case (spray.file)")
-    if any(case.glob("processors[0-9]*")):
-        raise SprayError(f"{case}: is decomposed in the collated format; run reconstructPar first")
-    processors = sorted(case.glob("processor[0-9]*"), key=lambda each: int(each.name[9:]))
+    processors = split_roots(case)
     own = _times(case, fields)
-    split = _times(processors[0], fields) if processors else {}
+    split = _times(processors[0].path, fields) if processors else {}
     try:
         wanted = nearest_time(str(case), [*own, *split], time_s)
     except SprayError as error:
         hint = f"; its VTK output can be read as {case / 'VTK'}" if (case / "VTK").is_dir() else ""
         raise SprayError(f"{error}{hint}") from error
-    roots, folder = ([case], own[wanted]) if wanted in own else (processors, split[wanted])
+    roots, folder = ([Root(case)], own[wanted]) if wanted in own else (processors, split[wanted])
 
-    names = {name for root in roots for name in cloud_names(root / folder)}
+    names = {name for root in roots for name in cloud_names(root.path / folder)}
     chosen = choose_cloud(str(case / folder), names, cloud)
     meshes = [_mesh(root, wanted) for root in roots]
     gas: dict[str, Column] = {}
     for name in fields:
-        files = [root / folder / name for root in roots]
+        files = [root.path / folder / name for root in roots]
         if find_foam(files[0]) is None:
             continue
         parts = [
-            Column(str(file), internal_field(read_foam(file), mesh.cells))
-            for file, mesh in zip(files, meshes, strict=True)
+            Column(root.label(file), internal_field(read_foam(file, root.block), mesh.cells))
+            for root, file, mesh in zip(roots, files, meshes, strict=True)
         ]
         gas[name] = joined(parts)
     return CfdCase(
@@ -88,7 +88,7 @@ def read_openfoam(
         time_s=wanted,
         mesh=join(meshes),
         gas=gas,
-        available=tuple(sorted(_file_names(roots[0] / folder))),
+        available=tuple(sorted(_file_names(roots[0].path / folder))),
         cloud=None if chosen is None else _cloud(chosen, roots, folder, meshes),
         injectors=_injectors(case, chosen),
     )
@@ -103,9 +103,9 @@ def list_openfoam(
         SprayError: there is no case, or no such time.
     """
     case = path if path.is_dir() else path.parent
-    roots = [case, *case.glob("processor[0-9]*")]
     if not case.is_dir():
         raise SprayError(f"{path}: no such case (spray.file)")
+    roots = [case, *dict.fromkeys(root.path for root in split_roots(case))]
     known = {
         float(each.name): each.name
         for root in roots
@@ -135,8 +135,9 @@ def _times(root: Path, fields: Sequence[str]) -> dict[float, str]:
     }
 
 
-def _mesh(root: Path, time_s: float) -> Mesh:
+def _mesh(part: Root, time_s: float) -> Mesh:
     """The mesh at a time: each file from the latest folder not after it that has the file."""
+    root, block = part.path, part.block
     before = sorted(
         (each for each in root.iterdir() if _TIME.match(each.name) and float(each.name) <= time_s),
         key=lambda each: -float(each.name),
@@ -147,10 +148,10 @@ def _mesh(root: Path, time_s: float) -> Mesh:
         found = (each / name for each in folders if find_foam(each / name) is not None)
         return next(found, folders[-1] / name)
 
-    points = vectors(read_foam(latest("points")))
-    corners, start = faces(read_foam(latest("faces")))
-    owner = labels(read_foam(latest("owner")))
-    inner = labels(read_foam(latest("neighbour")))
+    points = vectors(read_foam(latest("points"), block))
+    corners, start = faces(read_foam(latest("faces"), block))
+    owner = labels(read_foam(latest("owner"), block))
+    inner = labels(read_foam(latest("neighbour"), block))
     if len(inner) > len(owner):
         raise SprayError(f"{folders[-1]}: {len(inner)} neighbours for {len(owner)} owners")
     neighbour = np.full(len(owner), -1, dtype=np.int64)
@@ -159,18 +160,18 @@ def _mesh(root: Path, time_s: float) -> Mesh:
     return Mesh(points, corners, start, owner, neighbour, cells, str(latest("faces").parent))
 
 
-def _cloud(name: str, roots: Sequence[Path], folder: str, meshes: Sequence[Mesh]) -> Cloud:
+def _cloud(name: str, roots: Sequence[Root], folder: str, meshes: Sequence[Mesh]) -> Cloud:
     """The cloud of all processors; those that the spray has not reached have no folder for it."""
     parts = [
-        read_cloud(place, mesh)
+        read_cloud(place, mesh, root.block)
         for root, mesh in zip(roots, meshes, strict=True)
-        if (place := root / folder / "lagrangian" / name).is_dir()
+        if (place := root.path / folder / "lagrangian" / name).is_dir()
     ]
     filled = [part for part in parts if len(part[0].values)] or parts[:1]
     for _, columns in filled:
         if missing := set(filled[0][1]) ^ set(columns):
             raise SprayError(
-                f"{roots[0].parent}: only some processors have the field {min(missing)!r} of "
+                f"{roots[0].path.parent}: only some processors have the field {min(missing)!r} of "
                 f"cloud {name!r}"
             )
     source = str(Path(filled[0][0].label).parent)

@@ -6,10 +6,6 @@ from pathlib import Path
 from typing import assert_never
 
 from cldit.scene.spray import CfdSpray, ConeSpray, EmptySpray, GridSpray, LagrangianSpray
-from cldit.spray.cfd import read_cfd
-from cldit.spray.cone import make_cone
-from cldit.spray.flow.simulate import simulate_spray
-from cldit.spray.grid import read_grid
 from cldit.spray.result import Spray
 
 
@@ -26,14 +22,23 @@ def make_spray(
     Raises:
         SprayError: the source is missing something or holds impossible values.
     """
+    # Each model is imported when a scene names it: flow brings a compiler, CFD brings VTK.
     match spec:
         case ConeSpray():
+            from cldit.spray.cone import make_cone
+
             return make_cone(spec)
         case LagrangianSpray():
+            from cldit.spray.flow.simulate import simulate_spray
+
             return simulate_spray(spec, cache=cache)[0]
         case GridSpray():
+            from cldit.spray.grid import read_grid
+
             return read_grid(spec)
         case CfdSpray():
+            from cldit.spray.cfd import read_cfd
+
             return read_cfd(spec)
         case EmptySpray():
             return Spray()

@@ -17,7 +17,8 @@ from cldit.gpu.device import Device
 from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.path import kelvin_of, trace_path
+from cldit.transport.kelvin import error_K
+from cldit.transport.path import trace_path
 from cldit.transport.result import Settings, Trace
 
 Floats = NDArray[np.float64]
@@ -48,7 +49,7 @@ def audited(
         _planes(weights, traced, cells)
         for weights in (truth.weights, truth.weights_difference, result.weights)
     )
-    products = kelvin_of(mine, mine - means - spread, cells, scene) * kelvin_of(
+    products = error_K(mine, mine - means - spread, cells, scene) * error_K(
         mine, mine - means + spread, cells, scene
     )
     products = products[np.isfinite(products)]
@@ -61,7 +62,9 @@ def audited(
 
 
 def _planes(weights: Weights, pixels: NDArray[np.int64], cells: OpticalCells) -> Floats:
-    """(3, N): background, wall, and all emission in units of `cells.scale`."""
-    emitted = (weights.vapour.astype(float) + weights.liquid) / cells.scale
-    planes = (weights.background.astype(float), weights.wall.astype(float), emitted)
-    return np.stack([plane.reshape(-1)[pixels] for plane in planes])
+    """Weights (C, N) in the order and units of `cells`."""
+    planes = []
+    for name in cells.needs.components:
+        plane = weights.images[name].reshape(-1)[pixels].astype(np.float64)
+        planes.append(plane / cells.scale if name in cells.needs.emitters else plane)
+    return np.stack(planes)

@@ -13,9 +13,9 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Define, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
+from cldit.transport.closure import Closure
 from cldit.transport.result import Settings, Trace, weights_of
-from cldit.transport.source import check_disc
-from cldit.transport.view import View, upload_tree
+from cldit.transport.view import View, check_boundary, upload_tree
 
 HIGHEST_ORDER = 3  # each order costs some hundred times the one before
 
@@ -44,7 +44,7 @@ def trace_branching(
             "isotropic"
         )
     view = View.of(scene, cells)
-    check_disc(scene, cells, view.disc)
+    check_boundary(scene, cells, view)
     real = np.float64 if settings.precision == "float64" else np.float32
     defines: dict[str, Define] = {
         **cells.needs.defines,
@@ -57,28 +57,36 @@ def trace_branching(
     program = build(device, "branching.cl", defines)
     start = time.perf_counter()
     columns, rows = view.pixels
-    components = len(cells.needs.components)
+    components = len(cells.needs.components) + 1
     albedo = np.zeros(len(cells.depth), real)
     albedo[cells.address] = cells.albedo
     out = zeros(device, "picture", components * rows * columns, real)
     rays = zeros(device, "rays", rows * columns, np.uint32)
     program["branching"](
         device.queue,
-        *view.tiles,
+        *view.tiles(device),
         out,
         rays,
         np.array([settings.seed, 1], np.uint32),
         *upload_tree(device, cells, real),
-        upload(device, "thermal source", cells.source_planes(real)[2:]),
+        upload(device, "thermal source", cells.thermal_planes(real)),
         upload(device, "albedo", albedo),
-        *view.arguments(cells, real),
+        *view.arguments(device, cells, real),
     )
     image = download(device, out, np.empty((components, rows, columns), real))
     count = int(download(device, rays, np.empty(rows * columns, np.uint32)).sum(dtype=np.int64))
     if report is not None:
         report(f"{count} rays started by scattering")
+    planes = image.astype(np.float64)
     return Trace(
-        weights=weights_of(image.astype(np.float64), cells),
+        weights=weights_of(planes, cells),
+        # What is left of a ray at the cut-off is lost, on the line of sight and on later ones.
+        closure=Closure.of(
+            planes[: cells.needs.boundaries],
+            planes[-1],
+            bound=1e-4 + settings.cutoff * (settings.order + 1),
+            noisy=True,
+        ),
         weights_difference=None,
         programs=(program,),
         solution=None,

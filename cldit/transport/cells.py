@@ -20,16 +20,32 @@ class Needs:
     vapour: bool
     droplets: bool
     scattering: bool
+    patches: tuple[str, ...] = ()  # named parts of the enclosure, beside background and wall
+
+    @property
+    def boundaries(self) -> int:
+        """Components that enter from outside; those that begin in the medium follow them."""
+        return 2 + len(self.patches)
+
+    @property
+    def emitters(self) -> tuple[str, ...]:
+        """Names of the components that begin in the medium."""
+        present = {"vapour": self.vapour, "liquid": self.droplets}
+        return tuple(name for name, there in present.items() if there)
+
+    def with_(self, other: Needs) -> Needs:
+        """What either needs."""
+        return Needs(
+            vapour=self.vapour or other.vapour,
+            droplets=self.droplets or other.droplets,
+            scattering=self.scattering or other.scattering,
+            patches=self.patches or other.patches,
+        )
 
     @property
     def components(self) -> tuple[str, ...]:
         """Names of the light's parts, in the kernels' order."""
-        names = ["background", "wall"]
-        if self.vapour:
-            names.append("vapour")
-        if self.droplets:
-            names.append("liquid")
-        return tuple(names)
+        return ("background", "wall", *self.patches, *self.emitters)
 
     @property
     def defines(self) -> dict[str, int]:
@@ -38,7 +54,8 @@ class Needs:
             "HAS_DROPLETS": self.droplets,
             "HAS_SCATTERING": self.scattering,
         }
-        return {name: 1 for name, present in flags.items() if present}
+        defines = {name: 1 for name, present in flags.items() if present}
+        return {**defines, "N_PATCHES": len(self.patches)} if self.patches else defines
 
 
 @dataclass(frozen=True)
@@ -73,10 +90,19 @@ class OpticalCells:
     coalbedo: NDArray[np.float64]
 
     @classmethod
-    def of(cls, tree: Octree, *, scattered: float = 1.0) -> OpticalCells:
+    def of(
+        cls,
+        tree: Octree,
+        *,
+        patches: tuple[str, ...] = (),
+        scattered: float = 1.0,
+        compiled_in: Needs | None = None,
+    ) -> OpticalCells:
         """Coefficients of a tree, in double precision.
 
-        scattered: share of the scattering that counts; 1 - g is the transport correction.
+        patches: names of the enclosure's. scattered: share of the scattering that counts; 1 - g is
+        the transport correction. compiled_in: what is to be compiled though nothing needs it, to
+        see what that costs.
         """
         fields = {name: values.astype(np.float64) for name, values in tree.fields.items()}
         absorption = fields["vapour_absorption"] + fields["droplet_absorption"]
@@ -89,11 +115,15 @@ class OpticalCells:
         }
         scale = max(float(values.max(initial=0.0)) for values in emitted.values()) or 1.0
         address = np.flatnonzero(scattering > 0)
+        needs = Needs(
+            vapour=tree.has_vapour,
+            droplets=tree.has_droplets,
+            scattering=len(address) > 0,
+            patches=patches,
+        )
         return cls(
             tree=tree,
-            needs=Needs(
-                vapour=tree.has_vapour, droplets=tree.has_droplets, scattering=len(address) > 0
-            ),
+            needs=needs if compiled_in is None else needs.with_(compiled_in),
             scale=scale,
             depth=extinction * tree.frame.cell_m,
             emitted={name: values / scale for name, values in emitted.items()},
@@ -104,14 +134,17 @@ class OpticalCells:
 
     def source_planes(self, real: type[np.floating]) -> NDArray[np.floating]:
         """Thermal source (C, P) of the components that the image kernel reads without scattering,
-        or, with scattering, of all of them (background and wall then start at 0)."""
-        first = 0 if self.needs.scattering else 2
-        names = self.needs.components[first:]
-        planes = np.zeros((len(names), len(self.depth)), real)
-        for plane, name in zip(planes, names, strict=True):
-            if name in self.emitted:
-                plane[:] = self.emitted[name]
-        return planes
+        or, with scattering, of all of them (those from outside then start at 0)."""
+        thermal = self.thermal_planes(real)
+        if not self.needs.scattering:
+            return thermal
+        outside = np.zeros((self.needs.boundaries, len(self.depth)), real)
+        return np.concatenate([outside, thermal])
+
+    def thermal_planes(self, real: type[np.floating]) -> NDArray[np.floating]:
+        """Thermal source (E, P) of the components `needs.emitters`."""
+        planes = [self.emitted[name].astype(real) for name in self.needs.emitters]
+        return np.stack(planes) if planes else np.zeros((0, len(self.depth)), real)
 
     def bounds(self) -> Box:
         """The smallest box of whole bricks around everything that is not empty space."""

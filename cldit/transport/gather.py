@@ -38,9 +38,9 @@ def gather(
     if solution is None or solution.towards is None or not thick.any():
         return result
     turned = 1.0 if settings.phase is None else 1.0 - settings.phase.asymmetry
-    swept = OpticalCells.of(cells.tree, scattered=turned)
+    swept = OpticalCells.of(cells.tree, patches=cells.needs.patches, scattered=turned)
     units = np.ones(len(cells.needs.components))
-    units[2:] = swept.scale / cells.scale
+    units[cells.needs.boundaries :] = swept.scale / cells.scale
     # Light meets thick cells as they are, and others as they were swept.
     known = Known(
         towards=_filled(cells, solution.towards, thick),
@@ -56,6 +56,7 @@ def gather(
         standard_error=None,
         programs=(*result.programs, *picture.programs),
         solution=solution,
+        closure=result.closure,  # of the solution and the plain picture
         seconds={**result.seconds, **seconds},
         counts={**result.counts, **picture.counts},
     )
@@ -69,16 +70,12 @@ def _filled(
     planes = cells.source_planes(np.float64)
     thin = ~thick[cells.address]
     planes[:, cells.address[thin]] = listed[:, thin]
-    return planes
+    return np.asarray(planes, np.float64)
 
 
 def _sum(one: Weights | None, other: Weights | None) -> Weights | None:
     """Of differences that are independent, so that their squares add up."""
     if one is None or other is None:
         return one or other
-    return Weights(
-        background=one.background + other.background,
-        wall=one.wall + other.wall,
-        vapour=one.vapour + other.vapour,
-        liquid=one.liquid + other.liquid,
-    )
+    others = other.images
+    return Weights.of({name: image + others[name] for name, image in one.images.items()})

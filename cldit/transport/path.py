@@ -16,18 +16,13 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, build
-from cldit.optics.planck import (
-    band_radiance,
-    band_radiance_slope,
-    temperature_of_radiance,
-)
-from cldit.optics.response import scene_filter
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
+from cldit.transport.closure import Closure
+from cldit.transport.kelvin import VISIBLE, error_K
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.sobol import columns
-from cldit.transport.source import check_disc
-from cldit.transport.view import View, upload_tree
+from cldit.transport.view import View, check_boundary, upload_tree
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +30,6 @@ SAMPLES = 32  # of a batch: longer sets converge faster, more batches know their
 _LEAST = 4  # batches
 _CUTOFF = 1e-6  # at most: what is held to be exact must not leave out 1e-4
 _GROUP = 16
-_VISIBLE = 0.05  # emissivity under which a temperature says little, whatever the trace
 
 
 @dataclass(frozen=True)
@@ -100,7 +94,7 @@ def trace_path(
     that scatter; the others are left without what is scattered.
     """
     view = View.of(scene, cells)
-    check_disc(scene, cells, view.disc)
+    check_boundary(scene, cells, view)
     real = np.float64 if settings.precision == "float64" else np.float32
     defines: dict[str, Define] = {
         **cells.needs.defines,
@@ -120,12 +114,12 @@ def trace_path(
         table = settings.phase.to_sample().astype(real)
     program = build(device, "path.cl", defines)
     start = time.perf_counter()
-    components = len(cells.needs.components)
+    components = len(cells.needs.components) + 1  # the last: from within, see closure.py
     column_count, row_count = view.pixels
     pixels = column_count * row_count
     albedo = np.zeros(len(cells.depth))
     albedo[cells.address] = cells.albedo
-    sight, flights, source = [], cells, cells.source_planes(real)[2:]
+    sight, flights, source = [], cells, cells.thermal_planes(real)
     if known is not None:
         sight = [
             upload(device, "optical depth", cells.depth.astype(real)),
@@ -137,11 +131,11 @@ def trace_path(
         *upload_tree(device, flights, real),
         upload(device, "source", source),
         upload(device, "albedo", albedo.astype(real)),
-        *view.arguments(cells, real),
+        *view.arguments(device, cells, real),
     ]
     out = zeros(device, "picture", components * pixels, real)
     lost = zeros(device, "scattered light", pixels, real)
-    program["straight"](device.queue, *view.tiles, out, lost, *sight, *medium)
+    program["straight"](device.queue, *view.tiles(device), out, lost, *sight, *medium)
     image = download(device, out, np.empty((components, pixels), real)).astype(np.float64)
     scattered = download(device, lost, np.empty(pixels, real))
     listed = np.flatnonzero(scattered > 0).astype(np.int32)
@@ -151,6 +145,7 @@ def trace_path(
 
     start = time.perf_counter()
     count = len(listed)
+    group = min(_GROUP, device.info.largest_group)
     means = zeros(device, "means", components * count, real)
     fixed = [
         upload(device, "phase function", table),
@@ -162,7 +157,7 @@ def trace_path(
         upload(device, "pixels", listed),
         upload(device, "scattered light", scattered[listed]),
     ]
-    other = int(np.sum(1.0 - np.delete(image[0], listed) > _VISIBLE))
+    other = int(np.sum(1.0 - np.delete(image[0], listed) > VISIBLE))
     sums = _Sums(
         (np.zeros((components, count)), np.zeros((components, count))),
         np.zeros((components, count)),
@@ -170,8 +165,8 @@ def trace_path(
     while count:
         program["scatter"](
             device.queue,
-            (-(-count // _GROUP) * _GROUP,),
-            (_GROUP,),
+            (-(-count // group) * group,),
+            (group,),
             means,
             *listing,
             np.int32(count),
@@ -182,8 +177,9 @@ def trace_path(
         sums.add(download(device, means, np.empty((components, count), real)).astype(np.float64))
         if sums.batches % 2 or sums.batches < _LEAST:
             continue
-        seen = image[:, listed] + sums.mean
-        error = _error_K(seen, sums.difference, cells, scene, other=other)
+        kelvin = error_K((image[:, listed] + sums.mean)[:-1], sums.difference[:-1], cells, scene)
+        kelvin = kelvin[np.isfinite(kelvin)]
+        error = float(np.sqrt(np.sum(kelvin**2) / max(len(kelvin) + other, 1)))
         if report is not None:
             report(f"{sums.batches * SAMPLES} samples a pixel: {error:.2g} K")
         if error <= settings.accuracy_K or sums.batches * SAMPLES >= settings.max_samples:
@@ -196,7 +192,12 @@ def trace_path(
         difference[:, listed] = sums.difference
         error_of[:, listed] = sums.error
     shape = (components, row_count, column_count)
+    closure = None
+    if known is None:
+        planes = image.reshape(shape)
+        closure = Closure.of(planes[: cells.needs.boundaries], planes[-1], bound=1e-4, noisy=True)
     return Trace(
+        closure=closure,
         weights=weights_of(image.reshape(shape), cells),
         weights_difference=weights_of(difference.reshape(shape), cells),
         standard_error=weights_of(error_of.reshape(shape), cells),
@@ -210,35 +211,3 @@ def trace_path(
         },
         precision=real.__name__,
     )
-
-
-def _error_K(
-    mean: Floats, difference: Floats, cells: OpticalCells, scene: Scene, *, other: int
-) -> float:
-    """RMS error of T_app that `difference` (C, N) of the weights (C, N) stands for, to first order.
-
-    `other` pixels count that have no error.
-    """
-    kelvin = kelvin_of(mean, difference, cells, scene)
-    kelvin = kelvin[np.isfinite(kelvin)]
-    return float(np.sqrt(np.sum(kelvin**2) / max(len(kelvin) + other, 1)))
-
-
-def kelvin_of(mean: Floats, change: Floats, cells: OpticalCells, scene: Scene) -> Floats:
-    """What `change` (C, N) of the weights (C, N) is in T_app, to first order; NaN for pixels of
-    emissivity up to 0.05.
-
-    Where the line of sight misses the background the emissivity is taken as if it did not.
-    """
-    filter_um = scene_filter(scene)
-    wall = float(band_radiance(scene.walls.temperature_K, filter_um=filter_um))
-    emissivity = 1.0 - mean[0]
-    apparent = (wall * mean[1] + cells.scale * mean[2:].sum(axis=0)) / np.maximum(emissivity, 1e-9)
-    here = (emissivity > _VISIBLE) & (apparent > 0)
-    kelvin = np.full(len(emissivity), np.nan)
-    if here.any():
-        emitted = wall * change[1] + cells.scale * change[2:].sum(axis=0)
-        radiance = (emitted + change[0] * apparent)[here] / emissivity[here]
-        temperature = temperature_of_radiance(apparent[here], filter_um=filter_um)
-        kelvin[here] = radiance / band_radiance_slope(temperature, filter_um=filter_um)
-    return kelvin

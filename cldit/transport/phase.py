@@ -143,13 +143,11 @@ def mie_table(
     angle = np.linspace(0.0, np.pi, _BINS + 1)
     half = np.diff(angle)[:, None] / 2
     nodes = (angle[:-1, None] + half) + half * _NODES
-    within = np.zeros(_BINS)
-    for x, part in zip(np.exp(middle), share, strict=True):
-        if part > 1e-6:  # what is left out is less than 1e-4 of all
-            series = mie.coefficients(n=n, k=k, x=mie.check(n=n, k=k, x=x))
-            intensity = mie.intensity(*series, np.cos(nodes.reshape(-1)))[:, 0]
-            intensity = intensity.reshape(nodes.shape) * np.sin(nodes)
-            in_bin = (intensity * half) @ _WEIGHTS
-            within += part * in_bin / in_bin.sum()
+    some = share > 1e-6  # what is left out is less than 1e-4 of all
+    series = mie.coefficients(n=n, k=k, x=mie.check(n=n, k=k, x=np.exp(middle[some])))
+    intensity = mie.intensity(*series, np.cos(nodes.reshape(-1)))
+    intensity = intensity.reshape(*nodes.shape, -1) * np.sin(nodes)[..., None]
+    in_bin = np.einsum("bqs,bq,q->bs", intensity, half * np.ones(2), _WEIGHTS)
+    within = in_bin @ (share[some] / in_bin.sum(axis=0))
     cumulative = np.concatenate([[0.0], np.cumsum(within)])
     return ScatteringTable(cosine, cumulative / cumulative[-1])

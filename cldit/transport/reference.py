@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.transport.patches import NONE
+
 Floats = NDArray[np.float64]
 
 
@@ -28,6 +30,34 @@ def sees_disc(point: Floats, toward: Floats, *, centre: Floats, radius: float) -
     return np.asarray(forward & (across <= radius**2))
 
 
+def boundary_seen(
+    point: Floats,
+    toward: Floats,
+    *,
+    centre: Floats,
+    radius: float,
+    patches: Floats,
+    start: float = 0.0,
+) -> NDArray[np.int64]:
+    """Component (N,) that lines from points (N, 3) see: 0 the disc, 1 the walls, 2.. the patches.
+
+    patches: (P, 4, 4), see cldit.transport.patches. start: nearest distance that counts.
+    """
+    s = (centre[1] - point[:, 1]) / np.where(toward[:, 1] > 0, toward[:, 1], 1.0)
+    on_disc = sees_disc(point, toward, centre=centre, radius=radius)
+    distance = [np.where(on_disc, s, np.inf)]
+    for normal, middle, across, up in patches:
+        against = -toward @ normal[:3]
+        s = (point @ normal[:3] - normal[3]) / np.where(against > 0, against, 1.0)
+        inside = point + s[:, None] * toward - middle[:3]
+        u, v = np.abs(inside @ across[:3]), np.abs(inside @ up[:3])
+        hit = np.maximum(u, v) <= 1 if middle[3] else u**2 + v**2 <= 1
+        distance.append(np.where(hit & (against > 0) & (s >= start), s, np.inf))
+    nearest = np.argmin(distance, axis=0)  # of equal ones the first
+    nothing = np.isinf(np.min(distance, axis=0))
+    return np.where(nothing, 1, np.where(nearest == 0, 0, nearest + 1))
+
+
 def sweep(
     depth: Floats,
     source: Floats,
@@ -37,12 +67,13 @@ def sweep(
     start: Floats,
     centre: Floats,
     radius: float,
+    patches: Floats = NONE,
 ) -> Floats:
     """Excess (C, nz, ny, nx) that one direction's sweep gives; see kernels/sweep.cl.
 
     Args:
         depth: (nz, ny, nx) optical depth of a cell's edge.
-        source: (C, nz, ny, nx), background first and wall second.
+        source: (C, nz, ny, nx), background first, wall second, then patches.
         back: (3,) unit vector to where the light comes from.
         start: (2,) shift of the rays in the first layer, cells.
     """
@@ -71,12 +102,10 @@ def sweep(
         point = np.empty((nv * nu, 3))
         for axis, place in zip(axes, (u, v, np.full_like(u, layer)), strict=True):
             point[:, axis] = place.reshape(-1) + 0.5
-        seen = sees_disc(
-            point, np.broadcast_to(back, point.shape), centre=centre, radius=radius
-        ).reshape(nv, nu)
-        rays[:, enters] = 0.0
-        rays[0, enters] = seen[enters]
-        rays[1, enters] = ~seen[enters]
+        lines = np.broadcast_to(back, point.shape)
+        seen = boundary_seen(point, lines, centre=centre, radius=radius, patches=patches)
+        component = np.arange(len(rays))[:, None, None]
+        rays[:, enters] = (component == seen.reshape(nv, nu))[:, enters]
         t = t_all[layer] * stretch
         gap = rays - s_all[:, layer]
         excess[:, layer] += weight * gap * mean_transmission(t)

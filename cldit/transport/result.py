@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cldit.gpu.program import Program
 from cldit.radiance.weights import Weights
 from cldit.transport.cells import OpticalCells
+from cldit.transport.closure import Closure
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.solve import Solution
 
@@ -64,11 +65,12 @@ class Trace:
     counts: dict[str, int] = field(default_factory=dict)
     standard_error: Weights | None = None
     audit_K: float | None = None
+    closure: Closure | None = None  # None only where flights gather a solved source
 
 
 def weights_of(image: NDArray[np.float64], cells: OpticalCells) -> Weights:
-    """Weights from planes (C, H, W) in the order of `cells.needs.components`."""
-    planes = dict(zip(cells.needs.components, image, strict=True))
+    """Weights from planes (C or more, H, W) in the order of `cells.needs.components`."""
+    planes = dict(zip(cells.needs.components, image, strict=False))
     nothing = np.zeros(image.shape[1:], np.float32)
 
     def emitted(name: str) -> NDArray[np.float32]:
@@ -79,4 +81,5 @@ def weights_of(image: NDArray[np.float64], cells: OpticalCells) -> Weights:
         wall=planes["wall"].astype(np.float32),
         vapour=emitted("vapour"),
         liquid=emitted("liquid"),
+        patches={name: planes[name].astype(np.float32) for name in cells.needs.patches},
     )

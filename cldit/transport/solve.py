@@ -26,14 +26,16 @@ class Solution:
 
     residual: RMS of the preconditioned residual, of the worst component. error: what that stands
     for in the source, through the smallest singular value that GMRES met. Both are 0 for a fixed
-    order, which is no approximation of the converged answer but an answer of its own. towards
-    (C, N): what the cells send to the camera, once that is known.
+    order, which is no approximation of the converged answer but an answer of its own. lack (C, N):
+    the residual itself, about what the source is short of. towards (C, N): what the cells send to
+    the camera, once that is known.
     """
 
     source: Array
     passes: int
     residual: float
     error: float
+    lack: Array | None = None
     towards: Array | None = None
 
 
@@ -97,7 +99,7 @@ def solve(
         if report is not None:
             report(f"pass {passes}: residual {now:.1e}, error {now * gain:.1e}")
         if now == 0.0 or (passes > 1 and now * gain <= tolerance):
-            return Solution(source, passes, now, now * gain)
+            return Solution(source, passes, now, now * gain, lack)
         if passes >= _MAX_PASSES or now > 0.5 * before:
             raise NotConvergedError(
                 f"scattering does not converge below an error of {now * gain:.1e} "

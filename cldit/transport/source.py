@@ -15,21 +15,24 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.errors import TransportError
-from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
+from cldit.transport.closure import Closure
 from cldit.transport.directions import about_camera, for_boundary
+from cldit.transport.picture import Painter
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.solve import Rays, Solution, another_order, first_guess, solve
-from cldit.transport.sweep import Sweeper, ToCamera, sweep_defines
-from cldit.transport.view import View, upload_tree
+from cldit.transport.sweep import Sweeper, sweep_defines
+from cldit.transport.towards import ToCamera
+from cldit.transport.view import View, check_boundary
 
 Floats = NDArray[np.float64]
 
 _PHASE_STEPS = 1024
+_CLOSED = 1e-3  # what single precision may lose in thick and nearly conservative media
+_CHECKED = 8  # directions on which the sweeps are checked for what they make or lose
 
 
 def trace_source(
@@ -47,54 +50,64 @@ def trace_source(
     """
     solved, phase = cells, settings.phase
     if phase is not None and cells.needs.scattering:
-        solved = OpticalCells.of(cells.tree, scattered=1.0 - phase.asymmetry)
+        solved = OpticalCells.of(
+            cells.tree, patches=cells.needs.patches, scattered=1.0 - phase.asymmetry
+        )
     view = View.of(scene, cells)
     defines: dict[str, Define] = {**cells.needs.defines, **view.defines}
     if settings.precision == "float64":
         defines["USE_FLOAT64"] = 1
     real = np.float64 if settings.precision == "float64" else np.float32
-    planes = cells.source_planes(real)
-    programs = [build(device, "image.cl", {**defines, "CUTOFF": float(settings.cutoff)})]
+    painter = Painter.of(
+        cells,
+        view,
+        scene,
+        device,
+        {**defines, "CUTOFF": float(settings.cutoff)},
+        accuracy_K=settings.accuracy_K,
+    )
+    programs = [painter.parts[0].program]
     scattered: list[NDArray[np.floating] | None] = [None]
+    defect: Floats = np.zeros(0)
     solution = None
     counts: dict[str, int] = {}
     seconds = {}
     if cells.needs.scattering:
-        check_disc(scene, cells, view.disc)
-        specialised = {**defines, **sweep_defines(device, cells.box())}
-        programs += [build(device, "sweep.cl", specialised), build(device, "iterate.cl", defines)]
+        check_boundary(scene, cells, view)
+        ray_bytes = len(cells.needs.components) * np.dtype(real).itemsize
+        specialised = {**defines, **sweep_defines(device, cells.box(), ray_bytes=ray_bytes)}
+        small = {"TILE": device.info.tile} if device.info.tile < 16 else {}
+        programs += [
+            build(device, "sweep.cl", specialised),
+            build(device, "iterate.cl", {**defines, **small}),
+        ]
         start = time.perf_counter()
         flags = {"TO_CAMERA": 1} if phase is None else {"TO_CAMERA": 1, "PHASE_STEPS": _PHASE_STEPS}
         programs.append(build(device, "sweep.cl", {**specialised, **flags}))
-        solution, halves = _scattering(
+        solution, halves, defect = _scattering(
             solved, cells, scene, view, device, settings, programs, counts, report
         )
         scattered = list(halves)
         seconds["scattering"] = time.perf_counter() - start
     start = time.perf_counter()
-    images = _images(cells, view, device, programs[0], planes, scattered)
+    images, refined = painter.pictures(scattered, defect)
+    if scene.camera.rays_per_pixel != 1:
+        counts["pixels_of_several_rays"] = refined
     seconds["image"] = time.perf_counter() - start
     difference = None if len(images) < 2 else (images[0] - images[1]) / 2
+    mean = np.mean(images, axis=0)
     return Trace(
-        weights=weights_of(np.mean(images, axis=0), cells),
+        weights=weights_of(mean, cells),
         weights_difference=None if difference is None else weights_of(difference, cells),
         programs=tuple(programs),
         solution=solution,
         seconds={"compile": sum(program.build_s for program in programs), **seconds},
         counts=counts,
         precision=real.__name__,
+        closure=Closure.of(
+            mean[: cells.needs.boundaries], mean[-1], bound=_CLOSED + 10 * settings.tolerance
+        ),
     )
-
-
-def check_disc(scene: Scene, cells: OpticalCells, disc: Floats) -> None:
-    """Rays that leave the medium must still have the disc before them."""
-    box = cells.box()
-    if scene.background.shape == "disc" and disc[1] < box.low[1] + box.shape[1] - 1e-6:
-        reach = cells.tree.frame.lower_m[1] + (box.low[1] + box.shape[1]) * cells.tree.frame.cell_m
-        raise TransportError(
-            f"background.centre_m: y = {scene.background_centre_m[1]:g} m lies inside the spray, "
-            f"which reaches to y = {reach:.4g} m; allowed is a disc behind it"
-        )
 
 
 def _scattering(
@@ -107,14 +120,15 @@ def _scattering(
     programs: list[Program],
     counts: dict[str, int],
     report: Callable[[str], None] | None,
-) -> tuple[Solution, list[NDArray[np.floating]]]:
-    """The source of the scattering cells, and its two final estimates (C, N).
+) -> tuple[Solution, list[NDArray[np.floating]], Floats]:
+    """The source of the scattering cells, its two final estimates (C, N), and what they make or
+    lose of a cavity's radiance of 1 (N,).
 
     cells: as they are swept; seen: as the picture shows them, which differs with a phase function.
     programs: image, sweep, iterate, and the sweep towards the camera.
     """
     disc = view.disc
-    sweeper = Sweeper(device, cells, programs[1], programs[2], disc=disc)
+    sweeper = Sweeper(device, cells, programs[1], programs[2], disc=disc, patches=view.patches)
     rng = np.random.default_rng(settings.seed)
     low = np.asarray(sweeper.box.low, float)
     high = low + sweeper.box.shape
@@ -131,6 +145,7 @@ def _scattering(
         )
         return Rays(directions, rng.random((count, 2)))
 
+    defect = np.zeros(sweeper.count)
     guess = first_guess(sweeper, cells.albedo)
     if settings.order == 0:
         seen_guess = _thermal(seen)
@@ -152,6 +167,10 @@ def _scattering(
                 source = another_order(sweeper, source, rays(settings.directions))
             solution = Solution(source, settings.order, 0.0, 0.0)
         half = settings.final_directions // 2
+        few = rays(_CHECKED)
+        defect = sweeper.defect(solution.source, few.directions, few.starts)
+        if solution.lack is not None:
+            defect -= solution.lack[: cells.needs.boundaries].sum(axis=0)
         phase = settings.phase
         towards = [
             rays(half)
@@ -170,14 +189,13 @@ def _scattering(
     counts.update(
         swept_cells=sweeper.box.cells, scattering_cells=sweeper.count, sweeps=sweeper.sweeps
     )
-    return solution, halves
+    return solution, halves, defect
 
 
 def _thermal(cells: OpticalCells) -> Floats:
     """Thermal source (C, N) of the scattering cells."""
     out = np.zeros((len(cells.needs.components), len(cells.address)))
-    for c, name in enumerate(cells.needs.components[2:], start=2):
-        out[c] = cells.emitted[name][cells.address]
+    out[cells.needs.boundaries :] = cells.thermal_planes(np.float64)[:, cells.address]
     return out
 
 
@@ -196,34 +214,5 @@ def _to_camera(
     sweeper.set_source(source, shining=True)
     sweeper.sweep(rays.directions, rays.starts, shining=True, camera=camera)
     mean = sweeper.weighted_mean(camera).astype(np.float64)
-    mean[2:] *= scale / seen.scale
+    mean[seen.needs.boundaries :] *= scale / seen.scale
     return np.asarray(_thermal(seen) + seen.albedo * mean).astype(sweeper.real)
-
-
-def _images(
-    cells: OpticalCells,
-    view: View,
-    device: Device,
-    program: Program,
-    planes: NDArray[np.floating],
-    scattered: list[NDArray[np.floating] | None],
-) -> list[NDArray[np.float64]]:
-    """Weights (C, H, W), one picture for each source (C, N) of the scattering cells.
-
-    planes: thermal sources of all stored cells, overwritten where cells scatter.
-    """
-    real = planes.dtype.type
-    columns, rows = view.pixels
-    components = len(cells.needs.components)
-    tree = upload_tree(device, cells, real)
-    arguments = view.arguments(cells, real)
-    out = zeros(device, "picture", components * rows * columns, real)
-    images = []
-    for listed in scattered:
-        if listed is not None:
-            planes[:, cells.address] = listed
-        source = upload(device, "source", planes)
-        program["image"](device.queue, *view.tiles, out, *tree, source, *arguments)
-        image = download(device, out, np.empty((components, rows, columns), real))
-        images.append(image.astype(np.float64))
-    return images

@@ -2,61 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
+from cldit.errors import DeviceError
 from cldit.gpu.buffers import clear, download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.directions import Directions
+from cldit.transport.layout import Layout, layouts
+from cldit.transport.patches import NONE, shifted
+from cldit.transport.towards import ToCamera
 
-_TILE = 16
+_TILE = 16  # as in iterate.cl, unless the device's work-groups are smaller
 _MEAN_STRETCH = 1.2  # mean over the sphere of 1 / |largest component| is 1.199
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """How one of the three orders of axes runs through memory."""
+def sweep_defines(device: Device, box: Box, *, ray_bytes: int = 8) -> dict[str, int]:
+    """What the sweep kernel must know of the device and of the box when it is built.
 
-    number: int
-    axes: tuple[int, int, int]  # u, v, l as x, y, z = 0, 1, 2
-    size: tuple[int, int, int]
-    stride_v: int
-    stride_l: int
-    turned: bool
+    ray_bytes: what the components of one ray take.
 
-
-def _layouts(shape: tuple[int, int, int]) -> dict[int, _Layout]:
-    """Layout for each axis (x, y, z) that layers are stacked along."""
-    nx, ny, nz = shape
-    return {
-        2: _Layout(0, (0, 1, 2), (nx, ny, nz), nx, nx * ny, turned=False),
-        1: _Layout(1, (0, 2, 1), (nx, nz, ny), nx * ny, nx, turned=False),
-        0: _Layout(2, (1, 2, 0), (ny, nz, nx), ny, ny * nz, turned=True),
-    }
-
-
-def sweep_defines(device: Device, box: Box) -> dict[str, int]:
-    """What the sweep kernel must know of the device and of the box when it is built."""
+    Raises:
+        DeviceError: a row of rays does not fit into what a work-group shares.
+    """
     nx, ny, nz = box.shape
     vector = 8 if device.is_cpu and nx % 8 == 0 and ny % 8 == 0 else 1
-    return {"VECTOR": vector, "SLOTS": max(nx + nz, nx + ny, ny + nx) + 4}
-
-
-@dataclass(frozen=True)
-class ToCamera:
-    """A sweep for the light that cells scatter towards the camera."""
-
-    kernel: Any
-    phase: Any
-    place: NDArray[np.float64]
-    seen: dict[bool, Any]  # optical depths as the camera sees them, and their turned copy
-    shares: dict[bool, Any]  # sum of weights in every cell, likewise
+    slots = max(nx + nz, nx + ny, ny + nx) + 4
+    if slots * ray_bytes > device.info.local_bytes:
+        raise DeviceError(
+            f"{device.info.name}: a row of rays takes {slots * ray_bytes} bytes of local memory, "
+            f"and a work-group has {device.info.local_bytes}; set domain.leaf_edge_m coarser, or "
+            "name fewer patches"
+        )
+    return {"VECTOR": vector, "SLOTS": slots}
 
 
 class Sweeper:
@@ -74,18 +57,24 @@ class Sweeper:
         iterate: Program,
         *,
         disc: NDArray[np.float64],
+        patches: NDArray[np.float64] = NONE,
     ) -> None:
-        """disc: centre x, y, z and squared radius in cells from the cube's lower corner."""
+        """disc, patches: as in `View`, in cells from the cube's lower corner."""
         self.device = device
         self.box: Box = cells.box()
         self.count = len(cells.address)
         self.components = len(cells.needs.components)
+        self._boundaries = cells.needs.boundaries
         self._sweep = sweep["sweep"]
         self._vector = int(sweep.defines["VECTOR"])
         self._kernels = iterate
         self._real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
         self._disc = disc.copy()
         self._disc[:3] -= self.box.low
+        self._patches = []
+        if len(patches):
+            moved = shifted(patches, -np.asarray(self.box.low, float))
+            self._patches = [upload(device, "patches", moved.astype(self._real))]
         planes = self.components * self.box.cells
         real = self._real
         exact = cells.dense(self.box, cells.depth)
@@ -100,15 +89,16 @@ class Sweeper:
             1: upload(device, "rows", np.asarray(filled.any(axis=2)).T.astype(np.int8)),
             2: upload(device, "rows", np.asarray(filled.any(axis=2)).astype(np.int8)),
         }
-        self._lanes = int(device.queue.device.max_work_group_size)
+        self._lanes = device.info.largest_group
+        self._tile = int(iterate.defines.get("TILE", _TILE))
         self._source = {t: zeros(device, "source", planes, real) for t in (False, True)}
         self._excess = {t: zeros(device, "excess", planes, real) for t in (False, True)}
         self._bytes = planes * np.dtype(real).itemsize
-        place = cells.place(self.box, cells.address)
-        self._place = upload(device, "places", place.astype(np.int32))
+        self._at = cells.place(self.box, cells.address)
+        self._place = upload(device, "places", self._at.astype(np.int32))
         thermal = np.zeros((self.components, self.count), real)
         base = np.zeros((self.components, self.box.cells), real)
-        for c, name in enumerate(cells.needs.components[2:], start=2):
+        for c, name in enumerate(cells.needs.emitters, start=cells.needs.boundaries):
             base[c] = cells.dense(self.box, cells.emitted[name]).reshape(-1)
             thermal[c] = cells.emitted[name][cells.address]
         self._base = upload(device, "thermal source", base)
@@ -124,34 +114,35 @@ class Sweeper:
     def real(self) -> type[np.float32] | type[np.float64]:
         return self._real
 
-    @property
-    def cells_swept(self) -> int:
-        """Cells visited so far, over all directions."""
-        return self.sweeps * self.box.cells
-
     def _grid(self) -> tuple[int, int, int]:
         nx, ny, nz = self.box.shape
-        return (-(-nx // _TILE) * _TILE, -(-ny // _TILE) * _TILE, nz * self.components)
+        return (
+            -(-nx // self._tile) * self._tile,
+            -(-ny // self._tile) * self._tile,
+            nz * self.components,
+        )
 
     def set_source(self, listed: NDArray[Any], *, shining: bool) -> None:
         """Puts the source (C, N) of the scattering cells into the box.
 
         shining: with the thermal source of all other cells; else these are black.
         """
-
         queue = self.device.queue
         cl.enqueue_copy(queue, self._list, np.ascontiguousarray(listed, self._real))
         self._fill(shining)
 
     def _fill(self, shining: bool) -> None:
-
         queue = self.device.queue
         if shining:
             cl.enqueue_copy(queue, self._source[False], self._base, byte_count=self._bytes)
         else:
             clear(self.device, self._source[False], self._bytes)
+        self._scatter()
+
+    def _scatter(self) -> None:
+        """The list into the box's source, and its turned copy."""
         self._kernels["scatter_list"](
-            queue,
+            self.device.queue,
             (self.count,),
             None,
             self._source[False],
@@ -165,7 +156,12 @@ class Sweeper:
     def _turn(self, arrays: dict[bool, Any]) -> None:
         sizes = [np.int32(n) for n in self.box.shape]
         self._kernels["turn"](
-            self.device.queue, self._grid(), (_TILE, _TILE, 1), arrays[True], arrays[False], *sizes
+            self.device.queue,
+            self._grid(),
+            (self._tile, self._tile, 1),
+            arrays[True],
+            arrays[False],
+            *sizes,
         )
 
     def sweep(
@@ -185,9 +181,8 @@ class Sweeper:
             clear(self.device, self._excess[turned], self._bytes)
             if camera is not None:
                 clear(self.device, camera.shares[turned], self._bytes // self.components)
-        layouts = _layouts(self.box.shape)
         main = np.argmax(np.abs(directions.unit), axis=1)
-        for axis, layout in layouts.items():
+        for axis, layout in layouts(self.box.shape).items():
             for i in np.flatnonzero(main == axis):
                 self._one(
                     layout,
@@ -202,7 +197,7 @@ class Sweeper:
             self._kernels["add_turned"](
                 self.device.queue,
                 self._grid(),
-                (_TILE, _TILE, 1),
+                (self._tile, self._tile, 1),
                 self._excess[False],
                 self._excess[True],
                 *sizes,
@@ -212,7 +207,7 @@ class Sweeper:
                 self._kernels["add_turned"](
                     self.device.queue,
                     grid,
-                    (_TILE, _TILE, 1),
+                    (self._tile, self._tile, 1),
                     camera.shares[False],
                     camera.shares[True],
                     *sizes,
@@ -221,7 +216,7 @@ class Sweeper:
 
     def _one(
         self,
-        layout: _Layout,
+        layout: Layout,
         unit: NDArray[np.float64],
         weight: float,
         start: NDArray[np.float64],
@@ -241,7 +236,7 @@ class Sweeper:
             extra = [
                 camera.shares[layout.turned],
                 camera.seen[layout.turned],
-                self._heights(layout, u / abs(run), v / abs(run), start),
+                camera.heights(layout, u / abs(run), v / abs(run), start),
                 camera.phase,
                 place.astype(real),
             ]
@@ -268,16 +263,33 @@ class Sweeper:
             real(shining),
             np.array([*unit, 0], real),
             self._disc.astype(real),
+            *self._patches,
             *extra,
         )
 
-    def _heights(
-        self, layout: _Layout, slope_u: float, slope_v: float, start: NDArray[np.float64]
-    ) -> Any:
-        """y of the rays within their cells, layer by layer as they are met; unused along y."""
-        slope, first = (slope_u, start[0]) if layout.axes[0] == 1 else (slope_v, start[1])
-        place = first + slope * np.arange(layout.size[2])
-        return upload(self.device, "heights", (place - np.floor(place)).astype(self._real))
+    def defect(
+        self, listed: NDArray[Any], directions: Directions, starts: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Mean radiance (N,) of the scattering cells, less 1, in a cavity of radiance 1.
+
+        listed: (C, N) source; what the boundaries' part of it lacks to 1, the cells emit, as all
+        other cells emit 1. The sweep carries the parts one by one, as it always does.
+        """
+        b, real = self._boundaries, self._real
+        parts = np.zeros((self.components, self.count), real)
+        parts[:b] = listed[:b]
+        queue, size = self.device.queue, self._bytes // self.components
+        clear(self.device, self._source[False], self._bytes)
+        if self.components > b:
+            parts[b] = 1.0 - listed[:b].sum(axis=0)
+            cl.enqueue_fill_buffer(queue, self._source[False], np.ones(1, real), b * size, size)
+        cl.enqueue_copy(queue, self._list, parts)
+        self._scatter()
+        self.sweep(directions, starts, shining=True)
+        excess = np.empty((self.components, self.box.cells), real)
+        total = download(self.device, self._excess[False], excess)[:, self._at].sum(axis=0)
+        missing = parts.sum(axis=0, dtype=np.float64) - 1.0
+        return np.asarray(total / directions.weight.sum() + missing)
 
     def to_camera(
         self,
@@ -286,22 +298,9 @@ class Sweeper:
         phase: NDArray[np.float64],
         place: NDArray[np.float64],
     ) -> ToCamera:
-        """What a sweep towards the camera needs.
-
-        seen: the medium as the camera sees it; place: of the camera, in cells of the cube.
-        """
-        depth = seen.dense(self.box, seen.depth).astype(self._real)
-        return ToCamera(
-            kernel=program["sweep"],
-            phase=upload(self.device, "phase function", phase.astype(self._real)),
-            place=place,
-            seen={
-                False: upload(self.device, "optical depth", depth),
-                True: upload(self.device, "optical depth", depth.transpose(2, 0, 1)),
-            },
-            shares={
-                t: zeros(self.device, "shares", self.box.cells, self._real) for t in (False, True)
-            },
+        """See `ToCamera.of`."""
+        return ToCamera.of(
+            self.device, self.box, self._real, program, seen, phase=phase, place=place
         )
 
     def weighted_mean(self, camera: ToCamera) -> NDArray[Any]:

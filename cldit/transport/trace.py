@@ -36,13 +36,13 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     last sweep, 0.11 K with 64 and 128, 0.08 K with the 96 and 192 that are used for 0.1 K.
 
     Args:
-        mie: mean phase function of the scene's droplets, for scenes whose phase is `mie`; None
-            where nothing scatters.
+        mie: mean phase function of the droplets, where the scene's phase is `mie`, or is left out
+            and its preset has it so; None is isotropic.
     """
     spec = scene.transport
     finer = 0.1 / spec.accuracy_K
     directions = spec.directions or int(np.clip(8 * round(12 * finer), 16, 512))
-    phase = mie if spec.phase == "mie" else None
+    phase = mie if spec.phase in (None, "mie") else None
     if isinstance(spec.phase, HenyeyGreenstein):
         phase = henyey_greenstein(spec.phase.henyey_greenstein)
     return Settings(
@@ -83,7 +83,13 @@ def trace(
         raise TransportError(
             f"transport.precision: float64 is not available on {device.info.name}; allowed: float32"
         )
-    cells = OpticalCells.of(tree)
+    cells = OpticalCells.of(tree, patches=tuple(patch.name for patch in scene.patches))
+    if scene.camera.rays_per_pixel != 1 and (settings.method != "source" or settings.gather):
+        way = "transport.gather" if settings.method == "source" else f"method {settings.method}"
+        raise TransportError(
+            f"camera.rays_per_pixel: {scene.camera.rays_per_pixel} with {way}, whose samples go "
+            "through the middle of a pixel; allowed is 1, or method source without gather"
+        )
     single = replace(settings, precision="float32") if settings.precision == "auto" else settings
     if cells.needs.scattering and settings.method != "source":
         follow = trace_path if settings.method == "path" else trace_branching

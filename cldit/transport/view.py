@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.errors import TransportError
 from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
 from cldit.medium.frame import BRICK
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
+from cldit.transport.patches import patch_rows
 
 Floats = NDArray[np.float64]
 _TILE = 8
@@ -22,11 +24,13 @@ _TILE = 8
 class View:
     """Camera and background in units of finest cells from the cube's lower corner.
 
-    disc: (4,) centre x, y, z and squared radius. middle: (4,) the target, and 0. pitch: width and
-    height of a pixel in the target's plane. pixels: columns, rows.
+    disc: (4,) centre x, y, z and squared radius. patches: (P, 4, 4), see `patches.py`. middle:
+    (4,) the target, and 0. pitch: width and height of a pixel in the target's plane. pixels:
+    columns, rows.
     """
 
     disc: Floats
+    patches: Floats
     middle: Floats
     pitch: tuple[float, float]
     distance: float
@@ -41,21 +45,27 @@ class View:
         background = "DISC" if scene.background.shape == "disc" else "ENCLOSURE"
         return cls(
             disc=np.array([*centre, (scene.background.radius_m / frame.cell_m) ** 2]),
+            patches=patch_rows(scene.patches, frame),
             middle=np.array([*frame.to_cells(np.asarray([scene.target_m]))[0], 0.0]),
             pitch=(width_m / frame.cell_m / columns, height_m / frame.cell_m / rows),
             distance=camera.distance_m / frame.cell_m,
             pixels=camera.pixels,
-            defines={f"BOUNDARY_{background}": 1, f"CAMERA_{camera.model.upper()}": 1},
+            defines={
+                f"BOUNDARY_{background}": 1,
+                f"CAMERA_{camera.model.upper()}": 1,
+                **({"N_PATCHES": len(scene.patches)} if scene.patches else {}),
+            },
         )
 
-    @property
-    def tiles(self) -> tuple[tuple[int, int], tuple[int, int]]:
+    def tiles(self, device: Device) -> tuple[tuple[int, int], tuple[int, int]]:
         """Global and local size of a kernel that has one work-item a pixel."""
         columns, rows = self.pixels
-        return (-(-columns // _TILE) * _TILE, -(-rows // _TILE) * _TILE), (_TILE, _TILE)
+        edge = min(_TILE, device.info.tile)
+        return (-(-columns // edge) * edge, -(-rows // edge) * edge), (edge, edge)
 
-    def arguments(self, cells: OpticalCells, real: type[np.floating]) -> list[Any]:
-        """Kernel arguments `coarse` to `disc`."""
+    def arguments(self, device: Device, cells: OpticalCells, real: type[np.floating]) -> list[Any]:
+        """Kernel arguments `coarse` to `disc`, and `patches` where there are any."""
+        patches = [upload(device, "patches", self.patches.astype(real))]
         bounds = cells.bounds()
         return [
             np.int32(cells.tree.slots * BRICK**3),
@@ -70,6 +80,7 @@ class View:
             real(self.pitch[1]),
             real(self.distance),
             self.disc.astype(real),
+            *(patches if len(self.patches) else []),
         ]
 
 
@@ -82,3 +93,27 @@ def upload_tree(device: Device, cells: OpticalCells, real: type[np.floating]) ->
         upload(device, "coarse leaves", spans),
         upload(device, "optical depth", cells.depth.astype(real)),
     ]
+
+
+def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:
+    """Rays that leave the medium must still have the disc and the patches' fronts before them.
+
+    Raises:
+        TransportError: names what lies inside the medium.
+    """
+    frame, box = cells.tree.frame, cells.box()
+    low, high = np.asarray(box.low, float), np.add(box.low, box.shape).astype(float)
+    if scene.background.shape == "disc" and view.disc[1] < high[1] - 1e-6:
+        reach = frame.lower_m[1] + high[1] * frame.cell_m
+        raise TransportError(
+            f"background.centre_m: y = {scene.background_centre_m[1]:g} m lies inside the spray, "
+            f"which reaches to y = {reach:.4g} m; allowed is a disc behind it"
+        )
+    for patch, rows in zip(scene.patches, view.patches, strict=True):
+        normal, offset = rows[0, :3], rows[0, 3]
+        depth = offset - float(normal @ np.where(normal > 0, low, high))
+        if depth > 1e-6:
+            raise TransportError(
+                f"patches.{patch.name}: its plane cuts {depth * frame.cell_m:.4g} m into the box "
+                "around the spray; allowed is a patch with all of the spray before its front"
+            )

@@ -7,6 +7,7 @@ the error is that of the weights of background and wall, in units of the boundar
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
 import tempfile
 from pathlib import Path
@@ -17,7 +18,7 @@ import cldit
 from cldit.transport.phase import henyey_greenstein
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "verify"))
-from slab import disort
+disort = importlib.import_module("slab").disort
 
 EDGE, CELLS, LAYERS = 0.2, 128, 16
 THICKNESS = LAYERS * EDGE / CELLS

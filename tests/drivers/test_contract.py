@@ -350,3 +350,26 @@ def test_trigger_abort_stops_a_burst(rig: Rig) -> None:
     rig.clock.sleep(1.2)
     assert rig.camera.flush() == 3  # at 0, 0.1 and 0.2 s
     rig.trigger.wait_done(0.01)
+
+
+def test_one_trigger_starts_several_frames(rig: Rig) -> None:
+    """A burst at the camera's own rate, continuous in its ids; the generator pulsed once."""
+    rig.connect()
+    rig.trigger.configure(Burst(camera_delay_s=1e-3, inject=True))
+    trigger = TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=5, frames_per_trigger=5)
+    rig.camera.prepare(trigger)
+    rig.camera.arm()
+    rig.trigger.fire()
+    frames = list(rig.camera.read_frames(5, 1.0))
+    rig.trigger.wait_done(1.0)
+    assert np.all(np.diff([frame.frame_id for frame in frames]) == 1)
+    gaps_s = np.diff([frame.device_timestamp_ns for frame in frames]) * 1e-9
+    assert gaps_s == pytest.approx(np.full(4, rig.camera.capabilities.minimum_period_s), rel=0.02)
+    with pytest.raises(MissingFrames):
+        list(rig.camera.read_frames(1, 0.1))  # it was one trigger
+    rig.camera.disarm()
+    rig.camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE))  # and back to one frame each
+    rig.camera.arm()
+    rig.clock.sleep(0.1)
+    rig.trigger.fire()
+    assert len(list(rig.camera.read_frames(1, 1.0))) == 1

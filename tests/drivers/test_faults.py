@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import math
+from datetime import datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
-from cldit.acquisition import Plan, acquire, open_acquisition
+from cldit.acquisition import Plan, Progress, acquire, open_acquisition
 from cldit.acquisition.journal import read_journal
 from cldit.rig.clock import SimulatedClock
-from cldit.rig.errors import DeviceTimeout, FireUncertain, RigError
+from cldit.rig.drivers import RigContext
+from cldit.rig.errors import DeviceTimeout, FireUncertain, RetakesExhausted, RigError
 from cldit.rig.load import open_rig
+from cldit.rig.protocols import TriggerInfo, TriggerMode
 
-if TYPE_CHECKING:  # the same file, by the name under which mypy finds it
+if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.heater import Dynamics, Heater
+    from drivers.simulated_bench import Pulse, open_bench
 else:
     from cldit.drivers.heater import Dynamics, Heater
+    from cldit.drivers.simulated_bench import Pulse, open_bench
 
 
 def heater(**dynamics: float) -> tuple[Heater, SimulatedClock]:
@@ -79,14 +86,165 @@ def test_frames_that_fail_are_retaken(
     assert rejected[0] == rejected[1] and len(rejected[0]) >= 1
 
 
-def test_unplugged_camera_and_resume(
+@pytest.mark.parametrize(("device", "after"), [("camera", 5), ("background", 400), ("trigger", 4)])
+def test_unplugged_and_resume(
+    device: str, after: int, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """Somewhere between two shots, or while a background settles: it is said which device is gone
+    and what may still be on; plugged in again, the same call completes."""
+    tiny_rig[device]["settings"]["unplug_after"] = after
+    with pytest.raises(RigError, match="unplugged") as caught:
+        acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
+    assert f"{device}: " in str(caught.value)
+    taken = len(open_acquisition(tmp_path / "a").shots)
+    assert taken >= (0 if device == "background" else 3)
+    del tiny_rig[device]["settings"]["unplug_after"]
+    record = acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
+    assert record.complete and record.lost_injections <= 1
+
+
+def test_camera_warms_up(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+    """Preflight waits for the cooler; whoever does not wait gets counts on top."""
+    tiny_rig["camera"]["settings"].update(warm_up_s=300.0, warm_up_counts=3000.0)
+    rig = open_rig(tiny_rig)
+    rig.connect()
+    with pytest.raises(DeviceTimeout, match="cooler needs 200 s more"):
+        rig.camera.wait_ready(100.0)
+
+    def taken() -> float:
+        rig.camera.prepare(TriggerInfo(TriggerMode.SOFTWARE))
+        rig.camera.arm()
+        rig.camera.software_trigger()
+        (frame,) = rig.camera.read_frames(1, 1.0)
+        rig.camera.disarm()
+        return float(np.median(frame.data))
+
+    warm = taken()
+    rig.camera.wait_ready(1000.0)
+    assert rig.clock.now_s() >= 300.0
+    assert warm - taken() == pytest.approx(3000.0, abs=60.0)  # noise: some 20 counts a pixel
+    fresh = open_rig(tiny_rig)
+    assert acquire(fresh, tiny_plan, tmp_path / "a").complete
+    first = next(e for e in read_journal(tmp_path / "a" / "journal.jsonl") if e["event"] == "start")
+    assert first["time"] >= "2000-01-01T00:05:00"
+
+
+def test_non_uniformity_is_a_pattern_of_the_chip(tiny_rig: dict[str, Any]) -> None:
+    """The same in every picture, with the spread that was asked for; another seed, another one."""
+    gains: list[Any] = []
+    for seed in (1, 1, 2):
+        pictures = []
+        for spread in (0.0, 0.1):
+            tiny_rig["seed"] = seed
+            tiny_rig["camera"]["settings"]["gain_spread"] = spread
+            rig = open_rig(tiny_rig)
+            rig.connect()
+            rig.camera.prepare(TriggerInfo(TriggerMode.INTERNAL, n_frames=50))
+            rig.camera.arm()
+            pictures.append(np.mean([f.data for f in rig.camera.read_frames(50, 1.0)], axis=0))
+        offset = rig.camera.read_configuration()["calibration"]["offset_counts"]
+        wall = pictures[0][0] - offset  # the top row sees walls alone
+        gains.append((pictures[1][0] - offset) / wall)
+    assert np.allclose(gains[0], gains[1], atol=0.02)
+    assert not np.allclose(gains[0], gains[2], atol=0.02)
+    # 16 pixels: the spread is known to 1/sqrt(2 N) = 18 %, four of that.
+    assert np.std(gains[0]) == pytest.approx(0.1, rel=0.7)
+
+
+def test_window_glows(tiny_rig: dict[str, Any]) -> None:
+    """A hot front window adds its own light, e B(T), and hides nothing else that changed."""
+    settings = tiny_rig["bench"]["settings"]
+    settings["windows"] = [
+        {"side": "front", "material": "sapphire", "thickness_m": 0.02, "temperature_K": 350.0}
+    ]
+    seen, behind = [], []
+    for heating, kelvin in ((0.0, 350.0), (50.0, 400.0)):
+        settings["window_heating_K"] = heating
+        bench = open_bench(settings, RigContext(SimulatedClock(), None, Path(), 1))
+        bench.attach_blackbody(lambda time_s: 480.0)
+        image = bench.radiance(Pulse(0.0, False, 1))
+        (boundary,) = bench._opened.boundaries
+        front = boundary.front
+        own = front.emission * boundary.radiance(kelvin)
+        reflected = front.reflection * boundary.radiance(295.0)
+        seen.append(image[0, 0])
+        behind.append((image - own - reflected) / front.transmission)
+    assert seen[1] > 1.004 * seen[0]  # an emissivity of half a percent, at 400 K before 420 K
+    assert behind[1] == pytest.approx(behind[0], rel=1e-6)
+
+
+def test_injector_scatter_in_the_rig_file(tiny_rig: dict[str, Any]) -> None:
+    spread = []
+    for scatter in (0.0, 0.5):
+        settings = {**tiny_rig["bench"]["settings"], "shot_scatter": scatter}
+        bench = open_bench(settings, RigContext(SimulatedClock(), None, Path(), 1))
+        bench.attach_blackbody(lambda time_s: 480.0)
+        spread.append(np.std([bench.radiance(Pulse(float(n), True, n))[6, 8] for n in range(20)]))
+    assert spread[0] == 0.0 < spread[1]
+
+
+@pytest.mark.parametrize("jump_s", [3600.0, -3600.0])
+def test_clock_that_jumps(
+    jump_s: float, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """Somebody sets the computer's date in the middle: nothing waits an hour more or less, every
+    shot is there once, and a stopped run resumes."""
+    plain, jumpy = dict(tiny_rig), dict(tiny_rig)
+    jumpy["clock"] = {"model": "simulated", "jump_after_s": 500.0, "jump_s": jump_s}
+    took = []
+    for number, data in enumerate((plain, jumpy)):
+        rig = open_rig(data)
+        acquire(rig, tiny_plan, tmp_path / str(number))
+        took.append(rig.clock.now_s())
+    assert took[0] == pytest.approx(took[1], abs=60.0)  # readings are drawn anew after the jump
+    entries = read_journal(tmp_path / "1" / "journal.jsonl")
+    times = [datetime.fromisoformat(e["time"]).timestamp() for e in entries]
+    jumps = [after - before for before, after in pairwise(times)]
+    assert (max(jumps) if jump_s > 0 else -min(jumps)) > 2000.0
+    assert open_acquisition(tmp_path / "1").complete
+    pictures = open_acquisition(tmp_path / "1")
+    assert len({pictures.load(shot).tobytes() for shot in pictures.shots}) == 10
+    done = 0
+
+    def count(progress: Progress) -> None:
+        nonlocal done
+        done = progress.done
+
+    acquire(open_rig(jumpy), tiny_plan, tmp_path / "2", progress=count,
+            should_stop=lambda: done >= 7)  # fmt: skip
+    assert acquire(open_rig(jumpy), tiny_plan, tmp_path / "2").complete
+
+
+def test_failed_injections_are_retaken(
     tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
 ) -> None:
-    tiny_rig["camera"]["settings"]["unplug_after"] = 5
-    with pytest.raises(RigError, match="unplugged"):
-        acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
-    del tiny_rig["camera"]["settings"]["unplug_after"]
-    assert acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a").complete
+    """Four in ten injections bring no fuel: each is rejected, counted, and taken again, also by a
+    run that resumes with the references on the disk; with every one failing, it ends."""
+    tiny_rig["trigger"]["settings"]["misfire"] = 0.4
+    plan = tiny_plan.model_copy(update={"expect_fuel": True, "shots": 8, "retakes": 10})
+    done = 0
+
+    def count(progress: Progress) -> None:
+        nonlocal done
+        done = progress.done
+
+    acquire(open_rig(tiny_rig), plan, tmp_path / "a", progress=count, should_stop=lambda: done > 3)
+    record = acquire(open_rig(tiny_rig), plan, tmp_path / "a")
+    assert record.complete and record.rejected == record.lost_injections >= 3
+    entries = read_journal(tmp_path / "a" / "journal.jsonl")
+    reasons = {e["reason"].partition(":")[0] for e in entries if e["event"] == "rejected"}
+    assert reasons == {"failed injection"}
+    acquisition = open_acquisition(tmp_path / "a")
+    for background in (0, 1):
+        middle = {
+            kind: [acquisition.load(s)[5:7, 7:9].mean() for s in acquisition.shots
+                   if s.kind == kind and s.background == background]
+            for kind in ("reference", "injection")
+        }  # fmt: skip
+        assert max(middle["injection"]) < 0.7 * min(middle["reference"])
+    tiny_rig["trigger"]["settings"]["misfire"] = 1.0
+    with pytest.raises(RetakesExhausted, match="rejected 3 times, at last for failed injection"):
+        acquire(open_rig(tiny_rig), plan.model_copy(update={"retakes": 2}), tmp_path / "b")
 
 
 def test_rate_error_and_misfire(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from cldit.rig.errors import (
     FireUncertain,
     NotConnected,
     OutOfLimits,
+    RetakesExhausted,
     RigError,
 )
 from cldit.rig.load import Rig, open_rig
@@ -333,6 +334,34 @@ def test_plan_over_sockets(tmp_path: Path) -> None:
         assert not peers.camera.armed and not peers.generator.injects_on_trigger
         assert peers.blackbody.setpoint_K == pytest.approx(295.0, abs=0.01)
     assert not peers.camera.controlled
+
+
+@pytest.mark.loopback_only
+def test_shots_of_several_frames_over_sockets(tmp_path: Path) -> None:
+    """With 0.5 % packet loss: each shot one trigger and four pictures, bit-exact and in order; a
+    picture that never comes costs the whole shot, which is taken again; a misfire is found."""
+    with ExitStack() as stack:
+        peers = stack.enter_context(PeerRig(camera=GigePeer((320, 256), loss=0.005, seed=5)))
+        rig: Rig = stack.enter_context(open_rig(peers.rig_data()))
+
+        def watch(progress: Any) -> None:
+            if progress.done == 3 and not peers.camera.skipped:
+                peers.camera.skip = 1
+
+        record = acquire(rig, plan(frames=4), tmp_path / "a", progress=watch)
+        assert record.complete and record.rejected >= 1
+        acquisition = open_acquisition(tmp_path / "a")
+        images = {peers.camera.image(n).tobytes(): n for n in range(1, peers.camera.taken + 1)}
+        for shot in acquisition.shots:
+            frames, meta = acquisition.load_frames(shot)
+            numbers = [images[frame.tobytes()] for frame in frames]
+            assert numbers == list(range(numbers[0], numbers[0] + 4))
+            assert len(meta["frame_timestamps_ns"]) == 4
+        fired = sum(e["event"] == "fired" for e in read_journal(tmp_path / "a" / "journal.jsonl"))
+        assert peers.generator.triggers == fired
+        peers.fuel_pressure = False
+        with pytest.raises(RetakesExhausted, match="failed injection"):
+            acquire(rig, plan(retakes=1), tmp_path / "b")
 
 
 @pytest.mark.loopback_only

@@ -19,7 +19,13 @@ Floats = NDArray[np.float32]
 
 class Apply(Protocol):
     def __call__(
-        self, header: str, expression: str, inputs: list[Floats], *, defines: str = ""
+        self,
+        header: str,
+        expression: str,
+        inputs: list[Floats],
+        *,
+        defines: str = "",
+        setup: str = "",
     ) -> Floats: ...
 
 
@@ -30,14 +36,15 @@ def _apply(
     inputs: list[Floats],
     *,
     defines: str = "",
+    setup: str = "",
 ) -> Floats:
-    """`expression` of a, b, c ... (one float a work-item, in the order of `inputs`)."""
+    """`expression` of a, b, c ... (one float a work-item each, as in `inputs`), after `setup`."""
     names = [chr(ord("a") + i) for i in range(len(inputs))]
     arguments = "".join(f", __global const float *{name}_" for name in names)
     loads = " ".join(f"const float {name} = {name}_[i];" for name in names)
     source = (
         f"{defines}\n{assemble(header)}\n__kernel void apply(__global float *out{arguments})\n"
-        f"{{ const int i = get_global_id(0); {loads} out[i] = {expression}; }}\n"
+        f"{{ const int i = get_global_id(0); {loads} {setup} out[i] = {expression}; }}\n"
     )
     program = cl.Program(device.context, source).build(options=["-cl-std=CL1.2"])
     count = len(inputs[0])

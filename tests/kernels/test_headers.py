@@ -7,7 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.transport.reference import absorbed, mean_transmission, sees_disc
+from cldit.medium.frame import Frame
+from cldit.scene.vessel import Patch
+from cldit.transport.patches import patch_rows
+from cldit.transport.reference import absorbed, boundary_seen, mean_transmission, sees_disc
 
 # exp of OpenCL 1.2 full profile is good to 3 ulp, and each sum or product adds half a one; the
 # series is cut at t^5/120, 3e-9 of its value at the switch. 8 ulp of float32 bounds both branches,
@@ -59,6 +62,66 @@ def test_sees_background(apply: Any, seed: int) -> None:
     edge = np.abs(distance - 20.0) < 1e-4 * (1 + np.abs(s))  # float32 may decide either way there
     assert 50 < expected.sum() < 4000
     np.testing.assert_array_equal(got[~edge] > 0.5, expected[~edge])
+
+
+def test_boundary_seen(apply: Any) -> None:
+    """Disc, two patches in its plane and one before it, and walls: the nearest is seen."""
+    frame = Frame(lower_m=(0.0, 0.0, 0.0), edge_m=64.0, depth=6)
+    patches = patch_rows(
+        (
+            # The first lies in the disc's plane, over part of it and beside it: the disc is seen.
+            _patch("beside", "rectangle", (50, 70, 33), (0, -1, 0), size_m=(36, 20)),
+            _patch("under", "disc", (60, 70, 33), (0, -1, 0), radius_m=20),
+            _patch("before", "disc", (22, 65, 40), (0.3, -1, 0.2), radius_m=8),
+            _patch("wall", "rectangle", (-3, 30, 30), (1, 0, 0), size_m=(30, 50)),
+        ),
+        frame,
+    )
+    rng = np.random.default_rng(3)
+    point = rng.uniform(8, 56, (20000, 3)).astype(np.float32)
+    toward = rng.normal(size=point.shape)
+    toward[:14000, 1] = np.abs(toward[:14000, 1]) + 1  # most of them towards the disc
+    toward = (toward / np.linalg.norm(toward, axis=1)[:, None]).astype(np.float32)
+    rows = ", ".join(
+        f"(float4)({', '.join(f'{x:.9e}f' for x in row)})" for row in patches.reshape(-1, 4)
+    )
+    got = apply(
+        "boundary.h",
+        "boundary_seen(a, b, c, d, e, f, g, &boundary)",
+        [*point.T, *toward.T, np.zeros(len(point), np.float32)],
+        defines="#define BOUNDARY_DISC 1\n#define N_PATCHES 4\n"
+        f"__constant float4 rows_[] = {{{rows}}};",
+        setup="const Boundary boundary = {(float4)(30.0f, 70.0f, 33.0f, 400.0f), rows_};",
+    )
+    centre = np.array([30.0, 70.0, 33.0])
+    expected = boundary_seen(
+        point.astype(float), toward.astype(float), centre=centre, radius=20.0, patches=patches
+    )
+    assert np.all(np.bincount(expected, minlength=6) > 200)
+    # Single precision may decide otherwise at an edge: 1e-5 of a size, so of 1e-4 of the lines.
+    assert np.mean(got != expected) < 5e-4
+    nearer = boundary_seen(
+        point.astype(float),
+        toward.astype(float),
+        centre=centre,
+        radius=20.0,
+        patches=patches,
+        start=1000.0,
+    )
+    assert set(nearer) == {0, 1}  # the disc has no near side; patches do
+
+
+def _patch(name: str, shape: str, centre: Any, facing: Any, **size: Any) -> Patch:
+    return Patch.model_validate(
+        {
+            "name": name,
+            "shape": shape,
+            "centre_m": centre,
+            "facing": facing,
+            "temperature_K": 300.0,
+            **size,
+        }
+    )
 
 
 def test_enclosure_is_seen_everywhere(apply: Any) -> None:

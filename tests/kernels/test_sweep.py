@@ -12,8 +12,10 @@ from cldit.gpu.program import build
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.scene import parse_scene
+from cldit.scene.vessel import Patch
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import Directions, isotropic
+from cldit.transport.patches import patch_rows, shifted
 from cldit.transport.reference import march, sweep
 from cldit.transport.solve import first_guess
 from cldit.transport.sweep import Sweeper, sweep_defines
@@ -49,13 +51,31 @@ def random_tree(seed: int, *, cells: int = 16, scattering: float = 1.0) -> Octre
     )
 
 
+WINDOWS = (
+    Patch(name="window", centre_m=(-0.1, 0, 0), facing="+x", radius_m=0.05, temperature_K=295),
+    Patch(
+        name="plate",
+        shape="rectangle",
+        centre_m=(0, 0.02, 0.09),
+        facing=(0.1, 0.2, -1.0),
+        size_m=(0.08, 0.2),
+        temperature_K=400,
+    ),
+)
+
+
+@pytest.mark.parametrize("windows", [(), WINDOWS])
 @pytest.mark.parametrize("vector", [1, 8])
 @pytest.mark.parametrize("float64", [False, True])
-def test_sweep_against_numpy(device: Device, vector: int, float64: bool) -> None:
+def test_sweep_against_numpy(
+    device: Device, vector: int, float64: bool, windows: tuple[Patch, ...]
+) -> None:
     """Directions of all three main axes and both senses; a cell sums some 16 rays of order 1."""
     if float64 and not device.info.float64:
         pytest.skip("the device has no double precision")
-    cells = OpticalCells.of(random_tree(3))
+    tree = random_tree(3)
+    cells = OpticalCells.of(tree, patches=tuple(patch.name for patch in windows))
+    patches = patch_rows(windows, tree.frame)
     defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1}
     if float64:
         defines["USE_FLOAT64"] = 1
@@ -66,6 +86,7 @@ def test_sweep_against_numpy(device: Device, vector: int, float64: bool) -> None
         build(device, "sweep.cl", sized),
         build(device, "iterate.cl", defines),
         disc=DISC,
+        patches=patches,
     )
     rng = np.random.default_rng(5)
     directions = isotropic(12, rng)
@@ -90,7 +111,10 @@ def test_sweep_against_numpy(device: Device, vector: int, float64: bool) -> None
             start=start,
             centre=DISC[:3] - box.low,
             radius=4.0,
+            patches=shifted(patches, -np.array(box.low, float)),
         )
+    if windows:
+        assert np.all(excess[2:4].reshape(2, -1).max(axis=1) > 0.01)  # both are seen
     place = cells.place(box, cells.address)
     mean = (source + excess).reshape(len(source), -1)[:, place]
     expected = cells.albedo * mean + sweeper.thermal

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import cldit.acquisition.journal as journal_module
-import cldit.acquisition.runner as runner_module
+import cldit.acquisition.sequence as sequence_module
 from cldit.acquisition import acquire, disk, load_plan, storage
 from cldit.errors import ClditError
 from cldit.rig.load import Rig, open_rig
@@ -87,7 +87,7 @@ def arm(point: str, number: int, rig: Rig) -> None:
             if reached():
                 die()
 
-        runner_module.save_shot = dying_save  # type: ignore[attr-defined]
+        sequence_module.save_shot = dying_save  # type: ignore[attr-defined]
     elif point == "folder":  # between the files that are written before the first shot
 
         def dying_text(path: Path, text: str) -> None:
@@ -95,7 +95,7 @@ def arm(point: str, number: int, rig: Rig) -> None:
             if reached():
                 die()
 
-        runner_module.write_text = dying_text  # type: ignore[attr-defined]
+        sequence_module.write_text = dying_text  # type: ignore[attr-defined]
     else:
         raise SystemExit(f"no such point: {point}")
 

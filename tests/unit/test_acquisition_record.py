@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 
 from cldit.acquisition import Plan, acquire, open_acquisition
 from cldit.camera.calibration import Calibration
 from cldit.errors import RunFolderError
+from cldit.experiment import evaluate_folder
 from cldit.images import read_image, write_image
 from cldit.rig.load import open_rig
 
@@ -21,6 +23,22 @@ from cldit.rig.load import open_rig
 def folder(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> Path:
     acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
     return tmp_path / "a"
+
+
+def test_each_frame_of_a_shot_can_be_evaluated(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """Three frames of each shot: any of them gives maps of its own; a fourth there is not."""
+    plan = tiny_plan.model_copy(update={"frames": 3, "expect_fuel": True})
+    acquire(open_rig(tiny_rig), plan, tmp_path / "a")
+    with tifffile.TiffFile(tmp_path / "a" / "shots" / "b00_inj_00.tif") as tiff:
+        assert tiff.is_imagej and len(tiff.pages) == 3 and tiff.series[0].axes == "TYX"
+    maps = [evaluate_folder(tmp_path / "a", frame=frame).maps for frame in (0, 2)]
+    first, last = (found.emissivity for found in maps)
+    assert not np.array_equal(first, last, equal_nan=True)
+    assert abs(float(np.nanmax(first)) - float(np.nanmax(last))) < 0.1
+    with pytest.raises(RunFolderError, match=r"frame 3: allowed is 0\.\.2"):
+        evaluate_folder(tmp_path / "a", frame=3)
 
 
 def test_what_is_stored(folder: Path, tiny_plan: Plan) -> None:

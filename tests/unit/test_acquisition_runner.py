@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -14,65 +13,17 @@ import numpy as np
 import pytest
 
 from cldit.acquisition import Plan, Progress, acquire, open_acquisition
-from cldit.acquisition.disk import DiskFull
 from cldit.acquisition.journal import read_journal
-from cldit.acquisition.storage import exclusive, save_shot
-from cldit.errors import ClditError, RunFolderError
 from cldit.rig.errors import (
     Aborted,
-    ConfigRejected,
-    DeviceTimeout,
     FireUncertain,
     MissingFrames,
     NotConnected,
-    OutOfLimits,
     RetakesExhausted,
-    RigError,
 )
-from cldit.rig.load import Rig, open_rig
+from cldit.rig.load import open_rig
 from cldit.rig.protocols import Frame
-
-
-class Wrapped:
-    """An instrument of which a test replaces some methods, and that remembers being made safe."""
-
-    def __init__(self, inner: Any, **methods: Callable[..., Any]) -> None:
-        self.inner = inner
-        self.made_safe = 0
-        self.__dict__.update(methods)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.inner, name)
-
-    def make_safe(self) -> None:
-        self.made_safe += 1
-        self.inner.make_safe()
-
-
-def wrapped(data: dict[str, Any], **devices: Callable[[Any], dict[str, Any]]) -> Rig:
-    """A rig whose devices are all wrapped; `devices` gives the methods to replace in one."""
-    rig = open_rig(data)
-    changed: dict[str, Any] = {
-        name: Wrapped(device, **(devices[name](device) if name in devices else {}))
-        for name, device in rig.devices.items()
-    }
-    return replace(rig, **changed)
-
-
-def pulses(data: dict[str, Any]) -> list[dict[str, Any]]:
-    log = Path(data["trigger"]["settings"]["pulse_log"])
-    return [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
-
-
-def events(folder: Path) -> list[str]:
-    return [entry["event"] for entry in read_journal(folder / "journal.jsonl")]
-
-
-def assert_safe(rig: Rig) -> None:
-    for device in rig.devices.values():
-        assert isinstance(device, Wrapped) and device.made_safe >= 1
-    assert rig.trigger.read_configuration()["inhibited"]
-    assert rig.background.read_configuration()["setpoint_K"] == 295.0
+from tests.wrapped import assert_safe, events, pulses, wrapped
 
 
 def test_whole_plan(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
@@ -369,166 +320,3 @@ def test_drift_during_the_shot_is_retaken(
 
     record = acquire(wrapped(tiny_rig, background=draughty), tiny_plan, tmp_path / "a")
     assert record.complete and record.lost_injections == 1 and len(pulses(tiny_rig)) == 11
-
-
-def test_background_that_never_settles(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    tiny_rig["background"]["settings"]["noise_K"] = 3.0
-    rig = wrapped(tiny_rig)
-    with pytest.raises(DeviceTimeout, match=r"not stable at 440 K.*stability\.timeout_s"):
-        acquire(rig, tiny_plan, tmp_path / "a")
-    assert_safe(rig)
-    assert not pulses(tiny_rig)
-
-
-def test_out_of_limits_before_anything_moves(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    plan = tiny_plan.model_copy(update={"backgrounds_K": (440.0, 900.0, 200.0)})
-    rig = open_rig(tiny_rig)
-    moved: list[float] = []
-    background = Wrapped(rig.background, set_setpoint=moved.append)
-    changed: dict[str, Any] = {"background": background}
-    rig = replace(rig, **changed)
-    with pytest.raises(OutOfLimits, match=r"900 is outside 253\.\.873\n.*200 is outside"):
-        acquire(rig, plan, tmp_path / "a")
-    assert not moved and not pulses(tiny_rig)
-    assert not (tmp_path / "a" / "plan.yaml").exists()  # the corrected plan may go here
-
-
-def test_all_missing_devices_are_named(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    tiny_rig["bench"]["settings"]["run"] = str(tmp_path / "nowhere")
-    tiny_rig["trigger"]["settings"]["pulse_log"] = str(tmp_path / "no" / "pulses.jsonl")
-    with pytest.raises(NotConnected, match=r"(?s)camera: .*scene\.yaml.*trigger: .*no such folder"):
-        acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
-
-
-def test_foreign_plan_and_rig_are_refused(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    folder = tmp_path / "a"
-    acquire(open_rig(tiny_rig), tiny_plan, folder, should_stop=lambda: True)
-    other = tiny_plan.model_copy(update={"shots": 4})
-    with pytest.raises(RunFolderError, match="holds another plan"):
-        acquire(open_rig(tiny_rig), other, folder)
-    tiny_rig["setup"]["wall_temperature_K"] = 300.0
-    with pytest.raises(RunFolderError, match=r"wall_temperature_K: 420\.0 before, 300\.0 now"):
-        acquire(open_rig(tiny_rig), tiny_plan, folder)
-
-
-def test_two_runs_in_one_folder(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
-    with exclusive(tmp_path / "a"):
-        with pytest.raises(RunFolderError, match="another acquisition is running"):
-            acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
-    assert acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a").complete
-
-
-def test_disk_full_while_writing(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The fifth picture finds no room: the rig is safe, four are kept, the same call resumes."""
-    count = 0
-
-    def full(*args: Any, **kwargs: Any) -> None:
-        nonlocal count
-        count += 1
-        if count == 5:
-            raise OSError(28, "No space left on device")
-        save_shot(*args, **kwargs)
-
-    monkeypatch.setattr("cldit.acquisition.runner.save_shot", full)
-    rig = wrapped(tiny_rig)
-    with pytest.raises(DiskFull, match=r"b00_inj_02\.tif: the disk is full.*free 1 MB.*resumes"):
-        acquire(rig, tiny_plan, tmp_path / "a")
-    assert_safe(rig)
-    assert len(open_acquisition(tmp_path / "a").shots) == 4
-    record = acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
-    assert record.complete and record.lost_injections == 1
-
-
-def test_disk_too_small_is_found_before_the_first_shot(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    free = type("usage", (), {"free": 100_000})
-    monkeypatch.setattr("cldit.acquisition.disk.shutil.disk_usage", lambda path: free)
-    with pytest.raises(DiskFull, match="make room"):
-        acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
-    assert not pulses(tiny_rig)
-
-
-@pytest.mark.parametrize("error", [ZeroDivisionError, SystemExit, KeyboardInterrupt])
-def test_an_error_elsewhere_leaves_the_rig_safe_and_is_not_hidden(
-    error: type[BaseException], tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    def broken(progress: Progress) -> None:
-        if progress.done == 3:
-            raise error("in the caller's progress bar")
-
-    rig = wrapped(tiny_rig)
-    with pytest.raises(error):
-        acquire(rig, tiny_plan, tmp_path / "a", progress=broken)
-    assert_safe(rig)
-
-
-def test_what_cannot_be_made_safe_is_said(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    """The trigger's failure must not keep the black body hot."""
-
-    def stuck(trigger: Any) -> dict[str, Any]:
-        def make_safe() -> None:
-            raise NotConnected("the line is dead")
-
-        return {"make_safe": make_safe}
-
-    rig = wrapped(tiny_rig, trigger=stuck)
-    with pytest.raises(RigError, match=r"not made safe:\ntrigger: the line is dead"):
-        acquire(rig, tiny_plan, tmp_path / "a")
-    assert rig.background.read_configuration()["setpoint_K"] == 295.0
-
-
-@pytest.mark.parametrize(
-    ("device", "method", "answer", "match"),
-    [
-        ("camera", "read_configuration", lambda: {}, "no 'calibration'"),
-        ("camera", "read_configuration", lambda: {"x": float("nan")}, "cannot be stored"),
-        ("background", "set_setpoint", lambda kelvin: kelvin + 10.0, "reads back 450 K"),
-        ("trigger", "configure", lambda burst: replace(burst, n=2), "reads back"),
-        ("trigger", "configure", lambda burst: replace(burst, camera_delay_s=1.0), "reads back 1"),
-    ],
-)
-def test_read_back_is_checked(
-    device: str,
-    method: str,
-    answer: Callable[..., Any],
-    match: str,
-    tiny_rig: dict[str, Any],
-    tiny_plan: Plan,
-    tmp_path: Path,
-) -> None:
-    rig = wrapped(tiny_rig, **{device: lambda _: {method: answer}})
-    with pytest.raises(RigError, match=match) as caught:
-        acquire(rig, tiny_plan, tmp_path / "a")
-    assert isinstance(caught.value, ConfigRejected) or device == "background"
-    assert not pulses(tiny_rig)
-
-
-def test_real_devices_need_real_time(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    def real(camera: Any) -> dict[str, Any]:
-        return {"identify": lambda: replace(camera.identify(), simulated=False)}
-
-    with pytest.raises(ConfigRejected, match=r"clock\.model: simulated, but camera is real"):
-        acquire(wrapped(tiny_rig, camera=real), tiny_plan, tmp_path / "a")
-
-
-def test_folder_that_cannot_be_made(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(ClditError, match="cannot be written"):
-        acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "file" / "a")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
@@ -126,9 +125,7 @@ def test_liquid_length_against_siebers(pressure_Pa: float, gas_K: float, length_
 def test_masses_are_exact_and_notes_tell_them() -> None:
     spec = load_scene("gdi").spray
     assert isinstance(spec, ConeSpray)
-    begin = time.perf_counter()
     spray = make_cone(spec)
-    assert time.perf_counter() - begin < 5.0
     assert _mass(spray) == pytest.approx(20e-6 * 0.95 / 1.5, rel=1e-12)
     assert spray.parcels is not None and spray.vapour is not None
     notes = spray.notes
@@ -319,7 +316,16 @@ def test_methane_is_a_cold_gas_jet_without_droplets() -> None:
     assert spray.parcels is None and spray.vapour is not None
     assert spray.vapour.mass_kg == pytest.approx(6e-6, rel=1e-12)
     temperature = spray.vapour.temperature_K
-    assert 150.0 < temperature.min() < 170.0 and temperature.max() < 520.0
+    assert 220.0 < temperature.min() < 228.0 and temperature.max() < 520.0
+    # 15 into 0.4 MPa: 4.1 diameters of what flows of the hole, half of the fuel in one of seven.
+    hole = np.sqrt(7 * 0.5 * spray.notes["flow_coefficient"]) * 0.4e-3
+    assert spray.notes["mach_disc_m"] == pytest.approx(0.67 * np.sqrt(37.5) * hole, rel=1e-6)
+    # Up to there, on the axis, no gas has been taken up: as cold as the notional nozzle.
+    lower = spray.vapour.cells.lower_m
+    core = np.all(np.abs(lower[:, :2] + spec.spacing_m / 2) < spec.spacing_m, axis=1)
+    core &= lower[:, 2] > -spray.notes["mach_disc_m"]
+    assert core.sum() >= 4
+    assert temperature[core].max() < spray.notes["notional_K"] + 2
     # The paper sees its jet beyond 80 mm at that time.
     assert 0.08 < spray.notes["vapour_penetration_m"] < 0.12
 
@@ -349,11 +355,11 @@ def test_first_microseconds_and_many_plumes() -> None:
                 "fuel": "methane",
                 "injection_pressure_Pa": 14e6,
                 "fuel_temperature_K": 294.0,
-                "ambient": Ambient(pressure_Pa=3e4, temperature_K=215.0),
+                "ambient": Ambient(pressure_Pa=3e4, temperature_K=300.0),
                 "plumes": (Plume(inclination_deg=0.0, azimuth_deg=-75.0, cone_angle_deg=4.0),),
                 "time_s": 2.5e-4,
                 "injection_duration_s": 2e-5,
-                "injected_mass_kg": 5e-10,
+                "injected_mass_kg": 5e-11,
                 "spacing_m": 1e-2,
             },
             r"spacing_m: 0.01 is so coarse that no cell's middle",

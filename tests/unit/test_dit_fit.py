@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.linalg import cholesky, inv, lstsq, solve_triangular
 from scipy.optimize import curve_fit
 
 from cldit.camera.calibration import Calibration
-from cldit.dit.evaluate import evaluate_acquisition, evaluate_radiance
-from cldit.dit.fit import apparent_radiance, emissivity, fit_line, shot_scatter
+from cldit.dit.evaluate import evaluate_radiance
+from cldit.dit.fit import Pair, apparent_radiance, emissivity, fit_pair, shot_scatter
 from cldit.dit.maps import Maps, Reason
+from cldit.dit.recorded import evaluate_acquisition
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Surroundings
@@ -80,69 +82,142 @@ def _spray(shape: tuple[int, int] = (6, 8)) -> _Acquisition:
     return _acquisition(transmitted=transmitted, emitted=(1 - transmitted) * _radiance(450.0))
 
 
-def test_line_is_scipys() -> None:
+X = np.array([1.0, 2.5, 6.0, 11.0, 20.0])
+
+
+def _fit(
+    before: NDArray[np.float64],
+    during: NDArray[np.float64],
+    variance: tuple[NDArray[np.float64], NDArray[np.float64]],
+    shared: NDArray[np.float64] | None = None,
+    slopes: tuple[float, float] = (1.0, 0.3),
+) -> Pair:
+    pixels = before.shape[1]
+    return fit_pair(
+        (X, X),
+        (before, during),
+        variance=variance,
+        usable=np.ones(before.shape, bool),
+        shared=np.zeros(5) if shared is None else shared,
+        slopes=(np.full(pixels, slopes[0]), np.full(pixels, slopes[1])),
+    )
+
+
+def _noisy(pixels: int = 7) -> tuple[Any, Any, tuple[Any, Any]]:
+    rng = np.random.default_rng(4)
+    variance = rng.uniform(0.005, 0.04, (5, pixels)), rng.uniform(0.005, 0.04, (5, pixels))
+    before, during = X[:, None] + 0.5, 0.3 * X[:, None] + 4.0
+    noise = rng.standard_normal((2, 5, pixels))
+    return before + noise[0] * variance[0] ** 0.5, during + noise[1] * variance[1] ** 0.5, variance
+
+
+def test_without_shared_error_both_lines_are_scipys() -> None:
     """Slope, intercept and covariance of curve_fit with absolute_sigma, pixel by pixel."""
-    rng = np.random.default_rng(4)
-    x = np.array([1.0, 2.5, 6.0, 11.0, 20.0])
-    y = 3.0 - 0.7 * x[:, None] + rng.standard_normal((5, 7))
-    variance = rng.uniform(0.5, 4.0, (5, 7))
-    line = fit_line(x[:, None], y, weight=1 / variance, variance=variance)
+    before, during, variance = _noisy()
+    lines = _fit(before, during, variance)
     for pixel in range(7):
-        best, covariance = curve_fit(
-            lambda x, a, b: a * x + b,
-            x,
-            y[:, pixel],
-            sigma=np.sqrt(variance[:, pixel]),
-            absolute_sigma=True,
+        for start, signal, of in ((0, before, variance[0]), (2, during, variance[1])):
+            best, covariance = curve_fit(
+                lambda x, a, b: a * x + b,
+                X,
+                signal[:, pixel],
+                sigma=np.sqrt(of[:, pixel]),
+                absolute_sigma=True,
+            )
+            both = slice(start, start + 2)
+            np.testing.assert_allclose(lines.values[pixel, both], best, rtol=1e-6)
+            # curve_fit differentiates numerically
+            np.testing.assert_allclose(lines.covariance[pixel, both, both], covariance, rtol=1e-5)
+
+
+def test_shared_errors_are_generalised_least_squares() -> None:
+    """Against scipy: the whole 10 x 10 covariance, whitened by its Cholesky factor, then lstsq."""
+    before, during, variance = _noisy()
+    shared = np.array([0.01, 0.03, 0.02, 0.05, 0.04])
+    g, s = 0.97, 0.31
+    lines = _fit(before, during, variance, shared, (g, s))
+    design = np.zeros((10, 4))
+    design[:5, 0] = design[5:, 2] = X
+    design[:5, 1] = design[5:, 3] = 1.0
+    for pixel in range(7):
+        a, b = (np.diag(of[:, pixel]) for of in variance)
+        d = np.diag(shared)
+        whole = np.block([[a + g * g * d, g * s * d], [g * s * d, b + s * s * d]])
+        factor = cholesky(whole, lower=True)
+        white = solve_triangular(factor, design, lower=True)
+        seen = np.concatenate([before[:, pixel], during[:, pixel]])
+        best, misfit, *_ = lstsq(white, solve_triangular(factor, seen, lower=True))
+        np.testing.assert_allclose(lines.values[pixel], best, rtol=1e-9)
+        np.testing.assert_allclose(lines.covariance[pixel], inv(white.T @ white), rtol=1e-8)
+        assert lines.chi2[pixel] == pytest.approx(misfit, rel=1e-8)
+
+
+def test_a_common_error_drops_out_of_a_transparent_spray() -> None:
+    """What shifts both kinds alike is no emissivity, however large it is beside the noise."""
+    shift = np.array([0.3, -0.2, 0.4, -0.5, 0.1])[:, None]
+    quiet = np.full((5, 1), 1e-6)
+    before = X[:, None] + shift
+    known = _fit(before, before, (quiet, quiet), np.full(5, 0.1), (1.0, 1.0))
+    assert emissivity(known)[0][0] == pytest.approx(0.0, abs=1e-12)
+    # Each line's slope is as uncertain as the shifts make it, their ratio is not.
+    assert known.covariance[0, 0, 0] > 1e4 * emissivity(known)[1][0]
+
+
+def test_equal_weights_are_the_fit_of_the_difference() -> None:
+    """With equal x and weights, -epsilon and epsilon I are Delta I's line, Eq. (2) of the paper."""
+    before, during, (variance, _) = _noisy()
+    lines = _fit(before, during, (variance, variance))
+    for pixel in range(7):
+        (slope, intercept), covariance = np.polyfit(
+            X,
+            (during - before)[:, pixel],
+            1,
+            w=(2 * variance[:, pixel]) ** -0.5,
+            cov="unscaled",
         )
-        np.testing.assert_allclose([line.slope[pixel], line.intercept[pixel]], best, rtol=1e-6)
-        got = [line.slope_variance[pixel], line.intercept_variance[pixel], line.covariance[pixel]]
-        # curve_fit differentiates numerically
-        expected = [covariance[0, 0], covariance[1, 1], covariance[0, 1]]
-        np.testing.assert_allclose(got, expected, rtol=1e-5)
+        g = lines.values[pixel, 0]
+        assert emissivity(lines)[0][pixel] == pytest.approx(-slope / g, rel=1e-9)
+        radiance, error = apparent_radiance(lines)
+        assert radiance[pixel] == pytest.approx(-intercept / slope, rel=1e-9)
+        ratio = radiance[pixel]
+        textbook = covariance[1, 1] + ratio**2 * covariance[0, 0] + 2 * ratio * covariance[0, 1]
+        assert error[pixel] == pytest.approx(textbook / slope**2, rel=1e-8)
 
 
-def test_two_lines_are_the_fit_of_the_difference() -> None:
-    """With equal x and an unobstructed disc, -epsilon and epsilon I are Delta I's line."""
-    rng = np.random.default_rng(4)
-    x = np.array([[1.0], [2.5], [6.0], [11.0], [20.0]])
-    before = x + rng.standard_normal((5, 9)) * 0.1
-    during = 0.3 * x + 4.0 + rng.standard_normal((5, 9)) * 0.1
-    weight = rng.uniform(0.5, 4.0, (5, 9))
-    calm, varied = (fit_line(x, y, weight=weight, variance=0.01 / weight) for y in (before, during))
-    both = fit_line(x, during - before, weight=weight, variance=0.02 / weight)
-    np.testing.assert_allclose(varied.slope - calm.slope, both.slope, rtol=1e-12)
-    got, _ = emissivity(calm, varied)
-    np.testing.assert_allclose(got, -both.slope / calm.slope, rtol=1e-12)
-    radiance, variance = apparent_radiance(calm, varied)
-    np.testing.assert_allclose(radiance, -both.intercept / both.slope, rtol=1e-10)
-    # And the variance is the textbook's for a ratio of two correlated numbers.
-    ratio = both.intercept_variance + radiance**2 * both.slope_variance
-    ratio += 2 * radiance * both.covariance
-    np.testing.assert_allclose(variance, ratio / both.slope**2, rtol=1e-10)
-
-
-def test_errors_by_brute_force() -> None:
+@pytest.mark.parametrize("shared", [0.0, 0.02])
+def test_errors_by_brute_force(shared: float) -> None:
     """Propagated standard errors against 20000 repetitions of one pixel."""
     rng = np.random.default_rng(8)
-    x = np.array([[1.0], [2.5], [6.0], [11.0], [20.0]])
-    sigma_calm, sigma_varied = 0.02 * np.sqrt(x), 0.03 * np.sqrt(x)
-    before = x + sigma_calm * rng.standard_normal((5, 20000))
-    during = 0.4 * x + 2.0 + sigma_varied * rng.standard_normal((5, 20000))
-    weight = np.broadcast_to(1 / (sigma_calm**2 + sigma_varied**2), (5, 20000))
-    calm = fit_line(x, before, weight=weight, variance=sigma_calm**2)
-    varied = fit_line(x, during, weight=weight, variance=sigma_varied**2)
-    for value, variance in (emissivity(calm, varied), apparent_radiance(calm, varied)):
+    calm, varied = 0.02 * np.sqrt(X), 0.03 * np.sqrt(X)
+    moved = X[:, None] + shared * rng.standard_normal((5, 20000))
+    before = moved + calm[:, None] * rng.standard_normal((5, 20000))
+    during = 0.4 * moved + 2.0 + varied[:, None] * rng.standard_normal((5, 20000))
+    variance = tuple(np.broadcast_to(one[:, None] ** 2, (5, 20000)) for one in (calm, varied))
+    lines = _fit(
+        before, during, (variance[0], variance[1]), np.full(5, shared**2), slopes=(1.0, 0.4)
+    )
+    for value, stated in (emissivity(lines), apparent_radiance(lines)):
         # sample variance of 20000: 1 %; 4 sigma, and 1 % for the second order of the propagation
-        assert np.var(value) == pytest.approx(np.mean(variance), rel=0.05)
+        assert np.var(value) == pytest.approx(np.mean(stated), rel=0.05)
+    # 6 degrees of freedom: the mean of 20000 is good to sqrt(12 / 20000) = 0.4 %; 4 of them
+    assert np.mean(lines.chi2) / 6 == pytest.approx(1.0, abs=0.017)
 
 
 def test_degenerate_lines_are_nan() -> None:
-    x = np.array([[1.0], [1.0], [2.0]])
-    y = np.ones((3, 2))
-    weight = np.array([[1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])  # same x twice; a single point
-    line = fit_line(x, y, weight=weight, variance=y)
-    assert np.isnan(line.slope).all() and np.isnan(line.intercept).all()
+    """Twice the same background; a single one; none: NaN, while the pixel beside has its value."""
+    usable = np.array([[1, 1, 0, 1], [1, 0, 0, 1], [0, 0, 0, 1]], bool)
+    x = np.array([1.0, 1.0, 2.0])
+    ones = np.ones((3, 4))
+    lines = fit_pair(
+        (x, x),
+        (x[:, None] * ones, 0.5 * x[:, None] * ones),
+        variance=(ones, ones),
+        usable=usable,
+        shared=np.zeros(3),
+        slopes=(ones[0], ones[0]),
+    )
+    assert np.isnan(lines.values[:3]).all() and np.isnan(lines.chi2[:3]).all()
+    np.testing.assert_allclose(lines.values[3], [1.0, 0.0, 0.5, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize(("q", "p"), [(0.0, 0.0), (0.04, 0.0), (0.0, 9.0), (0.04, 9.0)])

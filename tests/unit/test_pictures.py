@@ -43,6 +43,7 @@ def _maps(emissivity: NDArray[np.floating], temperature_K: NDArray[np.floating])
         apparent_temperature_standard_error_K=np.where(known, 2.0, np.nan).astype(np.float32),
         reason=np.where(known, Reason.OK, Reason.BACKGROUND_NOT_VISIBLE).astype(np.uint8),
         reduced_chi2=np.ones(emissivity.shape, np.float32),
+        fit_probability=np.full(emissivity.shape, 0.5, np.float32),
     )
 
 

@@ -104,8 +104,10 @@ def test_dry_run_command(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Pa
 
 
 def test_bench_loses_nothing(tmp_path: Path) -> None:
-    result = bench_rig(tmp_path, frames=20, sensor=(64, 48))
-    assert result.lost == 0 and result.frames_per_s > 1.0
+    result = bench_rig(tmp_path, frames=20, frames_per_shot=4, repeats=2, sensor=(64, 48))
+    assert result.lost == 0 and min(result.frames_per_s) > 1.0
+    assert len(result.frames_per_s) == len(result.syncs_per_s) == len(result.cpu_s) == 2
+    assert result.shots_per_sync > 0.0
     assert list(tmp_path.iterdir()) == []
 
 

@@ -26,7 +26,7 @@ FILTER = (3.3, 3.5)
 def _weights(**parts: NDArray[np.floating]) -> Weights:
     zero = np.zeros(next(iter(parts.values())).shape)
     names = ("background", "wall", "vapour", "liquid")
-    return Weights(**{name: parts.get(name, zero).astype(np.float32) for name in names})
+    return Weights.of({name: parts.get(name, zero).astype(np.float32) for name in names})
 
 
 def _maps(

@@ -16,8 +16,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.camera.sensor import SensorModel
-from cldit.dit.evaluate import evaluate_acquisition
 from cldit.dit.maps import Maps
+from cldit.dit.recorded import evaluate_acquisition
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Surroundings
 from cldit.scene.camera import Camera, Sensor

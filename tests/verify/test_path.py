@@ -101,7 +101,7 @@ def test_mie_slab(
 ) -> None:
     """The phase function of droplets of 9 um at 3.4 um, whose moments end near 2 x = 17."""
     phase = mie_table(np.array([9e-6]), np.ones(1), wavelength_um=3.4, n=1.338, k=0.0341)
-    monkeypatch.setattr("cldit.run.medium.mean_phase", lambda *_: phase)
+    monkeypatch.setattr("cldit.run.medium.mean_phase", lambda *_, **__: phase)
     run = slab(run_block, depth, albedo, "mie")
     check(run, disort(depth, albedo, phase.moments(65), streams=64), depth, albedo)
 

@@ -16,7 +16,8 @@ import pytest
 from cldit.acquisition import plan_from_scene
 from cldit.acquisition.record import open_acquisition
 from cldit.acquisition.runner import acquire
-from cldit.dit.evaluate import evaluate_acquisition, evaluate_radiance
+from cldit.dit.evaluate import evaluate_radiance
+from cldit.dit.recorded import evaluate_acquisition
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import Filter, Response
 from cldit.optics.spectral import Quadrature

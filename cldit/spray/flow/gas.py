@@ -11,15 +11,17 @@ The box is closed, its pressure follows from its energy; or it is periodic, for 
 
 from __future__ import annotations
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dctn, idctn, irfftn, rfftn
 
 from cldit.errors import SprayError
-from cldit.spray.flow import kernels
+from cldit.spray.flow import advection, kernels
 from cldit.spray.flow.mixture import GasMixture
 
 Floats = NDArray[np.float64]
@@ -29,6 +31,7 @@ SMAGORINSKY = 0.15  # of the grid's spacing: the mixing length of eddies that it
 TURBULENT_SCHMIDT = 0.7  # and Prandtl number: a round jet's
 CFL = 0.7  # summed over the three axes; the scheme is stable below 1
 EDDY_STEPS = 4  # between two looks at the shear
+THREADS = min(os.cpu_count() or 1, 8)
 
 
 @dataclass(frozen=True)
@@ -72,8 +75,9 @@ class GasFlow:
         self.eddy = np.zeros(shape)
         self._kept, self._amiss = np.zeros(shape), np.zeros(shape)
         self._wave = _eigenvalues(box)
-        self._top, self._steps = 0.0, 0
+        self._top, self._steps, self._moving = 0.0, 0, (0, shape[0])
         self._low, self._high = np.zeros(3, dtype=np.int64), np.array(shape)
+        self._pushed, self._middle = np.zeros((3, *shape)), np.zeros((3, *shape))
 
     @property
     def share(self) -> Floats:
@@ -94,7 +98,6 @@ class GasFlow:
         Raises:
             SprayError: the gas left what is possible; the flow could not be followed.
         """
-        box, h = self.box, self.box.spacing_m
         self.density = self.density + mass
         self.fuel = self.fuel + mass
         self.enthalpy = self.enthalpy + enthalpy
@@ -104,41 +107,14 @@ class GasFlow:
 
         kernels.velocities(self.flux, self.density, self.velocity)
         self._bounds()
-        if self._steps % EDDY_STEPS == 0:
-            kernels.shear(self.velocity, h, box.closed, self._low, self._high, self.eddy)
-            self.eddy *= (SMAGORINSKY * h) ** 2
-        self._steps += 1
-        viscosity = self.eddy * self.density
-        rates = np.zeros_like(self.flux)
-
-        def push(axis: int) -> None:
-            kernels.momentum_rates(
-                axis,
-                self.velocity[axis],
-                self.flux,
-                self.density,
-                viscosity,
-                step_s,
-                h,
-                box.closed,
-                self._low,
-                self._high,
-                rates[axis],
-            )
-
-        with ThreadPoolExecutor(2) as pool:
-            list(pool.map(push, range(3)))
-        rates *= step_s
-        flux = self.flux
-        flux += rates
-        flux += momentum
-        if box.closed:
-            flux[0, 0], flux[1, :, 0], flux[2, :, :, 0] = 0.0, 0.0, 0.0
-        wanted = self._kept + self.density * amiss / step_s
-        self.flux = self._project(flux, wanted - wanted.mean())
-
-        self._carry(step_s, viscosity / TURBULENT_SCHMIDT)
-        after = self._pressures(None)
+        with ThreadPoolExecutor(THREADS) as pool:
+            self._eddies(pool)
+            viscosity = self.eddy * self.density
+            flux = self._push(step_s, viscosity, momentum, pool)
+            wanted = self._kept + self.density * amiss / step_s
+            self._project(flux, wanted - wanted.mean())
+            self._carry(step_s, viscosity / TURBULENT_SCHMIDT, pool)
+            after = self._pressures(None, pool)
         mean = float(after.mean())
         self.enthalpy += mean - self.pressure_Pa  # compression; energy is then conserved
         self.pressure_Pa = mean
@@ -148,40 +124,105 @@ class GasFlow:
         kernels.velocities(self.flux, self.density, self.velocity)
         self._bounds()
 
-    def _bounds(self) -> None:
-        """Fastest gas; and the cells that move: shear and eddies elsewhere do not count."""
-        self._top = kernels.busy(self.velocity, self._low, self._high)
-        if not self.box.closed:
-            self._low[:], self._high[:] = 0, self.box.shape
-            return
-        self._low[:] = np.maximum(self._low - 2, 0)
-        self._high[:] = np.minimum(self._high + 2, self.box.shape)
+    def _slabs(self, low: int, high: int) -> list[tuple[int, int]]:
+        """For each thread, of the first axis."""
+        cuts = np.linspace(low, high, min(THREADS, max(high - low, 1)) + 1).astype(int).tolist()
+        return list(pairwise(cuts))
 
-    def _carry(self, step_s: float, exchange: Floats) -> None:
+    def _eddies(self, pool: ThreadPoolExecutor) -> None:
+        self._steps += 1
+        if self._steps % EDDY_STEPS != 1:
+            return
+        h = self.box.spacing_m
+        kernels.centred(self.velocity, self._middle)
+
+        def shear(slab: tuple[int, int]) -> None:
+            kernels.shear(self._middle, h, self.box.closed, *slab, self.eddy)
+
+        list(pool.map(shear, self._slabs(*self._moving)))
+        self.eddy *= (SMAGORINSKY * h) ** 2
+
+    def _push(
+        self, step_s: float, viscosity: Floats, momentum: Floats, pool: ThreadPoolExecutor
+    ) -> Floats:
+        """Mass fluxes after advection, eddies and the droplets' push, before the projection."""
+        box, (low, high) = self.box, self._moving
+        pushed = self._pushed
+        for still in (slice(0, low), slice(high, None)):
+            np.add(self.flux[:, still], momentum[:, still], out=pushed[:, still])
+
+        def push(work: tuple[int, tuple[int, int]]) -> None:
+            axis, slab = work
+            advection.push(
+                axis,
+                self.velocity[axis],
+                self.flux,
+                self.density,
+                viscosity,
+                momentum[axis],
+                step_s,
+                box.spacing_m,
+                box.closed,
+                *slab,
+                pushed[axis],
+            )
+
+        list(pool.map(push, product(range(3), self._slabs(low, high))))
+        if box.closed:
+            pushed[0, 0], pushed[1, :, 0], pushed[2, :, :, 0] = 0.0, 0.0, 0.0
+        self.flux, self._pushed = pushed, self.flux
+        return pushed
+
+    def _bounds(self) -> None:
+        """Fastest gas; and the cells, along the first axis, that move."""
+        self._top = kernels.busy(self.velocity, self._low, self._high)
+        count = self.box.shape[0]
+        if self.box.closed:
+            low, high = max(int(self._low[0]) - 2, 0), min(int(self._high[0]) + 2, count)
+            self._moving = (low, max(low, high))
+        else:
+            self._moving = (0, count)
+
+    def _carry(self, step_s: float, exchange: Floats, pool: ThreadPoolExecutor) -> None:
         """Mass, fuel and enthalpy go with the fluxes, fuel and enthalpy also with the eddies."""
         fields = np.stack([self.fuel / self.density, self.enthalpy / self.density])
-        rates = np.zeros_like(fields)
-        h = self.box.spacing_m
-        kernels.scalar_rates(
-            fields, self.flux, self.density, exchange, step_s, h, self.box.closed, rates
-        )
+        change = np.zeros_like(fields)
+        h, closed = self.box.spacing_m, self.box.closed
+
+        def carry(slab: tuple[int, int]) -> None:
+            advection.carry(
+                fields, self.flux, self.density, exchange, step_s, h, closed, *slab, change
+            )
+
+        list(pool.map(carry, self._slabs(0, self.box.shape[0])))
         out = np.empty_like(self.density)
         kernels.divergence(self.flux, h, out)
-        self.density = self.density - step_s * out
-        self.fuel += step_s * rates[0]
-        self.enthalpy += step_s * rates[1]
+        out *= step_s
+        self.density -= out
+        self.fuel += change[0]
+        self.enthalpy += change[1]
 
-    def _pressures(self, chosen: Ints | None) -> Floats:
+    def _pressures(self, chosen: Ints | None, pool: ThreadPoolExecutor | None = None) -> Floats:
         """Of every cell by itself, or of those chosen (flat); temperatures are set on the way."""
         every = slice(None) if chosen is None else chosen
         density, fuel = self.density.reshape(-1)[every], self.fuel.reshape(-1)[every]
-        if not np.all(density > 0):
+        if not density.min(initial=1.0) > 0:
             raise SprayError(
                 "the gas flow of the spray broke down: a cell lost all of its gas; a finer "
                 "spray.box.spacing_m may help"
             )
         heat, warm = self.enthalpy.reshape(-1)[every], self.temperature_K.reshape(-1)
-        found = self.mixture.temperature_K(fuel / density, heat / density, warm[every])
+        found, pressure = warm[every].copy(), np.empty_like(density)
+
+        def solve(part: slice) -> None:
+            rho, y = density[part], fuel[part] / density[part]
+            found[part] = self.mixture.temperature_K(y, heat[part] / rho, found[part])
+            pressure[part] = self.mixture.pressure_Pa(rho, fuel[part], found[part])
+
+        if pool is None:
+            solve(slice(None))
+        else:
+            list(pool.map(solve, [slice(*slab) for slab in self._slabs(0, len(density))]))
         low, high = float(found.min(initial=300.0)), float(found.max(initial=300.0))
         if not 100 < low <= high < 1500:
             raise SprayError(
@@ -189,23 +230,25 @@ class GasFlow:
                 "a finer spray.box.spacing_m may help"
             )
         warm[every] = found
-        pressure = self.mixture.pressure_Pa(density, fuel, found)
         return pressure.reshape(self.box.shape) if chosen is None else pressure
 
-    def _project(self, flux: Floats, wanted: Floats) -> Floats:
-        """The nearest mass fluxes that have the wanted divergence."""
+    def _project(self, flux: Floats, wanted: Floats) -> None:
+        """To the nearest mass fluxes that have the wanted divergence."""
         h = self.box.spacing_m
         amiss = np.empty_like(wanted)
         kernels.divergence(flux, h, amiss)
         amiss -= wanted
         if self.box.closed:
             potential = idctn(
-                dctn(amiss, workers=2, overwrite_x=True) / self._wave, workers=2, overwrite_x=True
+                dctn(amiss, workers=THREADS, overwrite_x=True) / self._wave,
+                workers=THREADS,
+                overwrite_x=True,
             )
         else:
-            potential = irfftn(rfftn(amiss, workers=2) / self._wave, s=self.box.shape, workers=2)
+            potential = irfftn(
+                rfftn(amiss, workers=THREADS) / self._wave, s=self.box.shape, workers=THREADS
+            )
         kernels.subtract_gradient(np.asarray(potential), h, self.box.closed, flux)
-        return flux
 
 
 def _eigenvalues(box: Box) -> Floats:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray
-from cldit.spray.cone import VELOCITY_COEFFICIENT
+from cldit.spray.conesource import VELOCITY_COEFFICIENT
 from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.jet import profile
 from cldit.spray.sizes import mean_diameter_m, quantile_m

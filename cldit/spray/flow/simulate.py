@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from cldit.spray.droplet.fluids import Fuel, check_conditions, fuel_table, gas_t
 from cldit.spray.flow.coupling import Cloud, Liquid, move
 from cldit.spray.flow.gas import Box, GasFlow
 from cldit.spray.flow.injector import Injection, inject
+from cldit.spray.flow.measures import History, Station, measures
 from cldit.spray.flow.mixture import gas_mixture
 from cldit.spray.jet import Jet
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
@@ -25,29 +25,11 @@ Floats = NDArray[np.float64]
 
 LONGEST_STEP_S = 2e-5
 MOST_CELLS = 2e7
-LIQUID_SHARE = 0.97  # of the liquid's mass lies within the liquid penetration
-VAPOUR_SHARE = 1e-3  # mass fraction at the edge of the vapour
 NEGLIGIBLE = (
     1e-6  # cells with less vapour than this, as a mass fraction, are left out of the result
 )
 _AVOGADRO = 6.02214076e23
 _RECORDS = 200
-
-
-@dataclass(frozen=True)
-class History:
-    """Columns against time, (M,). Penetrations are distances from the injector's tip; `axial_m` is
-    that of the liquid along the injector's axis."""
-
-    time_s: Floats
-    injected_kg: Floats
-    liquid_kg: Floats
-    vapour_kg: Floats
-    sauter_mean_diameter_m: Floats
-    liquid_m: Floats
-    vapour_m: Floats
-    axial_m: Floats
-    coldest_K: Floats
 
 
 Watch = Callable[[float, float, int], None]  # time reached, time of the end, parcels
@@ -59,7 +41,8 @@ def simulate_spray(
     """The spray at `spec.time_s`, how it came there, and the gas's state.
 
     `notes` of the spray: injected, liquid, vapour and wall mass (kg), parcels, steps, cells, speed
-    at the hole, flow coefficient, Sauter mean diameter, penetrations, coldest gas, pressure.
+    at the hole, flow coefficient, Sauter mean diameter (of all droplets now, and of those that
+    passed 15 mm below the injector up to now), penetrations, coldest gas, pressure.
 
     Args:
         cache: folder for property tables.
@@ -90,11 +73,14 @@ def simulate_spray(
     cloud = _born(injection, each, spec, 0, 0, 0.0)
     time, steps, next_parcel, wall_kg = 0.0, 0, 0, 0.0
     rows: list[tuple[float, ...]] = []
+    station, axes = Station(), np.array([hole.axis for hole in injection.holes])
     while time < spec.time_s * (1 - 1e-9):
         step = _step_s(spec, injection, flow, cloud, time)
         until = int(np.searchsorted(injection.time_s, time + step, side="left"))
         if len(cloud.mass_kg):
-            cloud, given = move(cloud, flow, liquid, time_s=time, step_s=step, random=random)
+            moved, given = move(cloud, flow, liquid, time_s=time, step_s=step, random=random)
+            station.watch(cloud, moved, fuel)
+            cloud = moved
             flow.step(step, mass=given.mass, enthalpy=given.enthalpy, momentum=given.momentum)
             inside = np.all(cloud.position_m > flow.box.origin_m, axis=1)
             inside &= np.all(cloud.position_m < flow.box.upper_m, axis=1)
@@ -105,7 +91,7 @@ def simulate_spray(
         next_parcel = until
         injected = float(np.sum((each * injection.droplets)[:until]))
         if len(rows) < time / spec.time_s * _RECORDS or time >= spec.time_s * (1 - 1e-9):
-            rows.append((time, injected, *_measures(cloud, flow, fuel)))
+            rows.append((time, injected, *measures(cloud, flow, fuel, axes, injected_kg=injected)))
         if watch is not None:
             watch(time, spec.time_s, len(cloud.mass_kg))
     history = History(*np.array(rows).T)
@@ -116,6 +102,7 @@ def simulate_spray(
         "wall_mass_kg": wall_kg,
         "parcels": float(len(cloud.mass_kg)),
         "sauter_mean_diameter_m": float(history.sauter_mean_diameter_m[-1]),
+        "sauter_mean_diameter_at_15_mm_m": station.sauter_m,
         "liquid_penetration_m": float(history.liquid_m[-1]),
         "vapour_penetration_m": float(history.vapour_m[-1]),
         "coldest_K": float(history.coldest_K[-1]),
@@ -214,35 +201,6 @@ def _born(
         position_m=injection.position_m[new] + flown,
         velocity_m_s=velocity,
     )
-
-
-def _measures(cloud: Cloud, flow: GasFlow, fuel: Fuel) -> tuple[float, ...]:
-    """The columns of `History` after the injected mass."""
-    mass = cloud.liquid_kg
-    diameter = fuel.diameter_m(cloud.mass_kg, cloud.temperature_K)
-    area = float(np.sum(cloud.droplets * diameter**2))
-    sauter = float(np.sum(cloud.droplets * diameter**3)) / area if area > 0 else np.nan
-    distance = np.linalg.norm(cloud.position_m, axis=1)
-    rich = np.argwhere(flow.share >= VAPOUR_SHARE)
-    centre = flow.box.origin_m + (rich + 0.5) * flow.box.spacing_m
-    return (
-        float(mass.sum()),
-        float(flow.fuel.sum() * flow.box.cell_m3),
-        sauter,
-        quantile(distance, mass, LIQUID_SHARE),
-        float(np.max(np.linalg.norm(centre, axis=1), initial=0.0)),
-        quantile(-cloud.position_m[:, 2], mass, LIQUID_SHARE),
-        float(flow.temperature_K.min()),
-    )
-
-
-def quantile(values: Floats, weights: Floats, share: float) -> float:
-    """Value below which that share of the weights lies; 0 without any."""
-    if not weights.sum() > 0:
-        return 0.0
-    order = np.argsort(values)
-    reached = np.cumsum(weights[order])
-    return float(values[order][min(np.searchsorted(reached, share * reached[-1]), len(order) - 1)])
 
 
 def _parcels(cloud: Cloud, fuel: Fuel) -> Parcels | None:

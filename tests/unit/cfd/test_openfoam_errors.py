@@ -197,9 +197,6 @@ def test_paths_that_are_no_case(tmp_path: Path, foam: Foam) -> None:
     (tmp_path / "VTK").mkdir()
     with pytest.raises(SprayError, match=r"no time with results; its VTK output .*VTK$"):
         read_cfd(spec(tmp_path))
-    (tmp_path / "processors4").mkdir()
-    with pytest.raises(SprayError, match="collated format; run reconstructPar"):
-        read_cfd(spec(tmp_path))
 
 
 def test_neither_density_nor_pressure(tmp_path: Path, foam: Foam) -> None:

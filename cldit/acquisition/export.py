@@ -1,0 +1,208 @@
+"""A recorded run as one file for other programs: OME-TIFF, or NeXus in HDF5.
+
+Both hold the raw counts as they were recorded, and beside every picture what is known of it. The
+folder stays the original: it alone carries the journal and survives a kill.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from cldit.acquisition.record import Acquisition, Picture
+from cldit.errors import ClditError, RunFolderError
+
+FORMATS = {"ome-tiff": ".ome.tif", "nexus": ".nxs"}
+
+
+class ExportError(ClditError):
+    """A run cannot be exported."""
+
+
+def export(acquisition: Acquisition, form: str, target: Path | None = None) -> Path:
+    """Writes all pictures of a run into one file, which appears whole or not at all.
+
+    Args:
+        form: `ome-tiff` or `nexus`, for which h5py is needed.
+        target: the file; `<folder>/<folder's name>.ome.tif` or `.nxs` if left out.
+
+    Raises:
+        ExportError: no such form, no pictures, or h5py is missing.
+        RunFolderError: a picture is damaged, or the file cannot be written.
+    """
+    if form not in FORMATS:
+        raise ExportError(f"--to: {form!r}; allowed are {', '.join(FORMATS)}")
+    if not acquisition.shots:
+        raise ExportError(f"{acquisition.folder}: holds no pictures yet")
+    folder = acquisition.folder
+    path = target or folder / f"{folder.resolve().name}{FORMATS[form]}"
+    part = path.with_name(path.name + ".part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        (_write_ome if form == "ome-tiff" else _write_nexus)(acquisition, part)
+        with part.open("r+b") as stream:
+            os.fsync(stream.fileno())
+        part.replace(path)
+    except OSError as error:
+        raise RunFolderError(f"{path}: cannot be written ({error})") from error
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+@dataclass(frozen=True)
+class _Plane:
+    """One picture of one shot. time_s: since the run's first picture, on the camera's clock."""
+
+    shot: Picture
+    number: int
+    image: NDArray[np.uint16]
+    meta: dict[str, Any]
+
+    @property
+    def device_ns(self) -> int:
+        times = self.meta.get("frame_timestamps_ns") or [self.meta["device_timestamp_ns"]]
+        return int(times[self.number])
+
+
+def _planes(acquisition: Acquisition, shots: list[Picture]) -> Iterator[_Plane]:
+    for shot in shots:
+        frames, meta = acquisition.load_frames(shot)
+        for number, image in enumerate(frames):
+            yield _Plane(shot, number, image, meta)
+
+
+def _write_ome(acquisition: Acquisition, path: Path) -> None:
+    """A series (OME Image) for each background and kind; T counts shots, and their frames."""
+    frames = acquisition.plan.frames
+    width_m, height_m = acquisition.pixel_m
+    size = len(acquisition.shots) * frames * int(np.prod(acquisition.shape)) * 2
+    with tifffile.TiffWriter(path, ome=True, bigtiff=size > 2**32 - 2**25) as tiff:
+        for (setpoint_K, kind), group in groupby(
+            acquisition.shots, key=lambda shot: (shot.background_setpoint_K, shot.kind)
+        ):
+            shots = list(group)
+            # What is stored beside the pictures is small; the pictures pass one by one.
+            planes = [plane.meta for plane in _planes(acquisition, shots)]
+            exposure_s = [meta["integration_time_s"] for meta in planes]
+            first_ns = planes[0]["host_timestamp_ns"]
+            delta_s = [(meta["host_timestamp_ns"] - first_ns) * 1e-9 for meta in planes]
+            tiff.write(
+                (plane.image for plane in _planes(acquisition, shots)),
+                shape=(len(planes), *acquisition.shape),
+                dtype=np.uint16,
+                photometric="minisblack",
+                metadata={
+                    "axes": "TYX",
+                    "Name": f"{setpoint_K:g} K {kind}",
+                    "PhysicalSizeX": 1e3 * width_m,
+                    "PhysicalSizeXUnit": "mm",
+                    "PhysicalSizeY": 1e3 * height_m,
+                    "PhysicalSizeYUnit": "mm",
+                    "Plane": {
+                        "ExposureTime": exposure_s,
+                        "ExposureTimeUnit": ["s"] * len(planes),
+                        "DeltaT": delta_s,
+                        "DeltaTUnit": ["s"] * len(planes),
+                    },
+                    "MapAnnotation": {
+                        "background_setpoint_K": f"{setpoint_K:g}",
+                        "kind": kind,
+                        "shots": json.dumps([shot.id for shot in shots]),
+                        "frames_per_shot": str(frames),
+                        "background_K": json.dumps([shot.background_K for shot in shots]),
+                        "calibration": json.dumps(acquisition.calibration),
+                    },
+                },
+            )
+
+
+def _write_nexus(acquisition: Acquisition, path: Path) -> None:
+    """NXdetector with an image_key as in NXtomo: 0 with spray, 1 a reference (flat field)."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise ExportError("NeXus needs h5py: pip install cldit[export]") from error
+    rows, columns = acquisition.shape
+    frames = acquisition.plan.frames
+    count = len(acquisition.shots) * frames
+    with h5py.File(path, "w") as file:
+        file.attrs["default"] = "entry"
+
+        def group(parent: Any, name: str, kind: str) -> Any:
+            made = parent.create_group(name)
+            made.attrs["NX_class"] = kind
+            return made
+
+        def put(parent: Any, name: str, values: Any, units: str | None = None) -> Any:
+            made = parent.create_dataset(name, data=values)
+            if units is not None:
+                made.attrs["units"] = units
+            return made
+
+        entry = group(file, "entry", "NXentry")
+        entry.attrs["default"] = "data"
+        put(entry, "title", acquisition.configuration["rig"])
+        instrument = group(entry, "instrument", "NXinstrument")
+        detector = group(instrument, "detector", "NXdetector")
+        data = detector.create_dataset(
+            "data",
+            shape=(count, rows, columns),
+            dtype=np.uint16,
+            chunks=(1, rows, columns),
+            compression="gzip",
+            compression_opts=1,
+            shuffle=True,
+        )
+        data.attrs["units"] = "counts"
+        planes: list[_Plane] = []
+        for index, plane in enumerate(_planes(acquisition, list(acquisition.shots))):
+            data[index] = plane.image
+            planes.append(_Plane(plane.shot, plane.number, plane.image[:0], plane.meta))
+        put(detector, "image_key", [int(p.shot.kind == "reference") for p in planes])
+        put(detector, "count_time", [p.meta["integration_time_s"] for p in planes], "s")
+        put(detector, "timestamp", [p.device_ns for p in planes], "ns")
+        put(detector, "saturation_value", [p.meta["saturation_counts"] for p in planes])
+        put(detector, "x_pixel_size", acquisition.pixel_m[0], "m")
+        put(detector, "y_pixel_size", acquisition.pixel_m[1], "m")
+        put(detector, "pixel_mask", acquisition.bad_pixels.astype(np.uint32))
+        black_body = group(instrument, "black_body", "NXcollection")
+        put(black_body, "setpoint", [p.shot.background_setpoint_K for p in planes], "K")
+        put(black_body, "temperature", [p.shot.background_K for p in planes], "K")
+        put(entry, "start_time", planes[0].meta["time"])
+        put(entry, "end_time", planes[-1].meta["time"])
+        shown = group(entry, "data", "NXdata")
+        shown["data"] = data
+        x_m = (
+            acquisition.centre_m[0]
+            + (np.arange(columns) - (columns - 1) / 2.0) * (acquisition.pixel_m[0])
+        )
+        z_m = (
+            acquisition.centre_m[1]
+            - (np.arange(rows) - (rows - 1) / 2.0) * (acquisition.pixel_m[1])
+        )
+        put(shown, "picture", np.arange(count))
+        put(shown, "z", z_m, "m")
+        put(shown, "x", x_m, "m")
+        shown.attrs["signal"] = "data"
+        shown.attrs["axes"] = ["picture", "z", "x"]
+        sequence = group(entry, "sequence", "NXcollection")
+        put(sequence, "shot", [p.shot.id for p in planes])
+        put(sequence, "frame", [p.number for p in planes])
+        put(sequence, "complete", acquisition.complete)
+        for name, values in (
+            ("configuration", acquisition.configuration),
+            ("plan", acquisition.plan.model_dump(mode="json")),
+        ):
+            note = group(entry, name, "NXnote")
+            put(note, "type", "application/json")
+            put(note, "data", json.dumps(values))

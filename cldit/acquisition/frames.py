@@ -1,0 +1,221 @@
+"""Pictures out of the files that cameras and other programs write: TIFF, HDF5 and NeXus, .hcc.
+
+A file is named as it is; a data set within HDF5 or NeXus as `run.nxs::/entry/data/frames`, of which
+`[10:20]` at the end takes a part.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from cldit.errors import EvaluationError
+
+_PLACE = re.compile(r"^(?P<dataset>[^\[\]]+?)(\[(?P<first>\d*):(?P<last>\d*)\])?$")
+_TIFF = (".tif", ".tiff")
+_HDF5 = (".h5", ".hdf5", ".hdf", ".nxs", ".nx", ".nexus")
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file, and where in it; `text` as the user wrote it."""
+
+    path: Path
+    dataset: str = ""
+    first: int = 0
+    last: int | None = None
+
+    @property
+    def text(self) -> str:
+        return f"{self.path}::{self.dataset}" if self.dataset else str(self.path)
+
+
+class Stack(Protocol):
+    """Pictures of one file."""
+
+    def __len__(self) -> int: ...
+
+    def read(self, number: int) -> NDArray[Any]: ...
+
+    def close(self) -> None: ...
+
+
+def parse_source(text: str) -> tuple[str, Source]:
+    """The pattern of the file's name, and a source with what stands behind `::`.
+
+    Raises:
+        EvaluationError: what stands behind `::` is no data set.
+    """
+    pattern, _, place = text.partition("::")
+    if not place:
+        return pattern, Source(Path(pattern))
+    found = _PLACE.match(place)
+    if found is None:
+        raise EvaluationError(
+            f"{text}: {place!r} is no data set; allowed is /group/name, with [first:last] or not"
+        )
+    first, last = found["first"], found["last"]
+    source = Source(
+        Path(pattern), found["dataset"], int(first) if first else 0, int(last) if last else None
+    )
+    return pattern, source
+
+
+class _Tiff:
+    """One page a picture; of a page with several pictures (ImageJ's), each."""
+
+    def __init__(self, source: Source) -> None:
+        self._stream = source.path.open("rb")
+        self._stack: NDArray[Any] | None = None
+        try:
+            self._file = tifffile.TiffFile(self._stream)
+            self._pages = len(self._file.pages)
+            if self._file.is_imagej and self._pages == 1 and self._file.series[0].ndim == 3:
+                self._stack = tifffile.memmap(source.path, mode="r")
+        except BaseException:
+            self._stream.close()
+            raise
+
+    def __len__(self) -> int:
+        return self._pages if self._stack is None else len(self._stack)
+
+    def read(self, number: int) -> NDArray[Any]:
+        if self._stack is not None:
+            return np.asarray(self._stack[number])
+        page: Any = self._file.pages[number]
+        return np.asarray(page.asarray())
+
+    def close(self) -> None:
+        self._stack = None
+        self._file.close()
+        self._stream.close()
+
+
+class _Hdf5:
+    """A data set (frames, rows, columns), or (rows, columns)."""
+
+    def __init__(self, source: Source) -> None:
+        try:
+            import h5py
+        except ImportError:
+            raise EvaluationError(
+                f"{source.path}: HDF5 and NeXus need h5py; pip install 'cldit[cfd]'"
+            ) from None
+        self._file = h5py.File(source.path, "r")
+        if source.dataset not in self._file:
+            known = _datasets(self._file, h5py.Dataset)
+            self._file.close()
+            raise EvaluationError(
+                f"{source.text}: no such data set; the file has {', '.join(known) or 'none'}"
+            )
+        self._data = self._file[source.dataset]
+        shape: tuple[int, ...] = getattr(self._data, "shape", ())
+        if len(shape) not in (2, 3):
+            self._file.close()
+            raise EvaluationError(f"{source.text}: shape {shape}, expected (frames, rows, columns)")
+        self._flat = len(shape) == 2
+        count = 1 if self._flat else shape[0]
+        self._first = min(source.first, count)
+        self._last = count if source.last is None else source.last
+        if self._last > count:
+            self._file.close()
+            raise EvaluationError(f"{source.text}: has {count} frames, asked for {source.last}")
+
+    def __len__(self) -> int:
+        return int(max(self._last - self._first, 0))
+
+    def read(self, number: int) -> NDArray[Any]:
+        return np.asarray(self._data[()] if self._flat else self._data[self._first + number])
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _datasets(file: Any, kind: Any) -> list[str]:
+    names: list[str] = []
+
+    def note(name: str, item: Any) -> None:
+        if isinstance(item, kind) and len(item.shape) in (2, 3):
+            names.append(f"/{name}")
+
+    file.visititems(note)
+    return names
+
+
+_READERS: tuple[tuple[tuple[str, ...], Callable[[Source], Stack]], ...] = (
+    (_TIFF, _Tiff),
+    (_HDF5, _Hdf5),
+)
+
+
+def open_stack(source: Source) -> Stack:
+    """Opens a file of pictures; nothing of them is read yet.
+
+    Raises:
+        EvaluationError: of another kind, missing, damaged, or without the data set.
+    """
+    suffix = source.path.suffix.lower()
+    for suffixes, reader in _READERS:
+        if suffix in suffixes:
+            if suffixes is _HDF5 and not source.dataset:
+                raise EvaluationError(
+                    f"{source.path}: name the data set too, as in {source.path.name}::/entry/data"
+                )
+            try:
+                stack = reader(source)
+                if len(stack) == 0:
+                    stack.close()
+                    raise EvaluationError(f"{source.text}: cannot be read (holds no picture)")
+                return stack
+            except EvaluationError:
+                raise
+            except Exception as error:  # damaged headers lead the readers into errors of all kinds
+                raise EvaluationError(f"{source.path}: cannot be read ({error})") from error
+    allowed = ", ".join(one for suffixes, _ in _READERS for one in suffixes)
+    raise EvaluationError(f"{source.path}: {suffix or 'no ending'}; allowed: {allowed}")
+
+
+class FrameReader:
+    """Reads pictures in any order, holding the last file open."""
+
+    def __init__(self) -> None:
+        self._source: Source | None = None
+        self._stack: Stack | None = None
+
+    def count(self, source: Source) -> int:
+        return len(self._open(source))
+
+    def read(self, source: Source, number: int) -> NDArray[Any]:
+        """Picture `number` of a file.
+
+        Raises:
+            EvaluationError: it cannot be read.
+        """
+        stack = self._open(source)
+        try:
+            return stack.read(number)
+        except Exception as error:
+            raise EvaluationError(f"{source.text}: picture {number}: {error}") from error
+
+    def close(self) -> None:
+        """Lets go of the file; the next picture opens it again."""
+        if self._stack is not None:
+            self._stack.close()
+        self._source = self._stack = None
+
+    def __del__(self) -> None:
+        self.close()
+
+    def _open(self, source: Source) -> Stack:
+        if self._stack is None or source != self._source:
+            self.close()
+            self._stack = open_stack(source)
+            self._source = source
+        return self._stack

@@ -1,0 +1,173 @@
+"""A second process that makes the rig safe when the first one dies, or cannot.
+
+SIGKILL, or a computer out of memory, leaves no time to cool a black body. The guard holds one end
+of a pipe; the other end closes when the acquiring process ends, however it ends. Unless that said
+before that all is safe, the guard opens the rig file, makes every device safe, and says what it
+did: in guard.log, in the journal, on the terminal, and by its exit status.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import IO
+
+import yaml
+
+from cldit.acquisition.journal import Journal
+from cldit.acquisition.storage import GUARD, JOURNAL, exclusive
+from cldit.errors import ClditError
+from cldit.rig.clock import SystemClock
+from cldit.rig.load import Rig, open_rig
+
+_SAFE = b"safe\n"
+_CONNECT_s = 15.0  # longer than any camera's heartbeat
+_PAUSES_s = (0.0, 1.0, 10.0)  # before each attempt
+_WAIT_s = 120.0  # for all attempts of the guard, where its parent lives on
+_PROCESS = (
+    "import pathlib, sys; from cldit.acquisition.guard import watch; "
+    "sys.exit(watch(sys.stdin.buffer, pathlib.Path(sys.argv[1])))"
+)
+STILL_ON = {
+    "camera": "the camera may still be armed",
+    "background": "the black body may still be hot",
+    "trigger": "the generator may still inject on a trigger",
+}
+
+
+class Guard:
+    """Watches over `rig` while it is entered; has no process where all devices are simulated.
+
+    `make_safe` is to be called before it is left: otherwise, or where that failed, the guard's
+    process takes over.
+
+    Args:
+        folder: the acquisition's; guard.log and the journal are there.
+    """
+
+    def __init__(self, rig: Rig, folder: Path) -> None:
+        self._rig = rig
+        self._folder = folder
+        self._process: subprocess.Popen[bytes] | None = None
+        self._safe = False
+
+    def __enter__(self) -> Guard:
+        if all(device.identify().simulated for device in self._rig.devices.values()):
+            return self
+        rig_file = yaml.safe_dump(self._rig.file.model_dump(mode="json"))
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", _PROCESS, str(self._folder.resolve())],
+            stdin=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C and a closed terminal are not for it
+        )
+        self._write(f"{len(rig_file.encode())}\n{rig_file}".encode())
+        return self
+
+    def make_safe(self) -> list[str]:
+        """Makes the rig safe; what is still on afterwards, a line a device.
+
+        Where the rig's own attempt fails, the devices are closed and the guard tries.
+        """
+        problems = [_still_on(line) for line in self._rig.make_safe()]
+        if not problems:
+            self._safe = True
+            return []
+        _note(self._folder, problems)
+        if self._process is None or self._process.stdin is None:
+            return problems
+        self._rig.close()  # one that is held could not be opened by the guard
+        self._process.stdin.close()
+        try:
+            code = self._process.wait(_WAIT_s)
+        except subprocess.TimeoutExpired:
+            return [*problems, f"the guard still tries; see {self._folder / GUARD}"]
+        if code == 0:
+            _note(self._folder, [])
+            return [*problems, "the guard then made every device safe, in a process of its own"]
+        return [*problems, f"the guard could not help either; see {self._folder / GUARD}"]
+
+    def _write(self, data: bytes) -> None:
+        assert self._process is not None and self._process.stdin is not None
+        self._process.stdin.write(data)
+        self._process.stdin.flush()
+
+    def __exit__(self, *_: object) -> None:
+        if self._process is None or self._process.stdin is None:
+            return
+        if self._process.stdin.closed:  # it took over
+            return
+        try:
+            if self._safe:
+                self._write(_SAFE)
+            self._process.stdin.close()
+        except OSError:
+            return  # it is gone, and there is nothing to guard any more
+        self._process.wait(_WAIT_s)
+
+
+def _still_on(problem: str) -> str:
+    what = STILL_ON.get(problem.partition(":")[0])
+    return problem if what is None else f"{problem}; {what}: switch it off by hand"
+
+
+def watch(stream: IO[bytes], folder: Path) -> int:
+    """What the guard's process does; its exit status, 0 where all is safe."""
+    rig_file = stream.read(int(stream.readline() or 0))
+    if stream.read() == _SAFE or not rig_file:
+        return 0
+    log = [f"{_now()} the acquisition ended unsafe; making the rig safe"]
+    problems: list[str] = []
+    for attempt, pause_s in enumerate(_PAUSES_s, start=1):
+        time.sleep(pause_s)
+        problems = [_still_on(line) for line in _make_safe(rig_file)]
+        if not problems:
+            break
+        log += [*problems, f"attempt {attempt} of {len(_PAUSES_s)} failed"]
+    log.append("NOT SAFE:\n" + "\n".join(problems) if problems else "every device is safe")
+    with (folder / GUARD).open("a", encoding="utf-8") as out:
+        out.write("\n".join(log) + "\n")
+        out.flush()
+        os.fsync(out.fileno())
+    if problems:
+        alarm(problems)
+    with suppress(ClditError), exclusive(folder):  # in use: that process sees the rig itself
+        _note(folder, problems)
+    return int(bool(problems))
+
+
+def alarm(problems: list[str]) -> None:
+    """On the terminal, where the error itself may not reach it."""
+    print("\a\ncldit: THE RIG IS NOT SAFE:\n" + "\n".join(problems), file=sys.stderr, flush=True)
+
+
+def _note(folder: Path, problems: list[str]) -> None:
+    """Into the journal, where one was begun."""
+    if not (folder / JOURNAL).exists():
+        return
+    with suppress(ClditError), Journal(folder / JOURNAL) as journal:  # guard.log has it too
+        event = "unsafe" if problems else "made safe"
+        journal.append(event, time=SystemClock().wall_time(), problems=problems)
+
+
+def _now() -> str:
+    return time.strftime("%Y-%m-%dT%H:%M:%S%z")
+
+
+def _make_safe(rig_file: bytes) -> list[str]:
+    """Each device by itself, the trigger first: one that is dead must not keep the others hot."""
+    try:
+        rig = open_rig(yaml.safe_load(rig_file))
+    except ClditError as error:
+        return [str(error)]
+    problems: list[str] = []
+    for name, device in reversed(rig.devices.items()):
+        try:
+            device.connect(_CONNECT_s)
+            device.make_safe()
+        except Exception as error:  # as above
+            problems.append(f"{name}: {error}")
+    return problems + rig.close()

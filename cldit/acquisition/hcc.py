@@ -1,0 +1,88 @@
+"""Films of Telops infrared cameras (.hcc), read with fasthcc for the evaluation."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.errors import ClditError
+
+_RAW, _NON_UNIFORMITY_CORRECTED = 0, 1  # calibration modes whose pixels are counts
+
+
+class HccError(ClditError):
+    """A film cannot be read, or does not hold counts."""
+
+
+@dataclass(frozen=True)
+class HccFilm:
+    """What a film says.
+
+    frames: (n, h, w) counts, row 0 at the top. integration_time_s, time: of each frame, in UTC.
+    frame_ids: as the camera counted; a gap is a lost frame. corrected: whether the camera has
+    taken out the chip's non-uniformity. headers: all that the camera wrote, a dict a frame.
+    """
+
+    frames: NDArray[np.uint16]
+    integration_time_s: NDArray[np.float64]
+    frame_ids: NDArray[np.int64]
+    time: tuple[datetime, ...]
+    frame_rate_Hz: float
+    corrected: bool
+    headers: tuple[dict[str, Any], ...]
+
+
+def read_hcc(path: str | Path) -> HccFilm:
+    """A film of raw or non-uniformity corrected counts.
+
+    Raises:
+        HccError: fasthcc is not installed; the file is missing, damaged or cut short; frames are
+            missing; or the pixels are temperatures or radiances, from which DIT cannot start.
+    """
+    try:
+        import fasthcc
+    except ImportError as error:
+        raise HccError("Telops films need fasthcc: pip install cldit[hcc]") from error
+    path = Path(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # of a file that is cut short
+            with fasthcc.HCCReader(path) as reader:
+                frames = np.asarray(reader.read_frames())
+                headers = tuple(dict(header) for header in reader.read_metadata())
+                mode, scale = int(reader.calibration_mode), int(reader.data_exp)
+                rate_Hz = float(reader.frame_rate)
+    except (OSError, ValueError, KeyError, Warning) as error:
+        raise HccError(f"{path}: cannot be read as a Telops film ({error})") from error
+    if mode not in (_RAW, _NON_UNIFORMITY_CORRECTED):
+        raise HccError(
+            f"{path}: calibration mode {mode} with exponent {scale} holds no counts; record in "
+            "the mode Raw (0) or NUC (1)"
+        )
+    ids = np.array([header["FrameID"] for header in headers], np.int64)
+    gaps = np.flatnonzero(np.diff(ids) != 1)
+    if len(gaps):
+        raise HccError(
+            f"{path}: frame {ids[gaps[0]] + 1} is missing, {len(gaps)} gaps in all; record again"
+        )
+    return HccFilm(
+        frames=frames.astype(np.uint16, copy=False),
+        integration_time_s=np.array([1e-6 * float(header["ExposureTime"]) for header in headers]),
+        frame_ids=ids,
+        time=tuple(_time(header) for header in headers),
+        frame_rate_Hz=rate_Hz,
+        corrected=mode == _NON_UNIFORMITY_CORRECTED,
+        headers=headers,
+    )
+
+
+def _time(header: dict[str, Any]) -> datetime:
+    """Whole seconds, and 100 ns steps beside them."""
+    seconds = header.get("POSIXTime", 0) + 1e-7 * header.get("SubSecondTime", 0)
+    return datetime.fromtimestamp(seconds, UTC)

@@ -1,0 +1,210 @@
+"""Measured pictures in files of any program, described by a small YAML: `measured.yaml`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, ValidationError
+
+from cldit.acquisition.frames import FrameReader, Source, parse_source
+from cldit.acquisition.plan import Kind
+from cldit.camera.calibration import Calibration
+from cldit.errors import EvaluationError, SceneError
+from cldit.optics.response import Response, to_plain
+from cldit.radiance.boundary import Surroundings
+from cldit.rig.load import Setup
+from cldit.scene.checks import Section, Within, describe, read_mapping
+from cldit.scene.values import Filter, Temperature
+
+MEASURED = "measured.yaml"
+
+Files = Annotated[
+    tuple[str, ...], BeforeValidator(lambda value: (value,) if isinstance(value, str) else value)
+]
+Count = Annotated[int, Within(1, 1_000_000)]
+
+
+class MeasuredSensor(Section):
+    """The camera. What is left out is taken from the references: gain, and noise from variance."""
+
+    saturation_counts: Annotated[float, Within(1.0, 1e9)]
+    offset_counts: Annotated[float, Within(-1e6, 1e6)] | None = None
+    counts_per_radiance: Annotated[float, Within(1e-40, 1e10)] | None = None
+    electrons_per_count: Annotated[float, Within(1e-6, 1e9)] | None = None
+    read_noise_electrons: Annotated[float, Within(0.0, 1e9)] | None = None
+
+
+class MeasuredBackground(Section):
+    """Pictures before one black-body temperature: names of files, with * and ? if wanted."""
+
+    temperature_K: Temperature
+    references: Files
+    injections: Files
+
+
+class MeasuredFile(Section):
+    """measured.yaml."""
+
+    name: str = "measured"
+    filter_um: Filter
+    integration_time_s: Annotated[float, Within(1e-9, 10.0)] | None = None  # for the record
+    setup: Setup
+    sensor: MeasuredSensor
+    backgrounds: tuple[MeasuredBackground, ...]
+    references: Count | None = None  # how many there must be before each background
+    shots: Count | None = None
+    bad_pixels: str | None = None  # a picture that is not 0 where a pixel is defective
+
+
+@dataclass(frozen=True)
+class MeasuredShot:
+    """One picture of a file."""
+
+    id: str
+    kind: Kind
+    background_setpoint_K: float
+    background_K: float
+    source: Source
+    number: int
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Measured data, as the evaluation wants it (`cldit.dit.shots.Acquisition`)."""
+
+    folder: Path
+    name: str
+    calibration: dict[str, Any]
+    surroundings: Surroundings
+    pixel_m: tuple[float, float]
+    centre_m: tuple[float, float]
+    bad_pixels: NDArray[np.bool_] | None
+    shots: tuple[MeasuredShot, ...]
+    reader: FrameReader = field(default_factory=FrameReader, repr=False, compare=False)
+
+    def load(self, shot: MeasuredShot) -> NDArray[Any]:
+        """(rows, columns) counts.
+
+        Raises:
+            EvaluationError: the picture cannot be read.
+        """
+        return self.reader.read(shot.source, shot.number)
+
+    def close(self) -> None:
+        """Closes the file that was read last."""
+        self.reader.close()
+
+
+def is_measured(path: str | Path) -> bool:
+    """Whether a path is measured data: a folder with measured.yaml, or such a file."""
+    path = Path(path)
+    return path.suffix in (".yaml", ".yml") if path.is_file() else (path / MEASURED).is_file()
+
+
+def open_measured(path: str | Path) -> Measured:
+    """Opens measured.yaml (or the folder with it) and finds its files; no picture is read yet.
+
+    Raises:
+        SceneError: the YAML is not as it must be; every wrong key is named.
+        EvaluationError: files that are missing, unreadable, named twice, or too few.
+    """
+    path = Path(path)
+    file = path / MEASURED if path.is_dir() else path
+    try:
+        given = MeasuredFile.model_validate(
+            read_mapping(file), context={"folder": file.resolve().parent}
+        )
+    except ValidationError as error:
+        raise SceneError(f"{file}:\n{describe(MeasuredFile, error.errors())}") from error
+    folder = file.resolve().parent
+    reader = FrameReader()
+    shots: list[MeasuredShot] = []
+    owners: dict[Source, str] = {}
+    setpoints: set[float] = set()
+    for background in given.backgrounds:
+        kelvin = background.temperature_K
+        if kelvin in setpoints:
+            raise EvaluationError(
+                f"{file}: backgrounds: {kelvin:g} K stands there twice; give its files together"
+            )
+        setpoints.add(kelvin)
+        wanted: tuple[tuple[Kind, tuple[str, ...], int | None], ...] = (
+            ("reference", background.references, given.references),
+            ("injection", background.injections, given.shots),
+        )
+        for kind, patterns, count in wanted:
+            where = f"{kind}s before {kelvin:g} K"
+            found: list[MeasuredShot] = []
+            for source in _sources(folder, patterns, where):
+                if source in owners:
+                    raise EvaluationError(
+                        f"{source.text}: named as {owners[source]} and as {where}; leave one out"
+                    )
+                owners[source] = where
+                found += [
+                    MeasuredShot(
+                        f"{source.path.name}[{number}]", kind, kelvin, kelvin, source, number
+                    )
+                    for number in range(reader.count(source))
+                ]
+            if not found or (count is not None and len(found) != count):
+                raise EvaluationError(
+                    f"{where}: {len(found)} pictures, expected {count or 'some'}; shots are "
+                    "missing, or too many files match"
+                )
+            shots += found
+    bad_pixels = _bad_pixels(folder, given.bad_pixels, reader)
+    reader.close()
+    return Measured(
+        folder=folder,
+        name=given.name,
+        calibration=_calibration(given),
+        surroundings=given.setup.surroundings,
+        pixel_m=given.setup.pixel_m,
+        centre_m=given.setup.centre_m,
+        bad_pixels=bad_pixels,
+        shots=tuple(shots),
+        reader=reader,
+    )
+
+
+def _sources(folder: Path, patterns: tuple[str, ...], where: str) -> list[Source]:
+    found: list[Source] = []
+    for text in patterns:
+        pattern, place = parse_source(text)
+        plain = Path(pattern)
+        if plain.is_absolute():
+            paths = sorted(Path(plain.anchor).glob(str(plain.relative_to(plain.anchor))))
+        else:
+            paths = sorted(folder.glob(pattern))
+        if not paths:
+            raise EvaluationError(f"{where}: no file matches {text} in {folder}")
+        found += [Source(path, place.dataset, place.first, place.last) for path in paths]
+    return found
+
+
+def _calibration(given: MeasuredFile) -> dict[str, Any]:
+    known = given.filter_um
+    filter_um = Response(known) if isinstance(known[0], tuple) else known
+    sensor = given.sensor.model_dump(exclude_none=True)
+    data = {"filter_um": to_plain(filter_um), **sensor}
+    filled = {
+        "offset_counts": 0.0,
+        "counts_per_radiance": 1.0,
+        "electrons_per_count": 1.0,
+        "read_noise_electrons": 0.0,
+        **data,
+    }
+    Calibration.from_dict(filled)  # what is given must be possible
+    return data
+
+
+def _bad_pixels(folder: Path, name: str | None, reader: FrameReader) -> NDArray[np.bool_] | None:
+    if name is None:
+        return None
+    (source,) = _sources(folder, (name,), "bad_pixels")[:1]
+    return np.asarray(reader.read(source, 0) != 0)

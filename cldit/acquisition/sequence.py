@@ -1,0 +1,345 @@
+"""The sequence of one plan: preflight, then background by background, shot by shot.
+
+```
+  folder surveyed, nothing left to do ------------------------------------------> finished
+        | shots left
+        v
+   preflight   all devices, limits, read-back, test picture, room on the disk
+        v
+   stabilise <--------------------+-----------------+
+        | stable                  | next background |
+        v                         | or drift        | no background left
+      shoot ----------------------+                 +--------------------------> finished
+        ^  | saved, next shot; or missing frame, retake (bounded)
+        +--+
+
+   any state --- Ctrl-C, should_stop (after the shot) ---> stopped
+   any state --- error, second Ctrl-C (within the shot) -> raised
+   finished, stopped, raised: the rig is made safe
+```
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Generator
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from cldit.acquisition.disk import needed_bytes, write_text, written
+from cldit.acquisition.interrupts import Interrupts
+from cldit.acquisition.journal import Entry, Journal
+from cldit.acquisition.plan import Plan, Shot
+from cldit.acquisition.preflight import Ready, check_same_rig, preflight
+from cldit.acquisition.progress import Eta, Progress
+from cldit.acquisition.quality import References
+from cldit.acquisition.shot import Rejected, Shooter, Taken
+from cldit.acquisition.storage import (
+    CONFIGURATION,
+    JOURNAL,
+    PLAN,
+    RIG,
+    SHOTS,
+    Found,
+    load_shot,
+    read_json,
+    save_shot,
+    shot_path,
+    survey,
+)
+from cldit.errors import ClditError
+from cldit.rig.errors import Aborted, RetakesExhausted, RigError
+from cldit.rig.load import Rig
+from cldit.rig.stability import wait_stable
+
+
+@dataclass(frozen=True)
+class Record:
+    """How an acquisition ended. `lost_injections` went into the vessel without a kept picture."""
+
+    folder: Path
+    complete: bool
+    saved: int
+    total: int
+    lost_injections: int
+    rejected: int
+
+
+@dataclass(frozen=True)
+class SavedShot:
+    """A shot that is on the disk: raw counts (h, w), (n, h, w) where the plan has n frames."""
+
+    shot: Shot
+    image: NDArray[np.uint16]
+    meta: dict[str, Any]
+
+
+class Sequence:
+    """See the picture above; `run` is gone through once."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        plan: Plan,
+        folder: Path,
+        interrupts: Interrupts,
+        progress: Callable[[Progress], None] | None,
+    ) -> None:
+        self._rig = rig
+        self._plan = plan
+        self._folder = folder
+        self._interrupts = interrupts
+        self._report = progress
+        self._steps = plan.steps()
+        self._done: set[str] = set()
+        self._eta = Eta()
+        self._picture_bytes = 0
+
+    def run(self) -> Generator[SavedShot, None, Record]:
+        found = survey(self._folder, self._plan)
+        self._done = found.done
+        if found.entries:
+            times = [datetime.fromisoformat(entry["time"]) for entry in found.entries]
+            self._rig.clock.catch_up(max(times).timestamp() + 1.0)
+        left = len(self._steps) - len(self._done)
+        ready: Ready | None = None
+        if left:
+            self._say("preflight")
+            with self._interrupts.abortable():
+                ready = preflight(self._rig, self._plan, self._folder, shots_left=left)
+            self._picture_bytes = ready.picture_bytes
+            with written(self._folder, needed_bytes=self._room_bytes()):
+                self._prepare_folder(ready)
+        with Journal(self._folder / JOURNAL, self._room_bytes) as journal:
+            self._reconcile(journal, found)
+            if ready is not None:
+                yield from self._measure(journal, ready)
+            return self._record(journal.entries)
+
+    def _room_bytes(self) -> int:
+        left = len(self._steps) - len(self._done)
+        return needed_bytes(left, picture_bytes=self._picture_bytes)
+
+    def _prepare_folder(self, ready: Ready) -> None:
+        """Writes what the pictures need beside them; on a resume, checks that it still holds."""
+        (self._folder / SHOTS).mkdir(exist_ok=True)
+        begun = (self._folder / PLAN).exists()
+        if begun and (self._folder / CONFIGURATION).exists():
+            before = read_json(self._folder / CONFIGURATION)
+            check_same_rig(before, ready.configuration, self._folder)
+        rig_file = self._rig.file.model_dump(mode="json")
+        texts = {
+            RIG: yaml.safe_dump(rig_file, sort_keys=False, allow_unicode=True),
+            CONFIGURATION: json.dumps(ready.configuration, indent=2, allow_nan=False),
+            PLAN: self._plan.dump(),  # last: with it, the folder belongs to this plan
+        }
+        for name, text in texts.items():
+            if not begun or not (self._folder / name).exists():
+                write_text(self._folder / name, text)
+
+    def _reconcile(self, journal: Journal, found: Found) -> None:
+        """Brings the journal up to what a kill left behind."""
+        now = self._rig.clock.wall_time()
+        for shot_id in found.torn:
+            path = shot_path(self._folder, shot_id)
+            path.replace(path.with_name(path.name + ".torn"))
+        for meta in found.adoptable.values():
+            journal.append("saved", **_saved(meta), adopted=True)
+        for entry in found.lost:
+            journal.append(
+                "lost",
+                time=now,
+                shot=entry["shot"],
+                attempt=entry["attempt"],
+                inject=entry["inject"],
+                reason="the acquisition ended between trigger and picture",
+            )
+
+    def _measure(self, journal: Journal, ready: Ready) -> Generator[SavedShot, None, None]:
+        clock = self._rig.clock
+        journal.append("start", time=clock.wall_time(), configuration=ready.configuration)
+        references = References(self._plan, ready)
+        shooter = Shooter(self._rig, self._plan, ready, journal, self._interrupts, references)
+        left = [shot for shot in self._steps if shot.id not in self._done]
+        order = self._plan.background_order(
+            {shot.background for shot in left},
+            present_K=self._rig.background.read_temperature(),
+        )
+        self._eta.plan(backgrounds=len(order), shots=len(left))
+        self._rig.camera.prepare(ready.trigger)
+        try:
+            for background in order:
+                self._stabilise(journal, self._plan.backgrounds_K[background])
+                for shot in self._kept_references(background):
+                    references.learn(shot, self._load(shot))
+                for shot in left:
+                    if shot.background == background:
+                        saved = self._shoot(journal, shooter, shot)
+                        if shot.kind == "reference":
+                            references.learn(shot, saved.image)
+                        yield saved
+                        if self._interrupts.should_stop():
+                            raise _Stopped
+        except _Stopped:
+            journal.append("stopped", time=clock.wall_time())
+            return
+        except GeneratorExit:
+            journal.append("stopped", time=clock.wall_time())
+            raise
+        journal.append("finished", time=clock.wall_time())
+
+    def _kept_references(self, background: int) -> list[Shot]:
+        """Those that an earlier run took."""
+        return [
+            shot
+            for shot in self._steps
+            if shot.background == background and shot.kind == "reference" and shot.id in self._done
+        ]
+
+    def _load(self, shot: Shot) -> NDArray[np.uint16]:
+        return load_shot(self._folder, shot.id, plan_hash=self._plan.hash())[0]
+
+    def _stabilise(self, journal: Journal, temperature_K: float) -> None:
+        clock, background = self._rig.clock, self._rig.background
+        if self._interrupts.should_stop():
+            raise _Stopped
+        start = clock.now_s()
+        got = background.set_setpoint(temperature_K)
+        if not abs(got - temperature_K) <= self._plan.stability.tolerance_K:
+            raise RigError(
+                f"background: set point reads back {got:g} K after {temperature_K:g} K was written"
+            )
+        try:
+            reading = wait_stable(
+                background,
+                clock,
+                temperature_K,
+                self._plan.stable(),
+                should_stop=self._interrupts.should_stop,
+                on_progress=lambda now_K: self._say(
+                    f"background {now_K:.1f} K, to {temperature_K:g} K"
+                ),
+            )
+        except Aborted as error:
+            raise _Stopped from error
+        elapsed_s = clock.now_s() - start
+        self._eta.background(elapsed_s)
+        journal.append(
+            "stable",
+            time=clock.wall_time(),
+            background_K=temperature_K,
+            reading_K=reading,
+            elapsed_s=elapsed_s,
+        )
+
+    def _shoot(self, journal: Journal, shooter: Shooter, shot: Shot) -> SavedShot:
+        clock = self._rig.clock
+        first = 1 + max(
+            (entry["attempt"] for entry in journal.entries if entry.get("shot") == shot.id),
+            default=-1,
+        )
+        start = clock.now_s()
+        reason = ""
+        for attempt in range(first, first + self._plan.retakes + 1):
+            self._say(f"{shot.background_K:g} K, {shot.kind} {shot.number + 1}")
+            if not clock.sleep(self._plan.pause_s, self._interrupts.should_stop):
+                raise _Stopped
+            try:
+                result = shooter.take(shot, attempt)
+            except Exception as error:
+                self._lose(journal, shot, attempt, error)
+                raise
+            if isinstance(result, Taken):
+                self._save(journal, shot, result)
+                self._eta.shot(clock.now_s() - start)
+                self._say(f"{shot.background_K:g} K, {shot.kind} {shot.number + 1}")
+                return SavedShot(shot, result.image, result.meta)
+            reason = result.reason
+            self._reject(journal, shot, attempt, result)
+        raise RetakesExhausted(
+            f"{shot.id}: rejected {self._plan.retakes + 1} times, at last for {reason}; "
+            "mend it and give the same command again, it resumes"
+        )
+
+    def _save(self, journal: Journal, shot: Shot, taken: Taken) -> None:
+        with written(shot_path(self._folder, shot.id), needed_bytes=self._room_bytes()):
+            save_shot(
+                self._folder,
+                shot,
+                taken.image,
+                pixel_m=self._rig.file.setup.pixel_m,
+                meta=taken.meta,
+            )
+        # The picture is on the disk; were this line lost, the next run would find it and adopt it.
+        # The next `fired` line, which is always synced, takes it along.
+        journal.append("saved", **_saved(taken.meta), sync=False)
+        self._done.add(shot.id)
+
+    def _reject(self, journal: Journal, shot: Shot, attempt: int, result: Rejected) -> None:
+        journal.append(
+            "rejected",
+            time=self._rig.clock.wall_time(),
+            shot=shot.id,
+            attempt=attempt,
+            inject=result.fired and shot.kind == "injection",
+            reason=result.reason,
+        )
+        if self._interrupts.should_stop():
+            raise _Stopped
+        if result.drifted:
+            self._stabilise(journal, shot.background_K)
+
+    def _lose(self, journal: Journal, shot: Shot, attempt: int, error: Exception) -> None:
+        """Notes why a shot that may have been fired has no picture."""
+        last = journal.entries[-1]
+        if last["event"] != "fired" or (last["shot"], last["attempt"]) != (shot.id, attempt):
+            return
+        with suppress(ClditError):  # the `fired` line alone says it, and the next resume notes it
+            journal.append(
+                "lost",
+                time=self._rig.clock.wall_time(),
+                shot=shot.id,
+                attempt=attempt,
+                inject=last["inject"],
+                reason=str(error),
+            )
+
+    def _record(self, entries: list[Entry]) -> Record:
+        wasted = [entry for entry in entries if entry["event"] in ("lost", "rejected")]
+        return Record(
+            folder=self._folder,
+            complete=len(self._done) == len(self._steps),
+            saved=len(self._done),
+            total=len(self._steps),
+            lost_injections=sum(bool(entry["inject"]) for entry in wasted),
+            rejected=sum(entry["event"] == "rejected" for entry in entries),
+        )
+
+    def _say(self, phase: str) -> None:
+        if self._report is not None:
+            self._report(Progress(phase, len(self._done), len(self._steps), self._eta.left_s()))
+
+
+class _Stopped(Exception):
+    """Nothing new is to be begun."""
+
+
+def _saved(meta: dict[str, Any]) -> dict[str, Any]:
+    """The part of a picture's metadata that the journal repeats."""
+    names = (
+        "time",
+        "shot",
+        "attempt",
+        "background_before_K",
+        "background_after_K",
+        "saturated_percent",
+        "sha256",
+    )
+    return {name: meta[name] for name in names}

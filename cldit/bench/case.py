@@ -1,0 +1,165 @@
+"""A scene made ready to be traced in many ways, and what a trace of it costs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.errors import ClditError
+from cldit.gpu.device import Device
+from cldit.medium.octree import Octree
+from cldit.radiance.weights import Weights
+from cldit.run.medium import Medium, make_medium
+from cldit.run.stages import Stages
+from cldit.scene import Scene, parse_scene
+from cldit.transport.phase import ScatteringTable
+from cldit.transport.trace import Settings, Trace, settings_for, trace
+
+Floats = NDArray[np.float64]
+Say = Callable[[str], None]
+
+
+class BenchError(ClditError):
+    """A measurement that cannot be made."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """core_s: CPU seconds of this process over all cores; on a GPU, where the process only waits,
+    wall seconds. Compilation is in neither."""
+
+    core_s: float
+    wall_s: float
+
+
+def clocked(device: Device, work: Callable[[], Any]) -> tuple[Any, Cost]:
+    """What `work` returns, and its cost."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    result = work()
+    device.queue.finish()
+    wall_s = time.perf_counter() - wall
+    core_s = time.process_time() - cpu
+    return result, Cost(core_s if device.is_cpu else wall_s, wall_s)
+
+
+def changed(scene: Scene, **sections: dict[str, Any]) -> Scene:
+    """The scene with keys of some sections replaced, checked again."""
+    data = scene.model_dump(mode="json")
+    for section, keys in sections.items():
+        data[section].update(keys)
+    return parse_scene(data, source="bench")
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Every n-th pixel of a picture, in the middle of its block: `every` across and down, odd.
+
+    The line of sight of each is that of the pixel in the whole picture.
+    """
+
+    every: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        if min(self.every) < 1 or not all(n % 2 for n in self.every):
+            raise BenchError(f"every: {self.every} pixels; allowed are odd numbers from 1")
+
+    def _along(self, pixels: int, every: int) -> tuple[int, int]:
+        """How many pixels, and the first."""
+        count = pixels // every
+        count -= (pixels - count) % 2  # both even or both odd: else they lie between pixels
+        if count < 1:
+            raise BenchError(f"every: {every} of {pixels} pixels leaves none; choose fewer")
+        return count, (every - 1) // 2 + (pixels - count * every) // 2
+
+    def of(self, scene: Scene) -> Scene:
+        """The scene with these pixels only."""
+        pixels, field = scene.camera.pixels, scene.camera.field_m
+        counts = [self._along(n, k)[0] for n, k in zip(pixels, self.every, strict=True)]
+        kept = [
+            size * count * every / n
+            for size, count, every, n in zip(field, counts, self.every, pixels, strict=True)
+        ]
+        return changed(scene, camera={"pixels": counts, "field_m": kept})
+
+    def pick(self, scene: Scene, weights: Weights) -> Weights:
+        """These pixels out of the whole picture's weights."""
+        where = []
+        for n, every in zip(scene.camera.pixels, self.every, strict=True):
+            count, first = self._along(n, every)
+            where.append(slice(first, first + (count - 1) * every + 1, every))
+        across, down = where
+        return weights.map(lambda image: image[down, across])
+
+    def share(self, scene: Scene) -> float:
+        """Part of the whole picture's pixels."""
+        columns, rows = self.of(scene).camera.pixels
+        return columns * rows / float(np.prod(scene.camera.pixels))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene's medium at one wavelength: the only one, or the middle node of several."""
+
+    scene: Scene
+    device: Device
+    medium: Medium
+
+    @classmethod
+    def of(cls, scene: Scene, device: Device, *, cache: Path) -> Case:
+        return cls(scene, device, make_medium(scene, Stages(None), cache))
+
+    @property
+    def tree(self) -> Octree:
+        return self.medium.trees[len(self.medium.trees) // 2]
+
+    @property
+    def phase(self) -> ScatteringTable | None:
+        """That of the droplets in the tree's node."""
+        return self.medium.properties.phases[len(self.medium.trees) // 2]
+
+    def seen(self, scene: Scene) -> Case:
+        """The same medium by another camera, or traced otherwise."""
+        return replace(self, scene=scene)
+
+    def settings(self, **transport: Any) -> Settings:
+        """Settings with keys of the scene's `transport` replaced."""
+        return settings_for(changed(self.scene, transport=transport), self.phase)
+
+    def run(self, settings: Settings) -> tuple[Trace, Cost]:
+        """The trace and its cost. What is built for the first time on this machine should be run
+        before, for drivers compile at the first launch."""
+        result, cost = clocked(
+            self.device, lambda: trace(self.tree, self.scene, self.device, settings)
+        )
+        wall_s = cost.wall_s - sum(program.build_s for program in result.programs)
+        built_s = sum(program.build_core_s for program in result.programs)
+        return result, Cost(cost.core_s - built_s if self.device.is_cpu else wall_s, wall_s)
+
+    @cached_property
+    def _inverse(self) -> tuple[Floats, Floats]:
+        kelvin = np.geomspace(20.0, 5000.0, 20_000)
+        nodes = self.medium.properties.chosen.nodes
+        return np.asarray(nodes[len(nodes) // 2].radiance(kelvin), float), kelvin
+
+    def temperature_K(self, weights: Weights) -> Floats:
+        """Apparent temperature (H, W) in the node's light, NaN where emissivity says nothing.
+
+        DIT without noise where the line of sight ends on the background: emissivity = 1 - w_bg, and
+        B(T_app) = what does not come from the background, over the emissivity.
+        """
+        radiance, kelvin = self._inverse
+        wall = np.interp(self.scene.walls.temperature_K, kelvin, radiance)
+        own = weights.wall * wall + weights.vapour.astype(float) + weights.liquid
+        emissivity = 1.0 - weights.background.astype(float)
+        apparent = np.divide(own, emissivity, out=np.zeros_like(own), where=emissivity > 1e-6)
+        # Interpolated between logarithms, whose curve over 1 / T is nearly straight.
+        known = apparent > radiance[0]
+        inverse = np.interp(np.log(np.where(known, apparent, 1.0)), np.log(radiance), -1.0 / kelvin)
+        return np.where(known, -1.0 / inverse, np.nan)

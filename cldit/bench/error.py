@@ -1,0 +1,319 @@
+"""Error against run time of every method, on one scene and machine, in one run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.bench.case import BenchError, Case, Cost, Lattice, Say
+from cldit.dit.accuracy import VISIBLE_EMISSIVITY
+from cldit.radiance.weights import Weights
+from cldit.transport.trace import Settings
+
+Floats = NDArray[np.float64]
+
+ACCURACIES_K = (1.0, 0.3, 0.1, 0.05)
+SAMPLES = (128, 256, 512)  # of `path`, a pixel
+GATHERED_K = (0.3, 0.1)  # `source` with flights at its end
+REFERENCE_SAMPLES = 512  # of both halves together
+_REFERENCE_SEEDS = (7001, 7002)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A converged `path` picture in two independent halves.
+
+    noise_K: RMS over pixels of the standard error of their mean.
+    """
+
+    halves: tuple[Weights, Weights]
+    kelvin: tuple[Floats, Floats]
+    visible: NDArray[np.bool_]
+    noise_K: float
+    samples: int
+
+    @classmethod
+    def of(cls, case: Case, *, samples: int, phase: Any) -> Truth:
+        """By path tracing, whatever the scene's method is.
+
+        Raises:
+            BenchError: nothing in the picture can be compared.
+        """
+        first, second = (
+            case.run(path_settings(case, samples // 2, phase=phase, seed=seed))[0].weights
+            for seed in _REFERENCE_SEEDS
+        )
+        kelvin = case.temperature_K(first), case.temperature_K(second)
+        emissivity = 1.0 - (first.background.astype(float) + second.background) / 2
+        visible = (emissivity > VISIBLE_EMISSIVITY) & np.isfinite(kelvin[0] + kelvin[1])
+        if not visible.any():
+            raise BenchError(
+                f"scene {case.scene.name}: no pixel has an emissivity above {VISIBLE_EMISSIVITY:g};"
+                " there is nothing to compare"
+            )
+        noise = float(np.sqrt(np.mean((kelvin[0] - kelvin[1])[visible] ** 2))) / 2
+        return cls((first, second), kelvin, visible, noise, samples)
+
+    def rms(self, image: Floats, pair: tuple[Floats, Floats]) -> float:
+        """RMS over the visible pixels of `image` minus the truth, the truth's noise taken off.
+
+        With independent halves the mean of (x - a)(x - b) holds nothing of their noise.
+        """
+        products = ((image - pair[0]) * (image - pair[1]))[self.visible]
+        return float(np.sqrt(max(float(np.nanmean(products)), 0.0)))
+
+    def most(self, image: Floats, pair: tuple[Floats, Floats]) -> float:
+        """Largest difference from the mean of the halves, their noise included."""
+        return float(np.nanmax(np.abs(image - (pair[0] + pair[1]) / 2)[self.visible]))
+
+
+@dataclass(frozen=True)
+class Row:
+    """One way of tracing.
+
+    traced: share of the picture's pixels that were traced. picture_core_s: for all of them, linear
+    in the pixels but for what does not depend on them. rms_*, max_*: against the truth.
+    stated_K: the error that the trace itself estimates, where it does.
+    """
+
+    method: str
+    label: str
+    phase: str
+    order: int | None
+    traced: float
+    core_s: float
+    wall_s: float
+    picture_core_s: float
+    rms_K: float
+    max_K: float
+    rms_background: float
+    max_background: float
+    rms_wall: float
+    max_wall: float
+    stated_K: float | None = None
+
+
+def path_settings(case: Case, samples: int, *, phase: Any, seed: int = 11) -> Settings:
+    """So many samples in every pixel, whatever their error."""
+    settings = case.settings(method="path", phase=phase, max_samples=max(samples, 128), seed=seed)
+    return replace(settings, accuracy_K=0.0)
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """The whole picture, and the part of it that is compared, with its truth."""
+
+    case: Case
+    lattice: Lattice
+    truth: Truth
+    phase: str
+
+    @property
+    def part(self) -> Case:
+        return self.case.seen(self.lattice.of(self.case.scene))
+
+    def row(
+        self,
+        method: str,
+        label: str,
+        weights: Weights,
+        cost: Cost,
+        *,
+        picture_core_s: float,
+        traced: float,
+        order: int | None = None,
+        stated: Weights | None = None,
+    ) -> Row:
+        truth = self.truth
+        kelvin = self.part.temperature_K(weights)
+        one, other = truth.halves
+        background = one.background.astype(float), other.background.astype(float)
+        wall = one.wall.astype(float), other.wall.astype(float)
+        error_K = None
+        if stated is not None:
+            shifted = Weights.of({k: v + stated.images[k] for k, v in weights.images.items()})
+            change = (self.part.temperature_K(shifted) - kelvin)[truth.visible]
+            error_K = float(np.sqrt(np.nanmean(change**2)))
+        return Row(
+            method=method,
+            label=label,
+            phase=self.phase,
+            order=order,
+            traced=traced,
+            core_s=cost.core_s,
+            wall_s=cost.wall_s,
+            picture_core_s=picture_core_s,
+            rms_K=truth.rms(kelvin, truth.kelvin),
+            max_K=truth.most(kelvin, truth.kelvin),
+            rms_background=truth.rms(weights.background.astype(float), background),
+            max_background=truth.most(weights.background.astype(float), background),
+            rms_wall=truth.rms(weights.wall.astype(float), wall),
+            max_wall=truth.most(weights.wall.astype(float), wall),
+            stated_K=error_K,
+        )
+
+
+def bench_error(
+    case: Case,
+    *,
+    phase: str,
+    lattice: Lattice,
+    say: Say,
+    accuracies_K: Sequence[float] = ACCURACIES_K,
+    samples: Sequence[int] = SAMPLES,
+    reference_samples: int = REFERENCE_SAMPLES,
+    branching_every: tuple[int, int, int] = (5, 5, 25),
+) -> tuple[list[Row], Truth]:
+    """`source` to several accuracies, `path` with several numbers of samples, and, if the phase
+    function is isotropic, `branching` at orders 0 to 2 beside `source` at the same orders.
+
+    `source` makes the whole picture; it is compared on the lattice's pixels. `path` and `branching`
+    trace those alone. branching_every: spacing of the pixels of orders 0, 1, 2.
+    """
+    part = case.seen(lattice.of(case.scene))
+    empty = case.seen(_one_pixel(case))
+    say(f"{phase}: reference, {reference_samples} samples in {lattice.share(case.scene):.3g} of it")
+    truth = Truth.of(part, samples=reference_samples, phase=phase)
+    say(f"{phase}: reference is good to {truth.noise_K:.3f} K")
+    bench = _Bench(case, lattice, truth, phase)
+    rows: list[Row] = []
+
+    def add(row: Row) -> None:
+        rows.append(row)
+        say(f"{phase}: {row.label}: {row.picture_core_s:.4g} core-s, {row.rms_K:.3f} K RMS")
+
+    case.run(case.settings(phase=phase, accuracy_K=100.0))  # builds
+    case.run(case.settings(phase=phase, accuracy_K=100.0, gather=True))
+    ways = [(accuracy_K, False) for accuracy_K in accuracies_K]
+    ways += [(accuracy_K, True) for accuracy_K in GATHERED_K if accuracy_K in accuracies_K]
+    for accuracy_K, gather in ways:
+        result, cost = case.run(case.settings(phase=phase, accuracy_K=accuracy_K, gather=gather))
+        difference = result.weights_difference
+        add(
+            bench.row(
+                "source and gather" if gather else "source",
+                f"source{' and gather' if gather else ''}, {accuracy_K:g} K",
+                lattice.pick(case.scene, result.weights),
+                cost,
+                picture_core_s=cost.core_s,
+                traced=1.0,
+                stated=None if difference is None else lattice.pick(case.scene, difference),
+            )
+        )
+    share = lattice.share(case.scene)
+    fixed = empty.run(path_settings(case, 128, phase=phase))[1].core_s
+    for count in samples:
+        result, cost = part.run(path_settings(case, count, phase=phase))
+        add(
+            bench.row(
+                "path",
+                f"path, {result.counts.get('samples', 0)} samples",
+                result.weights,
+                cost,
+                picture_core_s=fixed + max(cost.core_s - fixed, 0.0) / share,
+                traced=share,
+                stated=result.weights_difference,
+            )
+        )
+    if phase == "isotropic":
+        _orders(bench, branching_every, add)
+    return rows, truth
+
+
+def _orders(bench: _Bench, every: tuple[int, int, int], add: Any) -> None:
+    case, scene = bench.case, bench.case.scene
+    empty = case.seen(_one_pixel(case))
+    for order in range(3):
+        result, cost = case.run(case.settings(phase="isotropic", order=order))
+        add(
+            bench.row(
+                "source",
+                f"source, order {order}",
+                bench.lattice.pick(scene, result.weights),
+                cost,
+                picture_core_s=cost.core_s,
+                traced=1.0,
+                order=order,
+            )
+        )
+    for order, spacing in enumerate(every):
+        lattice = Lattice((spacing, spacing))
+        settings = case.settings(method="branching", phase="isotropic", order=order)
+        fixed = empty.run(settings)[1].core_s
+        part = case.seen(lattice.of(scene))
+        share = lattice.share(scene)
+        result, cost = part.run(settings)
+        # Its error is that of order 0..2 seen on its own pixels.
+        truth = bench.truth
+        if lattice != bench.lattice:
+            truth = Truth.of(part, samples=truth.samples, phase="isotropic")
+        add(
+            _Bench(case, lattice, truth, bench.phase).row(
+                "branching",
+                f"branching, order {order}",
+                result.weights,
+                cost,
+                picture_core_s=fixed + max(cost.core_s - fixed, 0.0) / share,
+                traced=share,
+                order=order,
+            )
+        )
+
+
+def _one_pixel(case: Case) -> Any:
+    """The scene with the one pixel in the corner: what a trace costs without a picture."""
+    scene = case.scene
+    size = [edge / n for edge, n in zip(scene.camera.field_m, scene.camera.pixels, strict=True)]
+    x, y, z = scene.target_m
+    return scene.model_copy(
+        update={
+            "camera": scene.camera.model_copy(
+                update={
+                    "pixels": (1, 1),
+                    "field_m": tuple(size),
+                    "target_m": (
+                        x - scene.camera.field_m[0] / 2 + size[0] / 2,
+                        y,
+                        z + scene.camera.field_m[1] / 2 - size[1] / 2,
+                    ),
+                }
+            )
+        }
+    )
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """How many times the core seconds of one way another takes: `times`, to the same `error_K`
+    where there is one, else to the same order."""
+
+    what: str
+    times: float
+    error_K: float | None
+
+
+def ratios(rows: Sequence[Row]) -> list[Ratio]:
+    """`path` to the error of each `source`; `branching` to `source` of its order.
+
+    The error of `path` falls with the root of its samples, so its core seconds x error^2 is one
+    number, the mean of that of its rows; the seconds to any error follow.
+    """
+    out = []
+    for phase in dict.fromkeys(row.phase for row in rows):
+        these = [row for row in rows if row.phase == phase]
+        paths = [row for row in these if row.method == "path"]
+        effort = float(np.mean([row.picture_core_s * row.rms_K**2 for row in paths] or [np.nan]))
+        for row in these:
+            if row.method.startswith("source") and row.order is None:
+                times = effort / max(row.rms_K, 1e-9) ** 2 / row.picture_core_s
+                out.append(Ratio(f"path / {row.label}, {phase}", times, row.rms_K))
+        for row in these:
+            if row.method == "branching":
+                same = next(r for r in these if r.method == "source" and r.order == row.order)
+                what = f"branching / source, order {row.order}"
+                out.append(Ratio(what, row.picture_core_s / same.picture_core_s, None))
+    return out

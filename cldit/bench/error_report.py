@@ -1,0 +1,130 @@
+"""Error against run time as table and picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from cldit.bench.error import Ratio, Row, Truth, ratios
+from cldit.bench.report import Part, Table, number
+from cldit.report.sheet import figure_of
+from cldit.scene import Scene
+
+_STYLES = {
+    "source": ("o", "tab:blue"),
+    "source and gather": ("D", "tab:cyan"),
+    "path": ("s", "tab:orange"),
+    "branching": ("^", "tab:red"),
+}
+_HEAD = (
+    "way",
+    "pixels traced",
+    "core-s",
+    "wall s",
+    "core-s, whole picture",
+    "T_app RMS, K",
+    "largest, K",
+    "w_bg RMS",
+    "largest",
+    "w_wall RMS",
+    "largest",
+    "stated, K",
+)
+
+
+def error_part(scene: Scene, rows: Sequence[Row], truths: dict[str, Truth]) -> Part:
+    """Rows of every phase function that was measured, with what they were measured against."""
+    found = ratios(rows)
+    tables = []
+    text = []
+    for phase, truth in truths.items():
+        lines = [_line(row) for row in rows if row.phase == phase]
+        tables.append(Table.of((f"{phase}: {_HEAD[0]}", *_HEAD[1:]), lines))
+        text.append(
+            f"{phase}: the reference is `path` with {truth.samples} samples a pixel in two "
+            f"independent halves, good to {truth.noise_K:.3f} K RMS; that noise is taken off the "
+            f"RMS by the product of the differences from either half, and is in the largest. "
+            f"{int(truth.visible.sum())} pixels of emissivity above 0.05 are compared."
+        )
+    text.append(
+        "Where a part of the pixels was traced, the whole picture's core seconds are extrapolated: "
+        "what a picture of one empty pixel costs, and the rest times pixels over pixels traced."
+    )
+    lines = [[ratio.what, number(ratio.times), number(ratio.error_K)] for ratio in found]
+    tables.append(Table.of(("core seconds", "times", "at an RMS error of, K"), lines))
+    return Part(
+        name="error",
+        title=f"Error against run time: {scene.name}",
+        tables=tuple(tables),
+        data={
+            "rows": [asdict(row) for row in rows],
+            "ratios": [asdict(ratio) for ratio in found],
+            "noise_K": {phase: truth.noise_K for phase, truth in truths.items()},
+        },
+        text=tuple(text),
+        figure=_figure(scene, rows, found),
+        alternative="RMS error of the apparent temperature against core seconds",
+    )
+
+
+def _line(row: Row) -> list[str]:
+    return [
+        row.label,
+        f"{100 * row.traced:.3g} %",
+        number(row.core_s),
+        number(row.wall_s),
+        number(row.picture_core_s) + ("" if row.traced == 1 else " (extrapolated)"),
+        f"{row.rms_K:.3f}",
+        f"{row.max_K:.2f}",
+        f"{row.rms_background:.1e}",
+        f"{row.max_background:.1e}",
+        f"{row.rms_wall:.1e}",
+        f"{row.max_wall:.1e}",
+        "-" if row.stated_K is None else f"{row.stated_K:.3f}",
+    ]
+
+
+def _figure(scene: Scene, rows: Sequence[Row], found: Sequence[Ratio]) -> Figure:
+    phases = list(dict.fromkeys(row.phase for row in rows))
+    figure = figure_of(1.0 + 4.4 * len(phases), 4.6)
+    axes: Any = figure.subplots(1, len(phases), sharey=True, squeeze=False)[0]
+    for axis, phase in zip(axes, phases, strict=True):
+        these = [row for row in rows if row.phase == phase]
+        for method, (marker, colour) in _STYLES.items():
+            for whole in (True, False):
+                line = [
+                    row for row in these if row.method == method and (row.order is None) == whole
+                ]
+                if not line:
+                    continue
+                filled = whole or method == "branching"
+                axis.loglog(
+                    [row.picture_core_s for row in line],
+                    [max(row.rms_K, 1e-3) for row in line],
+                    marker=marker,
+                    color=colour,
+                    markerfacecolor=colour if filled else "white",
+                    linestyle="-" if whole else ":",
+                    label=method + ("" if whole else ", orders 0, 1, 2"),
+                )
+                for row in line:
+                    axis.annotate(
+                        row.label.rpartition(", ")[2].replace("order ", ""),
+                        (row.picture_core_s, max(row.rms_K, 1e-3)),
+                        textcoords="offset points",
+                        xytext=(4, 4),
+                        fontsize=7,
+                        color=colour,
+                    )
+        axis.set_title(f"{phase} scattering" if phase == "isotropic" else phase, fontsize=10)
+        columns, height = scene.camera.pixels
+        axis.set_xlabel(f"core seconds for {columns} x {height} pixels")
+        axis.grid(True, which="both", alpha=0.25)
+        axis.legend(fontsize=7.5)
+        axis.margins(x=0.14, y=0.1)
+    axes[0].set_ylabel("RMS error of the apparent temperature / K")
+    figure.suptitle(f"{scene.name}: what accuracy costs", fontsize=11)
+    return figure

@@ -1,0 +1,198 @@
+"""Kernel times beside the least that this device's memory and arithmetic allow."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from cldit.bench.case import Case, Cost
+from cldit.bench.kernels import Kernels, quickest
+from cldit.bench.report import Part, Table, number
+from cldit.gpu.buffers import zeros
+from cldit.gpu.program import build
+
+_COPY_BYTES = 256 * 2**20  # several times any cache
+_LANES = 2**15
+_ROUNDS = 512
+_SUMS = 8  # of multiply_add
+_REAL_BYTES = 4
+
+# Operations of the kernels, counted in their source; a multiplication and an addition are two, a
+# division, a root or a comparison one.
+SWEEP_CELL = 12  # stretch, absorbed, mean_transmission: both branches, as a vector takes them
+SWEEP_COMPONENT = 5  # gap, two multiplications and additions
+IMAGE_STEP = 30  # walk_ahead: three divisions, two of them after shifts; walk_on; index sums
+IMAGE_CELL = 10  # absorbed and what is still transmitted
+IMAGE_SOURCE = 2
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What the device reaches at most, for each core second that it takes.
+
+    bytes_per_s: read and written by a copy. flops_per_s: additions and multiplications in single
+    precision. exps_per_s: exponentials.
+    """
+
+    bytes_per_s: float
+    flops_per_s: float
+    exps_per_s: float
+
+    @classmethod
+    def of(cls, case: Case) -> Machine:
+        device = case.device
+        vector = 8 if device.is_cpu else 1
+        program = build(device, "floor.cl", {"VECTOR": vector})
+        count = min(_COPY_BYTES, device.info.largest_buffer_bytes // 2) // _REAL_BYTES
+        count -= count % (64 * vector)
+        target, source = (zeros(device, "copy", count, np.float32) for _ in range(2))
+
+        def cost(kernel: str, lanes: int, *more: Any) -> Cost:
+            run = program[kernel]
+            return quickest(case, lambda: run(device.queue, (lanes,), None, target, source, *more))
+
+        lanes = _LANES if device.is_cpu else 32 * _LANES
+        rounds = np.int32(_ROUNDS)
+        copied = cost("copy", count // vector)
+        summed = cost("multiply_add", lanes, rounds)
+        raised = cost("exponentials", lanes, rounds)
+        work = lanes * vector * _ROUNDS
+        return cls(
+            bytes_per_s=2 * _REAL_BYTES * count / copied.core_s,
+            flops_per_s=2 * _SUMS * work / summed.core_s,
+            exps_per_s=2 * work / raised.core_s,
+        )
+
+
+@dataclass(frozen=True)
+class Line:
+    """One kernel: what it must move and compute, the least time for that, and what it takes."""
+
+    kernel: str
+    work: str
+    bytes: float
+    flops: float
+    exps: float
+    floor_s: float
+    core_s: float
+
+    @classmethod
+    def of(
+        cls,
+        machine: Machine,
+        kernel: str,
+        work: str,
+        core_s: float,
+        *,
+        moved: float,
+        flops: float,
+        exps: float,
+    ) -> Line:
+        arithmetic = flops / machine.flops_per_s + exps / machine.exps_per_s
+        floor_s = max(moved / machine.bytes_per_s, arithmetic)
+        return cls(kernel, work, moved, flops, exps, floor_s, core_s)
+
+
+def floor(case: Case, *, directions: int = 12) -> Part:
+    """The sweep (with and without vectors), and the image kernel and its walk alone."""
+    machine = Machine.of(case)
+    kernels = Kernels(case)
+    lines = []
+    if kernels.cells.needs.scattering:
+        lines += _sweeps(machine, kernels, directions)
+    lines += _images(machine, kernels)
+    table = Table.of(
+        ("kernel", "work", "GB", "Gflop", "Gexp", "floor, core-s", "taken, core-s", "times"),
+        [
+            (
+                line.kernel,
+                line.work,
+                number(line.bytes / 1e9),
+                number(line.flops / 1e9),
+                number(line.exps / 1e9),
+                number(line.floor_s),
+                number(line.core_s),
+                number(line.core_s / line.floor_s, 2),
+            )
+            for line in lines
+        ],
+    )
+    return Part(
+        name="floor",
+        title=f"Kernels against the machine's floor: {case.scene.name}",
+        tables=(table,),
+        data={"machine": asdict(machine), "lines": [asdict(line) for line in lines]},
+        text=(
+            f"Measured in the same run, for each core second: {machine.bytes_per_s / 1e9:.1f} GB "
+            f"copied (read and written), {machine.flops_per_s / 1e9:.1f} Gflop in single "
+            f"precision, {machine.exps_per_s / 1e9:.2f} G exponentials. The floor is the larger "
+            "of the time that the counted bytes and that the counted operations take.",
+            "What is left. *Sweep*: rows that hold anything are read whole, and eight cells are "
+            "computed where one of them holds something; between two layers of a row there is a "
+            "barrier, and the rays of a row live in local memory, whose loads and stores are not "
+            "counted; rays of the next layer lie `stride_l` apart, so the prefetcher starts anew "
+            "with every row. One cell at a time instead of eight shows what vectors give. "
+            "*Image*: every step depends on the one before (which cell comes next, then its brick, "
+            "then its depth), so it waits for a division and two dependent loads, not for "
+            "bandwidth, and neighbouring pixels branch differently, so nothing is done eight at a "
+            "time; the walk alone, with no light, takes most of it.",
+        ),
+    )
+
+
+def _sweeps(machine: Machine, kernels: Kernels, directions: int) -> list[Line]:
+    cells = kernels.cells
+    box = cells.box()
+    components = len(cells.needs.components)
+    filled = cells.dense(box, cells.depth) > 0
+    rows = int(filled.any(axis=2).sum()) * filled.shape[2]  # cells of rows along x
+    wide = filled.reshape(*filled.shape[:2], -1, min(8, filled.shape[2])).any(axis=3)
+    computed = 8 * int(wide.sum())
+    # Per cell read: its depth; per computed cell and component: S, and D read and written.
+    moved = directions * _REAL_BYTES * (rows + 3 * components * computed)
+    # Once per set: D of both orders cleared, the turned one read, and added to the other.
+    moved += _REAL_BYTES * components * box.cells * (2 + 3)
+    flops = directions * computed * (SWEEP_CELL + SWEEP_COMPONENT * components)
+    exps = directions * computed
+    work = f"{directions} directions, {box.cells / 1e6:.2f} M cells, {computed / 1e6:.2f} M filled"
+    lines = []
+    for vector in (None, 1):
+        if vector == 1 and not kernels.case.device.is_cpu:
+            continue
+        cost = kernels.sweep(directions, vector=vector)
+        name = "sweep" if vector is None else "sweep, one cell at a time"
+        lines.append(Line.of(machine, name, work, cost.core_s, moved=moved, flops=flops, exps=exps))
+    return lines
+
+
+def _images(machine: Machine, kernels: Kernels) -> list[Line]:
+    steps, walk = kernels.steps()
+    needs = kernels.cells.needs
+    sources = len(needs.components) - (0 if needs.scattering else 2)
+    total, through = (float(count.sum()) for count in steps)
+    pixels = steps[0].size
+    out = _REAL_BYTES * pixels * len(needs.components)
+    # Per step: the brick's entry and the depth; through something also its sources.
+    walked = 2 * _REAL_BYTES * total
+    work = f"{pixels / 1e6:.2f} M pixels, {total / 1e6:.0f} M steps, {through / 1e6:.0f} M filled"
+    image = Line.of(
+        machine,
+        "image",
+        work,
+        kernels.image().core_s,
+        moved=walked + _REAL_BYTES * sources * through + out,
+        flops=IMAGE_STEP * total + (IMAGE_CELL + IMAGE_SOURCE * sources) * through,
+        exps=through,
+    )
+    alone = Line.of(
+        machine,
+        "image, its walk alone",
+        work,
+        walk.core_s,
+        moved=walked + 2 * _REAL_BYTES * pixels,
+        flops=IMAGE_STEP * total,
+        exps=0.0,
+    )
+    return [image, alone]

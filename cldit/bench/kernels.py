@@ -1,0 +1,125 @@
+"""Single kernels of a trace, launched alone, so that their own time is seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.bench.case import Case, Cost, clocked
+from cldit.gpu.buffers import download, upload, zeros
+from cldit.gpu.program import Define, build
+from cldit.transport.cells import Needs, OpticalCells
+from cldit.transport.directions import isotropic
+from cldit.transport.phase import ScatteringTable
+from cldit.transport.solve import first_guess
+from cldit.transport.sweep import Sweeper, sweep_defines
+from cldit.transport.towards import ToCamera
+from cldit.transport.view import View, upload_tree
+
+_ROUNDS = 5
+_PHASE_STEPS = 1024
+
+
+def quickest(case: Case, launch: Callable[[], Any], *, rounds: int = _ROUNDS) -> Cost:
+    """The least of several rounds, each number by itself; one more before them builds and warms."""
+    launch()
+    costs = [clocked(case.device, launch)[1] for _ in range(rounds)]
+    return Cost(min(c.core_s for c in costs), min(c.wall_s for c in costs))
+
+
+@dataclass(frozen=True)
+class Kernels:
+    """One medium and camera; compiled_in: also what nothing needs; defines: further ones."""
+
+    case: Case
+    compiled_in: Needs | None = None
+    defines: Mapping[str, Define] | None = None
+
+    @cached_property
+    def cells(self) -> OpticalCells:
+        names = tuple(patch.name for patch in self.case.scene.patches)
+        return OpticalCells.of(self.case.tree, patches=names, compiled_in=self.compiled_in)
+
+    @cached_property
+    def view(self) -> View:
+        return View.of(self.case.scene, self.cells)
+
+    def _defines(self) -> dict[str, Define]:
+        return {**self.cells.needs.defines, **self.view.defines, **(self.defines or {})}
+
+    def image(self) -> Cost:
+        """One picture from sources that are there."""
+        device, cells, real = self.case.device, self.cells, np.float32
+        defines = {**self._defines(), "CUTOFF": float(self.case.settings().cutoff)}
+        program = build(device, "image.cl", defines)
+        columns, rows = self.view.pixels
+        out = zeros(device, "picture", (len(cells.needs.components) + 1) * rows * columns, real)
+        tree = upload_tree(device, cells, real)
+        source = [upload(device, "source", cells.source_planes(real))]
+        if cells.needs.scattering:
+            source.append(upload(device, "isothermal source", np.ones(len(cells.depth), real)))
+        arguments = self.view.arguments(device, cells, real)
+        kernel = program["image"]
+        return quickest(
+            self.case,
+            lambda: kernel(device.queue, *self.view.tiles(device), out, *tree, *source, *arguments),
+        )
+
+    def steps(self) -> tuple[NDArray[np.int64], Cost]:
+        """Steps of every line of sight, and those of them through something, (2, H, W)."""
+        device, cells, real = self.case.device, self.cells, np.float32
+        program = build(device, "count.cl", {**self.view.defines, **(self.defines or {})})
+        columns, rows = self.view.pixels
+        out = zeros(device, "steps", 2 * rows * columns, np.int32)
+        tree = upload_tree(device, cells, real)
+        arguments = self.view.arguments(device, cells, real)
+        kernel = program["count"]
+        cost = quickest(
+            self.case,
+            lambda: kernel(device.queue, *self.view.tiles(device), out, *tree, *arguments),
+        )
+        counted = download(device, out, np.empty((rows, columns, 2), np.int32))
+        return counted.transpose(2, 0, 1).astype(np.int64), cost
+
+    def sweep(
+        self, count: int, *, vector: int | None = None, phase: ScatteringTable | None = None
+    ) -> Cost:
+        """A set of sweeps with `count` directions over the sphere.
+
+        vector: cells at once; None is what a trace takes. phase: towards the camera by it.
+        """
+        device, cells = self.case.device, self.cells
+        specialised: dict[str, Define] = {
+            **self._defines(),
+            **sweep_defines(device, cells.box()),
+        }
+        if vector is not None:
+            specialised["VECTOR"] = vector
+        sweep = build(device, "sweep.cl", specialised)
+        sweeper = Sweeper(
+            device,
+            cells,
+            sweep,
+            build(device, "iterate.cl", self._defines()),
+            disc=self.view.disc,
+            patches=self.view.patches,
+        )
+        camera: ToCamera | None = None
+        if phase is not None:
+            flags: dict[str, Define] = {"TO_CAMERA": 1, "PHASE_STEPS": _PHASE_STEPS}
+            towards = build(device, "sweep.cl", {**specialised, **flags})
+            place = self.view.middle[:3] - np.array([0.0, self.view.distance, 0.0])
+            camera = sweeper.to_camera(towards, cells, phase.by_half_sine(_PHASE_STEPS), place)
+        rng = np.random.default_rng(1)
+        directions, starts = isotropic(count, rng), rng.random((count, 2))
+        sweeper.set_source(first_guess(sweeper, cells.albedo), shining=True)
+        return quickest(
+            self.case,
+            lambda: sweeper.sweep(directions, starts, shining=True, camera=camera),
+            rounds=3,
+        )

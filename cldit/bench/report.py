@@ -1,0 +1,90 @@
+"""What a measurement leaves behind: JSON of its numbers, a table to read, a picture."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from cldit.gpu.device import Device
+from cldit.report.sheet import png_of
+
+PARTS = ("error", "growth", "memory", "leave-out", "floor", "peers")  # order of the page
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text under a head."""
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    @classmethod
+    def of(cls, head: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+        return cls(tuple(head), tuple(tuple(row) for row in rows))
+
+    def markdown(self) -> str:
+        lines = [self.head, ("---",) * len(self.head), *self.rows]
+        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+@dataclass(frozen=True)
+class Part:
+    """One measurement. text: paragraphs under the tables; data: what JSON takes."""
+
+    name: str
+    title: str
+    tables: tuple[Table, ...]
+    data: Any
+    text: tuple[str, ...] = ()
+    figure: Figure | None = None
+    alternative: str = field(default="")  # what the picture shows, in words
+
+
+def write_part(part: Part, folder: Path, *, command: str, device: Device) -> Path:
+    """Writes `folder`/bench/NAME.json, .md, .png, and `folder`/benchmarks.md of all parts there.
+
+    Returns the page's path. Parts of other runs stay, each with the command that made it.
+    """
+    inside = folder / "bench"
+    inside.mkdir(parents=True, exist_ok=True)
+    (inside / f"{part.name}.json").write_text(
+        json.dumps(part.data, indent=1) + "\n", encoding="utf-8"
+    )
+    blocks = [f"## {part.title}", f"```sh\n{command}\n```", _machine(device)]
+    if part.figure is not None:
+        (inside / f"{part.name}.png").write_bytes(png_of(part.figure))
+        blocks.append(f"![{part.alternative}](bench/{part.name}.png)")
+    blocks += [table.markdown() for table in part.tables]
+    blocks += part.text
+    (inside / f"{part.name}.md").write_text("\n\n".join(blocks) + "\n", encoding="utf-8")
+    page = folder / "benchmarks.md"
+    found = [inside / f"{name}.md" for name in PARTS]
+    page.write_text(
+        "# Benchmarks\n\nWritten by `cldit bench`; every part stands under the command that made "
+        "it. Times are of that machine: compare rows, not machines.\n\n"
+        + "\n".join(path.read_text(encoding="utf-8") for path in found if path.is_file()),
+        encoding="utf-8",
+    )
+    return page
+
+
+def _machine(device: Device) -> str:
+    info = device.info
+    return (
+        f"{info.name}, {info.compute_units} compute units, {info.version}; cldit "
+        f"{version('cldit')}, Python {platform.python_version()}."
+    )
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """For a table: `digits` significant ones."""
+    if value is None or value != value:
+        return "-"
+    return f"{value:.{digits}g}" if abs(value) < 10**digits else f"{value:,.0f}"

@@ -1,0 +1,54 @@
+"""The parts of `cldit bench`, each on its own or one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from cldit.bench.case import Case, Lattice, Say, changed
+from cldit.bench.error import bench_error
+from cldit.bench.error_report import error_part
+from cldit.bench.report import Part
+from cldit.gpu.device import Device
+from cldit.scene import Scene
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What is measured, and how much of it.
+
+    lattice: pixels that `path` and the reference trace. samples: of the reference, a pixel.
+    """
+
+    scene: Scene
+    device: Device
+    cache: Path
+    lattice: Lattice
+    samples: int
+    say: Say
+
+    def case(self, *, mie: bool = False) -> Case:
+        phase = "mie" if mie else "isotropic"
+        scene = changed(self.scene, transport={"phase": phase, "method": "source", "order": None})
+        return Case.of(scene, self.device, cache=self.cache)
+
+
+def error(bench: Bench) -> Part:
+    """All methods, isotropic and, where droplets have diameters, Mie."""
+    droplets = bench.scene.spray.model not in ("none", "grid")
+    case = bench.case(mie=droplets)
+    rows, truths = [], {}
+    for phase in ("isotropic", "mie") if droplets else ("isotropic",):
+        some, truths[phase] = bench_error(
+            case,
+            phase=phase,
+            lattice=bench.lattice,
+            say=bench.say,
+            reference_samples=bench.samples,
+        )
+        rows += some
+    return error_part(bench.scene, rows, truths)
+
+
+MEASUREMENTS: dict[str, Callable[[Bench], Part]] = {"error": error}

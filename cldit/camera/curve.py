@@ -1,0 +1,141 @@
+"""The calibration curve: black-body temperature -> radiance in the camera's filter, and back.
+
+Planck's law over the filter and the detector gives it (`Curve(filter_um)`). Where the filter is
+known only roughly, the run's own references correct it (`fit_curve`): Planck's law depends on
+wavelength times temperature, so a filter whose wavelengths are all longer by the factor f has, but
+for a constant that the fit of each pixel divides out, the curve B(f T). One number is fitted, so
+three backgrounds are enough, and the curve stays Planck's where it is extrapolated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares
+
+from cldit.errors import EvaluationError
+from cldit.optics.planck import (
+    band_radiance,
+    band_radiance_slope,
+    temperature_of_radiance,
+    temperature_slope_of_radiance,
+)
+from cldit.optics.response import Filter, edges_um
+
+Floats = NDArray[np.float64]
+
+_FARTHEST = 0.3  # stretch of the wavelengths beyond which the filter cannot be meant
+_POOREST_K = 5.0  # residual beyond which references and curve do not belong together
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """B(stretch T) over a filter; `stretch` 1 is Planck's law over the filter as given."""
+
+    filter_um: Filter
+    stretch: float = 1.0
+
+    def radiance(self, temperature_K: ArrayLike) -> Floats:
+        """Photons s-1 m-2 sr-1 of a black body, any shape."""
+        kelvin = np.asarray(temperature_K, np.float64)
+        return band_radiance(self.stretch * kelvin, filter_um=self.filter_um)
+
+    def slope(self, temperature_K: ArrayLike) -> Floats:
+        """d radiance / d T, any shape."""
+        kelvin = np.asarray(temperature_K, np.float64)
+        rise = band_radiance_slope(self.stretch * kelvin, filter_um=self.filter_um)
+        return np.asarray(self.stretch * rise)
+
+    def temperature(self, radiance: ArrayLike) -> Floats:
+        """The inverse of `radiance`; K."""
+        kelvin = temperature_of_radiance(radiance, filter_um=self.filter_um)
+        return np.asarray(kelvin / self.stretch)
+
+    def temperature_slope(self, radiance: ArrayLike) -> Floats:
+        """d T / d radiance."""
+        rise = temperature_slope_of_radiance(radiance, filter_um=self.filter_um)
+        return np.asarray(rise / self.stretch)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurveFit:
+    """A curve from references.
+
+    stretch_error: one standard deviation, from the residuals; 0 with three backgrounds and none to
+        spare. residual_K: (K,) how far each background lies off the curve, in kelvin.
+    """
+
+    curve: Curve
+    stretch_error: float
+    residual_K: tuple[float, ...]
+
+    @property
+    def text(self) -> str:
+        """For a reader of the report."""
+        low, high = (self.curve.stretch * edge for edge in edges_um(self.curve.filter_um))
+        worst = max(abs(kelvin) for kelvin in self.residual_K)
+        return (
+            f"wavelengths {self.curve.stretch:.4f} ± {self.stretch_error:.4f} times the filter's "
+            f"({low:.3f} to {high:.3f} um), references within {worst:.2g} K"
+        )
+
+
+def fit_curve(temperature_K: Floats, counts: Floats, *, filter_um: Filter) -> CurveFit:
+    """The curve of references that show `counts` before black bodies at `temperature_K`.
+
+    Least squares of the counts, in kelvin, over gain, offset and stretch. What windows and the
+    surroundings add is part of the offset, what they take away part of the gain.
+
+    Args:
+        temperature_K, counts: (K,) each, K >= 3; means over the pixels that see the background.
+
+    Raises:
+        EvaluationError: fewer than three different temperatures, or references that no stretch
+            brings onto the curve.
+    """
+    if len(set(temperature_K.tolist())) < 3:
+        raise EvaluationError(
+            f"calibration: fitted to {len(set(temperature_K.tolist()))} backgrounds; it needs at "
+            "least three, or use --calibration planck"
+        )
+
+    def line(stretch: float) -> tuple[Floats, float]:
+        """Residuals in kelvin, and the gain."""
+        curve = Curve(filter_um=filter_um, stretch=stretch)
+        radiance, kelvin = curve.radiance(temperature_K), 1.0 / curve.slope(temperature_K)
+        unit = float(np.max(radiance))
+        matrix = np.stack([radiance / unit * kelvin, kelvin], axis=1) / np.max(kelvin)
+        (gain, offset), *_ = np.linalg.lstsq(matrix, counts * kelvin / np.max(kelvin), rcond=None)
+        off = (counts - gain * radiance / unit - offset) * kelvin
+        return np.asarray(off * unit / gain), float(gain)
+
+    def residuals(free: Floats) -> Floats:
+        return line(float(free[0]))[0]
+
+    found = least_squares(
+        residuals,
+        [1.0],
+        bounds=([1.0 - _FARTHEST], [1.0 + _FARTHEST]),
+        x_scale=0.01,
+        xtol=1e-12,
+        ftol=1e-12,
+        gtol=1e-12,
+    )
+    stretch = float(found.x[0])
+    residual, gain = line(stretch)
+    if not (gain > 0.0 and np.max(np.abs(residual)) < _POOREST_K) or found.active_mask[0]:
+        raise EvaluationError(
+            f"calibration: the references do not lie on the curve of any filter within "
+            f"{100 * _FARTHEST:.0f} % of the given one (off by {np.max(np.abs(residual)):.3g} K); "
+            "check the backgrounds' temperatures, or use --calibration planck"
+        )
+    spare = len(residual) - 3
+    variance = float(residual @ residual) / spare if spare > 0 else 0.0
+    curvature = float(np.sum(np.asarray(found.jac) ** 2))
+    return CurveFit(
+        curve=Curve(filter_um=filter_um, stretch=stretch),
+        stretch_error=float(np.sqrt(variance / curvature)) if curvature > 0 else 0.0,
+        residual_K=tuple(residual.tolist()),
+    )

@@ -1,0 +1,73 @@
+"""A camera's noise from its own pictures: variance over mean, the photon transfer curve.
+
+Electrons are Poisson, so the variance of one exposure in counts^2 rises by 1 / (electrons per
+count) for each count (Janesick, Photon Transfer, SPIE 2007, Ch. 5). What is left at zero light is
+read noise and rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from cldit.errors import EvaluationError
+
+Floats = NDArray[np.float64]
+
+_BINS = 24  # of equal numbers of pixels
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhotonTransfer:
+    """electrons_per_count, and the read noise in electrons if light begins at offset_counts."""
+
+    electrons_per_count: float
+    read_noise_electrons: float
+    offset_counts: float
+
+
+def photon_transfer(
+    mean: Floats, variance: Floats, *, exposures: int, offset_counts: float | None
+) -> PhotonTransfer:
+    """From means and sample variances of equal exposures.
+
+    Pixels are sorted by their mean into bins; the median of a bin's variances, divided by that of
+    chi-square, is the bin's variance, whatever a few defective pixels do.
+
+    Args:
+        mean, variance: (N,) counts, counts^2, of one exposure, at any levels of light.
+        exposures: behind each variance; 2 or more.
+        offset_counts: counts without light. None: where the variance comes to rounding alone,
+            which puts the read noise into the offset; for the errors it comes to the same.
+
+    Raises:
+        EvaluationError: the variance does not rise with the light.
+    """
+    order = np.argsort(mean)
+    bins = [part for part in np.array_split(order, _BINS) if part.size]
+    correction = float(chi2.median(exposures - 1)) / (exposures - 1)
+    level = np.array([np.mean(mean[part]) for part in bins])
+    noise = np.array([np.median(variance[part]) for part in bins]) / correction
+    if len(bins) < 2 or not np.ptp(level) > 0.0 or not np.all(noise > 0.0):
+        raise EvaluationError(
+            "sensor: noise cannot be estimated from references that do not differ from each "
+            "other; give sensor.electrons_per_count and read_noise_electrons"
+        )
+    slope, at_zero = np.polyfit(level, noise, 1, w=1.0 / noise)
+    if not slope > 0.0:
+        raise EvaluationError(
+            "sensor: the references' variance does not rise with their counts, as photon noise "
+            "does; give sensor.electrons_per_count and read_noise_electrons"
+        )
+    offset = offset_counts
+    if offset is None:
+        offset = (1.0 / 12.0 - at_zero) / slope
+    read2 = at_zero + slope * offset - 1.0 / 12.0
+    return PhotonTransfer(
+        electrons_per_count=float(1.0 / slope),
+        read_noise_electrons=float(np.sqrt(max(read2, 0.0)) / slope),
+        offset_counts=float(offset),
+    )

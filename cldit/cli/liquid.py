@@ -1,0 +1,50 @@
+"""`cldit fit-liquid`: a liquid's bands against the table that they stand for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from cldit.cli.console import OUT, plain_errors, say
+from cldit.errors import OpticsError
+from cldit.optics.band_fit import fit_bands, fit_error
+from cldit.optics.liquid import Bands, Table, liquid
+from cldit.optics.liquid_table import read_liquid_table
+
+
+@click.command("fit-liquid")
+@click.argument("table", type=click.Path(path_type=Path))
+@click.option("--shipped", help="Only say how far the shipped bands of this liquid are from TABLE.")
+@click.option("--bands", type=click.IntRange(1, 200), default=40, show_default=True)
+@click.option("--out", type=click.Path(path_type=Path), help="YAML file for the fitted bands.")
+@plain_errors
+def fit_liquid(table: Path, shipped: str | None, bands: int, out: Path | None) -> None:
+    """Fit bands to TABLE (CSV of wavelength_um, n, k, or a refractiveindex.info file); minutes."""
+    source = read_liquid_table(table).model
+    assert isinstance(source, Table)
+    if shipped is not None:
+        known = liquid(shipped).model
+        if not isinstance(known, Bands):
+            raise OpticsError(f"{shipped}: is no sum of bands")
+        OUT.print(f"{shipped} as shipped, {len(known.bands)} bands, against {table}:")
+        OUT.print(str(fit_error(known, source)))
+        return
+    fitted, error = fit_bands(source, bands=bands, say=say)
+    OUT.print(f"{len(fitted.bands)} bands against {table}:")
+    OUT.print(str(error))
+    if out is not None:
+        out.write_text(_text(fitted, error), encoding="utf-8")
+        OUT.print(str(out))
+
+
+def _text(bands: Bands, error: object) -> str:
+    """As in the files of the shipped liquids, without what only their maker knows."""
+    lines = [
+        f'fit: "{error}"',
+        "background: [" + ", ".join(f"{c:.7g}" for c in bands.background) + "]",
+        "# height of k, centre, Lorentz half width, Gaussian standard deviation (1/cm)",
+        "bands:",
+    ]
+    rows = (f"  - [{h:.4e}, {c:.2f}, {w:.4g}, {s:.4g}]" for h, c, w, s in bands.bands)
+    return "\n".join([*lines, *rows]) + "\n"

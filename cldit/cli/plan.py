@@ -1,0 +1,145 @@
+"""`cldit plan`: the measurement that reaches a wanted error in the least time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import yaml
+from rich.table import Table
+
+from cldit.acquisition.plan import StabilitySection
+from cldit.cli.console import OUT, plain_errors, say
+from cldit.cli.units import KELVIN
+from cldit.dit.design import (
+    BlackBody,
+    Design,
+    Goal,
+    Subject,
+    chosen,
+    coldest_K,
+    designs,
+    error_against_time,
+    plan_of,
+    shot_time_s,
+)
+from cldit.gpu.device import open_device
+from cldit.report.design_figure import design_picture
+from cldit.rig.simulated import simulated_rig_data
+from cldit.run import simulate
+from cldit.scene import Scene, load_scene
+
+
+@click.command("plan")
+@click.argument("scene")
+@click.option("--error", "error_K", type=KELVIN, required=True, help="Wanted in T_app: 2K.")
+@click.option(
+    "--emissivity-error",
+    type=click.FloatRange(1e-5, 1.0),
+    default=0.02,
+    show_default=True,
+    help="Wanted in the emissivity.",
+)
+@click.option(
+    "--quantile",
+    type=click.FloatRange(0.01, 1.0),
+    default=0.9,
+    show_default=True,
+    help="Part of the pixels that must be as good.",
+)
+@click.option(
+    "--emissivity",
+    "least_emissivity",
+    type=click.FloatRange(1e-3, 1.0),
+    default=0.2,
+    show_default=True,
+    help="Pixels below it do not count.",
+)
+@click.option(
+    "--limits",
+    "limits_K",
+    type=(KELVIN, KELVIN),
+    help="Of the black body; the scene's lowest and highest background.",
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Folder; runs/SCENE-plan.")
+@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@plain_errors
+def plan_command(
+    scene: str,
+    error_K: float,
+    emissivity_error: float,
+    quantile: float,
+    least_emissivity: float,
+    limits_K: tuple[float, float] | None,
+    out: Path | None,
+    device: str | None,
+) -> None:
+    """Design the measurement of SCENE: backgrounds, shots and references for a wanted error.
+
+    Writes plan.yaml, rig.yaml (simulated) and design.png into the folder of a traced run.
+    """
+    loaded = load_scene(scene)
+    folder = out or Path("runs") / f"{loaded.name}-plan"
+    run = simulate(loaded, folder, device=open_device(device), progress=say)
+    subject = Subject.of(
+        loaded, run.quadrature, run.spectral, run.reference, least_emissivity=least_emissivity
+    )
+    known = loaded.background.temperatures_K
+    blackbody = BlackBody(
+        limits_K=limits_K or (min(known), max(known)),
+        start_K=loaded.rig.background_start_K,
+        time_constant_s=loaded.rig.background_time_constant_s,
+        stability=StabilitySection(),
+    )
+    if not error_K > 0.0:
+        raise click.BadParameter(f"{error_K:g} K; allowed is more than 0", param_hint="--error")
+    goal = Goal(error_K=error_K, emissivity_error=emissivity_error, quantile=quantile)
+    shot_s = shot_time_s(loaded)
+    found = designs(subject, blackbody, goal, shot_s=shot_s)
+    best = chosen(found)
+    _print(found, best, goal, least_emissivity)
+    coldest = coldest_K(
+        subject,
+        best.backgrounds_K,
+        error_K=error_K,
+        emissivity=1.0,
+        shots=best.shots,
+        references=best.references,
+    )
+    OUT.print(
+        f"an opaque spray is told to {error_K:g} K by it down to {coldest:.0f} K "
+        f"({best.integration_time_s * 1e6:g} us)"
+    )
+    _write(loaded, folder, best)
+    lines = [(one, *error_against_time(subject, one, goal, shot_s=shot_s)) for one in found]
+    picture = design_picture(lines, best, goal, title=f"{loaded.name}: error against time")
+    (folder / "design.png").write_bytes(picture)
+    OUT.print(f"{folder / 'plan.yaml'}\n{folder / 'rig.yaml'}\n{folder / 'design.png'}")
+
+
+def _print(found: list[Design], best: Design, goal: Goal, least_emissivity: float) -> None:
+    OUT.print(
+        f"{100 * goal.quantile:g} % of the pixels of emissivity {least_emissivity:g} and more "
+        f"within {goal.error_K:g} K and {goal.emissivity_error:g}:"
+    )
+    table = Table(box=None)
+    for head in ("", "backgrounds / K", "shots", "refs", "T_app / K", "eps", "min", "waiting"):
+        table.add_column(head, no_wrap=True)
+    for one in found:
+        table.add_row(
+            "->" if one is best else "",
+            f"{len(one.backgrounds_K)}: {one.backgrounds_K[0]:g} .. {one.backgrounds_K[-1]:g}",
+            str(one.shots),
+            str(one.references),
+            f"{one.error_K:.2f}",
+            f"{one.emissivity_error:.3f}",
+            f"{one.time_s / 60:.0f}",
+            f"{one.waiting_s / 60:.0f}",
+        )
+    OUT.print(table)
+
+
+def _write(scene: Scene, folder: Path, best: Design) -> None:
+    (folder / "plan.yaml").write_text(plan_of(best, scene).dump(), encoding="utf-8")
+    rig = yaml.safe_dump(simulated_rig_data(scene, folder), sort_keys=False)
+    (folder / "rig.yaml").write_text(rig, encoding="utf-8")

@@ -1,0 +1,31 @@
+"""Options that take a number with or without its unit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    _Float = click.ParamType[float]
+else:
+    _Float = click.ParamType  # generic from click 8.5 on
+
+
+class Quantity(_Float):
+    """A number in one unit, which may be written behind it: `0.1`, `0.1K`, `"0.1 K"`."""
+
+    def __init__(self, unit: str) -> None:
+        self.name = unit
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        try:
+            return float(str(value).strip().removesuffix(self.name))
+        except ValueError:
+            self.fail(f"{value!r} is no number of {self.name}; allowed is e.g. 0.1{self.name}")
+
+
+KELVIN = Quantity("K")
+SECOND = Quantity("s")

@@ -1,0 +1,419 @@
+"""Design of the experiment: which backgrounds and how many shots reach an error in the least time.
+
+The trace says what every pixel would see before any background, the sensor how noisy that is, the
+scene how much injections differ. Both lines of a pixel (`cldit.dit.fit`) are fitted on their own,
+so that with n injections and m references before each background the variances of T_app and of the
+emissivity are exactly
+
+    injections / n + references / m
+
+of which `Subject.variances` gives the numbers for a set of backgrounds, from one fit without noise.
+What is left is a search over sets, n and m for the least time. Both errors are asked for: for T_app
+alone all backgrounds would go to the spray's own temperature, where shots that differ in amount
+look alike, and the emissivity would stay unknown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.acquisition.plan import Plan, StabilitySection, plan_from_scene
+from cldit.camera.curve import Curve
+from cldit.camera.sensor import SensorModel
+from cldit.camera.view import SensorView
+from cldit.dit.fit import apparent_radiance, fit_pair
+from cldit.errors import EvaluationError
+from cldit.optics.spectral import Quadrature
+from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.radiance.weights import Weights
+from cldit.scene.schema import Scene
+
+Floats = NDArray[np.float64]
+
+MOST_SHOTS = 10_000  # of a kind, before one background
+LEAST_SHOTS = 3  # so that an odd shot can be told from the others
+LEAST_BACKGROUNDS = 3  # so that there is a goodness of fit
+_PIXELS = 2000  # that stand for all: their 90 % quantile is good to 1 %
+_LEVELS = 7  # of the lowest and of the highest background that are tried
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subject:
+    """What the camera would see of chosen pixels of a traced scene, all of shape (1, N).
+
+    spray: weights of each spectral node. scatter: relative standard deviation of the optical depth
+    of one injection.
+    """
+
+    spray: tuple[Weights, ...]
+    reference: Weights
+    boundaries: tuple[Boundary, ...]
+    whole: Boundary
+    curve: Curve
+    sensor: SensorModel
+    scatter: float
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        quadrature: Quadrature,
+        spectral: Sequence[Weights],
+        reference: Weights,
+        *,
+        least_emissivity: float,
+    ) -> Subject:
+        """The sensor's pixels before the background in which the spray is at least this emissive.
+
+        Raises:
+            EvaluationError: there are none.
+        """
+        view = SensorView.from_scene(scene)
+        spray = [_seen(view, weights) for weights in spectral]
+        bare = _seen(view, reference)
+        seen = np.mean([weights.background for weights in spray], axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            emissivity = 1.0 - seen / bare.background
+        places = np.flatnonzero((bare.background > 0.999) & (emissivity >= least_emissivity))
+        if places.size == 0:
+            raise EvaluationError(
+                f"no pixel before the background has an emissivity of {least_emissivity:g} or "
+                f"more; the largest is {np.nanmax(emissivity, initial=0.0):.3g}"
+            )
+        chosen = places[np.linspace(0, places.size - 1, min(places.size, _PIXELS)).astype(int)]
+        around = Surroundings.from_scene(scene)
+        nodes = quadrature.nodes
+        return cls(
+            spray=tuple(_pixels(weights, chosen) for weights in spray),
+            reference=_pixels(bare, chosen),
+            boundaries=tuple(Boundary.of(around, n.radiance, n.pane) for n in nodes),
+            whole=Boundary.in_filter(
+                around, quadrature.filter_um, reference_K=quadrature.reference_K
+            ),
+            curve=Curve(filter_um=quadrature.filter_um),
+            sensor=SensorModel.from_scene(scene),
+            # The simulated rig's lognormal field has a smooth and a common part, sigma each.
+            scatter=math.sqrt(2.0) * scene.rig.shot_scatter,
+        )
+
+    def signals(self, kelvin: float) -> tuple[Floats, Floats]:
+        """(N,) radiance at the camera without and with spray."""
+        bare = [self.reference] * len(self.boundaries)
+        return (
+            picture(bare, self.boundaries, background_K=kelvin)[0],
+            picture(self.spray, self.boundaries, background_K=kelvin)[0],
+        )
+
+    def exposure(self, hottest_K: float) -> SensorModel:
+        """The sensor, exposed so that the hottest background fills 80 % of its range."""
+        return self.sensor.exposed_for(float(np.max(self.signals(hottest_K))))
+
+    def variances(self, backgrounds_K: Sequence[float]) -> Floats:
+        """(2, 2, N): of T_app in K^2 and of the emissivity; by one injection and by one reference
+        before each background."""
+        sensor = self.exposure(max(backgrounds_K))
+        calibration = sensor.calibration()
+        bare, spray = (
+            np.stack(both) for both in zip(*(self.signals(k) for k in backgrounds_K), strict=True)
+        )
+        slope = (spray[-1] - spray[0]) / (bare[-1] - bare[0])
+        gone = np.clip(slope, 1e-9, 1.0 - 1e-9)
+        # An optical depth larger by a part q changes Delta I by q times this (see the simulated
+        # bench: all weights change by (1 - r^g) / (1 - r), r the transmission, g = 1 + q).
+        share = -gone * np.log(gone) / (1.0 - gone)
+        extra = (self.scatter * share * (spray - bare)) ** 2
+        scale = calibration.counts_per_radiance
+        calm, varied = (
+            calibration.variance_counts2(calibration.counts(seen)) / scale**2
+            for seen in (bare, spray)
+        )
+        transmission = self.whole.front.transmission
+        source = self.whole.leaving(backgrounds_K)
+        one = np.ones(bare.shape[1])
+        lines = fit_pair(
+            (source, source),
+            (self.whole.inside(bare), self.whole.inside(spray)),
+            variance=(calm / transmission**2, (varied + extra) / transmission**2),
+            usable=np.ones(bare.shape, bool),
+            shared=np.zeros(len(backgrounds_K)),
+            slopes=(one, one),
+        )
+        radiance, _ = apparent_radiance(lines)
+        g, _, s, _ = lines.values.T
+        kelvin = self.curve.temperature_slope(np.maximum(radiance, 0.0)) / (g - s)
+        zero = np.zeros_like(g)
+        gradients = (
+            np.stack([-radiance, -one, radiance, one], axis=1) * kelvin[:, None],
+            np.stack([s / g**2, zero, -1.0 / g, zero], axis=1),
+        )
+        kinds = (slice(2, 4), slice(0, 2))
+        return np.array(
+            [
+                [
+                    np.einsum("ni,nij,nj->n", row[:, of], lines.covariance[:, of, of], row[:, of])
+                    for of in kinds
+                ]
+                for row in gradients
+            ]
+        )
+
+
+def _seen(view: SensorView, weights: Weights) -> Weights:
+    return weights.map(lambda image: view.image(image).astype(np.float32))
+
+
+def _pixels(weights: Weights, places: NDArray[np.intp]) -> Weights:
+    return weights.map(lambda image: image.reshape(1, -1)[:, places])
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlackBody:
+    """A first-order black body, the rule by which one waits for it, and its limits."""
+
+    limits_K: tuple[float, float]
+    start_K: float
+    time_constant_s: float
+    stability: StabilitySection
+
+    def time_s(self, backgrounds_K: Iterable[float]) -> float:
+        """To visit all, the nearer end first: until each is within the tolerance, and held."""
+        stops = sorted(backgrounds_K)
+        if abs(stops[-1] - self.start_K) < abs(stops[0] - self.start_K):
+            stops.reverse()
+        total, here = 0.0, self.start_K
+        for stop in stops:
+            far = abs(stop - here) / self.stability.tolerance_K
+            total += self.time_constant_s * math.log(max(far, 1.0))
+            total += self.stability.hold_s + self.stability.settle_s
+            here = stop
+        return total
+
+
+@dataclass(frozen=True, kw_only=True)
+class Design:
+    """One way to the wanted error.
+
+    error_K, emissivity_error: predicted standard errors at the quantile of pixels. time_s: of
+    which waiting_s goes to the black body.
+    """
+
+    backgrounds_K: tuple[float, ...]
+    shots: int
+    references: int
+    integration_time_s: float
+    error_K: float
+    emissivity_error: float
+    time_s: float
+    waiting_s: float
+
+
+def temperatures_K(low_K: float, high_K: float, count: int) -> tuple[float, ...]:
+    """Backgrounds in equal steps, to a tenth of a kelvin."""
+    return tuple(round(float(kelvin), 1) for kelvin in np.linspace(low_K, high_K, count))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Goal:
+    """Standard errors that `quantile` of the pixels must stay below."""
+
+    error_K: float
+    emissivity_error: float = 0.02
+    quantile: float = 0.9
+
+    @property
+    def wanted(self) -> Floats:
+        return np.array([self.error_K, self.emissivity_error])
+
+    def errors(self, variances: Floats, n: float, m: float) -> Floats:
+        """(2,) of T_app and emissivity with n injections and m references; see `variances`."""
+        total = variances[:, 0] / n + variances[:, 1] / m
+        return np.sqrt(np.quantile(total, self.quantile, axis=-1))
+
+    def met(self, variances: Floats, n: float, m: float) -> bool:
+        return bool(np.all(self.errors(variances, n, m) <= self.wanted))
+
+
+def _fewest(variances: Floats, goal: Goal) -> tuple[int, int] | None:
+    """The numbers of shots and references with the least sum; None: too many."""
+
+    def enough(n: int) -> int | None:
+        """References that n shots need."""
+        if not goal.met(variances, n, MOST_SHOTS):
+            return None
+        low, high = LEAST_SHOTS - 1, MOST_SHOTS
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if goal.met(variances, n, middle) else (middle, high)
+        return high
+
+    best: tuple[int, int] | None = None
+    n = LEAST_SHOTS
+    while n <= MOST_SHOTS and (best is None or n < sum(best)):
+        m = enough(n)
+        if m is not None and (best is None or n + m < sum(best)):
+            best = (n, m)
+        n += max(1, n // 12)
+    return best
+
+
+def designs(
+    subject: Subject,
+    blackbody: BlackBody,
+    goal: Goal,
+    *,
+    shot_s: float,
+    counts: Sequence[int] = (2, 3, 4, 5, 6, 7),
+) -> list[Design]:
+    """For each number of backgrounds, the fastest way to the errors; the fastest of all first.
+
+    The sensor is exposed for the hottest background of a set, so none saturates it.
+
+    Raises:
+        EvaluationError: none reaches them, with the smallest errors that can be reached.
+    """
+    low_K, high_K = blackbody.limits_K
+    levels = np.linspace(low_K, high_K, _LEVELS)
+    found: list[Design] = []
+    smallest = np.array([np.inf, np.inf])
+    for count in counts:
+        best: Design | None = None
+        for low in levels:
+            for high in levels[levels > low]:
+                backgrounds = temperatures_K(low, high, count)
+                if len(set(backgrounds)) < count:
+                    continue
+                variances = subject.variances(backgrounds)
+                smallest = np.fmin(smallest, goal.errors(variances, MOST_SHOTS, MOST_SHOTS))
+                fewest = _fewest(variances, goal)
+                if fewest is None:
+                    continue
+                shots, bare = fewest
+                waiting_s = blackbody.time_s(backgrounds)
+                time_s = waiting_s + count * (shots + bare) * shot_s
+                if best is None or time_s < best.time_s:
+                    kelvin, emissivity = goal.errors(variances, shots, bare)
+                    best = Design(
+                        backgrounds_K=backgrounds,
+                        shots=shots,
+                        references=bare,
+                        integration_time_s=subject.exposure(high).integration_time_s,
+                        error_K=float(kelvin),
+                        emissivity_error=float(emissivity),
+                        time_s=time_s,
+                        waiting_s=waiting_s,
+                    )
+        if best is not None:
+            found.append(best)
+    if not found:
+        raise EvaluationError(
+            f"error: {goal.error_K:g} K in T_app and {goal.emissivity_error:g} in emissivity are "
+            f"not reached with {MOST_SHOTS} shots of either kind before backgrounds from "
+            f"{low_K:g} to {high_K:g} K; the smallest are {smallest[0]:.3g} K and "
+            f"{smallest[1]:.2g}. Allow a longer integration time, a wider filter, hotter "
+            "backgrounds, or a larger error"
+        )
+    return sorted(found, key=lambda design: design.time_s)
+
+
+def chosen(found: Sequence[Design]) -> Design:
+    """The fastest with a goodness of fit."""
+    fitting = [one for one in found if len(one.backgrounds_K) >= LEAST_BACKGROUNDS]
+    return (fitting or list(found))[0]
+
+
+def plan_of(design: Design, scene: Scene) -> Plan:
+    """The plan to run."""
+    base = plan_from_scene(scene, integration_time_s=design.integration_time_s)
+    return Plan.model_validate(
+        {
+            **base.model_dump(),
+            "backgrounds_K": design.backgrounds_K,
+            "shots": design.shots,
+            "references": design.references,
+        }
+    )
+
+
+def shot_time_s(scene: Scene) -> float:
+    """One shot of the plan, before what camera and injector need."""
+    plan = plan_from_scene(scene)
+    trigger = plan.trigger
+    return plan.pause_s + max(
+        plan.integration_time_s + trigger.camera_delay_s,
+        trigger.injector_delay_s + trigger.injector_width_s,
+    )
+
+
+def error_against_time(
+    subject: Subject, design: Design, goal: Goal, *, shot_s: float
+) -> tuple[Floats, Floats]:
+    """Time in s and error of T_app in K with more and fewer shots before the same backgrounds."""
+    variances = subject.variances(design.backgrounds_K)
+    factor = np.geomspace(1.0 / min(design.shots, design.references), 100.0, 60)
+    errors = [goal.errors(variances, f * design.shots, f * design.references)[0] for f in factor]
+    each_s = len(design.backgrounds_K) * (design.shots + design.references) * shot_s
+    return design.waiting_s + factor * each_s, np.array(errors)
+
+
+def opaque_errors_K(
+    subject: Subject,
+    spray_K: Floats,
+    backgrounds_K: Sequence[float],
+    *,
+    emissivity: float,
+    shots: int = 1,
+    references: int = 1,
+) -> Floats:
+    """Standard error of T_app of sprays at these temperatures (N,).
+
+    Sprays that only absorb, before an unobstructed background; scatter between shots is left out.
+    """
+    shape = (1, spray_K.size)
+
+    def image(value: Floats | float) -> NDArray[np.float32]:
+        return np.broadcast_to(np.asarray(value, np.float32), shape)
+
+    spray = Weights(
+        background=image(1.0 - emissivity),
+        wall=image(0.0),
+        vapour=image(0.0),
+        liquid=image(emissivity * subject.curve.radiance(spray_K)),
+    )
+    bare = Weights(background=image(1.0), wall=image(0.0), vapour=image(0.0), liquid=image(0.0))
+    grey = replace(
+        subject,
+        spray=(spray,),
+        reference=bare,
+        boundaries=(subject.whole,),
+        scatter=0.0,
+    )
+    injections, bare_ones = grey.variances(backgrounds_K)[0]
+    return np.asarray(np.sqrt(injections / shots + bare_ones / references))
+
+
+def coldest_K(
+    subject: Subject,
+    backgrounds_K: Sequence[float],
+    *,
+    error_K: float,
+    emissivity: float,
+    shots: int = 1,
+    references: int = 1,
+) -> float:
+    """The coldest spray whose T_app so many shots before each background tell; NaN if none."""
+    kelvin = np.linspace(200.0, max(backgrounds_K), 2001)
+    errors = opaque_errors_K(
+        subject,
+        kelvin,
+        backgrounds_K,
+        emissivity=emissivity,
+        shots=shots,
+        references=references,
+    )
+    told = np.flatnonzero(errors <= error_K)
+    return float(kelvin[told[0]]) if told.size else math.nan

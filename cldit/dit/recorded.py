@@ -1,0 +1,311 @@
+"""Differential infrared thermography of recorded shots."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.camera.calibration import Calibration
+from cldit.camera.curve import Curve, CurveFit, fit_curve
+from cldit.camera.photon_transfer import photon_transfer
+from cldit.dit.evaluate import blocks, check_span, stack
+from cldit.dit.maps import Maps, Reason
+from cldit.dit.odd import OddShot, check_not_mirrored, judge
+from cldit.dit.shots import Acquisition, Sums, accumulate, check_shots
+from cldit.dit.solve import Signals, solve
+from cldit.errors import EvaluationError
+from cldit.optics.response import from_plain
+from cldit.optics.spectral import reference_temperature_K
+from cldit.optics.windows import band_pane
+from cldit.radiance.boundary import Boundary
+
+Floats = NDArray[np.float64]
+AllSums = Mapping[tuple[float, str], Sums]
+Watch = Callable[[int, int], None]
+
+CurveSource = Literal["planck", "fitted"]
+
+_SEES = 0.5  # of the strongest contrast between backgrounds: the pixel sees the background
+_MUCH = 0.01  # share of saturated pixels that is worth a word
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """Maps, and what a reader of them should know.
+
+    remarks: one line each. odd: shots unlike the others. fitted: the calibration curve, where it
+    was fitted to the references. calibration: as used, with what was estimated from the pictures.
+    """
+
+    maps: Maps
+    remarks: tuple[str, ...]
+    odd: tuple[OddShot, ...]
+    fitted: CurveFit | None
+    calibration: Calibration
+
+    def to_json(self) -> str:
+        """Everything but the maps."""
+        plain = {
+            "remarks": self.remarks,
+            "odd_shots": [asdict(shot) for shot in self.odd],
+            "pixels": {reason.text: count for reason, count in self.maps.count().items()},
+            "calibration": self.calibration.to_dict(),
+            "curve": None
+            if self.fitted is None
+            else {
+                "stretch": self.fitted.curve.stretch,
+                "stretch_error": self.fitted.stretch_error,
+                "residual_K": self.fitted.residual_K,
+            },
+        }
+        return json.dumps(plain, indent=2)
+
+
+def evaluate_acquisition(acquisition: Acquisition, *, progress: Watch | None = None) -> Maps:
+    """The maps of `evaluate_shots`, with Planck's curve and every shot in full."""
+    return evaluate_shots(acquisition, progress=progress).maps
+
+
+def evaluate_shots(
+    acquisition: Acquisition,
+    *,
+    curve: CurveSource = "planck",
+    robust: bool = False,
+    progress: Watch | None = None,
+) -> Evaluation:
+    """DIT of recorded shots.
+
+    Shots of one set point are averaged; one picture is held at a time, so that memory grows with
+    the number of backgrounds only (34 bytes a pixel each). A background before which a pixel was
+    saturated is left out for this pixel. Standard errors: see `cldit.dit.solve.solve`. What the
+    calibration lacks of counts_per_radiance and noise is taken from the references.
+
+    Args:
+        curve: from Planck's law over the filter, or fitted to the references (`fit_curve`).
+        robust: weigh shots that are far off the others less (`cldit.dit.odd`); they are read a
+            second time.
+        progress: called with (shots read, shots in all).
+
+    Raises:
+        EvaluationError: what is missing or does not fit; references and injections swapped.
+    """
+    setpoints = check_shots(acquisition.shots)
+    sums = accumulate(acquisition, _saturation(acquisition.calibration), progress)
+    odd, weights = judge(sums)
+    if robust:
+        _reweigh(acquisition, sums, weights)
+    bad = acquisition.bad_pixels
+    sees = _seeing(sums, setpoints, bad)
+    fitted = None
+    filter_um = from_plain(acquisition.calibration["filter_um"])
+    chosen = Curve(filter_um=filter_um)
+    if curve == "fitted":
+        counts = [np.mean(sums[k, "reference"].mean(slice(None))[sees]) for k in setpoints]
+        kelvin = [sums[k, "reference"].temperature_K for k in setpoints]
+        fitted = fit_curve(np.array(kelvin), np.array(counts), filter_um=filter_um)
+        chosen = fitted.curve
+    middle_K = reference_temperature_K(setpoints)
+    whole = Boundary.of(
+        acquisition.surroundings,
+        chosen.radiance,
+        lambda window: band_pane(window, filter_um, reference_K=middle_K),
+    )
+    sources: dict[str, Floats] = {}
+    for kind in ("reference", "injection"):
+        means = [sums[setpoint, kind].temperature_K for setpoint in setpoints]
+        sources[kind] = whole.leaving(means)
+        check_span(sources[kind], means)
+    check_not_mirrored(sums, sources)
+    calibration = _complete(
+        acquisition.calibration, sums, sees, sources["reference"] * whole.front.transmission
+    )
+    maps = _solved(
+        sums,
+        setpoints,
+        sources,
+        calibration=calibration,
+        curve=chosen,
+        transmission=whole.front.transmission,
+        shared=_shared(acquisition, sums, setpoints, whole),
+    )
+    if bad is not None:
+        maps = _without(maps, bad)
+    _check_not_swapped(maps)
+    return Evaluation(
+        maps=maps,
+        remarks=tuple(_remarks(sums, odd, fitted, robust)),
+        odd=odd,
+        fitted=fitted,
+        calibration=calibration,
+    )
+
+
+def _saturation(calibration: Mapping[str, Any]) -> float:
+    try:
+        return float(calibration["saturation_counts"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise EvaluationError(
+            f"calibration.saturation_counts: missing or no number ({error})"
+        ) from error
+
+
+def _reweigh(acquisition: Acquisition, sums: AllSums, weights: Mapping[str, float]) -> None:
+    shots = {shot.id: shot for shot in acquisition.shots if shot.id in weights}
+    for group in sums.values():
+        for number, name in enumerate(group.ids):
+            if name in shots:
+                group.reweigh(acquisition.load(shots[name]), number, weights[name])
+
+
+def _seeing(
+    sums: AllSums, setpoints: Sequence[float], bad: NDArray[np.bool_] | None
+) -> NDArray[np.bool_]:
+    """Pixels that see the background, by what it does to the references, and never saturate."""
+    cold, hot = (sums[k, "reference"].mean(slice(None)) for k in (setpoints[0], setpoints[-1]))
+    good = np.asarray(~np.any([sums[k, "reference"].full for k in setpoints], axis=0))
+    if bad is not None:
+        good &= ~bad
+    contrast = hot - cold
+    if not good.any() or not np.percentile(contrast[good], 95) > 0.0:
+        return good
+    return np.asarray(good & (contrast > _SEES * np.percentile(contrast[good], 95)))
+
+
+def _complete(
+    given: Mapping[str, Any], sums: AllSums, sees: NDArray[np.bool_], seen: Floats
+) -> Calibration:
+    """The calibration, what it lacks taken from the references.
+
+    Args:
+        seen: (K,) radiance that the camera gets of each background, rising set points.
+    """
+    data = dict(given)
+    groups = [group for (_, kind), group in sorted(sums.items()) if kind == "reference"]
+    missing = {"counts_per_radiance", "electrons_per_count", "read_noise_electrons"} - set(data)
+    if missing and not sees.any():
+        raise EvaluationError(
+            f"calibration: {', '.join(sorted(missing))} cannot be estimated: no pixel sees the "
+            "background unsaturated"
+        )
+    if missing & {"electrons_per_count", "read_noise_electrons"}:
+        exposures = min(len(group.ids) for group in groups)
+        if exposures < 2:
+            raise EvaluationError(
+                "sensor: noise cannot be estimated from one reference a background; take more, or "
+                "give sensor.electrons_per_count and read_noise_electrons"
+            )
+        several = [group for group in groups if len(group.ids) == exposures]
+        noise = photon_transfer(
+            np.concatenate([group.mean(slice(None))[sees] for group in several]),
+            np.concatenate([group.variance(slice(None))[sees] for group in several]),
+            exposures=exposures,
+            offset_counts=data.get("offset_counts"),
+        )
+        data |= {field.name: getattr(noise, field.name) for field in fields(noise)}
+    if "counts_per_radiance" in missing:
+        means = np.array([np.mean(group.mean(slice(None))[sees]) for group in groups])
+        unit = float(np.max(seen))
+        data["counts_per_radiance"] = float(np.polyfit(seen / unit, means, 1)[0]) / unit
+        if not data["counts_per_radiance"] > 0.0:
+            raise EvaluationError(
+                "references: hotter backgrounds do not look brighter; check the temperatures"
+            )
+    return Calibration.from_dict({"offset_counts": 0.0, **data})
+
+
+def _shared(
+    acquisition: Acquisition, sums: AllSums, setpoints: Sequence[float], whole: Boundary
+) -> Floats:
+    """(K,) variance of the backgrounds' radiance that either kind has in common."""
+    own_K = acquisition.surroundings.background_error_K
+    kelvin = np.array([sums[k, "injection"].temperature_K for k in setpoints])
+    readings_K2 = np.array([sums[k, "injection"].temperature_variance_K2 for k in setpoints])
+    rise = (whole.leaving(kelvin + 0.01) - whole.leaving(kelvin - 0.01)) / 0.02
+    return np.asarray(rise**2 * (own_K**2 + readings_K2))
+
+
+def _solved(
+    sums: AllSums,
+    setpoints: Sequence[float],
+    sources: Mapping[str, Floats],
+    *,
+    calibration: Calibration,
+    curve: Curve,
+    transmission: float,
+    shared: Floats,
+) -> Maps:
+    """Offsets of the camera and what a front window adds are in the lines' intercepts."""
+    scale = calibration.counts_per_radiance * transmission
+
+    def signals(kind: str, rows: slice) -> Signals:
+        found = [sums[setpoint, kind] for setpoint in setpoints]
+
+        def camera(signal: Floats) -> Floats:
+            counts = signal * scale + calibration.offset_counts
+            return calibration.variance_counts2(counts) / scale**2
+
+        return Signals(
+            source=sources[kind],
+            mean=(np.stack([item.mean(rows) for item in found]) - calibration.offset_counts)
+            / scale,
+            camera=camera,
+            exposures=np.array([item.exposures for item in found]),
+            observed=np.stack([item.variance(rows) for item in found]) / scale**2,
+        )
+
+    full = {k: sums[k, "reference"].full | sums[k, "injection"].full for k in setpoints}
+    parts: list[Maps] = []
+    for rows in blocks(full[setpoints[0]].shape, len(setpoints)):
+        part = solve(
+            signals("reference", rows),
+            signals("injection", rows),
+            usable=~np.stack([full[setpoint][rows] for setpoint in setpoints]),
+            curve=curve,
+            shared=shared,
+        )
+        part.reason[part.reason == Reason.TOO_FEW_BACKGROUNDS] = Reason.SATURATED
+        parts.append(part)
+    return stack(parts)
+
+
+def _without(maps: Maps, bad: NDArray[np.bool_]) -> Maps:
+    images = {
+        item.name: np.where(bad, np.float32(np.nan), getattr(maps, item.name))
+        for item in fields(Maps)
+        if item.name != "reason"
+    }
+    return replace(maps, **images, reason=np.where(bad, np.uint8(Reason.BAD_PIXEL), maps.reason))
+
+
+def _check_not_swapped(maps: Maps) -> None:
+    """A spray takes from the background; where more comes through, the kinds are swapped."""
+    sure = np.maximum(5.0 * maps.emissivity_standard_error, 0.05)
+    more = int(np.count_nonzero(maps.emissivity < -sure))
+    less = int(np.count_nonzero(maps.emissivity > sure))
+    if more > max(less, 1e-3 * maps.emissivity.size):
+        raise EvaluationError(
+            f"{more} pixels see more of the background in the injections than in the references "
+            f"(and {less} less): are references and injections swapped?"
+        )
+
+
+def _remarks(
+    sums: AllSums, odd: Sequence[OddShot], fitted: CurveFit | None, robust: bool
+) -> list[str]:
+    lines: list[str] = []
+    if fitted is not None:
+        lines.append(f"calibration curve of the references: {fitted.text}")
+    for setpoint in sorted({setpoint for setpoint, _ in sums}):
+        share = float(np.mean(sums[setpoint, "reference"].full | sums[setpoint, "injection"].full))
+        if share > _MUCH:
+            lines.append(
+                f"background {setpoint:g} K: {100 * share:.0f} % of the pixels are saturated and "
+                "do without it"
+            )
+    ending = "left out" if robust else "counted in full; --robust leaves it out"
+    return lines + [f"{shot.text}; {ending}" for shot in odd]

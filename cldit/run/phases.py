@@ -1,0 +1,103 @@
+"""How the droplets of a scene scatter: by its phase function, or by what its preset means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from cldit.medium.octree import PointSource
+from cldit.optics.band import BandOptics
+from cldit.optics.cache import Arrays, cached, digest
+from cldit.scene import Scene
+from cldit.scene.transport import HenyeyGreenstein
+from cldit.spray.result import Spray
+from cldit.transport.phase import PhaseError, ScatteringTable, mean_of
+
+_FORM = 1  # of kept phase functions
+
+
+@dataclass(frozen=True)
+class PhaseChoice:
+    """How droplets scatter: by Mie's phase function or not, in words, and what one should know."""
+
+    mie: bool
+    words: str
+    remarks: tuple[str, ...] = ()
+
+
+def phase_choice(scene: Scene, spray: Spray, preset: Literal["paper", "spectral"]) -> PhaseChoice:
+    """What the scene says, or what its preset means where it says nothing."""
+    given = scene.transport.phase
+    if isinstance(given, HenyeyGreenstein):
+        return PhaseChoice(False, f"Henyey and Greenstein, g {given.henyey_greenstein:g}")
+    if given is not None:
+        return PhaseChoice(given == "mie", given)
+    if preset == "paper":
+        return PhaseChoice(False, "isotropic (preset paper)")
+    if _coefficients(spray):
+        remark = (
+            "droplets given as coefficients, without diameters, are taken to scatter "
+            "isotropically; set transport.phase: {henyey_greenstein: g} if g is known"
+        )
+        return PhaseChoice(False, "isotropic (no diameters)", (remark,))
+    if scene.transport.method == "branching":
+        remark = "method branching scatters isotropically, whatever the preset"
+        return PhaseChoice(False, "isotropic (method branching)", (remark,))
+    return PhaseChoice(True, "mie (preset spectral)")
+
+
+def _coefficients(spray: Spray) -> bool:
+    given = spray.prescribed
+    return given is not None and bool(np.any(given.droplet_scattering_per_m > 0))
+
+
+def droplets_content(spray: Spray) -> str:
+    """A short text that stands for all of a spray's droplets."""
+    if spray.parcels is None:
+        return ""
+    parcels = spray.parcels
+    return digest(parcels.diameter_m, parcels.droplets, parcels.temperature_K)
+
+
+def mean_phase(
+    spray: Spray,
+    band: BandOptics,
+    points: PointSource | None,
+    *,
+    content: str,
+    cache: Path | None,
+) -> ScatteringTable | None:
+    """The droplets' mean phase function in one band; None where none scatters.
+
+    Args:
+        points: what `emitters` made of the droplets in this band.
+        content: digest of the droplets, `droplets_content`, by which it is kept.
+        cache: folder in which it is kept; None keeps nothing.
+
+    Raises:
+        PhaseError: droplets are given as coefficients, without diameters.
+    """
+    if _coefficients(spray):
+        raise PhaseError(
+            "transport.phase: mie needs droplet diameters, and this spray gives coefficients only; "
+            "allowed: isotropic, {henyey_greenstein: g}"
+        )
+    if points is None or spray.parcels is None or band.droplets is None:
+        return None
+    if not points.scattering_m2.any():
+        return None
+    indices = [(one.wavelength_um, one.n, one.k) for one in band.droplets.tables]
+    kept = cached(
+        cache,
+        kind="scattering",
+        text=f"{_FORM} {indices!r} {band.droplets.temperature_K.tolist()!r} {content}",
+        make=lambda: _plain(mean_of(spray.parcels, band.droplets, points.scattering_m2)),
+    )
+    return ScatteringTable(kept["cosine"], kept["cumulative"])
+
+
+def _plain(table: ScatteringTable | None) -> Arrays:
+    return {} if table is None else {"cosine": table.cosine, "cumulative": table.cumulative}

@@ -1,0 +1,283 @@
+"""Finite volumes on a staggered grid: what advection and diffusion make of the gas in a step.
+
+Fluxes are second order in space and time where the field is smooth (Lax and Wendroff), and total
+variation diminishing by van Leer's limiter, under a CFL number, summed over the axes, below 1.
+
+One function works out what passes a row of faces, without branches, so that it becomes vector
+instructions; rows are made long by taking whole planes of the grid as one. `first` and `last` are
+the slab of the first axis that a thread does. Indices are as `kernels` has them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.spray.flow.compiled import compiled
+
+Floats = NDArray[np.float64]
+
+
+@compiled
+def neighbour(i: int, count: int, closed: bool) -> int:
+    """Index of a cell, where i may be beyond the ends."""
+    if closed:
+        return min(max(i, 0), count - 1)
+    return i % count
+
+
+@compiled
+def _passing(
+    flux: Floats,
+    mass: Floats,
+    share: Floats,
+    ratio: float,
+    far: Floats,
+    low: Floats,
+    high: Floats,
+    beyond: Floats,
+    result: Floats,
+) -> None:
+    """What passes the faces of a row, (K,), times the spacing's part in `ratio`.
+
+    flux: of mass; mass: density there; share: diffusion, for each difference of the values; ratio:
+    step over spacing. Values far, low | high, beyond on both sides of the face.
+    """
+    for k in range(result.shape[0]):
+        # Everything is read and worked out on both sides, so that nothing but selections is left.
+        m, rho, d = flux[k], mass[k], share[k]
+        t, x, y, z = far[k], low[k], high[k], beyond[k]
+        onward = m >= 0.0
+        speed = ratio * m / rho
+        rise = y - x
+        first, second = x - t, z - y
+        behind = first if onward else second
+        up = x if onward else y
+        sign = 1.0 if onward else -1.0
+        # van Leer's limiter of r = behind / rise is 2 r / (1 + r); half of it, times rise.
+        product = behind * rise
+        total = behind + rise
+        even = product <= 0.0
+        slope = (0.0 if even else product) / (1.0 if even else total)
+        result[k] = m * (up + (sign - speed) * slope) - d * rise
+
+
+@compiled
+def mean(one: Floats, other: Floats, factor: float, result: Floats) -> None:
+    for k in range(result.shape[0]):
+        result[k] = 0.5 * factor * (one[k] + other[k])
+
+
+@compiled
+def _rows(plane: Floats, closed: bool, result: Floats) -> None:
+    """A plane (Y, Z) with two more rows at both ends, (Y + 4, Z)."""
+    count = plane.shape[0]
+    for j in range(count + 4):
+        result[j] = plane[neighbour(j - 2, count, closed)]
+
+
+@compiled
+def lengthen(plane: Floats, closed: bool, result: Floats) -> None:
+    """A plane (Y, Z) with two more values at both ends of its rows, (Y, Z + 4)."""
+    count = plane.shape[1]
+    for n in (0, 1, count + 2, count + 3):
+        k = neighbour(n - 2, count, closed)
+        for j in range(plane.shape[0]):
+            result[j, n] = plane[j, k]
+    for j in range(plane.shape[0]):
+        result[j, 2 : count + 2] = plane[j]
+
+
+@compiled
+def _halves(flat: Floats, stride: int, along: bool, factor: float, result: Floats) -> None:
+    """On the faces of a padded plane, flat: mean of the cells on both sides, times a factor; or
+    for volumes that are moved along the axis the cell itself."""
+    count = result.shape[0]
+    low = flat[stride : count + stride]
+    mean(low, low if along else flat[2 * stride : count + 2 * stride], factor, result)
+
+
+@compiled
+def _through(
+    flux: Floats,
+    mass: Floats,
+    share: Floats,
+    ratio: float,
+    flat: Floats,
+    stride: int,
+    result: Floats,
+) -> None:
+    """`_passing` for a padded plane, flat; stride: from a value to its neighbour."""
+    n = result.shape[0]
+    far, low = flat[:n], flat[stride : n + stride]
+    high, beyond = flat[2 * stride : n + 2 * stride], flat[3 * stride : n + 3 * stride]
+    _passing(flux, mass, share, ratio, far, low, high, beyond, result)
+
+
+@compiled
+def carry(
+    fields: Floats,
+    flux: Floats,
+    density: Floats,
+    exchange: Floats,
+    step: float,
+    spacing: float,
+    closed: bool,
+    first: int,
+    last: int,
+    result: Floats,
+) -> None:
+    """Adds to `result` (S, X, Y, Z) what a step brings of S fields (S, X, Y, Z), given per mass.
+
+    flux: mass fluxes (3, X, Y, Z) through the faces; exchange: diffusivity times density of the
+    cells.
+    """
+    nx, ny, nz = density.shape
+    scalars, ratio, size = fields.shape[0], step / spacing, ny * nz
+    mass, share = np.empty((ny + 1) * (nz + 4)), np.empty((ny + 1) * (nz + 4))
+    rows, ends = np.empty((ny + 4, nz)), np.empty((ny, nz + 4))
+    m_rows, m_ends = np.empty((ny + 1, nz)), np.zeros((ny, nz + 4))
+    upright, flat = (ny + 1) * nz, ny * (nz + 4) - 3  # faces in such planes
+    below = np.zeros((2, scalars, ny, nz))  # through the faces before this i and the next one
+    beside, beyond = np.empty((scalars, ny + 1, nz)), np.empty((scalars, ny, nz + 4))
+    for i in range(first, last + 1):
+        now, face = i & 1, i % nx
+        a, p = neighbour(i - 1, nx, closed), neighbour(i, nx, closed)
+        u, v = neighbour(i - 2, nx, closed), neighbour(i + 1, nx, closed)
+        mean(density[a].reshape(-1), density[p].reshape(-1), 1.0, mass[:size])
+        mean(exchange[a].reshape(-1), exchange[p].reshape(-1), 1 / spacing, share[:size])
+        for s in range(scalars):
+            f = fields[s].reshape((nx, size))
+            out = below[now, s].reshape(-1)
+            m = flux[0, face].reshape(-1)
+            _passing(m, mass[:size], share[:size], ratio, f[u], f[a], f[p], f[v], out)
+        if i == first:
+            continue
+        c = i - 1  # the cells between the two planes of faces
+        m_rows[:ny] = flux[1, c]
+        m_rows[ny] = flux[1, c, 0]
+        _rows(density[c], closed, rows)
+        _halves(rows.reshape(-1), nz, False, 1.0, mass[:upright])
+        _rows(exchange[c], closed, rows)
+        _halves(rows.reshape(-1), nz, False, 1 / spacing, share[:upright])
+        for s in range(scalars):
+            _rows(fields[s, c], closed, rows)
+            m, out = m_rows.reshape(-1), beside[s].reshape(-1)
+            _through(m, mass[:upright], share[:upright], ratio, rows.reshape(-1), nz, out)
+        m_ends[:, :nz] = flux[2, c]
+        m_ends[:, nz] = flux[2, c, :, 0]
+        lengthen(density[c], closed, ends)
+        _halves(ends.reshape(-1), 1, False, 1.0, mass[:flat])
+        lengthen(exchange[c], closed, ends)
+        _halves(ends.reshape(-1), 1, False, 1 / spacing, share[:flat])
+        for s in range(scalars):
+            lengthen(fields[s, c], closed, ends)
+            m, out = m_ends.reshape(-1), beyond[s].reshape(-1)[:flat]
+            _through(m, mass[:flat], share[:flat], ratio, ends.reshape(-1), 1, out)
+        for s in range(scalars):
+            for j in range(ny):
+                one, two = below[1 - now, s, j], below[now, s, j]
+                three, four, five = beside[s, j], beside[s, j + 1], beyond[s, j]
+                out = result[s, c, j]
+                for k in range(nz):
+                    gain = one[k] - two[k] + three[k] - four[k] + five[k] - five[k + 1]
+                    out[k] += ratio * gain
+
+
+@compiled
+def _staggered(flux: Floats, i: int, along: int, result: Floats) -> None:
+    """Mean of the plane i of a face field with itself moved by one cell along an axis, (Y, Z)."""
+    ny, nz = result.shape
+    if along == 0:
+        mean(flux[i].reshape(-1), flux[i - 1].reshape(-1), 1.0, result.reshape(-1))
+        return
+    for j in range(ny):
+        row, out = flux[i, j], result[j]
+        if along == 1:
+            mean(row, flux[i, j - 1], 1.0, out)
+        else:
+            out[0] = 0.5 * (row[0] + row[nz - 1])
+            mean(row[1:], row[: nz - 1], 1.0, out[1:])
+
+
+@compiled
+def push(
+    along: int,
+    velocity: Floats,
+    flux: Floats,
+    density: Floats,
+    viscosity: Floats,
+    given: Floats,
+    step: float,
+    spacing: float,
+    closed: bool,
+    first: int,
+    last: int,
+    result: Floats,
+) -> None:
+    """The mass flux along an axis, which is momentum, after a step: `result` (X, Y, Z).
+
+    velocity (X, Y, Z) of the faces across that axis; flux (3, X, Y, Z); viscosity of the cells,
+    Pa s; given (X, Y, Z): momentum added. Walls slip, and take up what flows into them.
+    """
+    nx, ny, nz = density.shape
+    ratio, size = step / spacing, ny * nz
+    mass, share = np.empty((ny + 1) * (nz + 4)), np.empty((ny + 1) * (nz + 4))
+    rows, ends = np.empty((ny + 4, nz)), np.empty((ny, nz + 4))
+    m, m_rows, m_ends = np.empty((ny, nz)), np.empty((ny + 1, nz)), np.zeros((ny, nz + 4))
+    upright, flat = (ny + 1) * nz, ny * (nz + 4) - 3
+    below = np.zeros((2, ny, nz))
+    beside, beyond = np.empty((ny + 1, nz)), np.empty((ny, nz + 4))
+    speeds = velocity.reshape((nx, size))
+    # Along its own axis a face field goes round, for the wall is its first and its last entry;
+    # a face of its volumes is the middle of the cell below.
+    held = (closed and along != 0, closed and along != 1, closed and along != 2)
+    for i in range(first, last + 1):
+        now, face = i & 1, i % nx
+        a, p = neighbour(i - 1, nx, held[0]), neighbour(i, nx, held[0])
+        u, v = neighbour(i - 2, nx, held[0]), neighbour(i + 1, nx, held[0])
+        q = a if along == 0 else p
+        _staggered(flux[0], face, along, m)
+        mean(density[a].reshape(-1), density[q].reshape(-1), 1.0, mass[:size])
+        mean(viscosity[a].reshape(-1), viscosity[q].reshape(-1), 1 / spacing, share[:size])
+        _passing(
+            m.reshape(-1),
+            mass[:size],
+            share[:size],
+            ratio,
+            speeds[u],
+            speeds[a],
+            speeds[p],
+            speeds[v],
+            below[now].reshape(-1),
+        )
+        if i == first:
+            continue
+        c = i - 1
+        _staggered(flux[1], c, along, m)
+        m_rows[:ny] = m
+        m_rows[ny] = m[0]
+        _rows(density[c], held[1], rows)
+        _halves(rows.reshape(-1), nz, along == 1, 1.0, mass[:upright])
+        _rows(viscosity[c], held[1], rows)
+        _halves(rows.reshape(-1), nz, along == 1, 1 / spacing, share[:upright])
+        _rows(velocity[c], held[1], rows)
+        there = m_rows.reshape(-1), mass[:upright], share[:upright]
+        _through(*there, ratio, rows.reshape(-1), nz, beside.reshape(-1))
+        _staggered(flux[2], c, along, m)
+        m_ends[:, :nz] = m
+        m_ends[:, nz] = m[:, 0]
+        lengthen(density[c], held[2], ends)
+        _halves(ends.reshape(-1), 1, along == 2, 1.0, mass[:flat])
+        lengthen(viscosity[c], held[2], ends)
+        _halves(ends.reshape(-1), 1, along == 2, 1 / spacing, share[:flat])
+        lengthen(velocity[c], held[2], ends)
+        there = m_ends.reshape(-1), mass[:flat], share[:flat]
+        _through(*there, ratio, ends.reshape(-1), 1, beyond.reshape(-1)[:flat])
+        for j in range(ny):
+            one, two = below[1 - now, j], below[now, j]
+            three, four, five = beside[j], beside[j + 1], beyond[j]
+            before, more, out = flux[along, c, j], given[c, j], result[c, j]
+            for k in range(nz):
+                gain = one[k] - two[k] + three[k] - four[k] + five[k] - five[k + 1]
+                out[k] = before[k] + more[k] + ratio * gain

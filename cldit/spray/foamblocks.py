@@ -1,0 +1,86 @@
+"""Collated OpenFOAM cases: `processorsN` folders whose files hold one block for each processor.
+
+Format after OpenFOAM's decomposedBlockData: behind the file's own header a List<char> for each
+processor, its number of bytes, `(`, the bytes, `)`. The first block begins with the header of the
+content; the others have none and go by that one (early versions gave each its own).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from cldit.errors import SprayError
+
+COLLATED = b"decomposedBlockData"
+_NAME = re.compile(r"processors(\d+)(?:_(\d+)-(\d+))?$")
+_BLOCK = re.compile(rb"(?:\s|//[^\n]*\n|/\*.*?\*/)*(\d+)\s*\(", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Root:
+    """Where a case, or a processor's part of it, lies; block: number in its files, if collated."""
+
+    path: Path
+    block: int | None = None
+
+    def label(self, file: Path) -> str:
+        """The file's name, for messages."""
+        return str(file) if self.block is None else f"{file} (block {self.block})"
+
+
+def split_roots(case: Path) -> list[Root]:
+    """Parts of a decomposed case, by processor; none if it is not decomposed.
+
+    Raises:
+        SprayError: folders for some of the processors are missing, or there are two sets.
+    """
+    single = sorted(case.glob("processor[0-9]*"), key=lambda each: int(each.name[9:]))
+    found = [(each, match) for each in case.glob("processors[0-9]*") if (match := _matched(each))]
+    if not found:
+        return [Root(each) for each in single]
+    counts = {int(match.group(1)) for _, match in found}
+    names = ", ".join(sorted(each.name for each, _ in found))
+    if len(counts) > 1 or single:
+        others = f", and {single[0].name}" if single else ""
+        raise SprayError(f"{case}: is decomposed in more than one way: {names}{others}")
+    parts: dict[int, Root] = {}
+    for each, match in found:
+        first = int(match.group(2) or 0)
+        last = int(match.group(3)) if match.group(3) else int(match.group(1)) - 1
+        parts |= {number: Root(each, number - first) for number in range(first, last + 1)}
+    count = counts.pop()
+    if missing := sorted(set(range(count)) - set(parts)):
+        raise SprayError(f"{case}: no folder for processor {missing[0]} of {count}; it has {names}")
+    return [parts[number] for number in range(count)]
+
+
+def _matched(folder: Path) -> re.Match[str] | None:
+    return _NAME.match(folder.name)
+
+
+def block_of(content: bytes, path: Path, block: int) -> tuple[bytes, bytes]:
+    """The content of the first block, and of one, from what follows the file's header.
+
+    Raises:
+        SprayError: a block is cut off, or there are too few.
+    """
+    at, first = 0, b""
+    for number in range(block + 1):
+        match = _BLOCK.match(content, at)
+        if match is None:
+            raise SprayError(
+                f"{path}: truncated, or of fewer processors: it has {number} blocks, and block "
+                f"{block} is asked for"
+            )
+        size, begin = int(match.group(1)), match.end()
+        if content[begin + size : begin + size + 1] != b")":
+            raise SprayError(
+                f"{path}: truncated or damaged: block {number} does not end after the {size} bytes "
+                "that it announces"
+            )
+        inside = content[begin : begin + size]
+        first = inside if number == 0 else first
+        at = begin + size + 1
+    return first, inside

@@ -1,0 +1,94 @@
+"""What an error of the weights is in apparent temperature, to first order, as a trace goes on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.optics.planck import band_radiance, band_radiance_slope, temperature_of_radiance
+from cldit.optics.response import scene_filter
+from cldit.radiance.weights import background_radiance
+from cldit.scene.schema import Scene
+from cldit.transport.cells import OpticalCells
+
+Floats = NDArray[np.float64]
+
+VISIBLE = 0.05  # emissivity under which a temperature says little, whatever the trace
+
+
+def _radiances(cells: OpticalCells, scene: Scene) -> Floats:
+    """(C,) radiance that each weight goes with, the background's being its middle one's."""
+    filter_um = scene_filter(scene)
+
+    def black(temperature_K: float) -> float:
+        return float(band_radiance(temperature_K, filter_um=filter_um))
+
+    wall = black(scene.walls.temperature_K)
+    grey = [
+        background_radiance(blackbody=black(kelvin), wall=wall, emissivity=emissivity)
+        for kelvin, emissivity in (
+            (float(np.median(scene.background.temperatures_K)), scene.background.emissivity),
+            *((patch.temperature_K, patch.emissivity) for patch in scene.patches),
+        )
+    ]
+    return np.array([grey[0], wall, *grey[1:], *(cells.scale for _ in cells.needs.emitters)])
+
+
+def error_K(mean: Floats, difference: Floats, cells: OpticalCells, scene: Scene) -> Floats:
+    """Error (N,) of T_app that `difference` (C, N) of the weights (C, N) stands for.
+
+    NaN at emissivities up to 0.05. Where the line of sight misses the background the emissivity is
+    taken as if it did not; this only says when and where to go on.
+    """
+    filter_um = scene_filter(scene)
+    own = _radiances(cells, scene)[1:]
+    emissivity = 1.0 - mean[0]
+    apparent = own @ mean[1:] / np.maximum(emissivity, 1e-9)
+    out = np.full(mean.shape[1], np.nan)
+    here = (emissivity > VISIBLE) & (apparent > 0)
+    if here.any():
+        apparent = apparent[here]
+        radiance = own @ difference[1:, here] + difference[0, here] * apparent
+        temperature = temperature_of_radiance(apparent, filter_um=filter_um)
+        slope = band_radiance_slope(temperature, filter_um=filter_um)
+        out[here] = radiance / emissivity[here] / slope
+    return out
+
+
+def steep(
+    image: Floats, cells: OpticalCells, scene: Scene, *, accuracy_K: float
+) -> NDArray[np.int64]:
+    """Pixels (N,), flat, in which one ray cannot stand for the pixel's area, and those beside them.
+
+    A ray in the middle misses the mean over a pixel by a 24th of the second difference where the
+    picture is smooth, and by up to half of it at an edge; a quarter is taken, in T_app and in the
+    temperature of what the camera sees before the middle background.
+
+    Args:
+        image: (C, H, W) weights from one ray a pixel.
+    """
+    _, rows, columns = image.shape
+    marked = np.zeros((rows, columns), bool)
+    for axis in (1, 2):
+        if image.shape[axis] < 3:
+            continue
+        change = np.zeros_like(image)
+        inner = [slice(None)] * 3
+        inner[axis] = slice(1, -1)
+        change[tuple(inner)] = np.diff(image, n=2, axis=axis) / 4
+        bent = np.flatnonzero(np.max(np.abs(change), axis=0) > 1e-5)
+        there, missed = (part.reshape(len(part), -1)[:, bent] for part in (image, change))
+        kelvin = np.nan_to_num(np.abs(error_K(there, missed, cells, scene)))
+        seen = np.maximum(_radiances(cells, scene) @ there, 1e-300)
+        bright = temperature_of_radiance(seen, filter_um=scene_filter(scene))
+        slope = band_radiance_slope(bright, filter_um=scene_filter(scene))
+        missed_K = np.abs(_radiances(cells, scene) @ missed) / np.maximum(slope, 1e-300)
+        marked.flat[bent[np.maximum(kelvin, missed_K) > accuracy_K]] = True
+    wide = marked.copy()
+    for axis in (0, 1):
+        one = wide.copy()
+        ahead, behind = [slice(None)] * 2, [slice(None)] * 2
+        ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
+        wide[tuple(ahead)] |= one[tuple(behind)]
+        wide[tuple(behind)] |= one[tuple(ahead)]
+    return np.flatnonzero(wide)

@@ -1,0 +1,30 @@
+/* How many steps the picture's lines of sight take, and how many of them through something: what
+   image.cl does for every pixel, without the light. For `cldit bench`. */
+
+#include "boundary.h"
+#include "ray.h"
+#include "walk.h"
+
+__kernel void count(
+    __global int2 *steps,             /* out: steps, and steps through cells that hold something */
+    __global const int *directory, __global const int *span, __global const real *depth,
+    const int coarse, const int stored, const int bricks,
+    const int4 low, const int4 high,
+    const int columns, const int rows,
+    const real4 middle, const real pitch_x, const real pitch_z, const real distance,
+    BOUNDARY_ARGUMENTS)
+{
+    const int column = get_global_id(0);
+    const int row = get_global_id(1);
+    if (column >= columns || row >= rows) return;
+    const Ray ray = pixel_ray(column, row, columns, rows, middle, pitch_x, pitch_z, distance);
+    const Grid grid = {coarse, bricks, low, high};
+    Walk walk = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
+    int2 met = (int2)(0, 0);
+    if (walk_in(&walk, &grid, ray.start)) for (;;) {
+        const Crossing cell = walk_ahead(&walk, &grid, directory, span);
+        met += (int2)(1, depth[cell.address] > R(0) ? 1 : 0);
+        if (!walk_on(&walk, &cell, &grid)) break;
+    }
+    steps[row * columns + column] = met;
+}

@@ -1,0 +1,47 @@
+/* The device's floor: how fast it copies memory, multiplies and adds, and evaluates exp. For
+   `cldit bench`. */
+
+#include "real.h"
+
+#if VECTOR == 8
+typedef float8 lane_t;
+#define LOAD(i, p) vload8(i, p)
+#define STORE(x, i, p) vstore8(x, i, p)
+#elif VECTOR == 1
+typedef float lane_t;
+#define LOAD(i, p) ((p)[i])
+#define STORE(x, i, p) ((p)[i] = (x))
+#else
+#error "VECTOR: 1 or 8"
+#endif
+
+__kernel void copy(__global float *out, __global const float *in)
+{
+    const int i = get_global_id(0);
+    STORE(LOAD(i, in), i, out);
+}
+
+/* Eight sums that do not wait for each other, one multiplication and addition each a round. */
+__kernel void multiply_add(__global float *out, __global const float *in, const int rounds)
+{
+    const int i = get_global_id(0);
+    const lane_t x = LOAD(i, in);
+    lane_t s0 = x, s1 = x + 1, s2 = x + 2, s3 = x + 3, s4 = x + 4, s5 = x + 5, s6 = x + 6, s7 = x + 7;
+    for (int r = 0; r < rounds; ++r) {
+        s0 = mad(s0, x, x); s1 = mad(s1, x, x); s2 = mad(s2, x, x); s3 = mad(s3, x, x);
+        s4 = mad(s4, x, x); s5 = mad(s5, x, x); s6 = mad(s6, x, x); s7 = mad(s7, x, x);
+    }
+    STORE(((s0 + s1) + (s2 + s3)) + ((s4 + s5) + (s6 + s7)), i, out);
+}
+
+/* Each exponential waits for the last, so that none can be left out; two at a time. */
+__kernel void exponentials(__global float *out, __global const float *in, const int rounds)
+{
+    const int i = get_global_id(0);
+    lane_t x = LOAD(i, in), y = x + 1;
+    for (int r = 0; r < rounds; ++r) {
+        x = exp(-x);
+        y = exp(-y);
+    }
+    STORE(x + y, i, out);
+}

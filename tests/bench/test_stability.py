@@ -1,0 +1,45 @@
+"""`cldit bench stability`: a case of each kind runs, every bound holds, and the page says so."""
+
+from __future__ import annotations
+
+import math
+
+from cldit.bench.stability import Case, bench_stability, cases, page
+from cldit.errors import TransportError
+from cldit.gpu.device import Device
+
+
+def test_bounds_hold(device: Device) -> None:
+    outcomes = bench_stability(device, cases(few=True))
+    assert not [(o.case.name, o.error, o.message) for o in outcomes if not o.holds]
+    assert len({outcome.case.group for outcome in outcomes}) >= 6
+    text = page(outcomes, device, command="cldit bench stability")
+    assert all(f"| {outcome.case.name} |" in text for outcome in outcomes)
+    assert "missed" not in text
+
+
+def test_every_kind_is_among_the_few() -> None:
+    """The reduced table leaves out cases, not kinds; but for methods that take long."""
+    few, every = ({case.group for case in cases(few=few)} for few in (True, False))
+    assert few <= every
+    assert every - few == {"method path", "method branching"}
+    assert sum(case.slow for case in cases()) == 1
+
+
+def test_what_misses_is_told(device: Device) -> None:
+    def fail(bench: object) -> float:
+        raise TransportError("light is lost")
+
+    found = bench_stability(
+        device,
+        [
+            Case("a", "too far", 1e-3, lambda bench: 2e-3),
+            Case("a", "no number", 1e-3, lambda bench: math.nan),
+            Case("a", "refused", 1e-3, fail),
+            Case("a", "slow", 1e-3, fail, slow=True),
+        ],
+    )
+    assert [outcome.holds for outcome in found] == [False] * 3
+    text = page(found, device, command="x")
+    assert text.count("**missed**") == 3
+    assert "light is lost" in text

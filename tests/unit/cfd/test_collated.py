@@ -1,0 +1,131 @@
+"""Collated OpenFOAM cases, made from decomposed ones: the same spray comes out."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray
+from cldit.spray.cfd import read_cfd
+from cldit.spray.importing import list_case
+from cldit.spray.openfoam import is_openfoam
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+
+HEAD = b"FoamFile { version 2.0; format binary; %s class decomposedBlockData; }\n// * //\n"
+
+
+def spec(case: Path) -> CfdSpray:
+    return CfdSpray(file=case, nozzle_m=(0.5e-3, 9e-3, 0.1e-3), axis="-y")
+
+
+def collate(parts: list[Path], folder: Path, *, headers: bool = False) -> None:
+    """One file of blocks from each file that a part has; later blocks without their header, unless
+    `headers`. A part that lacks the file has an empty block."""
+    names = sorted({each.relative_to(part) for part in parts for each in part.rglob("*")})
+    for name in names:
+        files = [part / name for part in parts]
+        if not any(file.is_file() for file in files):
+            continue
+        contents = [file.read_bytes() if file.is_file() else b"" for file in files]
+        full = next(content for content in contents if content)
+        head, body = full[: full.index(b"}") + 1], contents
+        if not contents[0]:
+            body = [head + b"\n0\n()\n", *contents[1:]]
+        arch = b'arch "LSB;label=32;scalar=64";' if b"arch" in head else b""
+        out = HEAD % arch
+        for number, content in enumerate(body):
+            inside = content if number == 0 or headers else content[content.find(b"}") + 1 :]
+            out += b"\n// Processor%d\n%d\n(%s)\n" % (number, len(inside), inside)
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(out)
+
+
+def decomposed(case: Path, foam: Foam, *, binary: bool, barycentric: str = "") -> list[Path]:
+    """Three processors side by side; the spray has reached the last two."""
+    block, gas, cloud = foam.sample()
+    form = foam.form(binary=binary)
+    parts = []
+    for number in range(3):
+        wide = np.array([0.02 * number, 0.0, 0.0])
+        moved = foam.block((block.edges[0] + wide[0], block.edges[1], block.edges[2]))
+        own = None if number == 0 else cloud | {"position": cloud["position"] + wide}
+        own_gas = gas | {"T": gas["T"] + number}
+        part = case / f"processor{number}"
+        foam.write(part, moved, gas=own_gas, cloud=own, form=form, barycentric=barycentric)
+        parts.append(part)
+    return parts
+
+
+@pytest.mark.parametrize("barycentric", ["", "coordinates"])
+@pytest.mark.parametrize("binary", [False, True])
+@pytest.mark.parametrize("folders", ["one", "two", "headers"])
+def test_it_is_the_decomposed_case(
+    tmp_path: Path, foam: Foam, folders: str, binary: bool, barycentric: str
+) -> None:
+    parts = decomposed(tmp_path / "apart", foam, binary=binary, barycentric=barycentric)
+    wanted = read_cfd(spec(tmp_path / "apart"))
+    case = tmp_path / "together"
+    if folders == "two":
+        collate(parts[:1], case / "processors3_0-0")
+        collate(parts[1:], case / "processors3_1-2")
+    else:
+        collate(parts, case / "processors3", headers=folders == "headers")
+    assert is_openfoam(case)
+    found = read_cfd(spec(case))
+    assert found.parcels is not None and wanted.parcels is not None
+    assert found.vapour is not None and wanted.vapour is not None
+    assert len(found.parcels.diameter_m) == 2 * 17
+    for name in ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3"):
+        np.testing.assert_array_equal(getattr(found.parcels, name), getattr(wanted.parcels, name))
+    for name in ("number_density_m3", "temperature_K"):
+        np.testing.assert_array_equal(getattr(found.vapour, name), getattr(wanted.vapour, name))
+    listed = "\n".join(list_case(spec(case)))
+    assert "C7H16" in listed and "sprayCloud" in listed
+
+
+def test_damaged_cases(tmp_path: Path, foam: Foam) -> None:
+    parts = decomposed(tmp_path / "apart", foam, binary=True)
+    case = tmp_path / "case"
+    collate(parts, case / "processors3")
+
+    def refused(message: str) -> None:
+        with pytest.raises(SprayError, match=message):
+            read_cfd(spec(case))
+
+    file = case / "processors3" / "0.001" / "T"
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) * 2 // 3])
+    refused(r"processors3/0.001/T: truncated or damaged: block \d does not end")
+    collate(parts[:2], case / "processors3")
+    file.write_bytes(whole)
+    refused(r"truncated, or of fewer processors: it has 2 blocks, and block 2 is asked for")
+    shutil.rmtree(case)
+    # A value, a NaN for instance, is told with the block that it is in.
+    d = parts[1] / "0.001" / "lagrangian" / "sprayCloud" / "d"
+    d.write_bytes(d.read_bytes().replace(b"17\n(", b"16\n("))
+    collate(parts, case / "processors3")
+    refused(r"sprayCloud/d, block 1: truncated, or not of the number size")
+    shutil.rmtree(case)
+    collate(parts, case / "processors3_0-1")
+    refused(r"no folder for processor 2 of 3; it has processors3_0-1")
+    collate(parts, case / "processors4")
+    refused(r"decomposed in more than one way: processors3_0-1, processors4")
+
+
+def test_folder_and_file_must_agree(tmp_path: Path, foam: Foam) -> None:
+    parts = decomposed(tmp_path / "apart", foam, binary=False)
+    collate(parts, tmp_path / "case" / "processors3")
+    mesh = Path("constant") / "polyMesh" / "points"
+    shutil.copy(parts[0] / mesh, tmp_path / "case" / "processors3" / mesh)
+    with pytest.raises(SprayError, match="points: is not collated, though its folder is"):
+        read_cfd(spec(tmp_path / "case"))
+    collate(parts[:1], parts[1])
+    with pytest.raises(SprayError, match="is collated, but not in a folder processorsN"):
+        read_cfd(spec(tmp_path / "apart"))

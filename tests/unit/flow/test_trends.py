@@ -1,0 +1,75 @@
+"""How a computed spray depends on gas, grid and parcels; against Naber and Siebers and the ECN."""
+
+from __future__ import annotations
+
+import functools
+
+import pytest
+
+from cldit.scene.spray import FlowBox
+from cldit.spray.flow.verification import SPRAY_G, Found, at, find, mean_liquid_K
+
+COARSE = FlowBox(spacing_m=2e-3)
+
+
+@functools.cache
+def spray(pressure_MPa: float, gas_K: int) -> Found:
+    """On a grid of 2 mm and with fewer parcels, at 0.95 ms."""
+    spec = at(pressure_MPa, gas_K, box=COARSE, droplets_per_parcel=3e4)
+    return find(spec, cache=None)
+
+
+def note(found: Found, name: str) -> float:
+    return found.spray.notes[name]
+
+
+def evaporated(found: Found) -> float:
+    return note(found, "vapour_mass_kg") / note(found, "injected_mass_kg")
+
+
+def test_pressure_and_heat_shorten_the_spray() -> None:
+    cold, dense, hot = spray(0.15, 300), spray(0.9, 300), spray(0.9, 620)
+    # N-S: rho_gas^(-1/4), that is 6^0.25 = 1.57; within a fifth, for the drops arrive later.
+    ratio = note(cold, "vapour_penetration_m") / note(dense, "vapour_penetration_m")
+    assert 1.2 < ratio < 1.9
+    assert note(cold, "liquid_penetration_m") > 1.2 * note(dense, "liquid_penetration_m")
+    assert note(hot, "liquid_penetration_m") < 0.95 * note(dense, "liquid_penetration_m")
+
+
+def test_droplets_last_in_cold_gas_and_vapour_follows_the_temperature() -> None:
+    shares = [evaporated(spray(0.6, gas_K)) for gas_K in (300, 400, 573)]
+    assert shares == sorted(shares)
+    assert shares[0] < 0.25  # 300 K holds no more than 0.03 of its mass as vapour
+    assert shares[2] > 0.5
+
+
+def test_nothing_is_colder_than_saturation_and_droplets_have_the_wet_bulb() -> None:
+    hot = spray(0.6, 573)
+    assert note(hot, "coldest_K") > 369 - 1  # adiabatic saturation, test_measures
+    # Wet bulb of the undisturbed gas 386 K, of the vapour-laden gas in the plume less.
+    assert 360 < mean_liquid_K(hot.spray) < 386
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("pressure_MPa", "gas_K"), [(0.15, 620), (0.6, 573), (0.9, 300)])
+def test_naber_and_siebers(pressure_MPa: float, gas_K: int) -> None:
+    found = find(at(pressure_MPa, gas_K), cache=None)
+    assert note(found, "vapour_penetration_m") == pytest.approx(found.naber_siebers_m, rel=0.15)
+
+
+@pytest.mark.slow
+def test_spray_g() -> None:
+    found = find(SPRAY_G, cache=None)
+    assert found.history.axial_m.max() == pytest.approx(30e-3, abs=5e-3)
+
+
+@pytest.mark.slow
+def test_grid_parcels_and_seed_hardly_matter() -> None:
+    """Half the spacing: 10 %; twice the parcels: 5 %, of both penetrations."""
+    base = at(0.6, 573, time_s=0.5e-3)
+    fine = find(base, cache=None)
+    coarse = find(base.model_copy(update={"box": COARSE}), cache=None)
+    many = find(base.model_copy(update={"droplets_per_parcel": 5e3}), cache=None)
+    for name in ("vapour_penetration_m", "liquid_penetration_m"):
+        assert note(coarse, name) == pytest.approx(note(fine, name), rel=0.10)
+        assert note(many, name) == pytest.approx(note(fine, name), rel=0.05)

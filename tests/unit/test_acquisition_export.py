@@ -1,0 +1,147 @@
+"""Exports, read back with programs that are not ours: ome-types, tifffile, h5py, nexusformat."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from click.testing import CliRunner
+
+from cldit.acquisition import Acquisition, Plan, acquire, open_acquisition
+from cldit.acquisition.export import ExportError, export
+from cldit.acquisition.hcc import HccError, read_hcc
+from cldit.cli import main
+from cldit.errors import RunFolderError
+from cldit.rig.load import open_rig
+
+
+@pytest.fixture(params=[1, 3], ids=["one frame", "three frames"])
+def recorded(
+    request: pytest.FixtureRequest, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> Acquisition:
+    plan = tiny_plan.model_copy(update={"frames": request.param})
+    acquire(open_rig(tiny_rig), plan, tmp_path / "a run")
+    return open_acquisition(tmp_path / "a run")
+
+
+def test_ome_tiff(recorded: Acquisition) -> None:
+    """A series for each background and kind: pixels bit by bit, sizes, times and exposure."""
+    ome_types = pytest.importorskip("ome_types", reason="ome-types is missing")
+    path = export(recorded, "ome-tiff")
+    assert path == recorded.folder / "a run.ome.tif"
+    ome = ome_types.from_tiff(path)
+    names = [image.name for image in ome.images]
+    assert names == [f"{t:g} K {k}" for t in (440.0, 480.0) for k in ("reference", "injection")]
+    frames = recorded.plan.frames
+    with tifffile.TiffFile(path) as tiff:
+        assert tiff.is_ome and len(tiff.series) == 4
+        for image, series, name in zip(ome.images, tiff.series, names, strict=True):
+            shots = [s for s in recorded.shots if f"{s.background_setpoint_K:g} K {s.kind}" == name]
+            pixels = image.pixels
+            assert pixels.size_t == len(shots) * frames and pixels.type.value == "uint16"
+            assert (pixels.size_x, pixels.size_y) == (16, 12)
+            assert pixels.physical_size_x == pytest.approx(10.0)
+            assert pixels.physical_size_x_unit.value == "mm"
+            assert pixels.planes[0].exposure_time == pytest.approx(25e-6)
+            times = [plane.delta_t for plane in pixels.planes]
+            assert times == sorted(times) and times[0] == 0.0 < times[-1]
+            stack = np.concatenate([recorded.load_frames(shot)[0] for shot in shots])
+            assert np.array_equal(series.asarray().reshape(stack.shape), stack)
+    notes = [dict(note.value) for note in ome.structured_annotations]
+    assert [note["kind"] for note in notes] == [name.split()[-1] for name in names]
+    assert json.loads(notes[0]["calibration"])["filter_um"] == [3.3, 3.5]
+
+
+def test_nexus(recorded: Acquisition) -> None:
+    """nexusformat finds the default plot with its axes and units; h5py the pixels."""
+    nexusformat = pytest.importorskip("nexusformat.nexus", reason="nexusformat is missing")
+    h5py = pytest.importorskip("h5py", reason="h5py is missing")
+    path = export(recorded, "nexus")
+    stack = np.concatenate([recorded.load_frames(shot)[0] for shot in recorded.shots])
+    with h5py.File(path, "r") as file:
+        data = file["entry/data/data"]
+        assert np.array_equal(data[:], stack)
+        assert data.attrs["units"] == "counts"
+        key = file["entry/instrument/detector/image_key"][:]
+        injections = file["entry/instrument/black_body/setpoint"][:][key == 0]
+        assert set(injections) == {440.0, 480.0}
+        plan = json.loads(file["entry/plan/data"][()])
+        assert plan["backgrounds_K"] == [440.0, 480.0]
+    root = nexusformat.nxload(str(path))
+    plot = root.get_default()
+    assert plot.nxsignal.shape == stack.shape
+    assert [axis.nxname for axis in plot.nxaxes] == ["picture", "z", "x"]
+    assert plot["x"].attrs["units"] == "m" and plot["z"].nxdata[0] > plot["z"].nxdata[-1]
+    assert np.diff(plot["x"].nxdata) == pytest.approx(np.full(15, 0.01))
+    assert root.entry.instrument.detector.count_time.attrs["units"] == "s"
+
+
+def test_export_says_what_is_wrong(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """A damaged picture leaves no file; and what is missing is said."""
+    acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "none", should_stop=lambda: True)
+    with pytest.raises(ExportError, match="no pictures yet"):
+        export(open_acquisition(tmp_path / "none"), "ome-tiff")
+    with pytest.raises(ExportError, match="allowed are ome-tiff, nexus"):
+        export(open_acquisition(tmp_path / "none"), "png")
+    acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
+    acquisition = open_acquisition(tmp_path / "a")
+    for shot in acquisition.shots[-1:]:
+        data = bytearray(shot.path.read_bytes())
+        data[-20] ^= 1
+        shot.path.write_bytes(data)
+    for form in ("ome-tiff", "nexus"):
+        with pytest.raises(RunFolderError, match="not those that were recorded"):
+            export(acquisition, form, tmp_path / "out")
+    assert not list(tmp_path.glob("out*"))
+    acquisition.shots[-1].path.unlink()
+    arguments = ["export", str(tmp_path / "a"), "--to", "ome-tiff", "--out", str(tmp_path / "x")]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0 and "1 shots are still to be taken" in result.output
+    assert (tmp_path / "x").is_file()
+
+
+def film(path: Path, **changes: Any) -> np.ndarray[Any, np.dtype[np.uint16]]:
+    """Five frames of a Telops camera, by fasthcc's writer."""
+    fasthcc = pytest.importorskip("fasthcc", reason="fasthcc is missing")
+    frames = np.random.default_rng(1).integers(0, 2**14, (5, 12, 64), dtype=np.uint16)
+    headers = [
+        {"FrameID": 100 + n, "POSIXTime": 1_700_000_000, "SubSecondTime": 10_000 * n}
+        for n in range(5)
+    ]
+    options = {"calibration_mode": 0, "exposure_time": 25.0, "frame_rate": 1000.0, **changes}
+    fasthcc.write_hcc(path, frames, metadata=options.pop("metadata", headers), **options)
+    return frames
+
+
+def test_hcc(tmp_path: Path) -> None:
+    frames = film(tmp_path / "a.hcc")
+    found = read_hcc(tmp_path / "a.hcc")
+    assert np.array_equal(found.frames, frames) and found.frames.dtype == np.uint16
+    assert found.integration_time_s == pytest.approx(25e-6) and found.frame_rate_Hz == 1000.0
+    assert list(found.frame_ids) == list(range(100, 105)) and not found.corrected
+    assert found.time[0] == datetime.fromtimestamp(1_700_000_000, UTC)
+    assert (found.time[1] - found.time[0]).total_seconds() == pytest.approx(1e-3, abs=1e-6)
+
+
+def test_hcc_that_is_no_use(tmp_path: Path) -> None:
+    film(tmp_path / "kelvin.hcc", calibration_mode=2)
+    with pytest.raises(HccError, match="calibration mode 2"):
+        read_hcc(tmp_path / "kelvin.hcc")
+    film(tmp_path / "gap.hcc", metadata=[{"FrameID": n} for n in (1, 2, 4, 5, 6)])
+    with pytest.raises(HccError, match="frame 3 is missing"):
+        read_hcc(tmp_path / "gap.hcc")
+    film(tmp_path / "cut.hcc")
+    (tmp_path / "cut.hcc").write_bytes((tmp_path / "cut.hcc").read_bytes()[:-100])
+    with pytest.raises(HccError, match="cannot be read"):
+        read_hcc(tmp_path / "cut.hcc")
+    (tmp_path / "text.hcc").write_text("no film" * 100)
+    for name in ("text.hcc", "missing.hcc"):
+        with pytest.raises(HccError, match=name):
+            read_hcc(tmp_path / name)

@@ -1,0 +1,135 @@
+"""The sum of weights and isothermal emission as a run sees it: near 1, and loud where it is not.
+
+Rationale: see cldit/transport/closure.py. The check is of use only if it finds what it is for, so
+kernels are spoiled on purpose, by an amount that no picture would show, and the run must refuse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.errors import TransportError
+from cldit.gpu import source as kernel_source
+from cldit.run import Run, RunInfo
+from cldit.transport.closure import Closure
+
+EDGE = 0.2
+
+
+def block(run_block: Callable[..., Run], *, scattering: float = 0.7, **transport: Any) -> Run:
+    """At temperatures of their own: no cavity, so that the weights alone prove nothing."""
+    per_m = 0.5 / (EDGE / 16)
+    return run_block(
+        {
+            "vapour_absorption_per_m": 0.1 * per_m,
+            "droplet_absorption_per_m": 0.2 * per_m,
+            "droplet_scattering_per_m": scattering * per_m,
+            "vapour_temperature_K": 600.0,
+            "droplet_temperature_K": 330.0,
+        },
+        size_m=(EDGE / 2,) * 3,
+        domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / 16},
+        camera={"pixels": 16, "field_m": [0.15, 0.15]},
+        walls={"temperature_K": 300.0},
+        transport=transport,
+    )
+
+
+@pytest.mark.parametrize(
+    "transport",
+    [
+        {},
+        {"order": 0},
+        {"order": 2},
+        {"phase": {"henyey_greenstein": 0.8}},
+        {"gather": True, "accuracy_K": 1.0},
+    ],
+)
+def test_source_closes(run_block: Callable[..., Run], transport: dict[str, Any]) -> None:
+    """The largest of all pixels within the solver's tolerance of 3e-5 (3e-6 for 1 K), times 3."""
+    found = block(run_block, **transport).info.closure
+    assert found is not None
+    assert found.value == "largest"
+    assert abs(found.mean) <= abs(found.largest) < (1e-3 if "accuracy_K" in transport else 1e-4)
+
+
+def test_a_medium_that_does_not_scatter_closes(run_block: Callable[..., Run]) -> None:
+    """Only the picture's rounding is left."""
+    run = block(run_block, scattering=0.0)
+    assert run.info.closure is not None
+    assert abs(run.info.closure.largest) < 2e-6
+
+
+@pytest.mark.parametrize("transport", [{}, {"order": 1}])
+def test_path_closes_but_for_noise(
+    run_block: Callable[..., Run], transport: dict[str, Any]
+) -> None:
+    found = block(run_block, method="path", accuracy_K=1.0, **transport).info.closure
+    assert found is not None
+    assert found.value == "mean"
+    assert 1e-5 < abs(found.largest) < 0.1
+    assert found.bound < 0.02  # five standard errors over 256 pixels of 128 samples
+
+
+@pytest.mark.parametrize(
+    ("file", "before", "after", "transport"),
+    [
+        ("sweep.cl", "STORE(intensity - gap * share, ray)",
+         "STORE(R(0.995) * (intensity - gap * share), ray)", {}),
+        ("sweep.cl", "c == seen ? inflow", "c == seen && c != WALL ? inflow", {}),
+        ("image.cl", "transmitted -= taken;", "transmitted -= R(0.99) * taken;", {}),
+        ("image.cl", "real sum[COMPONENTS];", "real sum[COMPONENTS]; if (row == 7) return;", {}),
+        ("path.cl", "weight *= albedo;", "weight *= R(0.95) * albedo;", {"method": "path"}),
+        ("branching.cl", "b.transmitted -= taken;", "b.transmitted -= R(1.1) * taken;",
+         {"method": "branching", "order": 1}),
+    ],
+)  # fmt: skip
+def test_spoiled_kernels_are_found(
+    run_block: Callable[..., Run],
+    monkeypatch: pytest.MonkeyPatch,
+    file: str,
+    before: str,
+    after: str,
+    transport: dict[str, Any],
+) -> None:
+    read = kernel_source.read_source
+
+    def spoiled(name: str) -> str:
+        text = read(name)
+        if name == file:
+            assert before in text
+            text = text.replace(before, after)
+        return text
+
+    monkeypatch.setattr(kernel_source, "read_source", spoiled)
+    with pytest.raises(TransportError, match=r"light is made or lost: .* allowed is .* row \d+"):
+        block(run_block, **{"accuracy_K": 1.0, **transport})
+
+
+def test_bounds() -> None:
+    outside = np.full((2, 3, 4), 0.25)
+    within = np.full((3, 4), 0.5)
+    assert Closure.of(outside, within, bound=0.0).largest == 0.0
+    within[1, 2] += 0.01
+    assert Closure.of(outside, within, bound=0.011).pixel == (1, 2)
+    with pytest.raises(
+        TransportError, match=r"\+0\.01 \(largest\), allowed is 0\.009.*row 1, column 2"
+    ):
+        Closure.of(outside, within, bound=0.009)
+    # As noise of one pixel in twelve it is no evidence; of all of them it is.
+    assert Closure.of(outside, within, bound=0.0, noisy=True).value == "mean"
+    with pytest.raises(TransportError, match="mean"):
+        Closure.of(outside + 0.01, np.full((3, 4), 0.5), bound=0.0, noisy=True)
+    for wrong in (np.nan, np.inf):
+        within[2, 3] = wrong
+        with pytest.raises(TransportError, match="row 2, column 3"):
+            Closure.of(outside, within, bound=1.0, noisy=True)
+
+
+def test_kept_with_the_run(run_block: Callable[..., Run]) -> None:
+    info = block(run_block).info
+    assert RunInfo.from_json(info.to_json()) == info

@@ -1,0 +1,179 @@
+"""Several rays a pixel, and several devices a picture.
+
+Expected: the mean over a pixel's area, where something sharp crosses it; the same picture however
+many devices share it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cldit
+from cldit.errors import DeviceError, TransportError
+from cldit.gpu.device import Device, open_device, split
+from cldit.run import Run
+
+EDGE = 0.2
+PIXELS = 40
+
+
+def vessel(device: Device, rays: Any, **camera: Any) -> Run:
+    """An empty one: the picture is the disc."""
+    data = {
+        "name": "disc",
+        "spray": {"model": "none"},
+        "camera": {
+            "model": "orthographic",
+            "pixels": [PIXELS, PIXELS],
+            "field_m": [0.16, 0.16],
+            "rays_per_pixel": rays,
+            **camera,
+        },
+        "background": {"radius_m": 0.0503},
+    }
+    return cldit.simulate(cldit.parse_scene(data), device=device)
+
+
+def block(run_block: Callable[..., Run], **camera: Any) -> Run:
+    """Cells with droplets beside empty ones, thick enough for edges."""
+    rng = np.random.default_rng(1)
+    filled = rng.random((8, 8, 8)) < 0.3
+    return run_block(
+        {
+            "droplet_absorption_per_m": 60.0 * filled,
+            "droplet_scattering_per_m": 60.0 * filled,
+            "vapour_absorption_per_m": 3.0 * filled,
+            "droplet_temperature_K": np.full(filled.shape, 350.0),
+            "vapour_temperature_K": np.full(filled.shape, 500.0),
+        },
+        size_m=(EDGE / 2,) * 3,
+        domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / 16},
+        camera={"pixels": [50, 46], "field_m": [0.16, 0.16], **camera},
+        background={"temperatures_K": [400.0, 500.0], "radius_m": 0.05},
+    )
+
+
+@pytest.mark.parametrize("rays", [4, 16, 64, "adaptive"])
+def test_area_of_a_disc(device: Device, rays: Any) -> None:
+    """n^2 rays err by at most the boundary's length in cells of 1/n pixel; the sum by far less.
+
+    At the edge a pixel's share is a multiple of 1 / n^2, within 1 / n of the true one.
+    """
+    run = vessel(device, rays)
+    seen = run.weights.background.astype(float)
+    across = int({"adaptive": 16}.get(rays, rays) ** 0.5)
+    fine = (np.arange(PIXELS * 32) + 0.5) / 32 * 0.004 - 0.08
+    inside = (fine[:, None] ** 2 + fine[None, :] ** 2 < 0.0503**2).astype(float)
+    truth = inside.reshape(PIXELS, 32, PIXELS, 32).mean(axis=(1, 3))
+    assert np.abs(seen - truth).max() < 1.0 / across
+    assert np.any((seen > 0.1) & (seen < 0.9))
+    area = seen.sum() * 0.004**2
+    assert area == pytest.approx(np.pi * 0.0503**2, rel=5e-3)
+    one = vessel(device, 1).weights.background
+    assert set(np.unique(one)) == {0.0, 1.0}
+    if rays == "adaptive":
+        # Rim pixels with their neighbours: a ring of some five pixels' width at most.
+        assert 100 < run.info.counts["pixels_of_several_rays"] < 5 * 2 * np.pi * 12.6
+
+
+def test_adaptive_comes_near_to_many_rays(run_block: Callable[..., Run]) -> None:
+    """Most of the error goes, where it is largest; where nothing is refined, nothing changes."""
+    truth = block(run_block, rays_per_pixel=64).weights
+    one, adaptive = block(run_block), block(run_block, rays_per_pixel="adaptive")
+    for name in ("background", "liquid"):
+        scale = truth.images[name].max()
+        plain, finer = (
+            (run.weights.images[name].astype(float) - truth.images[name]) / scale
+            for run in (one, adaptive)
+        )
+        assert np.sqrt(np.mean(finer**2)) < 0.3 * np.sqrt(np.mean(plain**2))
+        assert np.abs(finer).max() < 0.5 * np.abs(plain).max()
+    untouched = adaptive.weights.background == one.weights.background
+    refined = adaptive.info.counts["pixels_of_several_rays"]
+    assert untouched.sum() >= untouched.size - refined > 0
+    closure = adaptive.info.closure
+    assert closure is not None and abs(closure.largest) < 1e-4
+
+
+@pytest.mark.parametrize("way", [{"method": "path"}, {"gather": True}])
+def test_rays_go_with_plain_pictures_alone(
+    run_block: Callable[..., Run], way: dict[str, Any]
+) -> None:
+    with pytest.raises(TransportError, match=r"camera\.rays_per_pixel: 4 with .* allowed is 1"):
+        run_block(
+            {"droplet_scattering_per_m": 10.0},
+            size_m=(0.1,) * 3,
+            domain={"edge_m": EDGE, "leaf_edge_m": 0.02},
+            camera={"pixels": 4, "rays_per_pixel": 4},
+            transport=way,
+        )
+
+
+@pytest.mark.parametrize("rays", [1, 4, "adaptive"])
+def test_two_devices_make_one_picture(device: Device, rays: Any) -> None:
+    """Two halves of the CPU, each with its rows; equal to the last bit, odd sizes and all."""
+    if not device.is_cpu or device.info.compute_units < 2:
+        pytest.skip("the device cannot be divided into two")
+    both = split(device, [1, 1])
+    assert len(both.others) == 1
+    data = {"pixels": [37, 41], "field_m": [0.16, 0.16]}
+    one, two = (vessel(used, rays, **data) for used in (device, both))
+    for name, image in one.weights.images.items():
+        np.testing.assert_array_equal(image, two.weights.images[name])
+    # More devices than rows: some have nothing to do.
+    few = {"pixels": [5, 1], "field_m": [0.16, 0.16]}
+    assert vessel(both, rays, **few).weights.background.shape == (1, 5)
+
+
+def test_devices_by_name(device: Device) -> None:
+    with pytest.raises(DeviceError, match="more than once"):
+        open_device(f"{device.info.index},{device.info.index}")
+    with pytest.raises(DeviceError, match="is not here"):
+        open_device(f"{device.info.index}, 17:3")
+    with pytest.raises(DeviceError, match="cannot be divided"):
+        split(device, [10_000, 1])
+
+
+def test_a_device_with_little_memory_says_so(run_block: Callable[..., Run], device: Device) -> None:
+    """A buffer beyond the device's largest is refused by name, before anything is computed."""
+    info = replace(device.info, largest_buffer_bytes=10_000)
+    with pytest.raises(DeviceError, match=r"GB is more than .* takes in one buffer .*leaf_edge_m"):
+        vessel(replace(device, info=info), 1, pixels=[400, 400])
+
+
+@pytest.mark.parametrize("method", ["source", "path", "branching"])
+def test_small_work_groups(
+    run_block: Callable[..., Run], device: Device, tmp_path: Path, method: str
+) -> None:
+    """A device of work-groups of 20 gives the same picture: nothing relies on their size."""
+    scene = {"camera": {"pixels": 9, "field_m": [0.1, 0.1]}}
+    transport = {"method": method, "order": 1, "accuracy_K": 5.0, "max_samples": 128}
+    first = run_block(
+        {"droplet_scattering_per_m": 30.0, "droplet_absorption_per_m": 10.0},
+        size_m=(0.05, 0.07, 0.06),
+        domain={"edge_m": EDGE, "leaf_edge_m": 0.007},
+        transport=transport,
+        **scene,
+    )
+    small = replace(device, info=replace(device.info, largest_group=20))
+    second = cldit.simulate(first.scene, device=small, cache=tmp_path / "cache")
+    for name, image in first.weights.images.items():
+        np.testing.assert_array_equal(image, second.weights.images[name])
+
+
+def test_little_local_memory_says_so(run_block: Callable[..., Run], device: Device) -> None:
+    scene = run_block(
+        {"droplet_scattering_per_m": 30.0},
+        size_m=(0.05,) * 3,
+        domain={"edge_m": EDGE, "leaf_edge_m": 0.007},
+        camera={"pixels": 4},
+    ).scene
+    small = replace(device, info=replace(device.info, local_bytes=100))
+    with pytest.raises(DeviceError, match="bytes of local memory, and a work-group has 100"):
+        cldit.simulate(scene, device=small)
