@@ -195,7 +195,8 @@ def trace_path(
     closure = None
     if known is None:
         planes = image.reshape(shape)
-        closure = Closure.of(planes[: cells.needs.boundaries], planes[-1], bound=1e-4, noisy=True)
+        whole = planes if most is None else image[:, None, listed]  # others lack what is scattered
+        closure = Closure.of(whole[: cells.needs.boundaries], whole[-1], bound=1e-4, noisy=True)
     return Trace(
         closure=closure,
         weights=weights_of(image.reshape(shape), cells),

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pytest
 
 from cldit.run import Run
 
@@ -57,3 +58,13 @@ def test_gather_and_audit(run_block: Callable[..., Run]) -> None:
     assert plain.info.accuracy_K is not None and gathered.info.accuracy_K is not None
     assert 0.7 * true < plain.info.accuracy_K < 1.5 * true
     assert gathered.info.accuracy_K < 0.4 * true
+
+
+def test_audit_of_a_sample(run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A third of the pixels give the same error as all, within what a third may miss of it."""
+    transport = {"directions": 32, "phase": PHASE}
+    whole = run_block(BLOCK, **SCENE, transport=transport).info.accuracy_K
+    monkeypatch.setattr("cldit.transport.audit._PIXELS", 30)
+    part = run_block(BLOCK, **SCENE, transport=transport).info.accuracy_K
+    assert whole is not None and part is not None
+    assert 0.5 * whole < part < 2.0 * whole
