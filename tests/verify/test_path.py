@@ -190,8 +190,8 @@ def test_orders_are_those_of_source_iteration(
 
 @pytest.mark.parametrize("g", [None, 0.8])
 def test_gathering_sees_inside_cells(run_block: Callable[..., Run], g: float | None) -> None:
-    """Cells of an optical depth of 1, all of them thick: every chain stays within what `path` follows
-    as well, by the same phase function, so that nothing but noise is left between the two."""
+    """Cells of an optical depth of 1, all of them thick: every chain stays within what `path`
+    follows as well, by the same phase function; nothing but noise is left between the two."""
     phase = "isotropic" if g is None else {"henyey_greenstein": g}
     common: dict[str, Any] = {"depth": 16.0, "albedo": 0.6, "phase": phase}
     noisy: dict[str, Any] = {"accuracy_K": 1e-3, "max_samples": 256}
