@@ -58,7 +58,7 @@ def compare_presets(
     with tempfile.TemporaryDirectory() as name:
 
         def run(taken: tuple[str, ...]) -> Scene:
-            return _variant(scene, taken, Path(name), pixels=pixels, accuracy_K=accuracy_K)
+            return variant(scene, taken, Path(name), pixels=pixels, accuracy_K=accuracy_K)
 
         base = simulate(run(()), device=device, cache=cache).maps
         found = []
@@ -72,9 +72,10 @@ def compare_presets(
     return found
 
 
-def _variant(
+def variant(
     scene: Scene, taken: tuple[str, ...], folder: Path, *, pixels: int, accuracy_K: float
 ) -> Scene:
+    """The scene with `taken` from `spectral` and the rest as in `paper`, from files in a folder."""
     data = scene.model_dump(mode="json")
     optics = data["optics"]
     optics.update(preset="spectral" if taken else "paper", compare_paper=False)

@@ -1,0 +1,49 @@
+"""Why presets differ: nothing taken is the paper's run, whichever way its properties come in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cldit.bench.presets import CAUSES, LIQUID, PHASE, STEPS, variant
+from cldit.gpu.device import Device
+from cldit.run import simulate
+from cldit.run.spectral import Difference
+from cldit.scene import Scene, load_scene, parse_scene
+
+
+def small() -> Scene:
+    data = load_scene("gdi").model_dump(mode="json")
+    data["spray"].update(spacing_m=2e-3, parcels_per_cell=4)
+    data["domain"]["leaf_edge_m"] = 6e-3
+    return parse_scene(data)
+
+
+def test_files_of_the_papers_properties_are_the_paper(device: Device, tmp_path: Path) -> None:
+    """Preset `spectral` with grey files takes one wavelength and gives the paper's maps.
+
+    Within 0.05 K: four digits of the .xsc file, and Mie's table at 3.399 um, the mean wavelength.
+    """
+    (tmp_path / "files").mkdir()
+    asked = {"pixels": 16, "accuracy_K": 0.5}
+    spectral = variant(small(), (PHASE,), tmp_path / "files", **asked)  # type: ignore[arg-type]
+    data = variant(small(), (), tmp_path / "files", **asked).model_dump()  # type: ignore[arg-type]
+    data["transport"]["phase"] = "mie"
+    runs = [
+        simulate(scene, device=device, cache=tmp_path) for scene in (parse_scene(data), spectral)
+    ]
+    assert [run.scene.optics.preset for run in runs] == ["paper", "spectral"]
+    assert len(runs[1].quadrature.nodes) == 1
+    difference = Difference.of(runs[1].maps, runs[0].maps)
+    assert difference is not None and difference.pixels > 10
+    assert difference.rms_K < 0.05 and abs(difference.mean_emissivity) < 1e-3
+
+
+def test_all_causes_together_are_the_preset(device: Device, tmp_path: Path) -> None:
+    """What nobody switched off is the shipped data: no file takes its place."""
+    assert STEPS[-1] == CAUSES and len(set(STEPS)) == 7
+    scene = variant(small(), CAUSES, tmp_path, pixels=16, accuracy_K=0.5)
+    assert scene.optics.liquid is None and scene.optics.vapour is None
+    assert scene.optics.preset == "spectral" and scene.transport.phase == "mie"
+    other = variant(small(), (LIQUID,), tmp_path, pixels=16, accuracy_K=0.5)
+    assert other.optics.liquid is None and other.optics.vapour is not None
+    assert other.transport.phase == "isotropic"
