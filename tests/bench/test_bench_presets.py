@@ -21,21 +21,22 @@ def small() -> Scene:
 def test_files_of_the_papers_properties_are_the_paper(device: Device, tmp_path: Path) -> None:
     """Preset `spectral` with grey files takes one wavelength and gives the paper's maps.
 
-    Within 0.05 K: four digits of the .xsc file, and Mie's table at 3.399 um, the mean wavelength.
+    The paper's table of droplets is taken at the filter's mean wavelength, as the node's is; what
+    is left, 5e-4 K, are the four digits of the .xsc file.
     """
     (tmp_path / "files").mkdir()
     asked = {"pixels": 16, "accuracy_K": 0.5}
     spectral = variant(small(), (PHASE,), tmp_path / "files", **asked)  # type: ignore[arg-type]
     data = variant(small(), (), tmp_path / "files", **asked).model_dump()  # type: ignore[arg-type]
     data["transport"]["phase"] = "mie"
-    runs = [
-        simulate(scene, device=device, cache=tmp_path) for scene in (parse_scene(data), spectral)
-    ]
+    files = simulate(spectral, device=device, cache=tmp_path)
+    (node,) = files.quadrature.nodes
+    data["optics"]["wavelength_um"] = node.wavelength_um
+    runs = [simulate(parse_scene(data), device=device, cache=tmp_path), files]
     assert [run.scene.optics.preset for run in runs] == ["paper", "spectral"]
-    assert len(runs[1].quadrature.nodes) == 1
     difference = Difference.of(runs[1].maps, runs[0].maps)
     assert difference is not None and difference.pixels > 10
-    assert difference.rms_K < 0.05 and abs(difference.mean_emissivity) < 1e-3
+    assert difference.rms_K < 5e-3 and abs(difference.mean_emissivity) < 1e-4
 
 
 def test_all_causes_together_are_the_preset(device: Device, tmp_path: Path) -> None:
