@@ -68,7 +68,7 @@ def efficiencies(*, n: float, k: float, x: ArrayLike, spacing: float = 0.0) -> E
 
     Args:
         spacing: of ln x, for means over sizes: resonances that are too narrow for sizes this far
-            apart absorb what they do, over widths that are seen (`_absorbed`). 0: single spheres.
+            apart absorb what they do, over widths that are seen (`_Order.seen`). 0: single spheres.
 
     Raises:
         DropletError: as `check`.
