@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.spray.flow.advection import lengthen, mean, neighbour
-from cldit.spray.flow.compiled import compiled
+from cldit.spray.compiled import compiled
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

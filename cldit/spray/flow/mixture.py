@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cldit.spray.droplet.fluids import Fuel, Gas
 from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
-from cldit.spray.flow.compiled import compiled
+from cldit.spray.compiled import compiled
 
 Floats = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from scipy.fft import next_fast_len
 
 from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray
-from cldit.spray.droplet.evaporation import MODELS, Drop, Rates
+from cldit.spray.droplet.evaporation import MODELS, inert
 from cldit.spray.droplet.fluids import Fuel, check_conditions, fuel_table, gas_table
 from cldit.spray.flow.coupling import Cloud, Liquid, move
 from cldit.spray.flow.gas import Box, GasFlow
@@ -66,7 +66,7 @@ def simulate_spray(
         pressure_Pa=ambient.pressure_Pa,
         temperature_K=ambient.temperature_K,
     )
-    model = _inert if spec.evaporation == "none" else MODELS[spec.evaporation]
+    model = inert if spec.evaporation == "none" else MODELS[spec.evaporation]
     liquid = Liquid(fuel=fuel, carrier=carrier, model=model, injection=injection)
     random = np.random.default_rng([spec.seed, 1])
     each = fuel.mass_kg(injection.diameter_m, np.full(1, spec.fuel_temperature_K))
@@ -123,11 +123,6 @@ def simulate_spray(
         parcels=_parcels(cloud, fuel), vapour=_vapour(flow, fuel), notes=notes, remarks=remarks
     )
     return spray, history, flow
-
-
-def _inert(drop: Drop) -> Rates:
-    nothing = np.zeros_like(drop.diameter_m)
-    return Rates(nothing, nothing)
 
 
 def make_box(spec: LagrangianSpray, injection: Injection) -> Box:
