@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
@@ -18,7 +17,6 @@ def compiled(function: F) -> F:
     return cast(F, numba.njit(**_HOW)(function))
 
 
-@functools.cache
 def compiled_for(function: F, signature: tuple[Any, ...]) -> F:
     """The same for given types of arguments: among them functions, called by their address, so
     that one kept machine code serves for all of them."""

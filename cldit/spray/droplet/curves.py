@@ -45,13 +45,11 @@ class Curves:
 
     @cached_property
     def step_K(self) -> float:
-        return (self.high_K - self.low_K) / next(iter(self.coefficients.values())).shape[1]
+        return (self.high_K - self.low_K) / int(next(iter(self.coefficients.values())).shape[1])
 
     def packed(self, *names: str) -> Floats:
         """The named cubics as compiled code reads them, (intervals, properties, 4)."""
-        return np.ascontiguousarray(
-            np.stack([self.coefficients[name].T for name in names], axis=1)
-        )
+        return np.ascontiguousarray(np.stack([self.coefficients[name].T for name in names], axis=1))
 
     def at(self, temperature_K: ArrayLike, *names: str) -> tuple[Floats, ...]:
         """The named properties, each shaped as `temperature_K`."""

@@ -7,13 +7,14 @@ colder than the fuel still evaporates it, and all are bounded at boiling.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numba
 import numpy as np
-from numba import types
 
 from cldit.spray.compiled import compiled, compiled_for
 from cldit.spray.droplet.curves import Floats
@@ -34,7 +35,8 @@ from cldit.spray.droplet.gasfilm import (
 )
 
 Rule = Callable[[Tables, Here], tuple[float, float]]
-RULE: Any = types.FunctionType(types.UniTuple(types.float64, 2)(TABLES, HERE))
+types: Any = numba.types  # without annotations of its own
+RULE = types.FunctionType(types.UniTuple(types.float64, 2)(TABLES, HERE))
 
 
 @dataclass(frozen=True)
@@ -76,9 +78,7 @@ class Model:
 
     def __call__(self, drop: Drop) -> Rates:
         found = np.empty((len(drop.diameter_m), 2))
-        compiled_for(_every, (RULE, TABLES, types.float64[:, ::1], types.float64[:, ::1]))(
-            self.rule, tables(drop.fuel, drop.gas), drop.columns, found
-        )
+        _machine()(self.rule, tables(drop.fuel, drop.gas), drop.columns, found)
         return Rates(found[:, 0], found[:, 1])
 
 
@@ -140,6 +140,12 @@ def _every(rule: Rule, tables: Tables, rows: Floats, result: Floats) -> None:
         mass, heat = rule(tables, _here(rows[n]))
         result[n, 0] = mass
         result[n, 1] = heat
+
+
+@functools.cache
+def _machine() -> Callable[..., None]:
+    rows = types.float64[:, ::1]
+    return compiled_for(_every, (RULE, TABLES, rows, rows))
 
 
 @compiled

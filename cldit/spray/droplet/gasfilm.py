@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
-from numba import types
 
 from cldit.spray.compiled import compiled
 from cldit.spray.droplet.curves import Floats, cubic, place
@@ -70,9 +70,10 @@ class State(NamedTuple):
     diffusion_kg_m_s: float
 
 
+types: Any = numba.types  # without annotations of its own
 _CUBICS = types.Array(types.float64, 3, "C")
-TABLES: Any = types.NamedTuple([_CUBICS] * 3 + [types.float64] * 10, Tables)
-HERE: Any = types.NamedUniTuple(types.float64, 6, Here)
+TABLES = types.NamedTuple([_CUBICS] * 3 + [types.float64] * 10, Tables)
+HERE = types.NamedUniTuple(types.float64, 6, Here)
 
 
 def tables(fuel: Fuel, gas: Gas) -> Tables:

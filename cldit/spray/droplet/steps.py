@@ -9,6 +9,8 @@ error, and each droplet takes as many steps of its own as that needs.
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -57,10 +59,7 @@ def follow_all(
 
     Arrays are (N,), velocities and path (N, k). rounds: steps taken, -1 where that did not end.
     """
-    one, two, whole = types.float64[::1], types.float64[:, ::1], types.int64[::1]
-    given = (types.float64, types.float64, types.boolean, one, one, one, two)
-    signature = (RULE, TABLES, *given, one, one, two, one, two, whole)
-    compiled_for(_follow_all, signature)(
+    _machine()(
         rule,
         tables,
         duration_s,
@@ -77,6 +76,13 @@ def follow_all(
         path_m,
         rounds,
     )
+
+
+@functools.cache
+def _machine() -> Callable[..., None]:
+    one, two, whole = types.float64[::1], types.float64[:, ::1], types.int64[::1]
+    given = (types.float64, types.float64, types.boolean, one, one, one, two)
+    return compiled_for(_follow_all, (RULE, TABLES, *given, one, one, two, one, two, whole))
 
 
 def _follow_all(
