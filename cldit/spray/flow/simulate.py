@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -91,7 +92,7 @@ def simulate_spray(
         next_parcel = until
         injected = float(np.sum((each * injection.droplets)[:until]))
         if len(rows) < time / spec.time_s * _RECORDS or time >= spec.time_s * (1 - 1e-9):
-            rows.append((time, injected, *measures(cloud, flow, fuel, axes, injected_kg=injected)))
+            rows.append((time, injected, *measures(cloud, flow, fuel, axes)))
         if watch is not None:
             watch(time, spec.time_s, len(cloud.mass_kg))
     history = History(*np.array(rows).T)
@@ -104,6 +105,7 @@ def simulate_spray(
         "sauter_mean_diameter_m": float(history.sauter_mean_diameter_m[-1]),
         "sauter_mean_diameter_at_15_mm_m": station.sauter_m,
         "liquid_penetration_m": float(history.liquid_m[-1]),
+        "thin_liquid_penetration_m": float(history.thin_liquid_m[-1]),
         "vapour_penetration_m": float(history.vapour_m[-1]),
         "coldest_K": float(history.coldest_K[-1]),
         "jet_speed_m_s": injection.speed_m_s,
@@ -173,7 +175,9 @@ def _step_s(
     if time < injection.end_s:
         fastest = max(fastest, injection.speed_m_s)
     free = flow.box.spacing_m / max(fastest, 1e-9)
-    return min(free, flow.longest_step_s(), LONGEST_STEP_S, spec.time_s - time)
+    left = spec.time_s - time
+    # Even steps up to the end: in a very short last one the gas would have to leap.
+    return left / math.ceil(left / min(free, flow.longest_step_s(), LONGEST_STEP_S))
 
 
 def _born(

@@ -60,7 +60,7 @@ def test_naber_and_siebers(pressure_MPa: float, gas_K: int) -> None:
 @pytest.mark.slow
 def test_spray_g() -> None:
     found = find(SPRAY_G, cache=None)
-    assert found.history.axial_m.max() == pytest.approx(30e-3, abs=5e-3)
+    assert found.history.liquid_m.max() == pytest.approx(30e-3, abs=5e-3)
 
 
 @pytest.mark.slow
