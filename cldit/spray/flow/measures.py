@@ -73,13 +73,13 @@ def projected_reach_m(cloud: Cloud, box: Box, fuel: Fuel) -> tuple[float, float]
         if not rows.size:
             return 0.0
         row = int(rows[0])  # the lowest
-        below = float(top[row - 1]) if row > 0 else 0.0
-        return float(depth[row]) + box.spacing_m * (top[row] - edge) / float(top[row] - below)
+        here, below = float(top[row]), float(top[row - 1]) if row > 0 else 0.0
+        return float(depth[row]) + float(box.spacing_m) * (here - edge) / (here - below)
 
-    first, second = (
-        [farthest(top, edge) for top in tops] for edge in (PROJECTED_m, THIN_PROJECTED_m)
-    )
-    return float(np.mean(first)), float(np.mean(second))
+    def both(edge: float) -> float:
+        return float(np.mean([farthest(top, edge) for top in tops]))
+
+    return both(PROJECTED_m), both(THIN_PROJECTED_m)
 
 
 def vapour_reach_m(flow: GasFlow, axes: Floats) -> float:

@@ -128,7 +128,7 @@ def test_the_plumes_half_angle() -> None:
     )
     axes = np.array([[0.5, 0.0, -np.sqrt(0.75)], [-0.5, 0.0, -np.sqrt(0.75)]])
     assert np.isnan(half_angle_rad(flow, axes))
-    index = np.stack(np.indices(box.shape), axis=-1)
+    index = np.moveaxis(np.indices(box.shape), 0, -1)
     centre = box.origin_m + (index + 0.5) * box.spacing_m
     along = np.max(centre @ axes.T, axis=-1)
     wide = np.sqrt(np.maximum(np.sum(centre**2, axis=-1) - along**2, 0.0))

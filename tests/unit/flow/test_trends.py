@@ -14,8 +14,8 @@ COARSE = FlowBox(spacing_m=2e-3)
 
 @functools.cache
 def spray(pressure_MPa: float, gas_K: int) -> Found:
-    """On a grid of 2 mm and with fewer parcels, at 0.95 ms."""
-    spec = at(pressure_MPa, gas_K, box=COARSE, droplets_per_parcel=3e4)
+    """On a grid of 2 mm, at 0.95 ms."""
+    spec = at(pressure_MPa, gas_K, box=COARSE, droplets_per_parcel=1e4)
     return find(spec, cache=None)
 
 
@@ -28,19 +28,20 @@ def evaporated(found: Found) -> float:
 
 
 def test_pressure_and_heat_shorten_the_spray() -> None:
-    thin, dense, hot = spray(0.6, 300), spray(0.9, 300), spray(0.9, 620)
+    cold, dense, hot = spray(0.45, 300), spray(0.9, 300), spray(0.9, 600)
     for name in ("vapour_penetration_m", "liquid_penetration_m"):
-        # Naber and Siebers: (3/2)^0.25 = 1.107 by the gas's density; half to twice of that excess.
-        assert 1.05 < note(thin, name) / note(dense, name) < 1.22
-    # Thinner gas lets the vapour go farther, but the liquid evaporates on the way.
+        # Naber and Siebers: 2^0.25 = 1.19 by the gas's density; half to one and a half of that.
+        assert 1.09 < note(cold, name) / note(dense, name) < 1.29
+    # At one density the hotter gas leaves less of the liquid, which ends sooner.
+    assert note(hot, "liquid_penetration_m") < 0.97 * note(cold, "liquid_penetration_m")
+    # At one pressure it is thinner too, and the vapour goes farther.
     assert note(hot, "vapour_penetration_m") > note(dense, "vapour_penetration_m")
-    assert note(hot, "liquid_penetration_m") < 0.95 * note(dense, "liquid_penetration_m")
 
 
 def test_droplets_last_in_cold_gas_and_vapour_follows_the_temperature() -> None:
-    assert evaporated(spray(0.9, 300)) < evaporated(spray(0.6, 300)) < 0.3
+    assert evaporated(spray(0.9, 300)) < evaporated(spray(0.45, 300)) < 0.4
     assert evaporated(spray(0.6, 573)) > 0.8
-    assert evaporated(spray(0.9, 620)) > 0.8
+    assert evaporated(spray(0.9, 600)) > 0.8
 
 
 def test_nothing_is_colder_than_saturation_and_droplets_have_the_wet_bulb() -> None:
