@@ -75,7 +75,7 @@ def run(arguments: list[str]) -> None:
 
 
 def test(arguments: list[str]) -> None:
-    python = install("pocl,cfd,rig,dev")
+    python = install("pocl,cfd,rig,studies,dev")
     call(python, "-m", "pytest", *(arguments or ["--numprocesses", "auto"]))
 
 
@@ -92,14 +92,14 @@ def loopback() -> None:
 
 
 def lint() -> None:
-    python = install("pocl,cfd,rig,dev")
+    python = install("pocl,cfd,rig,studies,dev")
     call(python, "-m", "ruff", "check", ".")
     call(python, "-m", "ruff", "format", "--check", ".")
     call(python, "-m", "mypy")
 
 
 def wheel() -> None:
-    python = install("pocl,cfd,rig,dev")
+    python = install("pocl,cfd,rig,studies,dev")
     with tempfile.TemporaryDirectory(prefix="cldit wheel ") as place:
         call(python, "-m", "build", "--outdir", Path(place) / "dist", HERE)
         built = next(Path(place, "dist").glob("*.whl"))

@@ -173,8 +173,8 @@ def scattering_study(
     Raises:
         EvaluationError: the scene cannot be varied, or has windows or one background.
     """
-    if scene.windows:
-        raise EvaluationError("windows: the study takes a scene without")
+    if scene.windows or scene.patches:
+        raise EvaluationError("windows, patches: the study takes a scene without")
     models: dict[str, Traced] = {}
     for name, model in wrong_models(scene).items():
         if progress is not None:

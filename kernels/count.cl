@@ -2,6 +2,7 @@
    image.cl does for every pixel, without the light. For `cldit bench`. */
 
 #include "boundary.h"
+#include "boundary.h"
 #include "ray.h"
 #include "walk.h"
 

@@ -28,8 +28,8 @@ __kernel void multiply_add(__global float *out, __global const float *in, const 
     const lane_t x = LOAD(i, in);
     lane_t s0 = x, s1 = x + 1, s2 = x + 2, s3 = x + 3, s4 = x + 4, s5 = x + 5, s6 = x + 6, s7 = x + 7;
     for (int r = 0; r < rounds; ++r) {
-        s0 = mad(s0, x, x); s1 = mad(s1, x, x); s2 = mad(s2, x, x); s3 = mad(s3, x, x);
-        s4 = mad(s4, x, x); s5 = mad(s5, x, x); s6 = mad(s6, x, x); s7 = mad(s7, x, x);
+        s0 = s0 * x + x; s1 = s1 * x + x; s2 = s2 * x + x; s3 = s3 * x + x;
+        s4 = s4 * x + x; s5 = s5 * x + x; s6 = s6 * x + x; s7 = s7 * x + x;
     }
     STORE(((s0 + s1) + (s2 + s3)) + ((s4 + s5) + (s6 + s7)), i, out);
 }

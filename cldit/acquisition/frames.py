@@ -16,10 +16,12 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from cldit.acquisition.hcc import HccError, HccReader
 from cldit.errors import EvaluationError
 
 _PLACE = re.compile(r"^(?P<dataset>[^\[\]]+?)(\[(?P<first>\d*):(?P<last>\d*)\])?$")
 _TIFF = (".tif", ".tiff")
+_HCC = (".hcc",)
 _HDF5 = (".h5", ".hdf5", ".hdf", ".nxs", ".nx", ".nexus")
 
 
@@ -138,6 +140,22 @@ class _Hdf5:
         self._file.close()
 
 
+class _Hcc:
+    """A Telops film, read frame by frame."""
+
+    def __init__(self, source: Source) -> None:
+        self._film = HccReader(source.path)
+
+    def __len__(self) -> int:
+        return len(self._film.headers)
+
+    def read(self, number: int) -> NDArray[Any]:
+        return np.asarray(self._film.frames(number, number + 1)[0])
+
+    def close(self) -> None:
+        self._film.close()
+
+
 def _datasets(file: Any, kind: Any) -> list[str]:
     names: list[str] = []
 
@@ -152,6 +170,7 @@ def _datasets(file: Any, kind: Any) -> list[str]:
 _READERS: tuple[tuple[tuple[str, ...], Callable[[Source], Stack]], ...] = (
     (_TIFF, _Tiff),
     (_HDF5, _Hdf5),
+    (_HCC, _Hcc),
 )
 
 
@@ -176,6 +195,8 @@ def open_stack(source: Source) -> Stack:
                 return stack
             except EvaluationError:
                 raise
+            except HccError as error:
+                raise EvaluationError(str(error)) from error
             except Exception as error:  # damaged headers lead the readers into errors of all kinds
                 raise EvaluationError(f"{source.path}: cannot be read ({error})") from error
     allowed = ", ".join(one for suffixes, _ in _READERS for one in suffixes)

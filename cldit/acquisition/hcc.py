@@ -42,44 +42,93 @@ def read_hcc(path: str | Path) -> HccFilm:
     """A film of raw or non-uniformity corrected counts.
 
     Raises:
+        HccError: as `HccReader`.
+    """
+    with HccReader(Path(path)) as reader:
+        headers = reader.headers
+        return HccFilm(
+            frames=reader.frames(0, len(headers)),
+            integration_time_s=np.array(
+                [1e-6 * float(header["ExposureTime"]) for header in headers]
+            ),
+            frame_ids=np.array([header["FrameID"] for header in headers], np.int64),
+            time=tuple(_time(header) for header in headers),
+            frame_rate_Hz=reader.frame_rate_Hz,
+            corrected=reader.corrected,
+            headers=headers,
+        )
+
+
+class HccReader:
+    """A film that is open: its headers, checked, and its frames as they are asked for.
+
+    Raises:
         HccError: fasthcc is not installed; the file is missing, damaged or cut short; frames are
             missing; or the pixels are temperatures or radiances, from which DIT cannot start.
     """
-    try:
-        import fasthcc
-    except ImportError as error:
-        raise HccError("Telops films need fasthcc: pip install cldit[hcc]") from error
-    path = Path(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # of a file that is cut short
-            with fasthcc.HCCReader(path) as reader:
-                frames = np.asarray(reader.read_frames())
-                headers = tuple(dict(header) for header in reader.read_metadata())
-                mode, scale = int(reader.calibration_mode), int(reader.data_exp)
-                rate_Hz = float(reader.frame_rate)
-    except (OSError, ValueError, KeyError, Warning) as error:
-        raise HccError(f"{path}: cannot be read as a Telops film ({error})") from error
-    if mode not in (_RAW, _NON_UNIFORMITY_CORRECTED):
-        raise HccError(
-            f"{path}: calibration mode {mode} with exponent {scale} holds no counts; record in "
-            "the mode Raw (0) or NUC (1)"
-        )
-    ids = np.array([header["FrameID"] for header in headers], np.int64)
-    gaps = np.flatnonzero(np.diff(ids) != 1)
-    if len(gaps):
-        raise HccError(
-            f"{path}: frame {ids[gaps[0]] + 1} is missing, {len(gaps)} gaps in all; record again"
-        )
-    return HccFilm(
-        frames=frames.astype(np.uint16, copy=False),
-        integration_time_s=np.array([1e-6 * float(header["ExposureTime"]) for header in headers]),
-        frame_ids=ids,
-        time=tuple(_time(header) for header in headers),
-        frame_rate_Hz=rate_Hz,
-        corrected=mode == _NON_UNIFORMITY_CORRECTED,
-        headers=headers,
-    )
+
+    def __init__(self, path: Path) -> None:
+        try:
+            import fasthcc
+        except ImportError as error:
+            raise HccError("Telops films need fasthcc: pip install cldit[hcc]") from error
+        self._path = path
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")  # of a file that is cut short
+                self._reader = fasthcc.HCCReader(path)
+        except (OSError, ValueError, KeyError, Warning) as error:
+            raise self._unreadable(error) from error
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                self.headers = tuple(dict(header) for header in self._reader.read_metadata())
+                mode, scale = int(self._reader.calibration_mode), int(self._reader.data_exp)
+                self.frame_rate_Hz = float(self._reader.frame_rate)
+            self.corrected = mode == _NON_UNIFORMITY_CORRECTED
+            self._check(mode, scale)
+        except (OSError, ValueError, KeyError, Warning) as error:
+            self._reader.close()
+            raise self._unreadable(error) from error
+        except HccError:
+            self._reader.close()
+            raise
+
+    def _unreadable(self, error: Exception) -> HccError:
+        return HccError(f"{self._path}: cannot be read as a Telops film ({error})")
+
+    def _check(self, mode: int, scale: int) -> None:
+        if mode not in (_RAW, _NON_UNIFORMITY_CORRECTED):
+            raise HccError(
+                f"{self._path}: calibration mode {mode} with exponent {scale} holds no counts; "
+                "record in the mode Raw (0) or NUC (1)"
+            )
+        ids = np.array([header["FrameID"] for header in self.headers], np.int64)
+        gaps = np.flatnonzero(np.diff(ids) != 1)
+        if len(gaps):
+            raise HccError(
+                f"{self._path}: frame {ids[gaps[0]] + 1} is missing, {len(gaps)} gaps in all; "
+                "record again"
+            )
+
+    def frames(self, first: int, last: int) -> NDArray[np.uint16]:
+        """(last - first, h, w) counts, row 0 at the top."""
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                found = np.asarray(self._reader.read_frames(first, last))
+        except (OSError, ValueError, KeyError, Warning) as error:
+            raise self._unreadable(error) from error
+        return found.astype(np.uint16, copy=False)
+
+    def close(self) -> None:
+        self._reader.close()
+
+    def __enter__(self) -> HccReader:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 def _time(header: dict[str, Any]) -> datetime:

@@ -1,1 +1,1 @@
-"""What this computer can do: error against run time, growth of cost, memory, its floor."""
+"""What this computer can do: error against run time, growth, memory, the machine's floor."""

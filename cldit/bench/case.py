@@ -88,14 +88,19 @@ class Lattice:
         ]
         return changed(scene, camera={"pixels": counts, "field_m": kept})
 
-    def pick(self, scene: Scene, weights: Weights) -> Weights:
-        """These pixels out of the whole picture's weights."""
-        where = []
+    def numbers(self, scene: Scene) -> tuple[list[int], list[int]]:
+        """Columns and rows of the whole picture that these pixels lie in."""
+        found = []
         for n, every in zip(scene.camera.pixels, self.every, strict=True):
             count, first = self._along(n, every)
-            where.append(slice(first, first + (count - 1) * every + 1, every))
-        across, down = where
-        return weights.map(lambda image: image[down, across])
+            found.append(list(range(first, first + count * every, every)))
+        return found[0], found[1]
+
+    def pick(self, scene: Scene, weights: Weights) -> Weights:
+        """These pixels out of the whole picture's weights."""
+        columns, rows = self.numbers(scene)
+        where = np.ix_(rows, columns)
+        return weights.map(lambda image: image[where])
 
     def share(self, scene: Scene) -> float:
         """Part of the whole picture's pixels."""
@@ -121,8 +126,9 @@ class Case:
 
     @property
     def phase(self) -> ScatteringTable | None:
-        """That of the droplets in the tree's node."""
-        return self.medium.properties.phases[len(self.medium.trees) // 2]
+        """The droplets' mean phase function at that wavelength, where the scene asks for it."""
+        phases = self.medium.properties.phases
+        return phases[len(phases) // 2]
 
     def seen(self, scene: Scene) -> Case:
         """The same medium by another camera, or traced otherwise."""
@@ -157,6 +163,9 @@ class Case:
         radiance, kelvin = self._inverse
         wall = np.interp(self.scene.walls.temperature_K, kelvin, radiance)
         own = weights.wall * wall + weights.vapour.astype(float) + weights.liquid
+        for patch in self.scene.patches:
+            lit = np.interp(patch.temperature_K, kelvin, radiance)
+            own += weights.patches[patch.name] * lit
         emissivity = 1.0 - weights.background.astype(float)
         apparent = np.divide(own, emissivity, out=np.zeros_like(own), where=emissivity > 1e-6)
         # Interpolated between logarithms, whose curve over 1 / T is nearly straight.

@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 ACCURACIES_K = (1.0, 0.3, 0.1, 0.05)
 SAMPLES = (128, 256, 512)  # of `path`, a pixel
-GATHERED_K = (0.3, 0.1)  # `source` with flights at its end
+GATHERED_K = 0.3  # `source` with flights at its end
 REFERENCE_SAMPLES = 512  # of both halves together
 _REFERENCE_SEEDS = (7001, 7002)
 
@@ -135,7 +135,9 @@ class _Bench:
         wall = one.wall.astype(float), other.wall.astype(float)
         error_K = None
         if stated is not None:
-            shifted = Weights.of({k: v + stated.images[k] for k, v in weights.images.items()})
+            shifted = Weights.of(
+                {name: v + stated.images[name] for name, v in weights.images.items()}
+            )
             change = (self.part.temperature_K(shifted) - kelvin)[truth.visible]
             error_K = float(np.sqrt(np.nanmean(change**2)))
         return Row(
@@ -187,16 +189,13 @@ def bench_error(
         say(f"{phase}: {row.label}: {row.picture_core_s:.4g} core-s, {row.rms_K:.3f} K RMS")
 
     case.run(case.settings(phase=phase, accuracy_K=100.0))  # builds
-    case.run(case.settings(phase=phase, accuracy_K=100.0, gather=True))
-    ways = [(accuracy_K, False) for accuracy_K in accuracies_K]
-    ways += [(accuracy_K, True) for accuracy_K in GATHERED_K if accuracy_K in accuracies_K]
-    for accuracy_K, gather in ways:
-        result, cost = case.run(case.settings(phase=phase, accuracy_K=accuracy_K, gather=gather))
+    for accuracy_K in accuracies_K:
+        result, cost = case.run(case.settings(phase=phase, accuracy_K=accuracy_K))
         difference = result.weights_difference
         add(
             bench.row(
-                "source and gather" if gather else "source",
-                f"source{' and gather' if gather else ''}, {accuracy_K:g} K",
+                "source",
+                f"source, {accuracy_K:g} K",
                 lattice.pick(case.scene, result.weights),
                 cost,
                 picture_core_s=cost.core_s,
@@ -205,13 +204,19 @@ def bench_error(
             )
         )
     share = lattice.share(case.scene)
-    fixed = empty.run(path_settings(case, 128, phase=phase))[1].core_s
-    for count in samples:
-        result, cost = part.run(path_settings(case, count, phase=phase))
+    gathered = case.settings(phase=phase, accuracy_K=GATHERED_K, gather=True)
+    ways = [("source and gather", f"source and gather, {GATHERED_K:g} K", gathered)]
+    ways += [
+        ("path", f"path, {count} samples", path_settings(case, count, phase=phase))
+        for count in samples
+    ]
+    for method, label, settings in ways:
+        fixed = empty.run(settings)[1].core_s
+        result, cost = part.run(settings)
         add(
             bench.row(
-                "path",
-                f"path, {result.counts.get('samples', 0)} samples",
+                method,
+                label,
                 result.weights,
                 cost,
                 picture_core_s=fixed + max(cost.core_s - fixed, 0.0) / share,

@@ -129,15 +129,13 @@ def floor(case: Case, *, directions: int = 12) -> Part:
             f"copied (read and written), {machine.flops_per_s / 1e9:.1f} Gflop in single "
             f"precision, {machine.exps_per_s / 1e9:.2f} G exponentials. The floor is the larger "
             "of the time that the counted bytes and that the counted operations take.",
-            "What is left. *Sweep*: rows that hold anything are read whole, and eight cells are "
-            "computed where one of them holds something; between two layers of a row there is a "
+            "What is left, as far as it is known. *Sweep*: between two layers of a row there is a "
             "barrier, and the rays of a row live in local memory, whose loads and stores are not "
-            "counted; rays of the next layer lie `stride_l` apart, so the prefetcher starts anew "
-            "with every row. One cell at a time instead of eight shows what vectors give. "
-            "*Image*: every step depends on the one before (which cell comes next, then its brick, "
-            "then its depth), so it waits for a division and two dependent loads, not for "
-            "bandwidth, and neighbouring pixels branch differently, so nothing is done eight at a "
-            "time; the walk alone, with no light, takes most of it.",
+            "counted. One cell at a time instead of eight shows what vectors give. *Image*: every "
+            "step depends on the one before (which cell comes next, then its brick, then its "
+            "depth), so it waits for divisions and dependent loads and not for bandwidth, and "
+            "neighbouring pixels branch differently, so nothing is done eight at a time; the walk "
+            "alone, with no light, takes most of it.",
         ),
     )
 

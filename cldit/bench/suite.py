@@ -9,6 +9,11 @@ from pathlib import Path
 from cldit.bench.case import Case, Lattice, Say, changed
 from cldit.bench.error import bench_error
 from cldit.bench.error_report import error_part
+from cldit.bench.floor import floor
+from cldit.bench.growth import growth
+from cldit.bench.leave_out import leave_out
+from cldit.bench.memory import memory
+from cldit.bench.peers import peers
 from cldit.bench.report import Part
 from cldit.gpu.device import Device
 from cldit.scene import Scene
@@ -19,6 +24,7 @@ class Bench:
     """What is measured, and how much of it.
 
     lattice: pixels that `path` and the reference trace. samples: of the reference, a pixel.
+    accuracies_K: what `source` is asked for. save: takes a part as far as it has come.
     """
 
     scene: Scene
@@ -26,7 +32,9 @@ class Bench:
     cache: Path
     lattice: Lattice
     samples: int
+    accuracies_K: tuple[float, ...]
     say: Say
+    save: Callable[[Part], None]
 
     def case(self, *, mie: bool = False) -> Case:
         phase = "mie" if mie else "isotropic"
@@ -46,9 +54,19 @@ def error(bench: Bench) -> Part:
             lattice=bench.lattice,
             say=bench.say,
             reference_samples=bench.samples,
+            accuracies_K=bench.accuracies_K,
         )
         rows += some
+        bench.save(error_part(bench.scene, rows, truths))
     return error_part(bench.scene, rows, truths)
 
 
-MEASUREMENTS: dict[str, Callable[[Bench], Part]] = {"error": error}
+MEASUREMENTS: dict[str, Callable[[Bench], Part]] = {
+    "error": error,
+    "growth": lambda bench: growth(bench.case(), cache=bench.cache, say=bench.say),
+    "memory": lambda bench: memory(bench.scene, bench.device, say=bench.say),
+    "leave-out": lambda bench: leave_out(bench.case(), say=bench.say),
+    "floor": lambda bench: floor(bench.case()),
+    "peers": lambda bench: peers(bench.case(), say=bench.say),
+}
+USUAL = tuple(name for name in MEASUREMENTS if name != "peers")

@@ -24,6 +24,7 @@ _COMMANDS = {
     "export": "rig:export_command",
     "scattering": "scattering:scattering_command",
     "show": "rig:show",
+    "study": "study:study",
     "bench": "bench:bench",
 }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+import numpy as np
 import yaml
 from rich.table import Table
 
@@ -15,19 +16,20 @@ from cldit.dit.design import (
     BlackBody,
     Design,
     Goal,
-    Subject,
     chosen,
-    coldest_K,
     designs,
     error_against_time,
     plan_of,
     shot_time_s,
 )
+from cldit.dit.subject import Subject, coldest_K, opaque_errors_K
 from cldit.gpu.device import open_device
 from cldit.report.design_figure import design_picture
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import simulate
 from cldit.scene import Scene, load_scene
+
+_COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
 
 
 @click.command("plan")
@@ -110,6 +112,14 @@ def plan_command(
         f"an opaque spray is told to {error_K:g} K by it down to {coldest:.0f} K "
         f"({best.integration_time_s * 1e6:g} us)"
     )
+    if len(known) > 1:
+        colds = np.array(_COLD_K)
+        errors = opaque_errors_K(subject, colds, known, emissivity=1.0)
+        told = ", ".join(f"{k:g} K to {e:.2g} K" for k, e in zip(colds, errors, strict=True))
+        OUT.print(
+            f"one picture of each kind before the scene's {len(known)} backgrounds tells an opaque "
+            f"spray at {told}"
+        )
     _write(loaded, folder, best)
     lines = [(one, *error_against_time(subject, one, goal, shot_s=shot_s)) for one in found]
     picture = design_picture(lines, best, goal, title=f"{loaded.name}: error against time")

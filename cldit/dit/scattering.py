@@ -51,7 +51,16 @@ class Medium:
 
 
 def wall_share(spray: Weights, reference: Weights) -> Floats:
-    """omega (H, W) of a trace: wall's light gained over background's light lost."""
+    """omega (H, W) of a trace: wall's light gained over background's light lost.
+
+    Raises:
+        EvaluationError: the enclosure has patches of their own temperature.
+    """
+    if spray.patches:
+        raise EvaluationError(
+            f"model: has patches ({', '.join(spray.patches)}); the scattered share is that of "
+            "walls at one temperature"
+        )
     lost = reference.background.astype(float) - spray.background
     gained = spray.wall.astype(float) - reference.wall
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
@@ -38,6 +38,9 @@ document.querySelectorAll('.slider').forEach(function (box) {
   show();
 });
 """
+
+
+_SHORT = 16  # characters of a table's cell that stay on one line
 
 
 @dataclass(frozen=True)
@@ -91,32 +94,42 @@ def write_report(path: Path, content: ReportContent) -> None:
 def report_html(content: ReportContent) -> str:
     """The report as text; sections without content are left out."""
     sections = [
-        _section("Emissivity and apparent temperature", _figures(content.maps)),
-        _section("What the camera saw", _slider(content.camera)),
-        _section(
+        ("Emissivity and apparent temperature", figures_html(content.maps)),
+        ("What the camera saw", _slider(content.camera)),
+        (
             "Where the signal comes from",
-            _shares(content.shares) + _figures(content.share_pictures),
+            _shares(content.shares) + figures_html(content.share_pictures),
         ),
-        _section("Pixels", _counts(content.reasons)),
-        _section("Errors and weights", _figures(content.more_pictures)),
-        _section("Spray", _table(content.figures)),
-        _section("Run times", _stages(content.stages, content.notes)),
-        _section("Computed with", _versions(content)),
-        _section("Scene", _scene(content.scene_yaml)),
+        ("Pixels", _counts(content.reasons)),
+        ("Errors and weights", figures_html(content.more_pictures)),
+        ("Spray", _table(content.figures)),
+        ("Run times", _stages(content.stages, content.notes)),
+        ("Computed with", _versions(content)),
+        ("Scene", _scene(content.scene_yaml)),
     ]
-    title = escape(content.name)
-    intro = f"<p>{escape(content.description)}</p>" if content.description else ""
+    intro = f"<p>{escape(content.description)}</p>\n" if content.description else ""
+    return document(content.name, intro, sections)
+
+
+def document(title: str, intro: str, sections: Sequence[tuple[str, str]]) -> str:
+    """A whole page: the text of its title, then HTML of an introduction and of titled sections.
+
+    Sections without content are left out.
+    """
+    name = escape(title)
+    body = "".join(_section(heading, content) for heading, content in sections)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{title} – DIT</title>\n<style>{_STYLE}</style></head>\n<body>\n"
-        f"<h1>{title}</h1>\n{intro}\n{''.join(sections)}"
+        f"<title>{name} – DIT</title>\n<style>{_STYLE}</style></head>\n<body>\n"
+        f"<h1>{name}</h1>\n{intro}\n{body}"
         f"<script>{_SCRIPT}</script>\n</body></html>\n"
     )
 
 
 def _section(title: str, body: str) -> str:
-    return f"<section><h2>{escape(title)}</h2>\n{body}</section>\n" if body else ""
+    heading = f"<h2>{escape(title)}</h2>\n" if title else ""
+    return f"<section>{heading}{body}</section>\n" if body else ""
 
 
 def _figure(picture: Picture) -> str:
@@ -128,7 +141,8 @@ def _figure(picture: Picture) -> str:
     )
 
 
-def _figures(pictures: tuple[Picture, ...]) -> str:
+def figures_html(pictures: tuple[Picture, ...]) -> str:
+    """Pictures with their captions, inside the page."""
     return "".join(_figure(picture) for picture in pictures)
 
 
@@ -166,6 +180,17 @@ def _bar(share: float) -> str:
 
 def _rows(rows: list[str]) -> str:
     return f'<div class="scroll"><table>\n{"".join(rows)}</table></div>\n' if rows else ""
+
+
+def table_html(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table of texts below their titles; columns of short ones, as numbers, are not broken."""
+    head = _row(*(f"<th>{escape(title)}</th>" for title in titles))
+    short = [all(len(row[at]) <= _SHORT for row in rows) for at in range(len(titles))]
+
+    def line(row: Sequence[str]) -> str:
+        return _row(*(_number(c) if s else _cell(c) for c, s in zip(row, short, strict=True)))
+
+    return _rows([head, *map(line, rows)]) if rows else ""
 
 
 def _table(values: Mapping[str, str]) -> str:

@@ -158,7 +158,8 @@ def test_a_common_error_drops_out_of_a_transparent_spray() -> None:
     quiet = np.full((5, 1), 1e-6)
     before = X[:, None] + shift
     known = _fit(before, before, (quiet, quiet), np.full(5, 0.1), (1.0, 1.0))
-    assert emissivity(known)[0][0] == pytest.approx(0.0, abs=1e-12)
+    # The shifts' variance is 1e5 times the noise's: so many times rounding, and some, is lost.
+    assert emissivity(known)[0][0] == pytest.approx(0.0, abs=1e-10)
     # Each line's slope is as uncertain as the shifts make it, their ratio is not.
     assert known.covariance[0, 0, 0] > 1e4 * emissivity(known)[1][0]
 

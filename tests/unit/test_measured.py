@@ -100,9 +100,9 @@ def test_a_folder_of_tiffs_from_the_command_line(tiffs: Path) -> None:
     assert picture.exit_code == 0 and (tiffs / "maps.png").is_file()
 
 
-@pytest.mark.parametrize("form", ["pages", "imagej", "nexus"])
+@pytest.mark.parametrize("form", ["pages", "imagej", "nexus", "hcc"])
 def test_stacks_give_what_single_pictures_give(tiffs: Path, tmp_path: Path, form: str) -> None:
-    """Pages of one TIFF, ImageJ's stack in one page, a data set of NeXus."""
+    """Pages of one TIFF, ImageJ's stack in one page, a data set of NeXus, a Telops film."""
     expected = evaluate_folder(tiffs).maps
     folder = tmp_path / form
     folder.mkdir()
@@ -119,6 +119,15 @@ def test_stacks_give_what_single_pictures_give(tiffs: Path, tmp_path: Path, form
                 + (f"[:{SHOTS}]" if kind == "references" else f"[{SHOTS}:]")
             ),
         )
+    elif form == "hcc":
+        fasthcc = pytest.importorskip("fasthcc")
+        for kelvin in BACKGROUNDS:
+            for kind in ("references", "injections"):
+                headers = [{"FrameID": n, "ExposureTime": 25.0} for n in range(SHOTS)]
+                pictures = np.stack(_pictures(kelvin, kind))
+                path = folder / f"{kind}{kelvin:g}.hcc"
+                fasthcc.write_hcc(path, pictures, metadata=headers, calibration_mode=0)
+        _described(folder, lambda kelvin, kind: f"{kind}{kelvin:g}.hcc")
     else:
         for kelvin in BACKGROUNDS:
             for kind in ("references", "injections"):

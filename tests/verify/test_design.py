@@ -14,20 +14,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from click.testing import CliRunner
 
-from cldit.acquisition.plan import StabilitySection
+from cldit.acquisition.plan import StabilitySection, load_plan
 from cldit.acquisition.runner import acquire
+from cldit.cli import main
 from cldit.dit.design import (
     BlackBody,
     Goal,
-    Subject,
     chosen,
-    coldest_K,
     designs,
-    opaque_errors_K,
     plan_of,
     shot_time_s,
 )
+from cldit.dit.subject import Subject, coldest_K, opaque_errors_K
 from cldit.errors import EvaluationError
 from cldit.experiment import evaluate_folder
 from cldit.optics.planck import band_radiance
@@ -38,7 +39,7 @@ from cldit.report.design_figure import design_picture
 from cldit.rig.clock import SimulatedClock
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
-from cldit.scene import Scene, dump_scene, parse_scene
+from cldit.scene import Scene, dump_scene, load_scene, parse_scene
 from tests.conftest import tiny_weights
 
 SPRAY_K = 370.0  # of tiny_weights
@@ -226,3 +227,25 @@ def test_picture() -> None:
     found = designs(subject, BLACKBODY, goal, shot_s=1.0, counts=(3,))
     line = (found[0], np.array([600.0, 6000.0]), np.array([4.0, 1.0]))
     assert design_picture([line], found[0], goal, title="$x").startswith(b"\x89PNG")
+
+
+@pytest.mark.slow
+def test_the_command_writes_what_the_rig_takes(tmp_path: Path) -> None:
+    """`cldit plan` of a small scene: plan.yaml and rig.yaml open, design.png is there."""
+    data = load_scene("droplets-only").model_dump(mode="json")
+    data["camera"]["pixels"] = [40, 40]
+    data["camera"]["sensor"] |= {"pixels": [40, 40], "bad_pixels": 0}
+    data["domain"]["leaf_edge_m"] = 4e-3
+    data["spray"]["spacing_m"] = 2e-3
+    (tmp_path / "small.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
+    out = tmp_path / "plan"
+    asked = ["plan", str(tmp_path / "small.yaml"), "--error", "5K", "--out", str(out)]
+    result = CliRunner().invoke(main, asked)
+    assert result.exit_code == 0, result.output
+    assert "340 K to" in result.output
+    plan = load_plan(out / "plan.yaml")
+    assert len(plan.backgrounds_K) >= 3 and plan.shots >= 3
+    open_rig(out / "rig.yaml").close()
+    assert (out / "design.png").stat().st_size > 10_000
+    refused = CliRunner().invoke(main, [*asked[:3], "0K"])
+    assert refused.exit_code != 0 and "more than 0" in refused.output

@@ -1,0 +1,133 @@
+"""Peak memory and time of compilation, each case in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyopencl as cl
+
+from cldit.bench.case import BenchError, Say, changed
+from cldit.bench.report import Part, Table
+from cldit.gpu.device import Device, open_device
+from cldit.run import default_cache, simulate
+from cldit.scene import Scene, dump_scene, load_scene
+
+_CASES: tuple[tuple[str, dict[str, Any] | None], ...] = (
+    ("nothing but the imports and the device", None),
+    ("source, isotropic", {"method": "source", "phase": "isotropic"}),
+    ("source, mie", {"method": "source", "phase": "mie"}),
+    ("path, 128 samples", {"method": "path", "phase": "isotropic", "max_samples": 128}),
+)
+
+
+@dataclass(frozen=True)
+class Peak:
+    """resident_bytes: most memory that the process held; buffer_bytes: most that its device buffers
+    took together, which on a CPU are part of it. compile_s: wall seconds of building kernels."""
+
+    resident_bytes: int
+    buffer_bytes: int
+    compile_s: float
+
+
+def memory(scene: Scene, device: Device, *, say: Say) -> Part:
+    """Whole runs; each once with empty kernel caches and once with filled ones."""
+    mie = scene.spray.model not in ("none", "grid")
+    lines, data = [], []
+    for label, transport in _CASES:
+        if transport is not None and transport["phase"] == "mie" and not mie:
+            continue
+        chosen = None if transport is None else changed(scene, transport=transport)
+        with tempfile.TemporaryDirectory() as folder:
+            fresh, cached = (_apart(chosen, device, Path(folder)) for _ in range(2))
+        say(f"{label}: {fresh.resident_bytes / 1e9:.2f} GB, built in {fresh.compile_s:.2f} s")
+        lines.append(
+            (
+                label,
+                f"{fresh.resident_bytes / 1e9:.2f}",
+                f"{fresh.buffer_bytes / 1e9:.3f}",
+                "-" if chosen is None else f"{fresh.compile_s:.2f}",
+                "-" if chosen is None else f"{cached.compile_s:.2f}",
+            )
+        )
+        data.append({"case": label, "fresh": vars(fresh), "cached": vars(cached)})
+    return Part(
+        name="memory",
+        title=f"Memory and compilation: {scene.name}",
+        tables=(
+            Table.of(
+                ("run", "peak, GB", "device buffers, GB", "compiled, s", "from cache, s"), lines
+            ),
+        ),
+        data=data,
+        text=(
+            "Peak resident memory (VmHWM) of a process that makes the whole run: spray, optics, "
+            "octree, trace, evaluation. On a CPU the device's buffers are in it.",
+        ),
+    )
+
+
+def _apart(scene: Scene | None, device: Device, folder: Path) -> Peak:
+    """The run in a process of its own with kernel caches in `folder`."""
+    file = folder / "scene.yaml"
+    if scene is not None:
+        file.write_text(dump_scene(scene), encoding="utf-8")
+    caches = {"POCL_CACHE_DIR": str(folder / "pocl"), "XDG_CACHE_HOME": str(folder / "cache")}
+    (folder / "pocl").mkdir(exist_ok=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "cldit.bench.memory", device.info.index, str(default_cache())]
+        + ([] if scene is None else [str(file)]),
+        env={**os.environ, **caches},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise BenchError(f"memory: the measuring process failed:\n{done.stderr[-2000:]}")
+    return Peak(**json.loads(done.stdout.splitlines()[-1]))
+
+
+def _counting(counts: dict[str, int]) -> type[cl.Buffer]:
+    """Buffers that note how much of them there is: `now` and at `most`."""
+
+    class Counted(cl.Buffer):  # type: ignore[misc, unused-ignore]
+        def __init__(self, *given: Any, **named: Any) -> None:
+            super().__init__(*given, **named)
+            counts["now"] += self.size
+            counts["most"] = max(counts["most"], counts["now"])
+
+        def __del__(self) -> None:
+            counts["now"] -= self.size
+
+    return Counted
+
+
+def _status() -> Mapping[str, str]:
+    text = Path("/proc/self/status").read_text(encoding="utf-8")
+    return dict(line.split(":", 1) for line in text.splitlines())
+
+
+def _measure(arguments: list[str]) -> Peak:
+    """Of this process, which is to do nothing else: it counts every buffer that is made in it."""
+    index, cache, *files = arguments
+    counts = {"now": 0, "most": 0}
+    cl.Buffer = _counting(counts)  # type: ignore[misc]
+    device = open_device(index)
+    compile_s = 0.0
+    if files:
+        run = simulate(load_scene(files[0]), device=device, cache=Path(cache))
+        compile_s = next(stage.seconds for stage in run.info.stages if stage.name == "compile")
+    resident = int(_status()["VmHWM"].split()[0]) * 1024
+    return Peak(resident, counts["most"], compile_s)
+
+
+if __name__ == "__main__":
+    print(json.dumps(vars(_measure(sys.argv[1:]))))

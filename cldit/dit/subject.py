@@ -1,0 +1,212 @@
+"""What a planned measurement would see of a traced spray, and how well it would know it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.camera.curve import Curve
+from cldit.camera.sensor import SensorModel
+from cldit.camera.view import SensorView
+from cldit.dit.fit import apparent_radiance, fit_pair
+from cldit.errors import EvaluationError
+from cldit.optics.spectral import Quadrature
+from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.radiance.weights import Weights
+from cldit.scene.schema import Scene
+
+Floats = NDArray[np.float64]
+
+_PIXELS = 2000  # that stand for all: their 90 % quantile is good to 1 %
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subject:
+    """What the camera would see of chosen pixels of a traced scene, all of shape (1, N).
+
+    spray: weights of each spectral node. scatter: relative standard deviation of the optical depth
+    of one injection.
+    """
+
+    spray: tuple[Weights, ...]
+    reference: Weights
+    boundaries: tuple[Boundary, ...]
+    whole: Boundary
+    curve: Curve
+    sensor: SensorModel
+    scatter: float
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        quadrature: Quadrature,
+        spectral: Sequence[Weights],
+        reference: Weights,
+        *,
+        least_emissivity: float,
+    ) -> Subject:
+        """The sensor's pixels before the background in which the spray is at least this emissive.
+
+        Raises:
+            EvaluationError: there are none.
+        """
+        view = SensorView.from_scene(scene)
+        spray = [_seen(view, weights) for weights in spectral]
+        bare = _seen(view, reference)
+        seen = np.mean([weights.background for weights in spray], axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            emissivity = 1.0 - seen / bare.background
+        places = np.flatnonzero((bare.background > 0.999) & (emissivity >= least_emissivity))
+        if places.size == 0:
+            raise EvaluationError(
+                f"no pixel before the background has an emissivity of {least_emissivity:g} or "
+                f"more; the largest is {np.nanmax(emissivity, initial=0.0):.3g}"
+            )
+        chosen = places[np.linspace(0, places.size - 1, min(places.size, _PIXELS)).astype(int)]
+        around = Surroundings.from_scene(scene)
+        nodes = quadrature.nodes
+        return cls(
+            spray=tuple(_pixels(weights, chosen) for weights in spray),
+            reference=_pixels(bare, chosen),
+            boundaries=tuple(Boundary.of(around, n.radiance, n.pane) for n in nodes),
+            whole=Boundary.in_filter(
+                around, quadrature.filter_um, reference_K=quadrature.reference_K
+            ),
+            curve=Curve(filter_um=quadrature.filter_um),
+            sensor=SensorModel.from_scene(scene),
+            # The simulated rig's lognormal field has a smooth and a common part, sigma each.
+            scatter=math.sqrt(2.0) * scene.rig.shot_scatter,
+        )
+
+    def signals(self, kelvin: float) -> tuple[Floats, Floats]:
+        """(N,) radiance at the camera without and with spray."""
+        bare = [self.reference] * len(self.boundaries)
+        return (
+            picture(bare, self.boundaries, background_K=kelvin)[0],
+            picture(self.spray, self.boundaries, background_K=kelvin)[0],
+        )
+
+    def exposure(self, hottest_K: float) -> SensorModel:
+        """The sensor, exposed so that the hottest background fills 80 % of its range."""
+        return self.sensor.exposed_for(float(np.max(self.signals(hottest_K))))
+
+    def variances(self, backgrounds_K: Sequence[float]) -> Floats:
+        """(2, 2, N): of T_app in K^2 and of the emissivity; by one injection and by one reference
+        before each background."""
+        sensor = self.exposure(max(backgrounds_K))
+        calibration = sensor.calibration()
+        bare, spray = (
+            np.stack(both) for both in zip(*(self.signals(k) for k in backgrounds_K), strict=True)
+        )
+        slope = (spray[-1] - spray[0]) / (bare[-1] - bare[0])
+        gone = np.clip(slope, 1e-9, 1.0 - 1e-9)
+        # An optical depth larger by a part q changes Delta I by q times this (see the simulated
+        # bench: all weights change by (1 - r^g) / (1 - r), r the transmission, g = 1 + q).
+        share = -gone * np.log(gone) / (1.0 - gone)
+        extra = (self.scatter * share * (spray - bare)) ** 2
+        scale = calibration.counts_per_radiance
+        calm, varied = (
+            calibration.variance_counts2(calibration.counts(seen)) / scale**2
+            for seen in (bare, spray)
+        )
+        transmission = self.whole.front.transmission
+        source = self.whole.leaving(backgrounds_K)
+        one = np.ones(bare.shape[1])
+        lines = fit_pair(
+            (source, source),
+            (self.whole.inside(bare), self.whole.inside(spray)),
+            variance=(calm / transmission**2, (varied + extra) / transmission**2),
+            usable=np.ones(bare.shape, bool),
+            shared=np.zeros(len(backgrounds_K)),
+            slopes=(one, one),
+        )
+        radiance, _ = apparent_radiance(lines)
+        g, _, s, _ = lines.values.T
+        kelvin = self.curve.temperature_slope(np.maximum(radiance, 0.0)) / (g - s)
+        zero = np.zeros_like(g)
+        gradients = (
+            np.stack([-radiance, -one, radiance, one], axis=1) * kelvin[:, None],
+            np.stack([s / g**2, zero, -1.0 / g, zero], axis=1),
+        )
+        kinds = (slice(2, 4), slice(0, 2))
+        return np.array(
+            [
+                [
+                    np.einsum("ni,nij,nj->n", row[:, of], lines.covariance[:, of, of], row[:, of])
+                    for of in kinds
+                ]
+                for row in gradients
+            ]
+        )
+
+
+def _seen(view: SensorView, weights: Weights) -> Weights:
+    return weights.map(lambda image: view.image(image).astype(np.float32))
+
+
+def _pixels(weights: Weights, places: NDArray[np.intp]) -> Weights:
+    return weights.map(lambda image: image.reshape(1, -1)[:, places])
+
+
+def opaque_errors_K(
+    subject: Subject,
+    spray_K: Floats,
+    backgrounds_K: Sequence[float],
+    *,
+    emissivity: float,
+    shots: int = 1,
+    references: int = 1,
+) -> Floats:
+    """Standard error of T_app of sprays at these temperatures (N,).
+
+    Sprays that only absorb, before an unobstructed background; scatter between shots is left out.
+    """
+    shape = (1, spray_K.size)
+
+    def image(value: Floats | float) -> NDArray[np.float32]:
+        return np.broadcast_to(np.asarray(value, np.float32), shape)
+
+    spray = Weights(
+        background=image(1.0 - emissivity),
+        wall=image(0.0),
+        vapour=image(0.0),
+        liquid=image(emissivity * subject.curve.radiance(spray_K)),
+    )
+    bare = Weights(background=image(1.0), wall=image(0.0), vapour=image(0.0), liquid=image(0.0))
+    grey = replace(
+        subject,
+        spray=(spray,),
+        reference=bare,
+        boundaries=(subject.whole,),
+        scatter=0.0,
+    )
+    injections, bare_ones = grey.variances(backgrounds_K)[0]
+    return np.asarray(np.sqrt(injections / shots + bare_ones / references))
+
+
+def coldest_K(
+    subject: Subject,
+    backgrounds_K: Sequence[float],
+    *,
+    error_K: float,
+    emissivity: float,
+    shots: int = 1,
+    references: int = 1,
+) -> float:
+    """The coldest spray whose T_app so many shots before each background tell; NaN if none."""
+    kelvin = np.linspace(200.0, max(backgrounds_K), 2001)
+    errors = opaque_errors_K(
+        subject,
+        kelvin,
+        backgrounds_K,
+        emissivity=emissivity,
+        shots=shots,
+        references=references,
+    )
+    told = np.flatnonzero(errors <= error_K)
+    return float(kelvin[told[0]]) if told.size else math.nan
