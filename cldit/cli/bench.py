@@ -13,6 +13,7 @@ from cldit.acquisition.bench import bench_rig
 from cldit.bench.case import Lattice
 from cldit.bench.error import ACCURACIES_K
 from cldit.bench.optics import ABSORPTIONS, check_table, table_use, with_preset
+from cldit.bench.presets import CAUSES, compare_presets
 from cldit.bench.report import PARTS, Part, write_part
 from cldit.bench.suite import MEASUREMENTS, USUAL, Bench
 from cldit.cli.console import OUT, escaped, plain_errors, say
@@ -213,13 +214,13 @@ def bench_optics_command(scene: str, out: Path | None) -> None:
     """Errors of droplet tables for k from 0 to 10; cost of SCENE's tables, and its wavelengths."""
     chosen = load_scene(scene)
     at = {"wavelength_um": chosen.optics.wavelength_um, "n": chosen.optics.n}
-    table = Table("k", "Q_sca", "Q_abs", "g", "10 % wide", box=None)
+    table = Table("k", "Q_sca", "Q_abs", "g", "10 % wide", "miepython", box=None)
     worst = 0.0
     for k in ABSORPTIONS:
         found = check_table(k=k, cache=default_cache(), **at)
         worst = max(worst, found.largest)
         single = (found.single.scattering, found.single.absorption, found.single.asymmetry)
-        table.add_row(f"{k:g}", *(f"{value:.1e}" for value in (*single, found.narrow)))
+        table.add_row(f"{k:g}", *(f"{value:.1e}" for value in (*single, found.narrow, found.other)))
     OUT.print(table)
     OUT.print(f"largest error of a table of droplets: {100 * worst:.2g} %")
     spectral = with_preset(chosen, "spectral")
@@ -243,6 +244,31 @@ def bench_optics_command(scene: str, out: Path | None) -> None:
         picture = nodes_picture(resolved.errors_K, chosen=count, title=title)
         (out / "wavelengths.png").write_bytes(picture)
         OUT.print(str(out / "wavelengths.png"))
+
+
+@bench.command("presets")
+@click.argument("scene", default="gdi")
+@click.option("--pixels", type=click.IntRange(8, 1000), default=250, show_default=True)
+@click.option("--accuracy", "accuracy_K", type=KELVIN, default=0.5, show_default=True)
+@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@plain_errors
+def bench_presets_command(scene: str, pixels: int, accuracy_K: float, device: str | None) -> None:
+    """Why preset `spectral` differs from `paper`: liquid, vapour and phase function in turn."""
+    steps = compare_presets(
+        load_scene(scene),
+        pixels=pixels,
+        accuracy_K=accuracy_K,
+        device=open_device(device),
+        cache=default_cache(),
+        say=say,
+    )
+    table = Table(*CAUSES, "wavelengths", "T_app, mean K", "RMS K", "emissivity", box=None)
+    for step in steps:
+        marks = ("x" if cause in step.taken else "" for cause in CAUSES)
+        d = step.difference
+        figures = f"{d.mean_K:.1f}", f"{d.rms_K:.1f}", f"{d.mean_emissivity:.3f}"
+        table.add_row(*marks, str(step.nodes), *figures)
+    OUT.print(table)
 
 
 @bench.command("spray")

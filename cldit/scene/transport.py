@@ -43,6 +43,7 @@ class Transport(Section):
     # droplets are given as coefficients, or the method is `branching`)
     phase: Phase | None = None
     gather: bool = False  # `source`: follow what thick cells scatter, from cell to cell
+    audit: bool = True  # `source`: trace some pixels by `path` as well, to know the picture's error
     cutoff: Annotated[float, Within(0.0, 0.5)] = 1e-4
     directions: Annotated[int, Within(4, 4096)] | None = None  # None: chosen from accuracy_K
     precision: Literal["auto", "float32", "float64"] = "auto"
