@@ -73,7 +73,7 @@ def test_spray_g() -> None:
 
 @pytest.mark.slow
 def test_grid_parcels_and_seed_hardly_matter() -> None:
-    """Twice the spacing: 10 %; twice the parcels: 5 % of the vapour's penetration, at 0.5 ms. Of the
+    """Twice the spacing: 10 %; twice the parcels: 5 % of the vapour's penetration, 0.5 ms. Of the
     liquid's 10 %, for at its edge single parcels are seen: 8 % found, 4 % at 0.95 ms."""
     base = at(0.6, 573, time_s=0.5e-3)
     fine = find(base, cache=None)
