@@ -273,11 +273,11 @@ def bench_presets_command(scene: str, pixels: int, accuracy_K: float, device: st
 
 @bench.command("spray")
 @click.option("--out", type=click.Path(path_type=Path), help="Markdown file; else printed.")
-@click.option("--spacing-mm", type=click.FloatRange(0.5, 4.0), default=2.0, show_default=True)
+@click.option("--spacing-mm", type=click.FloatRange(0.5, 4.0), default=1.0, show_default=True)
 @plain_errors
 def bench_spray_command(out: Path | None, spacing_mm: float) -> None:
     """The computed spray against correlations and measurements; takes minutes."""
-    from cldit.spray.flow.verification import page
+    from cldit.spray.flow.page import page
 
     text = page(default_cache(), spacing_m=1e-3 * spacing_mm, say=say)
     if out is None:
