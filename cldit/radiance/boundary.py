@@ -165,7 +165,7 @@ def pictures(
     """
     total: Floats | None = None
     for part, boundary in zip(weights, boundaries, strict=True):
-        rest = compose(part, background=0.0, wall=boundary.wall, patches=boundary.patches)
+        rest = compose(part, background=None, wall=boundary.wall, patches=boundary.patches)
         leaving = boundary.front.transmission * boundary.leaving(np.asarray(backgrounds_K))
         share = part.background.astype(np.float64)
         if total is None:

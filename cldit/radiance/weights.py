@@ -87,20 +87,21 @@ def background_radiance(*, blackbody: float, wall: float, emissivity: float) -> 
 
 
 def compose(
-    weights: Weights, *, background: float, wall: float, patches: Mapping[str, float] | None = None
+    weights: Weights,
+    *,
+    background: float | None,
+    wall: float,
+    patches: Mapping[str, float] | None = None,
 ) -> NDArray[np.float64]:
     """Radiance (H, W) before a background, walls and patches of these radiances, photons s-1 m-2
-    sr-1.
+    sr-1. A background of None is left out.
 
     Raises:
         KeyError: a patch of the weights has no radiance.
     """
-    total = (
-        weights.background * np.float64(background)
-        + weights.wall * np.float64(wall)
-        + weights.vapour
-        + weights.liquid
-    )
+    total = weights.wall * np.float64(wall) + weights.vapour + weights.liquid
+    if background is not None:
+        total += weights.background * np.float64(background)
     for name, image in weights.patches.items():
         total = total + image * np.float64((patches or {})[name])
     return np.asarray(total)
