@@ -25,7 +25,7 @@ _NAMES = {
     "wet bulb": "wet-bulb temperature",
     "time": "time after start of injection",
 }
-_EXTREMES = {"_max": "largest ", "_min": "smallest "}
+_EXTREMES = {"max": "largest ", "min": "smallest "}
 
 
 def human(key: str, value: float) -> tuple[str, str]:
@@ -34,10 +34,9 @@ def human(key: str, value: float) -> tuple[str, str]:
     `human("jet_speed_m_s", 225.84)` is `("jet speed", "225.8 m/s")`. Lengths below 0.1 mm are in
     um; keys without a unit are counts or ratios. Whole numbers are shown whole.
     """
-    extreme = ""
-    for ending, word in _EXTREMES.items():
-        if key.endswith(ending):
-            key, extreme = key.removesuffix(ending), word
+    words = key.split("_")
+    extreme = next((_EXTREMES[word] for word in words if word in _EXTREMES), "")
+    key = "_".join(word for word in words if word not in _EXTREMES)  # x_K_max and x_max_K alike
     ending = max((end for end in _UNITS if key.endswith(end)), key=len, default="")
     unit, factor = _UNITS.get(ending, ("", 1.0))
     name = key.removesuffix(ending).replace("_", " ").replace("sauter", "Sauter")
@@ -49,5 +48,13 @@ def human(key: str, value: float) -> tuple[str, str]:
 
 
 def human_figures(values: Mapping[str, float]) -> dict[str, str]:
-    """`human` of every figure, in order."""
-    return dict(human(key, value) for key, value in values.items())
+    """`human` of every figure, in order.
+
+    Raises:
+        ValueError: two keys have one name.
+    """
+    rows = [human(key, value) for key, value in values.items()]
+    names = [name for name, _ in rows]
+    if len(set(names)) < len(names):
+        raise ValueError(f"one name for two keys of {', '.join(values)}")
+    return dict(rows)

@@ -20,20 +20,28 @@ figcaption{color:#444;font-size:.92rem}
 table{border-collapse:collapse;margin:.4rem 0}
 td,th{padding:.2rem .9rem .2rem 0;text-align:left;vertical-align:top;
 border-bottom:1px solid #ddd;font-weight:normal;overflow-wrap:anywhere}
+td:first-child{overflow-wrap:break-word;min-width:5rem}
 td.n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
-td.bar{width:40%}td.bar span{display:block;background:#3a6ea5;height:.8rem;min-width:1px}
+td.bar{width:40%;min-width:4rem}
+td.bar span{display:block;background:#3a6ea5;height:.8rem;min-width:1px}
 pre{background:#f5f5f5;padding:.8rem;overflow:auto;font-size:.85rem}
-input[type=range]{width:100%}summary{cursor:pointer}.scroll{overflow-x:auto}
+input[type=range]{width:100%;height:2rem}output{font-weight:bold}summary{cursor:pointer}
+.scroll{overflow-x:auto}
+@media(max-width:40rem){.wide{overflow-x:auto}.wide img{max-width:none;width:50rem}}
 """
 
 # Without JavaScript all pictures of a slider are shown, one below the other.
 _SCRIPT = """
 document.querySelectorAll('.slider').forEach(function (box) {
   var shots = box.querySelectorAll('figure'), range = box.querySelector('input');
+  if (!range) return;
+  var label = box.querySelector('output'), texts = label.textContent.split('|');
   function show() {
     shots.forEach(function (shot, at) { shot.hidden = at !== Number(range.value); });
+    label.textContent = texts[range.value];
+    range.setAttribute('aria-valuetext', texts[range.value]);
   }
-  range.hidden = false;
+  box.querySelector('label').hidden = false;
   range.addEventListener('input', show);
   show();
 });
@@ -42,10 +50,11 @@ document.querySelectorAll('.slider').forEach(function (box) {
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG with the text that stands below it."""
+    """A PNG with the text that stands below it; a wide one scrolls on a phone."""
 
     png: bytes
     caption: str
+    wide: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,9 +65,10 @@ class ReportContent:
     camera: (background in K, picture of what the camera saw), for the slider.
     shares: mean share of the signal by origin, 0 to 1; share_pictures go with it.
     reasons: number of pixels by why they have no value.
-    figures: of the spray and the trace, name -> value with unit.
+    figures: of the spray, name -> value with unit; trace: of the trace.
     stages: (name, seconds) in the order they ran.
     notes: stage -> text beside its time, for instance which code was compiled.
+    commands: that do it again, in the run's folder.
     """
 
     name: str
@@ -70,10 +80,12 @@ class ReportContent:
     more_pictures: tuple[Picture, ...] = ()
     reasons: Mapping[str, int] = field(default_factory=dict)
     figures: Mapping[str, str] = field(default_factory=dict)
+    trace: Mapping[str, str] = field(default_factory=dict)
     stages: tuple[tuple[str, float], ...] = ()
     notes: Mapping[str, str] = field(default_factory=dict)
     device: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
+    commands: tuple[str, ...] = ()
     scene_yaml: str = ""
 
 
@@ -95,14 +107,15 @@ def report_html(content: ReportContent) -> str:
         _section("What the camera saw", _slider(content.camera)),
         _section(
             "Where the signal comes from",
-            _shares(content.shares) + _figures(content.share_pictures),
+            _figures(content.share_pictures) + _shares(content.shares),
         ),
-        _section("Pixels", _counts(content.reasons)),
         _section("Errors and weights", _figures(content.more_pictures)),
+        _section("Pixels", _counts(content.reasons)),
         _section("Spray", _table(content.figures)),
+        _section("Trace", _table(content.trace)),
         _section("Run times", _stages(content.stages, content.notes)),
         _section("Computed with", _versions(content)),
-        _section("Scene", _scene(content.scene_yaml)),
+        _section("To repeat it", _commands(content.commands) + _scene(content.scene_yaml)),
     ]
     title = escape(content.name)
     intro = f"<p>{escape(content.description)}</p>" if content.description else ""
@@ -122,8 +135,9 @@ def _section(title: str, body: str) -> str:
 def _figure(picture: Picture) -> str:
     data = base64.b64encode(picture.png).decode("ascii")
     caption = escape(picture.caption)
+    wide = ' class="wide"' if picture.wide else ""
     return (
-        f'<figure><img alt="{caption}" src="data:image/png;base64,{data}">\n'
+        f'<figure><div{wide}><img alt="{caption}" src="data:image/png;base64,{data}"></div>\n'
         f"<figcaption>{caption}</figcaption></figure>\n"
     )
 
@@ -139,9 +153,10 @@ def _slider(camera: tuple[tuple[float, Picture], ...]) -> str:
         _figure(Picture(picture.png, f"Background at {kelvin:g} K. {picture.caption}".strip()))
         for kelvin, picture in camera
     )
+    labels = "|".join(f"{kelvin:g} K" for kelvin, _ in camera)
     control = (
-        f'<input type="range" min="0" max="{len(camera) - 1}" value="0" step="1" hidden '
-        'aria-label="background temperature">\n'
+        f"<label hidden>Background <output>{labels}</output>\n"
+        f'<input type="range" min="0" max="{len(camera) - 1}" value="0" step="1"></label>\n'
     )
     return f'<div class="slider">\n{control if len(camera) > 1 else ""}{shots}</div>\n'
 
@@ -212,9 +227,11 @@ def _versions(content: ReportContent) -> str:
     return _table({**device, **content.versions})
 
 
+def _commands(lines: tuple[str, ...]) -> str:
+    return f"<pre>{escape(chr(10).join(lines))}</pre>\n" if lines else ""
+
+
 def _scene(text: str) -> str:
     if not text:
         return ""
-    return (
-        f"<details><summary>scene.yaml as resolved</summary><pre>{escape(text)}</pre></details>\n"
-    )
+    return f"<details open><summary>scene.yaml, with every default</summary><pre>{escape(text)}</pre></details>\n"

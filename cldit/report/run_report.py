@@ -13,6 +13,7 @@ from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
 from cldit.radiance.boundary import Boundary, Surroundings
+from cldit.report.figures import human_figures
 from cldit.report.html import Picture, ReportContent, write_report
 from cldit.report.pictures import (
     Frame,
@@ -55,6 +56,7 @@ def write_pictures(run: Run) -> dict[str, Picture]:
         pictures["errors"] = Picture(
             errors_picture(run.measured, sensor, title=_title(run, "standard errors")),
             "Standard errors of the acquired maps, scatter from shot to shot included.",
+            wide=True,
         )
     pictures["maps_noise_free"] = Picture(
         map_picture(run.maps, traced, title=_title(run, "DIT of the trace, without noise")),
@@ -63,6 +65,7 @@ def write_pictures(run: Run) -> dict[str, Picture]:
     pictures["weights"] = Picture(
         weights_picture(run.weights, traced, title=_title(run, "weights of the trace")),
         "Where the light of every pixel comes from; one trace serves every background.",
+        wide=True,
     )
     if run.info.spectral is not None and run.info.spectral.errors_K:
         pictures["wavelengths"] = Picture(
@@ -93,8 +96,7 @@ def _camera(run: Run, acquisition: Acquisition) -> tuple[tuple[float, Picture], 
     means = {at: (total / count).astype(np.float32) for at, (total, count) in sorted(sums.items())}
     drawn = camera_pictures(means, frame, title=run.scene.name)
     return tuple(
-        (at, Picture(png, f"Mean of {sums[at][1]} injections before a background of {at:g} K."))
-        for at, png in drawn.items()
+        (at, Picture(png, f"Mean of {sums[at][1]} injections.")) for at, png in drawn.items()
     )
 
 
@@ -132,11 +134,14 @@ def _spectral(run: Run) -> dict[str, str]:
     return figures
 
 
-def _figures(run: Run) -> dict[str, str]:
-    figures = {name: f"{value:.5g}" for name, value in run.info.spray.items()}
-    figures |= {name: str(value) for name, value in run.info.counts.items()}
-    figures |= {f"inferred {n}": text for n, text in enumerate(run.info.remarks, start=1)}
-    figures["integration time"] = f"{run.info.integration_time_s * 1e6:.4g} us"
+def _spray(run: Run) -> dict[str, str]:
+    inferred = {f"inferred {n}": text for n, text in enumerate(run.info.remarks, start=1)}
+    return human_figures(run.info.spray) | inferred
+
+
+def _trace(run: Run) -> dict[str, str]:
+    figures = {name.replace("_", " "): str(value) for name, value in run.info.counts.items()}
+    figures["integration time"] = f"{run.info.integration_time_s * 1e6:.4g} µs"
     figures |= _spectral(run)
     figures["phase function"] = run.info.phase
     figures["precision"] = run.info.precision
@@ -151,6 +156,17 @@ def _figures(run: Run) -> dict[str, str]:
     for file, defines in run.info.defines.items():
         figures[f"{file} compiled with"] = " ".join(f"{k}={v}" for k, v in sorted(defines.items()))
     return figures
+
+
+def _commands(run: Run) -> tuple[str, ...]:
+    """What does the run again, from its folder."""
+    if run.measured is None:
+        return ("cldit run scene.yaml --trace-only --out again",)
+    return (
+        "cldit run scene.yaml --out again             # all of it",
+        "cldit acquire rig.yaml plan.yaml --out shots # the shots alone",
+        "cldit evaluate shots",
+    )
 
 
 def write_run_report(run: Run) -> Path:
@@ -181,17 +197,20 @@ def write_run_report(run: Run) -> Path:
             Picture(
                 shares.picture(_frame(run, run.pixel_m), title=_title(run, "origin of the signal")),
                 f"Shares of the radiance before a background of {middle_K:g} K.",
+                wide=True,
             ),
         ),
         more_pictures=tuple(
             pictures[name] for name in ("errors", "weights", "wavelengths") if name in pictures
         ),
         reasons={reason.text: count for reason, count in maps.count().items()},
-        figures=_figures(run),
+        figures=_spray(run),
+        trace=_trace(run),
         stages=tuple((stage.name, stage.seconds) for stage in run.info.stages),
         notes={stage.name: stage.note for stage in run.info.stages if stage.note},
         device=f"{run.info.device}: {run.info.device_reason}",
         versions=run.info.versions,
+        commands=_commands(run),
         scene_yaml=dump_scene(run.scene),
     )
     path = folder / "report.html"
