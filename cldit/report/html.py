@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
@@ -46,6 +46,9 @@ document.querySelectorAll('.slider').forEach(function (box) {
   show();
 });
 """
+
+
+_SHORT = 16  # characters of a table's cell that stay on one line
 
 
 @dataclass(frozen=True)
@@ -103,33 +106,43 @@ def write_report(path: Path, content: ReportContent) -> None:
 def report_html(content: ReportContent) -> str:
     """The report as text; sections without content are left out."""
     sections = [
-        _section("Emissivity and apparent temperature", _figures(content.maps)),
-        _section("What the camera saw", _slider(content.camera)),
-        _section(
+        ("Emissivity and apparent temperature", figures_html(content.maps)),
+        ("What the camera saw", _slider(content.camera)),
+        (
             "Where the signal comes from",
-            _figures(content.share_pictures) + _shares(content.shares),
+            figures_html(content.share_pictures) + _shares(content.shares),
         ),
-        _section("Errors and weights", _figures(content.more_pictures)),
-        _section("Pixels", _counts(content.reasons)),
-        _section("Spray", _table(content.figures)),
-        _section("Trace", _table(content.trace)),
-        _section("Run times", _stages(content.stages, content.notes)),
-        _section("Computed with", _versions(content)),
-        _section("To repeat it", _commands(content.commands) + _scene(content.scene_yaml)),
+        ("Errors and weights", figures_html(content.more_pictures)),
+        ("Pixels", _counts(content.reasons)),
+        ("Spray", _table(content.figures)),
+        ("Trace", _table(content.trace)),
+        ("Run times", _stages(content.stages, content.notes)),
+        ("Computed with", _versions(content)),
+        ("To repeat it", _commands(content.commands) + _scene(content.scene_yaml)),
     ]
-    title = escape(content.name)
-    intro = f"<p>{escape(content.description)}</p>" if content.description else ""
+    intro = f"<p>{escape(content.description)}</p>\n" if content.description else ""
+    return document(content.name, intro, sections)
+
+
+def document(title: str, intro: str, sections: Sequence[tuple[str, str]]) -> str:
+    """A whole page: the text of its title, then HTML of an introduction and of titled sections.
+
+    Sections without content are left out.
+    """
+    name = escape(title)
+    body = "".join(_section(heading, content) for heading, content in sections)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{title} – DIT</title>\n<style>{_STYLE}</style></head>\n<body>\n"
-        f"<h1>{title}</h1>\n{intro}\n{''.join(sections)}"
+        f"<title>{name} – DIT</title>\n<style>{_STYLE}</style></head>\n<body>\n"
+        f"<h1>{name}</h1>\n{intro}\n{body}"
         f"<script>{_SCRIPT}</script>\n</body></html>\n"
     )
 
 
 def _section(title: str, body: str) -> str:
-    return f"<section><h2>{escape(title)}</h2>\n{body}</section>\n" if body else ""
+    heading = f"<h2>{escape(title)}</h2>\n" if title else ""
+    return f"<section>{heading}{body}</section>\n" if body else ""
 
 
 def _figure(picture: Picture) -> str:
@@ -142,7 +155,8 @@ def _figure(picture: Picture) -> str:
     )
 
 
-def _figures(pictures: tuple[Picture, ...]) -> str:
+def figures_html(pictures: tuple[Picture, ...]) -> str:
+    """Pictures with their captions, inside the page."""
     return "".join(_figure(picture) for picture in pictures)
 
 
@@ -183,12 +197,23 @@ def _rows(rows: list[str]) -> str:
     return f'<div class="scroll"><table>\n{"".join(rows)}</table></div>\n' if rows else ""
 
 
+def table_html(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table of texts below their titles; columns of short ones, as numbers, are not broken."""
+    head = _row(*(f"<th>{escape(title)}</th>" for title in titles))
+    short = [all(len(row[at]) <= _SHORT for row in rows) for at in range(len(titles))]
+
+    def line(row: Sequence[str]) -> str:
+        return _row(*(_number(c) if s else _cell(c) for c, s in zip(row, short, strict=True)))
+
+    return _rows([head, *map(line, rows)]) if rows else ""
+
+
 def _table(values: Mapping[str, str]) -> str:
     return _rows([_row(_cell(name), _cell(value)) for name, value in values.items()])
 
 
 def _shares(shares: Mapping[str, float]) -> str:
-    return _rows(
+    return "<p>Mean over the pixels where the spray is:</p>\n" * bool(shares) + _rows(
         [
             _row(_cell(name), _number(f"{100 * share:.1f} %"), _bar(share))
             for name, share in shares.items()
@@ -234,4 +259,7 @@ def _commands(lines: tuple[str, ...]) -> str:
 def _scene(text: str) -> str:
     if not text:
         return ""
-    return f"<details open><summary>scene.yaml, with every default</summary><pre>{escape(text)}</pre></details>\n"
+    return (
+        "<details open><summary>scene.yaml, with every default</summary>"
+        f"<pre>{escape(text)}</pre></details>\n"
+    )
