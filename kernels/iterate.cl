@@ -52,20 +52,6 @@ __kernel void next_order(
     }
 }
 
-/* Mean radiance S + D / (sum of the weights). */
-__kernel void weighted_mean(
-    __global real *out, __global const real *listed, __global const real *excess,
-    __global const real *shares, __global const int *place, const int plane, const int count)
-{
-    const int i = get_global_id(0);
-    if (i >= count) return;
-    const real share = shares[place[i]];
-    for (int c = 0; c < COMPONENTS; ++c) {
-        const int k = c * count + i;
-        out[k] = listed[k] + (share > R(0) ? excess[c * plane + place[i]] / share : R(0));
-    }
-}
-
 /* Where, in a cell of optical depth t, the light comes from that leaves it towards the camera:
    mean distance behind the cell's middle in units of its edge, -1/2 (the near face) to 0. */
 INLINE real light_depth(real t)
@@ -74,27 +60,35 @@ INLINE real light_depth(real t)
         : R(1) / t - R(1) / (exp(fmin(t, R(80))) - R(1)) - R(0.5);
 }
 
-/* As next_order, for the picture: S where the camera's light comes from. The mean radiance J varies
-   across a thick cell; it is continued linearly along y from the cells in front and behind. */
-__kernel void last_order(
-    __global real *out, __global const real *excess, __global const real *source,
-    __global const real *emission, __global const real *albedo, __global const real *depth,
-    __global const int *place, const int nx, const int ny, const int plane, const int count)
+/* Whether the source may be taken to run on straight between cells of these optical depths: at a
+   steep edge of the medium it does not. */
+INLINE int alike(real a, real b) { return b > R(0.5) * a && b < R(2) * a; }
+
+/* Mean radiance S + D / (sum of the weights), as the camera sees it. Of a thick cell's own light, the
+   share that it does not let through, the source is continued linearly along y from the cells in
+   front and behind to where the camera's light comes from. */
+__kernel void weighted_mean(
+    __global real *out, __global const real *source, __global const real *excess,
+    __global const real *shares, __global const real *depth, __global const real *seen,
+    __global const int *place, const real mean_stretch, const int nx, const int ny,
+    const int plane, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
     const int cell = place[i];
     const int y = cell / nx % ny;
-    const int before = y > 0 && depth[cell - nx] > R(0) ? cell - nx : cell;
-    const int behind = y < ny - 1 && depth[cell + nx] > R(0) ? cell + nx : cell;
+    const real here = seen[cell];
+    const int before = y > 0 && alike(here, seen[cell - nx]) ? cell - nx : cell;
+    const int behind = y < ny - 1 && alike(here, seen[cell + nx]) ? cell + nx : cell;
     const int steps = (behind - before) / nx;
-    const real share = steps ? light_depth(depth[cell]) / steps : R(0);
+    const real t = depth[cell] * mean_stretch;
+    const real own = R(1) - mean_transmission(t, absorbed(t));
+    const real slope = steps ? own * light_depth(here) / steps : R(0);
+    const real share = shares[cell];
     for (int c = 0; c < COMPONENTS; ++c) {
         __global const real *s = source + c * plane;
-        __global const real *d = excess + c * plane;
-        const real here = s[cell] + d[cell];
-        const real change = (s[behind] + d[behind]) - (s[before] + d[before]);
-        out[c * count + i] = albedo[i] * (here + share * change) + emission[c * count + i];
+        const real gained = share > R(0) ? excess[c * plane + cell] / share : R(0);
+        out[c * count + i] = s[cell] + gained + slope * (s[behind] - s[before]);
     }
 }
 

@@ -7,7 +7,10 @@
    line serves them all. On later flights it is chosen by the extinction, or does not happen.
    Chains of little weight end by Russian roulette; after the last order the wall is seen.
 
-   GATHER: a chain is one flight, which scores the solved source of the cells that it meets. */
+   GATHER: the source of most cells is known, as of light that is scattered evenly, and so is what
+   they send to the camera; only in some that are thick it varies within the cell. Chains begin and go
+   on in these, whose albedo alone is not 0; of the others a flight scores the source, which `thermal`
+   then holds, all components of it. */
 
 #include "attenuation.h"
 #include "boundary.h"
@@ -27,6 +30,11 @@
 #error "SAMPLES: a pixel and batch, a power of two up to 1024"
 #endif
 
+#ifdef GATHER
+#define FIRST_SOURCE 0
+#else
+#define FIRST_SOURCE BOUNDARIES
+#endif
 /* Of a chain's sum: the components, and what it would bring from within a medium of radiance 1. */
 #define WITHIN COMPONENTS
 #define PARTS (COMPONENTS + 1)
@@ -37,34 +45,24 @@ typedef struct {
     __global const int *directory;
     __global const int *span;
     __global const real *depth;     /* optical depth of a cell's edge */
-    __global const real *thermal;   /* thermal source, a plane of stored cells a phase */
+    __global const real *thermal;   /* source, a plane of stored cells a component */
     __global const real *albedo;
-#ifdef GATHER
-    __global const real *flight_depth; /* of the medium in which the source was solved */
-    __global const real *source;       /* in it, a plane of stored cells a component */
-#endif
     int stored;                     /* length of a plane */
     Grid grid;
     Boundary boundary;
 } Medium;
 
-INLINE void score_thermal(real *sum, real taken, int address, const Medium *m)
+INLINE void score_of(
+    __global const real *source, real *sum, real taken, int address, int stored)
 {
-    for (int c = 0; c < EMITTERS; ++c)
-        sum[BOUNDARIES + c] += taken * m->thermal[c * m->stored + address];
+    for (int c = FIRST_SOURCE; c < COMPONENTS; ++c)
+        sum[c] += taken * source[(c - FIRST_SOURCE) * stored + address];
 }
 
-/* What the cells of a flight bring, and how deep they are to it. */
-#ifdef GATHER
-#define FLIGHT_DEPTH flight_depth
-INLINE void score_flight(real *sum, real taken, int address, const Medium *m)
+INLINE void score_thermal(real *sum, real taken, int address, const Medium *m)
 {
-    for (int c = 0; c < COMPONENTS; ++c) sum[c] += taken * m->source[c * m->stored + address];
+    score_of(m->thermal, sum, taken, address, m->stored);
 }
-#else
-#define FLIGHT_DEPTH depth
-#define score_flight score_thermal
-#endif
 
 INLINE void score_boundary(real *sum, real weight, const Walk *w, real from, const Medium *m)
 {
@@ -120,11 +118,11 @@ INLINE void chain(
         int inside = walk_in(&walk, &m->grid, R(0));
         while (inside && transmitted > R(CUTOFF)) {
             const Crossing cell = walk_ahead(&walk, &m->grid, m->directory, m->span);
-            const real density = m->FLIGHT_DEPTH[cell.address];
+            const real density = m->depth[cell.address];
             if (density > R(0)) {
                 const real share = absorbed(density * walk_length(&walk, &cell));
                 const real taken = transmitted * share;
-                score_flight(sum, weight * taken, cell.address, m);
+                score_thermal(sum, weight * taken, cell.address, m);
                 if (!met && transmitted - taken <= goal) {
                     const real part = clamp((transmitted - goal) / taken, R(0), R(1));
                     const real at = fmin(walk.t + length_at(part, share, density), cell.next);
@@ -141,16 +139,13 @@ INLINE void chain(
             score_boundary(sum, weight * transmitted, &walk, R(0), m);
         } else {
             /* What is left ends in the last cell, as if that went on for ever. */
-            score_flight(sum, weight * transmitted, last, m);
+            score_thermal(sum, weight * transmitted, last, m);
             if (!met) {
                 p = (real3)(walk.px, walk.py, walk.pz) + walk.t * d;
                 albedo = m->albedo[last];
                 met = 1;
             }
         }
-#ifdef GATHER
-        return;
-#endif
         if (met) sum[WITHIN] += weight * (R(1) - albedo);
         weight *= albedo;
         if (!met || weight <= R(0)) return;
@@ -163,25 +158,28 @@ INLINE void chain(
 
 #define MEDIUM_ARGUMENTS \
     __global const int *directory, __global const int *span, __global const real *depth, \
-    __global const real *thermal, __global const real *albedo, const int coarse, const int stored, const int bricks, \
+    __global const real *thermal, __global const real *albedo, \
+    const int coarse, const int stored, const int bricks, \
     const int4 low, const int4 high, const int columns, const int rows, const real4 middle, \
     const real pitch_x, const real pitch_z, const real distance, BOUNDARY_ARGUMENTS
 
-#ifdef GATHER
-#define FLIGHT_ARGUMENTS __global const real *flight_depth, __global const real *source,
-#define MEDIUM {directory, span, depth, thermal, albedo, flight_depth, source, stored, \
-    {coarse, bricks, low, high}, BOUNDARY}
-#else
-#define FLIGHT_ARGUMENTS
 #define MEDIUM {directory, span, depth, thermal, albedo, stored, {coarse, bricks, low, high}, \
     BOUNDARY}
+
+/* The medium as the line of sight meets it. */
+#ifdef GATHER
+#define SIGHT_ARGUMENTS __global const real *sight_depth, __global const real *towards,
+#else
+#define SIGHT_ARGUMENTS
+#define sight_depth depth
+#define towards thermal
 #endif
 
 /* What is seen without scattering, in every pixel, and what the line of sight scatters in all. */
 __kernel void straight(
     __global real *weights,   /* out: [component][row][column], and the part from within */
     __global real *scattered, /* out: [row][column] */
-    FLIGHT_ARGUMENTS MEDIUM_ARGUMENTS)
+    SIGHT_ARGUMENTS MEDIUM_ARGUMENTS)
 {
     const int column = get_global_id(0);
     const int row = get_global_id(1);
@@ -196,10 +194,10 @@ __kernel void straight(
     int inside = walk_in(&walk, &m.grid, ray.start);
     while (inside && transmitted > R(CUTOFF)) {
         const Crossing cell = walk_ahead(&walk, &m.grid, directory, span);
-        const real density = depth[cell.address];
+        const real density = sight_depth[cell.address];
         if (density > R(0)) {
             const real taken = transmitted * absorbed(density * walk_length(&walk, &cell));
-            score_thermal(sum, taken, cell.address, &m);
+            score_of(towards, sum, taken, cell.address, stored);
             const real share = taken * albedo[cell.address];
             sum[WITHIN] += taken - share;
             loss += share;
@@ -211,7 +209,7 @@ __kernel void straight(
     if (transmitted > R(CUTOFF)) {
         score_boundary(sum, transmitted, &walk, ray.start, &m);
     } else {
-        score_thermal(sum, transmitted, last, &m);
+        score_of(towards, sum, transmitted, last, stored);
         sum[WITHIN] += transmitted * (R(1) - albedo[last]);
         loss += transmitted * albedo[last];
     }
@@ -228,7 +226,7 @@ __kernel void scatter(
     __global const real *scattered, /* in: what they scatter in all */
     const int count, const uint2 key, const uint batch,
     __global const real *table, __global const uint *sobol_columns,
-    FLIGHT_ARGUMENTS MEDIUM_ARGUMENTS)
+    SIGHT_ARGUMENTS MEDIUM_ARGUMENTS)
 {
     const int item = get_global_id(0);
     if (item >= count) return;
@@ -250,7 +248,7 @@ __kernel void scatter(
     int inside = walk_in(&walk, &m.grid, ray.start);
     while (inside && transmitted > R(CUTOFF) && sample < SAMPLES) {
         const Crossing cell = walk_ahead(&walk, &m.grid, directory, span);
-        const real density = depth[cell.address];
+        const real density = sight_depth[cell.address];
         if (density > R(0)) {
             const real share = absorbed(density * walk_length(&walk, &cell));
             const real taken = transmitted * share;

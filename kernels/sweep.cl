@@ -11,7 +11,8 @@
    the cell is S + (I - S) q(t). Stored is the excess D = sum w (I - S) q over the source, not the
    mean: in thick cells it is far below S, and the difference would be lost to rounding.
 
-   TO_CAMERA: the mean is weighted by the phase function towards the camera, for the last sweep. */
+   TO_CAMERA, for the last sweep: the mean is that of the light which the camera sees, out of a thick
+   cell from its nearer face; it counts by the phase function where there is one (PHASE_STEPS). */
 
 #include "boundary.h"
 #include "components.h"
@@ -34,11 +35,13 @@ typedef float8 lane_t;
 #define LOAD(p) vload8(0, p)
 #define STORE(x, p) vstore8(x, 0, p)
 #define EMPTY(t) (!any(t > R(0)))
+#define ALONG ((lane_t)(0, 1, 2, 3, 4, 5, 6, 7) / R(7))
 #elif VECTOR == 1
 typedef real lane_t;
 #define LOAD(p) (*(p))
 #define STORE(x, p) (*(p) = (x))
 #define EMPTY(t) (!(t > R(0)))
+#define ALONG R(0)
 #else
 #error "VECTOR: 1 or 8"
 #endif
@@ -65,27 +68,28 @@ INLINE int seen_from(int u, int v, int l, int layout, real4 back, const Boundary
 }
 
 #ifdef TO_CAMERA
-#if VECTOR != 1
-#error "TO_CAMERA goes cell by cell: VECTOR 1"
-#endif
+#include "towards.h"
 
-/* Phase function for light from `back` that the cell (u, v, l) scatters towards the camera; the
-   table has PHASE_STEPS bins, even in the sine of half the angle. */
-INLINE real phase_to_camera(
+/* What light from `back` counts for in the cells from (u, v, l) on. Over the few cells of a vector
+   the phase function is a straight line. */
+INLINE lane_t counts_for(
     int u, int v, int l, int layout, real4 back, real4 camera, __global const real *phase)
 {
-#ifdef CAMERA_PINHOLE
-    const real x = (layout == LAYERS_X ? l : u) + R(0.5) - camera.x;
-    const real y = (layout == LAYERS_Z ? v : layout == LAYERS_Y ? l : u) + R(0.5) - camera.y;
-    const real z = (layout == LAYERS_Z ? l : v) + R(0.5) - camera.z;
-    /* A camera in the very middle of the cell sees it from nowhere: any angle will do. */
-    const real far = sqrt(fmax(x * x + y * y + z * z, R(1e-12)));
-    const real cosine = (back.x * x + back.y * y + back.z * z) / far;
+#ifdef PHASE_STEPS
+    real at[2];
+    for (int end = 0; end < 2; ++end) {
+        const real pu = u + end * (VECTOR - 1) + R(0.5);
+        const real pv = v + R(0.5);
+        const real pl = l + R(0.5);
+        at[end] = phase[phase_bin_of(
+            layout == LAYERS_X ? pl : pu,
+            layout == LAYERS_Z ? pv : layout == LAYERS_Y ? pl : pu,
+            layout == LAYERS_Z ? pl : pv, back, camera)];
+    }
+    return at[0] + (at[1] - at[0]) * ALONG;
 #else
-    const real cosine = back.y;
+    return (lane_t)(R(1));
 #endif
-    const real sine = sqrt(fmax(R(0), (R(1) - cosine) / 2));
-    return phase[clamp((int)(sine * PHASE_STEPS), 0, PHASE_STEPS - 1)];
 }
 #endif
 
@@ -112,6 +116,8 @@ __kernel void sweep(
     BOUNDARY_ARGUMENTS             /* in cells of this box */
 #ifdef TO_CAMERA
     , __global real *shares,       /* inout: sum of weights, a plane of cells */
+    __global const real *seen,     /* in: optical depth of a cell's edge as the camera sees it */
+    __global const real *heights,  /* in, per layer met: y of the rays within their cells, 0 to 1 */
     __global const real *phase, const real4 camera
 #endif
     )
@@ -148,13 +154,20 @@ __kernel void sweep(
                 if (EMPTY(t)) continue;
                 const lane_t share = absorbed(t);
 #ifdef TO_CAMERA
-                const real part =
-                    weight * phase_to_camera(u, v, l, layout, back, camera, phase);
-                shares[base + u] += part;
+                const lane_t view = LOAD(seen + base + u);
+                lane_t part = weight * counts_for(u, v, l, layout, back, camera, phase);
+                lane_t q;
+                if (layout == LAYERS_Y) {
+                    q = back.y > R(0) ? kept_from_behind(t, view) : kept_from_front(t, view);
+                } else {
+                    part *= seen_at(heights[step], view);
+                    q = mean_transmission(t, share);
+                }
+                STORE(LOAD(shares + base + u) + part, shares + base + u);
+                q *= part;
 #else
-                const real part = weight;
+                const lane_t q = weight * mean_transmission(t, share);
 #endif
-                const lane_t q = part * mean_transmission(t, share);
                 for (int c = 0; c < COMPONENTS; ++c) {
                     __global real *d = excess + c * plane + base + u;
                     __local real *ray = &rays[c][slot + u];

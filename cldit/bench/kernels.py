@@ -17,7 +17,8 @@ from cldit.transport.cells import Needs, OpticalCells
 from cldit.transport.directions import isotropic
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.solve import first_guess
-from cldit.transport.sweep import Sweeper, ToCamera, sweep_defines
+from cldit.transport.sweep import Sweeper, sweep_defines
+from cldit.transport.towards import ToCamera
 from cldit.transport.view import View, upload_tree
 
 _ROUNDS = 3
@@ -110,10 +111,10 @@ class Kernels:
         )
         camera: ToCamera | None = None
         if phase is not None:
-            flags: dict[str, Define] = {"TO_CAMERA": 1, "PHASE_STEPS": _PHASE_STEPS, "VECTOR": 1}
+            flags: dict[str, Define] = {"TO_CAMERA": 1, "PHASE_STEPS": _PHASE_STEPS}
             towards = build(device, "sweep.cl", {**specialised, **flags})
             place = self.view.middle[:3] - np.array([0.0, self.view.distance, 0.0])
-            camera = sweeper.to_camera(towards, phase.by_half_sine(_PHASE_STEPS), place)
+            camera = sweeper.to_camera(towards, cells, phase.by_half_sine(_PHASE_STEPS), place)
         rng = np.random.default_rng(1)
         directions, starts = isotropic(count, rng), rng.random((count, 2))
         sweeper.set_source(first_guess(sweeper, cells.albedo), shining=True)

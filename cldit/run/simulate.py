@@ -198,6 +198,7 @@ def _info(
             surroundings=Surroundings.from_scene(scene),
             filter_um=scene_filter(scene),
         )
+        accuracy = max(accuracy, result.audit_K)  # which sees what both pictures simplify
     last = result.traces[-1]  # all are compiled alike
     versions = {name: version(name) for name in _VERSIONS}
     versions["python"] = platform.python_version()

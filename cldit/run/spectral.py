@@ -106,6 +106,11 @@ class NodeTraces:
     counts: dict[str, int] = field(default_factory=dict)
 
     @property
+    def audit_K(self) -> float:
+        """Error that the traces found in themselves, the largest of all nodes; 0 where none did."""
+        return max((result.audit_K or 0.0 for result in self.traces), default=0.0)
+
+    @property
     def closure(self) -> Closure | None:
         """The worst of all nodes'."""
         found = [result.closure for result in self.traces if result.closure is not None]

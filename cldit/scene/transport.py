@@ -42,7 +42,7 @@ class Transport(Section):
     # None: as optics.preset has it, isotropic with `paper`, mie with `spectral` (isotropic where
     # droplets are given as coefficients, or the method is `branching`)
     phase: Phase | None = None
-    gather: bool = False  # `source`: gather the picture's scattered light by flights, not cells
+    gather: bool = False  # `source`: follow what thick cells scatter, from cell to cell
     cutoff: Annotated[float, Within(0.0, 0.5)] = 1e-4
     directions: Annotated[int, Within(4, 4096)] | None = None  # None: chosen from accuracy_K
     precision: Literal["auto", "float32", "float64"] = "auto"

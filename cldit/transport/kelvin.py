@@ -13,7 +13,7 @@ from cldit.transport.cells import OpticalCells
 
 Floats = NDArray[np.float64]
 
-_VISIBLE = 0.05  # emissivity under which a temperature says little, whatever the trace
+VISIBLE = 0.05  # emissivity under which a temperature says little, whatever the trace
 
 
 def _radiances(cells: OpticalCells, scene: Scene) -> Floats:
@@ -45,7 +45,7 @@ def error_K(mean: Floats, difference: Floats, cells: OpticalCells, scene: Scene)
     emissivity = 1.0 - mean[0]
     apparent = own @ mean[1:] / np.maximum(emissivity, 1e-9)
     out = np.full(mean.shape[1], np.nan)
-    here = (emissivity > _VISIBLE) & (apparent > 0)
+    here = (emissivity > VISIBLE) & (apparent > 0)
     if here.any():
         apparent = apparent[here]
         radiance = own @ difference[1:, here] + difference[0, here] * apparent

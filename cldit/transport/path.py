@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from cldit.gpu.program import Define, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
-from cldit.transport.kelvin import error_K
+from cldit.transport.kelvin import VISIBLE, error_K
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.sobol import columns
 from cldit.transport.view import View, check_boundary, upload_tree
@@ -30,6 +30,22 @@ SAMPLES = 32  # of a batch: longer sets converge faster, more batches know their
 _LEAST = 4  # batches
 _CUTOFF = 1e-6  # at most: what is held to be exact must not leave out 1e-4
 _GROUP = 16
+
+
+@dataclass(frozen=True)
+class Known:
+    """A medium whose source is known in most cells; (P,) stands for all stored cells, all in units
+    of the traced cells' scale.
+
+    towards (C, P): what cells send to the camera. depth (P,), source (C, P): of the medium as
+    scattered light meets it. thick (P,): cells within which the source varies; their own `towards`
+    and `source` hold no more than what they emit.
+    """
+
+    towards: Floats
+    depth: Floats
+    source: Floats
+    thick: NDArray[np.bool_]
 
 
 @dataclass
@@ -67,13 +83,15 @@ def trace_path(
     device: Device,
     settings: Settings,
     report: Callable[[str], None] | None,
-    solved: tuple[OpticalCells, NDArray[np.floating]] | None = None,
+    known: Known | None = None,
+    *,
+    most: int | None = None,
 ) -> Trace:
     """Weights by path tracing; raises as `trace`.
 
-    Args:
-        solved: a medium and the source (C, P) of all its stored cells, in units of `cells`: chains
-            then end after one flight through it, and gather that source.
+    known: what has been solved for already; chains then begin and go on in thick cells only, and
+    stop at an error of the picture of accuracy_K. most: pixels to trace, drawn by chance of all
+    that scatter; the others are left without what is scattered.
     """
     view = View.of(scene, cells)
     check_boundary(scene, cells, view)
@@ -84,6 +102,8 @@ def trace_path(
         "CUTOFF": min(float(settings.cutoff), _CUTOFF),
         "SAMPLES": SAMPLES,
     }
+    if known is not None:
+        defines["GATHER"] = 1
     if settings.precision == "float64":
         defines["USE_FLOAT64"] = 1
     if settings.order is not None:
@@ -91,9 +111,7 @@ def trace_path(
     table = np.zeros(1, real)
     if settings.phase is not None:
         defines["PHASE_BINS"] = settings.phase.bins
-        table = np.concatenate([settings.phase.cosine, settings.phase.cumulative]).astype(real)
-    if solved is not None:
-        defines["GATHER"] = 1
+        table = settings.phase.to_sample().astype(real)
     program = build(device, "path.cl", defines)
     start = time.perf_counter()
     components = len(cells.needs.components) + 1  # the last: from within, see closure.py
@@ -101,25 +119,28 @@ def trace_path(
     pixels = column_count * row_count
     albedo = np.zeros(len(cells.depth))
     albedo[cells.address] = cells.albedo
-    flights = []
-    if solved is not None:
-        flights = [
-            upload(device, "optical depth", solved[0].depth.astype(real)),
-            upload(device, "source", solved[1].astype(real)),
+    sight, flights, source = [], cells, cells.thermal_planes(real)
+    if known is not None:
+        sight = [
+            upload(device, "optical depth", cells.depth.astype(real)),
+            upload(device, "source towards the camera", known.towards.astype(real)),
         ]
+        flights, source = replace(cells, depth=known.depth), known.source.astype(real)
+        albedo[~known.thick] = 0.0
     medium = [
-        *flights,
-        *upload_tree(device, cells, real),
-        upload(device, "thermal source", cells.thermal_planes(real)),
+        *upload_tree(device, flights, real),
+        upload(device, "source", source),
         upload(device, "albedo", albedo.astype(real)),
         *view.arguments(device, cells, real),
     ]
     out = zeros(device, "picture", components * pixels, real)
     lost = zeros(device, "scattered light", pixels, real)
-    program["straight"](device.queue, *view.tiles(device), out, lost, *medium)
+    program["straight"](device.queue, *view.tiles(device), out, lost, *sight, *medium)
     image = download(device, out, np.empty((components, pixels), real)).astype(np.float64)
     scattered = download(device, lost, np.empty(pixels, real))
     listed = np.flatnonzero(scattered > 0).astype(np.int32)
+    if most is not None and len(listed) > most:
+        listed = np.random.default_rng(settings.seed).choice(listed, most, replace=False)
     seconds = {"image": time.perf_counter() - start}
 
     start = time.perf_counter()
@@ -129,12 +150,14 @@ def trace_path(
     fixed = [
         upload(device, "phase function", table),
         upload(device, "Sobol", columns()),
+        *sight,
         *medium,
     ]
     listing = [
         upload(device, "pixels", listed),
         upload(device, "scattered light", scattered[listed]),
     ]
+    other = int(np.sum(1.0 - np.delete(image[0], listed) > VISIBLE))
     sums = _Sums(
         (np.zeros((components, count)), np.zeros((components, count))),
         np.zeros((components, count)),
@@ -156,7 +179,7 @@ def trace_path(
             continue
         kelvin = error_K((image[:, listed] + sums.mean)[:-1], sums.difference[:-1], cells, scene)
         kelvin = kelvin[np.isfinite(kelvin)]
-        error = float(np.sqrt(np.mean(kelvin**2))) if kelvin.size else 0.0
+        error = float(np.sqrt(np.sum(kelvin**2) / max(len(kelvin) + other, 1)))
         if report is not None:
             report(f"{sums.batches * SAMPLES} samples a pixel: {error:.2g} K")
         if error <= settings.accuracy_K or sums.batches * SAMPLES >= settings.max_samples:
@@ -170,9 +193,10 @@ def trace_path(
         error_of[:, listed] = sums.error
     shape = (components, row_count, column_count)
     closure = None
-    if solved is None:
+    if known is None:
         planes = image.reshape(shape)
-        closure = Closure.of(planes[: cells.needs.boundaries], planes[-1], bound=1e-4, noisy=True)
+        whole = planes if most is None else image[:, None, listed]  # others lack what is scattered
+        closure = Closure.of(whole[: cells.needs.boundaries], whole[-1], bound=1e-4, noisy=True)
     return Trace(
         closure=closure,
         weights=weights_of(image.reshape(shape), cells),

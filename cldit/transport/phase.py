@@ -50,6 +50,10 @@ class ScatteringTable:
         """Mean cosine of the scattering angle, g."""
         return float(self.moments(2)[1])
 
+    def to_sample(self) -> Floats:
+        """Cosines, then cumulative shares (2 M + 2,): as kernels/phase.h reads them."""
+        return np.concatenate([self.cosine, self.cumulative])
+
     def by_half_sine(self, steps: int) -> Floats:
         """Phase function (steps,) in bins that are even in the sine of half the angle."""
         cosine = 1 - 2 * np.linspace(0.0, 1.0, steps + 1) ** 2

@@ -26,7 +26,7 @@ class Settings:
     together of the last sweep; tolerance: RMS error allowed in the source (weights are 0..1).
     accuracy_K, max_samples: where `path` stops, RMS error of T_app or samples a pixel. order: most
     scatterings, None for all; beyond it the wall is seen. phase: None is isotropic.
-    gather: `source` ends with flights from where light is scattered, up to accuracy_K.
+    gather: `source` follows what cells of an optical depth above `thick` scatter, up to accuracy_K.
     """
 
     directions: int
@@ -41,6 +41,7 @@ class Settings:
     max_samples: int = 4096
     phase: ScatteringTable | None = None
     gather: bool = False
+    thick: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,8 @@ class Trace:
     the two halves of the last sweep, or of the samples); its RMS estimates the standard error of
     the weights. standard_error: that of every pixel, from the scatter of its samples (`path` only).
     Both are None where nothing scatters, and for `branching`, which does not know its error.
+    audit_K: RMS error of T_app of `source` as a few pixels traced by `path` show it, one standard
+    error added; None where the method simplifies nothing.
     """
 
     weights: Weights
@@ -61,6 +64,7 @@ class Trace:
     precision: str
     counts: dict[str, int] = field(default_factory=dict)
     standard_error: Weights | None = None
+    audit_K: float | None = None
     closure: Closure | None = None  # None only where flights gather a solved source
 
 

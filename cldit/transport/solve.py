@@ -27,7 +27,8 @@ class Solution:
     residual: RMS of the preconditioned residual, of the worst component. error: what that stands
     for in the source, through the smallest singular value that GMRES met. Both are 0 for a fixed
     order, which is no approximation of the converged answer but an answer of its own. lack (C, N):
-    the residual itself, about what the source is short of.
+    the residual itself, about what the source is short of. towards (C, N): what the cells send to
+    the camera, once that is known.
     """
 
     source: Array
@@ -35,6 +36,7 @@ class Solution:
     residual: float
     error: float
     lack: Array | None = None
+    towards: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -60,13 +62,6 @@ def another_order(sweeper: Sweeper, source: Array, rays: Rays) -> Array:
     sweeper.set_source(source, shining=True)
     sweeper.sweep(rays.directions, rays.starts, shining=True)
     return sweeper.next_order()
-
-
-def last_order(sweeper: Sweeper, source: Array, rays: Rays) -> Array:
-    """The source after one more scattering, where the camera's light comes from in each cell."""
-    sweeper.set_source(source, shining=True)
-    sweeper.sweep(rays.directions, rays.starts, shining=True)
-    return sweeper.last_order()
 
 
 def _rms(values: Array) -> NDArray[np.float64]:

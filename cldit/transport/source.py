@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +21,11 @@ from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
 from cldit.transport.directions import about_camera, for_boundary
-from cldit.transport.phase import ScatteringTable
 from cldit.transport.picture import Painter
 from cldit.transport.result import Settings, Trace, weights_of
-from cldit.transport.solve import Rays, Solution, another_order, first_guess, last_order, solve
+from cldit.transport.solve import Rays, Solution, another_order, first_guess, solve
 from cldit.transport.sweep import Sweeper, sweep_defines
+from cldit.transport.towards import ToCamera
 from cldit.transport.view import View, check_boundary
 
 Floats = NDArray[np.float64]
@@ -81,13 +82,10 @@ def trace_source(
             build(device, "iterate.cl", {**defines, **small}),
         ]
         start = time.perf_counter()
-        towards = None
-        if phase is not None:
-            flags = {"TO_CAMERA": 1, "PHASE_STEPS": _PHASE_STEPS, "VECTOR": 1}
-            programs.append(build(device, "sweep.cl", {**specialised, **flags}))
-            towards = (programs[-1], phase)
+        flags = {"TO_CAMERA": 1} if phase is None else {"TO_CAMERA": 1, "PHASE_STEPS": _PHASE_STEPS}
+        programs.append(build(device, "sweep.cl", {**specialised, **flags}))
         solution, halves, defect = _scattering(
-            solved, cells, scene, view, device, settings, programs, towards, counts, report
+            solved, cells, scene, view, device, settings, programs, counts, report
         )
         scattered = list(halves)
         seconds["scattering"] = time.perf_counter() - start
@@ -120,7 +118,6 @@ def _scattering(
     device: Device,
     settings: Settings,
     programs: list[Program],
-    towards: tuple[Program, ScatteringTable] | None,
     counts: dict[str, int],
     report: Callable[[str], None] | None,
 ) -> tuple[Solution, list[NDArray[np.floating]], Floats]:
@@ -128,7 +125,7 @@ def _scattering(
     lose of a cavity's radiance of 1 (N,).
 
     cells: as they are swept; seen: as the picture shows them, which differs with a phase function.
-    towards: program and phase function of the last sweep; None is isotropic.
+    programs: image, sweep, iterate, and the sweep towards the camera.
     """
     disc = view.disc
     sweeper = Sweeper(device, cells, programs[1], programs[2], disc=disc, patches=view.patches)
@@ -174,12 +171,21 @@ def _scattering(
         defect = sweeper.defect(solution.source, few.directions, few.starts)
         if solution.lack is not None:
             defect -= solution.lack[: cells.needs.boundaries].sum(axis=0)
-        if towards is None:
-            halves = [last_order(sweeper, solution.source, rays(half)) for _ in range(2)]
-        else:
-            halves = _to_camera(
-                sweeper, seen, view, solution.source, cells.scale, half, towards, rng
-            )
+        phase = settings.phase
+        towards = [
+            rays(half)
+            if phase is None
+            else Rays(about_camera(half, rng, phase), rng.random((half, 2)))
+            for _ in range(2)
+        ]
+        table = np.zeros(1) if phase is None else phase.by_half_sine(_PHASE_STEPS)
+        place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
+        camera = sweeper.to_camera(programs[3], seen, table, place)
+        halves = [
+            _to_camera(sweeper, seen, camera, solution.source, cells.scale, each)
+            for each in towards
+        ]
+    solution = replace(solution, towards=np.mean(halves, axis=0))
     counts.update(
         swept_cells=sweeper.box.cells, scattering_cells=sweeper.count, sweeps=sweeper.sweeps
     )
@@ -195,27 +201,18 @@ def _thermal(cells: OpticalCells) -> Floats:
 
 def _to_camera(
     sweeper: Sweeper,
-    cells: OpticalCells,
-    view: View,
+    seen: OpticalCells,
+    camera: ToCamera,
     source: NDArray[np.floating],
     scale: float,
-    half: int,
-    towards: tuple[Program, ScatteringTable],
-    rng: np.random.Generator,
-) -> list[NDArray[np.floating]]:
-    """Two estimates of what the cells send to the camera: albedo x weighted mean + emission.
+    rays: Rays,
+) -> NDArray[np.floating]:
+    """What the cells send to the camera: albedo x weighted mean + emission, (C, N).
 
-    scale: unit of the source's thermal parts, as `cells.scale` is of the answer's.
+    scale: unit of the source's thermal parts, as `seen.scale` is of the answer's.
     """
-    program, phase = towards
-    place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
-    camera = sweeper.to_camera(program, phase.by_half_sine(_PHASE_STEPS), place)
-    halves: list[NDArray[np.floating]] = []
-    for _ in range(2):
-        directions = about_camera(half, rng, phase)
-        sweeper.set_source(source, shining=True)
-        sweeper.sweep(directions, rng.random((half, 2)), shining=True, camera=camera)
-        mean = sweeper.weighted_mean(camera).astype(np.float64)
-        mean[cells.needs.boundaries :] *= scale / cells.scale
-        halves.append((_thermal(cells) + cells.albedo * mean).astype(sweeper.real))
-    return halves
+    sweeper.set_source(source, shining=True)
+    sweeper.sweep(rays.directions, rays.starts, shining=True, camera=camera)
+    mean = sweeper.weighted_mean(camera).astype(np.float64)
+    mean[seen.needs.boundaries :] *= scale / seen.scale
+    return np.asarray(_thermal(seen) + seen.albedo * mean).astype(sweeper.real)

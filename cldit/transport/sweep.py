@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.directions import Directions
 from cldit.transport.layout import Layout, layouts
 from cldit.transport.patches import NONE, shifted
+from cldit.transport.towards import ToCamera
 
 _TILE = 16  # as in iterate.cl, unless the device's work-groups are smaller
 _MEAN_STRETCH = 1.2  # mean over the sphere of 1 / |largest component| is 1.199
@@ -40,16 +40,6 @@ def sweep_defines(device: Device, box: Box, *, ray_bytes: int = 8) -> dict[str, 
             "name fewer patches"
         )
     return {"VECTOR": vector, "SLOTS": slots}
-
-
-@dataclass(frozen=True)
-class ToCamera:
-    """A sweep whose directions count by the phase function towards the camera."""
-
-    kernel: Any
-    phase: Any
-    place: NDArray[np.float64]
-    shares: dict[bool, Any]  # sum of weights in every cell, and its turned copy
 
 
 class Sweeper:
@@ -238,13 +228,18 @@ class Sweeper:
             -unit[axis] for axis in layout.axes
         )  # light runs away from where it comes from
         nu, nv, nl = layout.size
-        vector = 1 if camera is not None else self._vector
-        lanes = 1 if vector > 1 else min(nu, self._lanes)
+        lanes = 1 if self._vector > 1 else min(nu, self._lanes)
         extra = []
         if camera is not None:
             place = np.zeros(4)
             place[:3] = camera.place - self.box.low
-            extra = [camera.shares[layout.turned], camera.phase, place.astype(real)]
+            extra = [
+                camera.shares[layout.turned],
+                camera.seen[layout.turned],
+                camera.heights(layout, u / abs(run), v / abs(run), start),
+                camera.phase,
+                place.astype(real),
+            ]
         kernel = self._sweep if camera is None else camera.kernel
         kernel(
             self.device.queue,
@@ -297,29 +292,34 @@ class Sweeper:
         return np.asarray(total / directions.weight.sum() + missing)
 
     def to_camera(
-        self, program: Program, phase: NDArray[np.float64], place: NDArray[np.float64]
+        self,
+        program: Program,
+        seen: OpticalCells,
+        phase: NDArray[np.float64],
+        place: NDArray[np.float64],
     ) -> ToCamera:
-        """What a sweep towards the camera needs; place: of the camera, in cells of the cube."""
-        return ToCamera(
-            kernel=program["sweep"],
-            phase=upload(self.device, "phase function", phase.astype(self._real)),
-            place=place,
-            shares={
-                t: zeros(self.device, "shares", self.box.cells, self._real) for t in (False, True)
-            },
+        """See `ToCamera.of`."""
+        return ToCamera.of(
+            self.device, self.box, self._real, program, seen, phase=phase, place=place
         )
 
     def weighted_mean(self, camera: ToCamera) -> NDArray[Any]:
         """Mean radiance (C, N) of the scattering cells after a sweep towards the camera."""
+        nx, ny, _ = self.box.shape
         self._kernels["weighted_mean"](
             self.device.queue,
             (self.count,),
             None,
             self._out,
-            self._list,
+            self._source[False],
             self._excess[False],
             camera.shares[False],
+            self._depth[False],
+            camera.seen[False],
             self._place,
+            self._real(_MEAN_STRETCH),
+            np.int32(nx),
+            np.int32(ny),
             np.int32(self.box.cells),
             np.int32(self.count),
         )
@@ -353,27 +353,6 @@ class Sweeper:
             self._place,
             self._real(_MEAN_STRETCH),
             self._real(shining),
-            np.int32(self.box.cells),
-            np.int32(self.count),
-        )
-        return download(self.device, self._out, np.empty((self.components, self.count), self._real))
-
-    def last_order(self) -> NDArray[Any]:
-        """As `next_order`, as the camera sees it: see the kernel."""
-        nx, ny, _ = self.box.shape
-        self._kernels["last_order"](
-            self.device.queue,
-            (self.count,),
-            None,
-            self._out,
-            self._excess[False],
-            self._source[False],
-            self._emission,
-            self._albedo,
-            self._depth[False],
-            self._place,
-            np.int32(nx),
-            np.int32(ny),
             np.int32(self.box.cells),
             np.int32(self.count),
         )

@@ -17,12 +17,13 @@ from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
 from cldit.scene.schema import Scene
 from cldit.scene.transport import HenyeyGreenstein
+from cldit.transport.audit import audited
 from cldit.transport.branching import trace_branching
 from cldit.transport.cells import OpticalCells
+from cldit.transport.gather import gather
 from cldit.transport.path import trace_path
 from cldit.transport.phase import ScatteringTable, henyey_greenstein
 from cldit.transport.result import Settings, Trace
-from cldit.transport.solve import Solution
 from cldit.transport.source import trace_source
 
 __all__ = ["Settings", "Trace", "settings_for", "trace"]
@@ -102,34 +103,6 @@ def trace(
             report("single precision does not resolve this source; again in double precision")
         single = replace(settings, precision="float64")
         result = trace_source(cells, scene, device, single, report)
-    if result.solution is None or not settings.gather or settings.order == 0:
-        return result
-    return _gathered(cells, scene, device, single, report, result, result.solution)
-
-
-def _gathered(
-    cells: OpticalCells,
-    scene: Scene,
-    device: Device,
-    settings: Settings,
-    report: Callable[[str], None] | None,
-    result: Trace,
-    solution: Solution,
-) -> Trace:
-    """The picture once more: what scatters towards the camera is gathered by single flights through
-    the solved source, from where it is scattered, by the phase function itself."""
-    turned = 1.0 if settings.phase is None else 1.0 - settings.phase.asymmetry
-    solved = OpticalCells.of(cells.tree, patches=cells.needs.patches, scattered=turned)
-    planes = solved.source_planes(np.float64)
-    planes[:, solved.address] = solution.source
-    planes[cells.needs.boundaries :] *= solved.scale / cells.scale
-    picture = trace_path(cells, scene, device, settings, report, (solved, planes))
-    seconds = {"gather": picture.seconds["image"] + picture.seconds["scattering"]}
-    return replace(
-        picture,
-        programs=(*result.programs, *picture.programs),
-        solution=solution,
-        closure=result.closure,  # of the solution and the plain picture
-        seconds={**result.seconds, **seconds},
-        counts={**result.counts, **picture.counts},
-    )
+    if settings.gather and settings.order is None:
+        result = gather(cells, scene, device, single, report, result)
+    return audited(cells, scene, device, single, result)

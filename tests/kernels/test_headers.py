@@ -165,6 +165,48 @@ def test_orthographic_rays(apply: Any) -> None:
         np.testing.assert_array_equal(got, np.full(4, expected))
 
 
+@pytest.mark.parametrize("far", [True, False])
+def test_kept_towards_the_camera(apply: Any, far: bool) -> None:
+    """Mean of exp(-t s) over exp(-c y), s being the way from the face that light comes in at."""
+    pairs = [(t, c) for t in (1e-5, 0.03, 0.4, 0.4001, 3.0, 60.0) for c in (1e-5, 0.4, 2.0, 50.0)]
+    t, c = np.array(pairs, np.float32).T
+    name = "kept_from_behind" if far else "kept_from_front"
+    got = apply("towards.h", f"{name}(a, b)", [t, c])
+    nodes, weights = np.polynomial.legendre.leggauss(400)  # resolves exp(-110 y) to rounding
+    y = (nodes + 1) / 2
+    light = weights * np.exp(-c[:, None].astype(float) * y)
+    way = 1 - y if far else y
+    expected = (light * np.exp(-t[:, None].astype(float) * way)).sum(1) / light.sum(1)
+    # Four functions of a few ulp each; the exponent's own rounding at depth 50 is 50 ulp.
+    np.testing.assert_allclose(got, expected, rtol=100 * ULP, atol=1e-30)
+
+
+def test_what_is_seen_at_a_height_is_1_on_average(apply: Any) -> None:
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    y = ((nodes + 1) / 2).astype(np.float32)
+    for depth in (1e-4, 0.3, 4.0):
+        got = apply("towards.h", "seen_at(a, b)", [y, np.full_like(y, depth)])
+        assert np.sum(weights * got) / 2 == pytest.approx(1.0, abs=20 * ULP)
+
+
+def test_phase_towards_the_camera(apply: Any) -> None:
+    """The bin of the sine of half the angle between the light's way and that to the camera."""
+    rng = np.random.default_rng(4)
+    place = rng.uniform(1.0, 9.0, (40, 3)).astype(np.float32)
+    back = rng.normal(size=(40, 3))
+    back = (back / np.linalg.norm(back, axis=1)[:, None]).astype(np.float32)
+    got = apply(
+        "towards.h",
+        "sqrt((float)phase_bin_of(a, b, c, (float4)(d, e, f, 0), (float4)(0, -20, 0, 0)))",
+        [*place.T, *back.T],
+        defines="#define CAMERA_PINHOLE 1\n#define PHASE_STEPS 64",
+    )
+    along = place.astype(float) + np.array([0.0, 20.0, 0.0])
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    sine = np.sqrt((1 - (along * back).sum(1)) / 2)
+    np.testing.assert_allclose(got**2, np.floor(sine * 64), atol=1e-3)
+
+
 def test_light_depth(apply: Any) -> None:
     """Mean depth of the light that leaves a cell, against the integral of u exp(-u)."""
     depths = np.concatenate([[1e-6, 0.0999, 0.1001], np.logspace(-3, 6, 60)])

@@ -1,0 +1,45 @@
+/* What a cell scatters towards the camera, which looks along +y: by the phase function, and from
+   where in the cell the camera sees light come. Needs attenuation.h.
+
+   The light that leaves a cell of optical depth `seen` towards the camera comes from the height y
+   (0 at the face that is nearer to it, 1 at the other) with density exp(-seen y) / mean. */
+#ifndef TOWARDS_H
+#define TOWARDS_H
+
+#include "attenuation.h"
+
+INLINE REAL mean_over(REAL t) { return mean_transmission(t, absorbed(t)); }
+
+/* Of light that crosses the cell, t being its own optical depth, the share that has not been
+   attenuated, as a mean over what the camera sees: it comes in at the face away from the camera... */
+INLINE REAL kept_from_behind(REAL t, REAL seen)
+{
+    return exp(-fmin(t, seen)) * mean_over(fabs(t - seen)) / mean_over(seen);
+}
+
+/* ... or at the camera's. */
+INLINE REAL kept_from_front(REAL t, REAL seen) { return mean_over(t + seen) / mean_over(seen); }
+
+/* Light that crosses at the height y counts by this: 1 on average. */
+INLINE REAL seen_at(real y, REAL seen) { return exp(-y * seen) / mean_over(seen); }
+
+#ifdef PHASE_STEPS
+
+/* Bin of the phase function for light from `back` that is scattered towards the camera at x, y, z:
+   PHASE_STEPS of them, even in the sine of half the angle. */
+INLINE int phase_bin_of(real x, real y, real z, real4 back, real4 camera)
+{
+#ifdef CAMERA_PINHOLE
+    const real dx = x - camera.x, dy = y - camera.y, dz = z - camera.z;
+    /* A camera in the very middle of the cell sees it from nowhere: any angle will do. */
+    const real far = sqrt(fmax(dx * dx + dy * dy + dz * dz, R(1e-12)));
+    const real cosine = (back.x * dx + back.y * dy + back.z * dz) / far;
+#else
+    const real cosine = back.y;
+#endif
+    const real sine = sqrt(fmax(R(0), (R(1) - cosine) / 2));
+    return clamp((int)(sine * PHASE_STEPS), 0, PHASE_STEPS - 1);
+}
+
+#endif
+#endif

@@ -1,0 +1,83 @@
+"""Slabs against PythonicDISORT, as a table: `python tests/bench/slabs.py [--gather] [--phase g]`.
+
+A slab of 16 cells (0.2 m cube, 128 cells an edge) before a background that fills the half space;
+the error is that of the weights of background and wall, in units of the boundary radiance.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+import cldit
+from cldit.transport.phase import henyey_greenstein
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "verify"))
+disort = importlib.import_module("slab").disort
+
+EDGE, CELLS, LAYERS = 0.2, 128, 16
+THICKNESS = LAYERS * EDGE / CELLS
+
+
+def main() -> None:
+    """Prints a row for each slab."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--gather", action="store_true")
+    parser.add_argument("--phase", type=float, help="g of Henyey-Greenstein; isotropic without")
+    parser.add_argument("--depths", type=float, nargs="+", default=[0.01, 0.1, 1.0, 10.0, 100.0])
+    parser.add_argument("--albedos", type=float, nargs="+", default=[0.0, 0.5, 0.9, 0.999])
+    parser.add_argument("--accuracy", type=float, default=0.1)
+    chosen = parser.parse_args()
+    moments, phase = np.ones(1), "isotropic"
+    if chosen.phase is not None:
+        moments = henyey_greenstein(chosen.phase).moments(48)
+    print("depth  a cell  albedo  background  wall")
+    with tempfile.TemporaryDirectory() as folder:
+        for depth in chosen.depths:
+            for albedo in chosen.albedos:
+                file = Path(folder) / f"{depth}-{albedo}.npz"
+                size = np.array([EDGE, THICKNESS, EDGE])
+                one = np.ones((1, 1, 1))
+                np.savez(
+                    file,
+                    origin_m=-size / 2,
+                    spacing_m=size,
+                    droplet_absorption_per_m=(1 - albedo) * depth / THICKNESS * one,
+                    droplet_scattering_per_m=albedo * depth / THICKNESS * one,
+                    droplet_temperature_K=400.0 * one,
+                )
+                asked = phase if chosen.phase is None else {"henyey_greenstein": chosen.phase}
+                scene = {
+                    "name": "slab",
+                    "spray": {"model": "grid", "file": str(file)},
+                    "domain": {"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / CELLS},
+                    "camera": {
+                        "model": "orthographic",
+                        "pixels": [9, 9],
+                        "field_m": [0.01, 0.01],
+                    },
+                    "background": {"radius_m": 99.0, "temperatures_K": [400.0, 500.0]},
+                    "transport": {
+                        "phase": asked,
+                        "gather": chosen.gather,
+                        "accuracy_K": chosen.accuracy,
+                    },
+                }
+                run = cldit.simulate(cldit.parse_scene(scene), cache=Path(folder) / "cache")
+                streams = 32 if chosen.phase is None else 48
+                behind, front = disort(depth, albedo, moments, streams=streams)
+                middle = run.weights.background[3:6, 3:6].mean(), run.weights.wall[3:6, 3:6].mean()
+                print(
+                    f"{depth:5g} {depth / LAYERS:7.3g} {albedo:7g} "
+                    f"{middle[0] - behind:+11.4f} {middle[1] - front:+7.4f}",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()
