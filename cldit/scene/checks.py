@@ -16,9 +16,18 @@ from cldit.errors import SceneError
 
 
 class Section(BaseModel):
-    """Base of every part of a scene, rig or plan file: frozen, and unknown keys are errors."""
+    """Base of every part of a scene, rig or plan file: frozen, and unknown keys are errors.
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=False, allow_inf_nan=False)
+    The string below a key is its description, in the reference and in editors.
+    """
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        strict=False,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
+    )
 
 
 def _number(value: float) -> str:
