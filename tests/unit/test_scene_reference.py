@@ -1,4 +1,4 @@
-"""The reference of all keys: whole, described, up to date, and its schema takes what cldit takes."""
+"""The reference of all keys: whole, described, up to date; its schema takes what cldit takes."""
 
 from __future__ import annotations
 

@@ -1,0 +1,68 @@
+"""Every Python block of the README and the docs runs, as it stands."""
+
+from __future__ import annotations
+
+import re
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+_ROOT = Path(__file__).parents[2]
+_BLOCK = re.compile(r"^```(python|toml)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+_FILE = re.compile(r"# ([\w.-]+)\n")
+
+
+def blocks(page: str) -> list[tuple[str, str]]:
+    return _BLOCK.findall((_ROOT / page).read_text(encoding="utf-8"))
+
+
+def run(page: str) -> dict[str, Any]:
+    """Runs a page's blocks in one namespace, here; those that begin with a name become files."""
+    names: dict[str, Any] = {"__name__": "__page__"}
+    for language, text in blocks(page):
+        named = _FILE.match(text)
+        if named:
+            Path(named[1]).write_text(text, encoding="utf-8")
+        if language == "toml":
+            _install(text)
+        elif not named:
+            # registered so that dataclasses and pydantic find the module of what they are given
+            exec(compile(text, page, "exec"), names)
+    return names
+
+
+def _install(pyproject: str) -> None:
+    """What `pip install -e .` leaves behind: the entry points."""
+    project = tomllib.loads(pyproject)["project"]
+    info = Path(f"{project['name'].replace('-', '_')}-{project['version']}.dist-info")
+    info.mkdir()
+    lines = [f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"]
+    (info / "METADATA").write_text(lines[0], encoding="utf-8")
+    points = [
+        f"[{group}]\n" + "".join(f"{name} = {where}\n" for name, where in entries.items())
+        for group, entries in project["entry-points"].items()
+    ]
+    (info / "entry_points.txt").write_text("\n".join(points), encoding="utf-8")
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return tmp_path
+
+
+def test_extending(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from cldit.spray.droplet.evaporation import MODELS
+
+    before = dict(MODELS)
+    try:
+        names = run("docs/extending.md")
+    finally:
+        MODELS.clear()
+        MODELS.update(before)
+        sys.modules.pop("my_blackbody", None)
+    assert names["life"].vanished and "still" not in MODELS
