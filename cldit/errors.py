@@ -47,3 +47,7 @@ class OpticsError(ClditError, ValueError):
 
 class DropletError(OpticsError):
     """A droplet, or its refractive index, is outside what can be solved."""
+
+
+class StudyError(ClditError, ValueError):
+    """A study or a grid of scenes is not what can be computed, or its folder holds another."""

@@ -22,6 +22,7 @@ _COMMANDS = {
     "export": "cldit.cli.export:export_command",
     "scattering": "cldit.cli.scattering:scattering_command",
     "show": "cldit.cli.show:show",
+    "study": "cldit.cli.study:study",
     "bench": "cldit.cli.bench:bench",
 }
 

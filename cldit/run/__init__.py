@@ -1,8 +1,20 @@
 """A run: one scene traced and evaluated, what came of it, and its folder."""
 
 from cldit.run.folder import open_run, with_stages
+from cldit.run.kept import KeptRuns
 from cldit.run.result import Run, RunInfo, Stage
-from cldit.run.simulate import default_cache, simulate
+from cldit.run.simulate import default_cache, reevaluated, simulate
 from cldit.run.stages import Say
 
-__all__ = ["Run", "RunInfo", "Say", "Stage", "default_cache", "open_run", "simulate", "with_stages"]
+__all__ = [
+    "KeptRuns",
+    "Run",
+    "RunInfo",
+    "Say",
+    "Stage",
+    "default_cache",
+    "open_run",
+    "reevaluated",
+    "simulate",
+    "with_stages",
+]

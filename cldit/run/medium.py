@@ -77,10 +77,11 @@ class Medium:
     notes: dict[str, float]
 
 
-def make_medium(scene: Scene, stages: Stages, cache: Path) -> Medium:
+def make_medium(scene: Scene, stages: Stages, cache: Path, spray: Spray | None = None) -> Medium:
+    """The scene's medium; `spray` is that of the scene where it is there already."""
     with stages.stage("spray") as note:
-        spray = make_spray(scene.spray, cache=cache)
-        note.append(scene.spray.model)
+        note.append(scene.spray.model if spray is None else "given")
+        spray = spray or make_spray(scene.spray, cache=cache)
         stages.remark(spray.remarks)
     with stages.stage("optics") as note:
         found = properties_of(scene, spray, cache=cache)

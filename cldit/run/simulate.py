@@ -8,6 +8,7 @@ run.maps.apparent_temperature_K
 from __future__ import annotations
 
 import platform
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -17,13 +18,16 @@ from cldit.camera.sensor import SensorModel
 from cldit.dit.accuracy import temperature_error_K
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.dit.maps import Maps, Reason
+from cldit.errors import EvaluationError
 from cldit.gpu.device import Device, open_device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, build_octree
 from cldit.optics.response import scene_filter
-from cldit.optics.spectral import Quadrature
+from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.radiance.effective import effective_weights
 from cldit.radiance.weights import Weights
+from cldit.run.content import trace_content
 from cldit.run.folder import save_run, stored_run
 from cldit.run.medium import make_medium
 from cldit.run.result import Run, RunInfo, Stage
@@ -36,6 +40,7 @@ from cldit.run.spectral import (
 )
 from cldit.run.stages import Say, Stages
 from cldit.scene import Scene
+from cldit.spray.result import Spray
 from cldit.transport.trace import settings_for, trace
 
 _VERSIONS = ("cldit", "numpy", "scipy", "pyopencl", "miepython")
@@ -52,6 +57,7 @@ def simulate(
     *,
     device: Device | None = None,
     cache: Path | None = None,
+    spray: Spray | None = None,
     progress: Say | None = None,
 ) -> Run:
     """Traces a scene and evaluates it without noise.
@@ -60,7 +66,8 @@ def simulate(
         out: folder to store the run in; None keeps it in memory. A folder that holds the same
             scene, finished, is read instead of traced again.
         device: OpenCL device; None lets `open_device` choose (the run says which and why).
-        cache: folder for tables; None is `default_cache()`.
+        cache: folder for tables and computed sprays; None is `default_cache()`.
+        spray: the scene's spray, where it is there already; None makes it.
         progress: called with a line of text as things happen.
 
     Raises:
@@ -75,7 +82,7 @@ def simulate(
             return stored
     device = device or open_device()
     stages = Stages(progress)
-    medium = make_medium(scene, stages, cache or default_cache())
+    medium = make_medium(scene, stages, cache or default_cache(), spray)
     frame, chosen = medium.trees[0].frame, medium.properties.chosen
     grey = settings_for(scene, medium.properties.paper_phase)
     settings = node_settings(scene, chosen.quadrature, medium.properties.phases)
@@ -126,6 +133,41 @@ def simulate(
     if folder is not None:
         save_run(run, folder)
     return run
+
+
+def reevaluated(run: Run, scene: Scene) -> Run:
+    """The same trace before other backgrounds, walls and sensors: nothing is traced.
+
+    Args:
+        scene: may differ from the run's in what `cldit.run.content.trace_content` leaves out.
+
+    Raises:
+        EvaluationError: the trace is not this scene's.
+    """
+    if trace_content(run.scene) != trace_content(scene):
+        raise EvaluationError(
+            f"{scene.name}: is not served by the trace of {run.scene.name}; only temperatures of "
+            "background and walls, the sensor and the plan may differ"
+        )
+    at_K = reference_temperature_K(scene.background.temperatures_K)
+    quadrature = replace(run.quadrature, reference_K=at_K)
+    sensor = _sensor(scene, quadrature, (run.spectral, run.reference))
+    return replace(
+        run,
+        scene=scene,
+        weights=effective_weights(
+            run.spectral,
+            quadrature.nodes,
+            background_K=at_K,
+            wall_K=scene.walls.temperature_K,
+            patches_K={patch.name: patch.temperature_K for patch in scene.patches},
+        ),
+        maps=_evaluate(scene, quadrature, run.spectral, run.reference, sensor),
+        info=replace(run.info, integration_time_s=sensor.integration_time_s),
+        quadrature=quadrature,
+        measured=None,
+        folder=None,
+    )
 
 
 def _nothing(frame: Frame) -> Octree:

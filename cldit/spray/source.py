@@ -17,7 +17,7 @@ def make_spray(
     """Runs the model or reads the file.
 
     Args:
-        cache: folder for tables of fuel properties; None keeps nothing.
+        cache: folder for tables of fuel properties and computed sprays; None keeps nothing.
 
     Raises:
         SprayError: the source is missing something or holds impossible values.
@@ -30,8 +30,9 @@ def make_spray(
             return make_cone(spec)
         case LagrangianSpray():
             from cldit.spray.flow.simulate import simulate_spray
+            from cldit.spray.kept import kept_spray
 
-            return simulate_spray(spec, cache=cache)[0]
+            return kept_spray(spec, cache, lambda: simulate_spray(spec, cache=cache)[0])
         case GridSpray():
             from cldit.spray.grid import read_grid
 

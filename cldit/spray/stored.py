@@ -2,7 +2,9 @@
 
 Arrays `parcels/position_m`, `parcels/diameter_m`, ..., `vapour/lower_m`, `vapour/upper_m`,
 `vapour/number_density_m3`, `vapour/temperature_K`, and `about`, a JSON text with the version of the
-layout, the molar mass, notes and remarks. Written at once: a file is whole or not there.
+layout, the molar mass, notes and remarks. Cells of a regular grid have its `vapour/grid_origin_m`,
+`vapour/grid_spacing_m`, `vapour/grid_shape` and `vapour/grid_index` too. Written at once: a file is
+whole or not there.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.errors import SprayError
-from cldit.spray.result import Cells, Floats, Parcels, Spray, Vapour
+from cldit.spray.result import Cells, Floats, Parcels, RegularGrid, Spray, Vapour
 
 LAYOUT = 1
 _PARCELS = ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3")
@@ -48,6 +50,13 @@ def write_spray(path: Path, spray: Spray) -> None:
             "vapour/number_density_m3": spray.vapour.number_density_m3,
             "vapour/temperature_K": spray.vapour.temperature_K,
         }
+        if (grid := spray.vapour.cells.grid) is not None:
+            arrays |= {
+                "vapour/grid_origin_m": grid.origin_m,
+                "vapour/grid_spacing_m": grid.spacing_m,
+                "vapour/grid_shape": np.array(grid.shape, dtype=float),
+                "vapour/grid_index": grid.index.astype(float),
+            }
     partial = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
         with partial.open("wb") as stream:
@@ -56,6 +65,18 @@ def write_spray(path: Path, spray: Spray) -> None:
     except OSError as error:
         partial.unlink(missing_ok=True)
         raise SprayError(f"{path}: cannot be written ({error})") from error
+
+
+def _grid(arrays: dict[str, Floats]) -> RegularGrid | None:
+    if "vapour/grid_shape" not in arrays:
+        return None
+    x, y, z = (int(count) for count in arrays["vapour/grid_shape"])
+    return RegularGrid(
+        arrays["vapour/grid_origin_m"],
+        arrays["vapour/grid_spacing_m"],
+        (x, y, z),
+        arrays["vapour/grid_index"].astype(np.int64),
+    )
 
 
 def read_spray(path: Path) -> Spray:
@@ -83,7 +104,7 @@ def read_spray(path: Path) -> Spray:
             parcels = Parcels(**{name: arrays[f"parcels/{name}"] for name in _PARCELS})
         if any(name.startswith("vapour/") for name in arrays):
             lower, upper, number, temperature = (arrays[f"vapour/{name}"] for name in _VAPOUR)
-            cells = Cells(lower, upper)
+            cells = Cells(lower, upper, _grid(arrays))
             vapour = Vapour(cells, number, temperature, float(about["molar_mass_kg_mol"]))
         notes = {str(name): float(value) for name, value in about["notes"].items()}
         remarks = tuple(map(str, about["remarks"]))

@@ -1,0 +1,130 @@
+"""`cldit study`: the paper's studies, and sweeps over a scene's keys."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from cldit.acquisition.progress import Progress
+from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
+from cldit.errors import StudyError
+from cldit.gpu.device import open_device
+from cldit.run import KeptRuns, default_cache
+from cldit.scene import load_scene
+from cldit.study.grid import Grid, changed
+from cldit.study.lab import QUICK, Lab
+from cldit.study.named import STUDIES, run_study
+from cldit.study.page import Page
+from cldit.study.sweep import Progress as Swept
+from cldit.study.sweep import run_sweep
+from cldit.study.written import write_overview, write_page
+
+
+@click.command()
+@click.argument("name", required=False)
+@click.option("--quick", is_flag=True, help="Reduced pixels and accuracy.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder; studies, or sweeps/SCENE.")
+@click.option("--markdown", is_flag=True, help="Only Markdown and pictures, as for docs.")
+@click.option("--grid", "grid_text", help="KEY=VALUES,...: a sweep over the scene NAME.")
+@click.option("--scheduler", help="Address of a dask scheduler; this machine's cores without.")
+@click.option("--workers", type=click.IntRange(1, 1024), help="On this machine; one a core.")
+@click.option("--cache", type=click.Path(path_type=Path), help="Folder of kept runs and sprays.")
+@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@plain_errors
+def study(
+    name: str | None,
+    quick: bool,
+    out: Path | None,
+    markdown: bool,
+    grid_text: str | None,
+    scheduler: str | None,
+    workers: int | None,
+    cache: Path | None,
+    device: str | None,
+) -> None:
+    """Run the paper's study NAME, or all; or a sweep over the scene NAME (gdi) with --grid.
+
+    --grid "walls.temperature_K=300:600:25,fuel.temperature_K=330,350,370": all combinations;
+    start:stop:step includes the stop.
+    """
+    kept = default_cache() if cache is None else cache
+    if grid_text is not None:
+        if device is not None:
+            raise StudyError("--device: a sweep deals out the devices itself; leave it out")
+        _sweep(name or "gdi", grid_text, quick, out, scheduler, workers, kept if cache else None)
+        return
+    if scheduler is not None or workers is not None:
+        raise StudyError("--scheduler and --workers are for sweeps; give --grid too")
+    if name is None or (name != "all" and name not in STUDIES):
+        raise StudyError(
+            f"{name or 'study'}: no such study; there are {', '.join(STUDIES)}, or all. A scene "
+            "is swept with --grid"
+        )
+    folder = out or Path("studies")
+    lab = Lab(KeptRuns(kept), quick, open_device(device), say)
+    pages: list[Page] = []
+    for each in STUDIES if name == "all" else [name]:
+        OUT.print(f"study {each}")
+        page = run_study(each, lab)
+        pages.append(page)
+        path = write_page(page, folder, markdown_only=markdown)
+        OUT.print(f"{path}: {page.summary} ({page.seconds:.0f} s)")
+    OUT.print(str(write_overview(folder, list(STUDIES), markdown_only=markdown)))
+    _verdicts(pages)
+
+
+def _verdicts(pages: list[Page]) -> None:
+    table = Table("study", "the paper", "found", "agrees if", "", box=None)
+    for page in pages:
+        for each in page.verdicts:
+            colour = "green" if each.agrees else "yellow"
+            table.add_row(
+                page.name,
+                escaped(each.claim),
+                each.found,
+                each.allowed,
+                f"[{colour}]{each.word}[/]",
+            )
+    OUT.print(table)
+
+
+def _sweep(
+    name: str,
+    grid_text: str,
+    quick: bool,
+    out: Path | None,
+    scheduler: str | None,
+    workers: int | None,
+    cache: Path | None,
+) -> None:
+    base = load_scene(name)
+    if quick:
+        base = changed(base, QUICK)
+    folder = out or Path("sweeps") / base.name
+    start = time.perf_counter()
+    with ProgressBar() as bar:
+
+        def watch(progress: Swept) -> None:
+            bar.watch(Progress("scenes", progress.done, progress.total, progress.remaining_s))
+
+        record = run_sweep(
+            base,
+            Grid.parse(grid_text),
+            folder,
+            scheduler=scheduler,
+            workers=workers,
+            cache=cache,
+            watch=watch,
+        )
+    seconds = time.perf_counter() - start
+    OUT.print(
+        f"{record.folder}: {record.scenes} scenes, {record.found} were there, {record.traces} "
+        f"traces in {seconds:.1f} s"
+    )
+    OUT.print(f'  cldit.open_study("{record.folder}") opens them as one data set', style="dim")
+    if record.failed:
+        lines = "\n".join(f"scene {number}: {why}" for number, why in record.failed[:10])
+        raise StudyError(f"{len(record.failed)} scenes failed:\n{lines}")

@@ -1,0 +1,61 @@
+"""What a trace depends on: scenes that agree in it are served by one trace."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from cldit.content import code_digest, digest, file_content
+from cldit.scene import Scene
+
+# Sources, and what only the evaluation and the rig use. Everything else counts, so that a key that
+# is added to the scene makes a new trace until it is named here.
+_LEFT_OUT = (
+    "name",
+    "description",
+    "walls.temperature_K",
+    "background.temperatures_K",
+    "background.emissivity",
+    "background.surroundings_K",
+    "camera.surroundings_K",
+    "rig",
+    "plan",
+    "optics.compare_paper",
+)
+_TRACED_BY = ("spray", "medium", "optics", "transport", "radiance", "kernels", "run")
+
+
+def trace_content(scene: Scene) -> dict[str, Any]:
+    """The part of a scene, as plain data, that its trace depends on.
+
+    Light of several wavelengths is traced at nodes that are chosen for the light of the scene's
+    backgrounds and walls, `path` stops at an error in T_app, and adaptive rays go where T_app is
+    steep: there these temperatures count.
+    """
+    data = scene.model_dump(mode="json")
+    # A tabulated efficiency is part of the response in which vapour and droplets emit.
+    data["camera"]["sensor"] = {
+        "quantum_efficiency": data["camera"]["sensor"]["quantum_efficiency"]
+    }
+    bound = (
+        scene.optics.preset == "spectral"
+        or scene.transport.method != "source"
+        or scene.camera.rays_per_pixel == "adaptive"
+    )
+    if not bound:
+        for patch in data["patches"]:
+            del patch["temperature_K"], patch["emissivity"]
+    for name in _LEFT_OUT:
+        if not (bound and name.endswith(("walls.temperature_K", "temperatures_K"))):
+            section, _, key = name.partition(".")
+            (data[section] if key else data).pop(key or section)
+    return data
+
+
+def trace_key(scene: Scene) -> str:
+    """Digest of `trace_content`, of the files that the scene names, and of the code."""
+    named = [getattr(scene.spray, key, None) for key in ("file", "mapping")]
+    substances = [scene.optics.liquid, scene.optics.vapour]
+    named += [each for each in substances if each is not None and Path(each).suffix]  # tables
+    files = file_content([Path(each) for each in named if each is not None])
+    return digest(trace_content(scene), files, code_digest(*_TRACED_BY))

@@ -1,0 +1,104 @@
+"""Runs kept by what their trace depends on, so that no trace is computed twice."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from filelock import FileLock
+
+from cldit.errors import RunFolderError
+from cldit.gpu.device import Device
+from cldit.run.content import trace_key
+from cldit.run.folder import open_run
+from cldit.run.result import Run
+from cldit.run.simulate import default_cache, reevaluated, simulate
+from cldit.run.stages import Say
+from cldit.scene import Scene
+from cldit.spray.result import Spray
+
+MOST_BYTES = 20_000_000_000  # runs not used for longest go first
+
+
+@dataclass(frozen=True)
+class KeptRuns:
+    """Run folders in CACHE/runs, each under the digest of its trace.
+
+    `computed` names the scenes that were traced, not found.
+    """
+
+    cache: Path = field(default_factory=default_cache)
+    most_bytes: int = MOST_BYTES
+    computed: list[str] = field(default_factory=list)
+
+    def run(
+        self,
+        scene: Scene,
+        *,
+        device: Device | None = None,
+        spray: Callable[[], Spray] | None = None,
+        progress: Say | None = None,
+    ) -> Run:
+        """The scene's run: traced, or the kept trace before the scene's backgrounds and walls.
+
+        Two processes that want the same trace compute it once: the second waits.
+
+        Args:
+            spray: gives the scene's spray, if it must be traced; None makes it.
+
+        Raises:
+            ClditError: as `cldit.simulate`.
+        """
+        folder = self.cache / "runs" / trace_key(scene)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with FileLock(folder.with_suffix(".lock")):
+            run = self._found(folder)
+            if run is None:
+                run = self._traced(scene, folder, device, spray, progress)
+                self.computed.append(scene.name)
+                self._prune(folder)
+        return reevaluated(run, scene)
+
+    def _found(self, folder: Path) -> Run | None:
+        if not folder.is_dir():
+            return None
+        try:
+            run = open_run(folder)
+        except RunFolderError:  # damaged: made anew
+            shutil.rmtree(folder)
+            return None
+        os.utime(folder)
+        return run
+
+    def _traced(
+        self,
+        scene: Scene,
+        folder: Path,
+        device: Device | None,
+        spray: Callable[[], Spray] | None,
+        progress: Say | None,
+    ) -> Run:
+        """Appears whole or not at all."""
+        part = folder.with_suffix(".part")
+        shutil.rmtree(part, ignore_errors=True)  # of one that was killed
+        given = None if spray is None else spray()
+        run = simulate(scene, part, device=device, cache=self.cache, spray=given, progress=progress)
+        part.rename(folder)
+        return run
+
+    def _prune(self, newest: Path) -> None:
+        ages: list[tuple[float, int, Path]] = []
+        for each in newest.parent.iterdir():
+            if each.is_dir() and not each.suffix:
+                size = sum(file.stat().st_size for file in each.rglob("*") if file.is_file())
+                ages.append((each.stat().st_mtime, size, each))
+        total = sum(size for _, size, _ in ages)
+        for used, size, each in sorted(ages):
+            if total <= self.most_bytes or each == newest or time.time() - used < 3600:
+                break
+            shutil.rmtree(each, ignore_errors=True)
+            total -= size

@@ -1,0 +1,1 @@
+"""Studies of a scene: the paper's, one by one, and sweeps over any of its keys."""

@@ -1,0 +1,74 @@
+"""A reference and its variants: what most of the paper's studies are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cldit.report.html import Picture
+from cldit.run import Run
+from cldit.study.measures import Change, Mask, Phases, mean_K, root, tips
+from cldit.study.page import Row
+from cldit.study.pictures import Crop, changes_figure, frame_of, maps_figure
+
+
+def change_rows(reference: Run, cases: Mapping[str, Run]) -> list[Row]:
+    """T_app of every case minus the reference's: everywhere, below the nozzle, at the tips, where
+    droplets and vapour are seen together, and where vapour alone is."""
+    places: dict[str, Mask | None] = {
+        "all": None,
+        "below the nozzle": root(reference),
+        "tips": tips(reference),
+        "both phases": Phases.of(reference).both,
+        "vapour only": Phases.of(reference).vapour_only,
+    }
+    rows: list[Row] = []
+    for name, case in cases.items():
+        change = Change.of(case, reference)
+        row: dict[str, float | str] = {"case": name, "RMS / K": change.rms()}
+        row["99th percentile / K"] = change.largest()
+        row |= {f"mean, {place} / K": change.mean(mask) for place, mask in places.items()}
+        rows.append(row)
+    return rows
+
+
+def mean_change(case: Run, reference: Run, where: Mask) -> float:
+    return Change.of(case, reference).mean(where)
+
+
+def change_pictures(
+    reference: Run,
+    cases: Mapping[str, Run],
+    *,
+    named: str,
+    about: str,
+    limit_K: float,
+    crop: Crop | None = None,
+) -> dict[str, Picture]:
+    """The reference's map with those of the cases, and the differences."""
+    images = {name: Change.of(case, reference).image for name, case in cases.items()}
+    return {
+        "changes": Picture(
+            changes_figure(
+                images,
+                frame_of(reference),
+                title=f"T_app minus that of {named}",
+                limit_K=limit_K,
+                crop=crop,
+            ),
+            f"Difference of apparent temperature to {named}, {about}.",
+        ),
+        "maps": Picture(
+            maps_figure({named: reference, **cases}, title="apparent temperature", crop=crop),
+            f"The maps themselves, {about}.",
+        ),
+    }
+
+
+def root_change_K(case: Run, reference: Run) -> float:
+    """Of the mean T_app below the nozzle, for sprays whose droplets lie in different places."""
+    return mean_K(case, root(case)) - mean_K(reference, root(reference))
+
+
+def tips_change_K(case: Run, reference: Run) -> float:
+    """Of the mean T_app at the tips, each spray's own."""
+    return mean_K(case, tips(case)) - mean_K(reference, tips(reference))

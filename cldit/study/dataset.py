@@ -1,0 +1,183 @@
+"""The results of a sweep as one labelled data set: Zarr, a chunk a scene, filled as they finish.
+
+OUT/study.zarr holds maps over the grid's axes and the picture's x and z; OUT/study.json the grid
+and the scene that it starts from; OUT/points/N.json appears when scene N is wholly in the store, so
+that whatever ended a sweep, the same call goes on with what is missing.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.content import digest
+from cldit.errors import StudyError
+from cldit.run import Run
+from cldit.scene import Scene
+from cldit.study.grid import Grid, Point
+
+if TYPE_CHECKING:
+    import xarray
+
+_STORE = "study.zarr"
+_MAPS = {
+    "emissivity": "1",
+    "emissivity_standard_error": "1",
+    "apparent_temperature_K": "K",
+    "apparent_temperature_standard_error_K": "K",
+}
+_FIGURES = {"liquid_mass_kg": "kg", "vapour_mass_kg": "kg", "accuracy_K": "K"}
+
+
+def extra(name: str) -> Any:
+    """A module of the extra `studies`.
+
+    Raises:
+        StudyError: it is not installed.
+    """
+    import importlib
+
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise StudyError(
+            f'sweeps need {name}, which is not installed: pip install "cldit[studies]"'
+        ) from error
+
+
+@dataclass(frozen=True)
+class Result:
+    """What one scene of a sweep gives: maps (H, W) and figures, NaN where there is none."""
+
+    maps: Mapping[str, NDArray[np.float32]]
+    figures: Mapping[str, float]
+
+    @classmethod
+    def of(cls, run: Run) -> Result:
+        figures = {name: run.info.spray.get(name, float("nan")) for name in _FIGURES}
+        accuracy = run.info.accuracy_K
+        figures["accuracy_K"] = float("nan") if accuracy is None else accuracy
+        return cls({name: getattr(run.maps, name) for name in _MAPS}, figures)
+
+
+@dataclass(frozen=True)
+class SweepFolder:
+    """Where a sweep's results lie."""
+
+    path: Path
+    grid: Grid
+
+    def done(self) -> set[int]:
+        """Numbers of the scenes that are in the store."""
+        points = self.path / "points"
+        return {int(each.stem) for each in points.glob("*.json")} if points.is_dir() else set()
+
+    def write(self, point: Point, result: Result, *, worker: str, seconds: float) -> None:
+        """Puts a scene's result into the store; its mark comes last."""
+        store = extra("zarr").open_group(self.path / _STORE, mode="r+")
+        for name, image in result.maps.items():
+            store[name][point.place] = image
+        for name, value in {**result.figures, "seconds": seconds}.items():
+            store[name][point.place] = value
+        mark = self.path / "points" / f"{point.number}.json"
+        text = json.dumps({"scene": point.scene.name, "worker": worker, "seconds": seconds})
+        part = mark.with_suffix(".part")
+        with part.open("w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        part.replace(mark)
+
+
+def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
+    """The folder of a sweep: made, or found again.
+
+    Raises:
+        StudyError: it holds something else, or the sweep of another scene or grid.
+    """
+    axes = [[axis.name, axis.key, list(axis.values)] for axis in grid.axes]
+    about = {"axes": axes, "scene": digest(base.model_dump(mode="json"))}
+    known = path / "study.json"
+    folder = SweepFolder(path, grid)
+    if known.is_file():
+        try:
+            before = json.loads(known.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise StudyError(f"{known}: is damaged ({error}); remove the folder") from error
+        if before != about:
+            raise StudyError(
+                f"{path}: holds the sweep of another grid or scene; give another folder with --out"
+            )
+        return folder
+    if path.exists() and any(path.iterdir()):
+        raise StudyError(f"{path}: is not empty and holds no sweep; give another folder with --out")
+    (path / "points").mkdir(parents=True, exist_ok=True)
+    _template(base, grid).to_zarr(path / _STORE, compute=False, zarr_format=2, consolidated=True)
+    part = known.with_suffix(".part")
+    part.write_text(json.dumps(about, indent=1), encoding="utf-8")
+    part.replace(known)
+    return folder
+
+
+def _template(base: Scene, grid: Grid) -> xarray.Dataset:
+    """Everything NaN, with labels and units."""
+    xr, da = extra("xarray"), extra("dask.array")
+    width, height = base.camera.pixels
+    across, up = (
+        size / count for size, count in zip(base.camera.field_m, base.camera.pixels, strict=True)
+    )
+    x, _, z = base.target_m
+    names = [axis.name for axis in grid.axes]
+    coords: dict[str, Any] = {
+        axis.name: (axis.name, _labels(axis.values), {"units": axis.unit, "scene_key": axis.key})
+        for axis in grid.axes
+    }
+    coords["x"] = ("x", x + (np.arange(width) - (width - 1) / 2) * across, {"units": "m"})
+    coords["z"] = ("z", z - (np.arange(height) - (height - 1) / 2) * up, {"units": "m"})
+    variables: dict[str, Any] = {}
+    for name, unit in _MAPS.items():
+        shape = (*grid.shape, height, width)
+        chunks = (*(1 for _ in grid.shape), height, width)
+        empty = da.full(shape, np.nan, dtype=np.float32, chunks=chunks)
+        variables[name] = ([*names, "z", "x"], empty, {"units": unit})
+    for name, unit in {**_FIGURES, "seconds": "s"}.items():
+        empty = da.full(grid.shape, np.nan, chunks=tuple(1 for _ in grid.shape))
+        variables[name] = (names, empty, {"units": unit})
+    attrs = {
+        "title": f"cldit sweep of {base.name}",
+        "scene": json.dumps(base.model_dump(mode="json")),
+    }
+    return xr.Dataset(variables, coords, attrs)  # type: ignore[no-any-return]
+
+
+def _labels(values: tuple[Any, ...]) -> NDArray[Any]:
+    """Numbers as numbers, all else as text."""
+    numbers = all(
+        isinstance(value, (int, float)) and not isinstance(value, bool) for value in values
+    )
+    return np.array(values, dtype=float) if numbers else np.array([str(value) for value in values])
+
+
+def open_study(path: str | Path) -> xarray.Dataset:
+    """The results of a sweep (`cldit study SCENE --grid ...`) as one xarray data set.
+
+    Dimensions are the grid's axes by the names that they were given, then z and x of the picture
+    in m; each variable has its unit in `attrs["units"]`. Read piece by piece as it is used; scenes
+    that are not done yet are NaN.
+
+    Raises:
+        StudyError: the folder holds no sweep, or the extra `studies` is not installed.
+    """
+    store = Path(path) / _STORE
+    if not store.is_dir() or not (Path(path) / "study.json").is_file():
+        raise StudyError(
+            f"{path}: holds no sweep; `cldit study SCENE --grid ... --out DIR` makes one"
+        )
+    return extra("xarray").open_zarr(store, consolidated=True)  # type: ignore[no-any-return]

@@ -1,0 +1,202 @@
+"""`walls.temperature_K=300:600:25,fuel.temperature_K=330,350,370`: which scenes a sweep is made of.
+
+Keys are a scene's, dotted; values are numbers, words, or start:stop:step with the stop included.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from cldit.errors import SceneError, StudyError
+from cldit.scene import Scene, parse_scene
+
+MOST_POINTS = 100_000
+ALIASES = {
+    "fuel.temperature_K": "spray.fuel_temperature_K",
+    "fuel.pressure_Pa": "spray.injection_pressure_Pa",
+    "gas.temperature_K": "spray.ambient.temperature_K",
+    "gas.pressure_Pa": "spray.ambient.pressure_Pa",
+    "time_s": "spray.time_s",
+}
+_KEY = re.compile(r"[A-Za-z]\w*(\[\d+\])?(\.[A-Za-z]\w*(\[\d+\])?)*")
+_UNITS = ("K", "Pa", "m", "um", "s", "kg", "deg", "Hz")
+
+Value = float | int | str | bool | None
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One key of a scene and the values that it takes; `name` is the key as it was given."""
+
+    name: str
+    key: str
+    values: tuple[Value, ...]
+
+    @property
+    def unit(self) -> str:
+        """As the key's name says it; 1 without."""
+        last = self.name.rpartition("_")[2]
+        return last if last in _UNITS else "1"
+
+
+@dataclass(frozen=True)
+class Point:
+    """One scene of a grid and its place on every axis."""
+
+    number: int
+    place: tuple[int, ...]
+    scene: Scene
+
+
+@dataclass(frozen=True)
+class Grid:
+    """All combinations of the axes' values; the last axis varies fastest."""
+
+    axes: tuple[Axis, ...]
+
+    @cached_property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(len(axis.values) for axis in self.axes)
+
+    def points(self, base: Scene) -> Iterator[Point]:
+        """Every scene of the grid, checked.
+
+        Raises:
+            SceneError: a key or a value is not allowed; the message names both.
+        """
+        places = itertools.product(*(range(count) for count in self.shape))
+        for number, place in enumerate(places):
+            chosen = {axis.key: axis.values[at] for axis, at in zip(self.axes, place, strict=True)}
+            yield Point(number, place, changed(base, chosen))
+
+    @classmethod
+    def parse(cls, text: str) -> Grid:
+        """Reads the text of the command line.
+
+        Raises:
+            StudyError: what cannot be read, and how it is written.
+        """
+        axes: list[Axis] = []
+        for part in text.split(","):
+            key, equals, value = part.partition("=")
+            if equals:
+                axes.append(_axis(key.strip(), text))
+            elif not axes:
+                raise StudyError(
+                    f"--grid {text!r}: {part!r} has no key; write KEY=VALUES, for instance "
+                    "walls.temperature_K=300:600:25,spray.fuel_temperature_K=330,350"
+                )
+            else:
+                value = part
+            last = axes[-1]
+            axes[-1] = Axis(last.name, last.key, (*last.values, *_values(value.strip(), last.name)))
+        keys = [axis.key for axis in axes]
+        for axis in axes:
+            if keys.count(axis.key) > 1:
+                raise StudyError(f"--grid: {axis.key} is given twice")
+            if len(set(axis.values)) < len(axis.values):
+                raise StudyError(f"--grid: {axis.name} holds a value twice: {axis.values}")
+        grid = cls(tuple(axes))
+        if math.prod(grid.shape) > MOST_POINTS:
+            raise StudyError(
+                f"--grid: {math.prod(grid.shape)} scenes; allowed are {MOST_POINTS} at once"
+            )
+        return grid
+
+
+def _axis(key: str, text: str) -> Axis:
+    if not _KEY.fullmatch(key):
+        raise StudyError(
+            f"--grid {text!r}: {key!r} is no key of a scene; write it with dots, for instance "
+            "walls.temperature_K"
+        )
+    return Axis(key, ALIASES.get(key, key), ())
+
+
+def _values(text: str, name: str) -> tuple[Value, ...]:
+    if not text:
+        raise StudyError(f"--grid: {name} lacks a value; write {name}=1,2,3 or {name}=1:3:1")
+    parts = text.split(":")
+    if len(parts) == 1:
+        return (_value(text),)
+    try:
+        start, stop, step = (float(part) for part in parts)
+        finite = all(map(math.isfinite, (start, stop, step)))
+    except ValueError:
+        finite = False
+    if not finite:
+        raise StudyError(f"--grid: {name}={text} is no range; write start:stop:step, as 300:600:25")
+    if step == 0 or (stop - start) / step < 0:
+        raise StudyError(
+            f"--grid: {name}={text} holds no value; the step must lead from start to stop"
+        )
+    # The stop belongs to it where a whole number of steps leads there, to rounding.
+    count = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1
+    if count > MOST_POINTS:
+        raise StudyError(f"--grid: {name}={text} holds {count} values; allowed are {MOST_POINTS}")
+    whole = all("." not in part and "e" not in part.lower() for part in parts)
+    numbers = [float(f"{start + k * step:.12g}") for k in range(count)]
+    return tuple(int(number) if whole else number for number in numbers)
+
+
+def _value(text: str) -> Value:
+    words: dict[str, Value] = {"true": True, "false": False, "null": None}
+    if text.lower() in words:
+        return words[text.lower()]
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
+    """The scene with some of its values changed, checked again.
+
+    Args:
+        values: dotted keys (`spray.plumes[0].azimuth_deg`) and what they become.
+
+    Raises:
+        SceneError: a key does not exist, or its value is not allowed.
+    """
+    data = scene.model_dump(mode="json")
+    for key, value in values.items():
+        here: Any = data
+        *way, last = _steps(key)
+        for step in way:
+            here = _into(here, step, key)
+        if isinstance(here, list):
+            _into(here, last, key)  # names a place that is there
+        here[last] = value
+    return parse_scene(data, source=", ".join(f"{key}={value}" for key, value in values.items()))
+
+
+def _steps(key: str) -> list[str | int]:
+    steps: list[str | int] = []
+    for part in key.split("."):
+        name, _, index = part.partition("[")
+        steps.append(name)
+        if index:
+            steps.append(int(index.rstrip("]")))
+    return steps
+
+
+def _into(here: Any, step: str | int, key: str) -> Any:
+    """What lies below; a section that is not there yet is made, and checked with the scene."""
+    if isinstance(step, int):
+        if not isinstance(here, list) or step >= len(here):
+            count = len(here) if isinstance(here, list) else 0
+            raise SceneError(f"{key}: [{step}] is not there; there are {count}")
+        return here[step]
+    if not isinstance(here, dict):
+        raise SceneError(f"{key}: holds no {step}")
+    if not isinstance(here.get(step), (dict, list)):
+        here[step] = {}
+    return here[step]

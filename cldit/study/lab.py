@@ -1,0 +1,85 @@
+"""What a study works with: the paper's scene, and runs that are shared by all studies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from cldit.gpu.device import Device
+from cldit.run import KeptRuns, Run, Say
+from cldit.scene import Scene, load_scene
+from cldit.spray.result import Spray
+from cldit.spray.source import make_spray
+from cldit.study.grid import changed
+
+# The injector of `gdi` with the spray computed, in the conditions of the paper's Figs. 9 to 13. The
+# field is the part of the paper's 16 cm that the spray is in, with its 0.16 mm a pixel.
+_INJECTOR = ("time_s", "injected_mass_kg", "injection_duration_s", "plumes")
+_CAMERA = {
+    "camera.field_m": [0.1, 0.1],
+    "camera.pixels": [625, 625],
+    "camera.target_m": [0.0, 0.0, -0.035],
+}
+_WALLS_K = 455.0  # "115 K lower than the gas temperature"
+
+# Parcels of fewer droplets than the paper's 1e4, so that single ones are not seen. Quick is
+# coarser: pixels of 0.4 mm, leaves of 0.8 mm, gas cells of 2 mm, parcels as the paper's.
+_PARCELS = 2.5e3
+QUICK: dict[str, Any] = {
+    "camera.pixels": [250, 250],
+    "transport.accuracy_K": 0.5,
+    "domain.leaf_edge_m": 1e-3,
+}
+_QUICK_SPRAY: dict[str, Any] = {
+    "spray.box.spacing_m": 2e-3,
+    "spray.droplets_per_parcel": 1e4,
+}
+
+
+@dataclass(frozen=True)
+class Lab:
+    """Runs and sprays by scene, from the cache where they are there.
+
+    quick: reduced pixels and accuracy. always: values of every scene, whatever a study asks for.
+    used: every scene that was asked for, for the page.
+    """
+
+    kept: KeptRuns = field(default_factory=KeptRuns)
+    quick: bool = False
+    device: Device | None = None
+    say: Say | None = None
+    always: Mapping[str, Any] = field(default_factory=dict)
+    used: dict[str, Scene] = field(default_factory=dict)
+
+    def gdi(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
+        """The paper's gasoline spray with some values changed (dotted keys)."""
+        base = load_scene("gdi")
+        spray = {"model": "lagrangian", **base.spray.model_dump(include=set(_INJECTOR))}
+        fixed = {
+            "name": name,
+            "description": "",
+            "spray": {**spray, "droplets_per_parcel": _PARCELS},
+            "walls.temperature_K": _WALLS_K,
+        }
+        quick = {**QUICK, **_QUICK_SPRAY} if self.quick else {}
+        scene = changed(base, {**fixed, **_CAMERA, **quick, **(values or {})})
+        return changed(scene, self.always)
+
+    def shipped(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
+        """A shipped scene with some values changed, reduced where the study is quick."""
+        quick = QUICK if self.quick else {}
+        return changed(changed(load_scene(name), {**quick, **(values or {})}), self.always)
+
+    def run(self, scene: Scene) -> Run:
+        self._note(scene)
+        return self.kept.run(scene, device=self.device, progress=self.say)
+
+    def spray(self, scene: Scene) -> Spray:
+        self._note(scene)
+        return make_spray(scene.spray, cache=self.kept.cache)
+
+    def _note(self, scene: Scene) -> None:
+        self.used.setdefault(scene.name, scene)
+        if self.say is not None:
+            self.say(f"scene {scene.name}")

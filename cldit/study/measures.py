@@ -1,0 +1,128 @@
+"""Numbers from maps: where the spray is cold, where only vapour is, how two maps differ."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.dit.accuracy import VISIBLE_EMISSIVITY
+from cldit.run import Run
+from cldit.spray.result import Spray
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_ROOT_M = (1e-3, 8e-3)  # below the tip, where the plumes are one and hardly heated
+_SCATTERED = 0.02  # weight of the walls from which droplets take part
+_ABSORBED = 0.02  # share of a pixel's light from which a phase takes part
+_SOME = 20  # pixels that a mean is taken over, at least
+
+
+def positions_m(run: Run) -> tuple[Floats, Floats]:
+    """x and z (H, W) of the pixels in the plane of the target."""
+    height, width = run.maps.emissivity.shape
+    x, _, z = run.scene.target_m
+    pixel_x, pixel_z = run.pixel_m
+    across = x + (np.arange(width) - (width - 1) / 2) * pixel_x
+    up = z - (np.arange(height) - (height - 1) / 2) * pixel_z
+    x_m, z_m = np.meshgrid(across, up)
+    return x_m, z_m
+
+
+def visible(run: Run) -> Mask:
+    """Pixels with an apparent temperature and an emissivity above 0.05."""
+    known = np.isfinite(run.maps.apparent_temperature_K)
+    return np.asarray(known & (run.maps.emissivity > VISIBLE_EMISSIVITY))
+
+
+def root(run: Run) -> Mask:
+    """The visible spray 1 to 8 mm below the injector's tip."""
+    _, z = positions_m(run)
+    return np.asarray(visible(run) & (z < -_ROOT_M[0]) & (z > -_ROOT_M[1]))
+
+
+def tips(run: Run, share: float = 0.85) -> Mask:
+    """The visible spray beyond `share` of its own reach from the injector."""
+    x, z = positions_m(run)
+    seen = visible(run)
+    far = np.hypot(x, z)
+    return np.asarray(seen & (far > share * far[seen].max(initial=0.0)))
+
+
+@dataclass(frozen=True)
+class Phases:
+    """Pixels by what they see: droplets and vapour together, or vapour alone."""
+
+    both: Mask
+    vapour_only: Mask
+
+    @classmethod
+    def of(cls, run: Run) -> Phases:
+        """By the weights: droplets bring the walls' light into a pixel, vapour does not."""
+        weights, seen = run.weights, visible(run)
+        before = np.maximum(run.reference.background, 1e-6)
+        extinct = 1.0 - weights.background / before
+        scattered = weights.wall - np.minimum(run.reference.wall, weights.wall)
+        emitted = np.maximum(weights.vapour + weights.liquid, 1e-30)
+        dry = (scattered < 1e-3) & (weights.liquid < 1e-3 * emitted) & (extinct > 0)
+        wet = (scattered > _SCATTERED) & (weights.vapour > _ABSORBED * emitted)
+        return cls(both=np.asarray(seen & wet), vapour_only=np.asarray(seen & dry))
+
+
+def mean_K(run: Run, where: Mask) -> float:
+    """Mean T_app over pixels, each by its emissivity; NaN over fewer than 20."""
+    chosen = where & np.isfinite(run.maps.apparent_temperature_K)
+    if np.count_nonzero(chosen) < _SOME:
+        return float("nan")
+    return float(
+        np.average(
+            run.maps.apparent_temperature_K[chosen].astype(float),
+            weights=run.maps.emissivity[chosen].astype(float),
+        )
+    )
+
+
+def mean_emissivity(run: Run, where: Mask) -> float:
+    chosen = where & np.isfinite(run.maps.emissivity)
+    return float(np.mean(run.maps.emissivity[chosen])) if chosen.any() else float("nan")
+
+
+@dataclass(frozen=True)
+class Change:
+    """T_app of one run minus that of another, where both are visible; NaN elsewhere."""
+
+    image: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, run: Run, other: Run) -> Change:
+        here = visible(run) & visible(other)
+        change = run.maps.apparent_temperature_K - other.maps.apparent_temperature_K
+        return cls(np.where(here, change, np.float32(np.nan)))
+
+    def within(self, where: Mask | None = None) -> Floats:
+        chosen = np.isfinite(self.image) if where is None else np.isfinite(self.image) & where
+        values = self.image[chosen].astype(float)
+        return values if len(values) >= _SOME else np.array([np.nan])
+
+    def rms(self, where: Mask | None = None) -> float:
+        return float(np.sqrt(np.mean(self.within(where) ** 2)))
+
+    def mean(self, where: Mask | None = None) -> float:
+        return float(np.mean(self.within(where)))
+
+    def largest(self, where: Mask | None = None, *, share: float = 99.0) -> float:
+        """Percentile of the magnitude: without the outermost hundredth, which is edges."""
+        return float(np.percentile(np.abs(self.within(where)), share))
+
+
+def droplets_K(spray: Spray, *, within_m: float | None = None) -> float:
+    """Mass-weighted mean temperature of the droplets, of all or near the injector's tip."""
+    parcels = spray.parcels
+    if parcels is None or not len(parcels.diameter_m):
+        return float("nan")
+    mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
+    if within_m is not None:
+        mass = mass * (np.linalg.norm(parcels.position_m, axis=1) < within_m)
+    return float(np.average(parcels.temperature_K, weights=mass)) if mass.any() else float("nan")

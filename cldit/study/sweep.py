@@ -1,0 +1,235 @@
+"""A sweep over many scenes on dask.distributed: this machine's cores, or any cluster.
+
+Scenes that one trace serves are one task, and tasks of one computed spray wait for it and share it.
+Results come back to the caller, who writes each as it comes: a worker that dies loses only what it
+was at, which the scheduler gives to another; a caller that dies finds everything that came.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from cldit.content import digest
+from cldit.errors import ClditError, StudyError
+from cldit.gpu.device import Device, list_devices, open_device
+from cldit.run import KeptRuns, default_cache
+from cldit.run.content import trace_key
+from cldit.scene import Scene
+from cldit.scene.spray import LagrangianSpray
+from cldit.spray.result import Spray
+from cldit.spray.source import make_spray
+from cldit.study.dataset import Result, extra, open_folder
+from cldit.study.grid import Grid, Point
+
+_DEATHS = 10  # of workers at one task before it is given up: a task that kills them all
+_ONE_PICTURE = ("pixels", "field_m", "target_m")
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Scenes done of all; seconds that remain at the present rate, None before the first."""
+
+    done: int
+    total: int
+    remaining_s: float | None
+
+
+@dataclass(frozen=True)
+class SweepRecord:
+    """How a sweep went. found: scenes that were there before; failed: scene number and why."""
+
+    folder: Path
+    scenes: int
+    found: int
+    traces: int
+    seconds: float
+    failed: tuple[tuple[int, str], ...] = ()
+
+
+Watch = Callable[[Progress], None]
+
+
+def run_sweep(
+    base: Scene,
+    grid: Grid,
+    out: str | Path,
+    *,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    cache: Path | None = None,
+    watch: Watch | None = None,
+) -> SweepRecord:
+    """Traces and evaluates every scene of a grid; the same call goes on where it was stopped.
+
+    Args:
+        scheduler: address of a running dask scheduler; None starts workers on this machine.
+        workers: on this machine; None is one a GPU, or one a core where there is none.
+        cache: folder that workers keep tables, sprays and traces in; None is theirs by default.
+
+    Raises:
+        SceneError: a scene of the grid is not allowed.
+        StudyError: scenes of different pictures, a folder of something else, no such scheduler,
+            or the extra `studies` is not installed.
+    """
+    points = list(grid.points(base))
+    _check_pictures(points)
+    folder = open_folder(Path(out), points[0].scene, grid)
+    done = folder.done()
+    groups: dict[str, list[Point]] = defaultdict(list)
+    for point in points:
+        if point.number not in done:
+            groups[trace_key(point.scene)].append(point)
+    failed: list[tuple[int, str]] = []
+    start, come = time.perf_counter(), 0
+    if groups:
+        with _client(scheduler, min(workers or len(groups), len(groups)), workers) as client:
+            for finished in _results(client, list(groups.values()), cache):
+                for point, result, worker, seconds in finished:
+                    if isinstance(result, str):
+                        failed.append((point.number, result))
+                    else:
+                        folder.write(point, result, worker=worker, seconds=seconds)
+                    come += 1
+                left = len(points) - len(done) - come
+                rate = (time.perf_counter() - start) / come
+                if watch is not None:
+                    watch(Progress(len(done) + come, len(points), left * rate))
+    return SweepRecord(
+        folder=folder.path,
+        scenes=len(points),
+        found=len(done),
+        traces=len(groups),
+        seconds=time.perf_counter() - start,
+        failed=tuple(sorted(failed)),
+    )
+
+
+def _check_pictures(points: Sequence[Point]) -> None:
+    first = points[0].scene
+    for point in points:
+        for key in _ONE_PICTURE:
+            here = getattr(point.scene if key == "target_m" else point.scene.camera, key)
+            if here != getattr(first if key == "target_m" else first.camera, key):
+                raise StudyError(
+                    f"--grid: camera.{key} changes from scene to scene ({here}), and their "
+                    "pictures cannot lie in one data set; make a sweep for each"
+                )
+
+
+Finished = list[tuple[Point, Result | str, str, float]]
+
+
+def _results(client: Any, groups: list[list[Point]], cache: Path | None) -> Iterator[Finished]:
+    """What tasks give, as they finish."""
+    sprays: dict[str, Any] = {}
+    futures: dict[Any, list[Point]] = {}
+    for group in groups:
+        spec = group[0].scene.spray
+        spray = None
+        if isinstance(spec, LagrangianSpray):
+            key = digest(spec.model_dump(mode="json"))
+            if key not in sprays:
+                sprays[key] = client.submit(_spray, spec, cache, pure=False)
+            spray = sprays[key]
+        futures[client.submit(_group, group, spray, cache, pure=False)] = group
+    sprays.clear()  # each lives as long as a task that waits for it
+    for future in extra("distributed").as_completed(list(futures)):
+        group = futures.pop(future)
+        error = future.exception()
+        if error is None:
+            yield future.result()
+        else:
+            yield [(point, f"{type(error).__name__}: {error}", "", 0.0) for point in group]
+        future.release()
+
+
+def _spray(spec: LagrangianSpray, cache: Path | None) -> Spray:
+    """On a worker."""
+    return make_spray(spec, cache=cache or default_cache())
+
+
+def _group(group: list[Point], spray: Spray | None, cache: Path | None) -> Finished:
+    """On a worker: one trace, evaluated for every scene that it serves.
+
+    What cldit refuses is a result, so that the other scenes go on; all else is dask's to report.
+    """
+    kept = KeptRuns(cache or default_cache())
+    worker = f"{os.uname().nodename}:{os.getpid()}"
+    finished: Finished = []
+    for point in group:
+        start = time.perf_counter()
+        try:
+            run = kept.run(
+                point.scene, device=_device(), spray=None if spray is None else lambda: spray
+            )
+            found: Result | str = Result.of(run)
+        except ClditError as error:
+            found = str(error)
+        finished.append((point, found, worker, time.perf_counter() - start))
+    return finished
+
+
+@cache
+def _device() -> Device:
+    """This worker's: GPUs are dealt out by the workers' numbers."""
+    gpus = [info.index for info in list_devices() if info.kind == "gpu"]
+    name = extra("distributed").get_worker().name
+    return open_device(gpus[name % len(gpus)] if gpus and isinstance(name, int) else None)
+
+
+def local_workers(groups: int) -> tuple[int, int]:
+    """Workers on this machine and threads of each: one worker a GPU, or else one a core."""
+    cores = len(os.sched_getaffinity(0))
+    gpus = sum(info.kind == "gpu" for info in list_devices())
+    count = max(1, min(gpus or cores, groups))
+    return count, max(1, cores // count)
+
+
+@contextmanager
+def _client(scheduler: str | None, groups: int, workers: int | None) -> Iterator[Any]:
+    distributed, dask = extra("distributed"), extra("dask")
+    settings = {
+        "distributed.scheduler.allowed-failures": _DEATHS,
+        "distributed.comm.timeouts.connect": "10s",
+    }
+    with dask.config.set(settings):
+        if scheduler is not None:
+            try:
+                client = distributed.Client(scheduler, timeout="10s")
+            except (OSError, ValueError, TimeoutError) as error:
+                raise StudyError(
+                    f"--scheduler {scheduler}: no dask scheduler answers there ({error}); start "
+                    "one with `dask scheduler`, and workers with `dask worker ADDRESS`"
+                ) from error
+            with client:
+                yield client
+            return
+        count, threads = local_workers(groups)
+        count = workers or count
+        # One thread of work a worker; the libraries below it share out the cores that are left.
+        limits = (
+            "POCL_MAX_PTHREAD_COUNT",
+            "POCL_CPU_MAX_CU_COUNT",
+            "NUMBA_NUM_THREADS",
+            "OMP_NUM_THREADS",
+            "OPENBLAS_NUM_THREADS",
+        )
+        with (
+            distributed.LocalCluster(
+                n_workers=count,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=None,
+                env={name: str(threads) for name in limits},
+            ) as cluster,
+            distributed.Client(cluster) as client,
+        ):
+            yield client

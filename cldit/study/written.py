@@ -1,0 +1,121 @@
+"""A study's page as files, and the overview of all pages that lie in a folder."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from cldit.errors import StudyError
+from cldit.report.html import document
+from cldit.scene import dump_scene
+from cldit.study.page import Page, markdown_table, page_html, page_markdown, picture_file
+
+
+def write_page(page: Page, folder: Path, *, markdown_only: bool = False) -> Path:
+    """Writes NAME.md, .json and the pictures, and NAME.html, .csv and the scenes too.
+
+    Returns the page's path: HTML, or Markdown where only that is wanted.
+
+    Raises:
+        StudyError: a file cannot be written.
+    """
+    texts = {"json": _json(page), "md": page_markdown(page)}
+    if not markdown_only:
+        texts |= {"csv": _csv(page), "html": page_html(page)}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, picture in page.pictures.items():
+            (folder / picture_file(page, name)).write_bytes(picture.png)
+        if not markdown_only:
+            (folder / "scenes").mkdir(exist_ok=True)
+            for name, scene in page.scenes.items():
+                path = folder / "scenes" / f"{page.name}-{name}.yaml"
+                path.write_text(dump_scene(scene), encoding="utf-8")
+        for ending, text in texts.items():  # the page last: where it is, all is
+            (folder / f"{page.name}.{ending}").write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise StudyError(f"{folder}: cannot be written ({error})") from error
+    return folder / f"{page.name}.{list(texts)[-1]}"
+
+
+def _csv(page: Page) -> str:
+    stream = io.StringIO()
+    if page.table:
+        writer = csv.DictWriter(stream, list(page.table[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(page.table)
+    return stream.getvalue()
+
+
+def _json(page: Page) -> str:
+    def plain(value: float | str | None) -> float | str | None:
+        """JSON has no NaN."""
+        return None if isinstance(value, float) and not math.isfinite(value) else value
+
+    verdicts = [
+        {
+            "claim": each.claim,
+            "found": each.found,
+            "value": plain(each.value),
+            "unit": each.unit,
+            "low": each.low,
+            "high": each.high,
+            "agrees": each.agrees,
+        }
+        for each in page.verdicts
+    ]
+    told = {
+        "study": page.name,
+        "title": page.title,
+        "figure": page.figure,
+        "quick": page.quick,
+        "seconds": round(page.seconds, 1),
+        "summary": page.summary,
+        "verdicts": verdicts,
+        "table": [{key: plain(value) for key, value in row.items()} for row in page.table],
+    }
+    return json.dumps(told, indent=1)
+
+
+def write_overview(folder: Path, names: Sequence[str], *, markdown_only: bool = False) -> Path:
+    """overview.md and overview.html: a line for each of `names` whose page lies in the folder.
+
+    Raises:
+        StudyError: a page's file is damaged, or the overview cannot be written.
+    """
+    told: list[dict[str, Any]] = []
+    for name in names:
+        path = folder / f"{name}.json"
+        try:
+            if path.is_file():
+                told.append(json.loads(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError) as error:
+            raise StudyError(f"{path}: is damaged ({error}); run the study again") from error
+    titles = ["study", "the paper's", "size", "against the paper"]
+    rows = [
+        [one["title"], one["figure"], "quick" if one["quick"] else "full", one["summary"]]
+        for one in told
+    ]
+    linked = [
+        [f"[{row[0]}]({one['study']}.md)", *row[1:]] for one, row in zip(told, rows, strict=True)
+    ]
+    lines = "".join(
+        f'<p><a href="{one["study"]}.html">{escape(row[0])}</a> ({escape(row[1])}, {row[2]}): '
+        f"{escape(row[3])}</p>\n"
+        for one, row in zip(told, rows, strict=True)
+    )
+    texts = {"md": f"# The paper's studies\n\n{markdown_table(titles, linked)}\n"}
+    if not markdown_only:
+        texts["html"] = document("The paper's studies", "", [("", lines)])
+    try:
+        for ending, text in texts.items():
+            (folder / f"overview.{ending}").write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise StudyError(f"{folder}: cannot be written ({error})") from error
+    return folder / f"overview.{list(texts)[-1]}"

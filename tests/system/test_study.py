@@ -1,0 +1,82 @@
+"""One of the paper's studies from end to end, small; the same again costs nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from cldit.cli import main
+from cldit.errors import EvaluationError
+from cldit.run import KeptRuns, reevaluated
+from cldit.study.grid import changed
+from cldit.study.lab import Lab
+from cldit.study.named import STUDIES, run_study
+from cldit.study.paper.walls import all_round
+from cldit.study.written import write_page
+
+# An analytic spray of few cells.
+_TINY = {
+    "spray": {"model": "cone", "spacing_m": 0.003, "parcels_per_cell": 1},
+    "camera.pixels": [50, 50],
+    "domain.leaf_edge_m": 0.003,
+    "transport.directions": 8,
+}
+
+
+def test_walls(tmp_path: Path) -> None:
+    """Six walls from one trace; then all of it from the cache."""
+    lab = Lab(KeptRuns(tmp_path / "cache"), quick=True, always=_TINY)
+    page = run_study("walls", lab)
+    assert lab.kept.computed == ["gdi"]
+    assert len(page.table) == 6 and set(page.scenes) == {"gdi"} and page.quick
+    assert write_page(page, tmp_path / "out").is_file()
+
+    again = Lab(KeptRuns(tmp_path / "cache"), quick=True, always=_TINY)
+    repeated = run_study("walls", again)
+    assert again.kept.computed == []
+    assert [v.value for v in repeated.verdicts] == pytest.approx(
+        [v.value for v in page.verdicts], nan_ok=True
+    )
+
+    run = lab.run(page.scenes["gdi"])
+    joined = all_round(run)
+    # All that is not emitted comes from the background: 1 - emissivity is both weights' share.
+    np.testing.assert_allclose(
+        1.0 - joined.maps.emissivity[20:30, 20:30],
+        (run.weights.background + run.weights.wall)[20:30, 20:30]
+        / (run.reference.background + run.reference.wall)[20:30, 20:30],
+        atol=1e-5,  # float32 weights
+    )
+    with pytest.raises(EvaluationError, match="is not served by the trace"):
+        reevaluated(run, changed(run.scene, {"optics.k": 0.1}))
+
+
+def test_damaged_run_is_made_anew(tmp_path: Path) -> None:
+    kept = KeptRuns(tmp_path)
+    scene = changed(Lab(kept).gdi("none"), {"spray": {"model": "none"}, "camera.pixels": [8, 8]})
+    kept.run(scene)
+    (folder,) = (each for each in (tmp_path / "runs").iterdir() if each.is_dir())
+    (folder / "run.json").write_text("{")
+    kept.run(scene)
+    assert kept.computed == ["none", "none"]
+
+
+def test_names() -> None:
+    shown = CliRunner().invoke(main, ["study", "wals"])
+    assert shown.exit_code == 1
+    refused = CliRunner().invoke(main, ["study", "walls", "--scheduler", "tcp://here:1"])
+    assert refused.exit_code == 1
+    assert next(iter(STUDIES)) == "methane"
+
+
+@pytest.mark.slow
+def test_all_quick(tmp_path: Path) -> None:
+    """Every study runs, and each of its pictures is small enough for a page."""
+    result = CliRunner().invoke(main, ["study", "all", "--quick", "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    for name in STUDIES:
+        assert (tmp_path / f"{name}.html").is_file()
+    assert all(path.stat().st_size < 400_000 for path in tmp_path.glob("*.png"))

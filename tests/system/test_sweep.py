@@ -1,0 +1,126 @@
+"""Sweeps over local workers: every scene lands, also when a worker is killed, and only once."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cldit
+from cldit.errors import SceneError, StudyError
+from cldit.run import KeptRuns
+from cldit.scene import Scene, parse_scene
+from cldit.study.grid import Grid
+from cldit.study.sweep import Progress, run_sweep
+
+distributed = pytest.importorskip("distributed")
+pytest.importorskip("zarr")
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """Vapour and droplets in a small cone spray, 12 x 10 pixels."""
+    return parse_scene(
+        {
+            "name": "swept",
+            "domain": {"centre_m": [0.0, 0.0, -0.05], "leaf_edge_m": 0.01},
+            "spray": {"model": "cone", "spacing_m": 0.004, "parcels_per_cell": 1},
+            "camera": {"pixels": [12, 10], "field_m": [0.06, 0.05], "target_m": [0, 0, -0.02]},
+            "background": {"temperatures_K": [440.0, 480.0], "radius_m": 0.08},
+            "transport": {"directions": 8},
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    """Two workers, as a user's cluster would be: only its address is given to the sweep."""
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as started:
+        yield started
+
+
+def test_killed_worker_loses_nothing(scene: Scene, cluster: Any, tmp_path: Path) -> None:
+    """One of two workers is killed after the first results; every scene is in the data set, equal
+    to what the same scene gives on its own, and the folder is found whole by a second call."""
+    grid = Grid.parse("spray.fuel_temperature_K=340:370:10,walls.temperature_K=300,450")
+    killed: list[int] = []
+
+    def watch(progress: Progress) -> None:
+        if not killed:
+            pid = next(iter(cluster.workers.values())).process.pid
+            os.kill(pid, signal.SIGKILL)
+            killed.append(pid)
+        assert progress.total == 8 and 0 < progress.done <= 8
+
+    sweep = tmp_path / "sweep"
+    record = run_sweep(
+        scene,
+        grid,
+        sweep,
+        scheduler=cluster.scheduler_address,
+        cache=tmp_path / "cache",
+        watch=watch,
+    )
+    assert killed
+    assert (record.scenes, record.found, record.traces, record.failed) == (8, 0, 4, ())
+    data = cldit.open_study(sweep)
+    assert data.sizes == {
+        "spray.fuel_temperature_K": 4,
+        "walls.temperature_K": 2,
+        "z": 10,
+        "x": 12,
+    }
+    assert data["walls.temperature_K"].attrs["units"] == "K"
+    assert data.x.attrs["units"] == "m" and float(data.z[0]) > float(data.z[-1])
+    assert bool(np.isfinite(data.emissivity).all())
+    last = list(grid.points(scene))[-1].scene
+    alone = cldit.simulate(last, cache=tmp_path / "cache")
+    found = data.sel({"spray.fuel_temperature_K": 370.0, "walls.temperature_K": 450.0})
+    # The same code on the same data; other work-group orders leave rounding only.
+    np.testing.assert_allclose(found.emissivity, alone.maps.emissivity, atol=1e-6)
+    again = run_sweep(scene, grid, sweep, scheduler="tcp://127.0.0.1:9")  # nobody is asked
+    assert (again.found, again.traces) == (8, 0)
+    with pytest.raises(StudyError, match="another grid or scene"):
+        run_sweep(scene, Grid.parse("walls.temperature_K=300"), sweep)
+
+
+def test_sources_are_not_traced_again(scene: Scene, tmp_path: Path) -> None:
+    """Walls and backgrounds: one trace serves all scenes, and a repeated one costs nothing."""
+    kept = KeptRuns(tmp_path)
+    grid = Grid.parse("walls.temperature_K=0:600:300,background.emissivity=0.9,1")
+    runs = [kept.run(point.scene) for point in grid.points(scene)]
+    assert kept.computed == ["swept"]
+    hot, cold = runs[-1], runs[1]
+    alone = cldit.simulate(hot.scene, cache=tmp_path)
+    np.testing.assert_array_equal(
+        hot.maps.apparent_temperature_K, alone.maps.apparent_temperature_K
+    )
+    np.testing.assert_array_equal(hot.weights.wall, cold.weights.wall)
+    kept.run(runs[0].scene.model_copy(update={"transport": runs[0].scene.transport}))
+    assert kept.computed == ["swept"]
+
+
+def test_refused(scene: Scene, tmp_path: Path) -> None:
+    """What cannot be swept is refused before anything is computed."""
+    with pytest.raises(StudyError, match=r"camera\.pixels changes"):
+        run_sweep(scene, Grid.parse("camera.pixels=8,16"), tmp_path / "a")
+    with pytest.raises(SceneError, match=r"walls\.temperature_K: 9000 is outside"):
+        run_sweep(scene, Grid.parse("walls.temperature_K=300,9000"), tmp_path / "a")
+    assert not (tmp_path / "a").exists()
+    with pytest.raises(StudyError, match="no dask scheduler answers"):
+        run_sweep(
+            scene, Grid.parse("walls.temperature_K=300"), tmp_path / "b", scheduler="no://where"
+        )
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / "thesis.tex").write_text("precious")
+    with pytest.raises(StudyError, match="not empty"):
+        run_sweep(scene, Grid.parse("walls.temperature_K=300"), tmp_path / "c")
+    with pytest.raises(StudyError, match="holds no sweep"):
+        cldit.open_study(tmp_path / "c")
