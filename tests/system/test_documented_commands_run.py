@@ -168,6 +168,16 @@ def test_page(page: str, scratch: Path) -> None:
         _run(bare, scratch / "small" if small else scratch)
 
 
+def test_python_of_the_studies(scratch: Path) -> None:
+    """It reads the sweep that the page's commands made."""
+    if not (scratch / "small" / "sweep").exists():
+        test_page("docs/studies.md", scratch)
+    text = (_ROOT / "docs/studies.md").read_text(encoding="utf-8")
+    code = "\n".join(re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL))
+    (scratch / "small" / "block.py").write_text(code, encoding="utf-8")
+    _run("MPLBACKEND=Agg python block.py", scratch / "small")
+
+
 def test_what_is_left_out_is_documented() -> None:
     lines = [line for _, line in commands.documented()]
     for start in NOT:

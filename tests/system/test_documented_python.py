@@ -9,6 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
+
+from cldit.scene import dump_scene, load_scene, parse_scene
 
 _ROOT = Path(__file__).parents[2]
 _BLOCK = re.compile(r"^```(python|toml)\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -66,3 +69,38 @@ def test_extending(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         MODELS.update(before)
         sys.modules.pop("my_blackbody", None)
     assert names["life"].vanished and "still" not in MODELS
+
+
+SMALL = {"camera": {"pixels": [48, 48]}, "domain": {"leaf_edge_m": 4e-3}}
+
+
+@pytest.fixture
+def gdi(here: Path) -> None:
+    """A file of that name with fewer pixels and coarser cells: scenes are files as well."""
+    data = load_scene("gdi").model_dump(mode="json")
+    for section, changes in SMALL.items():
+        data[section] |= changes
+    (here / "gdi").write_text(dump_scene(parse_scene(data)), encoding="utf-8")
+
+
+@pytest.mark.usefixtures("gdi")
+def test_readme(here: Path) -> None:
+    names = run("README.md")
+    assert names["run"].weights.background.shape == (48, 48)
+    assert (here / "runs" / "traced" / "scene.yaml").is_file()
+
+
+@pytest.mark.usefixtures("here")  # the rig's run is beside it
+def test_rig(tiny_rig: dict[str, Any]) -> None:
+    Path("rig.yaml").write_text(yaml.safe_dump(tiny_rig), encoding="utf-8")
+    plan = {"backgrounds_K": [440.0, 480.0], "shots": 1, "references": 1}
+    Path("plan.yaml").write_text(yaml.safe_dump(plan), encoding="utf-8")
+    names = run("docs/rig.md")
+    assert names["saved"].image.any()
+
+
+def test_no_page_is_forgotten() -> None:
+    pages = ["README.md", *(f"docs/{p.name}" for p in sorted((_ROOT / "docs").glob("*.md")))]
+    run_here = {"README.md", "docs/extending.md", "docs/rig.md"}
+    run_here.add("docs/studies.md")  # after its sweep: test_documented_commands_run.py
+    assert {p for p in pages if any(language == "python" for language, _ in blocks(p))} == run_here
