@@ -21,10 +21,11 @@ _UNITS: dict[str, tuple[str, float]] = {
 # Names that say more than their key.
 _NAMES = {
     "coldest": "coldest gas",
-    "saturation": "saturation temperature",
-    "wet bulb": "wet-bulb temperature",
+    "wet bulb temperature": "wet-bulb temperature",
     "time": "time after start of injection",
 }
+# What a unit stands for, where the key leaves that out.
+_QUANTITIES = {"K": "temperature", "MPa": "pressure"}
 _EXTREMES = {"max": "largest ", "min": "smallest "}
 
 
@@ -40,6 +41,9 @@ def human(key: str, value: float) -> tuple[str, str]:
     ending = max((end for end in _UNITS if key.endswith(end)), key=len, default="")
     unit, factor = _UNITS.get(ending, ("", 1.0))
     name = key.removesuffix(ending).replace("_", " ").replace("sauter", "Sauter")
+    quantity = _QUANTITIES.get(unit, "")
+    if quantity not in name and name not in _NAMES:
+        name = f"{name} {quantity}"
     if unit == "mm" and 0.0 < abs(value) < 1e-4:
         unit, factor = "µm", 1e6
     shown = value * factor

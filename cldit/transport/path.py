@@ -195,7 +195,8 @@ def trace_path(
     closure = None
     if known is None:
         planes = image.reshape(shape)
-        whole = planes if most is None else image[:, None, listed]  # others lack what is scattered
+        # Pixels that are not traced lack what is scattered; where no pixel scatters, none lacks any.
+        whole = planes if most is None or not len(listed) else image[:, None, listed]
         closure = Closure.of(whole[: cells.needs.boundaries], whole[-1], bound=1e-4, noisy=True)
     return Trace(
         closure=closure,
