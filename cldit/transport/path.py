@@ -195,7 +195,7 @@ def trace_path(
     closure = None
     if known is None:
         planes = image.reshape(shape)
-        # Pixels that are not traced lack what is scattered; where no pixel scatters, none lacks any.
+        # Pixels that are not traced lack what is scattered; where none scatters, none lacks any.
         whole = planes if most is None or not len(listed) else image[:, None, listed]
         closure = Closure.of(whole[: cells.needs.boundaries], whole[-1], bound=1e-4, noisy=True)
     return Trace(
