@@ -48,16 +48,21 @@ document.querySelectorAll('.slider').forEach(function (box) {
 """
 
 
+_WIDE_PX = 1100  # a map with its key has some 1050
 _SHORT = 16  # characters of a table's cell that stay on one line
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG with the text that stands below it; a wide one scrolls on a phone."""
+    """A PNG with the text that stands below it."""
 
     png: bytes
     caption: str
-    wide: bool = False
+
+    @property
+    def wide(self) -> bool:
+        """Of several panels, whose labels a phone would make too small: there it scrolls."""
+        return int.from_bytes(self.png[16:20], "big") > _WIDE_PX  # of the PNG's first chunk
 
 
 @dataclass(frozen=True, kw_only=True)

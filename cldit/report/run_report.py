@@ -56,7 +56,6 @@ def write_pictures(run: Run) -> dict[str, Picture]:
         pictures["errors"] = Picture(
             errors_picture(run.measured, sensor, title=_title(run, "standard errors")),
             "Standard errors of the acquired maps, scatter from shot to shot included.",
-            wide=True,
         )
     pictures["maps_noise_free"] = Picture(
         map_picture(run.maps, traced, title=_title(run, "DIT of the trace, without noise")),
@@ -65,7 +64,6 @@ def write_pictures(run: Run) -> dict[str, Picture]:
     pictures["weights"] = Picture(
         weights_picture(run.weights, traced, title=_title(run, "weights of the trace")),
         "Where the light of every pixel comes from; one trace serves every background.",
-        wide=True,
     )
     if run.info.spectral is not None and run.info.spectral.errors_K:
         pictures["wavelengths"] = Picture(
@@ -197,7 +195,6 @@ def write_run_report(run: Run) -> Path:
             Picture(
                 shares.picture(_frame(run, run.pixel_m), title=_title(run, "origin of the signal")),
                 f"Shares of the radiance before a background of {middle_K:g} K.",
-                wide=True,
             ),
         ),
         more_pictures=tuple(

@@ -118,3 +118,10 @@ def test_written_whole(tmp_path: Path) -> None:
     assert [item.name for item in path.parent.iterdir()] == ["report.html"]
     with pytest.raises(OSError):
         write_report(tmp_path / "missing" / "report.html", _full("x"))
+
+
+def test_only_pictures_of_several_panels_are_wide() -> None:
+    for width, wide in ((900, False), (1500, True)):
+        panels = Picture(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + width.to_bytes(4, "big"), "x")
+        page = report_html(ReportContent(name="x", maps=(panels,)))
+        assert ('<div class="wide">' in page) is wide
