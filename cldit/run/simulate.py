@@ -256,7 +256,7 @@ def _info(
         defines={program.name: dict(program.defines) for program in last.programs},
         precision=last.precision,
         closure=result.closure,
-        remarks=tuple(stages.remarks),
+        remarks=(*stages.remarks, *result.unaudited),
         integration_time_s=integration_time_s,
         spectral=spectral,
         versions=versions,

@@ -111,6 +111,11 @@ class NodeTraces:
         return max((result.audit_K or 0.0 for result in self.traces), default=0.0)
 
     @property
+    def unaudited(self) -> tuple[str, ...]:
+        """Why the error of traces is known in part only, each reason once."""
+        return tuple(dict.fromkeys(one.unaudited for one in self.traces if one.unaudited))
+
+    @property
     def closure(self) -> Closure | None:
         """The worst of all nodes'."""
         found = [result.closure for result in self.traces if result.closure is not None]

@@ -50,6 +50,8 @@ class Transport(Section):
     are given as coefficients, or the method is `branching`)."""
     gather: bool = False
     """`source`: follow what thick cells scatter, from cell to cell."""
+    audit: bool = True
+    """`source`: trace some pixels by `path` as well, to know the picture's error."""
     cutoff: Annotated[float, Within(0.0, 0.5)] = 1e-4
     """Transmission at which a ray ends."""
     directions: Annotated[int, Within(4, 4096)] | None = None

@@ -27,6 +27,7 @@ class Settings:
     accuracy_K, max_samples: where `path` stops, RMS error of T_app or samples a pixel. order: most
     scatterings, None for all; beyond it the wall is seen. phase: None is isotropic.
     gather: `source` follows what cells of an optical depth above `thick` scatter, up to accuracy_K.
+    audit: `source` has some of its pixels traced by `path`, where it simplifies anything.
     """
 
     directions: int
@@ -41,6 +42,7 @@ class Settings:
     max_samples: int = 4096
     phase: ScatteringTable | None = None
     gather: bool = False
+    audit: bool = True
     thick: float = 0.5
 
 
@@ -53,7 +55,8 @@ class Trace:
     the weights. standard_error: that of every pixel, from the scatter of its samples (`path` only).
     Both are None where nothing scatters, and for `branching`, which does not know its error.
     audit_K: RMS error of T_app of `source` as a few pixels traced by `path` show it, one standard
-    error added; None where the method simplifies nothing.
+    error added; None where the method simplifies nothing, or was not audited for the reason that
+    `unaudited` gives.
     """
 
     weights: Weights
@@ -65,6 +68,7 @@ class Trace:
     counts: dict[str, int] = field(default_factory=dict)
     standard_error: Weights | None = None
     audit_K: float | None = None
+    unaudited: str = ""
     closure: Closure | None = None  # None only where flights gather a solved source
 
 

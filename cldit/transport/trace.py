@@ -58,6 +58,7 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
         max_samples=spec.max_samples,
         phase=phase,
         gather=spec.gather,
+        audit=spec.audit,
     )
 
 

@@ -102,7 +102,7 @@ def _measurement(folder: Path) -> None:
 
 def _small(name: str) -> str:
     data = load_scene(name).model_dump(mode="json")
-    data["camera"]["pixels"] = [50, 50]
+    data["camera"]["pixels"] = [160, 160]
     data["domain"]["leaf_edge_m"] = 4e-3
     return dump_scene(parse_scene(data))
 

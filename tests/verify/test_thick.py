@@ -47,6 +47,7 @@ def test_gather_and_audit(run_block: Callable[..., Run]) -> None:
         transport={"method": "path", "accuracy_K": 1e-3, "max_samples": 1024, "phase": PHASE},
     )
     changes = {"accuracy_K": 1e-3, "max_samples": 1024, "directions": 32, "phase": PHASE, "seed": 5}
+    changes["audit"] = True
     plain = run_block(BLOCK, **SCENE, transport=changes)
     gathered = run_block(BLOCK, **SCENE, transport={**changes, "gather": True})
     error = np.sqrt(np.mean((wall(plain) - wall(truth)) ** 2))
@@ -64,7 +65,7 @@ def test_gather_and_audit(run_block: Callable[..., Run]) -> None:
 
 def test_audit_of_a_sample(run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch) -> None:
     """A third of the pixels give the same error as all, within what a third may miss of it."""
-    transport = {"directions": 32, "phase": PHASE}
+    transport = {"directions": 32, "phase": PHASE, "audit": True}
     whole = run_block(BLOCK, **SCENE, transport=transport).info.accuracy_K
     monkeypatch.setattr("cldit.transport.audit._PIXELS", 30)
     part = run_block(BLOCK, **SCENE, transport=transport).info.accuracy_K
@@ -81,3 +82,12 @@ def test_audit_where_no_pixel_sees_the_spray(device: Device) -> None:
     run = simulate(parse_scene(data), device=device)
     assert run.weights.liquid.max() == 0.0
     assert run.weights.wall.min() == 1.0
+
+
+def test_what_cannot_be_audited_says_so(run_block: Callable[..., Run]) -> None:
+    """Light that would be scattered hundreds of times is not followed."""
+    thick = {**BLOCK, "droplet_absorption_per_m": 0.0, "droplet_scattering_per_m": 1e6}
+    run = run_block(thick, **SCENE, transport={"audit": True, "directions": 16})
+    assert any("no audit by path tracing (light is scattered" in text for text in run.info.remarks)
+    unwanted = run_block(BLOCK, **SCENE, transport={"audit": False, "directions": 16})
+    assert any("no audit by path tracing (not wanted)" in text for text in unwanted.info.remarks)
