@@ -8,8 +8,8 @@ Error, 0.05 to 500 um at 3.4 um (x up to 460): for k >= 0.002 below 0.1 % of Q_s
 resonances become finer than any table, and two things are told apart: where all droplets together
 have few diameters (`FEW`; a monodisperse spray), each of them is solved for exactly; where they
 have many, entries are means over 1 % of the diameter (a triangle of +-1 %), which change the mean
-of a distribution 10 % wide by less than 0.1 %, and are within 0.1 % of those means (Q_abs below
-k = 0.0001: within 0.1 % of Q_ext).
+of a distribution 10 % wide by less than 0.1 %, and are within 0.1 % of those means, Q_abs of
+itself at any k (resonances narrower than the samples: `mie.efficiencies`).
 `cldit optics` prints what is found for a scene, `cldit bench optics` for k from 0 to 10.
 """
 
@@ -33,13 +33,13 @@ LARGEST_M = 500e-6
 POINTWISE_K = 0.002  # from this k on entries hold for single diameters
 AVERAGED = 0.01  # half width in ln x of the means below it
 FEW = 256  # different diameters that are solved for one by one below it
-_WEAK_K = 0.0001
 _STEP = 3.3e-4  # in ln x
 _COARSER = 8  # steps from one solution to the next, with a cubic spline between, ...
 _SMOOTH = 0.015  # ... from this k / n on
-_FINER = (2, 4)  # samples a step where means are taken, from k = ...
+_FINER = (2, 8)  # samples a step where means are taken, from k = ...
 _SHARP = 0.0005  # ... on, and below, where resonances are narrower still
-_FORM = 3  # of the file
+_MOST_SAMPLES = 6e5
+_FORM = 4  # of the file
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,8 @@ def _solve(*, wavelength_um: float, n: float, k: float) -> Arrays:
         reach = np.abs(np.arange(-beyond, beyond + 1)) * step / finer
         shape = np.maximum(1 - reach / AVERAGED, 0.0)
         shape /= shape.sum()
-        scattering, absorption, g = scaled(x, mie.efficiencies(n=n, k=k, x=x))
+        solved_at = mie.efficiencies(n=n, k=k, x=x, spacing=step / finer)
+        scattering, absorption, g = scaled(x, solved_at)
         means = [
             np.convolve(column, shape, "valid")[::finer]
             for column in (scattering, absorption, g * scattering)
@@ -194,10 +195,7 @@ def _solve(*, wavelength_um: float, n: float, k: float) -> Arrays:
 
 @dataclass(frozen=True)
 class TableError:
-    """Largest relative errors of Q_sca and Q_abs, and error of g, at random diameters.
-
-    With k < 0.0001, where resonances absorb most, that of Q_abs is relative to Q_ext.
-    """
+    """Largest relative errors of Q_sca and Q_abs, and error of g, at random diameters."""
 
     scattering: float
     absorption: float
@@ -208,35 +206,40 @@ class TableError:
         return max(self.scattering, self.absorption, self.asymmetry)
 
 
+def resolved(*, n: float, k: float, span: float, least: int) -> int:
+    """Samples over a span of ln x, two to the half width k / n of any resonance: means of Mie's
+    solutions are then exact. Below k = 1e-7 that is too many, and `mie.efficiencies` has to be told
+    the spacing."""
+    return max(least, int(min(2.0 * span * n / k, _MOST_SAMPLES)) if k > 0 else least)
+
+
 def table_error(table: DropletTable, *, samples: int = 400, seed: int = 1) -> TableError:
     """The table against Mie's solution at random diameters, even in ln d over its whole range.
 
-    Below `POINTWISE_K` the solution is averaged as the entries are, over stratified points.
+    Below `POINTWISE_K` the solution is averaged as the entries are, at fewer diameters.
     """
     random = np.random.default_rng(seed)
     low = table.log_x_start
     high = low + table.log_x_step * (len(table.scattering) - 1)
-    offsets = np.zeros(1)
+    offsets: Floats = np.zeros(1)
+    spacing = 0.0
     if table.k < POINTWISE_K:
-        samples = max(samples // 8, 1)  # each is a mean over 600 solutions
-        # The quantiles of the triangle +-AVERAGED.
-        q = (np.arange(600) + random.uniform()) / 600
-        side = np.where(q < 0.5, np.sqrt(2 * q) - 1, 1 - np.sqrt(2 * (1 - q)))
-        offsets = AVERAGED * side
-    log_x = random.uniform(low, high, samples)
-    x = np.exp(log_x[:, None] + offsets)
-    flat = mie.efficiencies(n=table.n, k=table.k, x=x)
-    scattering, absorption, g = (column.reshape(x.shape) for column in scaled(x.ravel(), flat))
-    mean = scattering.mean(axis=1)
-    centre = np.exp(log_x)
-    x4 = centre**4
-    d = centre * table.wavelength_um * 1e-6 / np.pi
-    q_ext, q_sca, found_g = table.efficiencies(d)
-    exact_sca = mean * x4 / (1 + x4)
-    exact_abs = absorption.mean(axis=1) * centre / np.sqrt(1 + centre**2)
-    of = exact_abs if table.k >= _WEAK_K else exact_abs + exact_sca
-    return TableError(
-        scattering=float(np.max(np.abs(q_sca / exact_sca - 1))),
-        absorption=float(np.max(np.abs((q_ext - q_sca) - exact_abs) / of)),
-        asymmetry=float(np.max(np.abs(found_g - (g * scattering).mean(axis=1) / mean))),
-    )
+        count = resolved(n=table.n, k=table.k, span=2 * AVERAGED, least=600)
+        samples = int(np.clip(2e6 / count, 4, max(samples // 8, 1)))
+        spacing = 2 * AVERAGED / count
+        offsets = np.asarray(spacing * (np.arange(count) + 0.5) - AVERAGED, np.float64)
+    weight = np.maximum(1.0 - np.abs(offsets) / AVERAGED, 0.0)
+    weight /= weight.sum()
+    centres = np.exp(random.uniform(low, high, samples))
+    found = np.array(table.efficiencies(centres * table.wavelength_um * 1e-6 / np.pi))
+    errors = np.zeros((samples, 3))
+    for number, (x, (q_ext, q_sca, g)) in enumerate(zip(centres, found.T, strict=True)):
+        near = x * np.exp(offsets)
+        flat = mie.efficiencies(n=table.n, k=table.k, x=near, spacing=spacing)
+        scattering, absorption, asymmetry = scaled(near, flat)
+        exact_sca = weight @ scattering * x**4 / (1 + x**4)
+        exact_abs = weight @ absorption * x / np.sqrt(1 + x**2)
+        exact_g = weight @ (asymmetry * scattering) / (weight @ scattering)
+        lost = abs((q_ext - q_sca) / exact_abs - 1.0) if exact_abs > 0 else q_ext - q_sca
+        errors[number] = abs(q_sca / exact_sca - 1.0), lost, abs(g - exact_g)
+    return TableError(*errors.max(axis=0).tolist())

@@ -43,7 +43,9 @@ def stored_run(folder: Path, scene: Scene) -> Run | None:
     known = folder / "scene.yaml"
     if not known.is_file():
         raise RunFolderError(f"{folder}: is not empty and holds no run; give another folder")
-    before = parse_scene(yaml.safe_load(known.read_text(encoding="utf-8")), source=str(known))
+    before = parse_scene(
+        yaml.safe_load(known.read_text(encoding="utf-8")), source=str(known), finished=True
+    )
     if before != scene:
         raise RunFolderError(
             f"{folder}: holds a run of another scene ({before.name}, or other settings); give "
@@ -66,7 +68,8 @@ def open_run(path: str | Path) -> Run:
         if not (folder / name).is_file():
             hint = "" if name == "scene.yaml" else "; run the same command again to finish it"
             raise RunFolderError(f"{folder}: holds no finished run ({name} is missing){hint}")
-    scene = parse_scene(yaml.safe_load((folder / "scene.yaml").read_text(encoding="utf-8")))
+    text = (folder / "scene.yaml").read_text(encoding="utf-8")
+    scene = parse_scene(yaml.safe_load(text), finished=True)
     measured = folder / "acquisition" / "maps"
     try:
         info = RunInfo.from_json((folder / "run.json").read_text(encoding="utf-8"))

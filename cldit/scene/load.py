@@ -55,15 +55,23 @@ def load_scene(name_or_path: str | Path) -> Scene:
 
 
 def parse_scene(
-    data: dict[str, Any], *, source: str = "scene", folder: Path | None = None
+    data: dict[str, Any],
+    *,
+    source: str = "scene",
+    folder: Path | None = None,
+    finished: bool = False,
 ) -> Scene:
     """A scene from plain data, checked.
+
+    Args:
+        source: what messages call it. folder: where its relative paths start.
+        finished: of a run that is done: tables it was made from need not be there any more.
 
     Raises:
         SceneError: as in `load_scene`.
     """
     try:
-        scene = Scene.model_validate(data, context={"folder": folder})
+        scene = Scene.model_validate(data, context={"folder": folder, "finished": finished})
     except ValidationError as error:
         raise SceneError(f"{source}:\n{describe(Scene, error.errors())}") from error
     for key in ("file", "mapping"):

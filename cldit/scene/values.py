@@ -104,10 +104,18 @@ QuantumEfficiency = Annotated[
 
 
 def _material(value: object, info: ValidationInfo) -> object:
-    """The name of a substance, or the full path of a table."""
-    if isinstance(value, str) and Path(value).suffix:
-        return str(_in_folder(value, info))
-    return value
+    """The name of a substance, or the full path of a table that is there.
+
+    Of a finished run (context `finished`) the table may have been moved away since.
+    """
+    if not (isinstance(value, str) and Path(value).suffix):
+        return value
+    path = _in_folder(value, info)
+    if not path.is_file() and not (info.context or {}).get("finished"):
+        raise ValueError(
+            f"{path}: no such file; allowed is the name of a substance, or a table beside the scene"
+        )
+    return str(path)
 
 
 Material = Annotated[str, Field(min_length=1), BeforeValidator(_material)]

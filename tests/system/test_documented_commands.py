@@ -34,9 +34,9 @@ def _parse(line: str) -> None:
     words = shlex.split(line, comments=True)[1:]
     group: click.Command = main
     context = click.Context(main, info_name="cldit")
-    while isinstance(group, click.Group):
-        if group.invoke_without_command and (not words or words[0].startswith("-")):
-            break  # `cldit bench --only error`: the group's own work
+    while isinstance(group, click.Group) and not (
+        group.invoke_without_command and (not words or words[0].startswith("-"))
+    ):
         name = words.pop(0)
         command = group.get_command(context, name)
         assert command is not None, f"no command {name}"

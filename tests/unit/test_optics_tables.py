@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.errors import ClditError, OpticsError
+from cldit.errors import ClditError, OpticsError, SceneError
 from cldit.optics import mie
 from cldit.report.optics_summary import scene_optics
 from cldit.run.medium import properties_of
@@ -181,6 +181,19 @@ def test_what_the_data_do_not_cover_is_refused(optics: dict[str, Any], message: 
     scene = scene_of(optics={"preset": "spectral", **optics})
     with pytest.raises(OpticsError, match=message):
         properties_of(scene, spray_of(), cache=None)
+
+
+@pytest.mark.parametrize("key", ["liquid", "vapour"])
+def test_a_table_that_is_not_there_is_refused_when_the_scene_is_read(
+    key: str, tmp_path: Path
+) -> None:
+    data = {"name": "mine", "spray": {"model": "none"}, "optics": {key: "mine/nowhere.csv"}}
+    message = rf"optics\.{key}: .*{tmp_path.name}/mine/nowhere\.csv: no such file; allowed is"
+    with pytest.raises(SceneError, match=message):
+        parse_scene(data, folder=tmp_path)
+    # A run that is done can be read without it.
+    scene = parse_scene(data, folder=tmp_path, finished=True)
+    assert getattr(scene.optics, key) == str(tmp_path / "mine" / "nowhere.csv")
 
 
 def test_a_table_in_nanometres_is_found_out(tmp_path: Path) -> None:

@@ -96,6 +96,22 @@ def test_round_trip(filter_um: tuple[float, float]) -> None:
     np.testing.assert_allclose(slope * inverse, 1.0, rtol=1e-8)  # the spline's slope: one order
 
 
+@pytest.mark.parametrize("filter_um", FILTERS)
+def test_many_temperatures_are_read_from_a_table(filter_um: tuple[float, float]) -> None:
+    """More than 4096 at once come from a spline; a thousand at once are integrated, each by itself.
+    What is promised to callers is 1e-10, for the value and its slope."""
+    kelvin = np.geomspace(1.0, 5000.0, 8192)
+    for function in (band_radiance, band_radiance_slope):
+        table = function(kelvin, filter_um=filter_um)
+        direct = np.concatenate(
+            [function(part, filter_um=filter_um) for part in np.split(kelvin, 8)]
+        )
+        normal = direct > 1e-300
+        assert normal[kelvin > 60.0].all()
+        np.testing.assert_allclose(table[normal], direct[normal], rtol=1e-10)
+        assert np.any(table[normal] != direct[normal])  # two ways
+
+
 def test_inverse_limits() -> None:
     got = temperature_of_radiance(
         [0.0, -0.0, -1.0, np.nan, np.inf, 5e-324, 1e308], filter_um=(3.3, 3.5)

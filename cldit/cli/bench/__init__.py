@@ -15,6 +15,7 @@ _COMMANDS = {
     "rig": "cldit.cli.bench.rig:bench_rig_command",
     "evaluate": "cldit.cli.bench.evaluate:bench_evaluate_command",
     "optics": "cldit.cli.bench.optics:bench_optics_command",
+    "presets": "cldit.cli.bench.presets:bench_presets_command",
     "spray": "cldit.cli.bench.spray:bench_spray_command",
     "droplet": "cldit.cli.bench.droplet:bench_droplet_command",
     "stability": "cldit.cli.bench.stability:bench_stability_command",

@@ -24,13 +24,13 @@ def bench_optics_command(scene: str, out: Path | None) -> None:
     """Errors of droplet tables for k from 0 to 10; cost of SCENE's tables, and its wavelengths."""
     chosen = load_scene(scene)
     at = {"wavelength_um": chosen.optics.wavelength_um, "n": chosen.optics.n}
-    table = Table("k", "Q_sca", "Q_abs", "g", "10 % wide", box=None)
+    table = Table("k", "Q_sca", "Q_abs", "g", "10 % wide", "miepython", box=None)
     worst = 0.0
     for k in ABSORPTIONS:
         found = check_table(k=k, cache=default_cache(), **at)
         worst = max(worst, found.largest)
         single = (found.single.scattering, found.single.absorption, found.single.asymmetry)
-        table.add_row(f"{k:g}", *(f"{value:.1e}" for value in (*single, found.narrow)))
+        table.add_row(f"{k:g}", *(f"{value:.1e}" for value in (*single, found.narrow, found.other)))
     OUT.print(table)
     OUT.print(f"largest error of a table of droplets: {100 * worst:.2g} %")
     spectral = with_preset(chosen, "spectral")

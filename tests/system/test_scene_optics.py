@@ -1,0 +1,104 @@
+"""Size distributions and windows from a scene's YAML to its maps, as a user writes them.
+
+Rationale: light comes from gas, droplets and walls alone, so that an apparent temperature outside
+theirs would be energy from nowhere; DIT divides out what windows do, so that the maps with and
+without them agree.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.special import gamma
+
+import cldit
+from cldit.dit.accuracy import VISIBLE_EMISSIVITY
+from cldit.gpu.device import Device
+from cldit.run import Run
+from cldit.scene import load_scene
+from cldit.scene.spray import ConeSpray
+from cldit.spray.sizes import mean_diameter_m
+
+SCENE = """
+name: small
+spray:
+  model: cone
+  spacing_m: 2.0e-3
+  parcels_per_cell: 4
+  droplets: {droplets}
+domain: {{centre_m: [0.0, 0.0, -0.05], leaf_edge_m: 6.0e-3}}
+camera: {{pixels: [16, 16]}}
+background: {{radius_m: 0.08, temperatures_K: [413.0, 473.0, 533.0]}}
+walls: {{temperature_K: 450.0}}
+transport: {{phase: mie}}
+"""
+WINDOWS = """
+windows:
+  - {side: front, material: CaF2, thickness_m: 0.01, temperature_K: 420}
+  - {side: rear, material: sapphire, thickness_m: 0.008, temperature_K: 430}
+"""
+NINE_UM = "{diameter_um: 9.0}"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("scenes")
+
+
+def run_of(text: str, folder: Path, device: Device) -> Run:
+    (folder / "scene.yaml").write_text(text)
+    return cldit.simulate(load_scene(folder / "scene.yaml"), device=device, cache=folder / "cache")
+
+
+@pytest.mark.parametrize(
+    ("droplets", "sauter_um"),
+    [
+        ("{m_um: 1.5, n: 1.0, p: 3.0}", 9.0),  # m (p + 3)
+        (NINE_UM, 9.0),
+        ("{median_um: 6.0, sigma: 1.4}", 6.0 * np.exp(2.5 * np.log(1.4) ** 2)),
+        ("{d_um: 10.0, q: 3.0}", 10.0 / gamma(1 - 1 / 3)),  # d / gamma(1 - 1 / q)
+        # 15 and 5 a um: sums of (b^4 - a^4) / 4 over those of (b^3 - a^3) / 3
+        (
+            "{edges_um: [4.0, 8.0, 12.0], number: [60.0, 20.0]}",
+            (15 * 960 + 5 * 4160) / ((15 * 448 + 5 * 1216) / 3),
+        ),
+    ],
+)
+def test_every_distribution_of_sizes(
+    droplets: str, sauter_um: float, folder: Path, device: Device
+) -> None:
+    run = run_of(SCENE.format(droplets=droplets), folder, device)
+    assert isinstance(run.scene.spray, ConeSpray) and run.scene.spray.droplets is not None
+    assert mean_diameter_m(run.scene.spray.droplets, 3, 2) * 1e6 == approx(sauter_um, rel=1e-8)
+    emissivity, kelvin = run.maps.emissivity, run.maps.apparent_temperature_K
+    spray = np.nan_to_num(emissivity) > VISIBLE_EMISSIVITY
+    assert spray.sum() > 10 and np.nanmax(emissivity) < 1.0 + 1e-3
+    # The coldest droplet boils below the gas's 570 K; 1 K: the trace is solved to about 0.1 K.
+    assert np.all(kelvin[spray] > run.info.spray["wet_bulb_K"] - 1.0)
+    assert np.all(kelvin[spray] < 570.0 + 1.0)
+    closure = run.info.closure
+    assert closure is not None and closure.largest < closure.bound
+    # Forward: 0.8 to 0.9, as droplets several wavelengths wide scatter (van de Hulst, 12).
+    g = float(run.info.phase.rsplit(" ", 1)[1])
+    assert run.info.phase.startswith("mie") and 0.8 < g < 0.9
+
+
+def test_two_windows_in_yaml(folder: Path, device: Device) -> None:
+    plain = SCENE.format(droplets=NINE_UM)
+    without, behind = (run_of(text, folder, device) for text in (plain, plain + WINDOWS))
+    assert [window.material for window in behind.scene.windows] == ["CaF2", "sapphire"]
+    spray = np.nan_to_num(without.maps.emissivity) > VISIBLE_EMISSIVITY
+    assert spray.sum() > 10
+    kelvin = [run.maps.apparent_temperature_K[spray] for run in (without, behind)]
+    # What the windows take is known exactly; float32 weights leave 1e-6 of emissivity, 0.01 K.
+    np.testing.assert_allclose(kelvin[1], kelvin[0], atol=0.01)
+    np.testing.assert_allclose(
+        behind.maps.emissivity[spray], without.maps.emissivity[spray], atol=2e-6
+    )
+    # They were there: less of the spray's light reaches the sensor, whose noise counts for more.
+    assert behind.info.integration_time_s == without.info.integration_time_s
+    noise = [run.maps.apparent_temperature_standard_error_K[spray] for run in (without, behind)]
+    assert np.all(noise[1] > 1.02 * noise[0])
