@@ -79,11 +79,15 @@ def fit_pair(
     a, b = (np.where(one > 0.0, one / unit**2, 1.0) for one in variance)
     d = shared[:, None] / unit**2
     g, s = slopes
-    determinant = a * b + d * (a * s**2 + b * g**2)
-    p_ref, p_inj, p_both = (
-        np.where(usable, part / determinant, 0.0)
-        for part in (b + d * s**2, a + d * g**2, -d * g * s)
-    )
+    together = bool(np.any(d > 0.0))
+    if together:
+        determinant = a * b + d * (a * s**2 + b * g**2)
+        p_ref, p_inj, p_both = (
+            np.where(usable, part / determinant, 0.0)
+            for part in (b + d * s**2, a + d * g**2, -d * g * s)
+        )
+    else:  # two fits that know nothing of each other
+        p_ref, p_inj = (np.where(usable, 1.0 / one, 0.0) for one in (a, b))
     y_ref, y_inj = (one / unit for one in mean)
     known = np.ones(p_ref.shape[1], bool)
     for line in (x_ref, x_inj):
@@ -92,7 +96,7 @@ def fit_pair(
         )
         known &= spread > 1e-12
     before, after = _moments(p_ref, x_ref, x_ref), _moments(p_inj, x_inj, x_inj)
-    if np.any(d > 0.0):
+    if together:
         across = _moments(p_both, x_ref, x_inj)
         right_ref, right_inj = p_ref * y_ref + p_both * y_inj, p_inj * y_inj + p_both * y_ref
     else:
@@ -107,7 +111,10 @@ def fit_pair(
     values = np.einsum("ijn,jn->in", covariance, right)
     off_ref = y_ref - values[0] * x_ref - values[1]
     off_inj = y_inj - values[2] * x_inj - values[3]
-    chi2 = np.sum(p_ref * off_ref**2 + p_inj * off_inj**2 + 2.0 * p_both * off_ref * off_inj, 0)
+    squares = p_ref * off_ref**2 + p_inj * off_inj**2
+    if together:
+        squares += 2.0 * p_both * off_ref * off_inj
+    chi2 = squares.sum(axis=0)
     units = np.array([1.0, unit, 1.0, unit])[:, None]
     if not noisy:
         covariance = np.where(known, np.zeros((4, 4, 1)), np.nan)

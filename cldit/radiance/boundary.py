@@ -152,9 +152,28 @@ def picture(
     weights: Sequence[Weights], boundaries: Sequence[Boundary], *, background_K: float
 ) -> Floats:
     """Radiance (H, W) at the camera before a black body: the sum over the bands of a trace."""
-    total: Floats | float = 0.0
+    (one,) = pictures(weights, boundaries, backgrounds_K=[background_K])
+    return np.asarray(one)
+
+
+def pictures(
+    weights: Sequence[Weights], boundaries: Sequence[Boundary], *, backgrounds_K: Sequence[float]
+) -> Floats:
+    """Radiance (K, H, W) at the camera before black bodies of K temperatures.
+
+    What does not change with the background is summed over the bands once.
+    """
+    total: Floats | None = None
     for part, boundary in zip(weights, boundaries, strict=True):
-        leaving = float(boundary.leaving(background_K))
-        inside = compose(part, background=leaving, wall=boundary.wall, patches=boundary.patches)
-        total = total + boundary.seen(inside)
-    return np.asarray(total)
+        rest = compose(part, background=0.0, wall=boundary.wall, patches=boundary.patches)
+        leaving = boundary.front.transmission * boundary.leaving(np.asarray(backgrounds_K))
+        share = part.background.astype(np.float64)
+        if total is None:
+            total = np.zeros((len(backgrounds_K), *share.shape))
+        fixed = boundary.seen(rest)
+        for image, radiance in zip(total, leaving, strict=True):
+            image += fixed
+            image += share * radiance
+    if total is None:
+        raise ValueError("no band at all")
+    return total

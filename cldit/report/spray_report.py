@@ -150,9 +150,9 @@ def history_figure(history: History, *, title: str) -> Figure:
         (
             "penetration / mm",
             (
-                (1e3 * history.vapour_m, "vapour (mass fraction 0.001)"),
-                (1e3 * history.liquid_m, "liquid (beyond it 3 % of the fuel)"),
-                (1e3 * history.axial_m, "liquid, along the injector's axis"),
+                (1e3 * history.vapour_m, "vapour, along the plumes (0.001)"),
+                (1e3 * history.liquid_m, "liquid, axial (2e-3 mm³/mm²)"),
+                (1e3 * history.thin_liquid_m, "liquid, axial (0.2e-3 mm³/mm²)"),
             ),
         ),
         ("Sauter mean diameter / µm", ((1e6 * history.sauter_mean_diameter_m, ""),)),

@@ -11,7 +11,7 @@
    given cone where the gas is hot, the cone itself where nothing evaporates.
 3. Evaporated is the smaller of two shares: of equilibrium, which the heat and the room for vapour
    of the gas mixed in allow, and of kinetics, which the d^2 law of every size class allows in the
-   time of travel, with the rate of droplets at rest in the undisturbed gas (`cldit.spray.film`).
+   time of travel, with the rate of droplets at rest in the undisturbed gas (`cldit.spray.wetbulb`).
    Slip makes them evaporate faster, cooler gas with vapour slower; neither is in the rate. In a
    march along a hot plume (0.6 MPa, 570 K) with both they make up for each other on and near the
    axis from 20 mm on (within 0.1 of the fuel); at the edge, and within 15 mm of the nozzle, slip

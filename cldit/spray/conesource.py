@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from cldit.errors import SprayError
 from cldit.scene.spray import ConeSpray
-from cldit.spray.film import WetBulb, wet_bulb
 from cldit.spray.fuel import heptane_density_kg_m3
 from cldit.spray.methane import expand
 from cldit.spray.mixing import Mixture, heptane_mixture, methane_mixture
 from cldit.spray.shrinking import Shrinking, shrinking
 from cldit.spray.sizes import strata_m
+from cldit.spray.wetbulb import WetBulb, wet_bulb
 
 Floats = NDArray[np.float64]
 

@@ -20,6 +20,8 @@ HEPTANE_MOLAR_MASS_kg_mol = 0.100204
 HEPTANE_CRITICAL_K = 540.20
 HEPTANE_CRITICAL_Pa = 2.74e6
 HEPTANE_BOILING_K = 371.58
+HEPTANE_DIFFUSION_VOLUME = 148.26  # Fuller, Ensley and Giddings: 7 C and 16 H, cm3/mol
+NITROGEN_DIFFUSION_VOLUME = 18.5
 _LIQUID_MAX_K = 535.0  # cp of the liquid diverges at the critical point; held beyond this
 
 
@@ -178,9 +180,18 @@ def nitrogen_conductivity_W_m_K(temperature_K: ArrayLike) -> Floats:
     return np.asarray(3.3143e-4 * t**0.7722 / (1 + 16.323 / t + 373.72 / (t * t)))
 
 
-def heptane_diffusivity_m2_s(temperature_K: ArrayLike, *, pressure_Pa: float) -> Floats:
-    """In nitrogen, by Fuller, Schettler and Giddings: diffusion volumes 148.26 and 18.5."""
+def heptane_liquid_conductivity_W_m_K(temperature_K: ArrayLike) -> Floats:
+    """NSRDS 0."""
+    return np.asarray(0.215 - 3.03e-4 * np.asarray(temperature_K, dtype=float))
+
+
+def heptane_vapour_viscosity_Pa_s(temperature_K: ArrayLike) -> Floats:
+    """NSRDS 2."""
     t = np.asarray(temperature_K, dtype=float)
-    mass = 2 / (1e-3 / HEPTANE_MOLAR_MASS_kg_mol + 1e-3 / NITROGEN.molar_mass_kg_mol)  # g/mol
-    volumes = (148.26 ** (1 / 3) + 18.5 ** (1 / 3)) ** 2
-    return np.asarray(1e-4 * 0.00143 * t**1.75 / (pressure_Pa * 1e-5 * np.sqrt(mass) * volumes))
+    return np.asarray(6.672e-8 * t**0.82837 / (1 + 85.752 / t))
+
+
+def nitrogen_viscosity_Pa_s(temperature_K: ArrayLike) -> Floats:
+    """Sutherland's formula, F. M. White, Viscous Fluid Flow: 1.663e-5 Pa s at 273 K, S = 107 K."""
+    t = np.asarray(temperature_K, dtype=float)
+    return np.asarray(1.663e-5 * (t / 273.0) ** 1.5 * (273.0 + 107.0) / (t + 107.0))

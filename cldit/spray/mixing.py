@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cldit.errors import SprayError
-from cldit.spray.film import film
 from cldit.spray.fuel import (
     HEPTANE_CRITICAL_K,
     METHANE,
@@ -30,6 +29,7 @@ from cldit.spray.fuel import (
     heptane_vapour_cp_J_kg_K,
     heptane_vapour_enthalpy_J_kg,
 )
+from cldit.spray.wetbulb import still
 
 Floats = NDArray[np.float64]
 
@@ -198,8 +198,8 @@ def lagging_state(
 
     def excess(surface: Floats) -> Floats:
         y = vapour / (1 + vapour)
-        state = film(surface, gas_K=around(surface), vapour_share=y, pressure_Pa=pressure_Pa)
-        return state.heat_excess
+        gone = still(surface, gas_K=around(surface), vapour_share=y, pressure_Pa=pressure_Pa)
+        return -gone.heat_W
 
     low = np.full(ratio.shape, 0.4 * min(gas_K, fuel_K))
     high = np.full(ratio.shape, min(max(gas_K, fuel_K), HEPTANE_CRITICAL_K))

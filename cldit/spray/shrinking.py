@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cldit.spray.film import WetBulb
+from cldit.spray.wetbulb import WetBulb
 
 Floats = NDArray[np.float64]
 

@@ -193,10 +193,9 @@ def trace_path(
         error_of[:, listed] = sums.error
     shape = (components, row_count, column_count)
     closure = None
-    if known is None:
+    if known is None and (most is None or len(listed)):  # none drawn: nothing was traced
         planes = image.reshape(shape)
-        # Pixels that are not traced lack what is scattered; where none scatters, none lacks any.
-        whole = planes if most is None or not len(listed) else image[:, None, listed]
+        whole = planes if most is None else image[:, None, listed]  # others lack what is scattered
         closure = Closure.of(whole[: cells.needs.boundaries], whole[-1], bound=1e-4, noisy=True)
     return Trace(
         closure=closure,

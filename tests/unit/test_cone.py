@@ -134,7 +134,8 @@ def test_masses_are_exact_and_notes_tell_them() -> None:
     assert 1e5 < notes["parcels"] == len(spray.parcels.diameter_m) < 5e5
     # Liquid starts at 370 K and is at most as warm as the wet bulb of the gas; the vapour lies
     # between liquid and gas. The table is interpolated: 0.05 K.
-    assert notes["wet_bulb_K"] == pytest.approx(386.0, abs=0.5)  # for 573 K, computed elsewhere
+    # 386.0 K for 573 K, computed elsewhere; the scene's gas has 570 K, which is 0.1 K/K less.
+    assert notes["wet_bulb_K"] == pytest.approx(385.7, abs=0.5)
     assert spray.parcels.temperature_K.min() > notes["saturation_K"] - 0.05
     assert spray.parcels.temperature_K.max() < notes["wet_bulb_K"] + 0.05
     assert spray.vapour.temperature_K.min() > notes["saturation_K"] - 0.05

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import cast
 
+import numba
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
@@ -11,8 +12,17 @@ from scipy.integrate import solve_ivp
 
 from cldit.errors import SprayError
 from cldit.spray.droplet.convergence import CASES, error_of, integrated, reference
-from cldit.spray.droplet.evaporation import MODELS, Drop, Model, Rates, abramzon_sirignano
+from cldit.spray.droplet.evaporation import (
+    MODELS,
+    Drop,
+    Model,
+    Rule,
+    abramzon_sirignano,
+    film,
+    inert,
+)
 from cldit.spray.droplet.fluids import fuel_table, gas_table
+from cldit.spray.droplet.gasfilm import Here, Tables
 from cldit.spray.droplet.integrator import Advance, Droplets, Surroundings, advance
 from cldit.spray.mixing import heptane_state
 
@@ -47,19 +57,14 @@ def follow(
     return advance(start, gas, duration_s, fuel=FUEL, gas=GAS, model=model, tolerance=tolerance)
 
 
-def inert(drop: Drop) -> Rates:
-    """Neither evaporates nor warms."""
-    zero = np.zeros_like(drop.diameter_m)
-    return Rates(zero, zero)
-
-
-def even(constant_kg_m_s: float) -> Callable[[Drop], Rates]:
+def even(constant_kg_m_s: float) -> Model:
     """Evaporates in proportion to the diameter, at constant temperature: the d2 law."""
 
-    def model(drop: Drop) -> Rates:
-        return Rates(constant_kg_m_s * drop.diameter_m, np.zeros_like(drop.diameter_m))
+    @numba.njit
+    def rule(tables: Tables, here: Here) -> tuple[float, float]:
+        return constant_kg_m_s * here.diameter_m, 0.0
 
-    return model
+    return Model(cast(Rule, rule))
 
 
 # --- exact solutions, to rounding unless another reason is given ----------------------------------
@@ -86,22 +91,21 @@ def test_thermal_relaxation() -> None:
     """tau = rho cp d^2/(12 lam) at Nu = 2; over 0.1 K cp changes by 2e-4 of itself."""
     lam = 0.03
 
-    def model(drop: Drop) -> Rates:
-        warm = drop.gas_temperature_K - drop.temperature_K
-        return Rates(np.zeros_like(warm), 2 * np.pi * drop.diameter_m * lam * warm)
+    @numba.njit
+    def rule(tables: Tables, here: Here) -> tuple[float, float]:
+        warm = here.gas_temperature_K - here.temperature_K
+        return 0.0, 2 * np.pi * here.diameter_m * lam * warm
 
     density, cp = (float(v) for v in FUEL.liquid.at(370.0, "density", "cp"))
     tau = density * cp * 81e-12 / (12 * lam)
     for times in (0.1, 1.0, 5.0):
-        found = follow(droplets(), around(gas_K=370.1), times * tau, model=model)
+        found = follow(droplets(), around(gas_K=370.1), times * tau, model=Model(cast(Rule, rule)))
         wanted = 370.1 - 0.1 * np.exp(-times)
         assert found.droplets.temperature_K[0] == pytest.approx(wanted, abs=0.1 * 2e-4)
 
 
 def viscosity() -> float:
     """Of the film that the integrator sees in gas at the liquid's temperature and 1 kPa vapour."""
-    from cldit.spray.droplet.evaporation import film
-
     one = np.ones(1)
     state = film(Drop(FUEL, GAS, 9e-6 * one, 250.0 * one, 250.0 * one, 1e5 * one, 0 * one, 0 * one))
     return float(state.viscosity_Pa_s[0])

@@ -8,12 +8,12 @@ import click
 
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.run import default_cache
-from cldit.spray.flow.verification import page
+from cldit.spray.flow.page import page
 
 
 @click.command("spray")
 @click.option("--out", type=click.Path(path_type=Path), help="Markdown file; else printed.")
-@click.option("--spacing-mm", type=click.FloatRange(0.5, 4.0), default=2.0, show_default=True)
+@click.option("--spacing-mm", type=click.FloatRange(0.5, 4.0), default=1.0, show_default=True)
 @plain_errors
 def bench_spray_command(out: Path | None, spacing_mm: float) -> None:
     """The computed spray against correlations and measurements; takes minutes."""

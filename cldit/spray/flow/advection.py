@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.spray.flow.compiled import compiled
+from cldit.spray.compiled import compiled
 
 Floats = NDArray[np.float64]
 

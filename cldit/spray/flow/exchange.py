@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.spray.flow.compiled import compiled
+from cldit.spray.compiled import compiled
 from cldit.spray.flow.gas import Box
 
 Floats = NDArray[np.float64]

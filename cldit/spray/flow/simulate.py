@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from scipy.fft import next_fast_len
 
 from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray
-from cldit.spray.droplet.evaporation import MODELS, Drop, Rates
+from cldit.spray.droplet.evaporation import MODELS, inert
 from cldit.spray.droplet.fluids import Fuel, check_conditions, fuel_table, gas_table
 from cldit.spray.flow.coupling import Cloud, Liquid, move
 from cldit.spray.flow.gas import Box, GasFlow
@@ -66,7 +67,7 @@ def simulate_spray(
         pressure_Pa=ambient.pressure_Pa,
         temperature_K=ambient.temperature_K,
     )
-    model = _inert if spec.evaporation == "none" else MODELS[spec.evaporation]
+    model = inert if spec.evaporation == "none" else MODELS[spec.evaporation]
     liquid = Liquid(fuel=fuel, carrier=carrier, model=model, injection=injection)
     random = np.random.default_rng([spec.seed, 1])
     each = fuel.mass_kg(injection.diameter_m, np.full(1, spec.fuel_temperature_K))
@@ -91,7 +92,7 @@ def simulate_spray(
         next_parcel = until
         injected = float(np.sum((each * injection.droplets)[:until]))
         if len(rows) < time / spec.time_s * _RECORDS or time >= spec.time_s * (1 - 1e-9):
-            rows.append((time, injected, *measures(cloud, flow, fuel, axes, injected_kg=injected)))
+            rows.append((time, injected, *measures(cloud, flow, fuel, axes)))
         if watch is not None:
             watch(time, spec.time_s, len(cloud.mass_kg))
     history = History(*np.array(rows).T)
@@ -104,6 +105,7 @@ def simulate_spray(
         "sauter_mean_diameter_m": float(history.sauter_mean_diameter_m[-1]),
         "sauter_mean_diameter_at_15_mm_m": station.sauter_m,
         "liquid_penetration_m": float(history.liquid_m[-1]),
+        "thin_liquid_penetration_m": float(history.thin_liquid_m[-1]),
         "vapour_penetration_m": float(history.vapour_m[-1]),
         "coldest_K": float(history.coldest_K[-1]),
         "jet_speed_m_s": injection.speed_m_s,
@@ -123,11 +125,6 @@ def simulate_spray(
         parcels=_parcels(cloud, fuel), vapour=_vapour(flow, fuel), notes=notes, remarks=remarks
     )
     return spray, history, flow
-
-
-def _inert(drop: Drop) -> Rates:
-    nothing = np.zeros_like(drop.diameter_m)
-    return Rates(nothing, nothing)
 
 
 def make_box(spec: LagrangianSpray, injection: Injection) -> Box:
@@ -178,7 +175,9 @@ def _step_s(
     if time < injection.end_s:
         fastest = max(fastest, injection.speed_m_s)
     free = flow.box.spacing_m / max(fastest, 1e-9)
-    return min(free, flow.longest_step_s(), LONGEST_STEP_S, spec.time_s - time)
+    left = spec.time_s - time
+    # Even steps up to the end: in a very short last one the gas would have to leap.
+    return left / math.ceil(left / min(free, flow.longest_step_s(), LONGEST_STEP_S))
 
 
 def _born(

@@ -10,7 +10,13 @@ import pytest
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
 from cldit.spray.flow.coupling import Cloud
 from cldit.spray.flow.gas import Box, GasFlow
-from cldit.spray.flow.measures import Station, reach, sauter_m, vapour_reach_m
+from cldit.spray.flow.measures import (
+    Station,
+    half_angle_rad,
+    projected_reach_m,
+    sauter_m,
+    vapour_reach_m,
+)
 from cldit.spray.flow.mixture import gas_mixture
 from cldit.spray.flow.verification import at, jet, saturation
 
@@ -81,14 +87,53 @@ def test_the_station_counts_what_passes_once() -> None:
     assert station.sauter_m == pytest.approx(wanted, rel=1e-12)
 
 
-def test_reach() -> None:
-    values, weights = np.array([3.0, 1.0, 2.0]), np.array([1.0, 1.0, 2.0])
-    assert reach(values, weights, 0.1) == 3.0
-    assert reach(values, weights, 1.0) == 3.0
-    assert reach(values, weights, 1.1) == 2.0
-    assert reach(values, weights, 4.0) == 1.0
-    assert reach(values, weights, 4.1) == 0.0  # less than that is left
-    assert reach(np.empty(0), np.empty(0), 1.0) == 0.0
+def test_liquid_reaches_as_far_as_its_projected_volume() -> None:
+    """Two cells' worth of liquid in one column of sight, by hand; the edge between two rows."""
+    fuel, _ = fluids()
+    box = Box(np.array([-5e-3, -5e-3, -20e-3]), 1e-3, (10, 10, 20))
+    warm = np.full(3, 350.0)
+    density = float(fuel.liquid.one("density", 350.0))
+    # In the middles of cells, so that each parcel is in one: y differs, which is looked along; in x
+    # all are in one plane, and from there the two upper ones add up too.
+    position = 1e-3 * np.array([[0.5, -2.5, -9.5], [0.5, 1.5, -9.5], [0.5, 3.5, -12.5]])
+
+    def cloud(volume_mm3: list[float]) -> Cloud:
+        mass = np.full(3, 1e-13)
+        return Cloud(
+            mass_kg=mass,
+            temperature_K=warm,
+            droplets=np.array(volume_mm3) * 1e-9 * density / mass,
+            hole=np.zeros(3, dtype=np.int64),
+            position_m=position,
+            velocity_m_s=np.zeros((3, 3)),
+        )
+
+    assert projected_reach_m(cloud([0.0, 0.0, 0.0]), box, fuel) == (0.0, 0.0)
+    # 2.5e-3 mm3/mm2 along y: 0.2 of a cell below 9.5 mm is the edge of 2e-3, if it falls to 0
+    # there; along x they are beside each other, 1.25e-3 each: no edge, 0.
+    far, thin = projected_reach_m(cloud([1.25e-3, 1.25e-3, 0.0]), box, fuel)
+    assert far == pytest.approx((9.7e-3 + 0.0) / 2, rel=1e-9)
+    assert thin == pytest.approx(9.5e-3 + 1e-3 * ((2.3 / 2.5) + (1.05 / 1.25)) / 2, rel=1e-9)
+    far, thin = projected_reach_m(cloud([1.25e-3, 1.25e-3, 0.4e-3]), box, fuel)
+    assert far == pytest.approx(9.7e-3 / 2, rel=1e-9)
+    assert thin == pytest.approx(13.0e-3, rel=1e-9)
+
+
+def test_the_plumes_half_angle() -> None:
+    """Two cones of 14 degrees filled with vapour; 4 %: their edges are steps of cells."""
+    fuel, gas = fluids()
+    box = Box(np.array([-30e-3, -10e-3, -50e-3]), 0.5e-3, (120, 40, 100))
+    flow = GasFlow(
+        box, gas_mixture(fuel, gas, reference_K=570.0), pressure_Pa=6e5, temperature_K=570.0
+    )
+    axes = np.array([[0.5, 0.0, -np.sqrt(0.75)], [-0.5, 0.0, -np.sqrt(0.75)]])
+    assert np.isnan(half_angle_rad(flow, axes))
+    index = np.moveaxis(np.indices(box.shape), 0, -1)
+    centre = box.origin_m + (index + 0.5) * box.spacing_m
+    along = np.max(centre @ axes.T, axis=-1)
+    wide = np.sqrt(np.maximum(np.sum(centre**2, axis=-1) - along**2, 0.0))
+    flow.fuel[(along < 40e-3) & (wide < along * np.tan(np.radians(14)))] = 1.0
+    assert np.degrees(half_angle_rad(flow, axes)) == pytest.approx(14, rel=0.04)
 
 
 def test_the_reference_jet_is_naber_and_siebers() -> None:

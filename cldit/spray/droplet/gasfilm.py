@@ -1,0 +1,182 @@
+"""The gas film around a droplet at its reference state, compiled, for one droplet at a time."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+
+from cldit.spray.compiled import compiled
+from cldit.spray.droplet.curves import Floats, cubic, place
+from cldit.spray.droplet.fluids import Fuel, Gas, diffusivity_m2_s
+from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
+
+# Of the fuel's mole fraction at the surface. A superheated droplet evaporates as fast as this
+# allows, ln(1 + B) = 7 to 8, and cools to boiling at once.
+_MOST_VAPOUR = 0.999
+_MOST_FAR_VAPOUR = 0.99  # of it far away: below the former, so that whatever boils evaporates
+
+_LIQUID = ("ln_psat", "density", "cp", "latent", "conductivity")
+_VAPOUR = ("cp", "conductivity", "viscosity")
+LN_PSAT, DENSITY, CP, LATENT, CONDUCTIVITY = range(5)
+
+
+class Tables(NamedTuple):
+    """A fuel and a carrier gas as compiled code reads them.
+
+    liquid, vapour, carrier: cubics, (intervals, properties, 4), from *_low_K on in *_step_K;
+    diffusion: of `diffusivity_m2_s` at 1 K and 1 Pa.
+    """
+
+    liquid: Floats
+    vapour: Floats
+    carrier: Floats
+    liquid_low_K: float
+    liquid_high_K: float
+    liquid_step_K: float
+    vapour_low_K: float
+    vapour_step_K: float
+    carrier_low_K: float
+    carrier_step_K: float
+    fuel_kg_mol: float
+    gas_kg_mol: float
+    diffusion: float
+
+
+class Here(NamedTuple):
+    """One droplet and the gas far from it; as `evaporation.Drop`."""
+
+    diameter_m: float
+    temperature_K: float
+    gas_temperature_K: float
+    pressure_Pa: float
+    vapour: float
+    slip_m_s: float
+
+
+class State(NamedTuple):
+    """Film of one droplet; as `evaporation.Film`."""
+
+    transfer: float
+    density_kg_m3: float
+    viscosity_Pa_s: float
+    reynolds: float
+    prandtl: float
+    schmidt: float
+    cp_J_kg_K: float
+    cp_vapour_J_kg_K: float
+    conductivity_W_m_K: float
+    diffusion_kg_m_s: float
+
+
+types: Any = numba.types  # without annotations of its own
+_CUBICS = types.Array(types.float64, 3, "C")
+TABLES = types.NamedTuple([_CUBICS] * 3 + [types.float64] * 10, Tables)
+HERE = types.NamedUniTuple(types.float64, 6, Here)
+
+
+def tables(fuel: Fuel, gas: Gas) -> Tables:
+    liquid, vapour, carrier = fuel.liquid, fuel.vapour, gas.vapour
+    return Tables(
+        liquid=liquid.packed(*_LIQUID),
+        vapour=vapour.packed(*_VAPOUR),
+        carrier=carrier.packed(*_VAPOUR),
+        liquid_low_K=liquid.low_K,
+        liquid_high_K=liquid.high_K,
+        liquid_step_K=liquid.step_K,
+        vapour_low_K=vapour.low_K,
+        vapour_step_K=vapour.step_K,
+        carrier_low_K=carrier.low_K,
+        carrier_step_K=carrier.step_K,
+        fuel_kg_mol=fuel.molar_mass_kg_mol,
+        gas_kg_mol=gas.molar_mass_kg_mol,
+        diffusion=float(diffusivity_m2_s(fuel, gas, temperature_K=1.0, pressure_Pa=1.0)),
+    )
+
+
+@compiled
+def liquid_at(tables: Tables, column: int, temperature_K: float) -> float:
+    """One of `_LIQUID`."""
+    cell, part = place(
+        temperature_K, tables.liquid_low_K, tables.liquid_step_K, tables.liquid.shape[0]
+    )
+    return cubic(tables.liquid, cell, column, part)
+
+
+@compiled
+def diameter_m(tables: Tables, mass_kg: float, temperature_K: float) -> float:
+    volume = mass_kg / liquid_at(tables, DENSITY, temperature_K)
+    return float(np.cbrt(6 / np.pi * volume))
+
+
+@compiled
+def _mass_fraction(tables: Tables, moles: float) -> float:
+    return moles / (moles + (1 - moles) * tables.gas_kg_mol / tables.fuel_kg_mol)
+
+
+@compiled
+def surface_share(tables: Tables, here: Here) -> float:
+    """Mass fraction of fuel at the surface (Raoult's law, capped at boiling)."""
+    part = np.exp(liquid_at(tables, LN_PSAT, here.temperature_K)) / here.pressure_Pa
+    return _mass_fraction(tables, min(part, _MOST_VAPOUR))
+
+
+@compiled
+def _density(tables: Tables, here: Here, temperature_K: float, vapour: float) -> float:
+    moles_kg = vapour / tables.fuel_kg_mol + (1 - vapour) / tables.gas_kg_mol
+    return here.pressure_Pa / (GAS_CONSTANT_J_mol_K * temperature_K * moles_kg)
+
+
+@compiled
+def cp_far(tables: Tables, here: Here, temperature_K: float) -> float:
+    """Heat capacity of the gas far away, J/(kg K), at a temperature."""
+    at, u = place(temperature_K, tables.vapour_low_K, tables.vapour_step_K, tables.vapour.shape[0])
+    of_fuel = cubic(tables.vapour, at, 0, u)
+    at, u = place(
+        temperature_K, tables.carrier_low_K, tables.carrier_step_K, tables.carrier.shape[0]
+    )
+    return here.vapour * of_fuel + (1 - here.vapour) * cubic(tables.carrier, at, 0, u)
+
+
+@compiled
+def film_state(tables: Tables, here: Here, share: float) -> State:
+    """Film at `share` of the way from the surface to the gas, in temperature and composition.
+
+    Wilke's mixing rule for viscosity and conductivity; ideal gases.
+    """
+    surface = surface_share(tables, here)
+    t = here.temperature_K + share * (here.gas_temperature_K - here.temperature_K)
+    distant = min(here.vapour, _mass_fraction(tables, _MOST_FAR_VAPOUR))
+    y = surface + share * (distant - surface)
+    at, u = place(t, tables.vapour_low_K, tables.vapour_step_K, tables.vapour.shape[0])
+    cp_v = cubic(tables.vapour, at, 0, u)
+    lam_v = cubic(tables.vapour, at, 1, u)
+    mu_v = cubic(tables.vapour, at, 2, u)
+    at, u = place(t, tables.carrier_low_K, tables.carrier_step_K, tables.carrier.shape[0])
+    cp_g = cubic(tables.carrier, at, 0, u)
+    lam_g = cubic(tables.carrier, at, 1, u)
+    mu_g = cubic(tables.carrier, at, 2, u)
+    heavy = tables.gas_kg_mol / tables.fuel_kg_mol
+    x = y * heavy / (y * heavy + 1 - y)
+    # Wilke: phi_vg = (1 + sqrt(mu_v/mu_g) (Mg/Mv)^1/4)^2 / sqrt(8 (1 + Mv/Mg)); phi_gv from it.
+    phi_vg = (1 + np.sqrt(mu_v / mu_g) * heavy**0.25) ** 2 / np.sqrt(8 * (1 + 1 / heavy))
+    phi_gv = phi_vg * mu_g / mu_v / heavy
+    of_v, of_g = x / (x + (1 - x) * phi_vg), (1 - x) / (1 - x + x * phi_gv)
+    viscosity = of_v * mu_v + of_g * mu_g
+    conductivity = of_v * lam_v + of_g * lam_g
+    cp = y * cp_v + (1 - y) * cp_g
+    diffusion = _density(tables, here, t, y) * tables.diffusion * t**1.75 / here.pressure_Pa
+    far = _density(tables, here, here.gas_temperature_K, here.vapour)
+    return State(
+        (surface - distant) / (1 - surface),
+        far,
+        viscosity,
+        far * here.slip_m_s * here.diameter_m / viscosity,
+        viscosity * cp / conductivity,
+        viscosity / diffusion,
+        cp,
+        cp_v,
+        conductivity,
+        diffusion,
+    )
