@@ -5,6 +5,7 @@ python3 make.py run [SCENE] [cldit run options]   the main job; `gdi` if no scen
 python3 make.py test [pytest options]             the tests
 python3 make.py loopback                          the rig's tests, in `unshare -rn` (Linux)
 python3 make.py lint                              ruff and mypy --strict
+python3 make.py docs                              the docs as a site: build/docs/index.html
 python3 make.py wheel                             builds the wheel, installs it elsewhere, runs it
 """
 
@@ -98,6 +99,12 @@ def lint() -> None:
     call(python, "-m", "mypy")
 
 
+def docs() -> None:
+    python = install("docs")
+    call(python, "-m", "mkdocs", "build", "--quiet", "--config-file", "docs/site/mkdocs.yml")
+    print(HERE / "build" / "docs" / "index.html")
+
+
 def wheel() -> None:
     python = install("pocl,cfd,rig,studies,dev")
     with tempfile.TemporaryDirectory(prefix="cldit wheel ") as place:
@@ -121,6 +128,8 @@ def main() -> None:
         loopback()
     elif task == "lint":
         lint()
+    elif task == "docs":
+        docs()
     elif task == "wheel":
         wheel()
     else:

@@ -23,7 +23,11 @@ from cldit.scene.values import Filter, Temperature
 MEASURED = "measured.yaml"
 
 Files = Annotated[
-    tuple[str, ...], BeforeValidator(lambda value: (value,) if isinstance(value, str) else value)
+    tuple[str, ...],
+    BeforeValidator(
+        lambda value: (value,) if isinstance(value, str) else value,
+        json_schema_input_type=str | tuple[str, ...],
+    ),
 ]
 Count = Annotated[int, Within(1, 1_000_000)]
 
@@ -32,32 +36,49 @@ class MeasuredSensor(Section):
     """The camera. What is left out is taken from the references: gain, and noise from variance."""
 
     saturation_counts: Annotated[float, Within(1.0, 1e9)]
+    """From here on a pixel is not used."""
     offset_counts: Annotated[float, Within(-1e6, 1e6)] | None = None
+    """Counts in the dark; left out: from the references."""
     counts_per_radiance: Annotated[float, Within(1e-40, 1e10)] | None = None
+    """Gain, counts per photon s-1 m-2 sr-1; left out: from the references."""
     electrons_per_count: Annotated[float, Within(1e-6, 1e9)] | None = None
+    """For the photon noise; left out: from the references' variance."""
     read_noise_electrons: Annotated[float, Within(0.0, 1e9)] | None = None
+    """Noise of the camera; left out: from the references' variance."""
 
 
 class MeasuredBackground(Section):
     """Pictures before one black-body temperature: names of files, with * and ? if wanted."""
 
     temperature_K: Temperature
+    """Of the black body."""
     references: Files
+    """Names of pictures without spray, with * and ?; pages as `file[0:20]`."""
     injections: Files
+    """Names of pictures with spray."""
 
 
 class MeasuredFile(Section):
     """measured.yaml."""
 
     name: str = "measured"
+    """Of the measurement."""
     filter_um: Filter
-    integration_time_s: Annotated[float, Within(1e-9, 10.0)] | None = None  # for the record
+    """Two edges, a list of (um, transmission), or a file of both."""
+    integration_time_s: Annotated[float, Within(1e-9, 10.0)] | None = None
+    """For the record."""
     setup: Setup
+    """What no picture can say."""
     sensor: MeasuredSensor
+    """The camera."""
     backgrounds: tuple[MeasuredBackground, ...]
-    references: Count | None = None  # how many there must be before each background
+    """At least two for a fit."""
+    references: Count | None = None
+    """How many there must be before each background."""
     shots: Count | None = None
-    bad_pixels: str | None = None  # a picture that is not 0 where a pixel is defective
+    """How many injections there must be before each background."""
+    bad_pixels: str | None = None
+    """A picture that is not 0 where a pixel is defective."""
 
 
 @dataclass(frozen=True)

@@ -28,18 +28,26 @@ class StabilitySection(Section):
     """When a background counts as stable; see `cldit.rig.stability.wait_stable`."""
 
     tolerance_K: Annotated[float, Within(1e-3, 100.0)] = 0.2
+    """Readings must be so close to the set point."""
     hold_s: Seconds = 30.0
+    """For so long."""
     settle_s: Seconds = 30.0
+    """And so much longer."""
     timeout_s: Annotated[float, Within(0.1, 1e7)] = 3600.0
+    """Then the run stops with an error."""
 
 
 class TriggerSection(Section):
     """Delays and pulse widths of one shot, from the generator's start."""
 
     camera_delay_s: Annotated[float, Within(0.0, 1.0)] = 0.95e-3
+    """From the generator's start to the camera's pulse."""
     injector_delay_s: Annotated[float, Within(0.0, 1.0)] = 0.0
+    """From the generator's start to the injector's pulse."""
     camera_width_s: Annotated[float, Within(1e-7, 1.0)] = 1e-4
+    """Of the camera's pulse."""
     injector_width_s: Annotated[float, Within(1e-7, 1.0)] = 1.5e-3
+    """Of the injector's pulse."""
 
 
 @dataclass(frozen=True)
@@ -57,18 +65,31 @@ class Plan(Section):
     """A measurement. Two plans with one hash take the same pictures."""
 
     backgrounds_K: tuple[Temperature, ...]
+    """Set points of the black body, 1 to 1000."""
     shots: Annotated[int, Within(0, 100_000)] = 5
+    """Injections before each."""
     references: Annotated[int, Within(0, 100_000)] = 5
-    frames: Annotated[int, Within(1, 1000)] = 1  # of each shot: one trigger, the camera's own rate
+    """Pictures without injection before each."""
+    frames: Annotated[int, Within(1, 1000)] = 1
+    """Of each shot: one trigger, then the camera's own rate."""
     integration_time_s: Annotated[float, Within(1e-9, 10.0)] = 25e-6
-    order: Literal["fastest", "given"] = "fastest"  # fastest: least way for the background
-    pause_s: Seconds = 1.0  # before each shot, to scavenge the vessel
+    """Of every picture."""
+    order: Literal["fastest", "given"] = "fastest"
+    """`fastest`: the least way for the black body."""
+    pause_s: Seconds = 1.0
+    """Before each shot, to scavenge the vessel."""
     frame_timeout_s: Annotated[float, Within(1e-3, 3600.0)] = 5.0
-    drift_K: Annotated[float, Within(1e-3, 100.0)] = 0.5  # a shot further off is rejected
-    retakes: Annotated[int, Within(0, 100)] = 3  # of each shot that is rejected
-    expect_fuel: bool = True  # an injection that looks like the reference is rejected
+    """Then a picture counts as missing."""
+    drift_K: Annotated[float, Within(1e-3, 100.0)] = 0.5
+    """A shot before a background further off than this is rejected."""
+    retakes: Annotated[int, Within(0, 100)] = 3
+    """Of each shot that is rejected."""
+    expect_fuel: bool = True
+    """Whether an injection that looks like the reference is rejected."""
     stability: StabilitySection = StabilitySection()
+    """When a background counts as stable."""
     trigger: TriggerSection = TriggerSection()
+    """Pulses of a shot."""
 
     @field_validator("backgrounds_K")
     @classmethod

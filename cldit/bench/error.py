@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.bench import ACCURACIES_K
 from cldit.bench.case import BenchError, Case, Cost, Lattice, Say
 from cldit.dit.accuracy import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
@@ -16,7 +17,6 @@ from cldit.transport.trace import Settings
 
 Floats = NDArray[np.float64]
 
-ACCURACIES_K = (1.0, 0.3, 0.1, 0.05)
 SAMPLES = (128, 256, 512)  # of `path`, a pixel
 GATHERED_K = 0.3  # `source` with flights at its end
 REFERENCE_SAMPLES = 512  # of both halves together

@@ -12,10 +12,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from cldit.bench import PARTS
 from cldit.gpu.device import Device
 from cldit.report.sheet import png_of
-
-PARTS = ("error", "growth", "memory", "leave-out", "floor", "peers")  # order of the page
 
 
 @dataclass(frozen=True)

@@ -2,49 +2,36 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import click
 
 from cldit import __version__
+from cldit.cli.lazy import LazyGroup
 
-# Command -> where it is. Loaded when asked for, so that each pays for what it uses alone.
 _COMMANDS = {
-    "run": "run:run",
-    "scenes": "lists:scenes",
-    "devices": "lists:devices",
-    "optics": "lists:optics",
-    "fit-liquid": "liquid:fit_liquid",
-    "spray": "sprays:spray_command",
-    "import": "sprays:import_command",
-    "droplet": "sprays:droplet",
-    "plan": "plan:plan_command",
-    "acquire": "rig:acquire_command",
-    "evaluate": "evaluate:evaluate",
-    "export": "rig:export_command",
-    "scattering": "scattering:scattering_command",
-    "show": "rig:show",
-    "study": "study:study",
-    "bench": "bench:bench",
+    "run": "cldit.cli.run:run",
+    "scenes": "cldit.cli.scenes:scenes",
+    "devices": "cldit.cli.devices:devices",
+    "optics": "cldit.cli.optics:optics",
+    "fit-liquid": "cldit.cli.liquid:fit_liquid",
+    "spray": "cldit.cli.sprays:spray_command",
+    "import": "cldit.cli.sprays:import_command",
+    "droplet": "cldit.cli.sprays:droplet",
+    "plan": "cldit.cli.plan:plan_command",
+    "acquire": "cldit.cli.acquire:acquire_command",
+    "evaluate": "cldit.cli.evaluate:evaluate",
+    "export": "cldit.cli.export:export_command",
+    "scattering": "cldit.cli.scattering:scattering_command",
+    "show": "cldit.cli.show:show",
+    "study": "cldit.cli.study:study",
+    "bench": "cldit.cli.bench:bench",
 }
 
 
-class _Commands(click.Group):
-    """Commands by name, each imported on its first use."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(_COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in _COMMANDS:
-            return None
-        module, _, name = _COMMANDS[cmd_name].partition(":")
-        command = getattr(import_module(f"cldit.cli.{module}"), name)
-        assert isinstance(command, click.Command)
-        return command
-
-
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=LazyGroup,
+    commands_at=_COMMANDS,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 @click.version_option(__version__)
 def main() -> None:
     """Differential infrared thermography of fuel sprays: simulated, acquired, evaluated."""

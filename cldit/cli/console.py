@@ -5,14 +5,16 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from functools import wraps
-from typing import Any, ParamSpec
+from typing import TYPE_CHECKING, Any, ParamSpec
 
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
-from cldit.acquisition.progress import Progress
 from cldit.errors import ClditError
+
+if TYPE_CHECKING:  # every command is here, and few acquire
+    from cldit.acquisition.progress import Progress
 
 P = ParamSpec("P")
 OUT = Console(highlight=False, soft_wrap=True)

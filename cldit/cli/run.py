@@ -12,6 +12,7 @@ from cldit.cli.console import OUT, ProgressBar, plain_errors, say
 from cldit.cli.units import KELVIN, SECOND
 from cldit.experiment import run_experiment
 from cldit.gpu.device import open_device
+from cldit.report.figures import human_figures
 from cldit.run import Run, simulate
 from cldit.scene import Scene, load_scene, parse_scene
 
@@ -118,8 +119,8 @@ def _summary(result: Run) -> None:
     OUT.print(table)
     if result.info.accuracy_K is not None:
         OUT.print(f"estimated error of the trace in T_app: {result.info.accuracy_K:.2g} K RMS")
-    for name, value in result.info.spray.items():
-        OUT.print(f"  {name}: {value:.5g}", style="dim")
+    for name, text in human_figures(result.info.spray).items():
+        OUT.print(f"  {name}: {text}", style="dim")
     if result.folder is not None:
         for name in ("pictures/maps.png", "report.html"):
             if (result.folder / name).is_file():

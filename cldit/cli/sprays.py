@@ -11,6 +11,7 @@ from cldit.acquisition.progress import Progress
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
 from cldit.errors import ClditError
 from cldit.report.droplets import life_picture
+from cldit.report.figures import human_figures
 from cldit.report.spray_report import write_spray
 from cldit.run import default_cache
 from cldit.scene import load_scene
@@ -46,8 +47,8 @@ def spray_command(scene: str, out: Path | None) -> None:
         found = make_spray(chosen.spray, cache=default_cache())
     for text in found.remarks:
         say(text)
-    for name, value in found.notes.items():
-        OUT.print(f"  {name}: {value:.5g}", style="dim")
+    for name, text in human_figures(found.notes).items():
+        OUT.print(f"  {name}: {text}", style="dim")
     for path in write_spray(found, history, folder, title=title):
         OUT.print(str(path))
 

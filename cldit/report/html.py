@@ -20,26 +20,35 @@ figcaption{color:#444;font-size:.92rem}
 table{border-collapse:collapse;margin:.4rem 0}
 td,th{padding:.2rem .9rem .2rem 0;text-align:left;vertical-align:top;
 border-bottom:1px solid #ddd;font-weight:normal;overflow-wrap:anywhere}
+td:first-child{overflow-wrap:break-word;min-width:5rem}
 td.n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
-td.bar{width:40%}td.bar span{display:block;background:#3a6ea5;height:.8rem;min-width:1px}
+td.bar{width:40%;min-width:4rem}
+td.bar span{display:block;background:#3a6ea5;height:.8rem;min-width:1px}
 pre{background:#f5f5f5;padding:.8rem;overflow:auto;font-size:.85rem}
-input[type=range]{width:100%}summary{cursor:pointer}.scroll{overflow-x:auto}
+input[type=range]{width:100%;height:2rem}output{font-weight:bold}summary{cursor:pointer}
+.scroll{overflow-x:auto}
+@media(max-width:40rem){.wide{overflow-x:auto}.wide img{max-width:none;width:50rem}}
 """
 
 # Without JavaScript all pictures of a slider are shown, one below the other.
 _SCRIPT = """
 document.querySelectorAll('.slider').forEach(function (box) {
   var shots = box.querySelectorAll('figure'), range = box.querySelector('input');
+  if (!range) return;
+  var label = box.querySelector('output'), texts = label.textContent.split('|');
   function show() {
     shots.forEach(function (shot, at) { shot.hidden = at !== Number(range.value); });
+    label.textContent = texts[range.value];
+    range.setAttribute('aria-valuetext', texts[range.value]);
   }
-  range.hidden = false;
+  box.querySelector('label').hidden = false;
   range.addEventListener('input', show);
   show();
 });
 """
 
 
+_WIDE_PX = 1100  # a map with its key has some 1050
 _SHORT = 16  # characters of a table's cell that stay on one line
 
 
@@ -50,6 +59,11 @@ class Picture:
     png: bytes
     caption: str
 
+    @property
+    def wide(self) -> bool:
+        """Of several panels, whose labels a phone would make too small: there it scrolls."""
+        return int.from_bytes(self.png[16:20], "big") > _WIDE_PX  # of the PNG's first chunk
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReportContent:
@@ -59,9 +73,10 @@ class ReportContent:
     camera: (background in K, picture of what the camera saw), for the slider.
     shares: mean share of the signal by origin, 0 to 1; share_pictures go with it.
     reasons: number of pixels by why they have no value.
-    figures: of the spray and the trace, name -> value with unit.
+    figures: of the spray, name -> value with unit; trace: of the trace.
     stages: (name, seconds) in the order they ran.
     notes: stage -> text beside its time, for instance which code was compiled.
+    commands: that do it again, in the run's folder.
     """
 
     name: str
@@ -73,10 +88,12 @@ class ReportContent:
     more_pictures: tuple[Picture, ...] = ()
     reasons: Mapping[str, int] = field(default_factory=dict)
     figures: Mapping[str, str] = field(default_factory=dict)
+    trace: Mapping[str, str] = field(default_factory=dict)
     stages: tuple[tuple[str, float], ...] = ()
     notes: Mapping[str, str] = field(default_factory=dict)
     device: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
+    commands: tuple[str, ...] = ()
     scene_yaml: str = ""
 
 
@@ -98,14 +115,15 @@ def report_html(content: ReportContent) -> str:
         ("What the camera saw", _slider(content.camera)),
         (
             "Where the signal comes from",
-            _shares(content.shares) + figures_html(content.share_pictures),
+            figures_html(content.share_pictures) + _shares(content.shares),
         ),
-        ("Pixels", _counts(content.reasons)),
         ("Errors and weights", figures_html(content.more_pictures)),
+        ("Pixels", _counts(content.reasons)),
         ("Spray", _table(content.figures)),
+        ("Trace", _table(content.trace)),
         ("Run times", _stages(content.stages, content.notes)),
         ("Computed with", _versions(content)),
-        ("Scene", _scene(content.scene_yaml)),
+        ("To repeat it", _commands(content.commands) + _scene(content.scene_yaml)),
     ]
     intro = f"<p>{escape(content.description)}</p>\n" if content.description else ""
     return document(content.name, intro, sections)
@@ -135,8 +153,9 @@ def _section(title: str, body: str) -> str:
 def _figure(picture: Picture) -> str:
     data = base64.b64encode(picture.png).decode("ascii")
     caption = escape(picture.caption)
+    wide = ' class="wide"' if picture.wide else ""
     return (
-        f'<figure><img alt="{caption}" src="data:image/png;base64,{data}">\n'
+        f'<figure><div{wide}><img alt="{caption}" src="data:image/png;base64,{data}"></div>\n'
         f"<figcaption>{caption}</figcaption></figure>\n"
     )
 
@@ -153,9 +172,10 @@ def _slider(camera: tuple[tuple[float, Picture], ...]) -> str:
         _figure(Picture(picture.png, f"Background at {kelvin:g} K. {picture.caption}".strip()))
         for kelvin, picture in camera
     )
+    labels = "|".join(f"{kelvin:g} K" for kelvin, _ in camera)
     control = (
-        f'<input type="range" min="0" max="{len(camera) - 1}" value="0" step="1" hidden '
-        'aria-label="background temperature">\n'
+        f"<label hidden>Background <output>{labels}</output>\n"
+        f'<input type="range" min="0" max="{len(camera) - 1}" value="0" step="1"></label>\n'
     )
     return f'<div class="slider">\n{control if len(camera) > 1 else ""}{shots}</div>\n'
 
@@ -198,7 +218,7 @@ def _table(values: Mapping[str, str]) -> str:
 
 
 def _shares(shares: Mapping[str, float]) -> str:
-    return _rows(
+    return "<p>Mean over the pixels where the spray is:</p>\n" * bool(shares) + _rows(
         [
             _row(_cell(name), _number(f"{100 * share:.1f} %"), _bar(share))
             for name, share in shares.items()
@@ -237,9 +257,14 @@ def _versions(content: ReportContent) -> str:
     return _table({**device, **content.versions})
 
 
+def _commands(lines: tuple[str, ...]) -> str:
+    return f"<pre>{escape(chr(10).join(lines))}</pre>\n" if lines else ""
+
+
 def _scene(text: str) -> str:
     if not text:
         return ""
     return (
-        f"<details><summary>scene.yaml as resolved</summary><pre>{escape(text)}</pre></details>\n"
+        "<details open><summary>scene.yaml, with every default</summary>"
+        f"<pre>{escape(text)}</pre></details>\n"
     )

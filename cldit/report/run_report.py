@@ -13,6 +13,7 @@ from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
 from cldit.radiance.boundary import Boundary, Surroundings
+from cldit.report.figures import human_figures
 from cldit.report.html import Picture, ReportContent, write_report
 from cldit.report.pictures import (
     Frame,
@@ -93,8 +94,7 @@ def _camera(run: Run, acquisition: Acquisition) -> tuple[tuple[float, Picture], 
     means = {at: (total / count).astype(np.float32) for at, (total, count) in sorted(sums.items())}
     drawn = camera_pictures(means, frame, title=run.scene.name)
     return tuple(
-        (at, Picture(png, f"Mean of {sums[at][1]} injections before a background of {at:g} K."))
-        for at, png in drawn.items()
+        (at, Picture(png, f"Mean of {sums[at][1]} injections.")) for at, png in drawn.items()
     )
 
 
@@ -132,11 +132,14 @@ def _spectral(run: Run) -> dict[str, str]:
     return figures
 
 
-def _figures(run: Run) -> dict[str, str]:
-    figures = {name: f"{value:.5g}" for name, value in run.info.spray.items()}
-    figures |= {name: str(value) for name, value in run.info.counts.items()}
-    figures |= {f"inferred {n}": text for n, text in enumerate(run.info.remarks, start=1)}
-    figures["integration time"] = f"{run.info.integration_time_s * 1e6:.4g} us"
+def _spray(run: Run) -> dict[str, str]:
+    inferred = {f"inferred {n}": text for n, text in enumerate(run.info.remarks, start=1)}
+    return human_figures(run.info.spray) | inferred
+
+
+def _trace(run: Run) -> dict[str, str]:
+    figures = {name.replace("_", " "): str(value) for name, value in run.info.counts.items()}
+    figures["integration time"] = f"{run.info.integration_time_s * 1e6:.4g} µs"
     figures |= _spectral(run)
     figures["phase function"] = run.info.phase
     figures["precision"] = run.info.precision
@@ -151,6 +154,17 @@ def _figures(run: Run) -> dict[str, str]:
     for file, defines in run.info.defines.items():
         figures[f"{file} compiled with"] = " ".join(f"{k}={v}" for k, v in sorted(defines.items()))
     return figures
+
+
+def _commands(run: Run) -> tuple[str, ...]:
+    """What does the run again, from its folder."""
+    if run.measured is None:
+        return ("cldit run scene.yaml --trace-only --out again",)
+    return (
+        "cldit run scene.yaml --out again             # all of it",
+        "cldit acquire rig.yaml plan.yaml --out shots # the shots alone",
+        "cldit evaluate shots",
+    )
 
 
 def write_run_report(run: Run) -> Path:
@@ -187,11 +201,13 @@ def write_run_report(run: Run) -> Path:
             pictures[name] for name in ("errors", "weights", "wavelengths") if name in pictures
         ),
         reasons={reason.text: count for reason, count in maps.count().items()},
-        figures=_figures(run),
+        figures=_spray(run),
+        trace=_trace(run),
         stages=tuple((stage.name, stage.seconds) for stage in run.info.stages),
         notes={stage.name: stage.note for stage in run.info.stages if stage.note},
         device=f"{run.info.device}: {run.info.device_reason}",
         versions=run.info.versions,
+        commands=_commands(run),
         scene_yaml=dump_scene(run.scene),
     )
     path = folder / "report.html"

@@ -26,9 +26,13 @@ class ClockChoice(Section):
     """`simulated` only where every device is; then a sequence takes no time."""
 
     model: Literal["system", "simulated"] = "system"
-    real_time_factor: Annotated[float, Within(1e-3, 1e6)] | None = None  # 1: as fast as it is real
-    jump_after_s: Annotated[float, Within(0.0, 1e9)] | None = None  # a fault of a simulated clock:
-    jump_s: Annotated[float, Within(-1e9, 1e9)] = 0.0  # its date is set by so much, once
+    """`simulated` only where every device is."""
+    real_time_factor: Annotated[float, Within(1e-3, 1e6)] | None = None
+    """Simulated seconds to a real one; left out: no waiting."""
+    jump_after_s: Annotated[float, Within(0.0, 1e9)] | None = None
+    """A fault of a simulated clock: when its date is set."""
+    jump_s: Annotated[float, Within(-1e9, 1e9)] = 0.0
+    """By how much."""
 
     @model_validator(mode="after")
     def _only_simulated(self) -> ClockChoice:
@@ -48,21 +52,30 @@ class ClockChoice(Section):
 
 class DriverChoice(Section):
     driver: str
+    """Name of the driver; `cldit devices` lists them."""
     settings: dict[str, Any] = Field(default_factory=dict)
+    """Of that driver; what is wrong is named with what is allowed."""
 
 
 class Setup(Section):
     """What the evaluation must know of the place and no instrument can say."""
 
     background_emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0
+    """Of the black body."""
     wall_temperature_K: Temperature = 300.0
-    background_surroundings_K: Temperature | None = None  # reflected by it; None: the walls
-    camera_surroundings_K: Temperature = 295.0  # what a front window reflects into the camera
+    """Of what is around the spray."""
+    background_surroundings_K: Temperature | None = None
+    """What the black body reflects; the walls where left out."""
+    camera_surroundings_K: Temperature = 295.0
+    """What a front window reflects into the camera."""
     windows: Windows = ()
-    # standard deviation of the black body about its reading, from one set point to the next
+    """Windows before the camera and before the black body, one each."""
     background_error_K: Annotated[float, Within(0.0, 10.0)] = 0.0
-    centre_m: tuple[Coordinate, Coordinate] = (0.0, 0.0)  # x, z of the picture's middle
-    pixel_m: tuple[Length, Length]  # width and height of a pixel in the plane of the spray
+    """Standard deviation of the black body about its reading, from one set point to the next."""
+    centre_m: tuple[Coordinate, Coordinate] = (0.0, 0.0)
+    """x and z of the picture's middle."""
+    pixel_m: tuple[Length, Length]
+    """Width and height of a pixel in the plane of the spray."""
 
     @property
     def surroundings(self) -> Surroundings:
@@ -80,14 +93,23 @@ class RigFile(Section):
     """A rig file."""
 
     name: str = "rig"
+    """Of the rig."""
     clock: ClockChoice = ClockChoice()
+    """The rig's time."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
-    folder: Path | None = None  # where relative paths start; the file's own folder if left out
+    """Of simulated devices."""
+    folder: Path | None = None
+    """Where relative paths start; the file's own folder where left out."""
     setup: Setup
-    bench: DriverChoice | None = None  # the simulated optical bench
+    """What no instrument can say."""
+    bench: DriverChoice | None = None
+    """The simulated optical bench; for simulated rigs."""
     camera: DriverChoice
+    """The camera's driver."""
     background: DriverChoice
+    """The black body's driver."""
     trigger: DriverChoice
+    """The pulse generator's driver."""
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,13 +17,31 @@ from cldit.errors import SceneError
 
 
 class Section(BaseModel):
-    """Base of every part of a scene, rig or plan file: frozen, and unknown keys are errors."""
+    """Base of every part of a scene, rig or plan file: frozen, and unknown keys are errors.
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=False, allow_inf_nan=False)
+    The string below a key is its description, in the reference and in editors.
+    """
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        strict=False,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
+    )
 
 
 def _number(value: float) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _signed(value: bool | str) -> str:
+    """To YAML 1.1 an exponent without a sign, 1.0e6, is text."""
+    match = re.fullmatch(r"([-+]?[0-9]+)(\.[0-9]*)?[eE]([0-9]+)", str(value))
+    if match is None:
+        return ""
+    whole, part, exponent = match.groups(default=".0")
+    return f"; YAML wants the exponent's sign, {whole}{part}e+{exponent}"
 
 
 @dataclass(frozen=True)
@@ -46,8 +65,13 @@ class Within:
         if isinstance(value, (bool, str)):
             raise PydanticCustomError(
                 "not_a_number",
-                "{value} is not a number; allowed is {low}..{high} without a unit",
-                {"value": repr(value), "low": _number(self.low), "high": _number(self.high)},
+                "{value} is not a number; allowed is {low}..{high} without a unit{hint}",
+                {
+                    "value": repr(value),
+                    "low": _number(self.low),
+                    "high": _number(self.high),
+                    "hint": _signed(value),
+                },
             )
         if isinstance(value, float) and not math.isfinite(value):
             inside = False

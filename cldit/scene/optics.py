@@ -19,17 +19,30 @@ class Optics(Section):
     """
 
     preset: Literal["paper", "spectral"] = "paper"
-    filter_um: Filter = (3.3, 3.5)  # two edges of a rectangle, or a curve
-    wavelength_um: Wavelength = 3.4  # paper
-    n: Annotated[float, Within(0.1, 10.0)] = 1.338  # paper
-    k: Annotated[float, Within(0.0, 10.0)] = 0.0341  # paper
-    vapour_m2_mol: Annotated[float, Within(0.0, 1e6)] = 50.0  # paper
-    liquid: Material | None = None  # spectral: name or table; the spray's fuel where left out
-    vapour: Material | None = None  # spectral: name or table; the spray's fuel where left out
-    vapour_area_km_mol: Annotated[float, Within(1e-3, 1e5)] | None = None  # None: the default's
-    wavelengths: Annotated[int, Within(1, 64)] | None = None  # None: chosen from the next
+    """`paper`: one wavelength and the paper's constants; `spectral`: data over the filter."""
+    filter_um: Filter = (3.3, 3.5)
+    """Two edges of a rectangle, a list of (um, transmission), or a file of both."""
+    wavelength_um: Wavelength = 3.4
+    """Of the preset `paper`."""
+    n: Annotated[float, Within(0.1, 10.0)] = 1.338
+    """Refractive index of the liquid, preset `paper` (paper, Section 2)."""
+    k: Annotated[float, Within(0.0, 10.0)] = 0.0341
+    """Absorption index of the liquid, preset `paper` (paper, Section 2)."""
+    vapour_m2_mol: Annotated[float, Within(0.0, 1e6)] = 50.0
+    """Absorption cross section of a mole of vapour, preset `paper` (paper, Section 2)."""
+    liquid: Material | None = None
+    """Preset `spectral`: name of a liquid, or table of n and k; the spray's fuel where left out."""
+    vapour: Material | None = None
+    """Preset `spectral`: name of a vapour, or .xsc file; the spray's fuel where left out."""
+    vapour_area_km_mol: Annotated[float, Within(1e-3, 1e5)] | None = None
+    """Integrated C-H absorption to which the vapour's bands are scaled; left out: the data's own.
+    """
+    wavelengths: Annotated[int, Within(1, 64)] | None = None
+    """Number of wavelengths of `spectral`; left out: as many as `spectral_error_K` needs."""
     spectral_error_K: Annotated[float, Within(1e-3, 100.0)] = 0.1
-    compare_paper: bool = True  # spectral: trace the paper's properties too, and report by how much
+    """Wanted error of the wavelengths, RMS in apparent temperature."""
+    compare_paper: bool = True
+    """Preset `spectral`: trace the paper's properties too, and report the difference."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Optics:

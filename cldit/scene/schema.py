@@ -22,18 +22,32 @@ class Scene(Section):
     """Everything a run needs; `cldit.load_scene` reads it from YAML."""
 
     name: Annotated[str, Field(min_length=1, max_length=100)]
+    """Names the run's folder and pictures."""
     description: str = ""
+    """Shown in lists and reports."""
     domain: Domain = Domain()
+    """The cube that is traced."""
     spray: Spray
+    """What is between camera and background."""
     camera: Camera = Camera()
+    """Where it stands and what it records."""
     background: Background = Background()
+    """The black body, or whatever is behind the spray."""
     walls: Walls = Walls()
+    """The rest of the enclosure."""
     patches: Patches = ()
+    """Windows, flanges: pieces of the enclosure with a temperature and a weight of their own, at
+    most 16."""
     windows: Windows = ()
+    """Windows before the camera and before the background, one each."""
     optics: Optics = Optics()
+    """What light is counted, and what matter does to it."""
     transport: Transport = Transport()
+    """How the equation of transfer is solved."""
     rig: Rig = Rig()
+    """The simulated instruments."""
     plan: PlanSize = PlanSize()
+    """How much is recorded."""
 
     @property
     def target_m(self) -> Point:

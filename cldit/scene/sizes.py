@@ -14,35 +14,45 @@ class NukiyamaTanasawa(Section):
     """f(D) ~ D^p exp(-(D/m)^n), paper Eq. (5)."""
 
     m_um: Annotated[float, Within(1e-3, 1e3)] = 1.5
+    """Scale m."""
     n: Annotated[float, Within(0.05, 20.0)] = 1.0
+    """Exponent n."""
     p: Annotated[float, Within(-0.9, 50.0)] = 3.0
+    """Exponent p."""
 
 
 class Monodisperse(Section):
     """Every droplet leaves the nozzle with this diameter."""
 
     diameter_um: Annotated[float, Within(1e-2, 1e3)]
+    """Of every droplet."""
 
 
 class LogNormal(Section):
     """ln D is normal: numbers of droplets by their median, `sigma` the geometric deviation."""
 
     median_um: Annotated[float, Within(1e-3, 1e3)]
+    """Half of the droplets are smaller."""
     sigma: Annotated[float, Within(1.001, 10.0)]
+    """Geometric standard deviation."""
 
 
 class RosinRammler(Section):
     """The mass in droplets above D is exp(-(D/d)^q)."""
 
     d_um: Annotated[float, Within(1e-3, 1e3)]
-    q: Annotated[float, Within(1.01, 20.0)]  # at 1 and below, D32 is 0
+    """37 % of the mass is in larger droplets."""
+    q: Annotated[float, Within(1.01, 20.0)]
+    """Exponent; D32 is 0 at 1 and below."""
 
 
 class Histogram(Section):
     """Numbers of droplets between edges, even within each; of any scale."""
 
     edges_um: tuple[Annotated[float, Within(0.0, 1e4)], ...]
+    """Rising; one more than numbers."""
     number: tuple[Annotated[float, Within(0.0, 1e30)], ...]
+    """Droplets between each two edges, in any scale."""
 
     @model_validator(mode="after")
     def _fits(self) -> Histogram:

@@ -17,16 +17,22 @@ class Ambient(Section):
     """The gas of the vessel before injection."""
 
     pressure_Pa: Annotated[float, Within(1e3, 2e7)] = 0.6e6
+    """Of the gas."""
     temperature_K: Annotated[float, Within(200.0, 2000.0)] = 570.0
+    """Of the gas."""
 
 
 class Plume(Section):
     """One hole of the injector: where its plume points."""
 
-    inclination_deg: Annotated[float, Within(0.0, 89.0)]  # from the injector axis, -z
-    azimuth_deg: Angle  # from +x towards +y
-    cone_angle_deg: Annotated[float, Within(0.5, 120.0)] = 22.0  # full angle
-    mass_fraction: Annotated[float, Within(1e-6, 1e6)] = 1.0  # relative to the other plumes
+    inclination_deg: Annotated[float, Within(0.0, 89.0)]
+    """From the injector's axis, -z."""
+    azimuth_deg: Angle
+    """About the axis, from +x towards +y."""
+    cone_angle_deg: Annotated[float, Within(0.5, 120.0)] = 22.0
+    """Full angle of the plume."""
+    mass_fraction: Annotated[float, Within(1e-6, 1e6)] = 1.0
+    """Share of the fuel, relative to the other plumes."""
 
 
 def _some(plumes: tuple[Plume, ...]) -> tuple[Plume, ...]:
@@ -47,27 +53,44 @@ class ConeSpray(Section):
     """Analytic plumes: mixing-limited evaporation in quasi-steady jets."""
 
     model: Literal["cone"] = "cone"
+    """Analytic plumes."""
     time_s: Annotated[float, Within(1e-5, 0.1)] = 0.95e-3
+    """After the start of injection."""
     injected_mass_kg: Annotated[float, Within(0.0, 1e-2)] = 10e-6
+    """Of the whole injection."""
     injection_duration_s: Annotated[float, Within(1e-5, 1.0)] = 1.5e-3
+    """From the first fuel to the last."""
     injection_pressure_Pa: Annotated[float, Within(1e5, 5e8)] = 20e6
+    """In the injector."""
     hole_diameter_m: Annotated[float, Within(1e-6, 1e-2)] = 165e-6
+    """Of each hole."""
     fuel: Literal["n-heptane", "methane"] = "n-heptane"
+    """The liquid and its vapour."""
     fuel_temperature_K: Annotated[float, Within(180.0, 535.0)] = 370.0
+    """As it leaves the hole."""
     ambient: Ambient = Ambient()
+    """The gas of the vessel."""
     droplets: Droplets | None = NukiyamaTanasawa()
+    """Sizes at the hole; null: vapour alone."""
     evaporation: bool = True
+    """Whether droplets evaporate."""
     parcels_per_cell: Annotated[int, Within(1, 1000)] = 4
+    """Parcels that stand for the droplets of a cell."""
     spacing_m: Annotated[float, Within(1e-5, 1e-2)] = 0.5e-3
+    """Edge of the cells."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
+    """Of the parcels' places and sizes."""
     plumes: Plumes = EIGHT_PLUMES
+    """One for each hole, 1 to 64."""
 
 
 class InjectionRate(Section):
     """How the fuel flow rises and falls: a trapezoid, or a table of time and relative flow."""
 
-    ramp_s: Annotated[float, Within(0.0, 1.0)] = 5e-5  # each, within the injection's duration
-    table: tuple[tuple[float, float], ...] | None = None  # then neither ramp nor duration count
+    ramp_s: Annotated[float, Within(0.0, 1.0)] = 5e-5
+    """Rise and fall each, within the injection's duration."""
+    table: tuple[tuple[float, float], ...] | None = None
+    """Pairs of time (s) and relative flow; then neither ramp nor duration count."""
 
     @field_validator("table")
     @classmethod
@@ -88,66 +111,102 @@ class FlowBox(Section):
     """Box of gas that is computed; closed, the injector hangs in it from above."""
 
     spacing_m: Annotated[float, Within(1e-4, 1e-2)] = 1e-3
-    width_m: Length | None = None  # None: so that the spray fits in
-    depth_m: Length | None = None  # below the injector; None: so that the spray fits in
-    above_m: Annotated[float, Within(0.0, 1.0)] = 5e-3  # gas above the injector's tip
+    """Edge of the cells of gas."""
+    width_m: Length | None = None
+    """In x and y; left out: so that the spray fits in."""
+    depth_m: Length | None = None
+    """Below the injector; left out: so that the spray fits in."""
+    above_m: Annotated[float, Within(0.0, 1.0)] = 5e-3
+    """Gas above the injector's tip."""
 
 
 class LagrangianSpray(Section):
     """Parcels of droplets in a computed flow of gas, with exchange both ways."""
 
     model: Literal["lagrangian"] = "lagrangian"
+    """A computed spray."""
     time_s: Annotated[float, Within(1e-5, 0.1)] = 0.95e-3
+    """After the start of injection."""
     injected_mass_kg: Annotated[float, Within(0.0, 1e-2)] = 10e-6
+    """Of the whole injection."""
     injection_duration_s: Annotated[float, Within(1e-5, 1.0)] = 1.5e-3
+    """From the first fuel to the last."""
     rate: InjectionRate = InjectionRate()
+    """How the flow rises and falls."""
     injection_pressure_Pa: Annotated[float, Within(1e5, 5e8)] = 20e6
+    """In the injector."""
     hole_diameter_m: Annotated[float, Within(1e-6, 1e-2)] = 165e-6
+    """Of each hole."""
     fuel: Annotated[str, Field(min_length=1, max_length=60)] = "n-heptane"
+    """iso-octane, or a fluid of CoolProp made of C, H and O that has transport properties."""
     fuel_temperature_K: Annotated[float, Within(180.0, 800.0)] = 370.0
+    """As it leaves the hole."""
     gas: Annotated[str, Field(min_length=1, max_length=60)] = "nitrogen"
+    """Gas of the vessel, a fluid of CoolProp."""
     ambient: Ambient = Ambient()
+    """Its state before injection."""
     droplets: Droplets = NukiyamaTanasawa()
+    """Sizes at the hole; breakup is not computed."""
     droplets_per_parcel: Annotated[float, Within(1.0, 1e9)] = 1e4
+    """Droplets that a parcel stands for."""
     evaporation: Literal[
         "abramzon-sirignano", "spalding", "dukowicz", "dukowicz-log", "frolov-type", "none"
     ] = "abramzon-sirignano"
+    """Model of single droplets (docs/spray.md)."""
     box: FlowBox = FlowBox()
+    """The gas that is computed."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
+    """Of sizes, directions and eddies."""
     plumes: Plumes = EIGHT_PLUMES
+    """One for each hole, 1 to 64."""
 
 
 class GridSpray(Section):
     """Optical coefficients on a regular grid, from an .npz file."""
 
     model: Literal["grid"] = "grid"
+    """Coefficients of your own."""
     file: Path
+    """.npz of `origin_m`, `spacing_m` and coefficients in 1/m, relative to the scene."""
 
 
 class CfdSpray(Section):
     """The result of a CFD code, in any of the formats that are read."""
 
     model: Literal["cfd"] = "cfd"
+    """The result of a CFD code."""
     file: Path
-    # None: told by the file's name and content
+    """Case folder or file, relative to the scene (docs/importing.md)."""
     format: Literal["openfoam", "vtk", "ensight", "converge", "tables", "cldit"] | None = None
-    mapping: Path | None = None  # names and units of fields, where they are not the format's own
+    """Of the case; left out: told by the file's name and content."""
+    mapping: Path | None = None
+    """YAML file of names and units of fields that are not the format's own."""
     time_s: Annotated[float, Within(0.0, 1e3)] | None = None
+    """Which of the case's times; left out: the last."""
     fuel_field: str = "C7H16"
+    """Cell field of the fuel's mass fraction."""
     fuel_molar_mass_kg_mol: Annotated[float, Within(1e-3, 1.0)] = 0.100204
+    """Of the fuel; n-heptane's where left out."""
     cloud: str | None = None
-    nozzle_m: Point | None = None  # in the case's coordinates; becomes the origin. None: inferred
-    axis: Direction | None = None  # of the injection, "-y" or three numbers; becomes -z
-    # radius of the ball over which a parcel's droplets are shared among points. None: one point
+    """Which cloud of parcels, where there are several."""
+    nozzle_m: Point | None = None
+    """In the case's coordinates, becomes the origin; left out: inferred."""
+    axis: Direction | None = None
+    """Direction of the injection, `-y` or three numbers, becomes -z; left out: inferred."""
     spread_m: Annotated[float, Within(1e-7, 0.1)] | None = None
+    """Radius of the ball over which a parcel's droplets are shared among points; left out: one
+    point."""
     spread_points: Annotated[int, Within(2, 1000)] = 16
+    """Points in that ball."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
+    """Of these points."""
 
 
 class EmptySpray(Section):
     """Nothing at all between camera and background."""
 
     model: Literal["none"] = "none"
+    """Nothing."""
 
 
 Spray = Annotated[

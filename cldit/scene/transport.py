@@ -17,6 +17,7 @@ class HenyeyGreenstein(Section):
     """A phase function by its mean cosine."""
 
     henyey_greenstein: Annotated[float, Within(-0.999, 0.999)]
+    """Mean cosine g of the scattering angle."""
 
 
 Phase = Annotated[
@@ -36,15 +37,26 @@ class Transport(Section):
     """How the equation of transfer is solved."""
 
     method: Literal["source", "path", "branching"] = "source"
-    order: Annotated[int, Within(0, 1000)] | None = None  # None: all; beyond it the wall is seen
+    """`source`: sweeps through the cells to a residual; `path`: unbiased paths; `branching`: the
+    paper's."""
+    order: Annotated[int, Within(0, 1000)] | None = None
+    """Scatterings that are followed, beyond them the wall is seen; left out: all."""
     accuracy_K: Annotated[float, Within(1e-4, 100.0)] = 0.1
-    max_samples: Annotated[int, Within(128, 10_000_000)] = 4096  # of `path`, a pixel
-    # None: as optics.preset has it, isotropic with `paper`, mie with `spectral` (isotropic where
-    # droplets are given as coefficients, or the method is `branching`)
+    """Wanted error of the trace, RMS in apparent temperature."""
+    max_samples: Annotated[int, Within(128, 10_000_000)] = 4096
+    """Of `path`, a pixel."""
     phase: Phase | None = None
-    gather: bool = False  # `source`: follow what thick cells scatter, from cell to cell
-    audit: bool = True  # `source`: trace some pixels by `path` as well, to know the picture's error
+    """Left out: isotropic with the preset `paper`, mie with `spectral` (isotropic where droplets
+    are given as coefficients, or the method is `branching`)."""
+    gather: bool = False
+    """`source`: follow what thick cells scatter, from cell to cell."""
+    audit: bool = True
+    """`source`: trace some pixels by `path` as well, to know the picture's error."""
     cutoff: Annotated[float, Within(0.0, 0.5)] = 1e-4
-    directions: Annotated[int, Within(4, 4096)] | None = None  # None: chosen from accuracy_K
+    """Transmission at which a ray ends."""
+    directions: Annotated[int, Within(4, 4096)] | None = None
+    """Of the sweeps; left out: chosen from `accuracy_K`."""
     precision: Literal["auto", "float32", "float64"] = "auto"
+    """`auto`: float32 where it is enough."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
+    """Of `path` and `branching`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, ValidationInfo
 
@@ -49,7 +49,13 @@ def _not_zero(value: Point) -> Point:
     return value
 
 
-Direction = Annotated[Point, BeforeValidator(_direction), AfterValidator(_not_zero)]
+Direction = Annotated[
+    Point,
+    BeforeValidator(
+        _direction, json_schema_input_type=Point | Literal["-x", "+x", "-y", "+y", "-z", "+z"]
+    ),
+    AfterValidator(_not_zero),
+]
 
 
 Wavelength = Annotated[float, Within(SHORTEST_UM, LONGEST_UM)]
@@ -84,14 +90,16 @@ def _curve_or_numbers(value: object) -> str:
 Filter = Annotated[
     Annotated[Curve, Tag("[curve]")] | Annotated[tuple[Wavelength, Wavelength], Tag("[numbers]")],
     Discriminator(_curve_or_numbers),
-    BeforeValidator(_curve),
+    BeforeValidator(_curve, json_schema_input_type=tuple[Wavelength, Wavelength] | Curve | Path),
 ]
 
 
 QuantumEfficiency = Annotated[
     Annotated[Curve, Tag("[curve]")] | Annotated[float, Within(1e-3, 1.0), Tag("[numbers]")],
     Discriminator(_curve_or_numbers),
-    BeforeValidator(_curve),
+    BeforeValidator(
+        _curve, json_schema_input_type=Annotated[float, Within(1e-3, 1.0)] | Curve | Path
+    ),
 ]
 
 

@@ -15,9 +15,13 @@ class Domain(Section):
     """The cube that is traced, and how finely the octree may divide it."""
 
     edge_m: Length = 0.20
+    """Of the cube."""
     centre_m: Point = (0.0, 0.0, 0.0)
+    """Of the cube; the injector's tip is at the origin."""
     leaf_edge_m: Annotated[float, Within(1e-6, 100.0)] = 0.5e-3
+    """Finest cells, at the most 4096 along an edge."""
     optical_depth_split: Annotated[float, Within(0.0, 1.0)] = 1e-5
+    """A cell of more optical depth than this is divided."""
 
     @model_validator(mode="after")
     def _depth(self) -> Domain:
@@ -33,11 +37,17 @@ class Background(Section):
     """What is before the camera behind the spray: a disc that faces it, or all of the enclosure."""
 
     shape: Literal["disc", "enclosure"] = "disc"
+    """A disc that faces the camera, or all of the enclosure."""
     radius_m: Length = 0.05
-    centre_m: Point | None = None  # the middle of the domain's face on +y where left out
+    """Of the disc."""
+    centre_m: Point | None = None
+    """Of the disc; the middle of the domain's face on +y where left out."""
     temperatures_K: tuple[Temperature, ...] = (400.0, 440.0, 480.0, 520.0, 560.0)
+    """One set of shots before each, 1 to 1000."""
     emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0
-    surroundings_K: Temperature | None = None  # what it reflects; the walls where left out
+    """What is left reflects its surroundings."""
+    surroundings_K: Temperature | None = None
+    """What it reflects; the walls' temperature where left out."""
 
     @field_validator("temperatures_K")
     @classmethod
@@ -51,6 +61,7 @@ class Walls(Section):
     """The rest of the enclosure, a black body at one temperature."""
 
     temperature_K: Temperature = 300.0
+    """Of the black walls."""
 
 
 class Patch(Section):
@@ -61,14 +72,22 @@ class Patch(Section):
     those in one plane the background first, then the patch that is named first.
     """
 
-    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,39}$")]  # weights/NAME.tif
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
+    """Of its weight, weights/NAME.tif."""
     shape: Literal["disc", "rectangle"] = "disc"
+    """Of the piece."""
     centre_m: Point
+    """Its middle."""
     facing: Direction
-    radius_m: Length | None = None  # of a disc
-    size_m: tuple[Length, Length] | None = None  # of a rectangle: width, and height along z
+    """Where its front looks, `-y` or three numbers."""
+    radius_m: Length | None = None
+    """Of a disc."""
+    size_m: tuple[Length, Length] | None = None
+    """Of a rectangle: width, and height along z."""
     temperature_K: Temperature
-    emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0  # what is left reflects the walls
+    """Of its surface."""
+    emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0
+    """What is left reflects the walls."""
 
     @model_validator(mode="after")
     def _fits(self) -> Patch:
@@ -100,9 +119,13 @@ class Window(Section):
     """An uncoated plane window that fills what the camera sees (front) or the background (rear)."""
 
     side: Literal["front", "rear"]
+    """Before the camera, or before the background."""
     material: Literal["CaF2", "sapphire"]
+    """Says transmission and emission over the wavelength."""
     thickness_m: Annotated[float, Within(1e-5, 0.2)] = 0.01
+    """Of the plate."""
     temperature_K: Temperature = 300.0
+    """Of the plate."""
 
 
 def one_window_a_side(windows: tuple[Window, ...]) -> tuple[Window, ...]:

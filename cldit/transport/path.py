@@ -193,7 +193,7 @@ def trace_path(
         error_of[:, listed] = sums.error
     shape = (components, row_count, column_count)
     closure = None
-    if known is None:
+    if known is None and (most is None or len(listed)):  # none drawn: nothing was traced
         planes = image.reshape(shape)
         whole = planes if most is None else image[:, None, listed]  # others lack what is scattered
         closure = Closure.of(whole[: cells.needs.boundaries], whole[-1], bound=1e-4, noisy=True)

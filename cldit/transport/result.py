@@ -69,7 +69,7 @@ class Trace:
     standard_error: Weights | None = None
     audit_K: float | None = None
     unaudited: str = ""
-    closure: Closure | None = None  # None only where flights gather a solved source
+    closure: Closure | None = None  # None where flights gather a solved source, or none fly
 
 
 def weights_of(image: NDArray[np.float64], cells: OpticalCells) -> Weights:

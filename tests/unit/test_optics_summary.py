@@ -70,7 +70,7 @@ def test_scenes_with_less_data(change: dict[str, object], cache: Path) -> None:
 
 
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cache: Path) -> None:
-    monkeypatch.setattr("cldit.cli.lists.default_cache", lambda: cache)
+    monkeypatch.setattr("cldit.cli.optics.default_cache", lambda: cache)
     picture = tmp_path / "new" / "gdi.png"
     result = CliRunner().invoke(main, ["optics", "gdi", "--out", str(picture)])
     assert result.exit_code == 0

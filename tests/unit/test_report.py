@@ -56,6 +56,8 @@ def _full(text: str) -> ReportContent:
         more_pictures=(picture,),
         reasons={"evaluated": 75, text: 25},
         figures={text: text},
+        trace={text: text},
+        commands=(text,),
         stages=(("trace", 3.0), (text, 1.0)),
         notes={text: text},
         device=text,
@@ -68,7 +70,7 @@ def test_contents() -> None:
     parser = _parsed(_full("gdi"))
     headings = re.findall(r"<h2>(.*?)</h2>", report_html(_full("gdi")))
     assert headings[:2] == ["Emissivity and apparent temperature", "What the camera saw"]
-    assert headings[-1] == "Scene"
+    assert headings[-1] == "To repeat it"
     for expected in ("25.0 %", "75.0 %", "3.00 s", "4.00 s", "Background at 480.5 K"):
         assert expected in parser.text
     images = [attrs for tag, attrs in parser.tags if tag == "img"]
@@ -80,6 +82,7 @@ def test_contents() -> None:
         assert base64.b64decode(source.removeprefix(head)) == b"\x89PNG not really"
     slider = [attrs for tag, attrs in parser.tags if tag == "input"]
     assert [(s["min"], s["max"]) for s in slider] == [("0", "2")]
+    assert "400 K|440 K|480.5 K" in parser.text  # what the label beside the slider takes turns in
     names = {"viewport"} & {attrs.get("name") for tag, attrs in parser.tags if tag == "meta"}
     assert names == {"viewport"}
 
@@ -115,3 +118,10 @@ def test_written_whole(tmp_path: Path) -> None:
     assert [item.name for item in path.parent.iterdir()] == ["report.html"]
     with pytest.raises(OSError):
         write_report(tmp_path / "missing" / "report.html", _full("x"))
+
+
+def test_only_pictures_of_several_panels_are_wide() -> None:
+    for width, wide in ((900, False), (1500, True)):
+        panels = Picture(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + width.to_bytes(4, "big"), "x")
+        page = report_html(ReportContent(name="x", maps=(panels,)))
+        assert ('<div class="wide">' in page) is wide

@@ -235,3 +235,12 @@ def test_phase_functions_there_and_back(phase: Any) -> None:
 )
 def test_wrong_phase_functions_are_refused(phase: Any, said: str) -> None:
     assert said in _complaint(transport={"phase": phase})
+
+
+@pytest.mark.parametrize("text", ["1e6", "1.0e6", "2.e6"])
+def test_an_exponent_without_a_sign_gets_a_hint(text: str) -> None:
+    data = yaml.safe_load(f"{{name: x, spray: {{model: cone, ambient: {{pressure_Pa: {text}}}}}}}")
+    with pytest.raises(SceneError, match=r"YAML wants the exponent's sign, [12]\.0?e\+6") as caught:
+        parse_scene(data)
+    number = str(caught.value).rpartition(" ")[2]
+    assert yaml.safe_load(number) == float(text)

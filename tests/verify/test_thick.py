@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.run import Run
+from cldit.gpu.device import Device
+from cldit.run import Run, simulate
+from cldit.scene import load_scene, parse_scene
 
 EDGE = 0.04
 CELL = EDGE / 16
@@ -69,6 +71,17 @@ def test_audit_of_a_sample(run_block: Callable[..., Run], monkeypatch: pytest.Mo
     part = run_block(BLOCK, **SCENE, transport=transport).info.accuracy_K
     assert whole is not None and part is not None
     assert 0.5 * whole < part < 2.0 * whole
+
+
+def test_audit_where_no_pixel_sees_the_spray(device: Device) -> None:
+    """As `cldit bench` has it, which measures what a picture of nothing costs."""
+    data = load_scene("droplets-only").model_dump(mode="json")
+    data["camera"] |= {"pixels": [8, 8], "field_m": [0.01, 0.01], "target_m": [0.09, 0.0, 0.09]}
+    data["domain"]["leaf_edge_m"] = 4e-3
+    data["transport"]["phase"] = {"henyey_greenstein": 0.6}
+    run = simulate(parse_scene(data), device=device)
+    assert run.weights.liquid.max() == 0.0
+    assert run.weights.wall.min() == 1.0
 
 
 def test_what_cannot_be_audited_says_so(run_block: Callable[..., Run]) -> None:

@@ -32,7 +32,7 @@ def test_pictures_and_files(tmp_path: Path, spray: str, history: bool) -> None:
         {"history.png", "history.csv"} if history else set()
     )
     assert {path.name for path in out.iterdir()} == names
-    assert "vapour_mass_kg" in result.output
+    assert "vapour mass: " in result.output
 
 
 def test_a_wrong_value_is_a_message(tmp_path: Path) -> None:

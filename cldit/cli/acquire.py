@@ -1,4 +1,4 @@
-"""`cldit acquire` and `show`: the rig and its pictures."""
+"""`cldit acquire`: a sequence with the instruments of a rig."""
 
 from __future__ import annotations
 
@@ -7,14 +7,10 @@ from pathlib import Path
 import click
 
 from cldit.acquisition.dry_run import SECONDS_PER_KELVIN, DryRun, dry_run
-from cldit.acquisition.export import FORMATS, export
 from cldit.acquisition.plan import load_plan
-from cldit.acquisition.record import open_acquisition
 from cldit.acquisition.runner import acquire
 from cldit.cli.console import OUT, ProgressBar, plain_errors
-from cldit.cli.live import LiveView
 from cldit.errors import RunFolderError
-from cldit.report.run_report import show_folder
 from cldit.rig.errors import RigError
 from cldit.rig.load import open_rig
 
@@ -38,6 +34,8 @@ def acquire_command(rig: Path, plan: Path, out: Path, dry: bool, live: bool) -> 
         return
     with open_rig(rig) as opened:
         if live:
+            from cldit.cli.live import LiveView  # needs matplotlib
+
             with LiveView() as view:
                 record = acquire(opened, sequence, out, progress=view.watch, preview=view.show)
         else:
@@ -61,33 +59,3 @@ def _estimate(found: DryRun) -> None:
     if found.problems:
         raise RigError("the plan cannot run:\n" + "\n".join(found.problems))
     OUT.print("nothing speaks against it")
-
-
-@click.command("export")
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--to", "form", type=click.Choice(list(FORMATS)), required=True)
-@click.option("--out", type=click.Path(path_type=Path), help="The file; in FOLDER if left out.")
-@plain_errors
-def export_command(folder: Path, form: str, out: Path | None) -> None:
-    """Write the raw pictures of an acquisition FOLDER (or that of a run) into one file."""
-    acquisition = open_acquisition(_acquisition_in(folder))
-    path = export(acquisition, form, out)
-    if acquisition.missing:
-        OUT.print(f"[yellow]{len(acquisition.missing)} shots are still to be taken[/]")
-    OUT.print(f"{path}: {len(acquisition.shots)} shots, {path.stat().st_size / 1e6:.1f} MB")
-
-
-def _acquisition_in(folder: Path) -> Path:
-    return folder / "acquisition" if (folder / "acquisition").is_dir() else folder
-
-
-@click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--open", "opened", is_flag=True, help="Open the picture in the system's viewer.")
-@plain_errors
-def show(folder: Path, opened: bool) -> None:
-    """The maps of a run or acquisition FOLDER, as a picture."""
-    picture = show_folder(folder)
-    OUT.print(str(picture))
-    if opened:
-        click.launch(str(picture))

@@ -1,0 +1,91 @@
+"""`cldit bench`: what this computer can do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from cldit.bench import ACCURACIES_K, PARTS
+from cldit.cli.console import plain_errors
+from cldit.cli.lazy import LazyGroup
+from cldit.cli.units import KELVIN
+
+_COMMANDS = {
+    "rig": "cldit.cli.bench.rig:bench_rig_command",
+    "evaluate": "cldit.cli.bench.evaluate:bench_evaluate_command",
+    "optics": "cldit.cli.bench.optics:bench_optics_command",
+    "presets": "cldit.cli.bench.presets:bench_presets_command",
+    "spray": "cldit.cli.bench.spray:bench_spray_command",
+    "droplet": "cldit.cli.bench.droplet:bench_droplet_command",
+    "stability": "cldit.cli.bench.stability:bench_stability_command",
+    "rays": "cldit.cli.bench.rays:bench_rays_command",
+}
+
+
+@click.group(cls=LazyGroup, commands_at=_COMMANDS, invoke_without_command=True)
+@click.option("--scene", default="gdi", show_default=True, help="A shipped name or a YAML file.")
+@click.option(
+    "--only", "parts", multiple=True, type=click.Choice(PARTS), help="One part; may be repeated."
+)
+@click.option("--peers", is_flag=True, help="Also what others need, where it is installed.")
+@click.option(
+    "--every",
+    type=click.IntRange(1),
+    default=5,
+    show_default=True,
+    help="The reference, path and branching trace every n-th pixel across and down (odd); 1: all.",
+)
+@click.option(
+    "--samples",
+    type=click.IntRange(256),
+    default=512,
+    show_default=True,
+    help="Of the reference, a pixel.",
+)
+@click.option(
+    "--accuracy",
+    "accuracies_K",
+    type=KELVIN,
+    multiple=True,
+    default=ACCURACIES_K,
+    show_default=True,
+    help="K that source is asked for; may be repeated.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("bench"),
+    show_default=True,
+    help="Folder of benchmarks.md and of tables, pictures and JSON.",
+)
+@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@click.pass_context
+@plain_errors
+def bench(
+    context: click.Context,
+    scene: str,
+    parts: tuple[str, ...],
+    peers: bool,
+    every: int,
+    samples: int,
+    accuracies_K: tuple[float, ...],
+    out: Path,
+    device: str | None,
+) -> None:
+    """Measure this computer: error against run time of all methods, growth of cost, memory, what
+    leaving out saves, kernels against the machine's floor."""
+    if context.invoked_subcommand is not None:
+        return
+    from cldit.cli.bench.transport import bench_transport  # not for the commands below
+
+    bench_transport(
+        scene,
+        parts=parts,
+        peers=peers,
+        every=every,
+        samples=samples,
+        accuracies_K=accuracies_K,
+        out=out,
+        device=device,
+    )

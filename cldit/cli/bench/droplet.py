@@ -1,0 +1,22 @@
+"""`cldit bench droplet`: errors of the integrator of single droplets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from cldit.cli.console import OUT, plain_errors
+from cldit.report.droplets import convergence_picture
+from cldit.run import default_cache
+from cldit.spray.droplet.convergence import measure_all
+
+
+@click.command("droplet")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="PNG.")
+@plain_errors
+def bench_droplet_command(out: Path) -> None:
+    """Error of a droplet's life against step size and run time, all models, stiff cases among
+    them."""
+    out.write_bytes(convergence_picture(*measure_all(default_cache())))
+    OUT.print(str(out))

@@ -1,0 +1,56 @@
+"""`cldit bench optics`: errors and cost of droplet tables and of wavelengths."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from cldit.bench.optics import ABSORPTIONS, check_table, table_use, with_preset
+from cldit.cli.console import OUT, plain_errors
+from cldit.optics.wavelengths import wavelengths
+from cldit.report.pictures import nodes_picture
+from cldit.run import default_cache
+from cldit.scene import load_scene
+from cldit.spray.source import make_spray
+
+
+@click.command("optics")
+@click.argument("scene", default="gdi")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of wavelengths.png.")
+@plain_errors
+def bench_optics_command(scene: str, out: Path | None) -> None:
+    """Errors of droplet tables for k from 0 to 10; cost of SCENE's tables, and its wavelengths."""
+    chosen = load_scene(scene)
+    at = {"wavelength_um": chosen.optics.wavelength_um, "n": chosen.optics.n}
+    table = Table("k", "Q_sca", "Q_abs", "g", "10 % wide", "miepython", box=None)
+    worst = 0.0
+    for k in ABSORPTIONS:
+        found = check_table(k=k, cache=default_cache(), **at)
+        worst = max(worst, found.largest)
+        single = (found.single.scattering, found.single.absorption, found.single.asymmetry)
+        table.add_row(f"{k:g}", *(f"{value:.1e}" for value in (*single, found.narrow, found.other)))
+    OUT.print(table)
+    OUT.print(f"largest error of a table of droplets: {100 * worst:.2g} %")
+    spectral = with_preset(chosen, "spectral")
+    spray = make_spray(spectral.spray, cache=default_cache())
+    for name, use in zip(("first", "second"), table_use(spectral, spray), strict=True):
+        OUT.print(
+            f"{chosen.name}, {name} use: {use.made} tables made, {use.tables_s:.2f} CPU s; light "
+            f"of all parcels and cells: {use.rest_s:.2f} CPU s"
+        )
+    resolved = wavelengths(spectral, spray, cache=default_cache())
+    rows = Table("wavelengths", "error of T_app, K RMS", box=None)
+    for number, error_K in enumerate(resolved.errors_K, start=1):
+        mark = " (chosen)" if number == len(resolved.nodes) else ""
+        rows.add_row(f"{number}{mark}", f"{error_K:.3f}")
+    if resolved.errors_K:
+        OUT.print(rows)
+    if resolved.errors_K and out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        title = f"{chosen.name}: error against number of wavelengths"
+        count = len(resolved.nodes)
+        picture = nodes_picture(resolved.errors_K, chosen=count, title=title)
+        (out / "wavelengths.png").write_bytes(picture)
+        OUT.print(str(out / "wavelengths.png"))

@@ -1,0 +1,39 @@
+"""`cldit devices`: OpenCL devices and drivers of instruments."""
+
+from __future__ import annotations
+
+import click
+from rich.table import Table
+
+from cldit.cli.console import OUT, plain_errors
+from cldit.gpu.device import choose, list_devices
+from cldit.rig.drivers import describe_drivers
+
+
+@click.command()
+@click.option("--device", help="Show which device this choice means.")
+@plain_errors
+def devices(device: str | None) -> None:
+    """OpenCL devices: which there are, which is used, and why; and the drivers of instruments."""
+    found = list_devices()
+    used, reason = choose(found, device)
+    table = Table("", "device", "kind", "name", "memory", "float64", "platform", box=None)
+    for number, info in enumerate(found):
+        table.add_row(
+            "*" if number == used else "",
+            info.index,
+            info.kind,
+            info.name,
+            f"{info.memory_bytes / 1e9:.1f} GB",
+            "yes" if info.float64 else "no",
+            info.platform,
+        )
+    OUT.print(table)
+    OUT.print(f"* is used: {reason}")
+    drivers = Table("driver", "kind", "instrument", "tested", box=None)
+    for name, about in describe_drivers().items():
+        missing = about.missing()
+        note = f"[yellow]needs cldit\\[rig] ({', '.join(missing)})[/]; " if missing else ""
+        drivers.add_row(name, about.kind, about.instrument, note + about.tested)
+    OUT.print()
+    OUT.print(drivers)

@@ -1,0 +1,34 @@
+"""`cldit optics`: what a scene's matter and camera do to light."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from cldit.cli.console import OUT, escaped, plain_errors
+from cldit.report.optics_figures import optics_picture
+from cldit.report.optics_summary import scene_optics
+from cldit.run import default_cache
+from cldit.scene import load_scene
+
+
+@click.command()
+@click.argument("scene")
+@click.option("--out", type=click.Path(path_type=Path), help="The picture; SCENE-optics.png.")
+@plain_errors
+def optics(scene: str, out: Path | None) -> None:
+    """What SCENE's liquid, droplets, vapour and camera do to light: printed, and as a picture."""
+    chosen = load_scene(scene)
+    found = scene_optics(chosen, cache=default_cache())
+    table = Table("", "scene", "data", "paper", "", box=None)
+    for row in found.rows:
+        table.add_row(row.quantity, row.scene, row.data, row.paper, f"[dim]{escaped(row.note)}[/]")
+    OUT.print(table)
+    for source in found.sources:
+        OUT.print(escaped(source), style="dim")
+    picture = out or Path(f"{chosen.name}-optics.png")
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    picture.write_bytes(optics_picture(found))
+    OUT.print(str(picture))

@@ -1,0 +1,30 @@
+"""`cldit scenes`: what is shipped, and the reference of every key."""
+
+from __future__ import annotations
+
+import json
+
+import click
+from rich.table import Table
+
+from cldit.cli.console import OUT
+from cldit.scene import Scene, shipped_scenes
+
+
+@click.command()
+@click.option("--reference", is_flag=True, help="Every key of all files, as Markdown.")
+@click.option("--schema", is_flag=True, help="JSON schema of scenes, for editors.")
+def scenes(reference: bool, schema: bool) -> None:
+    """The scenes that are shipped."""
+    if reference:
+        from cldit.report.keys import reference_page  # imports what reads rigs and pictures
+
+        click.echo(reference_page(), nl=False)
+        return
+    if schema:
+        click.echo(json.dumps(Scene.model_json_schema(), indent=2))
+        return
+    table = Table("scene", "", box=None)
+    for name, description in shipped_scenes().items():
+        table.add_row(name, description)
+    OUT.print(table)

@@ -1,0 +1,153 @@
+"""The reference of a kind of file, as Markdown, from its schema: a table for each section."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel
+
+Schema = dict[str, Any]
+_HEAD = "| key | type | range | default | meaning |\n| --- | --- | --- | --- | --- |\n"
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A section: where in the file it stands, which of several kinds it is, and its schema."""
+
+    path: str
+    kind: str
+    schema: Schema
+
+    @property
+    def heading(self) -> str:
+        return f"{self.path} ({self.kind})" if self.kind else self.path
+
+    @property
+    def anchor(self) -> str:
+        """As GitHub and mkdocs make it from the heading."""
+        kept = "".join(c for c in self.heading.lower() if c.isalnum() or c in "_- ")
+        return "-".join(kept.split())
+
+
+def markdown(model: type[BaseModel], *, title: str, file: str) -> str:
+    """All sections of a file that `model` reads.
+
+    Args:
+        title: heading of the whole. file: what the sections at the top are called in.
+    """
+    schema = model.model_json_schema()
+    places: dict[str, _Place] = {}
+    for name, place in _walk(schema, schema, path="", prefix=file):
+        places.setdefault(name, place)
+    lines = [f"## {title}", "", _text(schema), "", _table(schema, places)]
+    for place in places.values():
+        lines += [f"### {place.heading}", "", _text(place.schema), "", _table(place.schema, places)]
+    return "\n".join(lines)
+
+
+def _text(schema: Schema) -> str:
+    return " ".join(str(schema.get("description", "")).split())
+
+
+def _walk(
+    whole: Schema, section: Schema, *, path: str, prefix: str
+) -> Iterator[tuple[str, _Place]]:
+    """Name and place of each section in another, in the order of their keys."""
+    for key, value in section.get("properties", {}).items():
+        names = list(_references(value))
+        for name in names:
+            inner = whole["$defs"][name]
+            here = f"{path}.{key}" if path else f"{prefix}{key}"
+            many = "[]" if any("items" in part for part in _parts(value)) else ""
+            kind = ""
+            if len(names) > 1:
+                model = inner["properties"].get("model", {}).get("const")
+                kind = f"model: {model}" if model else ", ".join(inner["properties"])
+            yield name, _Place(here + many, kind, inner)
+            yield from _walk(whole, inner, path=here + many, prefix=prefix)
+
+
+def _parts(schema: Schema) -> Iterator[Schema]:
+    """The schema, or those of which it is a choice."""
+    choices = schema.get("anyOf", schema.get("oneOf"))
+    if choices is None:
+        yield schema
+    else:
+        for choice in choices:
+            yield from _parts(choice)
+
+
+def _references(schema: Schema) -> Iterator[str]:
+    for part in _parts(schema):
+        if "$ref" in part:
+            yield part["$ref"].rpartition("/")[2]
+        elif "items" in part:
+            yield from _references(part["items"])
+
+
+def _table(section: Schema, places: dict[str, _Place]) -> str:
+    rows = _HEAD
+    needed = section.get("required", [])
+    for key, value in section.get("properties", {}).items():
+        kinds = list(dict.fromkeys(_type(part, places) for part in _parts(value)))
+        ranges = list(dict.fromkeys(text for part in _parts(value) for text in _ranges(part)))
+        cells = [f"`{key}`", " or ".join(kinds), ", ".join(ranges)]
+        about = _text(value) or " ".join(_text(places[n].schema) for n in _references(value))
+        cells += ["needed" if key in needed else _default(value), about]
+        rows += "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |\n"
+    return rows
+
+
+def _type(part: Schema, places: dict[str, _Place]) -> str:
+    if "$ref" in part:
+        place = places[part["$ref"].rpartition("/")[2]]
+        return f"[{place.kind or 'section'}](#{place.anchor})"
+    if "enum" in part:
+        return ", ".join(f"`{value}`" for value in part["enum"])
+    if "const" in part:
+        return f"`{part['const']}`"
+    if "prefixItems" in part:
+        return f"{len(part['prefixItems'])} numbers"
+    if part.get("type") == "array":
+        inner = " or ".join(dict.fromkeys(_type(each, places) for each in _parts(part["items"])))
+        return f"list of {inner}"
+    if part.get("format") == "path":
+        return "path"
+    names = {"string": "text", "boolean": "true, false", "object": "keys and values"}
+    return names.get(part["type"], str(part["type"]))
+
+
+def _ranges(part: Schema) -> Iterator[str]:
+    inner = [*part.get("prefixItems", []), *([part["items"]] if "items" in part else [])]
+    for each in inner:
+        for choice in _parts(each):
+            yield from _ranges(choice)
+    if "minimum" in part:
+        yield f"{_plain(part['minimum'])}..{_plain(part['maximum'])}"
+    elif "minLength" in part or "maxLength" in part:
+        yield f"{part.get('minLength', 0)}..{part.get('maxLength', '')} characters"
+    elif "pattern" in part:
+        yield f"`{part['pattern']}`"
+
+
+def _default(value: Schema) -> str:
+    default = value.get("default")
+    if isinstance(default, dict) and len(list(_references(value))) > 1:
+        return "{" + ", ".join(f"{key}: {_plain(each)}" for key, each in default.items()) + "}"
+    if isinstance(default, dict) or "default" not in value:
+        return "its defaults"
+    if default is None:
+        return "left out"
+    if isinstance(default, list) and default and isinstance(default[0], dict):
+        return f"{len(default)} of them"
+    if isinstance(default, list):
+        return "[" + ", ".join(_plain(each) for each in default) + "]"
+    return _plain(default) if default != "" else "empty"
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,106 @@
+"""Every Python block of the README and the docs runs, as it stands."""
+
+from __future__ import annotations
+
+import re
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from cldit.scene import dump_scene, load_scene, parse_scene
+
+_ROOT = Path(__file__).parents[2]
+_BLOCK = re.compile(r"^```(python|toml)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+_FILE = re.compile(r"# ([\w.-]+)\n")
+
+
+def blocks(page: str) -> list[tuple[str, str]]:
+    return _BLOCK.findall((_ROOT / page).read_text(encoding="utf-8"))
+
+
+def run(page: str) -> dict[str, Any]:
+    """Runs a page's blocks in one namespace, here; those that begin with a name become files."""
+    names: dict[str, Any] = {"__name__": "__page__"}
+    for language, text in blocks(page):
+        named = _FILE.match(text)
+        if named:
+            Path(named[1]).write_text(text, encoding="utf-8")
+        if language == "toml":
+            _install(text)
+        elif not named:
+            # registered so that dataclasses and pydantic find the module of what they are given
+            exec(compile(text, page, "exec"), names)
+    return names
+
+
+def _install(pyproject: str) -> None:
+    """What `pip install -e .` leaves behind: the entry points."""
+    project = tomllib.loads(pyproject)["project"]
+    info = Path(f"{project['name'].replace('-', '_')}-{project['version']}.dist-info")
+    info.mkdir()
+    lines = [f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"]
+    (info / "METADATA").write_text(lines[0], encoding="utf-8")
+    points = [
+        f"[{group}]\n" + "".join(f"{name} = {where}\n" for name, where in entries.items())
+        for group, entries in project["entry-points"].items()
+    ]
+    (info / "entry_points.txt").write_text("\n".join(points), encoding="utf-8")
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return tmp_path
+
+
+def test_extending(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from cldit.spray.droplet.evaporation import MODELS
+
+    before = dict(MODELS)
+    try:
+        names = run("docs/extending.md")
+    finally:
+        MODELS.clear()
+        MODELS.update(before)
+        sys.modules.pop("my_blackbody", None)
+    assert names["life"].vanished and "still" not in MODELS
+
+
+SMALL = {"camera": {"pixels": [48, 48]}, "domain": {"leaf_edge_m": 4e-3}}
+
+
+@pytest.fixture
+def gdi(here: Path) -> None:
+    """A file of that name with fewer pixels and coarser cells: scenes are files as well."""
+    data = load_scene("gdi").model_dump(mode="json")
+    for section, changes in SMALL.items():
+        data[section] |= changes
+    (here / "gdi").write_text(dump_scene(parse_scene(data)), encoding="utf-8")
+
+
+@pytest.mark.usefixtures("gdi")
+def test_readme(here: Path) -> None:
+    names = run("README.md")
+    assert names["run"].weights.background.shape == (48, 48)
+    assert (here / "runs" / "traced" / "scene.yaml").is_file()
+
+
+@pytest.mark.usefixtures("here")  # the rig's run is beside it
+def test_rig(tiny_rig: dict[str, Any]) -> None:
+    Path("rig.yaml").write_text(yaml.safe_dump(tiny_rig), encoding="utf-8")
+    plan = {"backgrounds_K": [440.0, 480.0], "shots": 1, "references": 1}
+    Path("plan.yaml").write_text(yaml.safe_dump(plan), encoding="utf-8")
+    names = run("docs/rig.md")
+    assert names["saved"].image.any()
+
+
+def test_no_page_is_forgotten() -> None:
+    pages = ["README.md", *(f"docs/{p.name}" for p in sorted((_ROOT / "docs").glob("*.md")))]
+    run_here = {"README.md", "docs/extending.md", "docs/rig.md"}
+    run_here.add("docs/studies.md")  # after its sweep: test_documented_commands_run.py
+    assert {p for p in pages if any(language == "python" for language, _ in blocks(p))} == run_here

@@ -1,0 +1,81 @@
+"""The docs as a site: built without a warning, whole, and without anything from a network."""
+
+from __future__ import annotations
+
+import logging
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urldefrag
+
+import pytest
+
+config = pytest.importorskip("mkdocs.config", reason="mkdocs is missing; install cldit[docs]")
+build = pytest.importorskip("mkdocs.commands.build")
+
+_DOCS = Path(__file__).parents[2] / "docs"
+
+
+class _Links(HTMLParser):
+    """What a page loads, what it links to, and the places in it."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.loaded: list[str] = []
+        self.linked: list[str] = []
+        self.ids: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        self.ids.add(given.get("id") or "")
+        address = given.get("src") or given.get("href")
+        if address is not None:
+            (self.linked if tag == "a" else self.loaded).append(address)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    heard: list[str] = []
+
+    class Ear(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            heard.append(record.getMessage())
+
+    ear = Ear(logging.WARNING)
+    logging.getLogger("mkdocs").addHandler(ear)
+    try:
+        loaded = config.load_config(str(_DOCS / "site" / "mkdocs.yml"), site_dir=str(folder))
+        assert loaded.strict
+        loaded.strict = False  # so that the warnings are listed below
+        build.build(loaded)
+    finally:
+        logging.getLogger("mkdocs").removeHandler(ear)
+    assert heard == []
+    return folder
+
+
+def test_every_page_is_there(site: Path) -> None:
+    for page in {*_DOCS.rglob("*.md")} - {*(_DOCS / "bench").iterdir()}:  # parts of benchmarks.md
+        made = site / page.relative_to(_DOCS).with_suffix(".html")
+        assert made.is_file()
+        title = page.read_text(encoding="utf-8").partition("\n")[0]
+        assert title.startswith("# ")
+    assert not list(site.rglob("*.json.html"))
+
+
+def test_links_lead_somewhere_and_nothing_is_loaded_from_outside(site: Path) -> None:
+    pages = {path: _Links(path.read_text(encoding="utf-8")) for path in site.rglob("*.html")}
+    for path, page in pages.items():
+        if path.name in ("404.html", "search.html"):
+            continue  # linked from the site's root
+        for address in page.loaded:
+            assert "//" not in address and (path.parent / unquote(address)).exists(), address
+        for address in page.linked:
+            if "//" in address:
+                continue
+            target, place = urldefrag(unquote(address))
+            other = (path.parent / target).resolve() if target else path
+            assert other.exists(), f"{path.name}: {address}"
+            if place and other in pages:
+                assert place in pages[other].ids, f"{path.name}: {address}"
