@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 
 import numpy as np
@@ -21,6 +22,7 @@ from cldit.radiance.weights import Weights
 Floats = NDArray[np.float64]
 
 _BLOCK = 1 << 20  # pixels times backgrounds solved at once: some 100 MB
+_TOGETHER = 2  # blocks at a time, one a thread
 
 
 def check_span(source: Floats, temperatures_K: Sequence[float]) -> None:
@@ -118,14 +120,13 @@ def evaluate_radiance(
             exposures=np.full(len(source), float(exposures)),
         )
 
-    return stack(
-        [
-            solve(
-                signals([reference] * len(parts), rows, references),
-                signals(traces, rows, shots),
-                usable=np.ones((len(source), *reference.background[rows].shape), dtype=bool),
-                curve=Curve(filter_um=filter_um),
-            )
-            for rows in blocks(shape, len(source))
-        ]
-    )
+    def solved(rows: slice) -> Maps:
+        return solve(
+            signals([reference] * len(parts), rows, references),
+            signals(traces, rows, shots),
+            usable=np.ones((len(source), *reference.background[rows].shape), dtype=bool),
+            curve=Curve(filter_um=filter_um),
+        )
+
+    with ThreadPoolExecutor(_TOGETHER) as pool:
+        return stack(list(pool.map(solved, blocks(shape, len(source)))))

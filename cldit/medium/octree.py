@@ -9,6 +9,7 @@ leaf is one value for all the bricks (or cells) that it covers.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,7 @@ from cldit.medium.frame import BRICK, Frame
 
 Floats = NDArray[np.float64]
 _CELLS_PER_BRICK = BRICK**3
+_TOGETHER = 4  # trees that are filled at a time, one a thread
 # Absorption below this optical depth across the whole cube is taken for none: it is far below
 # rounding in any picture, and its denormal numbers would slow every kernel that meets them.
 _NOTHING = 1e-12
@@ -158,7 +160,8 @@ def build_octrees(
         fields["vapour_absorption"][faint] = 0.0
         fields["vapour_emission"][faint] = 0.0
     division = _Division.of(frame, touched, every, optical_depth_split)
-    return [division.fill(fields) for fields in every]
+    with ThreadPoolExecutor(_TOGETHER) as pool:
+        return list(pool.map(division.fill, every))
 
 
 def _deposit(
