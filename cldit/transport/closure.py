@@ -24,6 +24,8 @@ from cldit.errors import TransportError
 
 Floats = NDArray[np.float64]
 
+_FEW, _NOISE = 10, 0.02  # pixels that do not tell their noise, and what is allowed for it
+
 
 @dataclass(frozen=True)
 class Closure:
@@ -52,7 +54,8 @@ class Closure:
         """From weights of the boundary (B, H, W) and the part from within (H, W).
 
         noisy: the sums scatter from pixel to pixel without bias; `bound` then holds for their mean,
-        with five of its standard errors on top.
+        with five of its standard errors on top. Fewer than ten
+            pixels do not tell their noise; they may be off by 0.02 at least.
 
         Raises:
             TransportError: the sum is not finite, or further than the bound from 1.
@@ -65,6 +68,8 @@ class Closure:
         mean = float(seen.mean()) if seen.size else 0.0
         if noisy and seen.size > 1:
             bound += 5.0 * float(seen.std(ddof=1)) / seen.size**0.5
+        if noisy and seen.size < _FEW:
+            bound = max(bound, _NOISE)
         value = "mean" if noisy else "largest"
         found = cls(float(left.flat[at]), mean, (row, column), bound, value)
         bad = mean if noisy else found.largest

@@ -133,3 +133,11 @@ def test_bounds() -> None:
 def test_kept_with_the_run(run_block: Callable[..., Run]) -> None:
     info = block(run_block).info
     assert RunInfo.from_json(info.to_json()) == info
+
+
+def test_few_noisy_pixels_do_not_tell_their_noise() -> None:
+    """One pixel that is off by 2e-4 may be noise; one that is off by 3 % is not."""
+    half = np.full((1, 1), 0.5)
+    assert Closure.of(half[None] - 2e-4, half, bound=1e-4, noisy=True).bound == 0.02
+    with pytest.raises(TransportError, match="light is made or lost"):
+        Closure.of(half[None] - 0.03, half, bound=1e-4, noisy=True)
