@@ -54,8 +54,8 @@ class Closure:
         """From weights of the boundary (B, H, W) and the part from within (H, W).
 
         noisy: the sums scatter from pixel to pixel without bias; `bound` then holds for their mean,
-        with five of its standard errors on top. Fewer than ten
-            pixels do not tell their noise; they may be off by 0.02 at least.
+        with five of its standard errors on top. Fewer than ten pixels do
+        not tell their noise; they may be off by 0.02 at least.
 
         Raises:
             TransportError: the sum is not finite, or further than the bound from 1.
