@@ -16,18 +16,18 @@ from cldit.scene.vessel import Window
 
 TRUTH_K = 430.0
 EMISSIVITIES = (0.05, 0.1, 0.3, 0.6, 0.9, 1.0)
-_FILTER = (3.3, 3.5)
-_BACKGROUNDS_K = (400.0, 440.0, 480.0, 520.0, 560.0)
-_CAMERA = Calibration(
-    filter_um=_FILTER,
+FILTER_UM = (3.3, 3.5)
+BACKGROUNDS_K = (400.0, 440.0, 480.0, 520.0, 560.0)
+CAMERA = Calibration(
+    filter_um=FILTER_UM,
     counts_per_radiance=1.2e-17,
     offset_counts=300.0,
     electrons_per_count=40.0,
     read_noise_electrons=200.0,
     saturation_counts=16383.0,
 )
-_BARE = Surroundings(wall_temperature_K=450.0)
-_FULL = Surroundings(
+BARE = Surroundings(wall_temperature_K=450.0)
+FULL = Surroundings(
     wall_temperature_K=450.0,
     background_emissivity=0.92,
     background_surroundings_K=310.0,
@@ -56,22 +56,26 @@ class TruthRow:
 
 
 @dataclass(frozen=True)
-class _Shot:
+class Shot:
+    """A picture, as the evaluation wants its shots."""
+
     id: str
     kind: str
     background_setpoint_K: float
     background_K: float
-    image: NDArray[np.uint16]
+    image: NDArray[Any]
 
 
 @dataclass
-class _Recorded:
-    shots: list[_Shot]
-    surroundings: Surroundings
-    calibration: dict[str, Any] = field(default_factory=_CAMERA.to_dict)
-    bad_pixels: None = None
+class Recorded:
+    """Shots in memory, as the evaluation wants a recording."""
 
-    def load(self, shot: _Shot) -> NDArray[np.uint16]:
+    shots: list[Shot]
+    surroundings: Surroundings
+    calibration: dict[str, Any] = field(default_factory=CAMERA.to_dict)
+    bad_pixels: NDArray[np.bool_] | None = None
+
+    def load(self, shot: Shot) -> NDArray[Any]:
         return shot.image
 
 
@@ -79,10 +83,10 @@ def truth_table(*, side: int = 64, shots: int = 40) -> list[TruthRow]:
     """`side` x `side` pixels of each emissivity, at 430 K before five backgrounds."""
     rows: list[TruthRow] = []
     for name, around in (
-        ("none", _BARE),
-        ("grey background, two windows, pixels that differ", _FULL),
+        ("none", BARE),
+        ("grey background, two windows, pixels that differ", FULL),
     ):
-        maps = evaluate_shots(_record(around, side, shots)).maps
+        maps = evaluate_shots(record(around, side=side, shots=shots, pattern=around is FULL)).maps
         for number, epsilon in enumerate(EMISSIVITIES):
             part = slice(number * side, (number + 1) * side)
             kelvin, error, found, spread = (
@@ -108,23 +112,41 @@ def truth_table(*, side: int = 64, shots: int = 40) -> list[TruthRow]:
     return rows
 
 
-def _record(around: Surroundings, side: int, shots: int) -> _Recorded:
-    rng = np.random.default_rng(5)
+def record(
+    around: Surroundings = BARE,
+    *,
+    side: int = 48,
+    shots: int = 40,
+    pattern: bool = False,
+    background_error_K: float = 0.0,
+    filter_um: tuple[float, float] = FILTER_UM,
+    seed: int = 5,
+) -> Recorded:
+    """Blocks of side x side pixels in a row, one of `EMISSIVITIES` each, at `TRUTH_K`; 40 electrons
+    a count and 200 of read noise, rounded and clipped to the camera's counts.
+
+    With `pattern` pixels differ by 3 % in gain and 20 counts in offset. `background_error_K` is
+    drawn anew for every pixel, as if each were an experiment of its own.
+    """
+    rng = np.random.default_rng(seed)
     epsilon = np.repeat(EMISSIVITIES, side)[None, :] * np.ones((side, 1))
-    differ = 0.0 if around is _BARE else 1.0
-    gain = 1.0 + differ * 0.03 * rng.standard_normal(epsilon.shape)
-    offset = differ * 20.0 * rng.standard_normal(epsilon.shape)
-    whole = Boundary.in_filter(around, _FILTER, reference_K=480.0)
-    own = float(band_radiance(TRUTH_K, filter_um=_FILTER))
-    found: list[_Shot] = []
-    for kelvin in _BACKGROUNDS_K:
-        leaving = float(whole.leaving(kelvin))
-        for kind, through in (("reference", np.zeros_like(epsilon)), ("injection", epsilon)):
-            inside = (1.0 - through) * leaving + through * own
-            mean = _CAMERA.counts_per_radiance * gain * whole.seen(inside) * 40.0
+    gain = 1.0 + 0.03 * rng.standard_normal(epsilon.shape) if pattern else np.ones_like(epsilon)
+    offset = 20.0 * rng.standard_normal(epsilon.shape) if pattern else np.zeros_like(epsilon)
+    whole = Boundary.in_filter(around, filter_um, reference_K=480.0)
+    own = float(band_radiance(TRUTH_K, filter_um=filter_um))
+    found: list[Shot] = []
+    for kelvin in BACKGROUNDS_K:
+        real_K = kelvin + background_error_K * rng.standard_normal(epsilon.shape)
+        leaving = whole.leaving(real_K)
+        for kind in ("reference", "injection"):
+            inside = leaving
+            if kind == "injection":
+                inside = (1.0 - epsilon) * leaving + epsilon * own
+            light = CAMERA.counts_per_radiance * gain * whole.seen(inside)
+            electrons = light * CAMERA.electrons_per_count
             for number in range(shots):
-                electrons = rng.poisson(mean) + 200.0 * rng.standard_normal(epsilon.shape)
-                counts = np.rint(_CAMERA.offset_counts + offset + electrons / 40.0)
+                noisy = rng.poisson(electrons) + 200.0 * rng.standard_normal(epsilon.shape)
+                counts = np.rint(CAMERA.offset_counts + offset + noisy / 40.0)
                 image = np.clip(counts, 0, 16383).astype(np.uint16)
-                found.append(_Shot(f"{kind}-{kelvin:g}-{number}", kind, kelvin, kelvin, image))
-    return _Recorded(found, around)
+                found.append(Shot(f"{kelvin:g}-{kind}-{number}", kind, kelvin, kelvin, image))
+    return Recorded(found, around)

@@ -9,8 +9,9 @@ import pytest
 
 from cldit.camera.photon_transfer import photon_transfer
 from cldit.dit.recorded import evaluate_shots
+from cldit.dit.truth import CAMERA, TRUTH_K, record
 from cldit.errors import EvaluationError
-from tests.verify.test_dit_truth import CAMERA, EMISSIVITY, TRUTH_K, _recorded, _split
+from tests.verify.test_dit_truth import EMISSIVITY, _split
 
 
 def test_a_misfire_is_named_and_left_out() -> None:
@@ -19,7 +20,7 @@ def test_a_misfire_is_named_and_left_out() -> None:
     In full it lowers an emissivity of 1 by some 5 % in the mean; left out, the truth comes back,
     and the errors are those of what is left.
     """
-    recorded = _recorded(shots=5, side=16)
+    recorded = record(shots=5, side=16)
     shots = {shot.id: shot for shot in recorded.shots}
     missed = "520-injection-2"
     recorded.shots[recorded.shots.index(shots[missed])] = replace(
@@ -43,7 +44,7 @@ def test_a_misfire_is_named_and_left_out() -> None:
 
 def test_good_shots_are_not_odd_and_lose_nothing() -> None:
     """50 shots of noise alone: none beyond 6 deviations; robust costs next to nothing."""
-    recorded = _recorded(shots=5, side=16)
+    recorded = record(shots=5, side=16)
     plain, robust = (evaluate_shots(recorded, robust=robust) for robust in (False, True))
     assert plain.odd == robust.odd == () and plain.remarks == ()
     error = np.nanmean(plain.maps.emissivity_standard_error)
@@ -52,7 +53,7 @@ def test_good_shots_are_not_odd_and_lose_nothing() -> None:
 
 @pytest.mark.parametrize("background", [400, 480, 560])
 def test_kinds_swapped_before_one_background(background: int) -> None:
-    recorded = _recorded(shots=2, side=16)
+    recorded = record(shots=2, side=16)
     recorded.shots = [
         replace(shot, kind="injection" if shot.kind == "reference" else "reference")
         if shot.background_setpoint_K == background
@@ -64,7 +65,7 @@ def test_kinds_swapped_before_one_background(background: int) -> None:
 
 
 def test_nan_and_text_are_refused() -> None:
-    recorded = _recorded(shots=1, side=4)
+    recorded = record(shots=1, side=4)
     image = recorded.shots[3].image.astype(np.float32)
     image[1, 2] = np.nan
     recorded.shots[3] = replace(recorded.shots[3], image=image)
@@ -76,7 +77,7 @@ def test_nan_and_text_are_refused() -> None:
 
 
 def test_saturation_is_said() -> None:
-    recorded = _recorded(shots=2, side=8)
+    recorded = record(shots=2, side=8)
     for number, shot in enumerate(recorded.shots):
         if shot.background_setpoint_K == 560:
             recorded.shots[number] = replace(shot, image=np.full_like(shot.image, 16383))
@@ -88,7 +89,7 @@ def test_saturation_is_said() -> None:
 @pytest.mark.parametrize("told_offset", [True, False])
 def test_noise_and_gain_from_the_references(told_offset: bool) -> None:
     """Without a calibration but the filter: electrons a count to 3 %, and the same errors."""
-    recorded = _recorded(shots=20, side=24)
+    recorded = record(shots=20, side=24)
     whole = evaluate_shots(recorded)
     keep = {"filter_um", "saturation_counts"} | ({"offset_counts"} if told_offset else set())
     recorded.calibration = {key: CAMERA.to_dict()[key] for key in keep}
@@ -109,7 +110,7 @@ def test_photon_transfer_needs_noise_that_rises() -> None:
         photon_transfer(mean, np.zeros(500), exposures=5, offset_counts=None)
     with pytest.raises(EvaluationError, match="does not rise"):
         photon_transfer(mean, 1e3 - 0.1 * mean, exposures=5, offset_counts=None)
-    single = _recorded(shots=1, side=4)
+    single = record(shots=1, side=4)
     single.calibration = {k: CAMERA.to_dict()[k] for k in ("filter_um", "saturation_counts")}
     with pytest.raises(EvaluationError, match="one reference a background"):
         evaluate_shots(single)

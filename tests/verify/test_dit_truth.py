@@ -10,7 +10,7 @@ temperature within 0.1 K of the truth, spread as stated, and the same lines as s
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,97 +18,24 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from cldit.camera.calibration import Calibration
 from cldit.camera.curve import Curve, fit_curve
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.recorded import evaluate_shots
+from cldit.dit.truth import (
+    BACKGROUNDS_K,
+    BARE,
+    CAMERA,
+    EMISSIVITIES,
+    FILTER_UM,
+    FULL,
+    TRUTH_K,
+    record,
+)
 from cldit.errors import EvaluationError
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Boundary, Surroundings
-from cldit.scene.vessel import Window
 
-FILTER = (3.3, 3.5)
-TRUTH_K = 430.0
-BACKGROUNDS = (400.0, 440.0, 480.0, 520.0, 560.0)
-EMISSIVITY = np.array([0.05, 0.1, 0.3, 0.6, 0.9, 1.0])
-BARE = Surroundings(wall_temperature_K=450.0)
-FULL = Surroundings(
-    wall_temperature_K=450.0,
-    background_emissivity=0.92,
-    background_surroundings_K=310.0,
-    camera_surroundings_K=296.0,
-    windows=(
-        Window(side="rear", material="CaF2", thickness_m=0.01, temperature_K=400.0),
-        Window(side="front", material="sapphire", thickness_m=0.02, temperature_K=380.0),
-    ),
-)
-CAMERA = Calibration(
-    filter_um=FILTER,
-    counts_per_radiance=1.2e-17,
-    offset_counts=300.0,
-    electrons_per_count=40.0,
-    read_noise_electrons=200.0,
-    saturation_counts=16383.0,
-)
-
-
-@dataclass(frozen=True)
-class _Shot:
-    id: str
-    kind: str
-    background_setpoint_K: float
-    background_K: float
-    image: NDArray[Any]
-
-
-@dataclass
-class _Recorded:
-    shots: list[_Shot]
-    surroundings: Surroundings
-    calibration: dict[str, Any] = field(default_factory=CAMERA.to_dict)
-    bad_pixels: NDArray[np.bool_] | None = None
-
-    def load(self, shot: _Shot) -> NDArray[Any]:
-        return shot.image
-
-
-def _recorded(
-    around: Surroundings = BARE,
-    *,
-    side: int = 48,
-    shots: int = 40,
-    pattern: bool = False,
-    background_error_K: float = 0.0,
-    filter_um: tuple[float, float] = FILTER,
-    seed: int = 5,
-) -> _Recorded:
-    """Blocks of side x side pixels in a row, one emissivity each.
-
-    With `pattern` pixels differ by 3 % in gain and 20 counts in offset. `background_error_K` is
-    drawn anew for every pixel, as if each were an experiment of its own.
-    """
-    rng = np.random.default_rng(seed)
-    epsilon = np.repeat(EMISSIVITY, side)[None, :] * np.ones((side, 1))
-    gain = 1.0 + 0.03 * rng.standard_normal(epsilon.shape) if pattern else np.ones_like(epsilon)
-    offset = 20.0 * rng.standard_normal(epsilon.shape) if pattern else np.zeros_like(epsilon)
-    whole = Boundary.in_filter(around, filter_um, reference_K=480.0)
-    own = float(band_radiance(TRUTH_K, filter_um=filter_um))
-    found: list[_Shot] = []
-    for kelvin in BACKGROUNDS:
-        real_K = kelvin + background_error_K * rng.standard_normal(epsilon.shape)
-        leaving = whole.leaving(real_K)
-        for kind in ("reference", "injection"):
-            inside = leaving
-            if kind == "injection":
-                inside = (1.0 - epsilon) * leaving + epsilon * own
-            light = CAMERA.counts_per_radiance * gain * whole.seen(inside)
-            electrons = light * CAMERA.electrons_per_count
-            for number in range(shots):
-                noisy = rng.poisson(electrons) + 200.0 * rng.standard_normal(epsilon.shape)
-                counts = np.rint(CAMERA.offset_counts + offset + noisy / 40.0)
-                image = np.clip(counts, 0, 16383).astype(np.uint16)
-                found.append(_Shot(f"{kelvin:g}-{kind}-{number}", kind, kelvin, kelvin, image))
-    return _Recorded(found, around)
+EMISSIVITY = np.array(EMISSIVITIES)
 
 
 def _split(image: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -148,7 +75,7 @@ def _check(maps: Maps, *, spread: float = 0.16) -> None:
 @pytest.mark.parametrize("pattern", [False, True])
 @pytest.mark.parametrize("around", [BARE, FULL])
 def test_truth_comes_back(around: Surroundings, pattern: bool) -> None:
-    _check(evaluate_shots(_recorded(around, pattern=pattern)).maps)
+    _check(evaluate_shots(record(around, pattern=pattern)).maps)
 
 
 def test_unsteady_backgrounds_are_in_the_errors() -> None:
@@ -156,7 +83,7 @@ def test_unsteady_backgrounds_are_in_the_errors() -> None:
 
     Opaque, that is the larger part of the error; an emissivity of 0.05 hardly feels it.
     """
-    recorded = _recorded(background_error_K=0.3)
+    recorded = record(background_error_K=0.3)
     ratio = {}
     for told in (0.0, 0.3):
         recorded.surroundings = replace(BARE, background_error_K=told)
@@ -177,10 +104,10 @@ def test_held_against_scipy() -> None:
     Nonlinear in the temperature itself, with its own covariance; one shot each, so that the errors
     are the camera's. Agreement to 2 % of a standard error: weights are taken at one's own fit.
     """
-    recorded = _recorded(FULL, side=3, shots=1, pattern=True)
+    recorded = record(FULL, side=3, shots=1, pattern=True)
     maps = evaluate_shots(recorded).maps
-    whole = Boundary.in_filter(FULL, FILTER, reference_K=480.0)
-    source = whole.leaving(BACKGROUNDS)
+    whole = Boundary.in_filter(FULL, FILTER_UM, reference_K=480.0)
+    source = whole.leaving(BACKGROUNDS_K)
     unit = CAMERA.counts_per_radiance * whole.front.transmission
     counts = {
         kind: np.stack([s.image for s in recorded.shots if s.kind == kind]).astype(float)
@@ -189,7 +116,7 @@ def test_held_against_scipy() -> None:
 
     def model(free: NDArray[np.float64]) -> NDArray[np.float64]:
         epsilon, kelvin, gain, offset = free
-        own = band_radiance(kelvin, filter_um=FILTER)
+        own = band_radiance(kelvin, filter_um=FILTER_UM)
         through = (1.0 - epsilon) * source + epsilon * own
         return np.asarray(gain * unit * np.concatenate([source, through]) + offset)
 
@@ -219,12 +146,12 @@ def test_held_against_scipy() -> None:
 
 def test_error_grows_without_bound_as_the_spray_vanishes() -> None:
     """Proportional to 1 / emissivity while there is a temperature, and then none, and said so."""
-    recorded = _recorded(shots=10, side=16)
+    recorded = record(shots=10, side=16)
     epsilon = np.geomspace(1.0, 1e-3, EMISSIVITY.size * 16)[None, :] * np.ones((16, 1))
-    own = float(band_radiance(TRUTH_K, filter_um=FILTER))
+    own = float(band_radiance(TRUTH_K, filter_um=FILTER_UM))
     shots = []
     for shot in recorded.shots:
-        light = band_radiance(shot.background_K, filter_um=FILTER) * np.ones_like(epsilon)
+        light = band_radiance(shot.background_K, filter_um=FILTER_UM) * np.ones_like(epsilon)
         if shot.kind == "injection":
             light = (1.0 - epsilon) * light + epsilon * own
         shots.append(replace(shot, image=np.rint(CAMERA.counts(light)).astype(np.uint16)))
@@ -250,7 +177,7 @@ def test_fitted_curve_makes_up_for_a_wrong_filter(around: Surroundings) -> None:
     Planck's curve is then wrong by more than 1 K below the backgrounds; the references give the
     wavelengths back to 0.1 % and with them the temperature, and the right filter is left alone.
     """
-    recorded = _recorded(around, side=24, filter_um=(3.4, 3.6))
+    recorded = record(around, side=24, filter_um=(3.4, 3.6))
     wrong = _split(evaluate_shots(recorded).maps.apparent_temperature_K).mean(axis=1)
     fitted = evaluate_shots(recorded, curve="fitted")
     right = _split(fitted.maps.apparent_temperature_K).mean(axis=1)
@@ -260,7 +187,7 @@ def test_fitted_curve_makes_up_for_a_wrong_filter(around: Surroundings) -> None:
     opaque = EMISSIVITY > 0.5
     assert np.all(np.abs(wrong - TRUTH_K)[opaque] > 3 * np.abs(right - TRUTH_K)[opaque])
     assert np.all(np.abs(right - TRUTH_K)[opaque] < 0.1)
-    same = evaluate_shots(_recorded(around, side=24), curve="fitted")
+    same = evaluate_shots(record(around, side=24), curve="fitted")
     assert same.fitted is not None
     assert same.fitted.curve.stretch == pytest.approx(1.0, abs=2e-3)
     kelvin = _split(same.maps.apparent_temperature_K).mean(axis=1)
@@ -269,18 +196,18 @@ def test_fitted_curve_makes_up_for_a_wrong_filter(around: Surroundings) -> None:
 
 def test_curves_that_cannot_be_fitted() -> None:
     kelvin = np.array([400.0, 450.0, 500.0, 550.0])
-    counts = Curve(filter_um=FILTER).radiance(kelvin)
+    counts = Curve(filter_um=FILTER_UM).radiance(kelvin)
     with pytest.raises(EvaluationError, match="at least three"):
-        fit_curve(kelvin[:2], counts[:2], filter_um=FILTER)
+        fit_curve(kelvin[:2], counts[:2], filter_um=FILTER_UM)
     with pytest.raises(EvaluationError, match="do not lie on the curve"):
-        fit_curve(kelvin, counts[::-1], filter_um=FILTER)
+        fit_curve(kelvin, counts[::-1], filter_um=FILTER_UM)
     with pytest.raises(EvaluationError, match="do not lie on the curve"):
-        fit_curve(kelvin, kelvin, filter_um=FILTER)
+        fit_curve(kelvin, kelvin, filter_um=FILTER_UM)
 
 
 @pytest.mark.parametrize("stretch", [0.85, 1.0, 1.1])
 def test_curve_and_its_inverse(stretch: float) -> None:
-    curve = Curve(filter_um=FILTER, stretch=stretch)
+    curve = Curve(filter_um=FILTER_UM, stretch=stretch)
     kelvin = np.geomspace(100.0, 2000.0, 50)
     radiance = curve.radiance(kelvin)
     np.testing.assert_allclose(curve.temperature(radiance), kelvin, rtol=1e-10)
@@ -288,6 +215,6 @@ def test_curve_and_its_inverse(stretch: float) -> None:
     np.testing.assert_allclose(curve.slope(kelvin), step, rtol=1e-5)
     np.testing.assert_allclose(curve.temperature_slope(radiance), 1.0 / step, rtol=1e-5)
     fit = fit_curve(
-        np.linspace(400, 560, 5), curve.radiance(np.linspace(400, 560, 5)), filter_um=FILTER
+        np.linspace(400, 560, 5), curve.radiance(np.linspace(400, 560, 5)), filter_um=FILTER_UM
     )
     assert fit.curve.stretch == pytest.approx(stretch, rel=1e-6)
