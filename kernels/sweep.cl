@@ -34,13 +34,11 @@ typedef float8 lane_t;
 #endif
 #define LOAD(p) vload8(0, p)
 #define STORE(x, p) vstore8(x, 0, p)
-#define EMPTY(t) (!any(t > R(0)))
 #define ALONG ((lane_t)(0, 1, 2, 3, 4, 5, 6, 7) / R(7))
 #elif VECTOR == 1
 typedef real lane_t;
 #define LOAD(p) (*(p))
 #define STORE(x, p) (*(p) = (x))
-#define EMPTY(t) (!(t > R(0)))
 #define ALONG R(0)
 #else
 #error "VECTOR: 1 or 8"
@@ -48,6 +46,11 @@ typedef real lane_t;
 
 #define REAL lane_t
 #include "attenuation.h"
+
+/* What groups of GROUP cells along u hold. */
+#define GROUP 8
+#define EMPTY 0
+#define CLEAR 1 /* cells that do not scatter: nobody asks what they receive */
 
 /* How the axes u, v (of a layer) and l (across layers) lie in space. */
 #define LAYERS_Z 0 /* u = x, v = y, l = z */
@@ -101,7 +104,7 @@ __kernel void sweep(
     __global const real *depth,    /* in: optical depth of a cell's edge */
     __global const real *source,   /* in: S, one plane of cells a component */
     __global real *excess,         /* inout: D, likewise */
-    __global const char *occupied, /* in: 1 where a row (l, v) holds anything, [l][v] */
+    __global const char *contents, /* in: of groups along u, [l][v][group] */
     __global const int4 *shifts,   /* in, per layer met: how far rays have moved in u and (modulo nv)
                                       in v, and both since the layer before: -1, 0 or 1 */
     const int origin,              /* slot of cell 0 before rays have moved */
@@ -147,35 +150,45 @@ __kernel void sweep(
         }
         barrier(CLK_LOCAL_MEM_FENCE);
 
-        if (occupied[l * nv + v]) {
-            const int base = l * stride_l + v * stride_v;
-            for (int u = lane * VECTOR; u < nu; u += lanes * VECTOR) {
-                const lane_t t = LOAD(depth + base + u) * stretch;
-                if (EMPTY(t)) continue;
-                const lane_t share = absorbed(t);
-#ifdef TO_CAMERA
-                const lane_t view = LOAD(seen + base + u);
-                lane_t part = weight * counts_for(u, v, l, layout, back, camera, phase);
-                lane_t q;
-                if (layout == LAYERS_Y) {
-                    q = back.y > R(0) ? kept_from_behind(t, view) : kept_from_front(t, view);
-                } else {
-                    part *= seen_at(heights[step], view);
-                    q = mean_transmission(t, share);
-                }
-                STORE(LOAD(shares + base + u) + part, shares + base + u);
-                q *= part;
-#else
-                const lane_t q = weight * mean_transmission(t, share);
-#endif
+        const int base = l * stride_l + v * stride_v;
+        const int group = (l * nv + v) * ((nu + GROUP - 1) / GROUP);
+        for (int u = lane * VECTOR; u < nu; u += lanes * VECTOR) {
+            const char content = contents[group + u / GROUP];
+            if (content == EMPTY) continue;
+            const lane_t t = LOAD(depth + base + u) * stretch;
+            const lane_t share = absorbed(t);
+            if (content == CLEAR) {
                 for (int c = 0; c < COMPONENTS; ++c) {
-                    __global real *d = excess + c * plane + base + u;
                     __local real *ray = &rays[c][slot + u];
-                    const lane_t intensity = LOAD(ray);
-                    const lane_t gap = intensity - LOAD(source + c * plane + base + u);
-                    STORE(LOAD(d) + gap * q, d);
+                    lane_t gap = LOAD(ray);
+                    const lane_t intensity = gap;
+                    if (c >= BOUNDARIES) gap -= LOAD(source + c * plane + base + u);
                     STORE(intensity - gap * share, ray);
                 }
+                continue;
+            }
+#ifdef TO_CAMERA
+            const lane_t view = LOAD(seen + base + u);
+            lane_t part = weight * counts_for(u, v, l, layout, back, camera, phase);
+            lane_t q;
+            if (layout == LAYERS_Y) {
+                q = back.y > R(0) ? kept_from_behind(t, view) : kept_from_front(t, view);
+            } else {
+                part *= seen_at(heights[step], view);
+                q = mean_transmission(t, share);
+            }
+            STORE(LOAD(shares + base + u) + part, shares + base + u);
+            q *= part;
+#else
+            const lane_t q = weight * mean_transmission(t, share);
+#endif
+            for (int c = 0; c < COMPONENTS; ++c) {
+                __global real *d = excess + c * plane + base + u;
+                __local real *ray = &rays[c][slot + u];
+                const lane_t intensity = LOAD(ray);
+                const lane_t gap = intensity - LOAD(source + c * plane + base + u);
+                STORE(LOAD(d) + gap * q, d);
+                STORE(intensity - gap * share, ray);
             }
         }
         barrier(CLK_LOCAL_MEM_FENCE);

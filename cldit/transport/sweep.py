@@ -19,6 +19,7 @@ from cldit.transport.patches import NONE, shifted
 from cldit.transport.towards import ToCamera
 
 _TILE = 16  # as in iterate.cl, unless the device's work-groups are smaller
+_GROUP, _SCATTERS = 8, 2  # as in sweep.cl: cells of a group, and its content where one scatters
 _MEAN_STRETCH = 1.2  # mean over the sphere of 1 / |largest component| is 1.199
 
 
@@ -40,6 +41,21 @@ def sweep_defines(device: Device, box: Box, *, ray_bytes: int = 8) -> dict[str, 
             "name fewer patches"
         )
     return {"VECTOR": vector, "SLOTS": slots}
+
+
+def _contents(device: Device, cells: OpticalCells, box: Box) -> dict[int, Any]:
+    """What groups of cells hold, [l][v][group], for each layout's number (see kernels/sweep.cl)."""
+    content = (cells.depth > 0).astype(np.int8)
+    content[cells.address] = _SCATTERS
+    dense = cells.dense(box, content)
+    out = {}
+    for layout in layouts(box.shape).values():
+        u, v, l = layout.axes
+        rows = dense.transpose(2 - l, 2 - v, 2 - u)
+        rows = np.pad(rows, ((0, 0), (0, 0), (0, -rows.shape[2] % _GROUP)))
+        groups = rows.reshape(*rows.shape[:2], -1, _GROUP).max(axis=3)
+        out[layout.number] = upload(device, "contents", groups)
+    return out
 
 
 class Sweeper:
@@ -77,18 +93,12 @@ class Sweeper:
             self._patches = [upload(device, "patches", moved.astype(self._real))]
         planes = self.components * self.box.cells
         real = self._real
-        exact = cells.dense(self.box, cells.depth)
-        depth = exact.astype(real)
+        depth = cells.dense(self.box, cells.depth.astype(real))
         self._depth = {
             False: upload(device, "optical depth", depth),
             True: upload(device, "optical depth", depth.transpose(2, 0, 1)),
         }
-        filled = exact > 0
-        self._occupied = {  # [l][v] for layers along x, y, z
-            0: upload(device, "rows", np.asarray(filled.any(axis=1)).T.astype(np.int8)),
-            1: upload(device, "rows", np.asarray(filled.any(axis=2)).T.astype(np.int8)),
-            2: upload(device, "rows", np.asarray(filled.any(axis=2)).astype(np.int8)),
-        }
+        self._contents = _contents(device, cells, self.box)
         self._lanes = device.info.largest_group
         self._tile = int(iterate.defines.get("TILE", _TILE))
         self._source = {t: zeros(device, "source", planes, real) for t in (False, True)}
@@ -248,7 +258,7 @@ class Sweeper:
             self._depth[layout.turned],
             self._source[layout.turned],
             self._excess[layout.turned],
-            self._occupied[layout.axes[2]],
+            self._contents[layout.number],
             self._shifts(u / abs(run), v / abs(run), start, layout.size),
             np.int32(nl + 1 if u > 0 else 1),
             np.int32(layout.number),
