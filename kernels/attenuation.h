@@ -38,4 +38,11 @@ INLINE REAL absorbed(REAL t) { return t < THIN ? t * thin_mean(t) : 1.0f - exp(-
 INLINE REAL mean_transmission(REAL t, REAL share) { return t < THIN ? thin_mean(t) : share / t; }
 
 #endif
+
+/* Path within a cell at which a ray that loses `share` in all of it has lost `part` of that. */
+INLINE real length_at(real part, real share, real density)
+{
+    return -log1p(-part * share) / density;
+}
+
 #endif

@@ -5,6 +5,9 @@
    background, at the walls and their patches, in the vapour and in the droplets. Without scattering
    those from outside are nothing, and are not compiled in.
 
+   With GATHER the source of thick cells is what they emit alone; what they scatter is gathered later
+   (gather.cl), where the plane before the last says that there is any.
+
    The last plane is what a medium and an enclosure of radiance 1 add from within the medium: with the
    weights of what is outside it makes 1 in every pixel, unless light is made or lost. */
 
@@ -34,14 +37,22 @@ typedef struct {
 #ifdef HAS_SCATTERING
     __global const real *isothermal; /* S of what is emitted at radiance 1 */
 #endif
+#ifdef GATHER
+    __global const real *albedo;   /* of thick cells, else 0 */
+#endif
     int stored;                    /* length of a plane */
     Grid grid;
     Boundary boundary;
 } Medium;
 
-/* Of a sum: the components, and the part from within at radiance 1. */
+/* Of a sum: the components, what is left to gather, and the part from within at radiance 1. */
+#ifdef GATHER
+#define LEFT COMPONENTS
+#define WITHIN (COMPONENTS + 1)
+#else
 #define WITHIN COMPONENTS
-#define PARTS (COMPONENTS + 1)
+#endif
+#define PARTS (WITHIN + 1)
 
 #ifdef HAS_SCATTERING
 #define ISOTHERMAL(m, address) (m)->isothermal[address]
@@ -53,6 +64,9 @@ INLINE void add_source(real *sum, real taken, int address, const Medium *m)
 {
     for (int c = 0; c < SOURCES; ++c)
         sum[FIRST_SOURCE + c] += taken * m->source[c * m->stored + address];
+#ifdef GATHER
+    sum[LEFT] += taken * m->albedo[address];
+#endif
     sum[WITHIN] += taken * ISOTHERMAL(m, address);
 }
 
@@ -94,14 +108,22 @@ INLINE void look(real *sum, const Ray *ray, const Medium *m)
 #define ISOTHERMAL_ARGUMENT
 #define ISOTHERMAL_MEMBER
 #endif
+#ifdef GATHER
+#define ALBEDO_ARGUMENT __global const real *albedo,
+#define ALBEDO_MEMBER albedo,
+#else
+#define ALBEDO_ARGUMENT
+#define ALBEDO_MEMBER
+#endif
 #define ARGUMENTS \
     __global const int *directory, __global const int *span, __global const real *depth, \
-    __global const real *source, ISOTHERMAL_ARGUMENT const int coarse, const int stored, \
+    __global const real *source, ISOTHERMAL_ARGUMENT ALBEDO_ARGUMENT \
+    const int coarse, const int stored, \
     const int bricks, const int4 low, const int4 high, const int columns, const int rows, \
     const real4 middle, const real pitch_x, const real pitch_z, const real distance, \
     BOUNDARY_ARGUMENTS
-#define MEDIUM {directory, span, depth, source, ISOTHERMAL_MEMBER stored, \
-    {coarse, bricks, low, high}, BOUNDARY}
+#define MEDIUM {directory, span, depth, source, ISOTHERMAL_MEMBER ALBEDO_MEMBER \
+    stored, {coarse, bricks, low, high}, BOUNDARY}
 
 /* weights, out: [component][row][column], and the part from within */
 __kernel void image(__global real *weights, ARGUMENTS)

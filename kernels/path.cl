@@ -5,12 +5,7 @@
    scatter from. On the line of sight this is forced: what scatters there in all is known from
    `straight`, and the samples of a pixel divide it evenly among them, so that one walk along the
    line serves them all. On later flights it is chosen by the extinction, or does not happen.
-   Chains of little weight end by Russian roulette; after the last order the wall is seen.
-
-   GATHER: the source of most cells is known, as of light that is scattered evenly, and so is what
-   they send to the camera; only in some that are thick it varies within the cell. Chains begin and go
-   on in these, whose albedo alone is not 0; of the others a flight scores the source, which `thermal`
-   then holds, all components of it. */
+   Chains of little weight end by Russian roulette; after the last order the wall is seen. */
 
 #include "attenuation.h"
 #include "boundary.h"
@@ -30,11 +25,6 @@
 #error "SAMPLES: a pixel and batch, a power of two up to 1024"
 #endif
 
-#ifdef GATHER
-#define FIRST_SOURCE 0
-#else
-#define FIRST_SOURCE BOUNDARIES
-#endif
 /* Of a chain's sum: the components, and what it would bring from within a medium of radiance 1. */
 #define WITHIN COMPONENTS
 #define PARTS (COMPONENTS + 1)
@@ -52,16 +42,10 @@ typedef struct {
     Boundary boundary;
 } Medium;
 
-INLINE void score_of(
-    __global const real *source, real *sum, real taken, int address, int stored)
-{
-    for (int c = FIRST_SOURCE; c < COMPONENTS; ++c)
-        sum[c] += taken * source[(c - FIRST_SOURCE) * stored + address];
-}
-
 INLINE void score_thermal(real *sum, real taken, int address, const Medium *m)
 {
-    score_of(m->thermal, sum, taken, address, m->stored);
+    for (int e = 0; e < EMITTERS; ++e)
+        sum[BOUNDARIES + e] += taken * m->thermal[e * m->stored + address];
 }
 
 INLINE void score_boundary(real *sum, real weight, const Walk *w, real from, const Medium *m)
@@ -69,22 +53,6 @@ INLINE void score_boundary(real *sum, real weight, const Walk *w, real from, con
     const int seen =
         boundary_seen(w->px, w->py, w->pz, w->dx, w->dy, w->dz, from, &m->boundary);
     for (int c = 0; c < BOUNDARIES; ++c) sum[c] += c == seen ? weight : R(0);
-}
-
-/* The bits of sample, SAMPLES being two to their number, in reverse: the Sobol point that is in the
-   sample's place along the first dimension. */
-INLINE uint van_der_corput(uint sample)
-{
-    uint word = 0;
-    for (uint bit = SAMPLES / 2; bit > 0; bit >>= 1, sample >>= 1)
-        word |= (sample & 1u) ? bit : 0u;
-    return word;
-}
-
-/* Path within a cell at which a ray that loses `share` in all of it has lost `part` of that. */
-INLINE real length_at(real part, real share, real density)
-{
-    return -log1p(-part * share) / density;
 }
 
 /* Follows one chain from p, where light that runs on along d is scattered; adds to sum what it
@@ -166,20 +134,11 @@ INLINE void chain(
 #define MEDIUM {directory, span, depth, thermal, albedo, stored, {coarse, bricks, low, high}, \
     BOUNDARY}
 
-/* The medium as the line of sight meets it. */
-#ifdef GATHER
-#define SIGHT_ARGUMENTS __global const real *sight_depth, __global const real *towards,
-#else
-#define SIGHT_ARGUMENTS
-#define sight_depth depth
-#define towards thermal
-#endif
-
 /* What is seen without scattering, in every pixel, and what the line of sight scatters in all. */
 __kernel void straight(
     __global real *weights,   /* out: [component][row][column], and the part from within */
     __global real *scattered, /* out: [row][column] */
-    SIGHT_ARGUMENTS MEDIUM_ARGUMENTS)
+    MEDIUM_ARGUMENTS)
 {
     const int column = get_global_id(0);
     const int row = get_global_id(1);
@@ -194,10 +153,10 @@ __kernel void straight(
     int inside = walk_in(&walk, &m.grid, ray.start);
     while (inside && transmitted > R(CUTOFF)) {
         const Crossing cell = walk_ahead(&walk, &m.grid, directory, span);
-        const real density = sight_depth[cell.address];
+        const real density = depth[cell.address];
         if (density > R(0)) {
             const real taken = transmitted * absorbed(density * walk_length(&walk, &cell));
-            score_of(towards, sum, taken, cell.address, stored);
+            score_thermal(sum, taken, cell.address, &m);
             const real share = taken * albedo[cell.address];
             sum[WITHIN] += taken - share;
             loss += share;
@@ -209,7 +168,7 @@ __kernel void straight(
     if (transmitted > R(CUTOFF)) {
         score_boundary(sum, transmitted, &walk, ray.start, &m);
     } else {
-        score_of(towards, sum, transmitted, last, stored);
+        score_thermal(sum, transmitted, last, &m);
         sum[WITHIN] += transmitted * (R(1) - albedo[last]);
         loss += transmitted * albedo[last];
     }
@@ -226,7 +185,7 @@ __kernel void scatter(
     __global const real *scattered, /* in: what they scatter in all */
     const int count, const uint2 key, const uint batch,
     __global const real *table, __global const uint *sobol_columns,
-    SIGHT_ARGUMENTS MEDIUM_ARGUMENTS)
+    MEDIUM_ARGUMENTS)
 {
     const int item = get_global_id(0);
     if (item >= count) return;
@@ -248,7 +207,7 @@ __kernel void scatter(
     int inside = walk_in(&walk, &m.grid, ray.start);
     while (inside && transmitted > R(CUTOFF) && sample < SAMPLES) {
         const Crossing cell = walk_ahead(&walk, &m.grid, directory, span);
-        const real density = sight_depth[cell.address];
+        const real density = depth[cell.address];
         if (density > R(0)) {
             const real share = absorbed(density * walk_length(&walk, &cell));
             const real taken = transmitted * share;

@@ -32,4 +32,16 @@ INLINE uint sobol(uint index, int dimension, __global const uint *columns)
     return word;
 }
 
+/* The bits of sample, SAMPLES being two to their number, in reverse: the Sobol point that is in the
+   sample's place along the first dimension. */
+#ifdef SAMPLES
+INLINE uint van_der_corput(uint sample)
+{
+    uint word = 0;
+    for (uint bit = SAMPLES / 2; bit > 0; bit >>= 1, sample >>= 1)
+        word |= (sample & 1u) ? bit : 0u;
+    return word;
+}
+#endif
+
 #endif

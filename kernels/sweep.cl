@@ -12,7 +12,8 @@
    mean: in thick cells it is far below S, and the difference would be lost to rounding.
 
    TO_CAMERA, for the last sweep: the mean is that of the light which the camera sees, out of a thick
-   cell from its nearer face; it counts by the phase function where there is one (PHASE_STEPS). */
+   cell from its nearer face; it counts by the phase function where there is one (PHASE_STEPS).
+   RIM: the light that leaves the cells around thick ones is kept, for gather.cl. */
 
 #include "boundary.h"
 #include "components.h"
@@ -123,6 +124,13 @@ __kernel void sweep(
     __global const real *heights,  /* in, per layer met: y of the rays within their cells, 0 to 1 */
     __global const real *phase, const real4 camera
 #endif
+#ifdef RIM
+    , __global real *light,        /* out: what leaves cells of the rim, [cell][component], from */
+    const int number,              /* this direction */
+    const int rim,                 /* cells of it */
+    __global const int *rim_rows,  /* in: first of a row's cells in rim_cells, [l][v], and the end */
+    __global const int2 *rim_cells /* in: u, and number in the rim */
+#endif
     )
 {
     __local real rays[COMPONENTS][SLOTS];
@@ -192,5 +200,14 @@ __kernel void sweep(
             }
         }
         barrier(CLK_LOCAL_MEM_FENCE);
+#ifdef RIM
+        const int end = rim_rows[l * nv + v + 1];
+        for (int i = rim_rows[l * nv + v] + lane; i < end; i += lanes) {
+            const int2 cell = rim_cells[i];
+            __global real *leaves = light + ((size_t)number * rim + cell.y) * COMPONENTS;
+            for (int c = 0; c < COMPONENTS; ++c) leaves[c] = rays[c][slot + cell.x];
+        }
+        barrier(CLK_LOCAL_MEM_FENCE);
+#endif
     }
 }

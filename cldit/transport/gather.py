@@ -3,79 +3,167 @@
 In the sweeps a cell has one source. Where it is thick the source varies within it, and what it
 sends back to where it is lit from is far more than its mean. Where a line of sight meets thick
 cells, chains follow what these scatter, by the phase function itself, until they leave them for
-cells whose source is known.
+cells whose light is known from the last sweep.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
-from cldit.radiance.weights import Weights
-from cldit.scene.schema import Scene
-from cldit.transport.cells import OpticalCells
-from cldit.transport.path import Known, trace_path
-from cldit.transport.result import Settings, Trace
+from cldit.gpu.program import Define, Program, build
+from cldit.transport.cells import Box, OpticalCells
+from cldit.transport.closure import Closure
+from cldit.transport.directions import Directions
+from cldit.transport.phase import PHASE_STEPS
+from cldit.transport.picture import Painter
+from cldit.transport.result import Settings
+from cldit.transport.sobol import columns
+from cldit.transport.thick import FACE, RimLight, ThickCells, nearest
+
+Floats = NDArray[np.float64]
+
+_SAMPLES = 32  # of a pixel and batch
+_CLOSED = 2e-3  # single precision, and the cutoff
+_LONGEST = 32  # scatterings of a chain, after which the light is that of the sweeps
+_GROUP = 16
 
 
-def gather(
-    cells: OpticalCells,
-    scene: Scene,
-    device: Device,
-    settings: Settings,
-    report: Callable[[str], None] | None,
-    result: Trace,
-) -> Trace:
-    """`result` of `source`, with its picture made anew where it shows cells thicker than
-    `settings.thick`; raises as `trace`."""
-    thick = np.zeros(len(cells.depth), np.bool_)
-    thick[cells.address] = cells.depth[cells.address] > settings.thick
-    solution = result.solution
-    if solution is None or solution.towards is None or not thick.any():
-        return result
-    turned = 1.0 if settings.phase is None else 1.0 - settings.phase.asymmetry
-    swept = OpticalCells.of(cells.tree, patches=cells.needs.patches, scattered=turned)
-    units = np.ones(len(cells.needs.components))
-    units[cells.needs.boundaries :] = swept.scale / cells.scale
-    # Light meets thick cells as they are, and others as they were swept.
-    known = Known(
-        towards=_filled(cells, solution.towards, thick),
-        depth=np.where(thick, cells.depth, swept.depth),
-        source=_filled(cells, solution.source * units[:, None], thick),
-        thick=thick,
-    )
-    picture = trace_path(cells, scene, device, settings, report, known)
-    seconds = {"gather": picture.seconds["image"] + picture.seconds["scattering"]}
-    return replace(
-        picture,
-        weights_difference=_sum(result.weights_difference, picture.weights_difference),
-        standard_error=None,
-        programs=(*result.programs, *picture.programs),
-        solution=solution,
-        closure=result.closure,  # of the solution and the plain picture
-        seconds={**result.seconds, **seconds},
-        counts={**result.counts, **picture.counts},
-    )
+@dataclass(frozen=True)
+class Half:
+    """What one half of the last sweep left: its directions, and the light in them."""
+
+    directions: Directions
+    light: RimLight
 
 
-def _filled(
-    cells: OpticalCells, listed: NDArray[np.floating], thick: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """Source (C, P) of all stored cells from that of the scattering ones (C, N); of thick cells
-    what they emit."""
-    planes = cells.source_planes(np.float64)
-    thin = ~thick[cells.address]
-    planes[:, cells.address[thin]] = listed[:, thin]
-    return np.asarray(planes, np.float64)
+class Gather:
+    """Adds to pictures what thick cells scatter, batch by batch."""
 
+    def __init__(
+        self,
+        painter: Painter,
+        box: Box,
+        thick: ThickCells,
+        halves: list[Half],
+        settings: Settings,
+        defines: dict[str, Define],
+        *,
+        source: NDArray[np.floating],
+        units: Floats,
+    ) -> None:
+        """source (C, N), units (C,): see `ThickCells.records`."""
+        self._painter, self._settings = painter, settings
+        self.device: Device = painter.parts[0].device
+        cells = painter.cells
+        self._real = painter.real
+        self._components = len(cells.needs.components) + 1
+        phase = settings.phase
+        table, steps = np.zeros(1), np.zeros(1)
+        self._defines: dict[str, Define] = {**defines, "LONGEST": _LONGEST, "FACE": FACE}
+        if phase is not None:
+            table, steps = phase.to_sample(), phase.by_half_sine(PHASE_STEPS)
+            self._defines.update(PHASE_BINS=phase.bins, PHASE_STEPS=PHASE_STEPS)
+        device, real = self.device, self._real
+        if painter.gathered is None:
+            raise ValueError("this painter leaves nothing to gather")
+        low = np.array([*box.low, 0], np.int32)
+        shape = np.array([*box.shape, 0], np.int32)
+        medium = [
+            painter.gathered[0],
+            upload(device, "places", thick.places),
+            upload(device, "thick cells", thick.records(cells, source, units).astype(real)),
+        ]
+        self._fixed = [
+            upload(device, "phase function", table.astype(real)),
+            upload(device, "phase function", steps.astype(real)),
+            upload(device, "Sobol", columns()),
+            *medium,
+        ]
+        self._halves = [
+            [
+                half.light.buffer,
+                upload(device, "directions", self._shares(half.directions).astype(real)),
+                upload(device, "directions", nearest(half.directions)),
+                np.int32(half.light.rim),
+                np.int32(len(half.directions)),
+                low,
+                shape,
+            ]
+            for half in halves
+        ]
+        self.programs: dict[int, Program] = {}
 
-def _sum(one: Weights | None, other: Weights | None) -> Weights | None:
-    """Of differences that are independent, so that their squares add up."""
-    if one is None or other is None:
-        return one or other
-    others = other.images
-    return Weights.of({name: image + others[name] for name, image in one.images.items()})
+    def _shares(self, directions: Directions) -> Floats:
+        """(K, 4) directions, and the share up to each in what is scattered along +y."""
+        weight = directions.weight
+        phase = self._settings.phase
+        if phase is not None:
+            steps = phase.by_half_sine(PHASE_STEPS)
+            sine = np.sqrt((1 - directions.unit[:, 1]) / 2)
+            weight = weight * steps[np.minimum((sine * PHASE_STEPS).astype(int), PHASE_STEPS - 1)]
+        return np.column_stack([directions.unit, np.cumsum(weight) / weight.sum()])
+
+    def __call__(
+        self, half: int, pixels: NDArray[np.int64], scattered: Floats, across: int
+    ) -> Floats:
+        """Weights (C, N) for flat numbers of pixels, with across^2 rays through each.
+
+        scattered (N,): what thick cells scatter there in all. Chains must make that, on average.
+
+        Raises:
+            TransportError: chains make or lose light.
+        """
+        columns_, _ = self._painter.view.pixels
+        row, column = np.divmod(pixels, columns_)
+        part = (np.arange(across) + 0.5) / across
+        down, right = np.meshgrid(part, part, indexing="ij")
+        places = np.stack(
+            [column[:, None] + right.reshape(-1), row[:, None] + down.reshape(-1)], axis=2
+        )
+        samples = max(_SAMPLES // across**2, 1)
+        batches = int(__import__("os").environ.get("BATCHES", "1"))
+        total = sum(
+            self._means(half, batch, places.reshape(-1, 2), samples=samples)
+            for batch in range(batches)
+        )
+        means = np.asarray(total).reshape(len(total), len(pixels), -1).mean(axis=2) / batches
+        boundaries = self._painter.cells.needs.boundaries
+        Closure.of(
+            (means[:boundaries] / scattered)[:, None],
+            (means[-1] / scattered)[None],
+            bound=_CLOSED,
+            noisy=True,
+        )
+        return np.asarray(means[:-1])
+
+    def _means(self, half: int, batch: int, places: Floats, *, samples: int) -> Floats:
+        """(C + 1, N) mean of so many chains for each ray; places (N, 2): across and down."""
+        if samples not in self.programs:
+            defines = {**self._defines, "SAMPLES": samples}
+            self.programs[samples] = build(self.device, "gather.cl", defines)
+        device, count = self.device, len(places)
+        group = min(_GROUP, device.info.largest_group)
+        out = zeros(device, "means", self._components * count, self._real)
+        part = self._painter.parts[0]
+        self.programs[samples]["gather"](
+            device.queue,
+            (-(-count // group) * group,),
+            (group,),
+            out,
+            upload(device, "rays", places.astype(self._real)),
+            np.int32(count),
+            np.array([self._settings.seed, half], np.uint32),
+            np.uint32(batch),
+            *self._fixed,
+            *self._halves[half],
+            *part.tree,
+            *part.arguments,
+        )
+        found = np.empty((self._components, count), self._real)
+        return download(device, out, found).astype(np.float64)

@@ -32,22 +32,6 @@ _CUTOFF = 1e-6  # at most: what is held to be exact must not leave out 1e-4
 _GROUP = 16
 
 
-@dataclass(frozen=True)
-class Known:
-    """A medium whose source is known in most cells; (P,) stands for all stored cells, all in units
-    of the traced cells' scale.
-
-    towards (C, P): what cells send to the camera. depth (P,), source (C, P): of the medium as
-    scattered light meets it. thick (P,): cells within which the source varies; their own `towards`
-    and `source` hold no more than what they emit.
-    """
-
-    towards: Floats
-    depth: Floats
-    source: Floats
-    thick: NDArray[np.bool_]
-
-
 @dataclass
 class _Sums:
     """Sums over batches of (C, N) means, and of even and odd batches apart."""
@@ -83,14 +67,12 @@ def trace_path(
     device: Device,
     settings: Settings,
     report: Callable[[str], None] | None,
-    known: Known | None = None,
     *,
     most: int | None = None,
 ) -> Trace:
     """Weights by path tracing; raises as `trace`.
 
-    known: what has been solved for already; chains then begin and go on in thick cells only, and
-    stop at an error of the picture of accuracy_K. most: pixels to trace, drawn by chance of all
+    most: pixels to trace, drawn by chance of all
     that scatter; the others are left without what is scattered.
     """
     view = View.of(scene, cells)
@@ -102,8 +84,6 @@ def trace_path(
         "CUTOFF": min(float(settings.cutoff), _CUTOFF),
         "SAMPLES": SAMPLES,
     }
-    if known is not None:
-        defines["GATHER"] = 1
     if settings.precision == "float64":
         defines["USE_FLOAT64"] = 1
     if settings.order is not None:
@@ -119,23 +99,15 @@ def trace_path(
     pixels = column_count * row_count
     albedo = np.zeros(len(cells.depth))
     albedo[cells.address] = cells.albedo
-    sight, flights, source = [], cells, cells.thermal_planes(real)
-    if known is not None:
-        sight = [
-            upload(device, "optical depth", cells.depth.astype(real)),
-            upload(device, "source towards the camera", known.towards.astype(real)),
-        ]
-        flights, source = replace(cells, depth=known.depth), known.source.astype(real)
-        albedo[~known.thick] = 0.0
     medium = [
-        *upload_tree(device, flights, real),
-        upload(device, "source", source),
+        *upload_tree(device, cells, real),
+        upload(device, "source", cells.thermal_planes(real)),
         upload(device, "albedo", albedo.astype(real)),
         *view.arguments(device, cells, real),
     ]
     out = zeros(device, "picture", components * pixels, real)
     lost = zeros(device, "scattered light", pixels, real)
-    program["straight"](device.queue, *view.tiles(device), out, lost, *sight, *medium)
+    program["straight"](device.queue, *view.tiles(device), out, lost, *medium)
     image = download(device, out, np.empty((components, pixels), real)).astype(np.float64)
     scattered = download(device, lost, np.empty(pixels, real))
     listed = np.flatnonzero(scattered > 0).astype(np.int32)
@@ -150,7 +122,6 @@ def trace_path(
     fixed = [
         upload(device, "phase function", table),
         upload(device, "Sobol", columns()),
-        *sight,
         *medium,
     ]
     listing = [
@@ -193,7 +164,7 @@ def trace_path(
         error_of[:, listed] = sums.error
     shape = (components, row_count, column_count)
     closure = None
-    if known is None and (most is None or len(listed)):  # none drawn: nothing was traced
+    if most is None or len(listed):  # none drawn: nothing was traced
         planes = image.reshape(shape)
         whole = planes if most is None else image[:, None, listed]  # others lack what is scattered
         closure = Closure.of(whole[: cells.needs.boundaries], whole[-1], bound=1e-4, noisy=True)

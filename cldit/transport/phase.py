@@ -20,6 +20,7 @@ from cldit.spray.result import Parcels
 Floats = NDArray[np.float64]
 
 _BINS = 1024
+PHASE_STEPS = 1024  # of tables that are even in the sine of half the angle
 _SIZES = 64  # classes of the droplets' size parameter, evenly spaced in its logarithm
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(2)
 

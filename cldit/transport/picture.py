@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,7 @@ from cldit.transport.kelvin import steep
 from cldit.transport.view import View, upload_tree
 
 Floats = NDArray[np.float64]
+Gathered = Callable[[int, NDArray[np.int64], Floats, int], Floats]
 
 _ACROSS = {1: 1, 4: 2, 16: 4, 64: 8, "adaptive": 4}
 _GROUP = 64
@@ -37,7 +39,8 @@ class _Part:
 class Painter:
     """Makes pictures of a medium with sources that are given.
 
-    rays: a pixel, or `adaptive`. parts: one a device; every device holds all of the medium.
+    parts: one a device; every device holds all of the medium. thick: which of the scattering cells
+    are left to be gathered; gathered: their albedo on each device.
     """
 
     cells: OpticalCells
@@ -46,6 +49,8 @@ class Painter:
     accuracy_K: float
     real: type[np.floating]
     parts: tuple[_Part, ...]
+    thick: NDArray[np.int64] | None
+    gathered: list[Any] | None
 
     @classmethod
     def of(
@@ -57,8 +62,11 @@ class Painter:
         defines: dict[str, Define],
         *,
         accuracy_K: float,
+        thick: NDArray[np.int64] | None = None,
     ) -> Painter:
         """Builds the programs; raises as `trace`."""
+        if thick is not None:
+            defines = {**defines, "GATHER": 1}
         real: type[np.floating] = np.float64 if "USE_FLOAT64" in defines else np.float32
         rays = scene.camera.rays_per_pixel
         if rays != 1:
@@ -76,52 +84,92 @@ class Painter:
             )
             for one, first, last in zip(devices, bounds[:-1], bounds[1:], strict=True)
         ]
-        return cls(cells, view, scene, accuracy_K, real, tuple(parts))
+        gathered = None
+        if thick is not None:
+            albedo = np.zeros(len(cells.depth), real)
+            albedo[cells.address[thick]] = cells.albedo[thick]
+            gathered = [upload(one, "albedo", albedo) for one in devices]
+        return cls(cells, view, scene, accuracy_K, real, tuple(parts), thick, gathered)
 
     def pictures(
-        self, listed: list[NDArray[np.floating] | None], defect: Floats
+        self,
+        listed: list[NDArray[np.floating] | None],
+        defect: Floats,
+        gather: Gathered | None = None,
     ) -> tuple[list[Floats], int]:
         """Weights (C + 1, H, W), the part from within last (see closure.py), one picture for each
         source (C, N) of the scattering cells, and the number of pixels with more than one ray.
 
         listed: None where nothing scatters. defect (N,): of the mean radiance in a cavity of
-        radiance 1.
+        radiance 1. gather: what thick cells scatter; given the picture's number, pixels (N,), what
+        of their light is scattered so (N,), and rays across each, it returns weights (C, N) to add,
+        whose own sum it has looked after. Needed if `thick` was given.
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
         planes = self.cells.source_planes(self.real)
         images: list[Floats] = []
-        pixels = None if rays in (1, "adaptive") else np.arange(columns * rows)
-        for source in listed:
+        every = np.arange(columns * rows)
+        pixels = None if rays in (1, "adaptive") else every
+        for number, source in enumerate(listed):
             ready = self._sources(planes, source, defect)
+
+            def finished(
+                found: Floats, among: NDArray[np.int64], across: int, number: int = number
+            ) -> Floats:
+                if gather is None:
+                    return found
+                left = found[-2]
+                outside = slice(self.cells.needs.boundaries)
+                closed = found[outside].sum(axis=0) + found[-1] + left
+                found = np.delete(found, -2, axis=0)
+                here = np.flatnonzero(left)
+                if len(here):
+                    found[:-1, here] += gather(number, among[here], left[here], across)
+                found[-1] = closed - found[outside].sum(axis=0)
+                return found
+
             if pixels is None or rays == "adaptive":
-                image = self._whole(ready)
+                image = finished(self._whole(ready), every, 1)
             else:
-                image = np.empty((len(self.cells.needs.components) + 1, rows, columns))
+                image = np.empty((len(self.cells.needs.components) + 1, columns * rows))
             if rays == "adaptive" and pixels is None:  # all of a run's pictures alike
-                pixels = steep(image[:-1], self.cells, self.scene, accuracy_K=self.accuracy_K)
+                whole = image[:-1].reshape(-1, rows, columns)
+                pixels = steep(whole, self.cells, self.scene, accuracy_K=self.accuracy_K)
             if pixels is not None and len(pixels):
-                image.reshape(len(image), -1)[:, pixels] = self._listed(ready, pixels)
-            images.append(image)
+                image[:, pixels] = finished(self._listed(ready, pixels), pixels, _ACROSS[rays])
+            images.append(image.reshape(-1, rows, columns))
         return images, 0 if pixels is None else len(pixels)
+
+    @property
+    def _planes(self) -> int:
+        """Of a picture as kernels make it."""
+        return len(self.cells.needs.components) + (1 if self.gathered is None else 2)
 
     def _sources(
         self, planes: NDArray[np.floating], listed: NDArray[np.floating] | None, defect: Floats
     ) -> list[list[Any]]:
-        """Kernel arguments `source` and `isothermal` on each device; planes are overwritten."""
+        """Kernel arguments `source` to `albedo` on each device; planes are overwritten."""
         arrays = [("source", planes)]
         if listed is not None:
             planes[:, self.cells.address] = listed
             within = np.ones(len(self.cells.depth), self.real)
             outside = listed[: self.cells.needs.boundaries].sum(axis=0, dtype=np.float64)
             within[self.cells.address] = 1.0 - outside + self.cells.albedo * defect
+            if self.thick is not None:  # these only emit
+                at = self.cells.address[self.thick]
+                planes[:, at] = self.cells.source_planes(self.real)[:, at]
+                within[at] = self.cells.coalbedo[self.thick]
             arrays.append(("isothermal source", within))
-        return [[upload(part.device, *array) for array in arrays] for part in self.parts]
+        ready = [[upload(part.device, *array) for array in arrays] for part in self.parts]
+        if self.gathered is not None:
+            ready = [[*some, one] for some, one in zip(ready, self.gathered, strict=True)]
+        return ready
 
     def _whole(self, ready: list[list[Any]]) -> Floats:
-        """One ray through the middle of every pixel, each device its rows."""
+        """One ray through the middle of every pixel (planes, H W), each device its rows."""
         columns, rows = self.view.pixels
-        components = len(self.cells.needs.components) + 1
+        components = self._planes
         outs = []
         for part, sources in zip(self.parts, ready, strict=True):
             out = zeros(part.device, "picture", components * rows * columns, self.real)
@@ -146,11 +194,11 @@ class Painter:
             image[:, first : first + count] = download(part.device, out, np.empty_like(image))[
                 :, first : first + count
             ]
-        return image.astype(np.float64)
+        return image.reshape(components, -1).astype(np.float64)
 
     def _listed(self, ready: list[list[Any]], pixels: NDArray[np.int64]) -> Floats:
-        """Means (C + 1, N) of several rays through the listed pixels."""
-        components = len(self.cells.needs.components) + 1
+        """Means (planes, N) of several rays through the listed pixels."""
+        components = self._planes
         units = np.cumsum([0, *(part.device.info.compute_units for part in self.parts)])
         bounds = [round(len(pixels) * int(unit) / int(units[-1])) for unit in units]
         outs = []

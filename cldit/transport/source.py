@@ -21,16 +21,18 @@ from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
 from cldit.transport.directions import about_camera, for_boundary
+from cldit.transport.gather import Gather, Half
+from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.picture import Painter
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.solve import Rays, Solution, another_order, first_guess, solve
 from cldit.transport.sweep import Sweeper, sweep_defines
+from cldit.transport.thick import RimLight, ThickCells
 from cldit.transport.towards import ToCamera
 from cldit.transport.view import View, check_boundary
 
 Floats = NDArray[np.float64]
 
-_PHASE_STEPS = 1024
 _CLOSED = 1e-3  # what single precision may lose in thick and nearly conservative media
 _CHECKED = 8  # directions on which the sweeps are checked for what they make or lose
 
@@ -58,6 +60,9 @@ def trace_source(
     if settings.precision == "float64":
         defines["USE_FLOAT64"] = 1
     real = np.float64 if settings.precision == "float64" else np.float32
+    thick = None
+    if settings.gather and settings.order is None and cells.needs.scattering:
+        thick = ThickCells.of(cells, cells.box(), deeper_than=settings.thick)
     painter = Painter.of(
         cells,
         view,
@@ -65,7 +70,9 @@ def trace_source(
         device,
         {**defines, "CUTOFF": float(settings.cutoff)},
         accuracy_K=settings.accuracy_K,
+        thick=None if thick is None else thick.listed,
     )
+    gather = None
     programs = [painter.parts[0].program]
     scattered: list[NDArray[np.floating] | None] = [None]
     defect: Floats = np.zeros(0)
@@ -82,15 +89,30 @@ def trace_source(
             build(device, "iterate.cl", {**defines, **small}),
         ]
         start = time.perf_counter()
-        flags = {"TO_CAMERA": 1} if phase is None else {"TO_CAMERA": 1, "PHASE_STEPS": _PHASE_STEPS}
+        flags = {"TO_CAMERA": 1} if phase is None else {"TO_CAMERA": 1, "PHASE_STEPS": PHASE_STEPS}
+        if thick is not None:
+            flags["RIM"] = 1
         programs.append(build(device, "sweep.cl", {**specialised, **flags}))
-        solution, halves, defect = _scattering(
-            solved, cells, scene, view, device, settings, programs, counts, report
+        solution, halves, defect, ends = _scattering(
+            solved, cells, thick, scene, view, device, settings, programs, counts, report
         )
+        if thick is not None:
+            units = np.ones(len(cells.needs.components))
+            units[cells.needs.boundaries :] = solved.scale / cells.scale
+            gather = Gather(
+                painter,
+                cells.box(),
+                thick,
+                ends,
+                settings,
+                {**defines, "CUTOFF": float(settings.cutoff)},
+                source=solution.source,
+                units=units,
+            )
         scattered = list(halves)
         seconds["scattering"] = time.perf_counter() - start
     start = time.perf_counter()
-    images, refined = painter.pictures(scattered, defect)
+    images, refined = painter.pictures(scattered, defect, gather)
     if scene.camera.rays_per_pixel != 1:
         counts["pixels_of_several_rays"] = refined
     seconds["image"] = time.perf_counter() - start
@@ -113,6 +135,7 @@ def trace_source(
 def _scattering(
     cells: OpticalCells,
     seen: OpticalCells,
+    thick: ThickCells | None,
     scene: Scene,
     view: View,
     device: Device,
@@ -120,7 +143,7 @@ def _scattering(
     programs: list[Program],
     counts: dict[str, int],
     report: Callable[[str], None] | None,
-) -> tuple[Solution, list[NDArray[np.floating]], Floats]:
+) -> tuple[Solution, list[NDArray[np.floating]], Floats, list[Half]]:
     """The source of the scattering cells, its two final estimates (C, N), and what they make or
     lose of a cavity's radiance of 1 (N,).
 
@@ -146,6 +169,7 @@ def _scattering(
         return Rays(directions, rng.random((count, 2)))
 
     defect = np.zeros(sweeper.count)
+    ends: list[Half] = []
     guess = first_guess(sweeper, cells.albedo)
     if settings.order == 0:
         seen_guess = _thermal(seen)
@@ -178,18 +202,28 @@ def _scattering(
             else Rays(about_camera(half, rng, phase), rng.random((half, 2)))
             for _ in range(2)
         ]
-        table = np.zeros(1) if phase is None else phase.by_half_sine(_PHASE_STEPS)
+        table = np.zeros(1) if phase is None else phase.by_half_sine(PHASE_STEPS)
         place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
         camera = sweeper.to_camera(programs[3], seen, table, place)
-        halves = [
-            _to_camera(sweeper, seen, camera, solution.source, cells.scale, each)
-            for each in towards
-        ]
+        halves = []
+        for each in towards:
+            if thick is not None:
+                light = RimLight.of(
+                    device,
+                    thick,
+                    sweeper.box,
+                    components=len(seen.needs.components),
+                    directions=half,
+                    real=sweeper.real,
+                )
+                camera = replace(camera, light=light)
+                ends.append(Half(each.directions, light))
+            halves.append(_to_camera(sweeper, seen, camera, solution.source, cells.scale, each))
     solution = replace(solution, towards=np.mean(halves, axis=0))
     counts.update(
         swept_cells=sweeper.box.cells, scattering_cells=sweeper.count, sweeps=sweeper.sweeps
     )
-    return solution, halves, defect
+    return solution, halves, defect, ends
 
 
 def _thermal(cells: OpticalCells) -> Floats:

@@ -201,6 +201,7 @@ class Sweeper:
                     starts[i],
                     shining,
                     camera,
+                    int(i),
                 )
         if np.any(main == 0):
             sizes = [np.int32(n) for n in self.box.shape]
@@ -232,6 +233,7 @@ class Sweeper:
         start: NDArray[np.float64],
         shining: bool,
         camera: ToCamera | None,
+        number: int,
     ) -> None:
         real = self._real
         u, v, run = (
@@ -249,6 +251,7 @@ class Sweeper:
                 camera.heights(layout, u / abs(run), v / abs(run), start),
                 camera.phase,
                 place.astype(real),
+                *([] if camera.light is None else camera.light.arguments(layout, number)),
             ]
         kernel = self._sweep if camera is None else camera.kernel
         kernel(

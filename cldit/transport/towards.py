@@ -13,6 +13,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.layout import Layout
+from cldit.transport.thick import RimLight
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class ToCamera:
     place: NDArray[np.float64]
     seen: dict[bool, Any]
     shares: dict[bool, Any]
+    light: RimLight | None = None  # where the light that leaves the rim is kept
 
     @classmethod
     def of(

@@ -20,7 +20,6 @@ from cldit.scene.transport import HenyeyGreenstein
 from cldit.transport.audit import audited
 from cldit.transport.branching import trace_branching
 from cldit.transport.cells import OpticalCells
-from cldit.transport.gather import gather
 from cldit.transport.path import trace_path
 from cldit.transport.phase import ScatteringTable, henyey_greenstein
 from cldit.transport.result import Settings, Trace
@@ -104,6 +103,4 @@ def trace(
             report("single precision does not resolve this source; again in double precision")
         single = replace(settings, precision="float64")
         result = trace_source(cells, scene, device, single, report)
-    if settings.gather and settings.order is None:
-        result = gather(cells, scene, device, single, report, result)
     return audited(cells, scene, device, single, result)

@@ -1,0 +1,315 @@
+/* What thick cells scatter towards the camera.
+
+   In the sweeps a cell has one source. Within a thick one the light varies, and what it sends back
+   to where it is lit from is far more than its mean. Where a line of sight meets thick cells, chains
+   follow what these scatter, by the phase function itself, from thick cell to thick cell; a flight
+   ends in the first other cell, one of the rim, of which the last sweep has stored the light that
+   leaves it in each of its directions, or at the boundary. No flight is longer than a few cells.
+
+   Chains of little weight end by Russian roulette, and after LONGEST scatterings with the cell's one
+   source: light that has been scattered so often in thick cells has forgotten where it came in. */
+
+#include "attenuation.h"
+#include "boundary.h"
+#include "components.h"
+#include "phase.h"
+#include "random.h"
+#include "ray.h"
+#include "walk.h"
+
+#ifndef CUTOFF
+#error "CUTOFF: transmission at which a ray ends"
+#endif
+#ifndef SAMPLES
+#error "SAMPLES: a ray and batch, a power of two up to 1024"
+#endif
+#ifndef LONGEST
+#error "LONGEST: scatterings of a chain"
+#endif
+#ifndef FACE
+#error "FACE: entries of the table of directions along a side"
+#endif
+#ifdef PHASE_BINS
+#ifndef PHASE_STEPS
+#error "PHASE_STEPS: bins of the phase function, even in the sine of half the angle"
+#endif
+#endif
+
+/* Of a chain's sum: the components, and what it would bring from within a medium of radiance 1. */
+#define WITHIN COMPONENTS
+#define PARTS (COMPONENTS + 1)
+#define ROULETTE R(0.4) /* weight under which a chain may end */
+
+/* A thick cell's record: optical depth of its edge, albedo, what it emits, and its one source. */
+#define DEPTH 0
+#define ALBEDO 1
+#define EMISSION 2
+#define SOURCE (EMISSION + EMITTERS)
+#define RECORD (SOURCE + COMPONENTS)
+
+/* What chains meet. All places are in cells from the cube's lower corner. */
+typedef struct {
+    __global const int *places;    /* of the swept box: number in the rim; -2 - number of a thick
+                                      cell; -1 neither */
+    __global const real *thick;    /* records */
+    __global const real *light;    /* that leaves cells of the rim: [direction][cell][component] */
+    __global const real4 *directions; /* where it comes from, and the share of directions up to here
+                                         in what a cell scatters to the camera */
+    __global const int *nearest;   /* of the directions: see direction_near */
+    int rim;                       /* cells of it */
+    int count;                     /* of directions */
+    int4 low, shape;               /* the box */
+    Boundary boundary;
+} Near;
+
+/* Entry of the table of nearest directions: the sphere on an octahedron, unfolded to a square
+   (Cigolle et al., J. Computer Graphics Techniques 3, 2014). */
+INLINE int direction_near(real3 d)
+{
+    const real sum = fabs(d.x) + fabs(d.y) + fabs(d.z);
+    real u = d.x / sum, v = d.y / sum;
+    if (d.z < R(0)) {
+        const real w = (R(1) - fabs(v)) * copysign(R(1), u);
+        v = (R(1) - fabs(u)) * copysign(R(1), v);
+        u = w;
+    }
+    const int i = clamp((int)((u + R(1)) * (FACE / R(2))), 0, FACE - 1);
+    const int j = clamp((int)((v + R(1)) * (FACE / R(2))), 0, FACE - 1);
+    return j * FACE + i;
+}
+
+/* Number of the direction at which the cumulative share reaches u. */
+INLINE int direction_at(real u, __global const real4 *directions, int count)
+{
+    int low = 0, high = count - 1;
+    while (low < high) {
+        const int middle = (low + high) / 2;
+        if (directions[middle].w > u) high = middle;
+        else low = middle + 1;
+    }
+    return low;
+}
+
+/* A line through the box, cell by cell. */
+typedef struct {
+    int x, y, z;
+    real t, tx, ty, tz;
+} Step;
+
+INLINE Step step_from(int3 cell, real3 p, real3 d)
+{
+    Step s = {cell.x, cell.y, cell.z, R(0), R(0), R(0), R(0)};
+    s.tx = distance_to(p.x, d.x, cell.x, cell.x + 1);
+    s.ty = distance_to(p.y, d.y, cell.y, cell.y + 1);
+    s.tz = distance_to(p.z, d.z, cell.z, cell.z + 1);
+    return s;
+}
+
+INLINE real step_end(const Step *s) { return fmax(fmin(s->tx, fmin(s->ty, s->tz)), s->t); }
+
+INLINE void step_on(Step *s, real3 p, real3 d)
+{
+    s->t = step_end(s);
+    if (s->tx <= s->ty && s->tx <= s->tz) {
+        s->x += d.x > R(0) ? 1 : -1;
+        s->tx = distance_to(p.x, d.x, s->x, s->x + 1);
+    } else if (s->ty <= s->tz) {
+        s->y += d.y > R(0) ? 1 : -1;
+        s->ty = distance_to(p.y, d.y, s->y, s->y + 1);
+    } else {
+        s->z += d.z > R(0) ? 1 : -1;
+        s->tz = distance_to(p.z, d.z, s->z, s->z + 1);
+    }
+}
+
+/* Adds light of known components, and what of it is from within. */
+INLINE void score(real *sum, real weight, __global const real *light)
+{
+    real outside = R(0);
+    for (int c = 0; c < COMPONENTS; ++c) {
+        sum[c] += weight * light[c];
+        if (c < BOUNDARIES) outside += light[c];
+    }
+    sum[WITHIN] += weight * (R(1) - outside);
+}
+
+/* One flight from p in `cell`, along d, the way back to where the light comes from; scores what it
+   brings. Returns the record of the thick cell in which it is scattered, at p in `cell`, or 0. */
+INLINE __global const real *flight(
+    real *sum, real weight, real3 *p, int3 *cell, real3 d, int number, real goal, const Near *m)
+{
+    __global const real *met = 0;
+    __global const real *last = 0;
+    const real3 from = *p;
+    real transmitted = R(1);
+    Step s = step_from(*cell, from, d);
+    for (;;) {
+        const int x = s.x - m->low.x, y = s.y - m->low.y, z = s.z - m->low.z;
+        if (x < 0 || y < 0 || z < 0 || x >= m->shape.x || y >= m->shape.y || z >= m->shape.z) {
+            const int seen = boundary_seen(
+                from.x, from.y, from.z, d.x, d.y, d.z, R(0), &m->boundary);
+            for (int c = 0; c < BOUNDARIES; ++c)
+                sum[c] += c == seen ? weight * transmitted : R(0);
+            return met;
+        }
+        const int place = m->places[(z * m->shape.y + y) * m->shape.x + x];
+        if (place >= 0) {
+            score(sum, weight * transmitted,
+                  m->light + ((size_t)number * m->rim + place) * COMPONENTS);
+            return met;
+        }
+        if (place < -1) {
+            __global const real *record = m->thick + (-2 - place) * RECORD;
+            const real share = absorbed(record[DEPTH] * (step_end(&s) - s.t));
+            const real taken = transmitted * share;
+            for (int e = 0; e < EMITTERS; ++e)
+                sum[BOUNDARIES + e] += weight * taken * record[EMISSION + e];
+            if (!met && transmitted - taken <= goal) {
+                const real part = clamp((transmitted - goal) / taken, R(0), R(1));
+                const real at = s.t + length_at(part, share, record[DEPTH]);
+                *p = from + fmin(at, step_end(&s)) * d;
+                *cell = (int3)(s.x, s.y, s.z);
+                met = record;
+            }
+            transmitted -= taken;
+            last = record;
+            if (transmitted <= R(CUTOFF)) break;
+        }
+        step_on(&s, from, d);
+    }
+    /* What is left ends in the last cell, as if that went on for ever. */
+    for (int e = 0; e < EMITTERS; ++e)
+        sum[BOUNDARIES + e] += weight * transmitted * last[EMISSION + e];
+    if (!met) {
+        *p = from + s.t * d;
+        *cell = (int3)(s.x, s.y, s.z);
+        met = last;
+    }
+    return met;
+}
+
+/* Weight of direction `number` for light scattered along `sight`: the directions are shared out as
+   for a line of sight along +y. */
+INLINE real share_of(real4 direction, real3 sight, __global const real *steps)
+{
+#if defined(PHASE_BINS) && defined(CAMERA_PINHOLE)
+    const real own = dot(direction.xyz, sight), middle = direction.y;
+    const int i = (int)(sqrt(fmax(R(0), (R(1) - own) / 2)) * PHASE_STEPS);
+    const int j = (int)(sqrt(fmax(R(0), (R(1) - middle) / 2)) * PHASE_STEPS);
+    return steps[clamp(i, 0, PHASE_STEPS - 1)] / steps[clamp(j, 0, PHASE_STEPS - 1)];
+#else
+    return R(1);
+#endif
+}
+
+/* Follows one chain from p in a thick `cell`, where light is scattered along `sight`. */
+INLINE void chain(
+    real *sum, real weight, real3 p, int3 cell, real3 sight, uint4 counter, uint2 key,
+    uint4 shift0, uint4 shift1, const Near *m, __global const real *table,
+    __global const real *steps, __global const uint *columns)
+{
+    const real floor_ = ROULETTE * weight;
+    real3 d = sight;
+    for (uint event = 0; ; ++event) {
+        uint4 word = philox((uint4)(counter.x, counter.y, event, counter.w), key);
+        int number;
+        if (event == 0) {
+            word.x = sobol(counter.y, 1, columns) ^ shift0.x;
+            word.z = sobol(counter.y, 2, columns) ^ shift0.y;
+            number = direction_at(unit(word.x), m->directions, m->count);
+            const real4 direction = m->directions[number];
+            d = direction.xyz;
+            weight *= share_of(direction, sight, steps);
+        } else {
+            if (event == 1) {
+                word.x = sobol(counter.y, 3, columns) ^ shift1.x;
+                word.y = sobol(counter.y, 4, columns) ^ shift1.y;
+                word.z = sobol(counter.y, 5, columns) ^ shift1.z;
+            }
+            d = turned(d, phase_cosine(unit(word.x), table), unit(word.y));
+            number = m->nearest[direction_near(d)];
+        }
+        __global const real *met =
+            flight(sum, weight, &p, &cell, d, number, unit(word.z), m);
+        if (!met) return;
+        sum[WITHIN] += weight * (R(1) - met[ALBEDO]);
+        weight *= met[ALBEDO];
+        if (weight <= R(0)) return;
+        if (event + 1 >= LONGEST) {
+            score(sum, weight, met + SOURCE);
+            return;
+        }
+        if (weight < floor_) {
+            if (unit(word.w) * floor_ >= weight) return;
+            weight = floor_;
+        }
+    }
+}
+
+/* Mean of SAMPLES chains for each listed ray. Sample k scatters for the first time where the share
+   (k + something) / SAMPLES of all that thick cells scatter on the line has been scattered. */
+__kernel void gather(
+    __global real *means,         /* out: [component][list], and the part from within */
+    __global const real *list,    /* in: [across, down] of rays, in pixels */
+    const int count, const uint2 key, const uint batch,
+    __global const real *table, __global const real *steps, __global const uint *sobol_columns,
+    __global const real *albedo,  /* in: of stored cells that are thick, else 0 */
+    __global const int *places, __global const real *thick, __global const real *light,
+    __global const real4 *directions, __global const int *nearest, const int rim,
+    const int direction_count, const int4 box_low, const int4 box_shape,
+    __global const int *directory, __global const int *span, __global const real *depth,
+    const int coarse, const int stored, const int bricks, const int4 low, const int4 high,
+    const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
+    const real distance, BOUNDARY_ARGUMENTS)
+{
+    const int item = get_global_id(0);
+    if (item >= count) return;
+    const Ray ray = ray_at(
+        list[2 * item], list[2 * item + 1], columns, rows, middle, pitch_x, pitch_z, distance);
+    const Grid grid = {coarse, bricks, low, high};
+    const Near near = {places, thick, light, directions, nearest, rim, direction_count, box_low,
+                       box_shape, BOUNDARY};
+    const real3 from = (real3)(ray.px, ray.py, ray.pz);
+    const real3 sight = (real3)(ray.dx, ray.dy, ray.dz);
+    const uint4 shift0 = philox((uint4)(item, 0, 0xFFFFFFFFu, batch), key);
+    const uint4 shift1 = philox((uint4)(item, 1, 0xFFFFFFFFu, batch), key);
+    const real offset = unit(shift0.w);
+    real sum[PARTS];
+    for (int c = 0; c < PARTS; ++c) sum[c] = R(0);
+
+    /* Once along the line for what is scattered in all, and again to share it out. */
+    real all = R(0);
+    for (int again = 0; again < 2; ++again) {
+        Walk walk = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
+        real transmitted = R(1), loss = R(0);
+        uint sample = 0;
+        int inside = walk_in(&walk, &grid, ray.start);
+        while (inside && transmitted > R(CUTOFF)) {
+            const Crossing cell = walk_ahead(&walk, &grid, directory, span);
+            const real density = depth[cell.address];
+            if (density > R(0)) {
+                const real share = absorbed(density * walk_length(&walk, &cell));
+                const real taken = transmitted * share;
+                const real here = taken * albedo[cell.address];
+                transmitted -= taken;
+                /* At the last of it rounding must lose no sample. */
+                const int end = loss + here >= all * R(0.999999);
+                while (again && sample < SAMPLES && here > R(0)) {
+                    const real goal = (sample + offset) * (all / SAMPLES) - loss;
+                    if (goal >= here && !end) break;
+                    const real part = clamp(goal / here, R(0), R(1));
+                    const real at = fmin(walk.t + length_at(part, share, density), cell.next);
+                    chain(sum, all / SAMPLES, from + at * sight, (int3)(walk.x, walk.y, walk.z),
+                          sight, (uint4)(item, van_der_corput(sample), 0, batch), key, shift0,
+                          shift1, &near, table, steps, sobol_columns);
+                    ++sample;
+                }
+                loss += here;
+            }
+            inside = walk_on(&walk, &cell, &grid);
+        }
+        all = loss;
+        if (!(all > R(0))) break;
+    }
+    for (int c = 0; c < PARTS; ++c) means[c * count + item] = sum[c];
+}
