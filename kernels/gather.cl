@@ -49,8 +49,8 @@
 
 /* What chains meet. All places are in cells from the cube's lower corner. */
 typedef struct {
-    __global const int *places;    /* of the swept box: number in the rim; -2 - number of a thick
-                                      cell; -1 neither */
+    __global const int *places;    /* of the box that thick cells lie in: number in the rim; -2 -
+                                      number of a thick cell; -1 neither */
     __global const real *thick;    /* records */
     __global const real *light;    /* that leaves cells of the rim: [direction][cell][component] */
     __global const real4 *directions; /* where it comes from, and the share of directions up to here
@@ -90,35 +90,45 @@ INLINE int direction_at(real u, __global const real4 *directions, int count)
     return low;
 }
 
-/* A line through the box, cell by cell. */
+/* A line through the box, cell by cell: how far the far sides of the cell are, and how far it is
+   from side to side. */
 typedef struct {
     int x, y, z;
-    real t, tx, ty, tz;
+    real t, tx, ty, tz, dx, dy, dz;
 } Step;
+
+INLINE real to_side(real place, int cell, real slope, real across)
+{
+    const real part = slope > R(0) ? cell + 1 - place : place - cell;
+    return slope == R(0) ? R(INFINITY) : fmax(part, R(0)) * across;
+}
 
 INLINE Step step_from(int3 cell, real3 p, real3 d)
 {
-    Step s = {cell.x, cell.y, cell.z, R(0), R(0), R(0), R(0)};
-    s.tx = distance_to(p.x, d.x, cell.x, cell.x + 1);
-    s.ty = distance_to(p.y, d.y, cell.y, cell.y + 1);
-    s.tz = distance_to(p.z, d.z, cell.z, cell.z + 1);
+    Step s = {cell.x, cell.y, cell.z, R(0)};
+    s.dx = R(1) / fabs(d.x);
+    s.dy = R(1) / fabs(d.y);
+    s.dz = R(1) / fabs(d.z);
+    s.tx = to_side(p.x, cell.x, d.x, s.dx);
+    s.ty = to_side(p.y, cell.y, d.y, s.dy);
+    s.tz = to_side(p.z, cell.z, d.z, s.dz);
     return s;
 }
 
-INLINE real step_end(const Step *s) { return fmax(fmin(s->tx, fmin(s->ty, s->tz)), s->t); }
+INLINE real step_end(const Step *s) { return fmin(s->tx, fmin(s->ty, s->tz)); }
 
-INLINE void step_on(Step *s, real3 p, real3 d)
+INLINE void step_on(Step *s, real3 d)
 {
     s->t = step_end(s);
     if (s->tx <= s->ty && s->tx <= s->tz) {
         s->x += d.x > R(0) ? 1 : -1;
-        s->tx = distance_to(p.x, d.x, s->x, s->x + 1);
+        s->tx += s->dx;
     } else if (s->ty <= s->tz) {
         s->y += d.y > R(0) ? 1 : -1;
-        s->ty = distance_to(p.y, d.y, s->y, s->y + 1);
+        s->ty += s->dy;
     } else {
         s->z += d.z > R(0) ? 1 : -1;
-        s->tz = distance_to(p.z, d.z, s->z, s->z + 1);
+        s->tz += s->dz;
     }
 }
 
@@ -175,7 +185,7 @@ INLINE __global const real *flight(
             last = record;
             if (transmitted <= R(CUTOFF)) break;
         }
-        step_on(&s, from, d);
+        step_on(&s, d);
     }
     /* What is left ends in the last cell, as if that went on for ever. */
     for (int e = 0; e < EMITTERS; ++e)
@@ -200,6 +210,18 @@ INLINE real share_of(real4 direction, real3 sight, __global const real *steps)
 #else
     return R(1);
 #endif
+}
+
+/* Mean of that over what directions are drawn. */
+INLINE real shares_of(real3 sight, __global const real *steps, const Near *m)
+{
+    real sum = R(0), before = R(0);
+    for (int k = 0; k < m->count; ++k) {
+        const real4 direction = m->directions[k];
+        sum += (direction.w - before) * share_of(direction, sight, steps);
+        before = direction.w;
+    }
+    return sum;
 }
 
 /* Follows one chain from p in a thick `cell`, where light is scattered along `sight`. */
@@ -278,6 +300,7 @@ __kernel void gather(
     for (int c = 0; c < PARTS; ++c) sum[c] = R(0);
 
     /* Once along the line for what is scattered in all, and again to share it out. */
+    const real even = R(1) / (SAMPLES * shares_of(sight, steps, &near));
     real all = R(0);
     for (int again = 0; again < 2; ++again) {
         Walk walk = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
@@ -299,7 +322,7 @@ __kernel void gather(
                     if (goal >= here && !end) break;
                     const real part = clamp(goal / here, R(0), R(1));
                     const real at = fmin(walk.t + length_at(part, share, density), cell.next);
-                    chain(sum, all / SAMPLES, from + at * sight, (int3)(walk.x, walk.y, walk.z),
+                    chain(sum, all * even, from + at * sight, (int3)(walk.x, walk.y, walk.z),
                           sight, (uint4)(item, van_der_corput(sample), 0, batch), key, shift0,
                           shift1, &near, table, steps, sobol_columns);
                     ++sample;

@@ -52,43 +52,18 @@ __kernel void next_order(
     }
 }
 
-/* Where, in a cell of optical depth t, the light comes from that leaves it towards the camera:
-   mean distance behind the cell's middle in units of its edge, -1/2 (the near face) to 0. */
-INLINE real light_depth(real t)
-{
-    return t < R(0.1) ? t * (t * t * R(1.0 / 720.0) - R(1.0 / 12.0))
-        : R(1) / t - R(1) / (exp(fmin(t, R(80))) - R(1)) - R(0.5);
-}
-
-/* Whether the source may be taken to run on straight between cells of these optical depths: at a
-   steep edge of the medium it does not. */
-INLINE int alike(real a, real b) { return b > R(0.5) * a && b < R(2) * a; }
-
-/* Mean radiance S + D / (sum of the weights), as the camera sees it. Of a thick cell's own light, the
-   share that it does not let through, the source is continued linearly along y from the cells in
-   front and behind to where the camera's light comes from. */
+/* Mean radiance S + D / (sum of the weights), as the camera sees it. */
 __kernel void weighted_mean(
     __global real *out, __global const real *source, __global const real *excess,
-    __global const real *shares, __global const real *depth, __global const real *seen,
-    __global const int *place, const real mean_stretch, const int nx, const int ny,
-    const int plane, const int count)
+    __global const real *shares, __global const int *place, const int plane, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
     const int cell = place[i];
-    const int y = cell / nx % ny;
-    const real here = seen[cell];
-    const int before = y > 0 && alike(here, seen[cell - nx]) ? cell - nx : cell;
-    const int behind = y < ny - 1 && alike(here, seen[cell + nx]) ? cell + nx : cell;
-    const int steps = (behind - before) / nx;
-    const real t = depth[cell] * mean_stretch;
-    const real own = R(1) - mean_transmission(t, absorbed(t));
-    const real slope = steps ? own * light_depth(here) / steps : R(0);
     const real share = shares[cell];
     for (int c = 0; c < COMPONENTS; ++c) {
-        __global const real *s = source + c * plane;
-        const real gained = share > R(0) ? excess[c * plane + cell] / share : R(0);
-        out[c * count + i] = s[cell] + gained + slope * (s[behind] - s[before]);
+        const int at = c * plane + cell;
+        out[c * count + i] = source[at] + (share > R(0) ? excess[at] / share : R(0));
     }
 }
 

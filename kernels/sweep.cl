@@ -2,17 +2,19 @@
    receives from it.
 
    Rays run along one direction whose largest component is along the layer axis. Each layer of
-   nu x nv cells is crossed by nu x nv parallel rays, one a cell; from layer to layer all of them
-   shift by the same number of cells. A ray that leaves the box sideways comes in again on the
-   opposite side with what is seen there, so every cell is crossed exactly once and no two
-   work-items ever write the same cell.
+   nu x nv cells is crossed by nu x nv parallel rays, all at the same place in their cells; where one
+   goes from a cell into the next, all do. A layer is crossed in one to three steps between these
+   places, and in every step each cell is crossed by one ray and each ray crosses one cell, so no two
+   work-items ever write the same cell. A ray that leaves the box sideways comes in again on the
+   opposite side with what is seen there.
 
-   In a cell of optical depth t the intensity I goes to I exp(-t) + S (1 - exp(-t)); its mean over
-   the cell is S + (I - S) q(t). Stored is the excess D = sum w (I - S) q over the source, not the
-   mean: in thick cells it is far below S, and the difference would be lost to rounding.
+   Over an optical depth t the intensity I goes to I exp(-t) + S (1 - exp(-t)); its mean is
+   S + (I - S) q(t). Stored is the excess D = sum w (I - S) q over the source, not the mean: in thick
+   cells it is far below S, and the difference would be lost to rounding. w is the direction's weight
+   times the share of the layer that a step crosses.
 
-   TO_CAMERA, for the last sweep: the mean is that of the light which the camera sees, out of a thick
-   cell from its nearer face; it counts by the phase function where there is one (PHASE_STEPS).
+   TO_CAMERA, for the last sweep: light counts by how much of it the camera sees from there in the
+   cell, and by the phase function where there is one (PHASE_STEPS).
    RIM: the light that leaves the cells around thick ones is kept, for gather.cl. */
 
 #include "boundary.h"
@@ -106,14 +108,16 @@ __kernel void sweep(
     __global const real *source,   /* in: S, one plane of cells a component */
     __global real *excess,         /* inout: D, likewise */
     __global const char *contents, /* in: of groups along u, [l][v][group] */
-    __global const int4 *shifts,   /* in, per layer met: how far rays have moved in u and (modulo nv)
-                                      in v, and both since the layer before: -1, 0 or 1 */
+    __global const int4 *shifts,   /* in, per step: how far rays have moved in u and (modulo nv) in v,
+                                      and both since the step before: -1, 0 or 1 */
+    __global const int *layers,    /* in, per step: its layer, l */
+    __global const real *parts,    /* in, per step: share of the layer that it crosses */
+    const int steps,
     const int origin,              /* slot of cell 0 before rays have moved */
     const int layout,
     const int nu, const int nv, const int nl,
     const int stride_v, const int stride_l,
-    const int backwards,           /* the ray meets layer nl - 1 first */
-    const real stretch,            /* path in a cell / cell edge */
+    const real stretch,            /* path in a layer / cell edge */
     const real weight,
     const real inflow,             /* 1: boundaries shine; 0: black */
     const real4 back,              /* direction from which the ray comes, x y z */
@@ -121,7 +125,7 @@ __kernel void sweep(
 #ifdef TO_CAMERA
     , __global real *shares,       /* inout: sum of weights, a plane of cells */
     __global const real *seen,     /* in: optical depth of a cell's edge as the camera sees it */
-    __global const real *heights,  /* in, per layer met: y of the rays within their cells, 0 to 1 */
+    __global const real *heights,  /* in, per step: y of its middle within the cells, 0 to 1 */
     __global const real *phase, const real4 camera
 #endif
 #ifdef RIM
@@ -140,12 +144,13 @@ __kernel void sweep(
     const int row = get_group_id(1);
     const int plane = nu * nv * nl;
 
-    for (int step = 0; step < nl; ++step) {
-        const int l = backwards ? nl - 1 - step : step;
+    for (int step = 0; step < steps; ++step) {
+        const int l = layers[step];
         const int4 shift = shifts[step];
         const int moved = row + shift.y;
         const int v = moved >= nv ? moved - nv : moved;
         const int slot = origin - shift.x;
+        const real part = parts[step];
 
         /* Rays that come in: all of the row where it enters the box, else one at its end. */
         int first = 0, last = -1;
@@ -163,7 +168,7 @@ __kernel void sweep(
         for (int u = lane * VECTOR; u < nu; u += lanes * VECTOR) {
             const char content = contents[group + u / GROUP];
             if (content == EMPTY) continue;
-            const lane_t t = LOAD(depth + base + u) * stretch;
+            const lane_t t = LOAD(depth + base + u) * (stretch * part);
             const lane_t share = absorbed(t);
             if (content == CLEAR) {
                 for (int c = 0; c < COMPONENTS; ++c) {
@@ -176,20 +181,13 @@ __kernel void sweep(
                 continue;
             }
 #ifdef TO_CAMERA
-            const lane_t view = LOAD(seen + base + u);
-            lane_t part = weight * counts_for(u, v, l, layout, back, camera, phase);
-            lane_t q;
-            if (layout == LAYERS_Y) {
-                q = back.y > R(0) ? kept_from_behind(t, view) : kept_from_front(t, view);
-            } else {
-                part *= seen_at(heights[step], view);
-                q = mean_transmission(t, share);
-            }
-            STORE(LOAD(shares + base + u) + part, shares + base + u);
-            q *= part;
+            const lane_t counts = weight * part * seen_at(heights[step], LOAD(seen + base + u))
+                * counts_for(u, v, l, layout, back, camera, phase);
+            STORE(LOAD(shares + base + u) + counts, shares + base + u);
 #else
-            const lane_t q = weight * mean_transmission(t, share);
+            const real counts = weight * part;
 #endif
+            const lane_t q = counts * mean_transmission(t, share);
             for (int c = 0; c < COMPONENTS; ++c) {
                 __global real *d = excess + c * plane + base + u;
                 __local real *ray = &rays[c][slot + u];

@@ -8,20 +8,11 @@
 
 #include "attenuation.h"
 
-INLINE REAL mean_over(REAL t) { return mean_transmission(t, absorbed(t)); }
-
-/* Of light that crosses the cell, t being its own optical depth, the share that has not been
-   attenuated, as a mean over what the camera sees: it comes in at the face away from the camera... */
-INLINE REAL kept_from_behind(REAL t, REAL seen)
-{
-    return exp(-fmin(t, seen)) * mean_over(fabs(t - seen)) / mean_over(seen);
-}
-
-/* ... or at the camera's. */
-INLINE REAL kept_from_front(REAL t, REAL seen) { return mean_over(t + seen) / mean_over(seen); }
-
 /* Light that crosses at the height y counts by this: 1 on average. */
-INLINE REAL seen_at(real y, REAL seen) { return exp(-y * seen) / mean_over(seen); }
+INLINE REAL seen_at(real y, REAL seen) 
+{
+    return exp(-y * seen) / mean_transmission(seen, absorbed(seen));
+}
 
 #ifdef PHASE_STEPS
 

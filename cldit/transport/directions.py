@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,14 @@ class Directions:
 
     unit: Floats
     weight: Floats
+
+    @classmethod
+    def joined(cls, sets: Sequence[Directions]) -> Directions:
+        """All of several sets that each integrate over the sphere."""
+        return cls(
+            unit=np.concatenate([each.unit for each in sets]),
+            weight=np.concatenate([each.weight for each in sets]) / len(sets),
+        )
 
     def __len__(self) -> int:
         return len(self.weight)

@@ -8,9 +8,6 @@ cells whose light is known from the last sweep.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +17,7 @@ from cldit.gpu.program import Define, Program, build
 from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.closure import Closure
 from cldit.transport.directions import Directions
+from cldit.transport.kelvin import VISIBLE, error_K
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.picture import Painter
 from cldit.transport.result import Settings
@@ -32,14 +30,8 @@ _SAMPLES = 32  # of a pixel and batch
 _CLOSED = 2e-3  # single precision, and the cutoff
 _LONGEST = 32  # scatterings of a chain, after which the light is that of the sweeps
 _GROUP = 16
-
-
-@dataclass(frozen=True)
-class Half:
-    """What one half of the last sweep left: its directions, and the light in them."""
-
-    directions: Directions
-    light: RimLight
+_TILE = 12  # pixels along a tile's edge: some hundred tell their noise
+_NOISE = 0.5  # share of the wanted error that may be noise of chains
 
 
 class Gather:
@@ -50,14 +42,15 @@ class Gather:
         painter: Painter,
         box: Box,
         thick: ThickCells,
-        halves: list[Half],
+        directions: Directions,
+        light: RimLight,
         settings: Settings,
         defines: dict[str, Define],
         *,
         source: NDArray[np.floating],
         units: Floats,
     ) -> None:
-        """source (C, N), units (C,): see `ThickCells.records`."""
+        """directions, light: of the last sweep. source (C, N), units (C,): see `ThickCells.records`."""
         self._painter, self._settings = painter, settings
         self.device: Device = painter.parts[0].device
         cells = painter.cells
@@ -72,8 +65,8 @@ class Gather:
         device, real = self.device, self._real
         if painter.gathered is None:
             raise ValueError("this painter leaves nothing to gather")
-        low = np.array([*box.low, 0], np.int32)
-        shape = np.array([*box.shape, 0], np.int32)
+        low = np.array([*(box.low + thick.low), 0], np.int32)
+        shape = np.array([*thick.places.shape[::-1], 0], np.int32)
         medium = [
             painter.gathered[0],
             upload(device, "places", thick.places),
@@ -85,18 +78,16 @@ class Gather:
             upload(device, "Sobol", columns()),
             *medium,
         ]
-        self._halves = [
-            [
-                half.light.buffer,
-                upload(device, "directions", self._shares(half.directions).astype(real)),
-                upload(device, "directions", nearest(half.directions)),
-                np.int32(half.light.rim),
-                np.int32(len(half.directions)),
-                low,
-                shape,
-            ]
-            for half in halves
+        self._fixed += [
+            light.buffer,
+            upload(device, "directions", self._shares(directions).astype(real)),
+            upload(device, "directions", nearest(directions)),
+            np.int32(light.rim),
+            np.int32(len(directions)),
+            low,
+            shape,
         ]
+        self.samples = 0
         self.programs: dict[int, Program] = {}
 
     def _shares(self, directions: Directions) -> Floats:
@@ -110,60 +101,94 @@ class Gather:
         return np.column_stack([directions.unit, np.cumsum(weight) / weight.sum()])
 
     def __call__(
-        self, half: int, pixels: NDArray[np.int64], scattered: Floats, across: int
+        self,
+        pixels: NDArray[np.int64],
+        scattered: Floats,
+        across: int,
+        seen: Floats,
+        other: int,
     ) -> Floats:
-        """Weights (C, N) for flat numbers of pixels, with across^2 rays through each.
+        """(2, C, N) from two independent sets of chains, for flat numbers of pixels, with across^2
+        rays through each.
 
-        scattered (N,): what thick cells scatter there in all. Chains must make that, on average.
+        scattered (N,): what thick cells scatter there in all; seen (C, N): what else is seen;
+        other: pixels that see no thick cell, but count. Chains go on, in the tiles where they
+        help most, until their noise in T_app is below half of accuracy_K, or max_samples.
 
         Raises:
             TransportError: chains make or lose light.
         """
-        columns_, _ = self._painter.view.pixels
-        row, column = np.divmod(pixels, columns_)
-        part = (np.arange(across) + 0.5) / across
-        down, right = np.meshgrid(part, part, indexing="ij")
-        places = np.stack(
-            [column[:, None] + right.reshape(-1), row[:, None] + down.reshape(-1)], axis=2
-        )
+        cells, scene, wanted = self._painter.cells, self._painter.scene, self._settings.accuracy_K
+        count = len(pixels)
+        sums = np.zeros((2, self._components, count))
+        batches = np.zeros(count, np.int64)  # of either set
+        tiles = self._tiles(pixels)
+        chosen, pairs, batch = np.arange(count), 1, 0
         samples = max(_SAMPLES // across**2, 1)
-        batches = int(__import__("os").environ.get("BATCHES", "1"))
-        total = sum(
-            self._means(half, batch, places.reshape(-1, 2), samples=samples)
-            for batch in range(batches)
-        )
-        means = np.asarray(total).reshape(len(total), len(pixels), -1).mean(axis=2) / batches
-        boundaries = self._painter.cells.needs.boundaries
+        while True:
+            for _ in range(pairs):
+                for half in sums:
+                    half[:, chosen] += self._means(batch, pixels[chosen], across, samples=samples)
+                    batch += 1
+            batches[chosen] += pairs
+            means = sums / batches
+            mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
+            kelvin = np.nan_to_num(error_K(seen + mean[:-1], difference[:-1], cells, scene))
+            # In what a tile has of the sum of squares lies what it can gain.
+            energy = np.bincount(tiles, kelvin**2)
+            visible = max(np.count_nonzero(1 - (seen + mean[:-1])[0] > VISIBLE) + other, 1)
+            left = float(energy.sum()) / visible - (_NOISE * wanted) ** 2
+            if left <= 0 or 2 * pairs * samples * across**2 > self._settings.max_samples:
+                break
+            cost = np.maximum(np.bincount(tiles, batches), 1)
+            best = np.argsort(-energy / cost)
+            enough = np.searchsorted(np.cumsum(energy[best]) / 2, left * visible) + 1
+            chosen = np.flatnonzero(np.isin(tiles, best[:enough]))
+            pairs = max(pairs, int(np.median(batches[chosen])))
+        self.samples = int(2 * batches.mean() * samples * across**2)
+        boundaries = cells.needs.boundaries
         Closure.of(
-            (means[:boundaries] / scattered)[:, None],
-            (means[-1] / scattered)[None],
+            (mean[:boundaries] / scattered)[:, None],
+            (mean[-1] / scattered)[None],
             bound=_CLOSED,
             noisy=True,
         )
-        return np.asarray(means[:-1])
+        return means[:, :-1]
 
-    def _means(self, half: int, batch: int, places: Floats, *, samples: int) -> Floats:
-        """(C + 1, N) mean of so many chains for each ray; places (N, 2): across and down."""
+    def _tiles(self, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(N,) number of the tile of the picture that each pixel is in."""
+        row, column = np.divmod(pixels, self._painter.view.pixels[0])
+        tile = row // _TILE * self._painter.view.pixels[0] + column // _TILE
+        return np.unique(tile, return_inverse=True)[1].astype(np.int64)
+
+    def _means(self, batch: int, pixels: NDArray[np.int64], across: int, *, samples: int) -> Floats:
+        """(C + 1, N) mean of so many chains for each of across^2 rays a pixel."""
         if samples not in self.programs:
             defines = {**self._defines, "SAMPLES": samples}
             self.programs[samples] = build(self.device, "gather.cl", defines)
-        device, count = self.device, len(places)
+        row, column = np.divmod(pixels, self._painter.view.pixels[0])
+        part = (np.arange(across) + 0.5) / across
+        down, right = np.meshgrid(part, part, indexing="ij")
+        rays = np.stack(
+            [column[:, None] + right.reshape(-1), row[:, None] + down.reshape(-1)], axis=2
+        )
+        device, count = self.device, len(pixels) * across**2
         group = min(_GROUP, device.info.largest_group)
         out = zeros(device, "means", self._components * count, self._real)
-        part = self._painter.parts[0]
+        view = self._painter.parts[0]
         self.programs[samples]["gather"](
             device.queue,
             (-(-count // group) * group,),
             (group,),
             out,
-            upload(device, "rays", places.astype(self._real)),
+            upload(device, "rays", rays.astype(self._real)),
             np.int32(count),
-            np.array([self._settings.seed, half], np.uint32),
+            np.array([self._settings.seed, 0], np.uint32),
             np.uint32(batch),
             *self._fixed,
-            *self._halves[half],
-            *part.tree,
-            *part.arguments,
+            *view.tree,
+            *view.arguments,
         )
         found = np.empty((self._components, count), self._real)
-        return download(device, out, found).astype(np.float64)
+        found = download(device, out, found).reshape(self._components, len(pixels), -1)
+        return np.asarray(found.mean(axis=2, dtype=np.float64))

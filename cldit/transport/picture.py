@@ -14,11 +14,13 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.kelvin import steep
+from cldit.transport.kelvin import VISIBLE, steep
 from cldit.transport.view import View, upload_tree
 
 Floats = NDArray[np.float64]
-Gathered = Callable[[int, NDArray[np.int64], Floats, int], Floats]
+# From pixels (N,), what of their light thick cells scatter (N,), rays across each, what else they see
+# (C, N), and the number of other pixels that count: what to add to each picture, (pictures, C, N).
+Gathered = Callable[[NDArray[np.int64], Floats, int, Floats, int], Floats]
 
 _ACROSS = {1: 1, 4: 2, 16: 4, 64: 8, "adaptive": 4}
 _GROUP = 64
@@ -101,45 +103,56 @@ class Painter:
         source (C, N) of the scattering cells, and the number of pixels with more than one ray.
 
         listed: None where nothing scatters. defect (N,): of the mean radiance in a cavity of
-        radiance 1. gather: what thick cells scatter; given the picture's number, pixels (N,), what
-        of their light is scattered so (N,), and rays across each, it returns weights (C, N) to add,
-        whose own sum it has looked after. Needed if `thick` was given.
+        radiance 1. gather: adds what thick cells scatter; needed if `thick` was given.
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
         planes = self.cells.source_planes(self.real)
-        images: list[Floats] = []
+        sources = [self._sources(planes, source, defect) for source in listed]
         every = np.arange(columns * rows)
         pixels = None if rays in (1, "adaptive") else every
-        for number, source in enumerate(listed):
-            ready = self._sources(planes, source, defect)
-
-            def finished(
-                found: Floats, among: NDArray[np.int64], across: int, number: int = number
-            ) -> Floats:
-                if gather is None:
-                    return found
-                left = found[-2]
-                outside = slice(self.cells.needs.boundaries)
-                closed = found[outside].sum(axis=0) + found[-1] + left
-                found = np.delete(found, -2, axis=0)
-                here = np.flatnonzero(left)
-                if len(here):
-                    found[:-1, here] += gather(number, among[here], left[here], across)
-                found[-1] = closed - found[outside].sum(axis=0)
-                return found
-
-            if pixels is None or rays == "adaptive":
-                image = finished(self._whole(ready), every, 1)
+        images = [np.empty((0, 0))] * len(listed)
+        if rays in (1, "adaptive"):
+            images = self._gathered([self._whole(some) for some in sources], every, 1, gather)
+        if rays == "adaptive":  # all of a run's pictures alike
+            whole = images[0][:-1].reshape(-1, rows, columns)
+            pixels = steep(whole, self.cells, self.scene, accuracy_K=self.accuracy_K)
+        if pixels is not None and len(pixels):
+            several = self._gathered(
+                [self._listed(some, pixels) for some in sources], pixels, _ACROSS[rays], gather
+            )
+            if len(pixels) == len(every):
+                images = several
             else:
-                image = np.empty((len(self.cells.needs.components) + 1, columns * rows))
-            if rays == "adaptive" and pixels is None:  # all of a run's pictures alike
-                whole = image[:-1].reshape(-1, rows, columns)
-                pixels = steep(whole, self.cells, self.scene, accuracy_K=self.accuracy_K)
-            if pixels is not None and len(pixels):
-                image[:, pixels] = finished(self._listed(ready, pixels), pixels, _ACROSS[rays])
-            images.append(image.reshape(-1, rows, columns))
+                for image, part in zip(images, several, strict=True):
+                    image[:, pixels] = part
+        images = [image.reshape(-1, rows, columns) for image in images]
         return images, 0 if pixels is None else len(pixels)
+
+    def _gathered(
+        self,
+        images: list[Floats],
+        pixels: NDArray[np.int64],
+        across: int,
+        gather: Gathered | None,
+    ) -> list[Floats]:
+        """Pictures (C + 1, N), from planes as kernels make them, of listed pixels."""
+        if gather is None:
+            return images
+        outside = slice(self.cells.needs.boundaries)
+        left = images[0][-2]
+        here = np.flatnonzero(left)
+        closed = [image[outside].sum(axis=0) + image[-1] + left for image in images]
+        images = [np.delete(image, -2, axis=0) for image in images]
+        if len(here):
+            seen = np.mean([image[:-1, here] for image in images], axis=0)
+            other = int(np.count_nonzero(1 - np.delete(images[0][0], here) > VISIBLE))
+            added = gather(pixels[here], left[here], across, seen, other)
+            for image, more in zip(images, added, strict=True):
+                image[:-1, here] += more
+        for image, whole in zip(images, closed, strict=True):
+            image[-1] = whole - image[outside].sum(axis=0)
+        return images
 
     @property
     def _planes(self) -> int:

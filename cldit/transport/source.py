@@ -20,8 +20,8 @@ from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
-from cldit.transport.directions import about_camera, for_boundary
-from cldit.transport.gather import Gather, Half
+from cldit.transport.directions import Directions, about_camera, for_boundary
+from cldit.transport.gather import Gather
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.picture import Painter
 from cldit.transport.result import Settings, Trace, weights_of
@@ -96,14 +96,14 @@ def trace_source(
         solution, halves, defect, ends = _scattering(
             solved, cells, thick, scene, view, device, settings, programs, counts, report
         )
-        if thick is not None:
+        if thick is not None and ends is not None:
             units = np.ones(len(cells.needs.components))
             units[cells.needs.boundaries :] = solved.scale / cells.scale
             gather = Gather(
                 painter,
                 cells.box(),
                 thick,
-                ends,
+                *ends,
                 settings,
                 {**defines, "CUTOFF": float(settings.cutoff)},
                 source=solution.source,
@@ -143,7 +143,7 @@ def _scattering(
     programs: list[Program],
     counts: dict[str, int],
     report: Callable[[str], None] | None,
-) -> tuple[Solution, list[NDArray[np.floating]], Floats, list[Half]]:
+) -> tuple[Solution, list[NDArray[np.floating]], Floats, tuple[Directions, RimLight] | None]:
     """The source of the scattering cells, its two final estimates (C, N), and what they make or
     lose of a cavity's radiance of 1 (N,).
 
@@ -169,7 +169,7 @@ def _scattering(
         return Rays(directions, rng.random((count, 2)))
 
     defect = np.zeros(sweeper.count)
-    ends: list[Half] = []
+    light, ends = None, None
     guess = first_guess(sweeper, cells.albedo)
     if settings.order == 0:
         seen_guess = _thermal(seen)
@@ -191,6 +191,11 @@ def _scattering(
                 source = another_order(sweeper, source, rays(settings.directions))
             solution = Solution(source, settings.order, 0.0, 0.0)
         half = settings.final_directions // 2
+        smooth = int(__import__("os").environ.get("SMOOTH", "0"))
+        if smooth:
+            solution = replace(
+                solution, source=another_order(sweeper, solution.source, rays(smooth))
+            )
         few = rays(_CHECKED)
         defect = sweeper.defect(solution.source, few.directions, few.starts)
         if solution.lack is not None:
@@ -205,19 +210,20 @@ def _scattering(
         table = np.zeros(1) if phase is None else phase.by_half_sine(PHASE_STEPS)
         place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
         camera = sweeper.to_camera(programs[3], seen, table, place)
+        if thick is not None:
+            light = RimLight.of(
+                device,
+                thick,
+                sweeper.box,
+                components=len(seen.needs.components),
+                directions=2 * half,
+                real=sweeper.real,
+            )
+            ends = (Directions.joined([each.directions for each in towards]), light)
         halves = []
-        for each in towards:
-            if thick is not None:
-                light = RimLight.of(
-                    device,
-                    thick,
-                    sweeper.box,
-                    components=len(seen.needs.components),
-                    directions=half,
-                    real=sweeper.real,
-                )
-                camera = replace(camera, light=light)
-                ends.append(Half(each.directions, light))
+        for number, each in enumerate(towards):
+            if light is not None:
+                camera = replace(camera, light=light.after(number * half))
             halves.append(_to_camera(sweeper, seen, camera, solution.source, cells.scale, each))
     solution = replace(solution, towards=np.mean(halves, axis=0))
     counts.update(

@@ -17,10 +17,11 @@ from cldit.transport.directions import Directions
 from cldit.transport.layout import Layout, layouts
 from cldit.transport.patches import NONE, shifted
 from cldit.transport.towards import ToCamera
+from cldit.transport.way import Way
 
 _TILE = 16  # as in iterate.cl, unless the device's work-groups are smaller
 _GROUP, _SCATTERS = 8, 2  # as in sweep.cl: cells of a group, and its content where one scatters
-_MEAN_STRETCH = 1.2  # mean over the sphere of 1 / |largest component| is 1.199
+_MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
 
 
 def sweep_defines(device: Device, box: Box, *, ray_bytes: int = 8) -> dict[str, int]:
@@ -240,6 +241,7 @@ class Sweeper:
             -unit[axis] for axis in layout.axes
         )  # light runs away from where it comes from
         nu, nv, nl = layout.size
+        way = Way.of(u / abs(run), v / abs(run), start, layers=nl, backwards=run < 0)
         lanes = 1 if self._vector > 1 else min(nu, self._lanes)
         extra = []
         if camera is not None:
@@ -248,7 +250,7 @@ class Sweeper:
             extra = [
                 camera.shares[layout.turned],
                 camera.seen[layout.turned],
-                camera.heights(layout, u / abs(run), v / abs(run), start),
+                upload(self.device, "heights", way.within[layout.axes.index(1)].astype(real)),
                 camera.phase,
                 place.astype(real),
                 *([] if camera.light is None else camera.light.arguments(layout, number)),
@@ -262,7 +264,10 @@ class Sweeper:
             self._source[layout.turned],
             self._excess[layout.turned],
             self._contents[layout.number],
-            self._shifts(u / abs(run), v / abs(run), start, layout.size),
+            upload(self.device, "shifts", way.shifts(nv)),
+            upload(self.device, "layers", way.layer),
+            upload(self.device, "parts", way.part.astype(real)),
+            np.int32(len(way.part)),
             np.int32(nl + 1 if u > 0 else 1),
             np.int32(layout.number),
             np.int32(nu),
@@ -270,7 +275,6 @@ class Sweeper:
             np.int32(nl),
             np.int32(layout.stride_v),
             np.int32(layout.stride_l),
-            np.int32(run < 0),
             real(1 / abs(run)),
             real(weight),
             real(shining),
@@ -318,7 +322,6 @@ class Sweeper:
 
     def weighted_mean(self, camera: ToCamera) -> NDArray[Any]:
         """Mean radiance (C, N) of the scattering cells after a sweep towards the camera."""
-        nx, ny, _ = self.box.shape
         self._kernels["weighted_mean"](
             self.device.queue,
             (self.count,),
@@ -327,28 +330,11 @@ class Sweeper:
             self._source[False],
             self._excess[False],
             camera.shares[False],
-            self._depth[False],
-            camera.seen[False],
             self._place,
-            self._real(_MEAN_STRETCH),
-            np.int32(nx),
-            np.int32(ny),
             np.int32(self.box.cells),
             np.int32(self.count),
         )
         return download(self.device, self._out, np.empty((self.components, self.count), self._real))
-
-    def _shifts(
-        self, slope_u: float, slope_v: float, start: NDArray[np.float64], size: tuple[int, int, int]
-    ) -> Any:
-        """(layers, 4) int32 on the device: shift in u and v, and since the layer before."""
-        layer = np.arange(size[2])
-        shift = np.stack(
-            [np.floor(start[0] + slope_u * layer), np.floor(start[1] + slope_v * layer)], axis=1
-        ).astype(np.int32)
-        moved = np.diff(shift, axis=0, prepend=shift[:1])
-        shift[:, 1] %= size[1]
-        return upload(self.device, "shifts", np.hstack([shift, moved]).astype(np.int32))
 
     def residual(self, *, shining: bool) -> NDArray[Any]:
         """Preconditioned residual (C, N) of the present source and its excess."""
@@ -364,7 +350,7 @@ class Sweeper:
             self._coalbedo,
             self._depth[False],
             self._place,
-            self._real(_MEAN_STRETCH),
+            self._real(_MEAN_PATH),
             self._real(shining),
             np.int32(self.box.cells),
             np.int32(self.count),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,11 +23,13 @@ NEITHER = -1
 class ThickCells:
     """Which cells of the swept box are thick.
 
-    listed (T,): which of the scattering cells they are. places [z, y, x] int32: number in the rim;
-    -2 - number of a thick cell; -1 of neither. rim: cells that share a face with a thick one.
+    listed (T,): which of the scattering cells they are. low (3,), places [z, y, x] int32: the part
+    of the box that holds them, from its lower corner, and what is there: number in the rim; -2 -
+    number of a thick cell; -1 of neither. rim: cells that share a face with a thick one.
     """
 
     listed: NDArray[np.int64]
+    low: NDArray[np.int64]
     places: NDArray[np.int32]
     rim: int
 
@@ -37,15 +39,17 @@ class ThickCells:
         listed = np.flatnonzero(cells.depth[cells.address] > deeper_than)
         if not len(listed):
             return None
-        nx, ny, nz = box.shape
-        places = np.full((nz, ny, nx), NEITHER, np.int32)
-        at = cells.place(box, cells.address[listed])
-        places.flat[at] = -2 - np.arange(len(listed))
+        at = cells.positions(cells.address[listed]) - np.asarray(box.low)
+        low = np.maximum(at.min(axis=0) - 1, 0)
+        high = np.minimum(at.max(axis=0) + 2, box.shape)
+        places = np.full((high - low)[::-1], NEITHER, np.int32)
+        x, y, z = (at - low).T
+        places[z, y, x] = -2 - np.arange(len(listed))
         thick = places < NEITHER
         around = ndimage.binary_dilation(thick) & ~thick
         rim = int(np.count_nonzero(around))
         places[around] = np.arange(rim)
-        return cls(listed, places, rim)
+        return cls(listed, low, places, rim)
 
     def records(
         self, cells: OpticalCells, source: NDArray[np.floating], units: NDArray[np.float64]
@@ -69,13 +73,18 @@ class ThickCells:
 class RimLight:
     """Light that leaves the cells of the rim, as sweeps store it: [direction][cell][component].
 
-    rows, cells: where a row of each layout finds them.
+    rows, cells: where a row of each layout finds them. first: number of the sweeps' first direction.
     """
 
     buffer: Any
     rim: int
     rows: dict[int, Any]
     cells: dict[int, Any]
+    first: int = 0
+
+    def after(self, directions: int) -> RimLight:
+        """For sweeps that follow so many directions."""
+        return replace(self, first=directions)
 
     @classmethod
     def of(
@@ -90,7 +99,7 @@ class RimLight:
     ) -> RimLight:
         z, y, x = np.nonzero(thick.places >= 0)
         number = thick.places[z, y, x]
-        at = (x, y, z)
+        at = (x + thick.low[0], y + thick.low[1], z + thick.low[2])
         rows, listed = {}, {}
         for layout in layouts(box.shape).values():
             u, v, l = (at[axis] for axis in layout.axes)
@@ -109,7 +118,7 @@ class RimLight:
         """Kernel arguments `light` to `rim_cells` for the direction of this number."""
         return [
             self.buffer,
-            np.int32(number),
+            np.int32(self.first + number),
             np.int32(self.rim),
             self.rows[layout.number],
             self.cells[layout.number],

@@ -12,7 +12,6 @@ from cldit.gpu.buffers import upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
-from cldit.transport.layout import Layout
 from cldit.transport.thick import RimLight
 
 
@@ -60,11 +59,3 @@ class ToCamera:
             },
             shares={turned: zeros(device, "shares", box.cells, real) for turned in (False, True)},
         )
-
-    def heights(
-        self, layout: Layout, slope_u: float, slope_v: float, start: NDArray[np.float64]
-    ) -> Any:
-        """y of the rays within their cells, layer by layer as they are met; unused along y."""
-        slope, first = (slope_u, start[0]) if layout.axes[0] == 1 else (slope_v, start[1])
-        place = first + slope * np.arange(layout.size[2])
-        return upload(self.device, "heights", (place - np.floor(place)).astype(self.real))

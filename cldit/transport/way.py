@@ -1,0 +1,62 @@
+"""The way of parallel rays through the layers of a box: the steps in which they cross cells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_SHORTEST = 1e-6  # of a layer: what a ray crosses in less is left to the step beside it
+
+
+@dataclass(frozen=True)
+class Way:
+    """Steps (N,) between the places where rays go from one cell into another.
+
+    part: share of its layer that a step crosses. layer: in which it is. moved_u, moved_v: cells by
+    which rays have moved since they came in. within (3, N): where in its cell the step's middle
+    lies along u, v, l, 0 to 1.
+    """
+
+    part: Floats
+    layer: NDArray[np.int32]
+    moved_u: NDArray[np.int64]
+    moved_v: NDArray[np.int64]
+    within: Floats
+
+    @classmethod
+    def of(
+        cls, slope_u: float, slope_v: float, start: Floats, *, layers: int, backwards: bool
+    ) -> Way:
+        """slope_u, slope_v: cells that rays move a layer, -1 to 1; start (2,): where they cross the
+        first layer's cells, 0 to 1. backwards: the last layer is met first."""
+        cuts = [np.arange(layers + 1.0)]
+        for slope, first in ((slope_u, start[0]), (slope_v, start[1])):
+            if slope != 0:
+                end = first + slope * layers
+                low, high = sorted((first, end))
+                cuts.append((np.arange(np.ceil(low), np.floor(high) + 1) - first) / slope)
+        at = np.unique(np.clip(np.concatenate(cuts), 0.0, layers))
+        # Of two cuts that are all but one the later goes, unless it is the layer's end.
+        close = np.flatnonzero(np.diff(at) < _SHORTEST)
+        at = np.delete(at, np.where(at[close + 1] % 1 == 0, close, close + 1))
+        part = np.diff(at)
+        middle = at[:-1] + part / 2
+        u, v = start[0] + slope_u * middle, start[1] + slope_v * middle
+        layer, along = np.floor(middle).astype(np.int32), middle % 1
+        return cls(
+            part=part,
+            layer=layers - 1 - layer if backwards else layer,
+            moved_u=np.floor(u).astype(np.int64),
+            moved_v=np.floor(v).astype(np.int64),
+            within=np.stack([u % 1, v % 1, 1 - along if backwards else along]),
+        )
+
+    def shifts(self, rows: int) -> NDArray[np.int32]:
+        """(N, 4): moved in u, in v modulo rows, and both since the step before."""
+        moved = np.stack([self.moved_u, self.moved_v], axis=1)
+        since = np.diff(moved, axis=0, prepend=moved[:1])
+        return np.column_stack([moved[:, 0], moved[:, 1] % rows, since]).astype(np.int32)
