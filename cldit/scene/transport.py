@@ -44,12 +44,12 @@ class Transport(Section):
     accuracy_K: Annotated[float, Within(1e-4, 100.0)] = 0.1
     """Wanted error of the trace, RMS in apparent temperature."""
     max_samples: Annotated[int, Within(128, 10_000_000)] = 4096
-    """Of `path`, a pixel."""
+    """Of `path`, and of what `source` gathers, a pixel."""
     phase: Phase | None = None
     """Left out: isotropic with the preset `paper`, mie with `spectral` (isotropic where droplets
     are given as coefficients, or the method is `branching`)."""
-    gather: bool = False
-    """`source`: follow what thick cells scatter, from cell to cell."""
+    gather: bool = True
+    """`source`: follow what thick cells scatter, within them and from cell to cell."""
     audit: bool = True
     """`source`: trace some pixels by `path` as well, to know the picture's error."""
     cutoff: Annotated[float, Within(0.0, 0.5)] = 1e-4

@@ -8,13 +8,15 @@ cells whose light is known from the last sweep.
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
-from cldit.transport.cells import Box, OpticalCells
+from cldit.transport.cells import Box
 from cldit.transport.closure import Closure
 from cldit.transport.directions import Directions
 from cldit.transport.kelvin import VISIBLE, error_K
@@ -27,6 +29,7 @@ from cldit.transport.thick import FACE, RimLight, ThickCells, nearest
 Floats = NDArray[np.float64]
 
 _SAMPLES = 32  # of a pixel and batch
+_FEW = 10  # pixels that do not tell the noise of their sum
 _CLOSED = 2e-3  # single precision, and the cutoff
 _LONGEST = 32  # scatterings of a chain, after which the light is that of the sweeps
 _GROUP = 16
@@ -50,7 +53,8 @@ class Gather:
         source: NDArray[np.floating],
         units: Floats,
     ) -> None:
-        """directions, light: of the last sweep. source (C, N), units (C,): see `ThickCells.records`."""
+        """directions, light: of the last sweep. source (C, N), units (C,): see
+        `ThickCells.records`."""
         self._painter, self._settings = painter, settings
         self.device: Device = painter.parts[0].device
         cells = painter.cells
@@ -87,7 +91,7 @@ class Gather:
             low,
             shape,
         ]
-        self.samples = 0
+        self.samples, self.seconds = 0, 0.0
         self.programs: dict[int, Program] = {}
 
     def _shares(self, directions: Directions) -> Floats:
@@ -136,7 +140,7 @@ class Gather:
             kelvin = np.nan_to_num(error_K(seen + mean[:-1], difference[:-1], cells, scene))
             # In what a tile has of the sum of squares lies what it can gain.
             energy = np.bincount(tiles, kelvin**2)
-            visible = max(np.count_nonzero(1 - (seen + mean[:-1])[0] > VISIBLE) + other, 1)
+            visible = max(int(np.count_nonzero(1 - (seen + mean[:-1])[0] > VISIBLE)) + other, 1)
             left = float(energy.sum()) / visible - (_NOISE * wanted) ** 2
             if left <= 0 or 2 * pairs * samples * across**2 > self._settings.max_samples:
                 break
@@ -150,7 +154,7 @@ class Gather:
         Closure.of(
             (mean[:boundaries] / scattered)[:, None],
             (mean[-1] / scattered)[None],
-            bound=_CLOSED,
+            bound=_CLOSED if count >= _FEW else 1.0,
             noisy=True,
         )
         return means[:, :-1]
@@ -172,6 +176,7 @@ class Gather:
         rays = np.stack(
             [column[:, None] + right.reshape(-1), row[:, None] + down.reshape(-1)], axis=2
         )
+        start = time.perf_counter()
         device, count = self.device, len(pixels) * across**2
         group = min(_GROUP, device.info.largest_group)
         out = zeros(device, "means", self._components * count, self._real)
@@ -191,4 +196,5 @@ class Gather:
         )
         found = np.empty((self._components, count), self._real)
         found = download(device, out, found).reshape(self._components, len(pixels), -1)
+        self.seconds += time.perf_counter() - start
         return np.asarray(found.mean(axis=2, dtype=np.float64))

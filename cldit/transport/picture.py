@@ -18,8 +18,8 @@ from cldit.transport.kelvin import VISIBLE, steep
 from cldit.transport.view import View, upload_tree
 
 Floats = NDArray[np.float64]
-# From pixels (N,), what of their light thick cells scatter (N,), rays across each, what else they see
-# (C, N), and the number of other pixels that count: what to add to each picture, (pictures, C, N).
+# From pixels (N,), what of their light thick cells scatter (N,), rays across each, what else they
+# see (C, N), and the number of other pixels that count: what to add, (pictures, C, N).
 Gathered = Callable[[NDArray[np.int64], Floats, int, Floats, int], Floats]
 
 _ACROSS = {1: 1, 4: 2, 16: 4, 64: 8, "adaptive": 4}
@@ -107,8 +107,8 @@ class Painter:
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
-        planes = self.cells.source_planes(self.real)
-        sources = [self._sources(planes, source, defect) for source in listed]
+        empty = self.cells.source_planes(self.real)
+        sources = [self._sources(empty, source, defect) for source in listed]
         every = np.arange(columns * rows)
         pixels = None if rays in (1, "adaptive") else every
         images = [np.empty((0, 0))] * len(listed)
@@ -126,8 +126,8 @@ class Painter:
             else:
                 for image, part in zip(images, several, strict=True):
                     image[:, pixels] = part
-        images = [image.reshape(-1, rows, columns) for image in images]
-        return images, 0 if pixels is None else len(pixels)
+        planes = [image.reshape(-1, rows, columns) for image in images]
+        return planes, 0 if pixels is None else len(pixels)
 
     def _gathered(
         self,

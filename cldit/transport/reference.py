@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -75,7 +77,7 @@ def sweep(
         depth: (nz, ny, nx) optical depth of a cell's edge.
         source: (C, nz, ny, nx), background first, wall second, then patches.
         back: (3,) unit vector to where the light comes from.
-        start: (2,) shift of the rays in the first layer, cells.
+        start: (2,) where rays cross the cells of the first layer, 0 to 1.
     """
     main = int(np.argmax(np.abs(back)))
     axes = {0: (1, 2, 0), 1: (0, 2, 1), 2: (0, 1, 2)}[main]  # u, v, l as x, y, z
@@ -86,30 +88,42 @@ def sweep(
     nl, nv, nu = t_all.shape
     u_run, v_run, l_run = (-back[axis] for axis in axes)
     stretch = 1 / abs(l_run)
+    run = stretch * np.array([u_run, v_run])
     v, u = np.meshgrid(np.arange(nv), np.arange(nu), indexing="ij")
     rays = np.zeros((len(source), nv, nu))
     before = np.zeros(2, int)
     for step in range(nl):
         layer = nl - 1 - step if l_run < 0 else step
-        shift = np.floor(start + step * stretch * np.array([u_run, v_run])).astype(int)
-        moved = shift - before if step else np.zeros(2, int)
-        before = shift
-        # Rays follow their cells: the array of rays is rolled, and those that wrapped come in anew.
-        rays = np.roll(rays, (moved[1], moved[0]), axis=(1, 2))
-        enters = np.full((nv, nu), step == 0)
-        enters |= (moved[0] > 0) & (u == 0) | (moved[0] < 0) & (u == nu - 1)
-        enters |= (moved[1] > 0) & (v == 0) | (moved[1] < 0) & (v == nv - 1)
-        point = np.empty((nv * nu, 3))
-        for axis, place in zip(axes, (u, v, np.full_like(u, layer)), strict=True):
-            point[:, axis] = place.reshape(-1) + 0.5
-        lines = np.broadcast_to(back, point.shape)
-        seen = boundary_seen(point, lines, centre=centre, radius=radius, patches=patches)
-        component = np.arange(len(rays))[:, None, None]
-        rays[:, enters] = (component == seen.reshape(nv, nu))[:, enters]
-        t = t_all[layer] * stretch
-        gap = rays - s_all[:, layer]
-        excess[:, layer] += weight * gap * mean_transmission(t)
-        rays = rays - gap * absorbed(t)
+        # Where in this layer a ray, all of which are alike, comes to another cell.
+        entry = start + step * run
+        cuts = [0.0, 1.0]
+        for place, slope in zip(entry, run, strict=True):
+            if slope != 0:
+                side = np.floor(place) + (1 if slope > 0 else 0)
+                cuts.append(min((side - place) / slope, 1.0))
+        for low, high in itertools.pairwise(sorted(cuts)):
+            if high - low < 1e-9:
+                continue
+            shift = np.floor(entry + (low + high) / 2 * run).astype(int)
+            moved = shift - before
+            before = shift
+            # Rays follow their cells: the array of rays is rolled, and those that wrapped come in
+            # anew.
+            rays = np.roll(rays, (moved[1], moved[0]), axis=(1, 2))
+            enters = np.full((nv, nu), step == 0 and low == 0)
+            enters |= (moved[0] > 0) & (u == 0) | (moved[0] < 0) & (u == nu - 1)
+            enters |= (moved[1] > 0) & (v == 0) | (moved[1] < 0) & (v == nv - 1)
+            point = np.empty((nv * nu, 3))
+            for axis, place in zip(axes, (u, v, np.full_like(u, layer)), strict=True):
+                point[:, axis] = place.reshape(-1) + 0.5
+            lines = np.broadcast_to(back, point.shape)
+            seen = boundary_seen(point, lines, centre=centre, radius=radius, patches=patches)
+            component = np.arange(len(rays))[:, None, None]
+            rays[:, enters] = (component == seen.reshape(nv, nu))[:, enters]
+            t = t_all[layer] * (stretch * (high - low))
+            gap = rays - s_all[:, layer]
+            excess[:, layer] += weight * (high - low) * gap * mean_transmission(t)
+            rays = rays - gap * absorbed(t)
     back_order = np.argsort(order)
     return np.asarray(excess.transpose(0, *(1 + axis for axis in back_order)))
 

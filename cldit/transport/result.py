@@ -23,10 +23,12 @@ class Settings:
     """How a trace is carried out; `settings_for` derives it from the wanted accuracy.
 
     directions: of the sweeps that solve for the source; final_directions: of the two halves
-    together of the last sweep; tolerance: RMS error allowed in the source (weights are 0..1).
+    together of the last sweep, twice those of the sweep before it; tolerance: RMS error allowed in
+    the source (weights are 0..1).
     accuracy_K, max_samples: where `path` stops, RMS error of T_app or samples a pixel. order: most
     scatterings, None for all; beyond it the wall is seen. phase: None is isotropic.
-    gather: `source` follows what cells of an optical depth above `thick` scatter, up to accuracy_K.
+    gather: `source` follows what cells of an optical depth above `thick` scatter, until the noise
+    of that is half of accuracy_K, or with max_samples a pixel.
     audit: `source` has some of its pixels traced by `path`, where it simplifies anything.
     """
 
@@ -41,9 +43,9 @@ class Settings:
     accuracy_K: float = 0.1
     max_samples: int = 4096
     phase: ScatteringTable | None = None
-    gather: bool = False
+    gather: bool = True
     audit: bool = True
-    thick: float = 0.5
+    thick: float = 0.4
 
 
 @dataclass(frozen=True)

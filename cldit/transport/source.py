@@ -116,6 +116,11 @@ def trace_source(
     if scene.camera.rays_per_pixel != 1:
         counts["pixels_of_several_rays"] = refined
     seconds["image"] = time.perf_counter() - start
+    if gather is not None:
+        programs += gather.programs.values()
+        counts["samples"] = gather.samples
+        seconds["gather"] = gather.seconds
+        seconds["image"] -= gather.seconds + sum(p.build_s for p in gather.programs.values())
     difference = None if len(images) < 2 else (images[0] - images[1]) / 2
     mean = np.mean(images, axis=0)
     return Trace(
@@ -191,10 +196,12 @@ def _scattering(
                 source = another_order(sweeper, source, rays(settings.directions))
             solution = Solution(source, settings.order, 0.0, 0.0)
         half = settings.final_directions // 2
-        smooth = int(__import__("os").environ.get("SMOOTH", "0"))
-        if smooth:
+        if settings.order is None:
+            # The solver's few directions are forgotten, but for what is scattered twice more.
+            better = another_order(sweeper, solution.source, rays(half))
+            lack = solution.lack
             solution = replace(
-                solution, source=another_order(sweeper, solution.source, rays(smooth))
+                solution, source=better, lack=None if lack is None else lack * cells.albedo
             )
         few = rays(_CHECKED)
         defect = sweeper.defect(solution.source, few.directions, few.starts)

@@ -51,8 +51,7 @@ def _contents(device: Device, cells: OpticalCells, box: Box) -> dict[int, Any]:
     dense = cells.dense(box, content)
     out = {}
     for layout in layouts(box.shape).values():
-        u, v, l = layout.axes
-        rows = dense.transpose(2 - l, 2 - v, 2 - u)
+        rows = dense.transpose([2 - axis for axis in reversed(layout.axes)])
         rows = np.pad(rows, ((0, 0), (0, 0), (0, -rows.shape[2] % _GROUP)))
         groups = rows.reshape(*rows.shape[:2], -1, _GROUP).max(axis=3)
         out[layout.number] = upload(device, "contents", groups)

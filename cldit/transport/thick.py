@@ -73,7 +73,8 @@ class ThickCells:
 class RimLight:
     """Light that leaves the cells of the rim, as sweeps store it: [direction][cell][component].
 
-    rows, cells: where a row of each layout finds them. first: number of the sweeps' first direction.
+    rows, cells: where a row of each layout finds them. first: number of the sweeps' first
+    direction.
     """
 
     buffer: Any
@@ -102,14 +103,14 @@ class RimLight:
         at = (x + thick.low[0], y + thick.low[1], z + thick.low[2])
         rows, listed = {}, {}
         for layout in layouts(box.shape).values():
-            u, v, l = (at[axis] for axis in layout.axes)
+            along, across, up = (at[axis] for axis in layout.axes)
             _, nv, nl = layout.size
-            row = l * nv + v
+            row = up * nv + across
             order = np.argsort(row, kind="stable")
             starts = np.searchsorted(row[order], np.arange(nl * nv + 1))
             rows[layout.number] = upload(device, "rows of the rim", starts.astype(np.int32))
             listed[layout.number] = upload(
-                device, "rim", np.stack([u[order], number[order]], axis=1).astype(np.int32)
+                device, "rim", np.stack([along[order], number[order]], axis=1).astype(np.int32)
             )
         size = directions * thick.rim * components
         return cls(zeros(device, "light of the rim", size, real), thick.rim, rows, listed)
@@ -135,4 +136,4 @@ def nearest(directions: Directions) -> NDArray[np.int32]:
     y = np.where(below, (1 - np.abs(u)) * np.copysign(1.0, v), v)
     points = np.stack([x, y, z], axis=2).reshape(-1, 3)
     points /= np.linalg.norm(points, axis=1, keepdims=True)
-    return np.argmax(points @ directions.unit.T, axis=1).astype(np.int32)
+    return np.asarray(np.argmax(points @ directions.unit.T, axis=1), np.int32)
