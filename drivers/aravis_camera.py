@@ -6,8 +6,10 @@ opened at its address, so nothing is broadcast and it may be in another subnet.
 
 from __future__ import annotations
 
+import os
 import socket
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -49,6 +51,7 @@ class AravisClient:
         self._aravis, self._error = Aravis, GLib.Error
         self._settings = settings
         self._stream: Any = None
+        self._lost = False
         self._link_errors = {int(getattr(Aravis.DeviceError, name)) for name in _LINK_ERRORS}
         here, there = (
             Gio.InetAddress.new_from_string(text)
@@ -78,6 +81,7 @@ class AravisClient:
         except self._error as error:
             link = error.domain == "arv-device-error-quark" and error.code in self._link_errors
             if link:
+                self._lost = True
                 raise NotConnected(
                     f"camera: the link failed ({error.message}); check the cable"
                 ) from error
@@ -148,9 +152,12 @@ class AravisClient:
             lambda d: self._aravis.Camera.new_with_device(d).create_stream(None, None)
         )
         size = self.get_integer("PayloadSize")
-        # By itself it asks for room for one picture, which the kernel fills with half of one.
+        # By itself it asks for room for one picture, which the kernel fills with half of one, and
+        # it does so when the first packet has come, too late for those right behind.
+        room = max(_ROOM * size, _LEAST_ROOM)
         self._stream.set_property("socket-buffer", self._aravis.GvStreamSocketBuffer.FIXED)
-        self._stream.set_property("socket-buffer-size", max(_ROOM * size, _LEAST_ROOM))
+        self._stream.set_property("socket-buffer-size", room)
+        _make_room(self._stream.get_port(), room)
         # Any part of a picture may be asked for again, not the usual quarter alone.
         self._stream.set_property("packet-request-ratio", 1.0)
         for _ in range(frames + _SPARE):
@@ -161,30 +168,24 @@ class AravisClient:
         if got is None:
             self._under_control()
             return None
-        whole = got.get_status() == self._aravis.BufferStatus.SUCCESS
         pixels = None
-        if got.get_payload_type() == self._aravis.BufferPayloadType.IMAGE:  # its head has come
-            kind = np.dtype(_PIXELS[(got.get_image_pixel_format() >> 16) & 0xFF])
+        whole = got.get_status() == self._aravis.BufferStatus.SUCCESS
+        if whole:  # of others it gives nothing away
+            kind = _PIXELS[(got.get_image_pixel_format() >> 16) & 0xFF]
             shape = got.get_image_height(), got.get_image_width()
-            data = got.get_image_data()
-            if len(data) >= shape[0] * shape[1] * kind.itemsize:
-                flat = np.frombuffer(data, kind, shape[0] * shape[1])
-                pixels = flat.astype(np.uint16).reshape(shape)
-        picture = Picture(
-            pixels,
-            block=got.get_frame_id(),
-            device_ns=got.get_timestamp(),
-            whole=whole and pixels is not None,
-        )
+            flat = np.frombuffer(got.get_image_data(), kind, shape[0] * shape[1])
+            pixels = flat.astype(np.uint16).reshape(shape)
+        picture = Picture(pixels, got.get_frame_id(), got.get_timestamp(), whole)
         self._stream.push_buffer(got)
         return picture
 
     def close(self) -> None:
         self._stream = None
-        try:
-            self._device.leave_control()
-        except self._error:  # it is gone already
-            pass
+        if not self._lost:  # else that would take the time of all its repetitions
+            try:
+                self._device.leave_control()
+            except self._error:  # it is gone already
+                pass
         self._device = None
 
 
@@ -196,6 +197,21 @@ def _way_to(address: str) -> str:
         except OSError as error:
             raise NotConnected(f"no way to {address} ({error})") from error
         return str(probe.getsockname()[0])
+
+
+def _make_room(port: int, size: int) -> None:
+    """For so many bytes in this process's socket at a port; Aravis does not hand out its own."""
+    folder = Path("/proc/self/fd")
+    for entry in list(folder.iterdir()) if folder.is_dir() else ():
+        try:
+            if not entry.is_socket():
+                continue
+            with socket.socket(fileno=os.dup(int(entry.name))) as found:
+                inet = found.family == socket.AF_INET and found.type == socket.SOCK_DGRAM
+                if inet and found.getsockname()[1] == port:
+                    found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
+        except OSError:  # closed meanwhile
+            continue
 
 
 def open_aravis_camera(settings: dict[str, Any], context: RigContext) -> GenicamCamera:

@@ -107,6 +107,7 @@ class Features:
         """What to add to the camera's nanoseconds for wall time: from the quickest of some
         readings; None where the camera has no clock to ask."""
         offset_ns, best_ns = None, 10**9
+        seen: set[int] = set()
         try:
             ns_per_tick = nanoseconds_a_tick(self.client)
             if ns_per_tick is None:
@@ -116,10 +117,11 @@ class Features:
                 self.client.write_register(TIMESTAMP_CONTROL, _LATCH)
                 after_ns = time.time_ns()
                 high, low = (self.client.read_register(at) for at in TIMESTAMP)
+                ticks = (high << 32) | low
+                seen.add(ticks)
                 if after_ns - before_ns < best_ns:
                     best_ns = after_ns - before_ns
-                    ticks = (high << 32) | low
                     offset_ns = (before_ns + after_ns) // 2 - round(ticks * ns_per_tick)
         except RigError:
             return None
-        return offset_ns
+        return offset_ns if len(seen) > 1 else None  # a clock that stands still tells nothing
