@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from cldit.camera.calibration import Calibration
-from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, OutOfLimits, RigError
+from cldit.rig.checks import check_exposure, check_format, check_roi, check_trigger
+from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, RigError
 from cldit.rig.protocols import (
     Capabilities,
     DeviceInfo,
@@ -38,8 +39,6 @@ _IN_FLIGHT_s = 0.5  # a picture arrives this long after its exposure, or never
 class GenicamCamera:
     """A `cldit.rig.protocols.Camera`; `take_control` gives the client, or raises NotConnected."""
 
-    tested_on_hardware = False
-
     def __init__(
         self, take_control: Callable[[GigeSettings], Client], settings: GigeSettings
     ) -> None:
@@ -47,7 +46,7 @@ class GenicamCamera:
         self._settings = settings
         self._features: Features | None = None
         self._streams = False
-        self._identity = ("?", "GigE Vision camera", "", "")
+        self._info = DeviceInfo("camera", "?", "GigE Vision camera", tested_on_hardware=False)
         self._trigger: TriggerInfo | None = None
         self._armed = False
         self._triggered = self._received = 0  # since armed
@@ -88,7 +87,7 @@ class GenicamCamera:
             features.client.set_integer("GevHeartbeatTimeout", round(1e3 * wanted.heartbeat_s))
         names = ("DeviceVendorName", "DeviceModelName", "DeviceSerialNumber", "DeviceVersion")
         maker, model, serial, firmware = (features.text(name) for name in names)
-        self._identity = (maker, model, serial, firmware)
+        self._info = DeviceInfo("camera", maker, model, serial, firmware, tested_on_hardware=False)
         self._period_s = 1.0 / (wanted.maximum_rate_Hz or features.maximum_rate_Hz())
         self._clock_offset_ns = features.clock_offset_ns()
         features.client.stop()
@@ -102,15 +101,7 @@ class GenicamCamera:
             features.client.close()
 
     def identify(self) -> DeviceInfo:
-        maker, model, serial, firmware = self._identity
-        return DeviceInfo(
-            "camera",
-            maker,
-            model,
-            serial,
-            firmware,
-            tested_on_hardware=self.tested_on_hardware,
-        )
+        return self._info
 
     def read_configuration(self) -> dict[str, Any]:
         settings = self._read_settings()
@@ -152,22 +143,11 @@ class GenicamCamera:
         self._connected()
         if self._armed:
             raise ConfigRejected("camera: is armed; disarm() before configure()")
-        low, high = self._connected().exposure_limits_s()
-        if not low <= integration_time_s <= high:
-            raise OutOfLimits(
-                f"camera: integration_time_s: {integration_time_s:g} is outside {low:g}..{high:g}"
-            )
-        columns, rows = self._sensor()
-        part = Roi(0, 0, columns, rows) if roi is None else roi
-        inside = part.x >= 0 and part.y >= 0 and part.width > 0 and part.height > 0
-        if not inside or part.x + part.width > columns or part.y + part.height > rows:
-            raise OutOfLimits(f"camera: roi: {part} does not fit on {columns} x {rows}")
+        can = self.capabilities
+        check_exposure(can, integration_time_s)
+        check_format(can, pixel_format)
+        part = check_roi(can, roi)
         if pixel_format is not None:
-            allowed = self._connected().entries("PixelFormat")
-            if pixel_format not in allowed:
-                raise ConfigRejected(
-                    f"camera: pixel_format: {pixel_format!r}; allowed are {', '.join(allowed)}"
-                )
             self._connected().choose("PixelFormat", pixel_format)
         self._connected().expose(integration_time_s)
         for name, value in (
@@ -182,19 +162,10 @@ class GenicamCamera:
         return self._read_settings()
 
     def prepare(self, trigger: TriggerInfo) -> None:
-        self._connected()
-        if (
-            trigger.mode not in _MODES
-            or min(trigger.n_frames, trigger.frames_per_trigger) < 1
-            or trigger.activation not in _EDGES
-        ):
-            raise ConfigRejected(
-                f"camera: {trigger}; allowed are {', '.join(sorted(_MODES))}, n_frames >= 1, and "
-                "rising or falling"
-            )
+        features = self._connected()
+        check_trigger(_MODES, trigger)
         if self._armed:
             raise ConfigRejected("camera: is armed; disarm() before prepare()")
-        features = self._connected()
         features.stop_after(trigger.n_frames)
         source = None
         if trigger.mode is not TriggerMode.INTERNAL:
@@ -240,8 +211,8 @@ class GenicamCamera:
             self._counts["missed"] += 1
             return
         time.sleep(max(self._last_trigger_s + 1.05 * self._period_s - time.monotonic(), 0.0))
-        self._last_trigger_s = time.monotonic()
         self._connected().client.execute("TriggerSoftware")
+        self._last_trigger_s = time.monotonic()  # it was taken before this
         self._triggered += 1
 
     def read_frames(self, n: int, timeout_s: float) -> Iterator[Frame]:
