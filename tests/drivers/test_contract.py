@@ -2,8 +2,8 @@
 
 A driver joins by a rig in `RIGS` (cameras with a trigger line, trigger generators), `CAMERAS` or
 `BACKGROUNDS` of `tests/rigs.py`. Those of real instruments talk over loopback sockets and
-pseudo-terminals to the peers in `cldit.drivers`, whose time is real but for the black bodies', which
-share the rig's simulated clock, and to Aravis' camera.
+pseudo-terminals to the peers in `cldit.drivers`, whose time is real but for the black bodies',
+which share the rig's simulated clock, and to Aravis' camera.
 """
 
 from __future__ import annotations
