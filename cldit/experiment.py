@@ -20,7 +20,7 @@ from cldit.acquisition.sequence import Record
 from cldit.camera.curve import Curve
 from cldit.camera.view import SensorView
 from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
-from cldit.dit.scattering import Medium, medium_temperature, wall_share
+from cldit.dit.scattering import Medium, enclosure, medium_temperature, scattered_by
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.gpu.device import Device
 from cldit.images import write_image
@@ -146,7 +146,8 @@ def evaluate_scattering(folder: str | Path, model: Run, evaluation: Evaluation) 
         model: a run whose spray and camera stand for the measurement's.
 
     Raises:
-        EvaluationError: the model's sensor has another number of pixels.
+        EvaluationError: the model's sensor has another number of pixels, or its enclosure other
+            patches.
     """
     opened = open_measured(folder) if is_measured(folder) else open_acquisition(folder)
     view = SensorView.from_scene(model.scene)
@@ -157,12 +158,8 @@ def evaluate_scattering(folder: str | Path, model: Run, evaluation: Evaluation) 
     curve = Curve(filter_um=evaluation.calibration.filter_um)
     if evaluation.fitted is not None:
         curve = evaluation.fitted.curve
-    medium = medium_temperature(
-        evaluation.maps,
-        wall_share(spray, reference),
-        wall_temperature_K=opened.surroundings.wall_temperature_K,
-        curve=curve,
-    )
+    scattered = scattered_by(spray, reference, enclosure(opened.surroundings, curve))
+    medium = medium_temperature(evaluation.maps, scattered, curve)
     for name, image, unit in (
         ("medium_temperature_K", medium.temperature_K, "K"),
         ("medium_temperature_standard_error_K", medium.standard_error_K, "K"),

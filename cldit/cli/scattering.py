@@ -9,10 +9,10 @@ from rich.markdown import Markdown
 
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.gpu.device import open_device
-from cldit.report.scattering_page import scattering_picture, scattering_table
 from cldit.run.simulate import default_cache
-from cldit.scattering_study import scattering_study
 from cldit.scene import load_scene, parse_scene
+from cldit.study.scattering.page import scattering_picture, scattering_table
+from cldit.study.scattering.run import scattering_study
 
 
 @click.command("scattering")
