@@ -158,6 +158,7 @@ def evaluated(models: Mapping[str, Traced], second: Mapping[str, Traced], scene:
 def _row(way: Way, exact: Said, noisy: Said, truth: Truth) -> Row:
     after_K = truth.droplets_K if way.about == "droplets" else truth.medium_K
     told = truth.here & np.isfinite(exact.kelvin)
+    seen = told & truth.wet if way.about == "droplets" else told
     width = (noisy.high_K - noisy.low_K)[told]
     return Row(
         method=way.method,
@@ -168,7 +169,7 @@ def _row(way: Way, exact: Said, noisy: Said, truth: Truth) -> Row:
         width_K=_nan_median(width),
         told=float(told.sum() / truth.here.sum()),
         where={
-            name: _rms((exact.kelvin - after_K)[mask & told])
+            name: _rms((exact.kelvin - after_K)[mask & seen])
             for name, mask in truth.classes.items()
         },
     )
