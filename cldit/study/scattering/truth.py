@@ -39,7 +39,7 @@ from cldit.transport.trace import settings_for, trace
 Floats = NDArray[np.float64]
 
 PLATES = ("ring", "beside", "before")
-SECOND_FILTER_UM = (3.5, 3.6)  # liquid absorbs most against its vapour: see docs/dit.md
+SECOND_FILTER_UM = (3.5, 3.6)  # liquid absorbs most against its vapour: see docs/scattering.md
 _LIQUID_K, _VAPOUR_K = 350.0, 400.0  # of its n, k and cross section
 _RING = 1.5  # radius of the ring over that of the background disc
 _PLATE = 0.4  # radius of the other plates over the cube's edge
