@@ -143,11 +143,11 @@ def evaluate_scattering(folder: str | Path, model: Run, evaluation: Evaluation) 
 
     Args:
         folder: as given to `evaluate_folder`, which must have gone before.
-        model: a run whose spray and camera stand for the measurement's.
+        model: a run whose spray and camera stand for the measurement's, and whose patches are
+            those of its enclosure, temperatures included.
 
     Raises:
-        EvaluationError: the model's sensor has another number of pixels, or its enclosure other
-            patches.
+        EvaluationError: the model's sensor has another number of pixels.
     """
     opened = open_measured(folder) if is_measured(folder) else open_acquisition(folder)
     view = SensorView.from_scene(model.scene)
@@ -158,7 +158,10 @@ def evaluate_scattering(folder: str | Path, model: Run, evaluation: Evaluation) 
     curve = Curve(filter_um=evaluation.calibration.filter_um)
     if evaluation.fitted is not None:
         curve = evaluation.fitted.curve
-    scattered = scattered_by(spray, reference, enclosure(opened.surroundings, curve))
+    around = opened.surroundings
+    if not around.patches:  # neither a rig nor measured data describes any
+        around = replace(around, patches=model.scene.patches)
+    scattered = scattered_by(spray, reference, enclosure(around, curve))
     medium = medium_temperature(evaluation.maps, scattered, curve)
     for name, image, unit in (
         ("medium_temperature_K", medium.temperature_K, "K"),

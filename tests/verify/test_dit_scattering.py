@@ -237,6 +237,13 @@ def test_shapes_must_agree() -> None:
         medium_temperature(_maps(450.0), scattered, CURVE)
 
 
+def _with_patch(scene: Scene, **patch: object) -> Scene:
+    """A disc in the side wall."""
+    data = scene.model_dump(mode="json")
+    data["patches"] = [{"centre_m": [0.1, 0.0, -0.05], "radius_m": 0.06, **patch}]
+    return parse_scene(data)
+
+
 def _small(name: str = "droplets-only") -> Scene:
     data = load_scene(name).model_dump(mode="json")
     data["camera"]["pixels"] = [40, 40]
@@ -250,12 +257,13 @@ def _small(name: str = "droplets-only") -> Scene:
 
 
 def test_a_model_makes_droplets_their_own_temperature(device: Device, tmp_path: Path) -> None:
-    """Droplets at 370 K before walls at 450 K, recorded by the rig; `cldit evaluate --model`.
+    """Droplets at 370 K before walls at 450 K with a hot flange, recorded by the rig; `cldit
+    evaluate --model`.
 
-    Plain DIT shows them too warm by what they scatter of the walls; with the model, 370 K within
-    the noise.
+    Plain DIT shows them too warm by what they scatter of both; with the model, 370 K within the
+    noise.
     """
-    scene = _small()
+    scene = _with_patch(_small(), name="flange", facing=[-1, 0, 0], temperature_K=500.0)
     run = simulate(scene, tmp_path / "run", device=device)
     with open_rig(simulated_rig_data(scene, tmp_path / "run")) as rig:
         plan = plan_from_scene(scene, integration_time_s=run.info.integration_time_s)
@@ -324,16 +332,8 @@ def test_the_study_says_what_is_gained(device: Device, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_study_takes_scenes_with_patches_and_windows(device: Device, tmp_path: Path) -> None:
     """A cold window in the side wall: two walls and the warmer patch tell, as the model does."""
-    data = _small().model_dump(mode="json")
-    data["patches"] = [
-        {
-            "name": "laboratory",
-            "centre_m": [0.1, 0.0, -0.05],
-            "facing": [-1, 0, 0],
-            "radius_m": 0.06,
-            "temperature_K": 295.0,
-        }
-    ]
+    cold = _with_patch(_small(), name="laboratory", facing=[-1, 0, 0], temperature_K=295.0)
+    data = cold.model_dump(mode="json")
     data["windows"] = [{"side": "front", "material": "CaF2", "temperature_K": 380.0}]
     study = scattering_study(parse_scene(data), device, cache=tmp_path)
     rows = {(row.method, row.needs): row for row in study.rows}
