@@ -32,7 +32,8 @@ from cldit.study.scattering.run import scattering_study
 def scattering_command(
     scene: str, out: Path | None, pixels: int, leaf_m: float, device: str | None
 ) -> None:
-    """Evaluate SCENE, traced, with right and wrong models of its spray, and without any."""
+    """Evaluate SCENE, traced, in arrangements of walls, plates, discs and filters, and with right
+    and wrong models of its spray."""
     data = load_scene(scene).model_dump(mode="json")
     data["camera"]["pixels"] = [pixels, pixels]
     data["domain"]["leaf_edge_m"] = leaf_m

@@ -41,7 +41,7 @@ _SURE = 2.0  # standard errors within which the two temperatures agree
 
 @dataclass(frozen=True)
 class Band:
-    """What one filter saw, and the liquid's index there. diameters: those of the albedos (D,)."""
+    """What one filter saw, and the liquid's index there."""
 
     maps: Maps
     curve: Curve
