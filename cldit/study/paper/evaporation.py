@@ -71,7 +71,10 @@ def study(lab: Lab) -> Page:
         pictures={
             "changes": Picture(
                 changes_figure(
-                    {name: change.image for name, change in changes.items()},
+                    {
+                        name: changes[name].image
+                        for name in sorted(changes, key=lambda name: name.startswith(_CHANCE))
+                    },
                     frame_of(reference),
                     title=f"T_app minus that with {_REFERENCE}",
                     limit_K=20.0,
