@@ -27,16 +27,23 @@ from cldit.study.scattering.run import scattering_study
     show_default=True,
     help="Finest cell, m; truth and models share it.",
 )
+@click.option("--phase", type=click.Choice(["isotropic", "mie"]), help="How droplets scatter.")
 @click.option("--device", help="OpenCL device: platform:device, or part of its name.")
 @plain_errors
 def scattering_command(
-    scene: str, out: Path | None, pixels: int, leaf_m: float, device: str | None
+    scene: str,
+    out: Path | None,
+    pixels: int,
+    leaf_m: float,
+    phase: str | None,
+    device: str | None,
 ) -> None:
     """Evaluate SCENE, traced, in arrangements of walls, plates, discs and filters, and with right
     and wrong models of its spray."""
     data = load_scene(scene).model_dump(mode="json")
     data["camera"]["pixels"] = [pixels, pixels]
     data["domain"]["leaf_edge_m"] = leaf_m
+    data["transport"]["phase"] = phase or data["transport"]["phase"]
     chosen = parse_scene(data)
     found = scattering_study(chosen, open_device(device), cache=default_cache(), progress=say)
     folder = out or Path("runs") / f"{chosen.name}-scattering"

@@ -10,8 +10,9 @@ reciprocity, the share of what leaves it normally that is its own,
     epsilon_i - w_wall,i = A(tau_i, albedo_i(d)),    tau_i = -ln(1 - epsilon_i).
 
 With that, either filter gives a temperature for every d; they agree at one d, and that is the
-answer. No model of the spray is needed, but n and k in both filters are, droplets that absorb alone
-(vapour is not regarded), and light that differs between the filters.
+answer. Light that is scattered forward, g of it, counts as not scattered (similarity: van de Hulst
+1980, chapter 14). No model of the spray is needed, but n and k in both filters are, droplets that
+absorb alone (vapour is not regarded), and light that differs between the filters.
 """
 
 from __future__ import annotations
@@ -41,13 +42,15 @@ _SURE = 2.0  # standard errors within which the two temperatures agree
 
 @dataclass(frozen=True)
 class Band:
-    """What one filter saw, and the liquid's index there."""
+    """What one filter saw, and the liquid's index there. isotropic: droplets scatter so, as the
+    paper has it; real ones scatter forward, and what they do is taken by 1 - g."""
 
     maps: Maps
     curve: Curve
     wavelength_um: float
     n: float
     k: float
+    isotropic: bool = False
 
     def albedos(self, diameters_um: ArrayLike) -> Floats:
         """Of droplets of these Sauter mean diameters (D,), sized as the paper's first distribution.
@@ -57,11 +60,11 @@ class Band:
         """
         size = np.asarray(diameters_um, dtype=float)[:, None] / 6.0 * _QUANTILES
         found = efficiencies(n=self.n, k=self.k, x=np.pi * size.ravel() / self.wavelength_um)
-        scattered, lost = (
-            np.mean(each.reshape(size.shape), axis=1)
-            for each in (found.scattering, found.extinction)
+        aside = found.scattering * (1.0 if self.isotropic else 1.0 - found.asymmetry)
+        scattered, absorbed = (
+            np.mean(each.reshape(size.shape), axis=1) for each in (aside, found.absorption)
         )
-        return np.asarray(scattered / lost)
+        return np.asarray(scattered / (scattered + absorbed))
 
 
 @dataclass(frozen=True)

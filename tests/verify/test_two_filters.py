@@ -86,7 +86,16 @@ def test_size_and_temperature_come_back() -> None:
     assert np.all(found.low_K <= DROPLETS_K + 1.5) and np.all(found.high_K >= DROPLETS_K - 1.5)
     known, _ = one_filter(bands[0], diameter_um=9.0, wall_temperature_K=WALLS_K)
     np.testing.assert_allclose(known[[1, 2, 4]], DROPLETS_K, atol=0.1)
-    assert abs(known[5] - DROPLETS_K) > 3.0  # droplets of 10 um taken for 9 um
+    assert abs(known[5] - DROPLETS_K) > 2.0  # droplets of 10 um taken for 9 um
+
+
+def test_light_scattered_forward_is_not_scattered() -> None:
+    """Mie: droplets of 9 um scatter most of it within some degrees, so that they look blacker."""
+    forward, _ = _bands(np.array([1.0]), np.array([9.0]))
+    even = replace(forward, isotropic=True)
+    assert forward.albedos([9.0])[0] < 0.6 * even.albedos([9.0])[0]
+    # Without absorption nothing changes: all is scattered, however it is.
+    assert replace(forward, k=0.0).albedos([9.0])[0] == pytest.approx(1.0, abs=1e-12)
 
 
 def test_errors_by_brute_force() -> None:

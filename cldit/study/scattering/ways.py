@@ -190,7 +190,14 @@ def _filters(scene: Scene, other: Scene) -> Iterator[Way]:
     def bands(maps: Seen, k: float) -> tuple[Band, Band]:
         pair = zip((scene, other), (maps["as it is"], maps["second filter"]), strict=True)
         first, last = (
-            Band(seen, curve_of(one), one.optics.wavelength_um, one.optics.n, k * one.optics.k)
+            Band(
+                seen,
+                curve_of(one),
+                one.optics.wavelength_um,
+                one.optics.n,
+                k * one.optics.k,
+                isotropic=one.transport.phase != "mie",
+            )
             for one, seen in pair
         )
         return first, last
