@@ -6,8 +6,10 @@
    ends in the first other cell, one of the rim, of which the last sweep has stored the light that
    leaves it in each of its directions, or at the boundary. No flight is longer than a few cells.
 
-   Chains of little weight end by Russian roulette, and after LONGEST scatterings with the cell's one
-   source: light that has been scattered so often in thick cells has forgotten where it came in. */
+   Of what a flight loses all that is scattered goes on, from one place; chains of little weight end
+   by Russian roulette, in which the cell's one source stands for what is left, and after LONGEST
+   scatterings with that source alone: light that has been scattered so often in thick cells has
+   forgotten where it came in. So every chain keeps its light to rounding. */
 
 #include "attenuation.h"
 #include "boundary.h"
@@ -144,14 +146,16 @@ INLINE void score(real *sum, real weight, __global const real *light)
 }
 
 /* One flight from p in `cell`, along d, the way back to where the light comes from; scores what it
-   brings. Returns the record of the thick cell in which it is scattered, at p in `cell`, or 0. */
+   brings. Of all that thick cells on its way scatter, `weight` becomes the sum and one place is
+   drawn: its record is returned, and p and `cell` are moved there; 0 if they scatter nothing. Light
+   scored and `weight` left make the `weight` that came in. */
 INLINE __global const real *flight(
-    real *sum, real weight, real3 *p, int3 *cell, real3 d, int number, real goal, const Near *m)
+    real *sum, real *weight, real3 *p, int3 *cell, real3 d, int number, real u, const Near *m)
 {
     __global const real *met = 0;
-    __global const real *last = 0;
     const real3 from = *p;
-    real transmitted = R(1);
+    const real whole = *weight;
+    real transmitted = R(1), scattered = R(0), at = R(0), share_there = R(0);
     Step s = step_from(*cell, from, d);
     for (;;) {
         const int x = s.x - m->low.x, y = s.y - m->low.y, z = s.z - m->low.z;
@@ -159,50 +163,56 @@ INLINE __global const real *flight(
             const int seen = boundary_seen(
                 from.x, from.y, from.z, d.x, d.y, d.z, R(0), &m->boundary);
             for (int c = 0; c < BOUNDARIES; ++c)
-                sum[c] += c == seen ? weight * transmitted : R(0);
-            return met;
+                sum[c] += c == seen ? whole * transmitted : R(0);
+            break;
         }
         const int place = m->places[(z * m->shape.y + y) * m->shape.x + x];
         if (place >= 0) {
-            score(sum, weight * transmitted,
+            score(sum, whole * transmitted,
                   m->light + ((size_t)number * m->rim + place) * COMPONENTS);
-            return met;
+            break;
         }
         if (place < -1) {
             __global const real *record = m->thick + (-2 - place) * RECORD;
             const real share = absorbed(record[DEPTH] * (step_end(&s) - s.t));
-            const real taken = transmitted * share;
-            for (int e = 0; e < EMITTERS; ++e)
-                sum[BOUNDARIES + e] += weight * taken * record[EMISSION + e];
-            if (!met && transmitted - taken <= goal) {
-                const real part = clamp((transmitted - goal) / taken, R(0), R(1));
-                const real at = s.t + length_at(part, share, record[DEPTH]);
-                *p = from + fmin(at, step_end(&s)) * d;
-                *cell = (int3)(s.x, s.y, s.z);
-                met = record;
-            }
+            real taken = transmitted * share;
             transmitted -= taken;
-            last = record;
-            if (transmitted <= R(CUTOFF)) break;
+            /* What is left in the end goes no further than the last cell. */
+            const int last = transmitted <= R(CUTOFF);
+            taken += last ? transmitted : R(0);
+            const real here = taken * record[ALBEDO];
+            for (int e = 0; e < EMITTERS; ++e)
+                sum[BOUNDARIES + e] += whole * taken * record[EMISSION + e];
+            sum[WITHIN] += whole * (taken - here);
+            scattered += here;
+            /* One number serves all draws: what is left of it after each is as random as before. */
+            const real chance = here > R(0) ? here / scattered : R(0);
+            if (u < chance) {
+                u = fmin(u / chance, R(0.9999999));
+                met = record;
+                at = s.t;
+                share_there = share;
+                *cell = (int3)(s.x, s.y, s.z);
+            } else {
+                u = (u - chance) / (R(1) - chance);
+            }
+            if (last) break;
         }
         step_on(&s, d);
     }
-    /* What is left ends in the last cell, as if that went on for ever. */
-    for (int e = 0; e < EMITTERS; ++e)
-        sum[BOUNDARIES + e] += weight * transmitted * last[EMISSION + e];
-    if (!met) {
-        *p = from + s.t * d;
-        *cell = (int3)(s.x, s.y, s.z);
-        met = last;
-    }
+    *weight = whole * scattered;
+    if (met) *p = from + (at + length_at(u, share_there, met[DEPTH])) * d;
     return met;
 }
 
 /* Weight of direction `number` for light scattered along `sight`: the directions are shared out as
    for a line of sight along +y. */
+#if defined(PHASE_BINS) && defined(CAMERA_PINHOLE)
+#define SHARES
+#endif
 INLINE real share_of(real4 direction, real3 sight, __global const real *steps)
 {
-#if defined(PHASE_BINS) && defined(CAMERA_PINHOLE)
+#ifdef SHARES
     const real own = dot(direction.xyz, sight), middle = direction.y;
     const int i = (int)(sqrt(fmax(R(0), (R(1) - own) / 2)) * PHASE_STEPS);
     const int j = (int)(sqrt(fmax(R(0), (R(1) - middle) / 2)) * PHASE_STEPS);
@@ -210,18 +220,6 @@ INLINE real share_of(real4 direction, real3 sight, __global const real *steps)
 #else
     return R(1);
 #endif
-}
-
-/* Mean of that over what directions are drawn. */
-INLINE real shares_of(real3 sight, __global const real *steps, const Near *m)
-{
-    real sum = R(0), before = R(0);
-    for (int k = 0; k < m->count; ++k) {
-        const real4 direction = m->directions[k];
-        sum += (direction.w - before) * share_of(direction, sight, steps);
-        before = direction.w;
-    }
-    return sum;
 }
 
 /* Follows one chain from p in a thick `cell`, where light is scattered along `sight`. */
@@ -239,9 +237,8 @@ INLINE void chain(
             word.x = sobol(counter.y, 1, columns) ^ shift0.x;
             word.z = sobol(counter.y, 2, columns) ^ shift0.y;
             number = direction_at(unit(word.x), m->directions, m->count);
-            const real4 direction = m->directions[number];
-            d = direction.xyz;
-            weight *= share_of(direction, sight, steps);
+            d = m->directions[number].xyz;
+            weight *= share_of(m->directions[number], sight, steps);
         } else {
             if (event == 1) {
                 word.x = sobol(counter.y, 3, columns) ^ shift1.x;
@@ -251,18 +248,20 @@ INLINE void chain(
             d = turned(d, phase_cosine(unit(word.x), table), unit(word.y));
             number = m->nearest[direction_near(d)];
         }
-        __global const real *met =
-            flight(sum, weight, &p, &cell, d, number, unit(word.z), m);
-        if (!met) return;
-        sum[WITHIN] += weight * (R(1) - met[ALBEDO]);
-        weight *= met[ALBEDO];
-        if (weight <= R(0)) return;
+        __global const real *met = flight(sum, &weight, &p, &cell, d, number, unit(word.z), m);
+        if (!met || !(weight > R(0))) return;
+        /* Where it ends, and on average where it does not, the one source stands for what is left:
+           no light is made or lost by chance. */
         if (event + 1 >= LONGEST) {
             score(sum, weight, met + SOURCE);
             return;
         }
         if (weight < floor_) {
-            if (unit(word.w) * floor_ >= weight) return;
+            if (unit(word.w) * floor_ >= weight) {
+                score(sum, weight, met + SOURCE);
+                return;
+            }
+            score(sum, weight - floor_, met + SOURCE);
             weight = floor_;
         }
     }
@@ -300,7 +299,17 @@ __kernel void gather(
     for (int c = 0; c < PARTS; ++c) sum[c] = R(0);
 
     /* Once along the line for what is scattered in all, and again to share it out. */
-    const real even = R(1) / (SAMPLES * shares_of(sight, steps, &near));
+#ifdef SHARES
+    real shares = R(0);
+    for (uint sample = 0; sample < SAMPLES; ++sample) {
+        const uint word = sobol(van_der_corput(sample), 1, sobol_columns) ^ shift0.x;
+        const int number = direction_at(unit(word), directions, direction_count);
+        shares += share_of(directions[number], sight, steps);
+    }
+    const real even = R(1) / shares;
+#else
+    const real even = R(1) / SAMPLES;
+#endif
     real all = R(0);
     for (int again = 0; again < 2; ++again) {
         Walk walk = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
@@ -312,9 +321,10 @@ __kernel void gather(
             const real density = depth[cell.address];
             if (density > R(0)) {
                 const real share = absorbed(density * walk_length(&walk, &cell));
-                const real taken = transmitted * share;
-                const real here = taken * albedo[cell.address];
+                real taken = transmitted * share;
                 transmitted -= taken;
+                if (transmitted <= R(CUTOFF)) taken += transmitted; /* as in image.cl */
+                const real here = taken * albedo[cell.address];
                 /* At the last of it rounding must lose no sample. */
                 const int end = loss + here >= all * R(0.999999);
                 while (again && sample < SAMPLES && here > R(0)) {

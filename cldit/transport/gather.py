@@ -17,7 +17,6 @@ from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
 from cldit.transport.cells import Box
-from cldit.transport.closure import Closure
 from cldit.transport.directions import Directions
 from cldit.transport.kelvin import VISIBLE, error_K
 from cldit.transport.phase import PHASE_STEPS
@@ -29,8 +28,6 @@ from cldit.transport.thick import FACE, RimLight, ThickCells, nearest
 Floats = NDArray[np.float64]
 
 _SAMPLES = 32  # of a pixel and batch
-_FEW = 10  # pixels that do not tell the noise of their sum
-_CLOSED = 2e-3  # single precision, and the cutoff
 _LONGEST = 32  # scatterings of a chain, after which the light is that of the sweeps
 _GROUP = 16
 _TILE = 12  # pixels along a tile's edge: some hundred tell their noise
@@ -107,20 +104,16 @@ class Gather:
     def __call__(
         self,
         pixels: NDArray[np.int64],
-        scattered: Floats,
         across: int,
         seen: Floats,
         other: int,
     ) -> Floats:
-        """(2, C, N) from two independent sets of chains, for flat numbers of pixels, with across^2
-        rays through each.
+        """(2, C + 1, N), the part from within last, from two independent sets of chains, for flat
+        numbers of pixels, with across^2 rays through each.
 
-        scattered (N,): what thick cells scatter there in all; seen (C, N): what else is seen;
-        other: pixels that see no thick cell, but count. Chains go on, in the tiles where they
-        help most, until their noise in T_app is below half of accuracy_K, or max_samples.
-
-        Raises:
-            TransportError: chains make or lose light.
+        seen (C, N): what else is seen; other: pixels that see no thick cell, but count. Chains go
+        on, in the tiles where they help most, until their noise in T_app is below half of
+        accuracy_K, or max_samples.
         """
         cells, scene, wanted = self._painter.cells, self._painter.scene, self._settings.accuracy_K
         count = len(pixels)
@@ -150,14 +143,7 @@ class Gather:
             chosen = np.flatnonzero(np.isin(tiles, best[:enough]))
             pairs = max(pairs, int(np.median(batches[chosen])))
         self.samples = int(2 * batches.mean() * samples * across**2)
-        boundaries = cells.needs.boundaries
-        Closure.of(
-            (mean[:boundaries] / scattered)[:, None],
-            (mean[-1] / scattered)[None],
-            bound=_CLOSED if count >= _FEW else 1.0,
-            noisy=True,
-        )
-        return means[:, :-1]
+        return means
 
     def _tiles(self, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
         """(N,) number of the tile of the picture that each pixel is in."""

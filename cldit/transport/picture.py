@@ -18,9 +18,9 @@ from cldit.transport.kelvin import VISIBLE, steep
 from cldit.transport.view import View, upload_tree
 
 Floats = NDArray[np.float64]
-# From pixels (N,), what of their light thick cells scatter (N,), rays across each, what else they
-# see (C, N), and the number of other pixels that count: what to add, (pictures, C, N).
-Gathered = Callable[[NDArray[np.int64], Floats, int, Floats, int], Floats]
+# From pixels (N,), rays across each, what else they see (C, N), and the number of other pixels that
+# count: what to add to each picture, (pictures, C + 1, N).
+Gathered = Callable[[NDArray[np.int64], int, Floats, int], Floats]
 
 _ACROSS = {1: 1, 4: 2, 16: 4, 64: 8, "adaptive": 4}
 _GROUP = 64
@@ -139,19 +139,14 @@ class Painter:
         """Pictures (C + 1, N), from planes as kernels make them, of listed pixels."""
         if gather is None:
             return images
-        outside = slice(self.cells.needs.boundaries)
         left = images[0][-2]
         here = np.flatnonzero(left)
-        closed = [image[outside].sum(axis=0) + image[-1] + left for image in images]
         images = [np.delete(image, -2, axis=0) for image in images]
         if len(here):
             seen = np.mean([image[:-1, here] for image in images], axis=0)
             other = int(np.count_nonzero(1 - np.delete(images[0][0], here) > VISIBLE))
-            added = gather(pixels[here], left[here], across, seen, other)
-            for image, more in zip(images, added, strict=True):
-                image[:-1, here] += more
-        for image, whole in zip(images, closed, strict=True):
-            image[-1] = whole - image[outside].sum(axis=0)
+            for image, more in zip(images, gather(pixels[here], across, seen, other), strict=True):
+                image[:, here] += more
         return images
 
     @property
@@ -172,7 +167,9 @@ class Painter:
             if self.thick is not None:  # these only emit
                 at = self.cells.address[self.thick]
                 planes[:, at] = self.cells.source_planes(self.real)[:, at]
-                within[at] = self.cells.coalbedo[self.thick]
+                # What the sweeps lose would be missing in the light that chains end in.
+                lost = self.cells.albedo * defect
+                within[at] = (self.cells.coalbedo + lost)[self.thick]
             arrays.append(("isothermal source", within))
         ready = [[upload(part.device, *array) for array in arrays] for part in self.parts]
         if self.gathered is not None:

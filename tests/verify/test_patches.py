@@ -77,6 +77,8 @@ def test_a_window_takes_its_share_from_the_walls(
     run_block: Callable[..., Run], transport: dict[str, Any]
 ) -> None:
     """Same directions with and without: equal to rounding, sum by sum."""
+    # Enough for the one side to be the other's mirror; chains would go elsewhere in one than the other.
+    transport = {"directions": 96, "gather": False, **transport}
     plain = block(run_block, [], transport=transport)
     run = block(run_block, [window(), window("other", facing="+x", centre_m=[-0.1, 0, 0])],
                 transport=transport)  # fmt: skip
@@ -99,15 +101,30 @@ def test_a_window_takes_its_share_from_the_walls(
 def test_a_patch_as_background(run_block: Callable[..., Run]) -> None:
     """A patch of the disc's place and size, before it, is seen as the disc was, and it alone."""
     disc = {"centre_m": [0, 0.1, 0], "facing": "-y", "radius_m": 0.03}
-    plain = block(run_block, [])
+    many = {"directions": 96, "gather": False}
+    plain = block(run_block, [], transport=many)
     behind: dict[str, Any] = {"background": {"radius_m": 0.03, "centre_m": [0, 0.1001, 0]}}
-    run = block(run_block, [window("plate", **disc)], **behind)
+    run = block(run_block, [window("plate", **disc)], **behind, transport=many)
     np.testing.assert_allclose(run.weights.patches["plate"], plain.weights.background, atol=5e-3)
     assert run.weights.background.max() < 5e-3  # a sliver of 0.1 mm
     # In one plane the background is seen, and of patches the first.
-    run = block(run_block, [window("plate", **disc), window("again", **disc)])
+    run = block(run_block, [window("plate", **disc), window("again", **disc)], transport=many)
     np.testing.assert_array_equal(run.weights.background, plain.weights.background)
     assert not run.weights.patches["plate"].any()
+
+
+def test_thick_cells_see_the_patches(run_block: Callable[..., Run]) -> None:
+    """Chains through thick cells end in patches too: as without them, but for the noise of chains,
+    0.1 a pixel and less in 169 pixels; and every pixel closes."""
+    patches = [window(), window("other", facing="+x", centre_m=[-0.1, 0, 0])]
+    plain, gathered = (
+        block(run_block, patches, transport={"directions": 96, "gather": gather})
+        for gather in (False, True)
+    )
+    assert "gather" in gathered.info.seconds
+    np.testing.assert_allclose(total(gathered), 1.0, atol=2e-5)
+    for name, image in gathered.weights.patches.items():
+        assert image.mean() == pytest.approx(plain.weights.patches[name].mean(), rel=0.1)
 
 
 @pytest.mark.parametrize("method", ["path", "branching"])

@@ -46,10 +46,16 @@ def test_gather_and_audit(run_block: Callable[..., Run]) -> None:
         **SCENE,
         transport={"method": "path", "accuracy_K": 1e-3, "max_samples": 1024, "phase": PHASE},
     )
-    changes = {"accuracy_K": 1e-3, "max_samples": 1024, "directions": 32, "phase": PHASE, "seed": 5}
+    changes = {
+        "accuracy_K": 1e-3,
+        "max_samples": 1024,
+        "directions": 128,
+        "phase": PHASE,
+        "seed": 5,
+    }
     changes["audit"] = True
-    plain = run_block(BLOCK, **SCENE, transport=changes)
-    gathered = run_block(BLOCK, **SCENE, transport={**changes, "gather": True})
+    plain = run_block(BLOCK, **SCENE, transport={**changes, "gather": False})
+    gathered = run_block(BLOCK, **SCENE, transport=changes)
     error = np.sqrt(np.mean((wall(plain) - wall(truth)) ** 2))
     left = np.sqrt(np.mean((wall(gathered) - wall(truth)) ** 2))
     assert error > 0.03
@@ -65,7 +71,7 @@ def test_gather_and_audit(run_block: Callable[..., Run]) -> None:
 
 def test_audit_of_a_sample(run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch) -> None:
     """A third of the pixels give the same error as all, within what a third may miss of it."""
-    transport = {"directions": 32, "phase": PHASE, "audit": True}
+    transport = {"directions": 32, "phase": PHASE, "audit": True, "gather": False}
     whole = run_block(BLOCK, **SCENE, transport=transport).info.accuracy_K
     monkeypatch.setattr("cldit.transport.audit._PIXELS", 30)
     part = run_block(BLOCK, **SCENE, transport=transport).info.accuracy_K
