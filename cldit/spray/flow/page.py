@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import cProfile
 import pstats
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,46 +31,40 @@ from cldit.spray.flow.verification import (
 from cldit.spray.sizes import mean_diameter_m
 
 
-def page(
-    cache: Path, *, spacing_m: float = 1e-3, say: Callable[[str], None] = lambda text: None
-) -> str:
-    """The tables, as Markdown, on a grid of that spacing; and on others."""
+@dataclass(frozen=True)
+class Bench:
+    """What the sections share: folder of tables, grid, and where progress is told."""
 
-    def run(label: str, spec: LagrangianSpray) -> Found:
-        found = find(spec, cache=cache)
-        say(f"{label}: {found.seconds:.0f} s of processor time")
+    cache: Path
+    spacing_m: float
+    say: Callable[[str], None]
+
+    def box(self, part: float = 1.0) -> FlowBox:
+        return FlowBox(spacing_m=part * self.spacing_m)
+
+    def run(self, label: str, spec: LagrangianSpray) -> Found:
+        found = find(spec, cache=self.cache)
+        notes = found.spray.notes
+        liquid, vapour = (1e3 * notes[f"{name}_penetration_m"] for name in ("liquid", "vapour"))
+        seconds = f"{found.seconds:.0f} s of processor time"
+        self.say(f"{label}: liquid {liquid:.1f} mm, vapour {vapour:.1f} mm, {seconds}")
         return found
 
-    box = FlowBox(spacing_m=spacing_m)
-    conditions = [run(f"{p:g} MPa, {t} K", at(p, t, box=box)) for p, t in CONDITIONS]
-    lone = [run(f"{p:g} MPa, {t} K, alone", alone(at(p, t, box=box))) for p, t in CONDITIONS]
-    coarse = FlowBox(spacing_m=2 * spacing_m)
-    late = [
-        run(f"{p:g} MPa, {t} K, 1.5 ms", at(p, t, box=coarse, time_s=1.5e-3)) for p, t in CONDITIONS
-    ]
-    ecn = run("Spray G", SPRAY_G.model_copy(update={"box": box}))
-    changes: dict[str, dict[str, Any]] = {
-        f"{1e3 * spacing_m:g} mm, 1e4 droplets a parcel": {"box": box},
-        "5e3 droplets a parcel": {"box": box, "droplets_per_parcel": 5e3},
-        "2.5e3 droplets a parcel": {"box": box, "droplets_per_parcel": 2.5e3},
-        "another seed": {"box": box, "seed": 2},
-        "a third seed": {"box": box, "seed": 3},
-    }
-    for other in (2.0, 0.5):
-        changes[f"{1e3 * other * spacing_m:g} mm"] = {"box": FlowBox(spacing_m=other * spacing_m)}
-    variants = [(name, run(name, at(0.6, 573, **change))) for name, change in changes.items()]
-    top = [*_TOP, f"The gas is on a grid of {1e3 * spacing_m:g} mm.", ""]
-    return "\n".join(
-        [
-            *top,
-            *_conditions(conditions, lone, cache),
-            *_late(late, spacing_m),
-            *_ecn(ecn, cache),
-            *_convergence(variants),
-            *_eddies(spacing_m, cache),
-            *_shares(at(0.6, 573, box=box), cache),
-        ]
-    )
+
+def page(
+    cache: Path,
+    *,
+    spacing_m: float = 1e-3,
+    only: Collection[str] = (),
+    say: Callable[[str], None] = lambda text: None,
+) -> Iterator[str]:
+    """The page piece by piece, as Markdown: its head, and those of `SECTIONS`, or only some."""
+    bench = Bench(cache, spacing_m, say)
+    if not only:
+        yield "\n".join([*_TOP, f"The gas is on a grid of {1e3 * spacing_m:g} mm.", "", ""])
+    for name, section in SECTIONS.items():
+        if not only or name in only:
+            yield "\n".join([*section(bench), ""])
 
 
 _TOP = (
@@ -94,9 +89,9 @@ _PARTS = {  # of a step, by the functions that do it
 }
 
 
-def _shares(spec: LagrangianSpray, cache: Path) -> list[str]:
+def _shares(bench: Bench) -> list[str]:
     profile = cProfile.Profile()
-    profile.runcall(simulate_spray, spec, cache=cache)
+    profile.runcall(simulate_spray, at(0.6, 573, box=bench.box()), cache=bench.cache)
     stats: Any = pstats.Stats(profile)
     spent: dict[str, float] = {}
     for (file, _, name), (_, _, _, cumulated, _) in stats.stats.items():
@@ -114,7 +109,10 @@ def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     return ["| " + " | ".join(cells) + " |" for cells in lines]
 
 
-def _conditions(found: Sequence[Found], lone: Sequence[Found], cache: Path) -> list[str]:
+def _conditions(bench: Bench) -> list[str]:
+    box, cache = bench.box(), bench.cache
+    found = [bench.run(f"{p:g} MPa, {t} K", at(p, t, box=box)) for p, t in CONDITIONS]
+    lone = [bench.run(f"{p:g} MPa, {t} K, alone", alone(at(p, t, box=box))) for p, t in CONDITIONS]
     fuel, gas = fuel_table("n-heptane", cache=cache), gas_table("nitrogen", cache=cache)
     rows = []
     for each, single in zip(found, lone, strict=True):
@@ -179,9 +177,11 @@ def _conditions(found: Sequence[Found], lone: Sequence[Found], cache: Path) -> l
     ]
 
 
-def _late(found: Sequence[Found], spacing_m: float) -> list[str]:
+def _late(bench: Bench) -> list[str]:
     rows = []
-    for each in found:
+    for p, t in CONDITIONS:
+        spec = at(p, t, box=bench.box(2), time_s=1.5e-3)
+        each = bench.run(f"{p:g} MPa, {t} K, 1.5 ms", spec)
         ambient, notes = each.spec.ambient, each.spray.notes
         rows.append(
             [
@@ -202,14 +202,15 @@ def _late(found: Sequence[Found], spacing_m: float) -> list[str]:
         "## Later",
         "",
         "1.5 ms after the start of injection, when droplets are looked at by visible light; on a",
-        f"grid of {2e3 * spacing_m:g} mm. 0.0: nowhere as much.",
+        f"grid of {2e3 * bench.spacing_m:g} mm. 0.0: nowhere as much.",
         "",
         *_table(heading, rows),
         "",
     ]
 
 
-def _eddies(spacing_m: float, cache: Path) -> list[str]:
+def _eddies(bench: Bench) -> list[str]:
+    cache, spacing_m = bench.cache, bench.spacing_m
     fuel, gas = fuel_table("n-heptane", cache=cache), gas_table("nitrogen", cache=cache)
     mixture = gas_mixture(fuel, gas, reference_K=573.0)
     rows = [
@@ -235,15 +236,17 @@ def _eddies(spacing_m: float, cache: Path) -> list[str]:
         "## A jet of gas alone",
         "",
         "Without droplets, after 1.5 ms, along the injector's axis. Measured: half width and speed",
-        "on the axis as in Abani and Reitz (K = 0.457), mass flux by Ricou and Spalding (1961), who",
-        "found it to be the same whatever the jet's own density is.",
+        "on the axis as in Abani and Reitz (K = 0.457), mass flux by Ricou and Spalding (1961),",
+        "who found it to be the same whatever the jet's own density is.",
         "",
         *_table(heading, rows),
         "",
     ]
 
 
-def _ecn(found: Found, cache: Path) -> list[str]:
+def _ecn(bench: Bench) -> list[str]:
+    cache = bench.cache
+    found = bench.run("Spray G", SPRAY_G.model_copy(update={"box": bench.box()}))
     notes = found.spray.notes
     fuel, gas = fuel_table("iso-octane", cache=cache), gas_table("nitrogen", cache=cache)
     t_sat, _ = saturation(fuel, gas, fuel_K=363.0, gas_K=573.0, pressure_Pa=0.6e6)
@@ -282,7 +285,36 @@ def _ecn(found: Found, cache: Path) -> list[str]:
     ]
 
 
-def _convergence(found: Sequence[tuple[str, Found]]) -> list[str]:
+def _parcels(bench: Bench) -> list[str]:
+    changes: dict[str, dict[str, Any]] = {
+        f"{1e3 * bench.spacing_m:g} mm, 1e4 droplets a parcel": {},
+        "5e3 droplets a parcel": {"droplets_per_parcel": 5e3},
+        "2.5e3 droplets a parcel": {"droplets_per_parcel": 2.5e3},
+        "another seed": {"seed": 2},
+        "a third seed": {"seed": 3},
+        f"{2e3 * bench.spacing_m:g} mm": {"box": bench.box(2)},
+    }
+    found = [
+        (name, bench.run(name, at(0.6, 573, **{"box": bench.box(), **change})))
+        for name, change in changes.items()
+    ]
+    return ["## Grid and parcels", "", *_compared(found), ""]
+
+
+def _half(bench: Bench) -> list[str]:
+    lines = ["## Half the spacing", ""]
+    for label, one in (("one plume alone", True), ("eight plumes", False)):
+        found = []
+        for part in (1.0, 0.5):
+            name = f"{label}, {1e3 * part * bench.spacing_m:g} mm"
+            spec = at(0.6, 573, box=bench.box(part))
+            found.append((name, bench.run(name, alone(spec) if one else spec)))
+        lines += [*_compared(found), ""]
+    return lines
+
+
+def _compared(found: Sequence[tuple[str, Found]]) -> list[str]:
+    """With the first."""
     first = found[0][1]
     base = first.spray.notes
     rows = []
@@ -307,4 +339,15 @@ def _convergence(found: Sequence[tuple[str, Found]]) -> list[str]:
         "evaporated, %",
         "CPU, s",
     ]
-    return ["## Grid and parcels", "", *_table(heading, rows), ""]
+    return _table(heading, rows)
+
+
+SECTIONS: dict[str, Callable[[Bench], list[str]]] = {
+    "conditions": _conditions,
+    "later": _late,
+    "spray-g": _ecn,
+    "parcels": _parcels,
+    "half": _half,
+    "jet": _eddies,
+    "time": _shares,
+}

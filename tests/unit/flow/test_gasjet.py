@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from cldit.spray.flow.gasjet import ENTRAINMENT, HALF_WIDTH, Jets
+
+Floats = NDArray[np.float64]
 
 DENSITY, FORCE_N, STEP_s = 3.5, 0.3, 2e-6
 
@@ -25,8 +28,8 @@ def pushed(time_s: float, *, still_s: float = 0.0) -> Jets:
     return made
 
 
-def on_axis(made: Jets, hole: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    x = 0.5e-3 * np.arange(1, 70)
+def on_axis(made: Jets, hole: int = 0) -> tuple[Floats, Floats]:
+    x = np.linspace(0.5e-3, 34.5e-3, 69)
     return x, made.speed_m_s(np.full(len(x), hole), x, np.zeros(len(x)))
 
 
