@@ -55,12 +55,13 @@ def test_pressure_and_heat_shorten_the_spray() -> None:
 
 def test_along_the_compression_in_an_engine_penetration_falls() -> None:
     """Pressure and temperature rise together there; so does the gas's density."""
-    found = [spray(0.15, 300), spray(0.3, 500), spray(0.6, 573), spray(0.9, 620)]
+    found = [spray(0.15, 300), spray(0.6, 573), spray(0.9, 600)]
     for name in ("vapour_penetration_m", "liquid_penetration_m"):
         reach = [note(each, name) for each in found]
         assert all(b < 0.97 * a for a, b in pairwise(reach)), reach
 
 
+@pytest.mark.slow
 def test_later_hot_gas_has_no_liquid_left_where_cold_gas_has_it_all_the_way() -> None:
     """1.5 ms, at one pressure: the liquid's penetration falls with temperature."""
     late = {
