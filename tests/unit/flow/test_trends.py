@@ -95,13 +95,25 @@ def test_naber_and_siebers(pressure_MPa: float, gas_K: int) -> None:
 
 
 @pytest.mark.slow
-def test_spray_g() -> None:
-    """The ECN's largest liquid penetration is 30 mm, within 5, up to the end of injection; the
-    largest droplets go on to 36 mm: 7 mm keep it from getting worse."""
-    history = find(SPRAY_G, cache=None).history
+@pytest.mark.parametrize(("pressure_MPa", "gas_K"), [(0.15, 620), (0.6, 573), (0.9, 300)])
+def test_eight_plumes_are_not_far_from_one(pressure_MPa: float, gas_K: int) -> None:
+    found = find(at(pressure_MPa, gas_K), cache=None)
+    assert note(found, "vapour_penetration_m") == pytest.approx(found.naber_siebers_m, rel=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("model", "within_m"),
+    [("dukowicz", 5e-3), ("dukowicz-log", 5e-3), ("abramzon-sirignano", 7e-3)],
+)
+def test_spray_g(model: str, within_m: float) -> None:
+    """The ECN's largest liquid penetration is 30 mm, within 5. By all models it is up to the end of
+    injection; afterwards by the slowest the largest droplets go on to 35.7 mm: 7 mm keep that from
+    getting worse."""
+    history = find(SPRAY_G.model_copy(update={"evaporation": model}), cache=None).history
     injecting = history.time_s < 0.8e-3
     assert history.liquid_m[injecting].max() == pytest.approx(30e-3, abs=5e-3)
-    assert history.liquid_m.max() == pytest.approx(30e-3, abs=7e-3)
+    assert history.liquid_m.max() == pytest.approx(30e-3, abs=within_m)
 
 
 @pytest.mark.slow
