@@ -20,7 +20,7 @@ from cldit.acquisition.sequence import Record
 from cldit.camera.curve import Curve
 from cldit.camera.view import SensorView
 from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
-from cldit.dit.scattering import Medium, medium_temperature, wall_share
+from cldit.dit.scattering import Medium, enclosure, medium_temperature, scattered_by
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.gpu.device import Device
 from cldit.images import write_image
@@ -143,7 +143,8 @@ def evaluate_scattering(folder: str | Path, model: Run, evaluation: Evaluation) 
 
     Args:
         folder: as given to `evaluate_folder`, which must have gone before.
-        model: a run whose spray and camera stand for the measurement's.
+        model: a run whose spray and camera stand for the measurement's, and whose patches are
+            those of its enclosure, temperatures included.
 
     Raises:
         EvaluationError: the model's sensor has another number of pixels.
@@ -157,12 +158,11 @@ def evaluate_scattering(folder: str | Path, model: Run, evaluation: Evaluation) 
     curve = Curve(filter_um=evaluation.calibration.filter_um)
     if evaluation.fitted is not None:
         curve = evaluation.fitted.curve
-    medium = medium_temperature(
-        evaluation.maps,
-        wall_share(spray, reference),
-        wall_temperature_K=opened.surroundings.wall_temperature_K,
-        curve=curve,
-    )
+    around = opened.surroundings
+    if not around.patches:  # neither a rig nor measured data describes any
+        around = replace(around, patches=model.scene.patches)
+    scattered = scattered_by(spray, reference, enclosure(around, curve))
+    medium = medium_temperature(evaluation.maps, scattered, curve)
     for name, image, unit in (
         ("medium_temperature_K", medium.temperature_K, "K"),
         ("medium_temperature_standard_error_K", medium.standard_error_K, "K"),

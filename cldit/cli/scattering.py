@@ -9,10 +9,10 @@ from rich.markdown import Markdown
 
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.gpu.device import open_device
-from cldit.report.scattering_page import scattering_picture, scattering_table
 from cldit.run.simulate import default_cache
-from cldit.scattering_study import scattering_study
 from cldit.scene import load_scene, parse_scene
+from cldit.study.scattering.page import scattering_picture, scattering_table
+from cldit.study.scattering.run import scattering_study
 
 
 @click.command("scattering")
@@ -27,15 +27,23 @@ from cldit.scene import load_scene, parse_scene
     show_default=True,
     help="Finest cell, m; truth and models share it.",
 )
+@click.option("--phase", type=click.Choice(["isotropic", "mie"]), help="How droplets scatter.")
 @click.option("--device", help="OpenCL device: platform:device, or part of its name.")
 @plain_errors
 def scattering_command(
-    scene: str, out: Path | None, pixels: int, leaf_m: float, device: str | None
+    scene: str,
+    out: Path | None,
+    pixels: int,
+    leaf_m: float,
+    phase: str | None,
+    device: str | None,
 ) -> None:
-    """Evaluate SCENE, traced, with right and wrong models of its spray, and without any."""
+    """Evaluate SCENE, traced, in arrangements of walls, plates, discs and filters, and with right
+    and wrong models of its spray."""
     data = load_scene(scene).model_dump(mode="json")
     data["camera"]["pixels"] = [pixels, pixels]
     data["domain"]["leaf_edge_m"] = leaf_m
+    data["transport"]["phase"] = phase or data["transport"]["phase"]
     chosen = parse_scene(data)
     found = scattering_study(chosen, open_device(device), cache=default_cache(), progress=say)
     folder = out or Path("runs") / f"{chosen.name}-scattering"

@@ -66,8 +66,11 @@ def study(
     folder = out or Path("studies")
     lab = Lab(KeptRuns(kept), quick, open_device(device), say)
     pages: list[Page] = []
-    for each in STUDIES if name == "all" else [name]:
-        OUT.print(f"study {each}")
+    wanted = list(STUDIES) if name == "all" else [name]
+    start = time.perf_counter()
+    for number, each in enumerate(wanted, start=1):
+        since = f", {(time.perf_counter() - start) / 60:.0f} min so far" if number > 1 else ""
+        OUT.print(f"study {each} ({number} of {len(wanted)}{since})")
         page = run_study(each, lab)
         pages.append(page)
         path = write_page(page, folder, markdown_only=markdown)

@@ -12,21 +12,10 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from cldit.camera.calibration import Calibration
 from cldit.dit.recorded import Evaluation, evaluate_shots
+from cldit.dit.truth import BACKGROUNDS_K, BARE, CAMERA, FILTER_UM
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Surroundings
-
-_FILTER = (3.3, 3.5)
-_BACKGROUNDS_K = (413.0, 443.0, 473.0, 503.0, 533.0)
-_CAMERA = Calibration(
-    filter_um=_FILTER,
-    counts_per_radiance=1.2e-17,
-    offset_counts=200.0,
-    electrons_per_count=40.0,
-    read_noise_electrons=200.0,
-    saturation_counts=16383.0,
-)
 
 
 @dataclass(frozen=True)
@@ -58,10 +47,8 @@ class _Shot:
 @dataclass
 class _Folder:
     shots: list[_Shot]
-    calibration: dict[str, Any] = field(default_factory=_CAMERA.to_dict)
-    surroundings: Surroundings = field(
-        default_factory=lambda: Surroundings(wall_temperature_K=300.0)
-    )
+    calibration: dict[str, Any] = field(default_factory=CAMERA.to_dict)
+    surroundings: Surroundings = BARE
     bad_pixels: None = None
     read_s: float = 0.0
 
@@ -93,17 +80,17 @@ def bench_evaluation(
     columns, rows = sensor
     rng = np.random.default_rng(3)
     through = np.exp(-np.linspace(0.0, 3.0, columns))[None, :] * np.ones((rows, 1))
-    own = float(band_radiance(430.0, filter_um=_FILTER))
-    wanted = max(shots // (2 * len(_BACKGROUNDS_K)), 1)
+    own = float(band_radiance(430.0, filter_um=FILTER_UM))
+    wanted = max(shots // (2 * len(BACKGROUNDS_K)), 1)
     found: list[_Shot] = []
-    for kelvin in _BACKGROUNDS_K:
-        light = float(band_radiance(kelvin, filter_um=_FILTER))
+    for kelvin in BACKGROUNDS_K:
+        light = float(band_radiance(kelvin, filter_um=FILTER_UM))
         for kind in ("reference", "injection"):
             seen = np.full((rows, columns), light)
             if kind == "injection":
                 seen = through * seen + (1.0 - through) * own
-            counts = _CAMERA.counts(seen)
-            deviation = np.sqrt(_CAMERA.variance_counts2(counts))
+            counts = CAMERA.counts(seen)
+            deviation = np.sqrt(CAMERA.variance_counts2(counts))
             for number in range(min(10, wanted)):
                 noisy = counts + deviation * rng.standard_normal(counts.shape)
                 path = folder / f"{kelvin:g}_{kind}_{number}.tif"

@@ -1,26 +1,25 @@
-"""DIT that knows about scattering: the temperature of what emits, without the walls' light.
+"""DIT that knows about scattering: the temperature of what emits, without the enclosure's light.
 
 A pixel of emissivity epsilon = 1 - w_bg shows, whatever the background,
 
-    epsilon B(T_app) = w_wall B(T_wall) + E_vapour + E_liquid,
+    epsilon B(T_app) = sum over parts j of the enclosure (w_j L_j) + E_vapour + E_liquid,
 
-so that the apparent temperature mixes what the spray emits with what its droplets scatter of the
-walls. With omega = w_wall / epsilon, the scattered part of what is taken from the background, and
-because all weights add up to 1, the medium that emits has the temperature
+the parts being the walls and the patches that have temperatures of their own. So the apparent
+temperature mixes what the spray emits with what its droplets scatter of the enclosure. With
+omega_j = w_j / epsilon, the scattered parts of what is taken from the background, and because all
+weights add up to 1, the medium that emits has the temperature
 
-    B(T_medium) = (B(T_app) - omega B(T_wall)) / (1 - omega).
+    B(T_medium) = (B(T_app) - sum_j omega_j L_j) / (1 - sum_j omega_j).
 
-omega comes from a trace of a model of the spray (`wall_share`), in which the amount of fuel nearly
-cancels; or, without any model, from the same spray before two wall temperatures
-(`measured_share`), B(T_app) being linear in B(T_wall):
-
-    omega = (B(T_app 1) - B(T_app 2)) / (B(T_wall 1) - B(T_wall 2)).
-
-Of the medium, vapour and droplets are told apart by a model alone (`droplet_radiance`).
+The omega_j come from a trace of a model of the spray (`scattered_by`), in which the amount of fuel
+nearly cancels; or, without any model, from the same spray in enclosures that differ, B(T_app) being
+linear in the L_j (`medium_of_enclosures`). Of the medium, vapour and droplets are told apart by a
+model alone (`droplet_radiance`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,19 +28,23 @@ from numpy.typing import NDArray
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError
-from cldit.radiance.weights import Weights
+from cldit.radiance.boundary import Surroundings
+from cldit.radiance.weights import Weights, background_radiance
 
 Floats = NDArray[np.float64]
 
 LEAST_OWN = 0.1  # of epsilon: where less than this is the medium's own light, nothing is said
+_APART = 1e-6  # relative difference of radiances from which enclosures differ
+WALL = "wall"
 
 
 @dataclass(frozen=True)
 class Medium:
     """(H, W) each, NaN where nothing is said.
 
-    temperature_K, standard_error_K: of what emits; the error is that of T_app and of a measured
-    share, not that of a model. share: omega. share_error: its standard error, 0 from a model.
+    temperature_K, standard_error_K: of what emits; the error is that of T_app and of measured
+    shares, not that of a model. share: of the scattered light, all parts of the enclosure together.
+    share_error: its standard error, 0 from a model.
     """
 
     temperature_K: Floats
@@ -50,136 +53,236 @@ class Medium:
     share_error: Floats
 
 
-def wall_share(spray: Weights, reference: Weights) -> Floats:
-    """omega (H, W) of a trace: wall's light gained over background's light lost.
+@dataclass(frozen=True)
+class Scattered:
+    """(H, W) each: sum of omega_j, sum of omega_j L_j, and the standard error of the former.
+
+    Where it comes from measured shares, radiance / share is known and the share's error is all.
+    """
+
+    share: Floats
+    radiance: Floats
+    share_error: Floats
+
+    @classmethod
+    def of_share(cls, share: Floats, radiance: float, error: Floats | None = None) -> Scattered:
+        """An enclosure that radiates alike from everywhere."""
+        none = np.zeros_like(share) if error is None else error
+        return cls(share, share * radiance, none)
+
+
+def enclosure(around: Surroundings, curve: Curve) -> dict[str, float]:
+    """Radiance L_j that leaves each part of the enclosure, by name: the walls, then patches."""
+    wall = float(curve.radiance(around.wall_temperature_K))
+    parts = {WALL: wall}
+    for patch in around.patches:
+        own = float(curve.radiance(patch.temperature_K))
+        parts[patch.name] = background_radiance(
+            blackbody=own, wall=wall, emissivity=patch.emissivity
+        )
+    return parts
+
+
+def scattered_by(spray: Weights, reference: Weights, parts: Mapping[str, float]) -> Scattered:
+    """By a trace: each part's light gained over the background's light lost.
+
+    Args:
+        parts: as `enclosure` gives them.
 
     Raises:
-        EvaluationError: the enclosure has patches of their own temperature.
+        EvaluationError: model and measurement differ in the patches of their enclosures.
     """
-    if spray.patches:
+    known = {WALL, *spray.patches}
+    if known != set(parts):
         raise EvaluationError(
-            f"model: has patches ({', '.join(spray.patches)}); the scattered share is that of "
-            "walls at one temperature"
+            f"model: its patches are {_listed(spray.patches)}, those of the measurement "
+            f"{_listed(name for name in parts if name != WALL)}; their light can only be told "
+            "apart by a model with the same"
         )
     lost = reference.background.astype(float) - spray.background
-    gained = spray.wall.astype(float) - reference.wall
+    bare = reference.images
+    share = np.zeros(lost.shape)
+    radiance = np.zeros(lost.shape)
+    for name, leaving in parts.items():
+        gained = spray.images[name].astype(float) - bare[name]
+        share += gained
+        radiance += gained * leaving
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(lost > 0.0, np.clip(gained / lost, 0.0, 1.0), np.nan)
+        return Scattered(
+            share=np.where(lost > 0.0, share / lost, np.nan),
+            radiance=np.where(lost > 0.0, radiance / lost, np.nan),
+            share_error=np.zeros(lost.shape),
+        )
 
 
-def medium_temperature(
-    maps: Maps,
-    share: Floats,
-    *,
-    wall_temperature_K: float,
-    curve: Curve,
-    share_error: Floats | None = None,
-) -> Medium:
-    """The temperature of what emits, from apparent temperatures and omega.
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(names) or "none"
+
+
+def medium_temperature(maps: Maps, scattered: Scattered, curve: Curve) -> Medium:
+    """The temperature of what emits, from apparent temperatures and what is scattered.
 
     Raises:
         EvaluationError: maps and shares differ in shape.
     """
-    if share.shape != maps.emissivity.shape:
+    if scattered.share.shape != maps.emissivity.shape:
         raise EvaluationError(
-            f"model: {share.shape} pixels, the maps have {maps.emissivity.shape}; trace the model "
-            "with the camera of the measurement"
+            f"model: {scattered.share.shape} pixels, the maps have {maps.emissivity.shape}; trace "
+            "the model with the camera of the measurement"
         )
-    apparent_K = maps.apparent_temperature_K.astype(float)
-    radiance = curve.radiance(apparent_K)
-    error = curve.slope(apparent_K) * maps.apparent_temperature_standard_error_K
-    wall = float(curve.radiance(wall_temperature_K))
-    uncertain = np.zeros_like(share) if share_error is None else share_error
-    own = 1.0 - share
+    radiance, error = apparent(maps, curve)
+    own = 1.0 - scattered.share
     with np.errstate(divide="ignore", invalid="ignore"):
-        medium = (radiance - share * wall) / own
-        variance = (error / own) ** 2 + ((medium - wall) / own * uncertain) ** 2
-    medium = np.where((own >= LEAST_OWN) & (medium > 0.0), medium, np.nan)
-    kelvin = curve.temperature(medium)
+        medium = (radiance - scattered.radiance) / own
+        mean = np.where(scattered.share > 0.0, scattered.radiance / scattered.share, 0.0)
+        variance = (error / own) ** 2 + ((medium - mean) / own * scattered.share_error) ** 2
+    return _medium(medium, np.sqrt(variance), scattered.share, scattered.share_error, curve)
+
+
+def apparent(maps: Maps, curve: Curve) -> tuple[Floats, Floats]:
+    """B(T_app) (H, W) and its standard error."""
+    kelvin = maps.apparent_temperature_K.astype(float)
+    return curve.radiance(kelvin), curve.slope(kelvin) * maps.apparent_temperature_standard_error_K
+
+
+def _medium(
+    radiance: Floats, error: Floats, share: Floats, share_error: Floats, curve: Curve
+) -> Medium:
+    with np.errstate(invalid="ignore"):
+        said = (1.0 - share >= LEAST_OWN) & (radiance > 0.0)
+    radiance = np.where(said, radiance, np.nan)
     return Medium(
-        temperature_K=kelvin,
-        standard_error_K=np.sqrt(variance) * curve.temperature_slope(medium),
+        temperature_K=curve.temperature(radiance),
+        standard_error_K=error * curve.temperature_slope(radiance),
         share=share,
-        share_error=np.broadcast_to(uncertain, share.shape),
+        share_error=np.broadcast_to(share_error, share.shape),
     )
+
+
+@dataclass(frozen=True)
+class _Line:
+    """B(T_app) over the L_j of enclosures: omega_j (J, H, W), what does not change (H, W), their
+    gradients (J + 1, K) with respect to the K radiances, and the errors (K, H, W) of those."""
+
+    shares: Floats
+    rest: Floats
+    gradients: Floats
+    errors: Floats
+
+
+def _line(
+    maps: Sequence[Maps], enclosures: Sequence[Mapping[str, float]], curve: Curve, varied: set[str]
+) -> _Line:
+    names = [name for name in enclosures[0] if name in varied]
+    leaving = np.array([[one[name] for name in names] for one in enclosures])
+    scale = float(np.max(np.abs(leaving)))
+    design = np.column_stack([leaving / scale, np.ones(len(maps))])
+    radiance, error = (
+        np.stack(each) for each in zip(*(apparent(m, curve) for m in maps), strict=True)
+    )
+    gradients = np.linalg.pinv(design)
+    values = np.tensordot(gradients, radiance, axes=1)
+    gradients = gradients / np.append(np.full(len(names), scale), 1.0)[:, None]
+    return _Line(values[:-1] / scale, values[-1], gradients, error)
+
+
+def varied_parts(enclosures: Sequence[Mapping[str, float]]) -> set[str]:
+    """Names of the parts whose light differs between enclosures.
+
+    Raises:
+        EvaluationError: none does, they have different parts, or the parts that differ cannot be
+            told from each other: one enclosure more than there are such parts, each varied by
+            itself at least once.
+    """
+    names = list(enclosures[0])
+    if any(set(one) != set(names) for one in enclosures):
+        raise EvaluationError(f"enclosures: not all have the parts {', '.join(names)}")
+    table = np.array([[one[name] for name in names] for one in enclosures])
+    least = _APART * np.max(np.abs(table))
+    varied = [j for j in range(len(names)) if np.ptp(table[:, j]) > least]
+    if not varied:
+        told = ", ".join(f"{name} {value:.4g}" for name, value in enclosures[0].items())
+        raise EvaluationError(
+            f"enclosures: do not differ (radiances {told}); the scattered share needs two "
+            "temperatures of the walls or of a patch"
+        )
+    chosen = table[:, varied] / np.max(np.abs(table))
+    if np.linalg.matrix_rank(chosen - chosen.mean(axis=0), tol=_APART) < len(varied):
+        raise EvaluationError(
+            f"enclosures: {len(enclosures)} do not tell {', '.join(names[j] for j in varied)} "
+            "apart; vary each by itself once, and measure once more than there are parts"
+        )
+    return {names[j] for j in varied}
 
 
 def measured_share(
-    first: Maps, second: Maps, *, wall_temperatures_K: tuple[float, float], curve: Curve
+    maps: Sequence[Maps], enclosures: Sequence[Mapping[str, float]], curve: Curve, *, part: str
 ) -> tuple[Floats, Floats]:
-    """omega (H, W) and its standard error from one spray before two wall temperatures.
+    """omega (H, W) of one part and its standard error, from one spray in enclosures that differ.
 
     Raises:
-        EvaluationError: the walls are equal.
+        EvaluationError: as `varied_parts`, or this part does not differ.
     """
-    walls = curve.radiance(np.array(wall_temperatures_K))
-    if not abs(walls[0] - walls[1]) > 1e-6 * float(np.max(walls)):
-        raise EvaluationError(
-            f"walls: {wall_temperatures_K[0]:g} and {wall_temperatures_K[1]:g} K do not differ; "
-            "the scattered share needs two wall temperatures"
-        )
-    radiance, variance = [], []
-    for maps in (first, second):
-        kelvin = maps.apparent_temperature_K.astype(float)
-        radiance.append(curve.radiance(kelvin))
-        error = curve.slope(kelvin) * maps.apparent_temperature_standard_error_K
-        variance.append(error**2)
-    apart = float(walls[0] - walls[1])
-    share = (radiance[0] - radiance[1]) / apart
-    return np.asarray(share), np.asarray(np.sqrt(variance[0] + variance[1]) / abs(apart))
+    varied = varied_parts(enclosures)
+    if part not in varied:
+        raise EvaluationError(f"enclosures: the light of {part} does not differ")
+    line = _line(maps, enclosures, curve, varied)
+    at = [name for name in enclosures[0] if name in varied].index(part)
+    error = np.sqrt(np.tensordot(line.gradients[at] ** 2, line.errors**2, axes=1))
+    return line.shares[at], error
 
 
-def medium_of_two_walls(
-    first: Maps, second: Maps, *, wall_temperatures_K: tuple[float, float], curve: Curve
+def medium_of_enclosures(
+    maps: Sequence[Maps], enclosures: Sequence[Mapping[str, float]], curve: Curve
 ) -> Medium:
-    """The medium's temperature without a model.
+    """The medium's temperature without a model, from one spray in enclosures that differ.
 
-    It is where the line of B(T_app) over B(T_wall) meets the diagonal: walls as warm as the medium
-    change nothing. Errors of both maps go through that line with their correlation.
+    With walls alone it is where the line of B(T_app) over B(T_wall) meets the diagonal: walls as
+    warm as the medium change nothing. Errors of all maps go through with their correlation.
+
+    Args:
+        maps: (H, W) each, of the same spray.
+        enclosures: of each, `enclosure`.
+
+    Raises:
+        EvaluationError: as `varied_parts`, or a part keeps its temperature, so that nothing tells
+            how much of its light is scattered.
     """
-    share, share_error = measured_share(
-        first, second, wall_temperatures_K=wall_temperatures_K, curve=curve
-    )
-    walls = curve.radiance(np.array(wall_temperatures_K))
-    kelvin = [maps.apparent_temperature_K.astype(float) for maps in (first, second)]
-    errors = [
-        curve.slope(k) * maps.apparent_temperature_standard_error_K
-        for k, maps in zip(kelvin, (first, second), strict=True)
-    ]
-    radiance = [curve.radiance(k) for k in kelvin]
+    fixed = set(enclosures[0]) - varied_parts(enclosures)
+    if fixed:
+        raise EvaluationError(
+            f"enclosures: {', '.join(sorted(fixed))} keeps its temperature, and how much of its "
+            "light the spray scatters is not known; vary it too, or give a model"
+        )
+    line = _line(maps, enclosures, curve, set(enclosures[0]))
+    share = line.shares.sum(axis=0)
+    of_share = line.gradients[:-1].sum(axis=0)
     own = 1.0 - share
     with np.errstate(divide="ignore", invalid="ignore"):
-        medium = (radiance[0] - share * walls[0]) / own
-        # d medium / d radiance_1 = (1 - q) / own, / d radiance_2 = q / own
-        q = (walls[0] - medium) / (walls[0] - walls[1])
-        variance = ((1.0 - q) * errors[0]) ** 2 + (q * errors[1]) ** 2
-        spread = np.sqrt(variance) / own
-    medium = np.where((own >= LEAST_OWN) & (medium > 0.0), medium, np.nan)
-    return Medium(
-        temperature_K=curve.temperature(medium),
-        standard_error_K=spread * curve.temperature_slope(medium),
-        share=share,
-        share_error=share_error,
-    )
+        medium = line.rest / own
+        # d medium / d radiance_k = (d rest + medium d share) / own
+        change = line.gradients[-1][:, None, None] + medium * of_share[:, None, None]
+        error = np.sqrt(np.sum((change * line.errors) ** 2, axis=0)) / own
+    share_error = np.sqrt(np.tensordot(of_share**2, line.errors**2, axes=1))
+    return _medium(medium, error, share, share_error, curve)
 
 
 def droplet_radiance(
     maps: Maps,
     spray: Weights,
     liquid_share: Floats,
-    *,
-    wall_temperature_K: float,
+    scattered: Scattered,
     curve: Curve,
 ) -> Floats:
-    """B of the droplets (H, W): T_app less the model's scattered walls and the model's vapour.
+    """B of the droplets (H, W): T_app less the model's scattered light and the model's vapour.
 
     Args:
         spray: the model's weights, before an unobstructed background.
         liquid_share: (H, W) weight of the droplets' emission in the model.
+        scattered: of the model, `scattered_by`.
     """
     epsilon = 1.0 - spray.background.astype(float)
-    wall = float(curve.radiance(wall_temperature_K))
-    radiance = curve.radiance(maps.apparent_temperature_K.astype(float))
+    radiance, _ = apparent(maps, curve)
     with np.errstate(divide="ignore", invalid="ignore"):
-        own = (epsilon * radiance - spray.wall * wall - spray.vapour) / liquid_share
+        own = (epsilon * (radiance - scattered.radiance) - spray.vapour) / liquid_share
     return np.where((liquid_share >= LEAST_OWN * epsilon) & (own > 0.0), own, np.nan)

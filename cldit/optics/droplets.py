@@ -24,7 +24,7 @@ from scipy.interpolate import CubicSpline
 
 from cldit.errors import DropletError
 from cldit.optics import mie
-from cldit.optics.cache import Arrays, cached
+from cldit.tables import Arrays, cached
 
 Floats = NDArray[np.float64]
 

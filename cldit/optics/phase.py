@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cldit.errors import DropletError
 from cldit.optics import mie
-from cldit.optics.cache import Arrays, cached
+from cldit.tables import Arrays, cached
 
 Floats = NDArray[np.float64]
 

@@ -20,7 +20,6 @@ from scipy.optimize import brentq
 
 from cldit.optics import mie
 from cldit.optics.band import BandOptics, Droplets
-from cldit.optics.cache import Arrays, cached, digest
 from cldit.optics.droplets import droplet_table
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import Filter, scene_filter
@@ -29,6 +28,7 @@ from cldit.optics.spectral import Quadrature, SpectralNode, reference_temperatur
 from cldit.optics.spectrum import Spectrum
 from cldit.scene.schema import Scene
 from cldit.spray.result import Spray
+from cldit.tables import Arrays, cached, digest
 
 Floats = NDArray[np.float64]
 Groups = NDArray[np.intp]

@@ -20,8 +20,8 @@ figcaption{color:#444;font-size:.92rem}
 table{border-collapse:collapse;margin:.4rem 0}
 td,th{padding:.2rem .9rem .2rem 0;text-align:left;vertical-align:top;
 border-bottom:1px solid #ddd;font-weight:normal;overflow-wrap:anywhere}
-td:first-child{overflow-wrap:break-word;min-width:5rem}
-td.n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
+th,td:first-child{overflow-wrap:break-word}td:first-child{min-width:5rem}
+td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}td.n{white-space:nowrap}
 td.bar{width:40%;min-width:4rem}
 td.bar span{display:block;background:#3a6ea5;height:.8rem;min-width:1px}
 pre{background:#f5f5f5;padding:.8rem;overflow:auto;font-size:.85rem}
@@ -49,6 +49,7 @@ document.querySelectorAll('.slider').forEach(function (box) {
 
 
 _WIDE_PX = 1100  # a map with its key has some 1050
+_WIDE = 1.8  # width over height of two panels
 _SHORT = 16  # characters of a table's cell that stay on one line
 
 
@@ -62,7 +63,8 @@ class Picture:
     @property
     def wide(self) -> bool:
         """Of several panels, whose labels a phone would make too small: there it scrolls."""
-        return int.from_bytes(self.png[16:20], "big") > _WIDE_PX  # of the PNG's first chunk
+        width, height = (int.from_bytes(self.png[at : at + 4], "big") for at in (16, 20))
+        return width > _WIDE_PX or width > _WIDE * height  # of the PNG's first chunk
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,8 +206,9 @@ def _rows(rows: list[str]) -> str:
 
 def table_html(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table of texts below their titles; columns of short ones, as numbers, are not broken."""
-    head = _row(*(f"<th>{escape(title)}</th>" for title in titles))
     short = [all(len(row[at]) <= _SHORT for row in rows) for at in range(len(titles))]
+    kinds = [' class="n"' if each else "" for each in short]
+    head = _row(*(f"<th{k}>{escape(title)}</th>" for k, title in zip(kinds, titles, strict=True)))
 
     def line(row: Sequence[str]) -> str:
         return _row(*(_number(c) if s else _cell(c) for c, s in zip(row, short, strict=True)))

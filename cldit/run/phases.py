@@ -10,10 +10,10 @@ import numpy as np
 
 from cldit.medium.octree import PointSource
 from cldit.optics.band import BandOptics
-from cldit.optics.cache import Arrays, cached, digest
 from cldit.scene import Scene
 from cldit.scene.transport import HenyeyGreenstein
 from cldit.spray.result import Spray
+from cldit.tables import Arrays, cached, digest
 from cldit.transport.phase import PhaseError, ScatteringTable, mean_of
 
 _FORM = 1  # of kept phase functions

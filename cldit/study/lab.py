@@ -21,7 +21,8 @@ _CAMERA = {
     "camera.pixels": [625, 625],
     "camera.target_m": [0.0, 0.0, -0.035],
 }
-_WALLS_K = 455.0  # "115 K lower than the gas temperature"
+_WALLS_K = 455.0  # Fig. 9: "115 K lower than the gas temperature"
+CAPTION_WALLS_K = 450.0  # Figs. 11, 12, 13 and 15
 
 # Parcels of fewer droplets than the paper's 1e4, so that single ones are not seen. Quick is
 # coarser: pixels of 0.4 mm, leaves of 0.8 mm, gas cells of 2 mm, parcels as the paper's.

@@ -36,6 +36,7 @@ SMALL = (
     r"cldit scattering",
     r"cldit study \w+ --grid",
 )
+_NEEDS_GDI = ("README.md", "docs/dit.md", "docs/rig.md", "docs/scattering.md")
 # Not run, with the reason.
 NOT = {
     "cldit study all": "an hour; the same with --quick is run",
@@ -142,7 +143,7 @@ def _run(line: str, folder: Path) -> None:
 
 def _before(page: str, folder: Path) -> None:
     """What a page takes for done."""
-    if page in ("README.md", "docs/dit.md", "docs/rig.md") and not (folder / "runs/gdi").exists():
+    if page in _NEEDS_GDI and not (folder / "runs/gdi").exists():
         _run("cldit run gdi", folder)  # `python3 make.py run`
     if page == "docs/rig.md":
         (folder / "rig.yaml").write_bytes((folder / "runs/gdi/rig.yaml").read_bytes())

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +65,35 @@ def test_damaged_run_is_made_anew(tmp_path: Path) -> None:
     (folder / "run.json").write_text("{")
     kept.run(scene)
     assert kept.computed == ["none", "none"]
+
+
+_KILLED = """
+import os, signal, sys
+from pathlib import Path
+from cldit.run import KeptRuns
+from cldit.study.lab import Lab
+
+def say(text):
+    if len(lab.kept.computed) == 2 and text.strip() == "octree":
+        os.kill(os.getpid(), signal.SIGKILL)
+
+lab = Lab(KeptRuns(Path(sys.argv[1])), quick=True, always=eval(sys.argv[2]), say=say)
+for order in range(4):
+    lab.run(lab.gdi(f"order-{order}", {"transport.order": order}))
+"""
+
+
+def test_what_a_killed_study_had_traced_is_not_traced_again(tmp_path: Path) -> None:
+    """Killed in the third trace of four: two more, and nothing the time after."""
+    program = [sys.executable, "-c", _KILLED, str(tmp_path), repr(_TINY)]
+    died = subprocess.run(program, capture_output=True, text=True)
+    assert died.returncode == -signal.SIGKILL, died.stderr
+    for computed in (2, 0):
+        lab = Lab(KeptRuns(tmp_path), quick=True, always=_TINY)
+        for order in range(4):
+            lab.run(lab.gdi(f"order-{order}", {"transport.order": order}))
+        assert len(lab.kept.computed) == computed
+        assert not list((tmp_path / "runs").glob("*.part"))
 
 
 def test_names() -> None:

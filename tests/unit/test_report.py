@@ -121,7 +121,8 @@ def test_written_whole(tmp_path: Path) -> None:
 
 
 def test_only_pictures_of_several_panels_are_wide() -> None:
-    for width, wide in ((900, False), (1500, True)):
-        panels = Picture(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + width.to_bytes(4, "big"), "x")
+    for width, height, wide in ((900, 800, False), (1500, 1400, True), (1000, 500, True)):
+        size = width.to_bytes(4, "big") + height.to_bytes(4, "big")
+        panels = Picture(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + size, "x")
         page = report_html(ReportContent(name="x", maps=(panels,)))
         assert ('<div class="wide">' in page) is wide

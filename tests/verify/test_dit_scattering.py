@@ -6,6 +6,7 @@ known, or measured by two wall temperatures, the temperature of what emits comes
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +23,11 @@ from cldit.dit.maps import Maps
 from cldit.dit.scattering import (
     Medium,
     droplet_radiance,
+    enclosure,
     measured_share,
-    medium_of_two_walls,
+    medium_of_enclosures,
     medium_temperature,
-    wall_share,
+    scattered_by,
 )
 from cldit.errors import EvaluationError
 from cldit.gpu.device import Device
@@ -33,17 +35,22 @@ from cldit.images import read_image
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
-from cldit.report.scattering_page import scattering_picture, scattering_table
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import simulate
-from cldit.scattering_study import scattering_study, wrong_models
 from cldit.scene import load_scene, parse_scene
 from cldit.scene.schema import Scene
 from cldit.scene.spray import EmptySpray
+from cldit.scene.vessel import Patch
+from cldit.study.scattering.models import RIGHT, wrong_models
+from cldit.study.scattering.page import scattering_picture, scattering_table
+from cldit.study.scattering.run import scattering_study
+from cldit.study.scattering.truth import solid_angles, with_plates
 
 FILTER = (3.3, 3.5)
 CURVE = Curve(filter_um=FILTER)
+_NONE: Mapping[str, float] = {}
+_DARK = {name: np.zeros((3, 3)) for name in ("vapour", "liquid")}
 VAPOUR_K, DROPLETS_K = 470.0, 380.0
 
 
@@ -67,8 +74,30 @@ def _spray() -> tuple[Weights, Weights, np.ndarray, np.ndarray]:
     return spray, bare, share[..., 2], share[..., 3]
 
 
-def _maps(wall_K: float, *, shots: int | None = None) -> Maps:
-    spray, bare, _, _ = _spray()
+def _walls(kelvin: float, **patches_K: float) -> Surroundings:
+    """Walls, and patches of emissivity 0.9 that reflect them."""
+    patches = tuple(
+        Patch(
+            name=name,
+            centre_m=(0.0, 0.0, 0.0),
+            facing=(1.0, 0.0, 0.0),
+            radius_m=0.1,
+            temperature_K=patch_K,
+            emissivity=0.9,
+        )
+        for name, patch_K in patches_K.items()
+    )
+    return Surroundings(wall_temperature_K=kelvin, patches=patches)
+
+
+def _light(kelvin: float, **patches_K: float) -> dict[str, float]:
+    return enclosure(_walls(kelvin, **patches_K), CURVE)
+
+
+def _maps(
+    wall_K: float, patches_K: Mapping[str, float] = _NONE, *, shots: int | None = None
+) -> Maps:
+    spray, bare = _patched() if patches_K else _spray()[:2]
     sensor = None
     if shots is not None:
         sensor = SensorModel.from_scene(Scene(name="t", spray=EmptySpray()))
@@ -76,12 +105,28 @@ def _maps(wall_K: float, *, shots: int | None = None) -> Maps:
         spray,
         bare,
         background_temperatures_K=(400.0, 440.0, 480.0, 520.0),
-        surroundings=Surroundings(wall_temperature_K=wall_K),
+        surroundings=_walls(wall_K, **patches_K),
         filter_um=FILTER,
         sensor=sensor,
         shots=shots or 1,
         references=shots or 1,
     )
+
+
+def _patched() -> tuple[Weights, Weights]:
+    """The same, its walls' light in parts from a window and a flange, which the bare background
+    does not see all of: a tenth of the window stands before it."""
+    spray, bare, _, _ = _spray()
+    part = np.linspace(0.1, 0.6, 30, dtype=np.float32)
+    images, before = dict(spray.images), dict(bare.images)
+    images |= {"window": part * images["wall"], "flange": np.float32(0.3) * images["wall"]}
+    images["wall"] = images["wall"] - images["window"] - images["flange"]
+    before |= {"window": 0.1 * before["background"], "flange": 0.0 * before["wall"]}
+    before["background"] = 0.9 * before["background"]
+    # What still comes straight through comes in the same parts.
+    images["window"] = images["window"] + np.float32(0.1) * images["background"]
+    images["background"] = np.float32(0.9) * images["background"]
+    return Weights.of(images), Weights.of(before)
 
 
 def _truth_K() -> np.ndarray:
@@ -100,25 +145,62 @@ def _same(medium: Medium, *, least: float = 0.9) -> None:
 def test_with_the_models_share_what_emits_comes_back() -> None:
     spray, bare, _, _ = _spray()
     for wall_K in (0.0, 300.0, 450.0, 600.0):
-        share = wall_share(spray, bare)
-        _same(medium_temperature(_maps(wall_K), share, wall_temperature_K=wall_K, curve=CURVE))
+        scattered = scattered_by(spray, bare, _light(wall_K))
+        _same(medium_temperature(_maps(wall_K), scattered, CURVE))
     # Plain DIT is off by tens of kelvin there.
     assert np.std(_maps(300.0).apparent_temperature_K - _truth_K()) > 10.0
 
 
 def test_two_walls_need_no_model() -> None:
     maps = [_maps(kelvin) for kelvin in (450.0, 400.0)]
-    share, _ = measured_share(*maps, wall_temperatures_K=(450.0, 400.0), curve=CURVE)
+    light = [_light(kelvin) for kelvin in (450.0, 400.0)]
+    share, _ = measured_share(maps, light, CURVE, part="wall")
     spray, bare, _, _ = _spray()
-    np.testing.assert_allclose(share, wall_share(spray, bare), atol=2e-4)
-    _same(medium_of_two_walls(*maps, wall_temperatures_K=(450.0, 400.0), curve=CURVE))
+    np.testing.assert_allclose(share, scattered_by(spray, bare, light[0]).share, atol=2e-4)
+    _same(medium_of_enclosures(maps, light, CURVE))
     with pytest.raises(EvaluationError, match="do not differ"):
-        medium_of_two_walls(*maps, wall_temperatures_K=(450.0, 450.0), curve=CURVE)
+        medium_of_enclosures(maps, [light[0]] * 2, CURVE)
+
+
+PATCHES = (
+    (450.0, {"window": 300.0, "flange": 500.0}),
+    (400.0, {"window": 300.0, "flange": 500.0}),
+    (450.0, {"window": 360.0, "flange": 500.0}),
+    (450.0, {"window": 300.0, "flange": 430.0}),
+)
+
+
+def test_patches_are_parts_of_the_enclosure() -> None:
+    """A window and a flange of their own temperatures: with a model's shares of each, and with
+    three changes and no model, what emits comes back as it does before walls alone."""
+    light = [_light(wall_K, **patches_K) for wall_K, patches_K in PATCHES]
+    maps = [_maps(wall_K, patches_K) for wall_K, patches_K in PATCHES]
+    # Taken for walls of one temperature they would leave some kelvin.
+    as_walls = medium_temperature(maps[0], scattered_by(*_spray()[:2], _light(450.0)), CURVE)
+    told = np.isfinite(as_walls.temperature_K)
+    assert np.std((as_walls.temperature_K - _truth_K())[told]) > 2.0
+    _same(medium_temperature(maps[0], scattered_by(*_patched(), light[0]), CURVE))
+    _same(medium_of_enclosures(maps, light, CURVE), least=0.85)
+
+
+def test_parts_that_cannot_be_told_apart_are_named() -> None:
+    light = [_light(wall_K, **patches_K) for wall_K, patches_K in PATCHES]
+    maps = [_maps(wall_K, patches_K) for wall_K, patches_K in PATCHES]
+    with pytest.raises(EvaluationError, match="2 do not tell wall, window, flange apart"):
+        medium_of_enclosures(maps[:2], light[:2], CURVE)  # the patches reflect the walls
+    with pytest.raises(EvaluationError, match="flange keeps its temperature"):
+        black = [{**one, "flange": light[0]["flange"]} for one in light[:3]]
+        medium_of_enclosures(maps[:3], black, CURVE)
+    with pytest.raises(EvaluationError, match="not all have the parts wall"):
+        medium_of_enclosures(maps[:2], [_light(450.0), light[0]], CURVE)
+    with pytest.raises(EvaluationError, match=r"patches are none, those of the .* window, flange"):
+        scattered_by(*_spray()[:2], light[0])
 
 
 def test_droplets_are_told_from_vapour_by_the_model_alone() -> None:
-    spray, _, _, liquid = _spray()
-    radiance = droplet_radiance(_maps(450.0), spray, liquid, wall_temperature_K=450.0, curve=CURVE)
+    spray, bare, _, liquid = _spray()
+    scattered = scattered_by(spray, bare, _light(450.0))
+    radiance = droplet_radiance(_maps(450.0), spray, liquid, scattered, CURVE)
     kelvin = CURVE.temperature(radiance)
     told = np.isfinite(kelvin)
     assert told.mean() > 0.7
@@ -129,7 +211,8 @@ def test_droplets_are_told_from_vapour_by_the_model_alone() -> None:
 def test_errors_of_two_walls_by_brute_force(walls: tuple[float, float]) -> None:
     """T_app of both walls drawn 2000 times with their stated errors: spread as stated to 15 %."""
     maps = [_maps(kelvin, shots=50) for kelvin in walls]
-    stated = medium_of_two_walls(*maps, wall_temperatures_K=walls, curve=CURVE)
+    light = [_light(kelvin) for kelvin in walls]
+    stated = medium_of_enclosures(maps, light, CURVE)
     rng = np.random.default_rng(2)
     row = 5
     drawn = []
@@ -139,7 +222,7 @@ def test_errors_of_two_walls_by_brute_force(walls: tuple[float, float]) -> None:
         image = (kelvin + error * rng.standard_normal((2000, kelvin.size))).astype(np.float32)
         empty = np.zeros_like(image)
         drawn.append(Maps(empty, image, empty, empty, empty.astype(np.uint8), empty, empty))
-    found = medium_of_two_walls(*drawn, wall_temperatures_K=walls, curve=CURVE).temperature_K
+    found = medium_of_enclosures(drawn, light, CURVE).temperature_K
     error = stated.standard_error_K[row]
     good = np.isfinite(error) & (error < 3.0) & np.isfinite(found).all(axis=0)
     assert good.sum() > 5
@@ -148,8 +231,17 @@ def test_errors_of_two_walls_by_brute_force(walls: tuple[float, float]) -> None:
 
 
 def test_shapes_must_agree() -> None:
+    small = _weights(**{name: np.ones((3, 3)) for name in ("background", "wall")} | _DARK)
+    scattered = scattered_by(small, small, _light(450.0))
     with pytest.raises(EvaluationError, match=r"\(3, 3\) pixels, the maps have \(20, 30\)"):
-        medium_temperature(_maps(450.0), np.zeros((3, 3)), wall_temperature_K=450.0, curve=CURVE)
+        medium_temperature(_maps(450.0), scattered, CURVE)
+
+
+def _with_patch(scene: Scene, **patch: object) -> Scene:
+    """A disc in the side wall."""
+    data = scene.model_dump(mode="json")
+    data["patches"] = [{"centre_m": [0.1, 0.0, -0.05], "radius_m": 0.06, **patch}]
+    return parse_scene(data)
 
 
 def _small(name: str = "droplets-only") -> Scene:
@@ -165,12 +257,13 @@ def _small(name: str = "droplets-only") -> Scene:
 
 
 def test_a_model_makes_droplets_their_own_temperature(device: Device, tmp_path: Path) -> None:
-    """Droplets at 370 K before walls at 450 K, recorded by the rig; `cldit evaluate --model`.
+    """Droplets at 370 K before walls at 450 K with a hot flange, recorded by the rig; `cldit
+    evaluate --model`.
 
-    Plain DIT shows them too warm by what they scatter of the walls; with the model, 370 K within
-    the noise.
+    Plain DIT shows them too warm by what they scatter of both; with the model, 370 K within the
+    noise.
     """
-    scene = _small()
+    scene = _with_patch(_small(), name="flange", facing=[-1, 0, 0], temperature_K=500.0)
     run = simulate(scene, tmp_path / "run", device=device)
     with open_rig(simulated_rig_data(scene, tmp_path / "run")) as rig:
         plan = plan_from_scene(scene, integration_time_s=run.info.integration_time_s)
@@ -194,21 +287,58 @@ def test_a_model_makes_droplets_their_own_temperature(device: Device, tmp_path: 
     assert np.mean(pull**2) == pytest.approx(1.0, abs=0.6)
 
 
+def test_plates_fill_the_solid_angle_of_a_disc_seen_from_its_axis() -> None:
+    """2 pi (1 - d / sqrt(d^2 + r^2)); 40 000 even directions are good for 1 %."""
+    scene = with_plates(_small())
+    data = scene.model_dump(mode="json")
+    data["camera"]["target_m"] = list(scene.domain.centre_m)
+    angles = solid_angles(parse_scene(data))
+    wanted = {
+        "background": 2 * np.pi * (1 - 0.1 / np.hypot(0.1, 0.08)),
+        "beside": 2 * np.pi * (1 - 0.1 / np.hypot(0.1, 0.08)),
+        "before": 2 * np.pi * (1 - 0.1 / np.hypot(0.1, 0.08)),
+        "ring": 2 * np.pi * (0.1 / np.hypot(0.1, 0.08) - 0.1 / np.hypot(0.1, 0.12)),
+    }
+    for name, angle in wanted.items():
+        assert angles[name] == pytest.approx(angle, rel=0.01), name
+
+
 @pytest.mark.slow
 def test_the_study_says_what_is_gained(device: Device, tmp_path: Path) -> None:
-    """Droplets alone: a model 20 % off still leaves less than half of plain DIT's error."""
+    """Droplets alone: a model 20 % off still leaves less than half of plain DIT's error, and
+    bounds hold where the way to them is right."""
     study = scattering_study(_small(), device, cache=tmp_path)
-    rows = {(row.method, row.model): row for row in study.rows}
-    plain = rows["plain DIT", "none"]
-    assert plain.droplets_rms_K > 10.0 and study.wet == 1.0
+    rows = {(row.method, row.needs): row for row in study.rows}
+    plain = rows["plain DIT", "nothing"].droplets
+    assert plain.rms_K > 10.0 and study.wet == 1.0 and plain.held < 0.1
     for model in wrong_models(_small()):
-        known = rows["scattered share", model]
-        # 0.1 K: accuracy of the trace
-        assert known.droplets_rms_K < (0.2 if model == "right" else 0.5 * plain.droplets_rms_K)
-    walls = [row for row in study.rows if row.method == "two walls"]
-    assert walls[0].medium_rms_K < 0.2 < walls[1].medium_rms_K
-    assert scattering_table(study).count("\n") == len(study.rows) + 2
+        known = rows["scattered share", f"model: {model}"].droplets
+        # 0.2 K: accuracy of the trace
+        assert known.rms_K < (0.2 if model == RIGHT else 0.5 * plain.rms_K)
+    walls = [row.medium for row in study.rows if row.method == "two walls"]
+    assert walls[0] is not None and walls[1] is not None
+    assert walls[0].rms_K < 0.2 < walls[1].rms_K
+    # Two standard errors: 95 %, of some hundred pixels that share nothing.
+    around = rows["background all round", "walls that follow it"].droplets
+    assert around.rms_K < 0.2 and 0.88 < around.held <= 1.0 and 0.88 < walls[0].held <= 1.0
+    assert rows["plain DIT as a bound", "T_wall"].droplets.held > 0.95
+    for method in ("two filters, a slab", "two discs", "three cold plates"):
+        best = min(row.droplets.rms_K for row in study.rows if row.method == method)
+        assert best < 0.8 * plain.rms_K, method
+    assert scattering_table(study).count("two walls") == 4
     assert scattering_picture(study).startswith(b"\x89PNG")
+
+
+@pytest.mark.slow
+def test_the_study_takes_scenes_with_patches_and_windows(device: Device, tmp_path: Path) -> None:
+    """A cold window in the side wall: two walls and the warmer patch tell, as the model does."""
+    cold = _with_patch(_small(), name="laboratory", facing=[-1, 0, 0], temperature_K=295.0)
+    data = cold.model_dump(mode="json")
+    data["windows"] = [{"side": "front", "material": "CaF2", "temperature_K": 380.0}]
+    study = scattering_study(parse_scene(data), device, cache=tmp_path)
+    rows = {(row.method, row.needs): row for row in study.rows}
+    assert rows["two walls", "450 and 400 K"].droplets.rms_K < 0.2
+    assert rows["scattered share", "model: right"].droplets.rms_K < 0.2
 
 
 def test_the_study_refuses_what_it_cannot_vary() -> None:

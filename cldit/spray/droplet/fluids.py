@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
-import tempfile
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -16,13 +12,10 @@ from numpy.typing import ArrayLike
 
 from cldit.errors import SprayError
 from cldit.spray.droplet.curves import Curves, Floats, curves
-from cldit.spray.droplet.substances import (
-    Columns,
-    fuel_columns,
-    gas_columns,
-)
+from cldit.spray.droplet.substances import Columns, fuel_columns, gas_columns
+from cldit.tables import Arrays, cached
 
-_FORM = "fluid table 1"
+_FORM = "fluid table 2"
 
 
 @dataclass(frozen=True)
@@ -137,52 +130,26 @@ def check_conditions(fuel: Fuel, *, temperature_K: float, gas_K: float, pressure
 
 
 def _kept(text: str, build: Callable[[], Columns], cache: Path | None) -> Columns:
-    if cache is None:
-        return build()
     text = f"{_FORM} {version('CoolProp')} {text}"
-    path = Path(cache) / f"fluid-{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
-    found = _read(path, text)
-    if found is None:
-        found = build()
-        _write(path, text, found)
-    return found
+    return _columns(cached(cache, kind="fluid", text=text, make=lambda: _arrays(build())))
 
 
-def _read(path: Path, text: str) -> Columns | None:
-    """What `_write` kept; None where there is nothing, or nothing that can be trusted."""
-    groups: dict[str, dict[str, Floats]] = {"constants": {}, "liquid": {}, "vapour": {}}
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            if str(file["text"]) != text:
-                return None
-            for key in file.files:
-                group, _, name = key.partition(".")
-                if name:
-                    groups[group][name] = np.asarray(file[key], dtype=float)
-            grids = np.asarray(file["liquid_K"]), np.asarray(file["vapour_K"])
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        return None
-    values = [v for group in groups.values() for v in group.values()]
-    if not all(np.all(np.isfinite(v)) for v in values):
-        return None
-    constants = {name: float(value) for name, value in groups["constants"].items()}
-    return Columns(constants, grids[0], groups["liquid"], grids[1], groups["vapour"])
-
-
-def _write(path: Path, text: str, columns: Columns) -> None:
-    """Appears whole or not at all; a folder that cannot be written costs only the time."""
-    arrays: dict[str, Floats] = {"liquid_K": columns.liquid_K, "vapour_K": columns.vapour_K}
+def _arrays(columns: Columns) -> Arrays:
+    """By names with the part of `Columns` before the point."""
+    arrays: Arrays = {"liquid_K.": columns.liquid_K, "vapour_K.": columns.vapour_K}
     arrays |= {f"constants.{name}": np.asarray(v) for name, v in columns.constants.items()}
-    for group, values in (("liquid", columns.liquid), ("vapour", columns.vapour)):
-        arrays |= {f"{group}.{name}": value for name, value in values.items()}
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    except OSError:
-        return
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            np.savez(stream, text=np.asarray(text), **arrays)  # type: ignore[arg-type]
-        os.replace(part, path)
-    except OSError:
-        Path(part).unlink(missing_ok=True)
+    for part, values in (("liquid", columns.liquid), ("vapour", columns.vapour)):
+        arrays |= {f"{part}.{name}": value for name, value in values.items()}
+    return arrays
+
+
+def _columns(arrays: Arrays) -> Columns:
+    """The inverse of `_arrays`."""
+
+    def part(wanted: str) -> Arrays:
+        parts = ((key.partition("."), value) for key, value in arrays.items())
+        return {name: value for (first, _, name), value in parts if first == wanted}
+
+    constants = {name: float(value) for name, value in part("constants").items()}
+    grids = arrays["liquid_K."], arrays["vapour_K."]
+    return Columns(constants, grids[0], part("liquid"), grids[1], part("vapour"))

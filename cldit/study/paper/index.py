@@ -6,7 +6,7 @@ import numpy as np
 
 from cldit.optics.liquid import liquid
 from cldit.study.compare import change_pictures, change_rows, mean_change
-from cldit.study.lab import Lab
+from cldit.study.lab import CAPTION_WALLS_K, Lab
 from cldit.study.measures import Change, Phases, root
 from cldit.study.page import Page, Row
 from cldit.study.verdict import Verdict
@@ -14,6 +14,7 @@ from cldit.study.verdict import Verdict
 _N, _K = 1.338, 0.0341  # paper
 _FILTER_UM = (3.3, 3.5)
 _LIQUID_K = 370.0
+_WALLS = {"walls.temperature_K": CAPTION_WALLS_K}
 
 
 def pairs() -> dict[str, tuple[float, float, float]]:
@@ -34,10 +35,10 @@ def pairs() -> dict[str, tuple[float, float, float]]:
 
 def study(lab: Lab) -> Page:
     """One spray, five refractive indices at one wavelength."""
-    reference = lab.run(lab.gdi("gdi"))
+    reference = lab.run(lab.gdi("gdi", _WALLS))
     runs, shown = {}, {}
     for number, (name, (_, n, k)) in enumerate(pairs().items(), start=1):
-        values = {"optics.n": float(f"{n:.4g}"), "optics.k": float(f"{k:.3g}")}
+        values = {**_WALLS, "optics.n": float(f"{n:.4g}"), "optics.k": float(f"{k:.3g}")}
         run = lab.run(lab.gdi(f"index-{number}", values))
         runs[name] = run
         shown[f"n {n:.3f}, k {k:.3f}"] = run
@@ -57,7 +58,7 @@ def study(lab: Lab) -> Page:
             reference,
             shown,
             named=f"n {_N}, k {_K}",
-            about="0.95 ms, 0.6 MPa, 570 K, walls 455 K",
+            about="0.95 ms, 0.6 MPa, 570 K, walls 450 K",
             limit_K=20.0,
         ),
         table=rows,

@@ -6,10 +6,12 @@ from cldit.report.optics_summary import FIG4
 from cldit.run import Run
 from cldit.scene.sizes import Monodisperse
 from cldit.study.compare import change_pictures, change_rows, tips_change_K
-from cldit.study.lab import Lab
+from cldit.study.lab import CAPTION_WALLS_K, Lab
 from cldit.study.measures import Change
 from cldit.study.page import Page
 from cldit.study.verdict import Verdict
+
+_WALLS = {"walls.temperature_K": CAPTION_WALLS_K}
 
 
 def study(lab: Lab) -> Page:
@@ -22,10 +24,10 @@ def study(lab: Lab) -> Page:
         else:
             name = f"m {row.sizes.m_um:g} µm, n {row.sizes.n:.3g}, p {row.sizes.p:g}"
         title = "gdi" if not runs else f"sizes-{len(runs)}"
-        runs[name] = lab.run(lab.gdi(title, {"spray.droplets": values}))
+        runs[name] = lab.run(lab.gdi(title, {**_WALLS, "spray.droplets": values}))
     named, reference = next(iter(runs.items()))
     cases = {name: run for name, run in runs.items() if name != named}
-    chance = lab.run(lab.gdi("sizes-seed", {"spray.seed": 2}))
+    chance = lab.run(lab.gdi("sizes-seed", {**_WALLS, "spray.seed": 2}))
     worst = max(Change.of(run, reference).rms() for run in cases.values())
     by_chance = Change.of(chance, reference)
     widest = list(cases.values())[1]
@@ -38,7 +40,7 @@ def study(lab: Lab) -> Page:
             reference,
             {**cases, "other random numbers": chance},
             named=named,
-            about="0.95 ms, 0.6 MPa, 570 K; D32 is 9.0 µm in all",
+            about="0.95 ms, 0.6 MPa, 570 K, walls 450 K; D32 is 9.0 µm in all",
             limit_K=20.0,
         ),
         table=change_rows(reference, {**cases, "other random numbers": chance}),

@@ -9,29 +9,61 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.report.pictures import Frame, Panel, panels_picture
-from cldit.scattering_study import Study
+from cldit.study.page import markdown_table
+from cldit.study.scattering.run import Error, Row, Study
 
 Floats = NDArray[np.float64]
 
 _HEAD = (
-    "| evaluation | model | what emits: bias / K | RMS / K | droplets: bias / K | RMS / K "
-    "| noise / K | told |\n|---|---|---|---|---|---|---|---|\n"
+    "evaluation",
+    "needs",
+    "what emits: bias / K",
+    "RMS / K",
+    "bound holds",
+    "droplets: bias / K",
+    "RMS / K",
+    "bound holds",
+    "noise / K",
+    "bound's width / K",
+    "told",
 )
 
 
 def _cell(value: float, digits: int = 2) -> str:
+    if math.isinf(value):
+        return "open"
     return "–" if math.isnan(value) else f"{value:.{digits}f}"
 
 
+def _percent(value: float) -> str:
+    return "–" if math.isnan(value) else f"{100 * value:.0f} %"
+
+
+def _error(error: Error | None) -> list[str]:
+    if error is None:
+        return ["–"] * 3
+    return [_cell(error.bias_K), _cell(error.rms_K), _percent(error.held)]
+
+
+def _rest(row: Row) -> list[str]:
+    return [_cell(row.noise_K), _cell(row.width_K, 1), _percent(row.told)]
+
+
 def scattering_table(study: Study) -> str:
-    """The rows as a Markdown table."""
-    lines = [
-        f"| {row.method} | {row.model} | {_cell(row.medium_bias_K)} | {_cell(row.medium_rms_K)} "
-        f"| {_cell(row.droplets_bias_K)} | {_cell(row.droplets_rms_K)} | {_cell(row.noise_K)} "
-        f"| {100 * row.told:.0f} % |"
+    """The rows as a Markdown table, and a second one of where each fails."""
+    rows = [
+        [row.method, row.needs, *_error(row.medium), *_error(row.droplets), *_rest(row)]
         for row in study.rows
     ]
-    return _HEAD + "\n".join(lines) + "\n"
+    heads = [f"{name} ({_percent(part)})" for name, part in study.classes.items()]
+    where = [
+        [row.method, row.needs, *(_cell(value, 1) for value in row.where.values())]
+        for row in study.rows
+    ]
+    return (
+        f"{markdown_table(_HEAD, rows)}\n\nRMS in K by the scattered share of the pixels, and in "
+        f"thin ones (emissivity below 0.5):\n\n{markdown_table([*_HEAD[:2], *heads], where)}\n"
+    )
 
 
 def scattering_picture(study: Study) -> bytes:

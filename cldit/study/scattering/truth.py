@@ -1,0 +1,253 @@
+"""The simulated truth: a trace with heated plates in the enclosure, and what it looks like.
+
+The plates are patches of the enclosure as warm as the walls unless an arrangement says otherwise:
+`ring` around the background disc, `beside` the spray, and `before` it on the camera's side. One
+trace so serves every arrangement of walls, plates and backgrounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.camera.curve import Curve
+from cldit.camera.sensor import SensorModel
+from cldit.dit.evaluate import evaluate_radiance
+from cldit.dit.maps import Maps
+from cldit.dit.scattering import WALL, Scattered, enclosure, scattered_by
+from cldit.errors import EvaluationError
+from cldit.gpu.device import Device
+from cldit.medium.frame import Frame
+from cldit.medium.octree import build_octree
+from cldit.optics.liquid import liquid
+from cldit.optics.response import scene_filter
+from cldit.optics.vapour import vapour_band
+from cldit.radiance.boundary import Surroundings
+from cldit.radiance.weights import Weights
+from cldit.run.medium import properties_of
+from cldit.scene import Scene, parse_scene
+from cldit.scene.vessel import Patch
+from cldit.spray.source import make_spray
+from cldit.transport.trace import settings_for, trace
+
+Floats = NDArray[np.float64]
+
+PLATES = ("ring", "beside", "before")
+SECOND_FILTER_UM = (3.5, 3.6)  # liquid absorbs most against its vapour: see docs/scattering.md
+_LIQUID_K, _VAPOUR_K = 350.0, 400.0  # of its n, k and cross section
+_RING = 1.5  # radius of the ring over that of the background disc
+_PLATE = 0.4  # radius of the other plates over the cube's edge
+_DIRECTIONS = 40_000
+_AS_IT_IS: Mapping[str, float] = MappingProxyType({})
+
+
+def with_plates(scene: Scene) -> Scene:
+    """The scene with the three plates, at the walls' temperature.
+
+    Raises:
+        EvaluationError: the background is not a disc.
+        SceneError: a patch of the scene is named as a plate.
+    """
+    if scene.background.shape != "disc":
+        raise EvaluationError("background.shape: enclosure; the study needs a disc")
+    data = scene.model_dump(mode="json")
+    x, y, z = scene.domain.centre_m
+    half = scene.domain.edge_m / 2.0
+    disc = data["background"]
+    plates = {
+        "ring": (disc["centre_m"] or [x, y + half, z], [0, -1, 0], _RING * disc["radius_m"]),
+        "beside": ([x - half, y, z], [1, 0, 0], _PLATE * scene.domain.edge_m),
+        "before": ([x, y - half, z], [0, 1, 0], _PLATE * scene.domain.edge_m),
+    }
+    added = [
+        {
+            "name": name,
+            "centre_m": centre,
+            "facing": facing,
+            "radius_m": radius,
+            "temperature_K": scene.walls.temperature_K,
+        }
+        for name, (centre, facing, radius) in plates.items()
+    ]
+    return parse_scene({**data, "patches": [*data["patches"], *added]})
+
+
+def through_second_filter(scene: Scene) -> Scene:
+    """The scene at 3.5 to 3.6 um, with n, k and the vapour's cross section of the shipped data.
+
+    Raises:
+        OpticsError: nothing is shipped for the scene's fuel.
+    """
+    data = scene.model_dump(mode="json")
+    low, high = SECOND_FILTER_UM
+    um = np.linspace(low, high, 400)
+    fuel = data["spray"]["fuel"]
+    n, k = liquid(scene.optics.liquid or fuel).index(um, _LIQUID_K)
+    vapour = vapour_band(scene.optics.vapour or fuel).absorption_m2_mol(1e4 / um, _VAPOUR_K)
+    optics = {
+        "filter_um": list(SECOND_FILTER_UM),
+        "wavelength_um": 0.5 * (low + high),
+        "n": float(np.mean(n)),
+        "k": float(np.mean(k)),
+        "vapour_m2_mol": float(np.mean(vapour)),
+    }
+    return parse_scene({**data, "optics": {**data["optics"], **optics}})
+
+
+@dataclass(frozen=True)
+class Traced:
+    """A scene's weights and the shares of what emits, all (H, W) before the background."""
+
+    scene: Scene
+    weights: Weights
+    vapour_share: Floats
+    liquid_share: Floats
+    reference: Weights
+
+    @property
+    def curve(self) -> Curve:
+        return Curve(filter_um=scene_filter(self.scene))
+
+    def surroundings(self, changed_K: Mapping[str, float] = _AS_IT_IS) -> Surroundings:
+        """Those of the scene; `wall` moves walls and plates, a patch's name that patch."""
+        around = Surroundings.from_scene(self.scene)
+        wall_K = changed_K.get(WALL, around.wall_temperature_K)
+        moved = {**dict.fromkeys(PLATES, wall_K), **changed_K}
+
+        def patch(one: Patch) -> Patch:
+            return one.model_copy(update={"temperature_K": moved.get(one.name, one.temperature_K)})
+
+        return replace(
+            around, wall_temperature_K=wall_K, patches=tuple(patch(p) for p in around.patches)
+        )
+
+    def enclosure(
+        self, changed_K: Mapping[str, float] = _AS_IT_IS, *, plate: str | None = None
+    ) -> dict[str, float]:
+        """Radiances that leave the walls and the scene's own patches, and one plate if named."""
+        parts = enclosure(self.surroundings(changed_K), self.curve)
+        return {
+            name: leaving for name, leaving in parts.items() if name not in PLATES or name == plate
+        }
+
+    def scattered(self) -> Scattered:
+        """By this trace, its plates as warm as the walls."""
+        spray, bare = (_joined(one, PLATES, into=WALL) for one in (self.weights, self.reference))
+        return scattered_by(spray, bare, self.enclosure())
+
+    def maps(
+        self, changed_K: Mapping[str, float] = _AS_IT_IS, *, background: Sequence[str] = ()
+    ) -> Maps:
+        """Plain DIT with the scene's camera.
+
+        Args:
+            changed_K: as `surroundings`.
+            background: parts of the enclosure that follow the background's temperature.
+        """
+        scene = self.scene
+        traced, bare = (
+            _joined(one, background, into="background") for one in (self.weights, self.reference)
+        )
+        around = self.surroundings(changed_K)
+        return evaluate_radiance(
+            traced,
+            bare,
+            background_temperatures_K=scene.background.temperatures_K,
+            surroundings=replace(
+                around, patches=tuple(p for p in around.patches if p.name not in background)
+            ),
+            filter_um=self.curve.filter_um,
+            sensor=SensorModel.from_scene(scene),
+            shots=scene.plan.shots,
+            references=scene.plan.references,
+        )
+
+
+def _joined(weights: Weights, parts: Sequence[str], *, into: str) -> Weights:
+    """Parts of the enclosure become background, or walls."""
+    images = dict(weights.images)
+    for name in parts:
+        images[into] = images[into] + images[name]
+        if name == WALL:
+            images[name] = np.zeros_like(images[name])
+        else:
+            del images[name]
+    return Weights.of(images)
+
+
+def traced(scene: Scene, device: Device, cache: Path) -> Traced:
+    """What the scene emits, what it would if every phase emitted 1, and the scene without spray.
+
+    Raises:
+        EvaluationError: the scene is resolved into several wavelengths.
+    """
+    spray = make_spray(scene.spray, cache=cache)
+    found = properties_of(scene, spray, cache=cache)
+    if len(found.sources) != 1:
+        raise EvaluationError("optics.preset: spectral; the study takes one wavelength (paper)")
+    ((points, cells),) = found.sources
+    unit_points = None if points is None else replace(points, emission_m2=points.absorption_m2)
+    unit_cells = [
+        replace(
+            cell,
+            vapour_emission=cell.vapour_absorption,
+            droplet_emission=cell.droplet_absorption,
+        )
+        for cell in cells
+    ]
+    domain = scene.domain
+    frame = Frame.around(
+        centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=domain.leaf_edge_m
+    )
+    settings = settings_for(scene, found.phases[0])
+    every: list[tuple[Any, Any]] = [(points, cells), (unit_points, unit_cells), (None, [])]
+    weights = [
+        trace(
+            build_octree(frame, *sources, optical_depth_split=domain.optical_depth_split),
+            scene,
+            device,
+            settings,
+        ).weights
+        for sources in every
+    ]
+    return Traced(
+        scene=scene,
+        weights=weights[0],
+        vapour_share=weights[1].vapour.astype(float),
+        liquid_share=weights[1].liquid.astype(float),
+        reference=weights[2],
+    )
+
+
+def solid_angles(scene: Scene) -> Mapping[str, float]:
+    """Of the background disc and of each plate, in sr, from the middle of the picture.
+
+    By 40 000 even directions: to about 1 %.
+    """
+    step = (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS
+    up, turn = 1.0 - 2.0 * step, np.pi * (1.0 + np.sqrt(5.0)) * np.arange(_DIRECTIONS)
+    flat = np.sqrt(1.0 - up**2)
+    away = np.stack([flat * np.cos(turn), flat * np.sin(turn), up], axis=1)
+    plates = {patch.name: patch for patch in scene.patches if patch.name in PLATES}
+    disc = plates["ring"].model_copy(update={"radius_m": scene.background.radius_m})
+    seen = {name: _meets(away, patch, scene.target_m) for name, patch in plates.items()}
+    seen["background"] = _meets(away, disc, scene.target_m)
+    seen["ring"] &= ~seen["background"]
+    return {name: 4.0 * np.pi * float(np.mean(each)) for name, each in seen.items()}
+
+
+def _meets(away: Floats, disc: Patch, start_m: tuple[float, float, float]) -> NDArray[np.bool_]:
+    """Whether lines from a point meet a disc's front."""
+    normal = np.asarray(disc.facing) / np.linalg.norm(disc.facing)
+    to_centre = np.asarray(disc.centre_m) - start_m
+    towards = away @ normal
+    with np.errstate(divide="ignore", invalid="ignore"):
+        length = (to_centre @ normal) / towards
+        off = np.linalg.norm(length[:, None] * away - to_centre, axis=1)
+        return np.asarray((towards < 0.0) & (length > 0.0) & (off <= (disc.radius_m or 0.0)))

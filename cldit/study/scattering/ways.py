@@ -1,0 +1,275 @@
+"""Ways to evaluate: what each needs to be seen, what it says, and how sure it claims to be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.camera.curve import Curve
+from cldit.dit.maps import Maps
+from cldit.dit.scattering import (
+    WALL,
+    Medium,
+    Scattered,
+    apparent,
+    droplet_radiance,
+    measured_share,
+    medium_of_enclosures,
+    medium_temperature,
+)
+from cldit.dit.two_filters import Band, one_filter, two_filters
+from cldit.optics.response import scene_filter
+from cldit.scene import Scene
+from cldit.study.scattering.models import LARGER, RIGHT
+from cldit.study.scattering.truth import PLATES, SECOND_FILTER_UM, Traced, solid_angles
+
+Floats = NDArray[np.float64]
+Seen = Mapping[str, Maps]
+
+WALLS_APART_K = 50.0  # of the second wall temperature below the first
+PLATE_APART_K = 100.0  # of a plate below the walls
+WALL_ERROR_K = 2.0  # by which a wall temperature may be known wrongly
+_SURE = 2.0  # standard errors that a bound takes
+_SAUTER_UM = 9.0
+
+
+@dataclass(frozen=True)
+class Said:
+    """(H, W) each. kelvin: NaN where nothing is said; noise_K: its standard error, None where it
+    is not stated. low_K, high_K: the bound that is claimed; infinite where it is open."""
+
+    kelvin: Floats
+    noise_K: Floats | None
+    low_K: Floats
+    high_K: Floats
+
+    @classmethod
+    def of(cls, kelvin: Floats, noise_K: Floats) -> Said:
+        return cls(kelvin, noise_K, kelvin - _SURE * noise_K, kelvin + _SURE * noise_K)
+
+    @classmethod
+    def of_medium(cls, medium: Medium) -> Said:
+        return cls.of(medium.temperature_K, medium.standard_error_K)
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to evaluate. about: the temperature that it is after, `medium` or `droplets`."""
+
+    method: str
+    needs: str
+    say: Callable[[Seen], Said]
+    about: str = "medium"
+
+
+def seen(truth: Traced, second: Traced) -> dict[str, Maps]:
+    """Plain DIT of every arrangement, without noise."""
+    walls_K = truth.scene.walls.temperature_K
+    cold_K = walls_K - PLATE_APART_K
+    found = {
+        "as it is": truth.maps(),
+        "colder walls": truth.maps({WALL: walls_K - WALLS_APART_K}),
+        "all round": truth.maps(background=(WALL, *PLATES)),
+        "larger disc": truth.maps(background=("ring",)),
+        "second filter": second.maps(),
+    }
+    found |= {f"cold {name}": truth.maps({name: cold_K}) for name in PLATES}
+    for patch in truth.scene.patches:
+        if patch.name not in PLATES:
+            warmer = {patch.name: patch.temperature_K + WALLS_APART_K}
+            found[f"warmer {patch.name}"] = truth.maps(warmer)
+    return found
+
+
+def ways(truth: Traced, models: Mapping[str, Traced], second: Mapping[str, Traced]) -> list[Way]:
+    """All of them, plain DIT first."""
+    return [
+        *_without(truth),
+        *_plates(truth),
+        *_filters(truth.scene, second[RIGHT].scene),
+        *_with_model(models, second),
+    ]
+
+
+def _without(truth: Traced) -> Iterator[Way]:
+    curve, walls_K = truth.curve, truth.scene.walls.temperature_K
+
+    def plain(maps: Maps) -> Said:
+        kelvin = maps.apparent_temperature_K.astype(float)
+        return Said.of(kelvin, maps.apparent_temperature_standard_error_K.astype(float))
+
+    def away_from_walls(maps: Maps) -> Said:
+        """What emits lies on the other side of T_app than the walls."""
+        one = plain(maps)
+        warm = one.kelvin < walls_K
+        return Said(
+            one.kelvin,
+            one.noise_K,
+            np.where(warm, -np.inf, one.low_K),
+            np.where(warm, one.high_K, np.inf),
+        )
+
+    yield Way("plain DIT", "nothing", lambda maps: plain(maps["as it is"]))
+    yield Way("plain DIT as a bound", "T_wall", lambda maps: away_from_walls(maps["as it is"]))
+    yield Way("background all round", "walls that follow it", lambda m: plain(m["all round"]))
+    own = [patch for patch in truth.scene.patches if patch.name not in PLATES]
+    for error_K in (0.0, WALL_ERROR_K):
+        colder_K = walls_K - WALLS_APART_K
+        told = [
+            truth.enclosure(),
+            truth.enclosure({WALL: colder_K + error_K}),
+            *(truth.enclosure({p.name: p.temperature_K + WALLS_APART_K}) for p in own),
+        ]
+        names = ["as it is", "colder walls", *(f"warmer {patch.name}" for patch in own)]
+
+        def varied(
+            maps: Seen, told: list[dict[str, float]] = told, names: list[str] = names
+        ) -> Said:
+            return Said.of_medium(medium_of_enclosures([maps[name] for name in names], told, curve))
+
+        needs = f"{walls_K:g} and {colder_K:g} K"
+        yield Way("two walls", needs + (f", one {error_K:g} K off" if error_K else ""), varied)
+
+
+def _plates(truth: Traced) -> Iterator[Way]:
+    """A part of the enclosure at another temperature; the rest is taken to scatter as much for
+    each sr that it fills."""
+    curve, walls_K = truth.curve, truth.scene.walls.temperature_K
+    wall = float(curve.radiance(walls_K))
+    angles = solid_angles(truth.scene)
+    whole = 4.0 * pi - angles["background"]
+    third = 4.0 * pi / 3.0
+    zones = {"ring": third - angles["background"], "beside": third, "before": third}
+
+    def medium(maps: Seen, share: Floats, error: Floats) -> Said:
+        scattered = Scattered.of_share(np.clip(share, 0.0, None), wall, error)
+        return Said.of_medium(medium_temperature(maps["as it is"], scattered, curve))
+
+    def larger(maps: Seen) -> Said:
+        small, large = maps["as it is"], maps["larger disc"]
+        epsilon = small.emissivity.astype(float)
+        error = np.hypot(small.emissivity_standard_error, large.emissivity_standard_error)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            factor = whole / angles["ring"] / epsilon
+            return medium(maps, factor * (epsilon - large.emissivity), factor * error)
+
+    def plate(maps: Seen, name: str) -> tuple[Floats, Floats]:
+        cold_K = walls_K - PLATE_APART_K
+        parts = [truth.enclosure(plate=name), truth.enclosure({name: cold_K}, plate=name)]
+        both = [maps["as it is"], maps[f"cold {name}"]]
+        return measured_share(both, parts, curve, part=name)
+
+    def one(name: str) -> Callable[[Seen], Said]:
+        factor = whole / angles[name]
+
+        def say(maps: Seen) -> Said:
+            share, error = plate(maps, name)
+            return medium(maps, factor * share, factor * error)
+
+        return say
+
+    def three(maps: Seen) -> Said:
+        found = [(zones[name] / angles[name], *plate(maps, name)) for name in PLATES]
+        share = sum((factor * part for factor, part, _ in found), np.zeros(()))
+        error = np.sqrt(sum(((factor * e) ** 2 for factor, _, e in found), np.zeros(())))
+        return medium(maps, np.asarray(share), np.asarray(error))
+
+    yield Way("two discs", "radii 1 and 1.5", larger)
+    for name, place in (("beside", "beside"), ("before", "on the camera's side")):
+        yield Way("cold plate", f"{place}, {PLATE_APART_K:g} K below the walls", one(name))
+    yield Way("three cold plates", "behind, beside, on the camera's side", three)
+
+
+def _filters(scene: Scene, other: Scene) -> Iterator[Way]:
+    walls_K = scene.walls.temperature_K
+
+    def bands(maps: Seen, k: float) -> tuple[Band, Band]:
+        pair = zip((scene, other), (maps["as it is"], maps["second filter"]), strict=True)
+        first, last = (
+            Band(
+                seen,
+                curve_of(one),
+                one.optics.wavelength_um,
+                one.optics.n,
+                k * one.optics.k,
+                isotropic=one.transport.phase != "mie",
+            )
+            for one, seen in pair
+        )
+        return first, last
+
+    def known(factor: float) -> Callable[[Seen], Said]:
+        def say(maps: Seen) -> Said:
+            size = factor * _SAUTER_UM
+            band, _ = bands(maps, 1.0)
+            return Said.of(*one_filter(band, diameter_um=size, wall_temperature_K=walls_K))
+
+        return say
+
+    def both(k: float) -> Callable[[Seen], Said]:
+        def say(maps: Seen) -> Said:
+            found = two_filters(bands(maps, k), wall_temperature_K=walls_K)
+            return Said(found.temperature_K, found.standard_error_K, found.low_K, found.high_K)
+
+        return say
+
+    low, high = SECOND_FILTER_UM
+    yield Way("one filter, a slab", f"D32 {_SAUTER_UM:g} um, n and k", known(1.0))
+    yield Way("one filter, a slab", f"D32 {1.2 * _SAUTER_UM:g} um (wrong)", known(1.2))
+    yield Way("two filters, a slab", f"{low:g} to {high:g} um too, n and k", both(1.0))
+    yield Way("two filters, a slab", "k 30 % larger in both (wrong)", both(1.3))
+
+
+def curve_of(scene: Scene) -> Curve:
+    return Curve(filter_um=scene_filter(scene))
+
+
+def _with_model(models: Mapping[str, Traced], second: Mapping[str, Traced]) -> Iterator[Way]:
+    low, high = SECOND_FILTER_UM
+
+    def medium(model: Traced, name: str) -> Callable[[Seen], Said]:
+        def say(maps: Seen) -> Said:
+            return Said.of_medium(medium_temperature(maps[name], model.scattered(), model.curve))
+
+        return say
+
+    def droplets(model: Traced) -> Callable[[Seen], Said]:
+        def say(maps: Seen) -> Said:
+            radiance = droplet_radiance(
+                maps["as it is"], model.weights, model.liquid_share, model.scattered(), model.curve
+            )
+            kelvin = model.curve.temperature(radiance)
+            _, error = apparent(maps["as it is"], model.curve)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                share = model.liquid_share / (1.0 - model.weights.background.astype(float))
+                noise = error / share * model.curve.temperature_slope(radiance)
+            return Said.of(kelvin, noise)
+
+        return say
+
+    def spread(each: Mapping[str, Callable[[Seen], Said]]) -> Callable[[Seen], Said]:
+        """Over all models: the mean of the bounds, and what they and noise leave open."""
+
+        def say(maps: Seen) -> Said:
+            said = [one(maps) for one in each.values()]
+            low_K = np.min([one.low_K for one in said], axis=0)
+            high_K = np.max([one.high_K for one in said], axis=0)
+            return Said(0.5 * (low_K + high_K), None, low_K, high_K)
+
+        return say
+
+    shares = {name: medium(model, "as it is") for name, model in models.items()}
+    alone = {name: droplets(model) for name, model in models.items()}
+    for name, say in shares.items():
+        yield Way("scattered share", f"model: {name}", say)
+    yield Way("scattered share", "all models: a bound", spread(shares))
+    for name, say in alone.items():
+        yield Way("droplets alone", f"model: {name}", say, "droplets")
+    yield Way("droplets alone", "all models: a bound", spread(alone), "droplets")
+    for name in (RIGHT, LARGER):
+        say = medium(second[name], "second filter")
+        yield Way(f"{low:g} to {high:g} um, scattered share", f"model: {name}", say, "droplets")
