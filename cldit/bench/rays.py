@@ -1,90 +1,181 @@
-"""What several rays a pixel cost, and what they bring: `cldit bench rays`.
+"""What several rays a pixel cost, and what they bring.
 
-All ways see one and the same solution (same seed), so that the difference is that of the pixels.
-They look at the middle of the field, a sixteenth of it, with pixels as large as the scene's.
+Pictures are those of the middle of the field, a sixteenth of it, with pixels as large as the
+scene's. All ways see one and the same solution (same seed), so that the difference is that of the
+pixels. The truth has 256 rays a pixel: 64 in each quarter of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from cldit.bench.case import changed
-from cldit.bench.report import Table
+from cldit.bench.case import Case, Say, changed
+from cldit.bench.report import Part, Table, number
 from cldit.dit.accuracy import VISIBLE_EMISSIVITY
-from cldit.gpu.device import Device
-from cldit.run import Run, simulate
-from cldit.scene import Scene
+from cldit.radiance.weights import Weights
+from cldit.report.sheet import figure_of
 
-MOST = 64
+Floats = NDArray[np.float64]
+
 PART = 4  # of the field, each way
-WAYS: tuple[int | str, ...] = (1, "adaptive", 4, 16)
+WAYS: tuple[int | str, ...] = (1, 4, 16, 64, "adaptive")
+_EDGE = 0.02  # step of the background's weight to a neighbour, of a pixel that lies at an edge
 
 
 @dataclass(frozen=True)
 class Row:
-    """rays: a pixel. traced: rays a pixel in all, the picture's cost. rms_K, largest_K: of T_app
-    against 64 rays, over pixels of emissivity above 0.05; rms_background: of the weight, over all
-    pixels. several: share of the pixels with more than one ray."""
+    """rays: a pixel. picture_core_s: a trace less one of a single pixel. rms_K, edge_K, largest_K:
+    of T_app over pixels of emissivity above 0.05, and over those of them at edges; background: RMS
+    of the weight at edges. several: share of the pixels with more than one ray."""
 
     rays: int | str
-    traced: float
+    picture_core_s: float
     rms_K: float
+    edge_K: float
     largest_K: float
-    rms_background: float
+    edge_background: float
     several: float
 
 
-def bench_rays(
-    scene: Scene, device: Device, *, say: Callable[[str], None] | None = None
-) -> list[Row]:
-    """One run for each of `WAYS`, and one with 64 rays to compare with."""
-    (columns, rows), (width_m, height_m) = scene.camera.pixels, scene.camera.field_m
-    few = (max(columns // PART, 1), max(rows // PART, 1))
-    middle = {"pixels": few, "field_m": (width_m * few[0] / columns, height_m * few[1] / rows)}
-
-    def run(rays: int | str) -> Run:
-        if say is not None:
-            say(f"rays a pixel: {rays}")
-        return simulate(changed(scene, camera={**middle, "rays_per_pixel": rays}), device=device)
-
-    truth = run(MOST)
-    return [_row(rays, run(rays), truth) for rays in WAYS]
-
-
-def _row(rays: int | str, run: Run, truth: Run) -> Row:
-    there = truth.maps.apparent_temperature_K.astype(float)
-    kelvin = (run.maps.apparent_temperature_K - there)[truth.maps.emissivity > VISIBLE_EMISSIVITY]
-    kelvin = kelvin[np.isfinite(kelvin)]
-    background = run.weights.background.astype(float) - truth.weights.background
-    columns, rows = run.scene.camera.pixels
-    several = run.info.counts.get("pixels_of_several_rays", 0) / (columns * rows)
-    return Row(
-        rays=rays,
-        traced=1 + 16 * several if isinstance(rays, str) else float(rays),
-        rms_K=float(np.sqrt(np.mean(kelvin**2))) if kelvin.size else 0.0,
-        largest_K=float(np.max(np.abs(kelvin), initial=0.0)),
-        rms_background=float(np.sqrt(np.mean(background**2))),
-        several=several,
+def _quarters(weights: Weights) -> Weights:
+    """Means over 2 x 2 pixels."""
+    return weights.map(
+        lambda image: (
+            image.reshape(image.shape[0] // 2, 2, -1, 2)
+            .mean(axis=(1, 3), dtype=np.float64)
+            .astype(np.float32)
+        )
     )
 
 
-def table(rows: list[Row]) -> Table:
-    """For people."""
-    head = ("rays a pixel", "traced a pixel", "T_app RMS / K", "largest / K", "w_bg RMS",
-            "pixels of several rays")  # fmt: skip
-    body: list[list[Any]] = [
-        [
+def at_edges(background: Floats) -> NDArray[np.bool_]:
+    """Pixels (H, W) whose weight of the background steps to a neighbour's."""
+    edge = np.zeros(background.shape, bool)
+    for axis in (0, 1):
+        step = np.abs(np.diff(background, axis=axis)) > _EDGE
+        for beside in (slice(None, -1), slice(1, None)):
+            where = [slice(None), slice(None)]
+            where[axis] = beside
+            edge[tuple(where)] |= step
+    return edge
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+
+
+def bench_rays(case: Case, *, say: Say) -> tuple[list[Row], int]:
+    """A row for each of `WAYS`, and how many pixels lie at edges."""
+    (columns, rows), (width_m, height_m) = case.scene.camera.pixels, case.scene.camera.field_m
+    few = (max(columns // PART, 1), max(rows // PART, 1))
+    field_m = (width_m * few[0] / columns, height_m * few[1] / rows)
+
+    def part(rays: int | str, *, finer: int = 1) -> Case:
+        pixels = [finer * n for n in few]
+        camera = {"pixels": pixels, "field_m": field_m, "rays_per_pixel": rays}
+        return case.seen(changed(case.scene, camera=camera))
+
+    settings = case.settings(audit=False)
+    truth = _quarters(part(64, finer=2).run(settings)[0].weights)
+    kelvin = part(1).temperature_K(truth)
+    background = truth.background.astype(float)
+    visible = (1 - background > VISIBLE_EMISSIVITY) & np.isfinite(kelvin)
+    edge = at_edges(background)
+    one = changed(case.scene, camera={"pixels": [1, 1], "field_m": [1e-6, 1e-6]})
+    fixed = case.seen(one).run(settings)[1].core_s
+    found = []
+    for rays in WAYS:
+        some = part(rays)
+        some.run(settings)  # builds
+        result, cost = some.run(settings)
+        off = some.temperature_K(result.weights) - kelvin
+        seen = visible & np.isfinite(off)
+        found.append(
+            Row(
+                rays=rays,
+                picture_core_s=max(cost.core_s - fixed, 0.0),
+                rms_K=_rms(off[seen]),
+                edge_K=_rms(off[seen & edge]),
+                largest_K=float(np.max(np.abs(off[seen]), initial=0.0)),
+                edge_background=_rms((result.weights.background - background)[edge]),
+                several=result.counts.get("pixels_of_several_rays", 0) / (few[0] * few[1]),
+            )
+        )
+        say(f"rays a pixel {rays}: {found[-1].picture_core_s:.3g} core-s, "
+            f"{found[-1].edge_K:.3g} K at edges")  # fmt: skip
+    return found, int((edge & visible).sum())
+
+
+def rays(case: Case, *, say: Say) -> Part:
+    """1, 4, 16, 64 and adaptive rays a pixel: error at edges against core seconds."""
+    found, edges = bench_rays(case, say=say)
+    head = ("rays a pixel", "core-s, picture", "T_app RMS at edges, K", "over all, K", "largest, K",
+            "w_bg RMS at edges", "pixels of several rays")  # fmt: skip
+    lines = [
+        (
             str(row.rays),
-            f"{row.traced:.1f}",
+            number(row.picture_core_s),
+            f"{row.edge_K:.3f}",
             f"{row.rms_K:.3f}",
             f"{row.largest_K:.1f}",
-            f"{row.rms_background:.1e}",
+            f"{row.edge_background:.1e}",
             f"{100 * row.several:.1f} %",
-        ]
-        for row in rows
+        )
+        for row in found
     ]
-    return Table.of(head, body)
+    columns, rows = (n // PART for n in case.scene.camera.pixels)
+    return Part(
+        name="rays",
+        title=f"Pixels as areas: {case.scene.name}",
+        tables=(Table.of(head, lines),),
+        data=[asdict(row) for row in found],
+        text=(
+            f"The middle {columns} x {rows} pixels, where spray fills most of the picture, against "
+            f"256 rays a pixel, one solution for all. Core seconds are those of a trace (two "
+            "pictures) less those of a trace of one pixel. Edges: pixels of emissivity above 0.05 "
+            f"whose weight of the background differs from a neighbour's by more than {_EDGE:g}; "
+            f"there are {edges}.",
+        ),
+        figure=_figure(found),
+        alternative="RMS error of the apparent temperature at edges against core seconds",
+    )
+
+
+def _figure(found: Sequence[Row]) -> Figure:
+    figure = figure_of(5.4, 3.8)
+    axes: Any = figure.subplots()
+    even = [row for row in found if row.rays != "adaptive"]
+    for key, name, colour in (
+        ("edge_K", "at edges", "tab:blue"),
+        ("rms_K", "over all", "tab:orange"),
+    ):
+        axes.loglog(
+            [row.picture_core_s for row in even],
+            [getattr(row, key) for row in even],
+            "o-",
+            color=colour,
+            label=name,
+        )
+        for row in found:
+            if row.rays == "adaptive":
+                axes.loglog(
+                    row.picture_core_s, getattr(row, key), "*", ms=12, color=colour,
+                    label=f"adaptive, {name}",
+                )  # fmt: skip
+    for row in even:
+        axes.annotate(
+            f"{row.rays}", (row.picture_core_s, row.edge_K), xytext=(4, 4),
+            textcoords="offset points", fontsize=8,
+        )  # fmt: skip
+    axes.set_xlabel("core seconds of the picture")
+    axes.set_ylabel("RMS error of T_app / K")
+    axes.set_title("Rays a pixel", fontsize=10)
+    axes.grid(True, which="both", alpha=0.25)
+    axes.legend(fontsize=7)
+    return figure

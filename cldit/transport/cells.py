@@ -75,7 +75,9 @@ class OpticalCells:
     """Stored cells and coarse leaves, in the octree's addresses.
 
     depth (P,): optical depth of a finest cell's edge. emitted: thermal part of the source function
-    a name of `needs.components`, in units of `scale` (photons s-1 m-2 sr-1). address (N,): the
+    a name of `needs.components`, in units of `scale`, the black-body radiance of what is hottest
+    (photons s-1 m-2 sr-1): whatever the albedo, what all comes to is then about 1, as with the
+    weights of the boundaries, and one tolerance is right for all. address (N,): the
     scattering cells; albedo, coalbedo (N,): scattered and absorbed share of what they take out;
     both are kept because 1 - albedo is lost to rounding where it is small.
     """
@@ -113,7 +115,7 @@ class OpticalCells:
             "vapour": fields["vapour_emission"] / safe,
             "liquid": fields["droplet_emission"] / safe,
         }
-        scale = max(float(values.max(initial=0.0)) for values in emitted.values()) or 1.0
+        scale = max(_hottest(fields, phase) for phase in ("vapour", "droplet")) or 1.0
         address = np.flatnonzero(scattering > 0)
         needs = Needs(
             vapour=tree.has_vapour,
@@ -195,3 +197,10 @@ class OpticalCells:
         """Where stored addresses lie in the box's flat [z, y, x] order."""
         x, y, z = (self.positions(address) - np.asarray(box.low)).T
         return np.asarray((z * box.shape[1] + y) * box.shape[0] + x)
+
+
+def _hottest(fields: dict[str, NDArray[np.float64]], phase: str) -> float:
+    """Largest black-body radiance of a phase: what it emits over what it absorbs (Kirchhoff)."""
+    emission, absorption = fields[f"{phase}_emission"], fields[f"{phase}_absorption"]
+    radiance = np.divide(emission, absorption, out=np.zeros_like(emission), where=absorption > 0)
+    return float(radiance.max(initial=0.0))

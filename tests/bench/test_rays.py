@@ -1,4 +1,4 @@
-"""`cldit bench rays` on a small scene: more rays, less error, more pixels refined."""
+"""`cldit bench --only rays` on a small scene: more rays, less error, more pixels refined."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.bench.rays import WAYS, bench_rays, table
+from cldit.bench.case import Case
+from cldit.bench.rays import WAYS, at_edges, bench_rays
 from cldit.gpu.device import Device
 from cldit.scene import parse_scene
 
@@ -29,9 +30,21 @@ def test_more_rays_come_nearer(device: Device, tmp_path: Path) -> None:
             "camera": {"pixels": 160},
         }
     )
-    rows = {row.rays: row for row in bench_rays(scene, device)}
+    case = Case.of(scene, device, cache=tmp_path)
+    found, edges = bench_rays(case, say=lambda _: None)
+    rows = {row.rays: row for row in found}
     assert tuple(rows) == WAYS
-    assert rows[16].rms_K < rows[4].rms_K < rows[1].rms_K
-    assert rows["adaptive"].rms_K < 0.5 * rows[1].rms_K
+    assert edges > 50
+    for key in ("rms_K", "edge_K"):
+        one, four, sixteen, most, adaptive = (getattr(rows[way], key) for way in WAYS)
+        assert most < sixteen < four < one
+        assert adaptive < 0.5 * one
     assert 0.0 == rows[1].several < rows["adaptive"].several <= rows[16].several == 1.0
-    assert "| adaptive |" in table(list(rows.values())).markdown()
+
+
+def test_edges_are_both_sides_of_a_step() -> None:
+    background = np.ones((4, 5))
+    background[:, 3:] = 0.5
+    expected = np.zeros((4, 5), bool)
+    expected[:, 2:4] = True
+    np.testing.assert_array_equal(at_edges(background), expected)
