@@ -70,5 +70,5 @@ def test_what_single_precision_cannot_do_is_done_in_double(case: Case, device: D
     assert run.precision == "float64"
     assert any("again in double precision" in line for line in lines)
     assert run.solution is not None and run.solution.error <= 1e-9
-    with pytest.raises(NotConvergedError, match="allow a larger transport.accuracy_K"):
+    with pytest.raises(NotConvergedError, match=r"allow a larger transport\.accuracy_K"):
         trace(case.tree, case.scene, device, replace(settings, precision="float32"))
