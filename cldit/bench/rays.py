@@ -167,8 +167,8 @@ def rays(case: Case, *, say: Say) -> Part:
         text=(
             f"The middle {columns} x {rows} pixels, where spray fills most of the picture, against "
             "256 rays a pixel. Core seconds are those of one picture; a trace makes two. Edges: "
-            f"pixels of emissivity above {VISIBLE_EMISSIVITY:g} whose weight of the background differs from a neighbour's by more than {_EDGE:g}; "
-            f"there are {edges}.",
+            f"pixels of emissivity above {VISIBLE_EMISSIVITY:g} whose weight of the background "
+            f"differs from a neighbour's by more than {_EDGE:g}; there are {edges}.",
         ),
         figure=_figure(found),
         alternative="RMS error of the apparent temperature at edges against core seconds",
