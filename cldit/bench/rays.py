@@ -29,17 +29,23 @@ from cldit.transport.view import View
 Floats = NDArray[np.float64]
 
 PART = 4  # of the field, each way
-WAYS: tuple[int | str, ...] = (1, 4, 16, 64, "adaptive")
+EVEN = (1, 4, 16, 64)
+ADAPTIVE_K = (
+    3.0,
+    1.0,
+    0.3,
+    0.1,
+)  # transport.accuracy_K: bends of the picture that stay as they are
 _EDGE = 0.02  # step of the background's weight to a neighbour, of a pixel that lies at an edge
 
 
 @dataclass(frozen=True)
 class Row:
-    """rays: a pixel. core_s: of a picture. rms_K, largest_K: of T_app over pixels of emissivity
-    above 0.05; edge_K: over those of them at edges; edge_background: RMS of the weight at edges.
-    several: share of the pixels with more than one ray."""
+    """rays: a pixel, or of `adaptive` the accuracy asked for. core_s: of a picture. rms_K,
+    largest_K: of T_app over pixels of emissivity above 0.05; edge_K: over those at edges;
+    edge_background: RMS of the weight at edges. several: share of the pixels with more than one."""
 
-    rays: int | str
+    rays: str
     core_s: float
     rms_K: float
     edge_K: float
@@ -84,7 +90,7 @@ class _Painted:
     several: int
 
     @classmethod
-    def of(cls, case: Case, towards: NDArray[np.floating] | None) -> _Painted:
+    def of(cls, case: Case, towards: NDArray[np.floating] | None, *, accuracy_K: float) -> _Painted:
         """towards (C, N): what the scattering cells send to the camera."""
         cells = OpticalCells.of(case.tree, patches=tuple(p.name for p in case.scene.patches))
         view, settings = View.of(case.scene, cells), case.settings()
@@ -93,9 +99,7 @@ class _Painted:
             **view.defines,
             "CUTOFF": float(settings.cutoff),
         }
-        painter = Painter.of(
-            cells, view, case.scene, case.device, defines, accuracy_K=settings.accuracy_K
-        )
+        painter = Painter.of(cells, view, case.scene, case.device, defines, accuracy_K=accuracy_K)
         defect = np.zeros(len(cells.address))
         painter.pictures([towards], defect)  # builds
         (images, several), cost = clocked(case.device, lambda: painter.pictures([towards], defect))
@@ -103,7 +107,7 @@ class _Painted:
 
 
 def bench_rays(case: Case, *, say: Say) -> tuple[list[Row], int]:
-    """A row for each of `WAYS`, and how many pixels lie at edges."""
+    """A row for each of `EVEN` and `ADAPTIVE_K`, and how many pixels lie at edges."""
     (columns, rows), (width_m, height_m) = case.scene.camera.pixels, case.scene.camera.field_m
     few = (max(columns // PART, 1), max(rows // PART, 1))
     field_m = (width_m * few[0] / columns, height_m * few[1] / rows)
@@ -115,19 +119,22 @@ def bench_rays(case: Case, *, say: Say) -> tuple[list[Row], int]:
 
     solution = part(1).run(case.settings(audit=False))[0].solution
     towards = None if solution is None else solution.towards
-    truth = _quarters(_Painted.of(part(64, finer=2), towards).weights)
+    truth = _quarters(_Painted.of(part(64, finer=2), towards, accuracy_K=1.0).weights)
     kelvin = part(1).temperature_K(truth)
     background = truth.background.astype(float)
     visible = (1 - background > VISIBLE_EMISSIVITY) & np.isfinite(kelvin)
     edge = at_edges(background)
     found = []
-    for rays in WAYS:
-        painted = _Painted.of(part(rays), towards)
+    ways: list[tuple[int | str, float]] = [(number, 1.0) for number in EVEN]
+    ways += [("adaptive", kelvin) for kelvin in ADAPTIVE_K]
+    for rays, accuracy_K in ways:
+        painted = _Painted.of(part(rays), towards, accuracy_K=accuracy_K)
+        name = str(rays) if rays in EVEN else f"adaptive, {accuracy_K:g} K"
         off = case.temperature_K(painted.weights) - kelvin
         seen = visible & np.isfinite(off)
         found.append(
             Row(
-                rays=rays,
+                rays=name,
                 core_s=painted.cost.core_s,
                 rms_K=_rms(off[seen]),
                 edge_K=_rms(off[seen & edge]),
@@ -136,7 +143,7 @@ def bench_rays(case: Case, *, say: Say) -> tuple[list[Row], int]:
                 several=painted.several / (few[0] * few[1]),
             )
         )
-        say(f"rays a pixel {rays}: {found[-1].core_s:.3g} core-s, "
+        say(f"rays a pixel {name}: {found[-1].core_s:.3g} core-s, "
             f"{found[-1].edge_K:.3g} K at edges")  # fmt: skip
     return found, int((edge & visible).sum())
 
@@ -148,7 +155,7 @@ def rays(case: Case, *, say: Say) -> Part:
             "w_bg RMS at edges", "pixels of several rays")  # fmt: skip
     lines = [
         (
-            str(row.rays),
+            row.rays,
             number(row.core_s),
             f"{row.edge_K:.3f}",
             f"{row.rms_K:.3f}",
@@ -178,28 +185,26 @@ def rays(case: Case, *, say: Say) -> Part:
 def _figure(found: Sequence[Row]) -> Figure:
     figure = figure_of(5.4, 3.8)
     axes: Any = figure.subplots()
-    even = [row for row in found if row.rays != "adaptive"]
-    for key, name, colour in (
+    kinds = {
+        "even": [row for row in found if not row.rays.startswith("adaptive")],
+        "adaptive": [row for row in found if row.rays.startswith("adaptive")],
+    }
+    for key, where, colour in (
         ("edge_K", "at edges", "tab:blue"),
         ("rms_K", "over all", "tab:orange"),
     ):
-        axes.loglog(
-            [row.core_s for row in even],
-            [getattr(row, key) for row in even],
-            "o-",
-            color=colour,
-            label=name,
-        )
-        for row in found:
-            if row.rays == "adaptive":
-                axes.loglog(
-                    row.core_s, getattr(row, key), "*", ms=12, color=colour,
-                    label=f"adaptive, {name}",
-                )  # fmt: skip
-    for row in even:
+        for (kind, rows), style in zip(kinds.items(), ("o-", "*--"), strict=True):
+            axes.loglog(
+                [row.core_s for row in rows],
+                [getattr(row, key) for row in rows],
+                style,
+                color=colour,
+                label=f"{kind}, {where}",
+            )
+    for row in found:
         axes.annotate(
-            f"{row.rays}", (row.core_s, row.edge_K), xytext=(4, 4),
-            textcoords="offset points", fontsize=8,
+            row.rays.removeprefix("adaptive, "), (row.core_s, row.edge_K), xytext=(4, 4),
+            textcoords="offset points", fontsize=7,
         )  # fmt: skip
     axes.set_xlabel("core seconds of the picture")
     axes.set_ylabel("RMS error of T_app / K")

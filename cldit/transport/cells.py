@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,7 +181,7 @@ class OpticalCells:
         inside = np.stack([local % BRICK, local // BRICK % BRICK, local // BRICK**2], axis=1)
         return np.asarray(corner[slot] + inside)
 
-    def dense(self, box: Box, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def dense(self, box: Box, values: NDArray[Any]) -> NDArray[Any]:
         """Values of stored cells in the box, [z, y, x]; coarse leaves in it are left at 0."""
         z, y, x = np.nonzero(self.tree.directory >= 0)
         slot = self.tree.directory[z, y, x]
