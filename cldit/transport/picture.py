@@ -138,7 +138,10 @@ class Painter:
         image = np.empty((components, rows, columns), self.real)
         for part, out in zip(self.parts, outs, strict=True):
             mine = slice(part.rows.start, part.rows.stop)
-            image[:, mine] = download(part.device, out, np.empty_like(image))[:, mine]
+            if len(part.rows) == rows:
+                download(part.device, out, image)
+            else:
+                image[:, mine] = download(part.device, out, np.empty_like(image))[:, mine]
         return image.astype(np.float64)
 
     def _listed(self, ready: list[list[Any]], pixels: NDArray[np.int64]) -> Floats:
