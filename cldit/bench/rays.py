@@ -201,11 +201,15 @@ def _figure(found: Sequence[Row]) -> Figure:
                 color=colour,
                 label=f"{kind}, {where}",
             )
-    for row in found:
+    for place, row in enumerate(found):
+        adaptive = row.rays.startswith("adaptive")
         axes.annotate(
-            row.rays.removeprefix("adaptive, "), (row.core_s, row.edge_K), xytext=(4, 4),
-            textcoords="offset points", fontsize=7,
-        )  # fmt: skip
+            row.rays.removeprefix("adaptive, "),
+            (row.core_s, row.edge_K),
+            xytext=(-22, -4 - 9 * (place % 2)) if adaptive else (4, 4),
+            textcoords="offset points",
+            fontsize=7,
+        )
     axes.set_xlabel("core seconds of the picture")
     axes.set_ylabel("RMS error of T_app / K")
     axes.set_title("Rays a pixel", fontsize=10)
