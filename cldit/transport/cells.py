@@ -12,6 +12,7 @@ from cldit.medium.frame import BRICK
 from cldit.medium.octree import Octree
 
 _BRICK_CELLS = BRICK**3
+_FAINTEST = 1e-3  # of the hottest black body: unit of thermal sources where all of them are weaker
 
 
 @dataclass(frozen=True)
@@ -76,9 +77,9 @@ class OpticalCells:
     """Stored cells and coarse leaves, in the octree's addresses.
 
     depth (P,): optical depth of a finest cell's edge. emitted: thermal part of the source function
-    a name of `needs.components`, in units of `scale`, the black-body radiance of what is hottest
-    (photons s-1 m-2 sr-1): whatever the albedo, what all comes to is then about 1, as with the
-    weights of the boundaries, and one tolerance is right for all. address (N,): the
+    a name of `needs.components`, in units of `scale` (photons s-1 m-2 sr-1): the largest of them,
+    but at least a thousandth of the black-body radiance of what is hottest: many scatterings of
+    little emission add up to that, and single precision resolves no more. address (N,): the
     scattering cells; albedo, coalbedo (N,): scattered and absorbed share of what they take out;
     both are kept because 1 - albedo is lost to rounding where it is small.
     """
@@ -116,7 +117,9 @@ class OpticalCells:
             "vapour": fields["vapour_emission"] / safe,
             "liquid": fields["droplet_emission"] / safe,
         }
-        scale = max(_hottest(fields, phase) for phase in ("vapour", "droplet")) or 1.0
+        hottest = max(_hottest(fields, phase) for phase in ("vapour", "droplet"))
+        largest = max(float(values.max(initial=0.0)) for values in emitted.values())
+        scale = max(largest, _FAINTEST * hottest) or 1.0
         address = np.flatnonzero(scattering > 0)
         needs = Needs(
             vapour=tree.has_vapour,
