@@ -17,7 +17,7 @@ from cldit.acquisition.plan import Plan, load_plan, parse_plan
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.runner import iterate
 from cldit.acquisition.sequence import Record, SavedShot
-from cldit.rig.clock import Clock
+from cldit.rig.clock import Clock, StopCheck
 from cldit.rig.load import Rig
 from cldit.rig.load import open_rig as _open_rig
 
@@ -34,6 +34,7 @@ class ScriptRig(Rig):
         folder: str | Path,
         *,
         progress: Callable[[Progress], None] | None = None,
+        should_stop: StopCheck | None = None,
     ) -> Generator[SavedShot, None, Record]:
         """The shots of `plan` that `folder` lacks, each after it is on the disk.
 
@@ -43,7 +44,7 @@ class ScriptRig(Rig):
         Raises:
             As `cldit.acquisition.acquire`; SceneError: the plan is not allowed.
         """
-        return iterate(self, _plan(plan), Path(folder), progress=progress)
+        return iterate(self, _plan(plan), Path(folder), progress=progress, should_stop=should_stop)
 
     def dry_run(self, plan: AnyPlan, folder: str | Path) -> DryRun:
         """As `cldit.acquisition.dry_run`."""

@@ -1,25 +1,45 @@
-"""What the drivers of real black bodies share: limits, and the safe set point."""
+"""What the drivers of black bodies share: limits, the line to real ones, the safe set point."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from typing import Annotated, Generic, TypeVar
+
 from pydantic import model_validator
 
-from cldit.rig.errors import ConfigRejected, OutOfLimits
-from cldit.scene.checks import Section
+from cldit.rig.checks import check_setpoint
+from cldit.rig.clock import Clock
+from cldit.rig.errors import ConfigRejected
+from cldit.rig.protocols import Limits
+from cldit.rig.stability import Settling
+from cldit.scene.checks import Section, Within
 from cldit.scene.values import Temperature
 
 KELVIN = 273.15  # 0 °C
 _AGREE_K = 0.1  # a set point may read back rounded to a tenth
 
 
-class ControllerSettings(Section):
+class BlackBodyLimits(Section):
     limits_K: tuple[Temperature, Temperature]  # set points that the source may get
-    safe_K: Temperature = 295.0  # set point when the rig is made safe; the nearest within limits
 
     @model_validator(mode="after")
-    def _ordered(self) -> ControllerSettings:
+    def _ordered(self) -> BlackBodyLimits:
         if self.limits_K[0] >= self.limits_K[1]:
             raise ValueError(f"limits_K: {self.limits_K} is empty; allowed is (low, high)")
+        return self
+
+
+class ControllerSettings(BlackBodyLimits):
+    safe_K: Temperature = 295.0  # set point when the rig is made safe; the nearest within limits
+    host: str | None = None  # on TCP, or that of a serial server
+    port: Annotated[int, Within(1, 65535)]
+    serial: str | None = None  # /dev/ttyUSB0, COM3
+    answer_s: Annotated[float, Within(0.01, 60.0)]
+
+    @model_validator(mode="after")
+    def _one_line(self) -> ControllerSettings:
+        if (self.host is None) == (self.serial is None):
+            raise ValueError("host, serial: allowed is one of the two")
         return self
 
     @property
@@ -28,11 +48,27 @@ class ControllerSettings(Section):
         return min(max(self.safe_K, low), high)
 
 
-def check_limits(settings: ControllerSettings, temperature_K: float) -> None:
-    """Raises OutOfLimits."""
-    low, high = settings.limits_K
-    if not low <= temperature_K <= high:
-        raise OutOfLimits(f"background: {temperature_K:g} K is outside {low:g}..{high:g} K")
+S = TypeVar("S", bound=BlackBodyLimits)
+
+
+class BlackBody(Settling, Generic[S]):
+    """A background that refuses set points outside its limits, and how it gets to the others."""
+
+    def __init__(self, settings: S, clock: Clock) -> None:
+        self._settings = settings
+        self._clock = clock
+
+    @property
+    def limits(self) -> Limits:
+        return Limits(*self._settings.limits_K)
+
+    def set_setpoint(self, temperature_K: float) -> float:
+        check_setpoint(self.limits, temperature_K)
+        return self._aim(temperature_K)
+
+    @abstractmethod
+    def _aim(self, temperature_K: float) -> float:
+        """The set point as read back."""
 
 
 def check_readback(wanted_K: float, got_K: float) -> float:

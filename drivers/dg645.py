@@ -10,11 +10,12 @@ oscilloscope before the first acquisition.
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 from pydantic import model_validator
 
+from cldit.rig.checks import check_burst, plain_burst
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, NotConnected, RigError
 from cldit.rig.protocols import Burst, DeviceInfo
@@ -60,14 +61,13 @@ class Dg645Settings(Section):
 class Dg645:
     """A `cldit.rig.protocols.TriggerGenerator`."""
 
-    tested_on_hardware = False
-
     def __init__(self, settings: Dg645Settings, context: RigContext) -> None:
         self._settings = settings
         self._clock = context.clock
         resource = f"TCPIP::{settings.host}::{settings.port}::SOCKET"
         self._link = ScpiLink("trigger", resource)
-        self._identity = ["Stanford Research Systems", "DG645", "", ""]
+        maker = "Stanford Research Systems"
+        self._info = DeviceInfo("trigger", maker, "DG645", tested_on_hardware=False)
         self._burst: Burst | None = None
         self._inhibited = True
 
@@ -76,10 +76,9 @@ class Dg645:
             return
         self._link.open(min(timeout_s, self._settings.answer_s))
         try:
-            identity = self._link.query("*IDN?").split(",")
-            if len(identity) != 4 or identity[1] != "DG645":
-                raise NotConnected(f"trigger: {','.join(identity)!r} answers, expected a DG645")
-            self._identity = identity
+            info = self._link.identity("DG645")
+            serial, firmware = info.serial.removeprefix("s/n"), info.firmware.removeprefix("ver")
+            self._info = replace(info, serial=serial, firmware=firmware)
             self._link.write("*CLS")
             self._still()
         except RigError as error:
@@ -91,24 +90,13 @@ class Dg645:
         self._inhibited = True
 
     def identify(self) -> DeviceInfo:
-        maker, model, serial, firmware = self._identity
-        return DeviceInfo(
-            "trigger",
-            maker,
-            model,
-            serial.removeprefix("s/n"),
-            firmware.removeprefix("ver"),
-            tested_on_hardware=self.tested_on_hardware,
-        )
+        return self._info
 
     def read_configuration(self) -> dict[str, Any]:
-        burst = None if self._burst is None else asdict(self._burst)
-        if burst is not None:
-            burst["widths_s"] = list(burst["widths_s"])
         edges = [edge for pair in self._pairs for edge in _EDGES[pair]]
         return {
             **self._settings.model_dump(mode="json"),
-            "burst": burst,
+            "burst": plain_burst(self._burst),
             "inhibited": self._inhibited,
             "delays": {f"DLAY {edge}": self._link.query(f"DLAY? {edge}") for edge in edges},
             "levels_V": [self._link.number(f"LAMP? {_OUTPUTS[pair]}") for pair in self._pairs],
@@ -126,14 +114,8 @@ class Dg645:
 
     def configure(self, burst: Burst) -> Burst:
         self.inhibit()
+        check_burst(burst)
         delays = (burst.camera_delay_s, burst.injector_delay_s)
-        last_s = max(d + w for d, w in zip(delays, burst.widths_s, strict=True))
-        if burst.n < 1 or not min(delays) >= 0.0 or not min(burst.widths_s) > 0.0:
-            raise ConfigRejected(f"trigger: {burst}: allowed are n >= 1, delays >= 0, widths > 0")
-        if burst.n > 1 and burst.period_s < last_s:
-            raise ConfigRejected(
-                f"trigger: period_s: {burst.period_s:g} is shorter than one shot, {last_s:g}"
-            )
         camera, injector = self._pairs
         got_delays = [
             self._edge(_EDGES[pair][0], 0, delay)

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import model_validator
-
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, NotConnected, RigError
-from cldit.rig.protocols import DeviceInfo, Limits
-from cldit.rig.stability import Settling
+from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
 from cldit.scene.values import Temperature
 
-from .controller import KELVIN, ControllerSettings, check_limits, check_readback
+from .controller import KELVIN, BlackBody, ControllerSettings, check_readback
 from .scpi import ScpiLink
 
 ABOUT = DriverAbout(
@@ -29,49 +26,31 @@ ABOUT = DriverAbout(
 
 class FlukeSettings(ControllerSettings):
     limits_K: tuple[Temperature, Temperature] = (308.15, 773.15)  # of a 4181
-    serial: str | None = None  # /dev/ttyUSB0, COM3
     baudrate: Annotated[int, Within(1200, 115_200)] = 9600
-    host: str | None = None  # of a serial server
     port: Annotated[int, Within(1, 65535)] = 4001
     stable_within_K: Annotated[float, Within(0.01, 10.0)] = 0.2  # for the instrument's own flag
     answer_s: Annotated[float, Within(0.01, 60.0)] = 2.0
 
-    @model_validator(mode="after")
-    def _one_line(self) -> FlukeSettings:
-        if (self.host is None) == (self.serial is None):
-            raise ValueError("host, serial: allowed is one of the two")
-        return self
 
-
-class Fluke418x(Settling):
+class Fluke418x(BlackBody[FlukeSettings]):
     """A `cldit.rig.protocols.Background`."""
 
-    tested_on_hardware = False
-
     def __init__(self, settings: FlukeSettings, context: RigContext) -> None:
-        self._settings = settings
-        self._clock = context.clock
+        super().__init__(settings, context.clock)
         if settings.host is not None:
             self._link = ScpiLink("background", f"TCPIP::{settings.host}::{settings.port}::SOCKET")
         else:
             self._link = ScpiLink(
                 "background", f"ASRL{settings.serial}::INSTR", baud_rate=settings.baudrate
             )
-        self._identity = ["Fluke", "418x", "", ""]
-
-    @property
-    def limits(self) -> Limits:
-        return Limits(*self._settings.limits_K)
+        self._info = DeviceInfo("background", "Fluke", "418x", tested_on_hardware=False)
 
     def connect(self, timeout_s: float = 10.0) -> None:
         if self._link.is_open:
             return
         self._link.open(min(timeout_s, self._settings.answer_s))
         try:
-            identity = [part.strip() for part in self._link.query("*IDN?").split(",")]
-            if len(identity) != 4 or not identity[1].startswith("418"):
-                raise NotConnected(f"background: {','.join(identity)!r} answers, expected a 418x")
-            self._identity = identity
+            self._info = self._link.identity("418")
             self._link.write("UNIT:TEMP C")
             self._link.write(f"SOUR:STAB:LIM {self._settings.stable_within_K:g}")
         except RigError as error:
@@ -82,15 +61,7 @@ class Fluke418x(Settling):
         self._link.close()
 
     def identify(self) -> DeviceInfo:
-        maker, model, serial, firmware = self._identity
-        return DeviceInfo(
-            "background",
-            maker,
-            model,
-            serial,
-            firmware,
-            tested_on_hardware=self.tested_on_hardware,
-        )
+        return self._info
 
     def read_configuration(self) -> dict[str, Any]:
         return {
@@ -106,8 +77,7 @@ class Fluke418x(Settling):
             self._write(self._settings.safe_setpoint_K)
             self._output(False)
 
-    def set_setpoint(self, temperature_K: float) -> float:
-        check_limits(self._settings, temperature_K)
+    def _aim(self, temperature_K: float) -> float:
         got_K = self._write(temperature_K)
         self._output(True)
         return got_K

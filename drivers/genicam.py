@@ -3,58 +3,41 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from typing import Any, TypeVar
 
-from cldit.rig.errors import ConfigRejected, NotConnected
+from cldit.rig.errors import ConfigRejected, RigError
 
-T = TypeVar("T")
+from .genicam_client import TIMESTAMP, TIMESTAMP_CONTROL, Client, nanoseconds_a_tick
 
-_TICKS, _TIMESTAMP_CONTROL, _TIMESTAMP = 0x93C, 0x944, 0x948  # bootstrap registers
-_LATCH = (2).to_bytes(4, "big")
+_LATCH = 2
 
 
 class Features:
-    """Around a connected viva_genicam.Camera."""
+    """Around a connected client."""
 
-    def __init__(self, camera: Any) -> None:
-        self.camera = camera
-        self._nodes = frozenset(self.ask(lambda c: c.nodes()))
-
-    def ask(self, action: Callable[[Any], T]) -> T:
-        """What `action(camera)` gives. Raises NotConnected, ConfigRejected."""
-        import viva_genicam as viva
-
-        try:
-            return action(self.camera)
-        except viva.TransportError as error:
-            raise NotConnected(f"camera: the link failed ({error}); check the cable") from error
-        except viva.GenicamError as error:
-            raise ConfigRejected(f"camera: {error}") from error
-
-    def integer(self, name: str) -> int:
-        return int(self.ask(lambda c: c.get_integer(name)))
+    def __init__(self, client: Client) -> None:
+        self.client = client
+        self.has = client.has
+        self.integer = client.get_integer
 
     def set_integer(self, name: str, value: int) -> None:
-        self.ask(lambda c: c.set_integer(name, value))
+        self.client.set_integer(name, value)
         got = self.integer(name)
         if got != value:
             raise ConfigRejected(f"camera: {name}: reads back {got} after {value} was written")
 
     def choose(self, name: str, entry: str) -> None:
-        self.ask(lambda c: c.set_enum(name, entry))
-        got = self.ask(lambda c: c.get_enum(name))
+        self.client.set_enum(name, entry)
+        got = self.client.get_enum(name)
         if got != entry:
             raise ConfigRejected(f"camera: {name}: reads back {got} after {entry} was written")
 
-    def has(self, name: str) -> bool:
-        return name in self._nodes
-
     def entries(self, name: str) -> tuple[str, ...]:
         """What a choice allows; nothing where the camera has no such feature."""
-        if not self.has(name):
-            return ()
-        return tuple(self.ask(lambda c: c.available_enum_entries(name)))
+        return self.client.entries(name) if self.has(name) else ()
+
+    def text(self, name: str) -> str:
+        """Empty where the camera has no such feature."""
+        return self.client.get_string(name) if self.has(name) else ""
 
     @property
     def _exposure(self) -> str:
@@ -62,15 +45,15 @@ class Features:
         return "ExposureTime" if self.has("ExposureTime") else "ExposureTimeAbs"
 
     def exposure_s(self) -> float:
-        return 1e-6 * float(self.ask(lambda c: c.get_float(self._exposure)))
+        return 1e-6 * self.client.get_float(self._exposure)
 
     def expose(self, seconds: float) -> None:
         """To be read back by `exposure_s`."""
-        self.ask(lambda c: c.set_float(self._exposure, 1e6 * seconds))
+        self.client.set_float(self._exposure, 1e6 * seconds)
 
     def exposure_limits_s(self) -> tuple[float, float]:
-        limits = self.ask(lambda c: c.feature_state(self._exposure)).range
-        return 1e-6 * limits.min, 1e-6 * limits.max
+        low, high = self.client.float_limits(self._exposure)
+        return 1e-6 * low, 1e-6 * high
 
     def stop_after(self, frames: int) -> None:
         """The camera ends by itself after so many frames, where it can count them; else its
@@ -117,28 +100,28 @@ class Features:
         """Raises ConfigRejected where the camera does not tell it."""
         for name in ("ResultingFrameRate", "AcquisitionFrameRate"):
             if self.has(name):
-                return float(self.camera.get_float(name))
+                return self.client.get_float(name)
         raise ConfigRejected("camera: does not tell its frame rate; give maximum_rate_Hz")
 
-    def clock(self) -> tuple[float, int | None]:
-        """Nanoseconds a tick, and what to add to the camera's nanoseconds for wall time: from the
-        quickest of some readings; None where the camera has no clock to ask."""
-        import viva_genicam as viva
-
-        ns_per_tick, offset_ns, best_ns = 1.0, None, 10**9
+    def clock_offset_ns(self) -> int | None:
+        """What to add to the camera's nanoseconds for wall time: from the quickest of some
+        readings; None where the camera has no clock to ask."""
+        offset_ns, best_ns = None, 10**9
+        seen: set[int] = set()
         try:
-            ticks_per_s = int.from_bytes(self.camera.read_register(_TICKS, 8), "big")
-            if ticks_per_s == 0:
-                return ns_per_tick, None
-            ns_per_tick = 1e9 / ticks_per_s
+            ns_per_tick = nanoseconds_a_tick(self.client)
+            if ns_per_tick is None:
+                return None
             for _ in range(5):
                 before_ns = time.time_ns()
-                self.camera.write_register(_TIMESTAMP_CONTROL, _LATCH)
+                self.client.write_register(TIMESTAMP_CONTROL, _LATCH)
                 after_ns = time.time_ns()
-                ticks = int.from_bytes(self.camera.read_register(_TIMESTAMP, 8), "big")
+                high, low = (self.client.read_register(at) for at in TIMESTAMP)
+                ticks = (high << 32) | low
+                seen.add(ticks)
                 if after_ns - before_ns < best_ns:
                     best_ns = after_ns - before_ns
                     offset_ns = (before_ns + after_ns) // 2 - round(ticks * ns_per_tick)
-        except viva.GenicamError:
-            return ns_per_tick, None
-        return ns_per_tick, offset_ns
+        except RigError:
+            return None
+        return offset_ns if len(seen) > 1 else None  # a clock that stands still tells nothing

@@ -13,15 +13,12 @@ import struct
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import model_validator
-
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, NotConnected
-from cldit.rig.protocols import DeviceInfo, Limits
-from cldit.rig.stability import Settling
+from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
 
-from .controller import KELVIN, ControllerSettings, check_limits, check_readback
+from .controller import KELVIN, BlackBody, ControllerSettings, check_readback
 
 
 @dataclass(frozen=True)
@@ -54,34 +51,19 @@ ABOUT = DriverAbout(
 
 class ModbusSettings(ControllerSettings):
     model: Literal["eurotherm-3200", "ir-2100"]
-    host: str | None = None  # Modbus TCP
     port: Annotated[int, Within(1, 65535)] = 502
-    serial: str | None = None  # Modbus RTU: /dev/ttyUSB0, COM3
     baudrate: Annotated[int, Within(300, 1_000_000)] | None = None  # the controller's usual one
     unit: Annotated[int, Within(1, 247)] = 1
     answer_s: Annotated[float, Within(0.01, 60.0)] = 1.0
 
-    @model_validator(mode="after")
-    def _one_line(self) -> ModbusSettings:
-        if (self.host is None) == (self.serial is None):
-            raise ValueError("host, serial: allowed is one of the two")
-        return self
 
-
-class ModbusBlackBody(Settling):
+class ModbusBlackBody(BlackBody[ModbusSettings]):
     """A `cldit.rig.protocols.Background`."""
 
-    tested_on_hardware = False
-
     def __init__(self, settings: ModbusSettings, context: RigContext) -> None:
-        self._settings = settings
-        self._clock = context.clock
+        super().__init__(settings, context.clock)
         self._map = MAPS[settings.model]
         self._client: Any = None
-
-    @property
-    def limits(self) -> Limits:
-        return Limits(*self._settings.limits_K)
 
     def connect(self, timeout_s: float = 10.0) -> None:
         if self._client is not None:
@@ -121,12 +103,8 @@ class ModbusBlackBody(Settling):
             client.close()
 
     def identify(self) -> DeviceInfo:
-        return DeviceInfo(
-            "background",
-            self._map.maker,
-            self._settings.model,
-            tested_on_hardware=self.tested_on_hardware,
-        )
+        maker, model = self._map.maker, self._settings.model
+        return DeviceInfo("background", maker, model, tested_on_hardware=False)
 
     def read_configuration(self) -> dict[str, Any]:
         return {
@@ -137,11 +115,7 @@ class ModbusBlackBody(Settling):
 
     def make_safe(self) -> None:
         if self._client is not None:
-            self._write(self._settings.safe_setpoint_K)
-
-    def set_setpoint(self, temperature_K: float) -> float:
-        check_limits(self._settings, temperature_K)
-        return self._write(temperature_K)
+            self._aim(self._settings.safe_setpoint_K)
 
     def read_temperature(self) -> float:
         return self._get(self._map.temperature)
@@ -150,7 +124,7 @@ class ModbusBlackBody(Settling):
         """These controllers have no flag of their own."""
         return None
 
-    def _write(self, temperature_K: float) -> float:
+    def _aim(self, temperature_K: float) -> float:
         celsius = temperature_K - KELVIN
         words = self._encode(celsius)
         address = self._address(self._map.setpoint)

@@ -61,7 +61,8 @@ class ModbusPeer(_Peer):
 
     def __init__(self, model: str, *, unit: int = 1, **options: Any) -> None:
         super().__init__(**options)
-        self._model, self._unit = model, unit
+        self._tenths, self._unit = model == "ir-2100", unit
+        self._setpoint_at = 300 if self._tenths else 0x8000 + 2 * 24
         self._loop: asyncio.AbstractEventLoop | None = None
         self._server: Any = None
 
@@ -88,15 +89,11 @@ class ModbusPeer(_Peer):
         from pymodbus.server import ModbusSerialServer, ModbusTcpServer
         from pymodbus.simulator import DataType, SimData, SimDevice
 
-        tenths = self._model == "ir-2100"
-        blocks = [(0, 1), (100, 2), (300, 1)] if tenths else [(0x8002, 2), (0x800A, 2), (0x8030, 2)]
         data = [
-            SimData(start, count=count, values=0, datatype=DataType.REGISTERS)
-            for start, count in blocks
+            SimData(start, count=len(words), values=0, datatype=DataType.REGISTERS)
+            for start, words in self._words().items()
         ]
-        device = SimDevice(
-            self._unit, simdata=data, action=self._tenths if tenths else self._floats
-        )
+        device = SimDevice(self._unit, simdata=data, action=self._act)
         if self.serial is None:
             self._server = ModbusTcpServer(device, address=(self.host, self.port))
         else:
@@ -132,7 +129,7 @@ class ModbusPeer(_Peer):
             threading.Thread(target=carry, args=ends, daemon=True).start()
         return os.ttyname(self._far)
 
-    async def _floats(
+    async def _act(
         self,
         function: int,
         start: int,
@@ -141,36 +138,28 @@ class ModbusPeer(_Peer):
         current: list[int],
         values: list[int] | list[bool] | None,
     ) -> None:
-        def put(register: int, celsius: float) -> None:
-            at = 0x8000 + 2 * register - start
-            if 0 <= at < len(current) - 1:
-                current[at : at + 2] = struct.unpack(">HH", struct.pack(">f", celsius))
+        """Before pymodbus takes `values`, or answers with `current`, which begins at `start`."""
+        if values is not None and address == self._setpoint_at:
+            raw = b"".join(int(word).to_bytes(2, "big") for word in values)
+            if self._tenths:
+                self._aim(struct.unpack(">h", raw)[0] / 10.0)
+            elif len(raw) == 4:
+                self._aim(struct.unpack(">f", raw)[0])
+        for register, words in self._words().items():
+            at = register - start
+            if 0 <= at <= len(current) - len(words):
+                current[at : at + len(words)] = words
 
-        if values is not None and address == 0x8030 and len(values) == 2:
-            self._aim(struct.unpack(">f", struct.pack(">HH", *values))[0])
-        put(1, self.heater.now_K() - KELVIN)
-        put(5, self.heater.setpoint_K - KELVIN)
-        put(24, self.heater.setpoint_K - KELVIN)
-
-    async def _tenths(
-        self,
-        function: int,
-        start: int,
-        address: int,
-        count: int,
-        current: list[int],
-        values: list[int] | list[bool] | None,
-    ) -> None:
-        def put(register: int, value: int) -> None:
-            if 0 <= register - start < len(current):
-                current[register - start] = value & 0xFFFF
-
-        if values is not None and address == 300:
-            self._aim(struct.unpack(">h", struct.pack(">H", values[0]))[0] / 10.0)
-        put(0, 2100)
-        put(100, round(10.0 * (self.heater.now_K() - KELVIN)))
-        put(101, 0)
-        put(300, round(10.0 * (self.heater.setpoint_K - KELVIN)))
+    def _words(self) -> dict[int, tuple[int, ...]]:
+        """What the registers hold now, by address."""
+        now_C, wanted_C = self.heater.now_K() - KELVIN, self.heater.setpoint_K - KELVIN
+        if self._tenths:
+            now, wanted = (round(10.0 * celsius) & 0xFFFF for celsius in (now_C, wanted_C))
+            return {0: (2100,), 100: (now,), 101: (0,), 300: (wanted,)}
+        return {
+            0x8000 + 2 * register: struct.unpack(">HH", struct.pack(">f", celsius))
+            for register, celsius in ((1, now_C), (5, wanted_C), (24, wanted_C))
+        }
 
     def _aim(self, celsius: float) -> None:
         self.writes += 1

@@ -286,7 +286,9 @@ class GigePeer:
             at, _, count = struct.unpack(">IHH", body)
             if at + count > reg.SIZE:
                 return _BAD_ADDRESS, b""
-            return 0, body[:4] + bytes(self._memory[at : at + count])
+            words = range(at - at % 4, at + count, 4)
+            data = b"".join(self._read(word) for word in words)
+            return 0, body[:4] + data[at % 4 : at % 4 + count]
         if command == 0x0082:
             for index, (at, value) in enumerate(struct.iter_unpack(">II", body)):
                 status = self._write(at, value, sender)

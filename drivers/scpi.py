@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from cldit.rig.errors import DeviceTimeout, NotConnected
+from cldit.rig.protocols import DeviceInfo
 
 
 class ScpiLink:
@@ -67,6 +68,15 @@ class ScpiLink:
     def query(self, command: str) -> str:
         """The answer without white space around it. Raises NotConnected, DeviceTimeout."""
         return str(self._guard(lambda: self._visa.query(command), command)).strip()
+
+    def identity(self, model: str) -> DeviceInfo:
+        """Who answers. Raises NotConnected where the model does not begin with `model`."""
+        answer = self.query("*IDN?")
+        parts = [part.strip() for part in answer.split(",")]
+        if len(parts) != 4 or not parts[1].startswith(model):
+            raise NotConnected(f"{self._name}: {answer!r} answers, expected a {model}")
+        maker, name, serial, firmware = parts
+        return DeviceInfo(self._name, maker, name, serial, firmware, tested_on_hardware=False)
 
     def number(self, command: str) -> float:
         """Raises NotConnected, also where the answer is no number."""

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import model_validator
-
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
-from cldit.rig.errors import NotConnected, OutOfLimits
-from cldit.rig.protocols import DeviceInfo, Limits
-from cldit.rig.stability import Settling
+from cldit.rig.errors import NotConnected
+from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
 from cldit.scene.values import Temperature
 
+from .controller import BlackBody, BlackBodyLimits
 from .heater import Dynamics, Heater
 from .simulated_bench import SimulatedBench, bench_of
 
@@ -23,36 +21,25 @@ ABOUT = DriverAbout(
 )
 
 
-class BlackBodySettings(Dynamics):
+class BlackBodySettings(Dynamics, BlackBodyLimits):
     start_K: Temperature = 295.0  # also where it is safe
     limits_K: tuple[Temperature, Temperature] = (253.0, 873.0)
     noise_K: Annotated[float, Within(0.0, 10.0)] = 0.02  # standard deviation of a reading
     unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # readings, then it is gone
     stable_within_K: Annotated[float, Within(0.0, 100.0)] = 0.5  # the controller's own flag
 
-    @model_validator(mode="after")
-    def _ordered(self) -> BlackBodySettings:
-        if self.limits_K[0] >= self.limits_K[1]:
-            raise ValueError(f"limits_K: {self.limits_K} is empty; allowed is (low, high)")
-        return self
 
-
-class SimulatedBlackBody(Settling):
+class SimulatedBlackBody(BlackBody[BlackBodySettings]):
     """A `cldit.rig.protocols.Background`."""
 
     def __init__(
         self, settings: BlackBodySettings, context: RigContext, bench: SimulatedBench
     ) -> None:
-        self._settings = settings
-        self._clock = context.clock
+        super().__init__(settings, context.clock)
         self._bench = bench
         self._connected = False
         self._heater = Heater(settings, context.clock, settings.start_K)
         self._readings = 0
-
-    @property
-    def limits(self) -> Limits:
-        return Limits(*self._settings.limits_K)
 
     def connect(self, timeout_s: float = 10.0) -> None:
         self._bench.attach_blackbody(self._heater.temperature_K)
@@ -72,11 +59,8 @@ class SimulatedBlackBody(Settling):
         if self._connected:
             self._heater.aim(self._settings.start_K)
 
-    def set_setpoint(self, temperature_K: float) -> float:
+    def _aim(self, temperature_K: float) -> float:
         self._check()
-        low, high = self._settings.limits_K
-        if not low <= temperature_K <= high:
-            raise OutOfLimits(f"background: {temperature_K:g} K is outside {low:g}..{high:g} K")
         self._heater.aim(temperature_K)
         return self._heater.setpoint_K
 

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.camera.sensor import SensorModel
+from cldit.rig.checks import check_exposure, check_format, check_roi, check_trigger
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
-from cldit.rig.errors import ConfigRejected, DeviceTimeout, MissingFrames, NotConnected, OutOfLimits
+from cldit.rig.errors import ConfigRejected, DeviceTimeout, MissingFrames, NotConnected
 from cldit.rig.protocols import (
     Capabilities,
     DeviceInfo,
@@ -153,18 +154,10 @@ class SimulatedCamera:
         self._connected()
         if self._armed:
             raise ConfigRejected("camera: is armed; disarm() before configure()")
-        low, high = _LIMITS_S
-        if not low <= integration_time_s <= high:
-            raise OutOfLimits(
-                f"camera: integration_time_s: {integration_time_s:g} is outside {low:g}..{high:g}"
-            )
-        if pixel_format not in (None, _FORMAT):
-            raise ConfigRejected(f"camera: pixel_format: {pixel_format!r}; allowed is {_FORMAT}")
-        columns, rows = self._bench.scene.camera.sensor.pixels
-        part = Roi(0, 0, columns, rows) if roi is None else roi
-        inside = part.x >= 0 and part.y >= 0 and part.width > 0 and part.height > 0
-        if not inside or part.x + part.width > columns or part.y + part.height > rows:
-            raise OutOfLimits(f"camera: roi: {part} does not fit on {columns} x {rows}")
+        can = self.capabilities
+        check_exposure(can, integration_time_s)
+        check_format(can, pixel_format)
+        part = check_roi(can, roi)
         self._model = SensorModel.from_scene(
             self._bench.scene, integration_time_s=integration_time_s
         )
@@ -173,9 +166,7 @@ class SimulatedCamera:
 
     def prepare(self, trigger: TriggerInfo) -> None:
         self._connected()
-        if trigger.mode not in _MODES or min(trigger.n_frames, trigger.frames_per_trigger) < 1:
-            allowed = ", ".join(sorted(_MODES))
-            raise ConfigRejected(f"camera: {trigger}; allowed are {allowed}, and 1 frame or more")
+        check_trigger(_MODES, trigger)
         self._trigger = trigger
 
     def arm(self) -> None:

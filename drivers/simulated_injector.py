@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
+from cldit.rig.checks import check_burst, plain_burst
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, NotConnected
 from cldit.rig.protocols import Burst, DeviceInfo
@@ -63,10 +64,7 @@ class SimulatedInjector:
 
     def read_configuration(self) -> dict[str, Any]:
         self._check()
-        burst = None if self._burst is None else asdict(self._burst)
-        if burst is not None:
-            burst["widths_s"] = list(burst["widths_s"])
-        return {"burst": burst, "inhibited": self._inhibited}
+        return {"burst": plain_burst(self._burst), "inhibited": self._inhibited}
 
     def make_safe(self) -> None:
         if self._connected:
@@ -75,14 +73,7 @@ class SimulatedInjector:
 
     def configure(self, burst: Burst) -> Burst:
         self._check()
-        delays = (burst.camera_delay_s, burst.injector_delay_s)
-        last_s = max(d + w for d, w in zip(delays, burst.widths_s, strict=True))
-        if burst.n < 1 or min(delays) < 0.0 or min(burst.widths_s) <= 0.0:
-            raise ConfigRejected(f"trigger: {burst}: allowed are n >= 1, delays >= 0, widths > 0")
-        if burst.n > 1 and burst.period_s < last_s:
-            raise ConfigRejected(
-                f"trigger: period_s: {burst.period_s:g} is shorter than one shot, {last_s:g}"
-            )
+        check_burst(burst)
         self._burst = replace(
             burst,
             period_s=_rounded(burst.period_s),

@@ -26,6 +26,11 @@ class Preview(Generic[T]):
         self.error: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="preview", daemon=True)
 
+    @property
+    def ended(self) -> bool:
+        """Whether the callback has returned from its last item and gets no more."""
+        return not self._thread.is_alive()
+
     def offer(self, item: T) -> None:
         """Never waits for the callback."""
         with self._changed:

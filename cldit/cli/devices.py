@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 from rich.table import Table
+from rich.text import Text
 
 from cldit.cli.console import OUT, plain_errors
 from cldit.gpu.device import choose, list_devices
@@ -33,7 +34,8 @@ def devices(device: str | None) -> None:
     drivers = Table("driver", "kind", "instrument", "tested", box=None)
     for name, about in describe_drivers().items():
         missing = about.missing()
-        note = f"[yellow]needs cldit\\[rig] ({', '.join(missing)})[/]; " if missing else ""
-        drivers.add_row(name, about.kind, about.instrument, note + about.tested)
+        lacks = f"needs {', '.join(missing)} ({about.install}); " if missing else ""
+        tested = Text.assemble((lacks, "yellow"), about.tested)
+        drivers.add_row(name, about.kind, about.instrument, tested)
     OUT.print()
     OUT.print(drivers)

@@ -6,13 +6,17 @@ served by the main thread of its process, and that of the acquisition has better
 
 from __future__ import annotations
 
+import struct
 import subprocess
 import sys
 import threading
-from typing import IO, Any
+from collections import deque
+from contextlib import suppress
+from typing import IO
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from rich.console import Group
 from rich.live import Live
@@ -20,12 +24,20 @@ from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 from rich.text import Text
 
+from cldit.acquisition.preview import Preview
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.sequence import SavedShot
 from cldit.cli.console import OUT
 
 _COLUMNS = 72  # characters of the picture in the terminal
 _MAP = "inferno"
+_SIZES = struct.Struct("=3I")  # rows, columns, bytes of the label: before these in the pipe
+_LOOK_ms = 50  # how often the window looks for a new picture
+_CLOSING_s = 3.0
+# (Leaving at once: Python would wait for the thread that reads.)
+_WINDOW = "import os; from cldit.cli.live import window; window(); os._exit(0)"
+
+Labelled = tuple[str, NDArray[np.uint16]]
 
 
 def stretched(image: NDArray[np.uint16]) -> NDArray[np.float64]:
@@ -69,17 +81,21 @@ class LiveView:
         self._picture = Text()
         self._lock = threading.Lock()
         self._live = Live(console=OUT, refresh_per_second=4, transient=True)
-        self._wants_window = window
         self._window: subprocess.Popen[bytes] | None = None
+        self._feed: Preview[Labelled] | None = None
+        self._wants_window = window
 
     def __enter__(self) -> LiveView:
         if self._wants_window:
             self._window = subprocess.Popen(
-                [sys.executable, "-c", "from cldit.cli.live import window; window()"],
+                [sys.executable, "-c", _WINDOW],
                 stdin=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
                 start_new_session=True,  # Ctrl-C is for the acquisition
             )
+            # A window may hang, with its screen: in a thread of its own it keeps up nobody.
+            self._feed = Preview(self._send)
+            self._feed.__enter__()
         self._live.start()
         return self
 
@@ -101,59 +117,89 @@ class LiveView:
         frame = saved.image.reshape(-1, *saved.image.shape[-2:])[0]
         low, high = int(frame.min()), int(frame.max())
         picture = half_blocks(frame, min(_COLUMNS, OUT.width))
-        picture.append(
+        label = (
             f"{saved.shot.id}  {saved.shot.background_K:g} K {saved.shot.kind}  "
             f"{low}..{high} counts  {saved.meta['saturated_percent']:.2g} % saturated"
         )
+        picture.append(label)
         with self._lock:
             self._picture = picture
             self._live.update(Group(self._picture, self._bar))
-        if self._window is not None and self._window.stdin is not None:
-            try:
-                np.save(self._window.stdin, frame)
-                self._window.stdin.flush()
-            except OSError:  # closed by its user, or there is no screen
-                self._close_window()
+        if self._feed is not None:
+            self._feed.offer((label, frame))
+
+    @property
+    def has_window(self) -> bool:
+        """Whether a window still takes pictures; False from the first that it did not take."""
+        return self._feed is not None and self._feed.error is None
+
+    def _send(self, labelled: Labelled) -> None:
+        assert self._window is not None and self._window.stdin is not None
+        label, frame = labelled[0].encode(), labelled[1]
+        self._window.stdin.write(_SIZES.pack(*frame.shape, len(label)) + label + frame.tobytes())
+        self._window.stdin.flush()
 
     def _close_window(self) -> None:
         process, self._window = self._window, None
-        if process is None or process.stdin is None:
+        feed, self._feed = self._feed, None
+        if process is None or process.stdin is None or feed is None:
             return
-        try:
+        feed.__exit__()
+        if feed.ended:  # else closing the pipe would wait for what is being written
+            with suppress(OSError, subprocess.TimeoutExpired):
+                process.stdin.close()
+                process.wait(_CLOSING_s)
+        process.kill()
+        process.wait()
+        with suppress(OSError):
             process.stdin.close()
-        except OSError:
-            pass
-        try:
-            process.wait(3.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
 
 
-def window(stream: IO[bytes] | None = None, *, interactive: bool | None = None) -> Any:
-    """Shows each picture that `stream` (stdin) brings, until it ends or the window is closed; the
-    figure, or None at once where matplotlib has no window to show."""
+def window(stream: IO[bytes] | None = None) -> None:
+    """Shows the newest of the pictures that `stream` (stdin) brings, until it ends or the window
+    is closed; returns at once where matplotlib has no window to show."""
     import matplotlib.pyplot as plt
 
-    stream = sys.stdin.buffer if stream is None else stream
-    figure, axes = plt.subplots(num="cldit acquire --live")
-    if interactive is None:  # matplotlib falls back to a canvas without a window where it must
-        interactive = getattr(figure.canvas, "required_interactive_framework", None) is not None
-    if not interactive:
+    incoming = sys.stdin.buffer if stream is None else stream
+    figure, axes = plt.subplots(num="cldit acquire --live", layout="constrained")
+    # (Where matplotlib must, it falls back to a canvas without a window.)
+    if getattr(figure.canvas, "required_interactive_framework", None) is None:
         plt.close(figure)
-        return None
-    shown = None
-    while True:
-        try:
-            image = np.load(stream, allow_pickle=False)
-        except (EOFError, ValueError, OSError):
-            return figure
-        if shown is None:
-            shown = axes.imshow(stretched(image), cmap=_MAP, vmin=0.0, vmax=1.0)
-            axes.set_axis_off()
-        else:
-            shown.set_data(stretched(image))
-        axes.set_title(f"{image.min()}..{image.max()} counts")
-        plt.pause(0.01)
-        if not plt.fignum_exists(figure.number):
-            return figure
+        return
+    newest: deque[Labelled] = deque(maxlen=1)
+    ended = threading.Event()
+
+    def read() -> None:
+        while len(head := incoming.read(_SIZES.size)) == _SIZES.size:
+            rows, columns, letters = _SIZES.unpack(head)
+            label = incoming.read(letters).decode()
+            data = incoming.read(2 * rows * columns)
+            if len(data) == 2 * rows * columns:
+                newest.append((label, np.frombuffer(data, np.uint16).reshape(rows, columns)))
+        ended.set()
+
+    def look() -> None:
+        if newest:
+            draw(axes, *newest.pop())
+            figure.canvas.draw_idle()
+        elif ended.is_set():
+            plt.close(figure)
+
+    axes.set_axis_off()
+    axes.set_title("waiting for the first picture")
+    threading.Thread(target=read, daemon=True).start()
+    timer = figure.canvas.new_timer(interval=_LOOK_ms)
+    timer.add_callback(look)
+    timer.start()
+    plt.show()  # the window answers its user all the while
+
+
+def draw(axes: Axes, label: str, image: NDArray[np.uint16]) -> None:
+    """The picture in these axes, in place of the last one."""
+    if axes.images and axes.images[0].get_size() == image.shape:
+        axes.images[0].set_data(stretched(image))
+    else:
+        axes.clear()
+        axes.imshow(stretched(image), cmap=_MAP, vmin=0.0, vmax=1.0)
+        axes.set_axis_off()
+    axes.set_title(label, fontsize="medium")

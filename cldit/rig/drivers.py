@@ -45,17 +45,25 @@ class DriverAbout:
     """What a driver's module says of it as `ABOUT`, for `cldit devices`.
 
     kind: camera, background, trigger or bench. needs: the modules that it imports when it
-    connects. tested: on what it was tried, in words.
+    connects; install: what brings them. tested: on what it was tried, in words.
     """
 
     kind: str
     instrument: str
     tested: str
     needs: tuple[str, ...] = ()
+    install: str = "pip install 'cldit[rig]'"
 
     def missing(self) -> list[str]:
         """The modules that are not installed."""
-        return [name for name in self.needs if find_spec(name) is None]
+        return [name for name in self.needs if not _is_installed(name)]
+
+
+def _is_installed(module: str) -> bool:
+    try:
+        return find_spec(module) is not None
+    except ImportError:  # what it is a part of is not, or (GObject's) its description is not
+        return False
 
 
 Factory = Callable[[dict[str, Any], RigContext], Any]
@@ -96,7 +104,8 @@ def load_driver(name: str) -> Factory:
     """The factory of a driver.
 
     Raises:
-        SceneError: no such driver, or it cannot be imported; without a path in front.
+        SceneError: no such driver, it cannot be imported, or what it needs is not installed;
+            without a path in front.
     """
     known = installed_drivers()
     if name not in known:
@@ -113,4 +122,10 @@ def load_driver(name: str) -> Factory:
             f"driver: {name!r} ({known[name].value}) cannot be loaded: {error}; "
             "install what it needs"
         ) from error
+    about = getattr(import_module(known[name].module), "ABOUT", None)
+    if isinstance(about, DriverAbout) and (missing := about.missing()):
+        raise SceneError(
+            f"driver: {name!r} needs {', '.join(missing)}, which this Python does not find; "
+            f"{about.install}"
+        )
     return factory

@@ -1,14 +1,14 @@
-"""The camera's driver before GigE Vision cameras that are not ours: viva-genicam's fake one, and
+"""The camera's drivers before GigE Vision cameras that are not ours: viva-genicam's fake one, and
 Aravis' (Debian: aravis-tools). They know neither our XML nor our mistakes: other names, other
-triggers, features that are not there, frame ids that do not begin at one.
+triggers, features that are not there, frame ids that do not begin at one. Each client meets its
+own maker's camera and the other's.
 """
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,27 +16,26 @@ import numpy as np
 import pytest
 
 from cldit.rig.clock import SystemClock
-from cldit.rig.drivers import RigContext
+from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import ConfigRejected, MissingFrames, OutOfLimits
 from cldit.rig.protocols import Frame, Roi, TriggerInfo, TriggerMode
 
 pytest.importorskip("viva_genicam", reason="viva_genicam is missing; install cldit[rig]")
 from viva_genicam.testing import FakeGigeCamera  # (after the check that it is there)
 
+from tests.aravis import aravis_peer
+
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
-    from drivers.gige_camera import GigeCamera, open_gige_camera
+    from drivers.genicam_camera import GenicamCamera
     from drivers.peer_rig import CALIBRATION
 else:
-    from cldit.drivers.gige_camera import open_gige_camera
     from cldit.drivers.peer_rig import CALIBRATION
 
 pytestmark = pytest.mark.loopback_only
 
-ARAVIS = "arv-fake-gv-camera-0.8"
 
-
-def driver(address: str, **settings: Any) -> GigeCamera:
-    made = open_gige_camera(
+def driver(address: str, name: str = "gige_camera", **settings: Any) -> GenicamCamera:
+    made: GenicamCamera = load_driver(name)(
         {"address": address, "interface": "127.0.0.1", "calibration": CALIBRATION, **settings},
         RigContext(SystemClock(), None, Path(), 1),
     )
@@ -44,26 +43,19 @@ def driver(address: str, **settings: Any) -> GigeCamera:
     return made
 
 
-@pytest.fixture(params=["viva", "aravis"])
-def camera(request: pytest.FixtureRequest) -> Iterator[GigeCamera]:
-    if request.param == "viva":
-        with FakeGigeCamera(64, 48, pixel_format="Mono16") as fake:
-            made = driver(fake.ip)
-            yield made
-            made.close()
-        return
-    program = shutil.which(ARAVIS)
-    if program is None:
-        pytest.skip(f"{ARAVIS} is missing; install aravis-tools")
-    with subprocess.Popen([program, "-i", "127.0.0.1"]) as process:
-        time.sleep(0.5)
-        made = driver("127.0.0.1", line="Line0")
+@pytest.fixture(params=["viva's camera", "Aravis' camera"])
+def camera(request: pytest.FixtureRequest, client: str) -> Iterator[GenicamCamera]:
+    with ExitStack() as stack:
+        if request.param == "viva's camera":
+            fake = stack.enter_context(FakeGigeCamera(64, 48, pixel_format="Mono16"))
+            made = driver(fake.ip, client)
+        else:
+            made = driver(stack.enter_context(aravis_peer()), client, line="Line0")
         yield made
         made.close()
-        process.terminate()
 
 
-def shoot(camera: GigeCamera, n: int = 1) -> list[Frame]:
+def shoot(camera: GenicamCamera, n: int = 1) -> list[Frame]:
     """As the runner takes pictures: armed for each shot."""
     frames: list[Frame] = []
     for _ in range(n):
@@ -76,7 +68,7 @@ def shoot(camera: GigeCamera, n: int = 1) -> list[Frame]:
     return frames
 
 
-def test_pictures(camera: GigeCamera) -> None:
+def test_pictures(camera: GenicamCamera) -> None:
     """Settings are read back, pictures whole, ids and times in order."""
     camera.wait_ready(1.0)
     settings = camera.configure(5e-3, Roi(8, 16, 64, 32))
@@ -97,7 +89,7 @@ def test_pictures(camera: GigeCamera) -> None:
     assert stored["roi"] == [8, 16, 64, 32] and stored["calibration"]["saturation_counts"] == 16383
 
 
-def test_what_it_cannot_do(camera: GigeCamera) -> None:
+def test_what_it_cannot_do(camera: GenicamCamera) -> None:
     low, high = camera.capabilities.integration_time_limits_s
     for outside in (0.5 * low, 2.0 * high, float("nan")):
         with pytest.raises(OutOfLimits):
@@ -113,13 +105,13 @@ def test_what_it_cannot_do(camera: GigeCamera) -> None:
 
 
 @pytest.mark.parametrize("resend", [True, False])
-def test_lost_packets(resend: bool) -> None:
+def test_lost_packets(client: str, resend: bool) -> None:
     """A packet that viva's fake loses is asked for again; a camera that cannot resend leaves a
     picture that says of itself that it is incomplete, between others that are whole."""
     with FakeGigeCamera(
         64, 48, fps=50, pixel_format="Mono16", drop_packets=[(2, 1)], packet_resend=resend
     ) as fake:
-        camera = driver(fake.ip, packet_size=1000)
+        camera = driver(fake.ip, client, packet_size=1000)
         camera.configure(1e-3, Roi(0, 0, 64, 48))
         camera.prepare(TriggerInfo(TriggerMode.INTERNAL, n_frames=5))
         camera.arm()
@@ -128,16 +120,18 @@ def test_lost_packets(resend: bool) -> None:
     assert [frame.complete for frame in frames] == [True, resend, True, True, True]
     # Its ramp is 257 counts higher in each picture, but where it wraps: in 4 x 257 of 65536 pixels.
     # The lost packet is a seventh of the picture.
+    # Of a picture that is not whole, Aravis gives nothing.
     right = [
-        np.mean(frame.data == frames[0].data + np.uint16(257 * number)) > 0.97
+        frame.data.size > 0
+        and np.mean(frame.data == frames[0].data + np.uint16(257 * number)) > 0.97
         for number, frame in enumerate(frames)
     ]
     assert right == [True, resend, True, True, True]
 
 
-def test_control_is_given_back() -> None:
+def test_control_is_given_back(client: str) -> None:
     with FakeGigeCamera(64, 48, pixel_format="Mono16") as fake:
-        camera = driver(fake.ip)
+        camera = driver(fake.ip, client)
         assert fake.controller() is not None
         camera.close()
         end = time.monotonic() + 5.0
@@ -168,7 +162,9 @@ def test_a_picture_without_its_end_is_incomplete() -> None:
 
     with FakeGigeCamera(64, 48, pixel_format="Mono16") as fake:
         camera = driver(fake.ip)
-        camera._stream = Stream()
+        assert camera._features is not None
+        camera._features.client._stream = Stream()  # type: ignore[attr-defined]
+        camera._streams = True
         (frame,) = camera.read_frames(1, 1.0)
         camera.close()
     assert not frame.complete and camera.statistics()["incomplete"] == 1

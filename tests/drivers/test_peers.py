@@ -1,7 +1,8 @@
 """Drivers of real instruments against their peers: what the contract tests do not ask.
 
 The peers of the DG645 and of the black bodies are checked by clients that are not ours: the maker's
-driver and minimalmodbus. The camera's peer is ours alone; its client, viva-genicam, is not.
+driver and minimalmodbus. The camera's peer is ours alone; its clients, viva-genicam and Aravis,
+are not.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from cldit.acquisition import Plan, acquire, open_acquisition
 from cldit.acquisition.journal import read_journal
 from cldit.errors import SceneError
 from cldit.rig.clock import SimulatedClock, SystemClock
-from cldit.rig.drivers import RigContext
+from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import (
     ConfigRejected,
     DeviceTimeout,
@@ -37,7 +38,7 @@ for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.dg645 import Dg645, open_dg645
-    from drivers.gige_camera import GigeCamera, open_gige_camera
+    from drivers.genicam_camera import GenicamCamera
     from drivers.modbus_blackbody import open_modbus_blackbody
     from drivers.peer_blackbody import ModbusPeer
     from drivers.peer_dg645 import Dg645Peer
@@ -45,7 +46,6 @@ if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.peer_rig import CALIBRATION, PeerRig
 else:
     from cldit.drivers.dg645 import open_dg645
-    from cldit.drivers.gige_camera import open_gige_camera
     from cldit.drivers.modbus_blackbody import open_modbus_blackbody
     from cldit.drivers.peer_blackbody import ModbusPeer
     from cldit.drivers.peer_dg645 import Dg645Peer
@@ -202,18 +202,19 @@ def test_modbus_writes_a_setpoint_once() -> None:
 # Camera
 
 
-def camera_before(peer: GigePeer, **settings: Any) -> GigeCamera:
-    return open_gige_camera(
+def camera_before(peer: GigePeer, client: str, **settings: Any) -> GenicamCamera:
+    made: GenicamCamera = load_driver(client)(
         {"address": peer.host, "interface": "127.0.0.1", "calibration": CALIBRATION, **settings},
         CONTEXT,
     )
+    return made
 
 
 @pytest.mark.loopback_only
-def test_camera_loses_packets() -> None:
+def test_camera_loses_packets(client: str) -> None:
     """At 0.5 % loss every whole picture is bit-exact, and the resends are few."""
     with GigePeer(loss=0.005, seed=3) as peer:
-        camera = camera_before(peer)
+        camera = camera_before(peer, client)
         camera.connect()
         camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=60))
         camera.arm()
@@ -232,10 +233,10 @@ def test_camera_loses_packets() -> None:
 
 
 @pytest.mark.loopback_only
-def test_camera_frames_that_never_come() -> None:
+def test_camera_frames_that_never_come(client: str) -> None:
     """A gap shows in the ids; half a picture is incomplete, and says so."""
     with GigePeer((64, 48)) as peer:
-        camera = camera_before(peer, packet_size=1000)
+        camera = camera_before(peer, client, packet_size=1000)
         camera.connect()
         camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=4))
         camera.arm()
@@ -254,10 +255,10 @@ def test_camera_frames_that_never_come() -> None:
 
 
 @pytest.mark.loopback_only
-def test_camera_is_free_after_its_clients_death() -> None:
+def test_camera_is_free_after_its_clients_death(client: str) -> None:
     """A client that dies keeps the camera no longer than the heartbeat; alive, it keeps it."""
     with GigePeer((64, 48)) as peer:
-        first = camera_before(peer, heartbeat_s=1.5)
+        first = camera_before(peer, client, heartbeat_s=1.5)
         first.connect()
         first.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE))
         first.arm()
@@ -266,7 +267,7 @@ def test_camera_is_free_after_its_clients_death() -> None:
         peer.unheard()
         time.sleep(1.6)
         assert not peer.armed and not peer.controlled
-        second = camera_before(peer)
+        second = camera_before(peer, client)
         second.connect(5.0)
         assert peer.controlled
         second.close()
@@ -274,9 +275,9 @@ def test_camera_is_free_after_its_clients_death() -> None:
 
 
 @pytest.mark.loopback_only
-def test_camera_unplugged() -> None:
+def test_camera_unplugged(client: str) -> None:
     with GigePeer((64, 48)) as peer:
-        camera = camera_before(peer)
+        camera = camera_before(peer, client)
         camera.connect()
         peer.switch_off()
         with pytest.raises(RigError):
@@ -304,13 +305,14 @@ def plan(**changes: Any) -> Plan:
 
 
 @pytest.mark.loopback_only
-def test_plan_over_sockets(tmp_path: Path) -> None:
+def test_plan_over_sockets(client: str, tmp_path: Path) -> None:
     """Three backgrounds with 0.5 % packet loss, a rate error and a picture that is never sent:
     every shot once and bit-exact, every injection accounted for, all devices safe."""
     with ExitStack() as stack:
         peers = stack.enter_context(PeerRig(camera=GigePeer(loss=0.005, seed=2)))
-        peers.camera.skip = 0
-        rig: Rig = stack.enter_context(open_rig(peers.rig_data()))
+        data = peers.rig_data()
+        data["camera"]["driver"] = client
+        rig: Rig = stack.enter_context(open_rig(data))
         seen = 0
 
         def watch(progress: Any) -> None:

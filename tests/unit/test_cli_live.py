@@ -7,17 +7,17 @@ import time
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 
 from cldit.acquisition import Plan, SavedShot, acquire, open_acquisition
 from cldit.acquisition.plan import Shot
 from cldit.acquisition.progress import Progress
 from cldit.cli import live, main
-from cldit.cli.live import LiveView, half_blocks, stretched, window
+from cldit.cli.live import LiveView, draw, half_blocks, stretched, window
 from cldit.rig.load import open_rig
 
 
@@ -56,37 +56,32 @@ def test_any_picture_can_be_shown(image: np.ndarray[Any, Any]) -> None:
     assert half_blocks(counts).plain
 
 
-def test_window_draws_each_picture_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+def test_pictures_of_the_window() -> None:
+    """Each in place of the last, also where the size changes."""
+    figure = Figure()
+    axes = figure.add_subplot()
+    for image in (ramp(), ramp()[::-1], ramp((12, 16))):
+        draw(axes, f"up to {image.max()}", image)
+        (shown,) = axes.images
+        assert np.array_equal(np.asarray(shown.get_array()), stretched(image))
+        assert axes.get_title() == f"up to {image.max()}"
 
-    seen = []
 
-    def pause(seconds: float) -> None:
-        seen.append(np.array(plt.gca().images[0].get_array()))
-
-    monkeypatch.setattr(plt, "pause", pause)
-    stream = io.BytesIO()
-    for image in (ramp(), ramp()[::-1]):
-        np.save(stream, image)
-    stream.seek(0)
-    figure = window(stream, interactive=True)
-    assert len(seen) == 2 and np.allclose(seen[0], stretched(ramp()))
-    assert np.allclose(seen[1], seen[0][::-1])
-    plt.close(figure)
-    assert window(io.BytesIO()) is None  # there is no screen behind Agg
+def saved(image: np.ndarray[Any, np.dtype[np.uint16]]) -> SavedShot:
+    shot = Shot("b00_ref_00", 0, 440.0, "reference", 0)
+    return SavedShot(shot, image, {"saturated_percent": 0.0})
 
 
 def test_a_window_that_cannot_be_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MPLBACKEND", "Agg")
-    shot = Shot("b00_ref_00", 0, 440.0, "reference", 0)
-    saved = SavedShot(shot, ramp((512, 640)), {"saturated_percent": 0.0})
+    window(io.BytesIO())  # returns: there is no screen behind Agg
     with LiveView() as view:
         view.watch(Progress("preflight", 0, 10, None))
         end = time.monotonic() + 30.0
-        while view._window is not None:  # its process has ended, which the pipe tells
+        while view.has_window:  # its process has ended, which the pipe tells
             assert time.monotonic() < end
-            view.show(saved)
+            view.show(saved(ramp((512, 640))))
+            time.sleep(0.01)
     assert "b00_ref_00" in view._picture.plain and "440 K reference" in view._picture.plain
 
 
@@ -96,8 +91,8 @@ def test_slow_view_drops_pictures_and_delays_nothing(
     """A terminal that needs a second for each picture gets the first and a late one of twenty."""
     shown: list[str] = []
 
-    def slow(view: LiveView, saved: SavedShot) -> None:
-        shown.append(saved.shot.id)
+    def slow(view: LiveView, newest: SavedShot) -> None:
+        shown.append(newest.shot.id)
         time.sleep(1.0)
 
     monkeypatch.setattr(LiveView, "show", slow)

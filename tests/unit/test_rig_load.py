@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -149,3 +150,17 @@ def test_an_error_inside_keeps_its_place(tiny_rig: dict[str, Any]) -> None:
     with pytest.raises(ZeroDivisionError) as caught, replace(open_rig(tiny_rig), **broken):
         raise ZeroDivisionError
     assert "camera: make_safe failed" in "".join(caught.value.__notes__)
+
+
+def test_what_a_driver_needs_is_named(
+    tiny_rig: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before anything is connected, with what to install."""
+    for absent in ("gi", "viva_genicam"):
+        monkeypatch.setitem(sys.modules, absent, None)
+    tiny_rig["camera"] = {"driver": "aravis_camera", "settings": {}}
+    with pytest.raises(SceneError, match=r"camera\.driver: .* needs gi.*apt install .*aravis"):
+        open_rig(tiny_rig)
+    tiny_rig["camera"]["driver"] = "gige_camera"
+    with pytest.raises(SceneError, match=r"needs viva_genicam.*pip install 'cldit\[rig\]'"):
+        open_rig(tiny_rig)

@@ -1,0 +1,75 @@
+"""What every driver of a kind refuses, in the same words; for drivers of other packages too."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import asdict
+from typing import Any
+
+from cldit.rig.errors import ConfigRejected, OutOfLimits
+from cldit.rig.protocols import Burst, Capabilities, Limits, Roi, TriggerInfo, TriggerMode
+
+EDGES = ("rising", "falling")
+
+
+def check_exposure(can: Capabilities, integration_time_s: float) -> None:
+    """Raises OutOfLimits."""
+    low, high = can.integration_time_limits_s
+    if not low <= integration_time_s <= high:
+        raise OutOfLimits(
+            f"camera: integration_time_s: {integration_time_s:g} is outside {low:g}..{high:g}"
+        )
+
+
+def check_roi(can: Capabilities, roi: Roi | None) -> Roi:
+    """The part of the sensor that is meant, all of it for None. Raises OutOfLimits."""
+    columns, rows = can.sensor_pixels
+    part = Roi(0, 0, columns, rows) if roi is None else roi
+    inside = part.x >= 0 and part.y >= 0 and part.width > 0 and part.height > 0
+    if not inside or part.x + part.width > columns or part.y + part.height > rows:
+        raise OutOfLimits(f"camera: roi: {part} does not fit on {columns} x {rows}")
+    return part
+
+
+def check_format(can: Capabilities, pixel_format: str | None) -> None:
+    """Raises ConfigRejected."""
+    if pixel_format is not None and pixel_format not in can.pixel_formats:
+        raise ConfigRejected(
+            f"camera: pixel_format: {pixel_format!r}; allowed: {', '.join(can.pixel_formats)}"
+        )
+
+
+def check_trigger(modes: Collection[TriggerMode], trigger: TriggerInfo) -> None:
+    """Raises ConfigRejected."""
+    enough = min(trigger.n_frames, trigger.frames_per_trigger) >= 1
+    if trigger.mode not in modes or not enough or trigger.activation not in EDGES:
+        raise ConfigRejected(
+            f"camera: {trigger}; allowed are {', '.join(sorted(modes))}, 1 frame or more, and "
+            f"{' or '.join(EDGES)}"
+        )
+
+
+def check_setpoint(limits: Limits, temperature_K: float) -> None:
+    """Raises OutOfLimits."""
+    if not limits.low_K <= temperature_K <= limits.high_K:
+        raise OutOfLimits(
+            f"background: {temperature_K:g} K is outside {limits.low_K:g}..{limits.high_K:g} K"
+        )
+
+
+def check_burst(burst: Burst) -> None:
+    """Raises ConfigRejected."""
+    delays = (burst.camera_delay_s, burst.injector_delay_s)
+    last_s = max(d + w for d, w in zip(delays, burst.widths_s, strict=True))
+    good = all(delay >= 0.0 for delay in delays) and all(width > 0.0 for width in burst.widths_s)
+    if burst.n < 1 or not good:
+        raise ConfigRejected(f"trigger: {burst}: allowed are n >= 1, delays >= 0, widths > 0")
+    if burst.n > 1 and not burst.period_s >= last_s:
+        raise ConfigRejected(
+            f"trigger: period_s: {burst.period_s:g} is shorter than one shot, {last_s:g}"
+        )
+
+
+def plain_burst(burst: Burst | None) -> dict[str, Any] | None:
+    """As JSON can hold it."""
+    return None if burst is None else {**asdict(burst), "widths_s": list(burst.widths_s)}

@@ -1,0 +1,219 @@
+"""GenICam cameras on GigE Vision, through Aravis.
+
+Debian and Ubuntu: gir1.2-aravis-0.8, and PyGObject (python3-gi, or `cldit[aravis]`). The camera is
+opened at its address, so nothing is broadcast and it may be in another subnet.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
+from cldit.rig.errors import ConfigRejected, NotConnected, RigError
+
+from .genicam_camera import GenicamCamera
+from .genicam_client import GigeSettings, Picture
+
+T = TypeVar("T")
+
+_GVCP = 3956
+_SPARE = 4  # buffers beyond the pictures that are asked for
+_ROOM, _LEAST_ROOM = 4, 2**20  # of the socket: pictures, bytes; net.core.rmem_max bounds it
+_PIXELS = {8: "u1", 16: "<u2"}  # by the bits of a pixel in its format's code
+_LINK_ERRORS = ("NOT_CONNECTED", "NOT_FOUND", "TIMEOUT", "TRANSFER_ERROR", "NOT_CONTROLLER")
+
+ABOUT = DriverAbout(
+    "camera",
+    "GenICam cameras on GigE Vision, through Aravis",
+    "untested on hardware; tested with Aravis' own simulated camera and one of ours",
+    needs=("gi", "gi.repository.Aravis"),
+    install="apt install python3-gi gir1.2-aravis-0.8; in a virtual environment that does not see "
+    "the system's packages also pip install 'cldit[aravis]'",
+)
+
+
+class AravisClient:
+    """A `genicam_client.Client`."""
+
+    def __init__(self, settings: GigeSettings) -> None:
+        """Raises NotConnected."""
+        import gi
+
+        gi.require_version("Aravis", "0.8")
+        from gi.repository import Aravis, Gio, GLib
+
+        self._aravis, self._error = Aravis, GLib.Error
+        self._settings = settings
+        self._stream: Any = None
+        self._lost = False
+        self._link_errors = {int(getattr(Aravis.DeviceError, name)) for name in _LINK_ERRORS}
+        here, there = (
+            Gio.InetAddress.new_from_string(text)
+            for text in (settings.interface or _way_to(settings.address), settings.address)
+        )
+        if here is None or there is None:
+            raise NotConnected("address, interface: allowed are IP addresses")
+        try:
+            self._device = Aravis.GvDevice.new(here, there)
+        except GLib.Error as error:
+            raise NotConnected(f"no such camera on the network ({error.message})") from error
+        try:
+            self._under_control()
+            # A packet socket, which only root gets, would take 60 ms for each start.
+            self._device.set_stream_options(Aravis.GvStreamOption.PACKET_SOCKET_DISABLED)
+            if settings.packet_size is not None:
+                self._ask(lambda d: d.set_packet_size(settings.packet_size))
+                self._device.set_packet_size_adjustment(Aravis.GvPacketSizeAdjustment.NEVER)
+        except RigError:
+            self.close()
+            raise
+
+    def _ask(self, action: Callable[[Any], T]) -> T:
+        """What `action(device)` gives."""
+        try:
+            return action(self._device)
+        except self._error as error:
+            link = error.domain == "arv-device-error-quark" and error.code in self._link_errors
+            if link:
+                self._lost = True
+                raise NotConnected(
+                    f"camera: the link failed ({error.message}); check the cable"
+                ) from error
+            raise ConfigRejected(f"camera: {error.message}") from error
+
+    def _under_control(self) -> None:
+        if not self._device.is_controller():
+            raise NotConnected("camera: another program has control of it, or it was unplugged")
+
+    def has(self, name: str) -> bool:
+        return bool(self._ask(lambda d: d.is_feature_implemented(name)))
+
+    def get_integer(self, name: str) -> int:
+        return int(self._ask(lambda d: d.get_integer_feature_value(name)))
+
+    def set_integer(self, name: str, value: int) -> None:
+        self._ask(lambda d: d.set_integer_feature_value(name, value))
+
+    def get_float(self, name: str) -> float:
+        return float(self._ask(lambda d: d.get_float_feature_value(name)))
+
+    def set_float(self, name: str, value: float) -> None:
+        self._ask(lambda d: d.set_float_feature_value(name, value))
+
+    def float_limits(self, name: str) -> tuple[float, float]:
+        limits = self._ask(lambda d: d.get_float_feature_bounds(name))
+        return limits.min, limits.max
+
+    def get_string(self, name: str) -> str:
+        return str(self._ask(lambda d: d.get_string_feature_value(name)))
+
+    def get_enum(self, name: str) -> str:
+        return self.get_string(name)
+
+    def set_enum(self, name: str, entry: str) -> None:
+        self._ask(lambda d: d.set_string_feature_value(name, entry))
+
+    def entries(self, name: str) -> tuple[str, ...]:
+        return tuple(
+            self._ask(lambda d: d.dup_available_enumeration_feature_values_as_strings(name))
+        )
+
+    def execute(self, command: str) -> None:
+        self._ask(lambda d: d.execute_command(command))
+
+    def read_register(self, address: int) -> int:
+        return int(self._ask(lambda d: d.read_register(address)))
+
+    def write_register(self, address: int, value: int) -> None:
+        self._ask(lambda d: d.write_register(address, value))
+
+    def start(self) -> None:
+        self.execute("AcquisitionStart")
+
+    def stop(self) -> None:
+        self.execute("AcquisitionStop")
+
+    def open_stream(self, frames: int) -> None:
+        bits = (self.get_integer("PixelFormat") >> 16) & 0xFF
+        if bits not in _PIXELS:
+            raise ConfigRejected(
+                f"camera: pixel_format: {self.get_enum('PixelFormat')} has {bits} bits a pixel; "
+                "allowed are formats of 8 and 16"
+            )
+        self._stream = None  # the old one gives up its port first
+        # (The device's own create_stream cannot be called without a callback.)
+        self._stream = self._ask(
+            lambda d: self._aravis.Camera.new_with_device(d).create_stream(None, None)
+        )
+        size = self.get_integer("PayloadSize")
+        # By itself it asks for room for one picture, which the kernel fills with half of one, and
+        # it does so when the first packet has come, too late for those right behind.
+        room = max(_ROOM * size, _LEAST_ROOM)
+        self._stream.set_property("socket-buffer", self._aravis.GvStreamSocketBuffer.FIXED)
+        self._stream.set_property("socket-buffer-size", room)
+        _make_room(self._stream.get_port(), room)
+        # Any part of a picture may be asked for again, not the usual quarter alone.
+        self._stream.set_property("packet-request-ratio", 1.0)
+        for _ in range(frames + _SPARE):
+            self._stream.push_buffer(self._aravis.Buffer.new_allocate(size))
+
+    def next_picture(self, timeout_s: float) -> Picture | None:
+        got = self._stream.timeout_pop_buffer(max(1, round(1e6 * timeout_s)))
+        if got is None:
+            self._under_control()
+            return None
+        pixels = None
+        whole = got.get_status() == self._aravis.BufferStatus.SUCCESS
+        if whole:  # of others it gives nothing away
+            kind = _PIXELS[(got.get_image_pixel_format() >> 16) & 0xFF]
+            shape = got.get_image_height(), got.get_image_width()
+            flat = np.frombuffer(got.get_image_data(), kind, shape[0] * shape[1])
+            pixels = flat.astype(np.uint16).reshape(shape)
+        picture = Picture(pixels, got.get_frame_id(), got.get_timestamp(), whole)
+        self._stream.push_buffer(got)
+        return picture
+
+    def close(self) -> None:
+        self._stream = None
+        if not self._lost:  # else that would take the time of all its repetitions
+            try:
+                self._device.leave_control()
+            except self._error:  # it is gone already
+                pass
+        self._device = None
+
+
+def _way_to(address: str) -> str:
+    """The computer's own address on the way there; nothing is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((address, _GVCP))
+        except OSError as error:
+            raise NotConnected(f"no way to {address} ({error})") from error
+        return str(probe.getsockname()[0])
+
+
+def _make_room(port: int, size: int) -> None:
+    """For so many bytes in this process's socket at a port; Aravis does not hand out its own."""
+    folder = Path("/proc/self/fd")
+    for entry in list(folder.iterdir()) if folder.is_dir() else ():
+        try:
+            if not entry.is_socket():
+                continue
+            with socket.socket(fileno=os.dup(int(entry.name))) as found:
+                inet = found.family == socket.AF_INET and found.type == socket.SOCK_DGRAM
+                if inet and found.getsockname()[1] == port:
+                    found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
+        except OSError:  # closed meanwhile
+            continue
+
+
+def open_aravis_camera(settings: dict[str, Any], context: RigContext) -> GenicamCamera:
+    """The driver `aravis_camera`."""
+    return GenicamCamera(AravisClient, check_settings(GigeSettings, settings))

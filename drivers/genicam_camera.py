@@ -1,0 +1,293 @@
+"""GenICam cameras on GigE Vision, through any client that is a `genicam_client.Client`.
+
+Feature names: GenICam SFNC 2. The camera's radiometric calibration is not in any register, so the
+rig file gives it; counts per radiance are taken as proportional to the integration time.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cldit.camera.calibration import Calibration
+from cldit.rig.checks import check_exposure, check_format, check_roi, check_trigger
+from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, RigError
+from cldit.rig.protocols import (
+    Capabilities,
+    DeviceInfo,
+    Frame,
+    Roi,
+    Settings,
+    TriggerInfo,
+    TriggerMode,
+)
+
+from .genicam import Features
+from .genicam_client import Client, GigeSettings
+
+_SOURCES = {TriggerMode.SOFTWARE: "Software", TriggerMode.EXTERNAL_EDGE: ""}
+_MODES = frozenset({TriggerMode.INTERNAL, *_SOURCES})
+_EDGES = {"rising": "RisingEdge", "falling": "FallingEdge"}
+_BLOCKS = 65535  # 16-bit block ids count 1..65535 and again
+_IN_FLIGHT_s = 0.5  # a picture arrives this long after its exposure, or never
+
+
+class GenicamCamera:
+    """A `cldit.rig.protocols.Camera`; `take_control` gives the client, or raises NotConnected."""
+
+    def __init__(
+        self, take_control: Callable[[GigeSettings], Client], settings: GigeSettings
+    ) -> None:
+        self._take_control = take_control
+        self._settings = settings
+        self._features: Features | None = None
+        self._streams = False
+        self._info = DeviceInfo("camera", "?", "GigE Vision camera", tested_on_hardware=False)
+        self._trigger: TriggerInfo | None = None
+        self._armed = False
+        self._triggered = self._received = 0  # since armed
+        self._last_trigger_s = -np.inf
+        self._period_s = 0.0
+        self._base = -1  # frame id = base + 1 + blocks since the start
+        self._last_id = -1
+        self._first_block: int | None = None  # of this start
+        self._clock_offset_ns: int | None = None
+        self._counts = {"delivered": 0, "missed": 0, "flushed": 0, "incomplete": 0}
+
+    # Life
+
+    def connect(self, timeout_s: float = 10.0) -> None:
+        if self._features is not None:
+            return
+        end_s = time.monotonic() + timeout_s
+        while True:
+            try:
+                self._open()
+                return
+            except RigError as error:
+                self.close()
+                if isinstance(error, ConfigRejected):
+                    raise
+                # After a crash the camera is held until the last heartbeat is old enough.
+                if time.monotonic() + 0.2 >= end_s:
+                    raise NotConnected(
+                        f"camera: {self._settings.address} cannot be used ({error}); check its "
+                        "power and address, and that no other program holds it"
+                    ) from error
+                time.sleep(0.2)
+
+    def _open(self) -> None:
+        wanted = self._settings
+        features = self._features = Features(self._take_control(wanted))
+        if features.has("GevHeartbeatTimeout"):
+            features.client.set_integer("GevHeartbeatTimeout", round(1e3 * wanted.heartbeat_s))
+        names = ("DeviceVendorName", "DeviceModelName", "DeviceSerialNumber", "DeviceVersion")
+        maker, model, serial, firmware = (features.text(name) for name in names)
+        self._info = DeviceInfo("camera", maker, model, serial, firmware, tested_on_hardware=False)
+        self._period_s = 1.0 / (wanted.maximum_rate_Hz or features.maximum_rate_Hz())
+        self._clock_offset_ns = features.clock_offset_ns()
+        features.client.stop()
+        features.choose("PixelFormat", wanted.pixel_format)
+        self.configure(wanted.calibration.integration_time_s)
+
+    def close(self) -> None:
+        features, self._features = self._features, None
+        self._armed = self._streams = False
+        if features is not None:
+            features.client.close()
+
+    def identify(self) -> DeviceInfo:
+        return self._info
+
+    def read_configuration(self) -> dict[str, Any]:
+        settings = self._read_settings()
+        roi = settings.roi
+        return {
+            "address": self._settings.address,
+            "line": self._settings.line,
+            "integration_time_s": settings.integration_time_s,
+            "roi": [roi.x, roi.y, roi.width, roi.height],
+            "pixel_format": settings.pixel_format,
+            "calibration": self._calibration(settings.integration_time_s).to_dict(),
+        }
+
+    def make_safe(self) -> None:
+        if self._features is not None:
+            self.disarm()
+
+    def wait_ready(self, timeout_s: float) -> None:
+        """Nothing in the SFNC says that a cooler is ready: watch the camera's own display."""
+        self._connected()
+
+    # Settings
+
+    @property
+    def capabilities(self) -> Capabilities:
+        low, high = self._connected().exposure_limits_s()
+        return Capabilities(
+            trigger_modes=_MODES,
+            integration_time_limits_s=(low, high),
+            minimum_period_s=self._period_s,
+            saturation_counts=self._settings.calibration.saturation_counts,
+            sensor_pixels=self._sensor(),
+            pixel_formats=self._connected().entries("PixelFormat"),
+        )
+
+    def configure(
+        self, integration_time_s: float, roi: Roi | None = None, pixel_format: str | None = None
+    ) -> Settings:
+        self._connected()
+        if self._armed:
+            raise ConfigRejected("camera: is armed; disarm() before configure()")
+        can = self.capabilities
+        check_exposure(can, integration_time_s)
+        check_format(can, pixel_format)
+        part = check_roi(can, roi)
+        if pixel_format is not None:
+            self._connected().choose("PixelFormat", pixel_format)
+        self._connected().expose(integration_time_s)
+        for name, value in (
+            ("OffsetX", 0),
+            ("OffsetY", 0),
+            ("Width", part.width),
+            ("Height", part.height),
+            ("OffsetX", part.x),
+            ("OffsetY", part.y),
+        ):
+            self._connected().set_integer(name, value)
+        return self._read_settings()
+
+    def prepare(self, trigger: TriggerInfo) -> None:
+        features = self._connected()
+        check_trigger(_MODES, trigger)
+        if self._armed:
+            raise ConfigRejected("camera: is armed; disarm() before prepare()")
+        features.stop_after(trigger.n_frames)
+        source = None
+        if trigger.mode is not TriggerMode.INTERNAL:
+            source = _SOURCES[trigger.mode] or self._settings.line
+        features.trigger(source, _EDGES[trigger.activation], trigger.frames_per_trigger)
+        self._trigger = trigger
+
+    # Pictures
+
+    def arm(self) -> None:
+        client = self._connected().client
+        if self._trigger is None:
+            raise ConfigRejected("camera: prepare() before arm()")
+        # A new stream for each start: block ids then count from 1, which a client would take for
+        # a late packet of the last picture on a stream that goes on.
+        client.open_stream(self._trigger.n_frames)
+        self._streams = True
+        self._base, self._first_block = self._last_id, None
+        client.start()
+        self._armed, self._triggered, self._received = True, 0, 0
+
+    def flush(self) -> int:
+        self._connected()
+        if not self._streams:
+            return 0
+        software = self._trigger is not None and self._trigger.mode is TriggerMode.SOFTWARE
+        thrown = 0
+        while True:
+            coming = software and self._received < self._triggered
+            if self._next(_IN_FLIGHT_s if coming else 1e-3) is None:
+                break
+            thrown += 1
+        self._triggered = self._received
+        self._counts["flushed"] += thrown
+        return thrown
+
+    def software_trigger(self) -> None:
+        self._connected()
+        trigger = self._trigger
+        if not self._armed or trigger is None or trigger.mode is not TriggerMode.SOFTWARE:
+            raise ConfigRejected("camera: prepare(SOFTWARE) and arm() before software_trigger()")
+        if self._triggered >= trigger.n_frames:
+            self._counts["missed"] += 1
+            return
+        time.sleep(max(self._last_trigger_s + 1.05 * self._period_s - time.monotonic(), 0.0))
+        self._connected().client.execute("TriggerSoftware")
+        self._last_trigger_s = time.monotonic()  # it was taken before this
+        self._triggered += 1
+
+    def read_frames(self, n: int, timeout_s: float) -> Iterator[Frame]:
+        self._connected()
+        incomplete = 0
+        for received in range(n):
+            frame = self._next(timeout_s)
+            if frame is None:
+                raise MissingFrames(n, received - incomplete, incomplete)
+            incomplete += not frame.complete
+            self._counts["delivered" if frame.complete else "incomplete"] += 1
+            yield frame
+
+    def disarm(self) -> None:
+        self._connected().client.stop()
+        self._armed = False
+
+    def statistics(self) -> dict[str, int]:
+        return dict(self._counts)
+
+    def _next(self, timeout_s: float) -> Frame | None:
+        """None where none comes in time."""
+        client = self._connected().client
+        if not self._streams:
+            time.sleep(timeout_s)
+            return None
+        got = client.next_picture(timeout_s)
+        if got is None:
+            return None
+        now_ns = time.time_ns()
+        self._received += 1
+        self._last_id = self._frame_id(got.block)
+        return Frame(
+            data=np.zeros((0, 0), np.uint16) if got.pixels is None else got.pixels,
+            frame_id=self._last_id,
+            device_timestamp_ns=got.device_ns,
+            host_timestamp_ns=(
+                now_ns if self._clock_offset_ns is None else got.device_ns + self._clock_offset_ns
+            ),
+            complete=got.whole,
+            meta={} if got.missing_packets is None else {"missing_packets": got.missing_packets},
+        )
+
+    def _frame_id(self, block: int) -> int:
+        """Ids go on from start to start; block ids do so on some cameras only. A picture that is
+        lost right after a start shows by its absence."""
+        if self._first_block is None:
+            self._first_block = block
+        since = block - self._first_block
+        return self._base + 1 + (since % _BLOCKS if block <= _BLOCKS else since)
+
+    # The camera's features
+
+    def _sensor(self) -> tuple[int, int]:
+        features = self._connected()
+        return features.integer("SensorWidth"), features.integer("SensorHeight")
+
+    def _read_settings(self) -> Settings:
+        roi = Roi(
+            *(self._connected().integer(name) for name in ("OffsetX", "OffsetY", "Width", "Height"))
+        )
+        pixel_format = self._connected().client.get_enum("PixelFormat")
+        return Settings(self._connected().exposure_s(), roi, pixel_format)
+
+    def _calibration(self, integration_time_s: float) -> Calibration:
+        given = self._settings.calibration
+        values = given.model_dump(exclude={"integration_time_s"})
+        at_hand = Calibration(**values)
+        return replace(
+            at_hand,
+            counts_per_radiance=at_hand.counts_per_radiance
+            * (integration_time_s / given.integration_time_s),
+        )
+
+    def _connected(self) -> Features:
+        if self._features is None:
+            raise NotConnected("camera: is not connected; call connect()")
+        return self._features

@@ -1,0 +1,107 @@
+"""What a camera's driver asks of a GigE Vision client, and the settings that a client needs.
+
+A client is an adapter of the smallest kind: no decisions, no read-back, the client library's
+errors as the rig's. `genicam.py` and `genicam_camera.py` do the rest, once for all clients.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.scene.checks import Section, Within
+
+TICKS = (0x93C, 0x940)  # bootstrap registers: ticks a second, high and low
+TIMESTAMP_CONTROL, TIMESTAMP = 0x944, (0x948, 0x94C)
+
+
+class CalibrationSection(Section):
+    """As `cldit.camera.calibration.Calibration`, at this integration time."""
+
+    integration_time_s: Annotated[float, Within(1e-9, 10.0)]
+    filter_um: tuple[float, float]
+    counts_per_radiance: float
+    offset_counts: float
+    electrons_per_count: float
+    read_noise_electrons: float
+    saturation_counts: Annotated[int, Within(1, 65535)]
+
+
+class GigeSettings(Section):
+    address: str  # IP address
+    interface: str | None = None  # IP address of the computer's port to the camera
+    calibration: CalibrationSection
+    line: str = "Line1"  # the camera's trigger input
+    pixel_format: str = "Mono16"
+    maximum_rate_Hz: Annotated[float, Within(1e-3, 1e6)] | None = None  # what the camera says
+    heartbeat_s: Annotated[float, Within(1.5, 60.0)] = 2.0  # after a crash it is free then
+    packet_size: Annotated[int, Within(576, 9000)] | None = None  # what the camera has
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What a stream brings. pixels: (h, w) uint16, or None where too much of it is missing to
+    make a picture; block: the number that the camera gave it; device_ns: on the camera's clock;
+    missing_packets: None where the client does not tell."""
+
+    pixels: NDArray[np.uint16] | None
+    block: int
+    device_ns: int
+    whole: bool
+    missing_packets: int | None = None
+
+
+class Client(Protocol):
+    """A camera that is under control. Everything raises NotConnected or ConfigRejected."""
+
+    def has(self, name: str) -> bool:
+        """Whether the camera's description knows the feature."""
+
+    def get_integer(self, name: str) -> int: ...
+
+    def set_integer(self, name: str, value: int) -> None: ...
+
+    def get_float(self, name: str) -> float: ...
+
+    def set_float(self, name: str, value: float) -> None: ...
+
+    def float_limits(self, name: str) -> tuple[float, float]: ...
+
+    def get_string(self, name: str) -> str: ...
+
+    def get_enum(self, name: str) -> str: ...
+
+    def set_enum(self, name: str, entry: str) -> None: ...
+
+    def entries(self, name: str) -> tuple[str, ...]:
+        """What the choice allows at present."""
+
+    def execute(self, command: str) -> None: ...
+
+    def read_register(self, address: int) -> int:
+        """32 bits."""
+
+    def write_register(self, address: int, value: int) -> None: ...
+
+    def start(self) -> None: ...
+
+    def stop(self) -> None: ...
+
+    def open_stream(self, frames: int) -> None:
+        """Room for so many pictures that nobody has read; ends the stream before."""
+
+    def next_picture(self, timeout_s: float) -> Picture | None:
+        """None where none comes in time."""
+
+    def close(self) -> None:
+        """Gives up control; never raises."""
+
+
+def nanoseconds_a_tick(client: Client) -> float | None:
+    """Of the camera's clock; None where it has none."""
+    high, low = (client.read_register(at) for at in TICKS)
+    ticks_per_s = (high << 32) | low
+    return 1e9 / ticks_per_s if ticks_per_s else None

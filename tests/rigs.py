@@ -1,0 +1,116 @@
+"""Rigs for the contract tests: simulated, over sockets to the peers, before Aravis' camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from cldit.rig.clock import SimulatedClock, SystemClock
+from cldit.rig.load import Rig, open_rig
+
+if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
+    from drivers.peer_blackbody import FlukePeer, ModbusPeer
+    from drivers.peer_gige import GigePeer
+    from drivers.peer_rig import CALIBRATION, PeerRig
+else:
+    from cldit.drivers.peer_blackbody import FlukePeer, ModbusPeer
+    from cldit.drivers.peer_gige import GigePeer
+    from cldit.drivers.peer_rig import CALIBRATION, PeerRig
+
+from tests.aravis import aravis_peer, needs_aravis
+
+Make = Callable[[dict[str, Any], ExitStack], Rig]
+
+
+def simulated(data: dict[str, Any], stack: ExitStack) -> Rig:
+    return open_rig(data)
+
+
+def needs(driver: str) -> None:
+    """Skips the test where what the camera's driver imports is not installed."""
+    if driver == "aravis_camera":
+        needs_aravis()
+    else:
+        pytest.importorskip("viva_genicam", reason="viva_genicam is missing; install cldit[rig]")
+
+
+def sockets(driver: str, loss: float) -> Make:
+    def make(data: dict[str, Any], stack: ExitStack) -> Rig:
+        needs(driver)
+        for module in ("pyvisa_py", "pymodbus"):
+            pytest.importorskip(module, reason=f"{module} is missing; install cldit[rig]")
+        peers = stack.enter_context(PeerRig(camera=GigePeer(loss=loss, seed=11)))
+        file = {**peers.rig_data(), "setup": data["setup"]}
+        file["camera"]["driver"] = driver
+        return open_rig(file)
+
+    return make
+
+
+def aravis_camera(driver: str) -> Make:
+    """Aravis' camera, which has 16 bits and no line that anybody could pulse."""
+
+    def make(data: dict[str, Any], stack: ExitStack) -> Rig:
+        needs(driver)
+        data["camera"] = {
+            "driver": driver,
+            "settings": {
+                "address": stack.enter_context(aravis_peer()),
+                "interface": "127.0.0.1",
+                "line": "Line0",
+                "maximum_rate_Hz": 4.0,  # faster software triggers run into one another
+                "calibration": {**CALIBRATION, "saturation_counts": 65535},
+            },
+        }
+        return open_rig(data, clock=SystemClock())
+
+    return make
+
+
+def modbus(model: str, serial: bool) -> Make:
+    def make(data: dict[str, Any], stack: ExitStack) -> Rig:
+        pytest.importorskip("pymodbus", reason="pymodbus is missing; install cldit[rig]")
+        clock = SimulatedClock()
+        peer = stack.enter_context(ModbusPeer(model, clock=clock, serial=serial))
+        line = {"serial": peer.serial} if serial else {"host": peer.host, "port": peer.port}
+        settings = {"model": model, "limits_K": [253.0, 873.0], **line}
+        data["background"] = {"driver": "modbus_blackbody", "settings": settings}
+        return open_rig(data, clock=clock)
+
+    return make
+
+
+def fluke(serial: bool) -> Make:
+    def make(data: dict[str, Any], stack: ExitStack) -> Rig:
+        pytest.importorskip("pyvisa_py", reason="pyvisa-py is missing; install cldit[rig]")
+        clock = SimulatedClock()
+        peer = stack.enter_context(FlukePeer(clock=clock, serial=serial, start_K=310.0))
+        line = {"serial": peer.serial} if serial else {"host": peer.host, "port": peer.port}
+        data["background"] = {"driver": "fluke418x", "settings": line}
+        return open_rig(data, clock=clock)
+
+    return make
+
+
+# Packets that are lost are sent again: the contract is the same with 0.5 % loss.
+RIGS: dict[str, Make] = {
+    "simulated": simulated,
+    "sockets": sockets("gige_camera", 0.0),
+    "sockets-lossy": sockets("gige_camera", 0.005),
+    "sockets-aravis-lossy": sockets("aravis_camera", 0.005),
+}
+CAMERAS: dict[str, Make] = {
+    **RIGS,
+    "aravis-camera": aravis_camera("gige_camera"),
+    "aravis-camera-aravis": aravis_camera("aravis_camera"),
+}
+BACKGROUNDS: dict[str, Make] = {
+    "simulated": simulated,
+    "eurotherm-tcp": modbus("eurotherm-3200", False),
+    "ir2100-serial": modbus("ir-2100", True),
+    "fluke-tcp": fluke(False),
+    "fluke-serial": fluke(True),
+}
