@@ -95,7 +95,7 @@ def trace_source(
         counts["pixels_of_several_rays"] = refined
     seconds["image"] = time.perf_counter() - start
     difference = None if len(images) < 2 else (images[0] - images[1]) / 2
-    mean = np.mean(images, axis=0)
+    mean = images[0] if len(images) < 2 else (images[0] + images[1]) / 2
     return Trace(
         weights=weights_of(mean, cells),
         weights_difference=None if difference is None else weights_of(difference, cells),

@@ -77,13 +77,12 @@ class Sweeper:
             self._patches = [upload(device, "patches", moved.astype(self._real))]
         planes = self.components * self.box.cells
         real = self._real
-        exact = cells.dense(self.box, cells.depth)
-        depth = exact.astype(real)
+        depth = cells.dense(self.box, cells.depth.astype(real))
         self._depth = {
             False: upload(device, "optical depth", depth),
             True: upload(device, "optical depth", depth.transpose(2, 0, 1)),
         }
-        filled = exact > 0
+        filled = depth > 0
         self._occupied = {  # [l][v] for layers along x, y, z
             0: upload(device, "rows", np.asarray(filled.any(axis=1)).T.astype(np.int8)),
             1: upload(device, "rows", np.asarray(filled.any(axis=2)).T.astype(np.int8)),
@@ -97,11 +96,13 @@ class Sweeper:
         self._at = cells.place(self.box, cells.address)
         self._place = upload(device, "places", self._at.astype(np.int32))
         thermal = np.zeros((self.components, self.count), real)
-        base = np.zeros((self.components, self.box.cells), real)
-        for c, name in enumerate(cells.needs.emitters, start=cells.needs.boundaries):
-            base[c] = cells.dense(self.box, cells.emitted[name]).reshape(-1)
-            thermal[c] = cells.emitted[name][cells.address]
+        base = np.zeros((len(cells.needs.emitters), self.box.cells), real)
+        for number, name in enumerate(cells.needs.emitters):
+            emitted = cells.emitted[name].astype(real)
+            base[number] = cells.dense(self.box, emitted).reshape(-1)
+            thermal[self._boundaries + number] = emitted[cells.address]
         self._base = upload(device, "thermal source", base)
+        self._base_bytes = base.nbytes
         self._emission = upload(device, "emission", thermal)
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
@@ -133,10 +134,10 @@ class Sweeper:
 
     def _fill(self, shining: bool) -> None:
         queue = self.device.queue
-        if shining:
-            cl.enqueue_copy(queue, self._source[False], self._base, byte_count=self._bytes)
-        else:
-            clear(self.device, self._source[False], self._bytes)
+        source, own = self._source[False], self._base_bytes if shining else 0
+        clear(self.device, source, self._bytes - own)  # boundaries' light begins in no cell
+        if own:
+            cl.enqueue_copy(queue, source, self._base, byte_count=own, dst_offset=self._bytes - own)
         self._scatter()
 
     def _scatter(self) -> None:
