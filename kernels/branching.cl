@@ -4,7 +4,10 @@
    it is what the walls emit. A ray ends where it is attenuated to CUTOFF of what it was.
 
    Rays wait on a stack of one place an order while those that they started are followed. Where the
-   rule gives a broken number of rays the last is started by chance, so that no light is lost. */
+   rule gives a broken number of rays the last is started by chance, so that no light is lost.
+
+   A ray has sums of its own, which go to those of the ray that started it when it ends: a million
+   small numbers added to a large one would be lost to rounding in part. */
 
 #include "attenuation.h"
 #include "boundary.h"
@@ -23,6 +26,10 @@
 #ifndef ORDER
 #error "ORDER: most scatterings of a ray"
 #endif
+
+/* Of a sum: the components, and the part from within a medium of radiance 1. */
+#define WITHIN COMPONENTS
+#define PARTS (COMPONENTS + 1)
 
 #define RAYS_PER_SHARE R(1000)
 #define MOST_RAYS R(100)
@@ -55,10 +62,9 @@ __kernel void branching(
     const Ray ray = pixel_ray(column, row, columns, rows, middle, pitch_x, pitch_z, distance);
     const Grid grid = {coarse, bricks, low, high};
     const Boundary boundary = BOUNDARY;
-    real sum[COMPONENTS], within = R(0);
-    for (int c = 0; c < COMPONENTS; ++c) sum[c] = R(0);
-
     Branch stack[ORDER + 1];
+    real sums[ORDER + 1][PARTS];
+    for (int c = 0; c < PARTS; ++c) sums[0][c] = R(0);
     const Walk first = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
     stack[0].walk = first;
     stack[0].weight = R(1);
@@ -69,6 +75,7 @@ __kernel void branching(
     uint count = 0, draws = 0;
     while (level >= 0) {
         Branch b = stack[level];
+        real *sum = sums[level];
         if (b.waiting > 0) {
             const uint4 place = philox((uint4)(pixel, draws++, 0, 0), key);
             const uint4 way = philox((uint4)(pixel, draws++, 0, 0), key);
@@ -87,6 +94,7 @@ __kernel void branching(
             stack[level].transmitted = R(1);
             stack[level].waiting = 0;
             stack[level].inside = walk_in(&stack[level].walk, &grid, R(0));
+            for (int c = 0; c < PARTS; ++c) sums[level][c] = R(0);
             continue;
         }
         while (b.inside && b.transmitted > R(CUTOFF) && b.waiting == 0) {
@@ -98,7 +106,7 @@ __kernel void branching(
                 for (int c = 0; c < EMITTERS; ++c)
                     sum[BOUNDARIES + c] += b.weight * taken * thermal[c * stored + cell.address];
                 const real share = taken * albedo[cell.address];
-                within += b.weight * (taken - share);
+                sum[WITHIN] += b.weight * (taken - share);
                 b.transmitted -= taken;
                 if (level == ORDER) {
                     sum[WALL] += b.weight * share;
@@ -123,9 +131,10 @@ __kernel void branching(
             for (int c = 0; c < BOUNDARIES; ++c)
                 sum[c] += c == seen ? b.weight * b.transmitted : R(0);
         }
+        if (level > 0)
+            for (int c = 0; c < PARTS; ++c) sums[level - 1][c] += sum[c];
         --level;
     }
-    for (int c = 0; c < COMPONENTS; ++c) weights[c * rows * columns + pixel] = sum[c];
-    weights[COMPONENTS * rows * columns + pixel] = within;
+    for (int c = 0; c < PARTS; ++c) weights[c * rows * columns + pixel] = sums[0][c];
     started[pixel] = count;
 }

@@ -57,6 +57,15 @@ def changed(scene: Scene, **sections: dict[str, Any]) -> Scene:
     return parse_scene(data, source="bench")
 
 
+def halved(scene: Scene) -> Scene:
+    """The scene at half its resolution in space and picture."""
+    return changed(
+        scene,
+        domain={"leaf_edge_m": 2 * scene.domain.leaf_edge_m},
+        camera={"pixels": [max(pixels // 2, 1) for pixels in scene.camera.pixels]},
+    )
+
+
 @dataclass(frozen=True)
 class Lattice:
     """Every n-th pixel of a picture, in the middle of its block: `every` across and down, odd.

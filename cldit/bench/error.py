@@ -18,7 +18,7 @@ from cldit.transport.trace import Settings
 Floats = NDArray[np.float64]
 
 SAMPLES = (128, 256, 512)  # of `path`, a pixel
-GATHERED_K = 0.3  # `source` with flights at its end
+PLAIN_K = 0.3  # of `source` with one source in thick cells too
 REFERENCE_SAMPLES = 512  # of both halves together
 _REFERENCE_SEEDS = (7001, 7002)
 
@@ -189,13 +189,15 @@ def bench_error(
         say(f"{phase}: {row.label}: {row.picture_core_s:.4g} core-s, {row.rms_K:.3f} K RMS")
 
     case.run(case.settings(phase=phase, accuracy_K=100.0))  # builds
-    for accuracy_K in accuracies_K:
-        result, cost = case.run(case.settings(phase=phase, accuracy_K=accuracy_K))
+    solved = [(f"source, {k:g} K", {"accuracy_K": k}) for k in accuracies_K]
+    solved += [(f"source, no gather, {PLAIN_K:g} K", {"accuracy_K": PLAIN_K, "gather": False})]
+    for label, transport in solved:
+        result, cost = case.run(case.settings(phase=phase, audit=False, **transport))
         difference = result.weights_difference
         add(
             bench.row(
-                "source",
-                f"source, {accuracy_K:g} K",
+                "source" if "gather" not in transport else "source, no gather",
+                label,
                 lattice.pick(case.scene, result.weights),
                 cost,
                 picture_core_s=cost.core_s,
@@ -204,9 +206,7 @@ def bench_error(
             )
         )
     share = lattice.share(case.scene)
-    gathered = case.settings(phase=phase, accuracy_K=GATHERED_K, gather=True)
-    ways = [("source and gather", f"source and gather, {GATHERED_K:g} K", gathered)]
-    ways += [
+    ways = [
         ("path", f"path, {count} samples", path_settings(case, count, phase=phase))
         for count in samples
     ]

@@ -15,7 +15,7 @@ from cldit.scene import Scene
 
 _STYLES = {
     "source": ("o", "tab:blue"),
-    "source and gather": ("D", "tab:cyan"),
+    "source, no gather": ("D", "tab:cyan"),
     "path": ("s", "tab:orange"),
     "branching": ("^", "tab:red"),
 }

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from cldit.bench.case import Case, Say, changed, clocked
+from cldit.bench.case import Case, Say, changed, clocked, halved
 from cldit.bench.report import Part, Table
 from cldit.medium.octree import Octree
 from cldit.report.sheet import figure_of
@@ -57,12 +57,7 @@ class Growth:
 def growth(case: Case, *, cache: Path, say: Say) -> Part:
     """Every quantity on its own, on the scene at half its resolution in space and picture."""
     scene = case.scene
-    columns, rows = scene.camera.pixels
-    half = changed(
-        scene,
-        domain={"leaf_edge_m": 2 * scene.domain.leaf_edge_m},
-        camera={"pixels": [max(columns // 2, 1), max(rows // 2, 1)]},
-    )
+    half = halved(scene)
     base = Case.of(half, case.device, cache=cache)
     found = [*_pixels(base), _cells(case, cache)]
     if base.tree.fields["droplet_scattering"].any():

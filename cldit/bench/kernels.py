@@ -86,38 +86,47 @@ class Kernels:
         counted = download(device, out, np.empty((rows, columns, 2), np.int32))
         return counted.transpose(2, 0, 1).astype(np.int64), cost
 
-    def sweep(
-        self, count: int, *, vector: int | None = None, phase: ScatteringTable | None = None
-    ) -> Cost:
-        """A set of sweeps with `count` directions over the sphere.
+    def sweeper(
+        self, *, vector: int | None = None, phase: ScatteringTable | None = None
+    ) -> tuple[Sweeper, ToCamera | None]:
+        """The swept box on the device; with a phase function also what sweeps towards the camera.
 
-        vector: cells at once; None is what a trace takes. phase: towards the camera by it.
+        vector: cells at once; None is what a trace takes.
         """
         device, cells = self.case.device, self.cells
+        defines = self._defines()
+        ray_bytes = len(cells.needs.components) * (8 if "USE_FLOAT64" in defines else 4)
         specialised: dict[str, Define] = {
-            **self._defines(),
-            **sweep_defines(device, cells.box()),
+            **defines,
+            **sweep_defines(device, cells.box(), ray_bytes=ray_bytes),
         }
         if vector is not None:
             specialised["VECTOR"] = vector
-        sweep = build(device, "sweep.cl", specialised)
+        small = {"TILE": device.info.tile} if device.info.tile < 16 else {}
         sweeper = Sweeper(
             device,
             cells,
-            sweep,
-            build(device, "iterate.cl", self._defines()),
+            build(device, "sweep.cl", specialised),
+            build(device, "iterate.cl", {**defines, **small}),
             disc=self.view.disc,
             patches=self.view.patches,
         )
-        camera: ToCamera | None = None
-        if phase is not None:
-            flags: dict[str, Define] = {"TO_CAMERA": 1, "PHASE_STEPS": _PHASE_STEPS}
-            towards = build(device, "sweep.cl", {**specialised, **flags})
-            place = self.view.middle[:3] - np.array([0.0, self.view.distance, 0.0])
-            camera = sweeper.to_camera(towards, cells, phase.by_half_sine(_PHASE_STEPS), place)
+        if phase is None:
+            return sweeper, None
+        flags: dict[str, Define] = {"TO_CAMERA": 1, "PHASE_STEPS": _PHASE_STEPS}
+        towards = build(device, "sweep.cl", {**specialised, **flags})
+        place = self.view.middle[:3] - np.array([0.0, self.view.distance, 0.0])
+        table = phase.by_half_sine(_PHASE_STEPS)
+        return sweeper, sweeper.to_camera(towards, cells, table, place)
+
+    def sweep(
+        self, count: int, *, vector: int | None = None, phase: ScatteringTable | None = None
+    ) -> Cost:
+        """A set of sweeps with `count` directions over the sphere; others as in `sweeper`."""
+        sweeper, camera = self.sweeper(vector=vector, phase=phase)
         rng = np.random.default_rng(1)
         directions, starts = isotropic(count, rng), rng.random((count, 2))
-        sweeper.set_source(first_guess(sweeper, cells.albedo), shining=True)
+        sweeper.set_source(first_guess(sweeper, self.cells.albedo), shining=True)
         return quickest(
             self.case,
             lambda: sweeper.sweep(directions, starts, shining=True, camera=camera),

@@ -20,11 +20,13 @@ from cldit.gpu.device import Device, open_device
 from cldit.run import default_cache, simulate
 from cldit.scene import Scene, dump_scene, load_scene
 
+_WHOLE = "the scene as it is, with rig, evaluation of the shots and report"
 _CASES: tuple[tuple[str, dict[str, Any] | None], ...] = (
     ("nothing but the imports and the device", None),
     ("source, isotropic", {"method": "source", "phase": "isotropic"}),
     ("source, mie", {"method": "source", "phase": "mie"}),
     ("path, 128 samples", {"method": "path", "phase": "isotropic", "max_samples": 128}),
+    (_WHOLE, {}),
 )
 
 
@@ -43,11 +45,13 @@ def memory(scene: Scene, device: Device, *, say: Say) -> Part:
     mie = scene.spray.model not in ("none", "grid")
     lines, data = [], []
     for label, transport in _CASES:
-        if transport is not None and transport["phase"] == "mie" and not mie:
+        if transport is not None and transport.get("phase") == "mie" and not mie:
             continue
         chosen = None if transport is None else changed(scene, transport=transport)
         with tempfile.TemporaryDirectory() as folder:
-            fresh, cached = (_apart(chosen, device, Path(folder)) for _ in range(2))
+            fresh, cached = (
+                _apart(chosen, device, Path(folder), whole=label == _WHOLE) for _ in range(2)
+            )
         say(f"{label}: {fresh.resident_bytes / 1e9:.2f} GB, built in {fresh.compile_s:.2f} s")
         lines.append(
             (
@@ -70,13 +74,14 @@ def memory(scene: Scene, device: Device, *, say: Say) -> Part:
         data=data,
         text=(
             "Peak resident memory (VmHWM) of a process that makes the whole run: spray, optics, "
-            "octree, trace, evaluation. On a CPU the device's buffers are in it.",
+            "octree, trace, evaluation; the last row is what `cldit run` does. On a CPU the "
+            "device's buffers are in it.",
         ),
     )
 
 
-def _apart(scene: Scene | None, device: Device, folder: Path) -> Peak:
-    """The run in a process of its own with kernel caches in `folder`."""
+def _apart(scene: Scene | None, device: Device, folder: Path, *, whole: bool) -> Peak:
+    """The run in a process of its own with kernel caches in `folder`; whole: the experiment."""
     file = folder / "scene.yaml"
     if scene is not None:
         file.write_text(dump_scene(scene), encoding="utf-8")
@@ -84,7 +89,8 @@ def _apart(scene: Scene | None, device: Device, folder: Path) -> Peak:
     (folder / "pocl").mkdir(exist_ok=True)
     done = subprocess.run(
         [sys.executable, "-m", "cldit.bench.memory", device.info.index, str(default_cache())]
-        + ([] if scene is None else [str(file)]),
+        + ([] if scene is None else [str(file)])
+        + ([tempfile.mkdtemp(dir=folder)] if whole else []),
         env={**os.environ, **caches},
         capture_output=True,
         text=True,
@@ -123,7 +129,11 @@ def _measure(arguments: list[str]) -> Peak:
     device = open_device(index)
     compile_s = 0.0
     if files:
-        run = simulate(load_scene(files[0]), device=device, cache=Path(cache))
+        run = simulate(load_scene(files[0]), *files[1:], device=device, cache=Path(cache))
+        if files[1:]:  # goes on from the run that is stored there
+            from cldit.experiment import run_experiment  # would count in the other rows
+
+            run_experiment(load_scene(files[0]), files[1], device=device)
         compile_s = next(stage.seconds for stage in run.info.stages if stage.name == "compile")
     resident = int(_status()["VmHWM"].split()[0]) * 1024
     return Peak(resident, counts["most"], compile_s)

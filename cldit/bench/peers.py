@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import import_module
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -44,7 +44,8 @@ def mitsuba(variant: str) -> Any:
     )
     if done.returncode:
         reason = next((line for line in done.stderr.splitlines() if "rror" in line), "it crashes")
-        raise BenchError(f"Mitsuba {variant} does not run here: {reason.strip()[:120]}")
+        hint = "; DRJIT_LIBLLVM_PATH names another LLVM" if "llvm" in variant else ""
+        raise BenchError(f"Mitsuba {variant} does not run here: {reason.strip()[:120]}{hint}")
     module = import_module("mitsuba")
     module.set_variant(variant)
     return module
@@ -184,10 +185,12 @@ def compare(
     stage.render(lines[0], samples=1, seed=99)  # builds
 
     def picture(seed: int) -> Floats:
-        return np.stack([stage.render(line, samples=samples, seed=seed) for line in lines], 1)
+        return np.stack(
+            [stage.render(line, samples=samples, seed=seed + line) for line in lines], 1
+        )
 
-    one, cost_one = clocked(case.device, lambda: picture(1))
-    other, cost_other = clocked(case.device, lambda: picture(2))
+    one, cost_one = clocked(case.device, lambda: picture(100_000))
+    other, cost_other = clocked(case.device, lambda: picture(200_000))
     cost = Cost(
         (cost_one.core_s + cost_other.core_s) / 2, (cost_one.wall_s + cost_other.wall_s) / 2
     )
@@ -234,7 +237,7 @@ def row_lattice(case: Case, rows: int) -> Lattice:
     return Lattice((1, spacing - 1 + spacing % 2))
 
 
-def peers(case: Case, *, say: Say, rows: int = 4, samples: int = 16) -> Part:
+def peers(case: Case, *, say: Say, rows: int = 4, samples: int = 64) -> Part:
     """Mitsuba's variants, `path` and `source`, on the same rows of the picture."""
     lattice = row_lattice(case, rows)
     part = case.seen(lattice.of(case.scene))
@@ -288,7 +291,8 @@ def peers(case: Case, *, say: Say, rows: int = 4, samples: int = 16) -> Part:
             f"{lattice.of(case.scene).camera.pixels[1]} rows of {columns} pixels, isotropic "
             f"scattering; core seconds are extrapolated to all {columns} x {height} pixels, and to "
             "an error of 0.01 in the background's weight (over the pixels that see something) by "
-            "the square of the error. `source` is not extrapolated to larger errors than it makes. "
+            "the square of the error; what errs less with its fewest samples or directions is not "
+            "taken to get cheaper. "
             "Differences from `path` are without the noise of either; Mitsuba spreads its samples "
             "over each pixel's area, `path` takes its middle.",
             *missing,
@@ -299,9 +303,11 @@ def peers(case: Case, *, say: Say, rows: int = 4, samples: int = 16) -> Part:
 def _ours(case: Case, part: Case, lattice: Lattice, truth: tuple[Floats, Floats]) -> list[PeerRow]:
     sees = _seen(truth)
     out = []
+    plain = case.settings(phase="isotropic", accuracy_K=1.0, audit=False)
     ways = (
         ("cldit path", part, path_settings(part, 128, phase="isotropic", seed=5)),
-        ("cldit source", case, case.settings(phase="isotropic", accuracy_K=1.0)),
+        ("cldit source, 1 K", case, plain),
+        ("cldit source, 8 directions", case, replace(plain, directions=8, final_directions=16)),
     )
     for tool, some, settings in ways:
         some.run(settings)
@@ -311,6 +317,6 @@ def _ours(case: Case, part: Case, lattice: Lattice, truth: tuple[Floats, Floats]
         bias, mean = _gap(mine, mine, truth, sees)
         whole = cost.core_s / (lattice.share(case.scene) if some is part else 1.0)
         samples = int(result.counts.get("samples", 0))
-        wanted = whole * (bias[0] / _WANTED) ** 2 if samples else whole
+        wanted = whole * max((bias[0] / _WANTED) ** 2, 1.0)
         out.append(PeerRow(tool, samples, bias[0], whole, wanted, *bias, *mean))
     return out

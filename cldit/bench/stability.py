@@ -77,7 +77,6 @@ class Case:
     bound: float
     measure: Callable[[Bench], float]
     unit: str = "1"
-    slow: bool = False
 
 
 @dataclass(frozen=True)
@@ -175,8 +174,9 @@ _TEMPERATURES = (  # spray, walls, backgrounds
 )
 
 _METHODS: dict[str, dict[str, Any]] = {
-    "source": {},
-    "source, g = 0.8": {"phase": {"henyey_greenstein": 0.8}},
+    "source": {"gather": False},
+    "source, g = 0.8": {"phase": {"henyey_greenstein": 0.8}, "gather": False},
+    "source and gather": {"accuracy_K": 1.0},
     "path": {"method": "path", "accuracy_K": 1.0},
     "branching": {"method": "branching", "order": 1},
 }
@@ -298,9 +298,10 @@ def _others(*, few: bool) -> Iterator[Case]:
         size_m=(EDGE_M, EDGE_M, 152 / 256 * EDGE_M),
         transport={"accuracy_K": 1.0},
     )
-    yield Case("few and many cells", "256 x 256 x 152 = 1.0e7 cells", 1e-4, large, slow=True)
+    if not few:
+        yield Case("few and many cells", "256 x 256 x 152 = 1.0e7 cells", 1e-4, large)
     for place, place_m in _PLACES.items():
-        for method in _METHODS:
+        for method in (name for name in _METHODS if "gather" not in name):  # no cell is thick
             if few and place == "anywhere":
                 continue
             bound = 2e-2 if method in ("path", "branching") else 1e-5
@@ -310,7 +311,7 @@ def _others(*, few: bool) -> Iterator[Case]:
         name = f"lines in faces, edges and corners of cells, {model}"
         yield Case("lines of sight", name, 1e-5, _grazing(model))
     yield Case("memory", "a device whose memory held NaN before", 0.0, _poisoned)
-    for method in () if few else ("path", "branching"):
+    for method in () if few else ("source and gather", "path", "branching"):
         for depth in (1e-6, 100.0, 1e6):
             yield Case(
                 f"method {method}",
@@ -329,7 +330,6 @@ def bench_stability(
     device: Device,
     chosen: list[Case],
     *,
-    slow: bool = False,
     say: Callable[[str], None] | None = None,
 ) -> list[Outcome]:
     """Runs the cases; a case that ends with an error has no error figure, but its message."""
@@ -337,8 +337,6 @@ def bench_stability(
     with TemporaryDirectory(prefix="cldit-stability-") as place:
         bench = Bench(device, Path(place))
         for case in chosen:
-            if case.slow and not slow:
-                continue
             try:
                 outcome = Outcome(case, case.measure(bench))
             except ClditError as error:

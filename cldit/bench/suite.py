@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from cldit.bench.case import Case, Lattice, Say, changed
+from cldit.bench.case import Case, Lattice, Say, changed, halved
 from cldit.bench.error import bench_error
 from cldit.bench.error_report import error_part
 from cldit.bench.floor import floor
@@ -14,7 +14,9 @@ from cldit.bench.growth import growth
 from cldit.bench.leave_out import leave_out
 from cldit.bench.memory import memory
 from cldit.bench.peers import peers
+from cldit.bench.rays import rays
 from cldit.bench.report import Part
+from cldit.bench.solver import solver
 from cldit.gpu.device import Device
 from cldit.scene import Scene
 
@@ -36,9 +38,11 @@ class Bench:
     say: Say
     save: Callable[[Part], None]
 
-    def case(self, *, mie: bool = False) -> Case:
+    def case(self, *, mie: bool = False, half: bool = False) -> Case:
+        """half: at half the resolution."""
         phase = "mie" if mie else "isotropic"
-        scene = changed(self.scene, transport={"phase": phase, "method": "source", "order": None})
+        scene = halved(self.scene) if half else self.scene
+        scene = changed(scene, transport={"phase": phase, "method": "source", "order": None})
         return Case.of(scene, self.device, cache=self.cache)
 
 
@@ -67,6 +71,8 @@ MEASUREMENTS: dict[str, Callable[[Bench], Part]] = {
     "memory": lambda bench: memory(bench.scene, bench.device, say=bench.say),
     "leave-out": lambda bench: leave_out(bench.case(), say=bench.say),
     "floor": lambda bench: floor(bench.case()),
+    "solver": lambda bench: solver(bench.case(half=True), say=bench.say),
+    "rays": lambda bench: rays(bench.case(), say=bench.say),
     "peers": lambda bench: peers(bench.case(), say=bench.say),
 }
 USUAL = tuple(name for name in MEASUREMENTS if name != "peers")

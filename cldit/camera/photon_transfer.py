@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from cldit.errors import EvaluationError
 
@@ -48,7 +48,7 @@ def photon_transfer(
     """
     order = np.argsort(mean)
     bins = [part for part in np.array_split(order, _BINS) if part.size]
-    correction = float(chi2.median(exposures - 1)) / (exposures - 1)
+    correction = float(chdtri(exposures - 1, 0.5)) / (exposures - 1)
     level = np.array([np.mean(mean[part]) for part in bins])
     noise = np.array([np.median(variance[part]) for part in bins]) / correction
     if len(bins) < 2 or not np.ptp(level) > 0.0 or not np.all(noise > 0.0):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +16,6 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _CELLS_PER_BRICK = BRICK**3
-_TOGETHER = 4  # amounts that are spread at a time, one a thread; each takes a copy of the lattice
 _PAIRS_AT_ONCE = 4_000_000  # bounds the memory of a deposit: some 60 bytes a pair
 _OUTSIDE = 1e-9  # share of a box that may stick out of the cube: rounding of its corners
 
@@ -38,6 +36,14 @@ class Touched:
         slot = self.directory[brick[:, 2], brick[:, 1], brick[:, 0]].astype(np.int64)
         local = (inside[:, 2] * BRICK + inside[:, 1]) * BRICK + inside[:, 0]
         return np.asarray(slot * _CELLS_PER_BRICK + local)
+
+    def layer(self, z: int, y: Ints, x: Ints) -> tuple[Ints, NDArray[np.bool_]]:
+        """Storage addresses of those of the finest cells (z, y, x) that are stored, and which they
+        are of (len(y), len(x))."""
+        slot = self.directory[z // BRICK][np.ix_(y // BRICK, x // BRICK)]
+        local = (z % BRICK * BRICK + y[:, None] % BRICK) * BRICK + x % BRICK
+        stored = slot >= 0
+        return slot[stored] * np.int64(_CELLS_PER_BRICK) + local[stored], stored
 
 
 def cells_of_points(frame: Frame, position_m: Floats, amount: Floats, *, what: str) -> Ints:
@@ -149,8 +155,9 @@ def touched_bricks(frame: Frame, points: Ints, boxes: list[Boxes], *, limit: int
         extent = high - low + 1
         small = np.all(extent <= 4, axis=1)
         steps = extent[small].max(axis=0, initial=0)
-        for dx, dy, dz in np.ndindex(*steps):
-            step = np.minimum(low[small] + (dx, dy, dz), high[small])
+        for further in np.ndindex(*steps):
+            # Most boxes lie in one brick: the others alone are looked at further.
+            step = low[small & np.all(extent > further, axis=1)] + further
             mark[step[:, 2], step[:, 1], step[:, 0]] = True
         for lo, hi in zip(low[~small], high[~small] + 1, strict=True):
             mark[lo[2] : hi[2], lo[1] : hi[1], lo[0] : hi[0]] = True
@@ -172,23 +179,20 @@ def add_points(touched: Touched, cell: Ints, amounts: list[Floats]) -> list[Floa
     return [np.bincount(address, amount, minlength=size).astype(float) for amount in amounts]
 
 
-def add_boxes(touched: Touched, boxes: Boxes, amounts: list[Floats]) -> list[Floats]:
-    """Sum of every amount (N,), spread evenly over its box, in each stored cell."""
-    size = touched.slots * _CELLS_PER_BRICK
-    total = [np.zeros(size) for _ in amounts]
+def add_boxes(touched: Touched, boxes: Boxes, amounts: list[Floats], targets: list[Floats]) -> None:
+    """Adds every amount (N,), spread evenly over its box, to the stored cells of its target."""
     lattice = Lattice.of(boxes.lower, boxes.upper)
     if lattice is not None:
-        there = np.argwhere(lattice.spread(np.ones(len(boxes.lower))) > 0)
-        address = touched.address(there[:, ::-1] + np.asarray(lattice.first))
-
-        def add(sum_: Floats, amount: Floats) -> None:
-            sum_[address] = lattice.spread(amount)[tuple(there.T)]
-
-        with ThreadPoolExecutor(_TOGETHER) as pool:
-            list(pool.map(add, total, amounts))
-        return total
+        x, y = (
+            start + np.arange(share.shape[0])
+            for start, share in zip(lattice.first[:2], lattice.shares[:2], strict=True)
+        )
+        for z, sums in lattice.layers(amounts):
+            address, stored = touched.layer(z, y, x)
+            for target, plane in zip(targets, sums, strict=True):
+                target[address] += plane[stored]
+        return
     for box, cell, share in boxes.overlaps():
         address = touched.address(cell)
-        for sum_, amount in zip(total, amounts, strict=True):
-            sum_ += np.bincount(address, amount[box] * share, minlength=size)
-    return total
+        for target, amount in zip(targets, amounts, strict=True):
+            target += np.bincount(address, amount[box] * share, minlength=len(target))

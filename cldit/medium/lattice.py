@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,15 +55,36 @@ class Lattice:
             first=(parts[0][0], parts[1][0], parts[2][0]),
         )
 
-    def spread(self, amount: Floats) -> Floats:
-        """Sum of the amounts (N,) in each cell of the lattice's extent, [z, y, x]."""
+    def layers(self, amounts: list[Floats]) -> Iterator[tuple[int, list[Floats]]]:
+        """Sums of each of the amounts, (N,) each, in the cells, [y, x], with the z of their layer.
+
+        Layer by layer, so that what is in work is a few planes and stays in the cache.
+        """
         nz, ny, nx = self.shape
         along_x, along_y, along_z = self.shares
-        points = np.bincount(self.place, amount, minlength=nz * ny * nx)
-        out = (along_x @ points.reshape(nz * ny, nx).T).reshape(-1, ny)  # (cx nz, ny)
-        out = (along_y @ out.T).reshape(-1, nz)  # (cy cx, nz)
-        out = along_z @ out.T  # (cz, cy cx)
-        return np.asarray(out.reshape(-1, along_y.shape[0], along_x.shape[0]))
+        in_layer, inside = np.divmod(self.place, ny * nx)
+        order = np.argsort(in_layer, kind="stable")
+        ends = np.searchsorted(in_layer[order], np.arange(nz + 1))
+        by_layer = along_z.tocsc()
+        sums: dict[int, list[Floats]] = {}
+        for layer in range(nz):
+            mine = order[ends[layer] : ends[layer + 1]]
+            planes = []
+            for amount in amounts:
+                points = np.bincount(inside[mine], amount[mine], minlength=ny * nx)
+                across = (along_x @ points.reshape(ny, nx).T).T  # (ny, cx)
+                planes.append(along_y @ across)  # (cy, cx)
+            column = slice(*by_layer.indptr[layer : layer + 2])
+            touched = by_layer.indices[column].tolist()
+            for cell in [cell for cell in sums if cell < min(touched)]:
+                yield self.first[2] + cell, sums.pop(cell)
+            for cell, share in zip(touched, by_layer.data[column], strict=True):
+                parts = [share * plane for plane in planes]
+                if cell in sums:
+                    parts = [old + part for old, part in zip(sums[cell], parts, strict=True)]
+                sums[cell] = parts
+        for cell, found in sums.items():
+            yield self.first[2] + cell, found
 
 
 def _axis(origin: float, spacing: float, count: int) -> tuple[int, csr_array]:

@@ -189,8 +189,7 @@ def _deposit(
                 if np.any(values):
                     targets.append(fields[name])
                     amounts.append(values * in_cells)
-        for target, total in zip(targets, add_boxes(touched, box, amounts), strict=True):
-            target += total
+        add_boxes(touched, box, amounts, targets)
     return every
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cldit.medium.frame import Frame
@@ -69,7 +69,10 @@ def properties_of(scene: Scene, spray: Spray, *, cache: Path | None) -> Properti
 
 @dataclass(frozen=True)
 class Medium:
-    """A tree for each spectral node, and one with the paper's properties where that is wanted."""
+    """A tree for each spectral node, and one with the paper's properties where that is wanted.
+
+    properties: without `sources` and `paper`, which are in the trees.
+    """
 
     trees: list[Octree]
     paper: Octree | None
@@ -83,12 +86,14 @@ def make_medium(scene: Scene, stages: Stages, cache: Path, spray: Spray | None =
         note.append(scene.spray.model if spray is None else "given")
         spray = spray or make_spray(scene.spray, cache=cache)
         stages.remark(spray.remarks)
+        notes = dict(spray.notes)
     with stages.stage("optics") as note:
         found = properties_of(scene, spray, cache=cache)
         sources = [*found.sources, *([] if found.paper is None else [found.paper])]
         count = len(found.sources)
         note.append(f"{count} wavelength{'s' if count > 1 else ''}")
         stages.remark(found.remarks)
+    del spray  # with what the trees are made of, as large as the trace that follows
     domain = scene.domain
     frame = Frame.around(
         centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=domain.leaf_edge_m
@@ -97,4 +102,4 @@ def make_medium(scene: Scene, stages: Stages, cache: Path, spray: Spray | None =
         trees = build_octrees(frame, sources, optical_depth_split=domain.optical_depth_split)
         note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
     paper = trees.pop() if found.paper is not None else None
-    return Medium(trees, paper, found, dict(spray.notes))
+    return Medium(trees, paper, replace(found, sources=(), paper=None), notes)

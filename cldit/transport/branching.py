@@ -11,6 +11,7 @@ from cldit.errors import TransportError
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, build
+from cldit.gpu.share import shares
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
@@ -54,27 +55,39 @@ def trace_branching(
     }
     if settings.precision == "float64":
         defines["USE_FLOAT64"] = 1
-    program = build(device, "branching.cl", defines)
+    divided = shares(device, view.pixels[1])
+    programs = [build(one, "branching.cl", defines) for one, _ in divided]
     start = time.perf_counter()
     columns, rows = view.pixels
     components = len(cells.needs.components) + 1
     albedo = np.zeros(len(cells.depth), real)
     albedo[cells.address] = cells.albedo
-    out = zeros(device, "picture", components * rows * columns, real)
-    rays = zeros(device, "rays", rows * columns, np.uint32)
-    program["branching"](
-        device.queue,
-        *view.tiles(device),
-        out,
-        rays,
-        np.array([settings.seed, 1], np.uint32),
-        *upload_tree(device, cells, real),
-        upload(device, "thermal source", cells.thermal_planes(real)),
-        upload(device, "albedo", albedo),
-        *view.arguments(device, cells, real),
-    )
-    image = download(device, out, np.empty((components, rows, columns), real))
-    count = int(download(device, rays, np.empty(rows * columns, np.uint32)).sum(dtype=np.int64))
+    outs = []
+    for program, (one, mine) in zip(programs, divided, strict=True):
+        out = zeros(one, "picture", components * rows * columns, real)
+        rays = zeros(one, "rays", rows * columns, np.uint32)
+        if mine:
+            program["branching"](
+                one.queue,
+                *view.tiles(one, len(mine)),
+                out,
+                rays,
+                np.array([settings.seed, 1], np.uint32),
+                *upload_tree(one, cells, real),
+                upload(one, "thermal source", cells.thermal_planes(real)),
+                upload(one, "albedo", albedo),
+                *view.arguments(one, cells, real),
+                global_offset=(0, mine.start),
+            )
+            one.queue.flush()  # the next device starts while this one works
+        outs.append((out, rays))
+    image = np.empty((components, rows, columns), real)
+    started = np.empty((rows, columns), np.uint32)
+    for (one, mine), (out, rays) in zip(divided, outs, strict=True):
+        here = slice(mine.start, mine.stop)  # tiles reach into the next device's rows
+        image[:, here] = download(one, out, np.empty_like(image))[:, here]
+        started[here] = download(one, rays, np.empty_like(started))[here]
+    count = int(started.sum(dtype=np.int64))
     if report is not None:
         report(f"{count} rays started by scattering")
     planes = image.astype(np.float64)
@@ -88,9 +101,12 @@ def trace_branching(
             noisy=True,
         ),
         weights_difference=None,
-        programs=(program,),
+        programs=tuple(programs),
         solution=None,
-        seconds={"compile": program.build_s, "scattering": time.perf_counter() - start},
+        seconds={
+            "compile": sum(program.build_s for program in programs),
+            "scattering": time.perf_counter() - start,
+        },
         counts={"scattering_cells": len(cells.address), "scattered_rays": count},
         precision=real.__name__,
     )

@@ -12,6 +12,7 @@ from cldit.medium.frame import BRICK
 from cldit.medium.octree import Octree
 
 _BRICK_CELLS = BRICK**3
+_FAINTEST = 1e-3  # of the hottest black body: unit of thermal sources where all of them are weaker
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,9 @@ class OpticalCells:
     """Stored cells and coarse leaves, in the octree's addresses.
 
     depth (P,): optical depth of a finest cell's edge. emitted: thermal part of the source function
-    a name of `needs.components`, in units of `scale` (photons s-1 m-2 sr-1). address (N,): the
+    a name of `needs.components`, in units of `scale` (photons s-1 m-2 sr-1): the largest of them,
+    but at least a thousandth of the black-body radiance of what is hottest: many scatterings of
+    little emission add up to that, and single precision resolves no more. address (N,): the
     scattering cells; albedo, coalbedo (N,): scattered and absorbed share of what they take out;
     both are kept because 1 - albedo is lost to rounding where it is small.
     """
@@ -114,7 +117,9 @@ class OpticalCells:
             "vapour": fields["vapour_emission"] / safe,
             "liquid": fields["droplet_emission"] / safe,
         }
-        scale = max(float(values.max(initial=0.0)) for values in emitted.values()) or 1.0
+        hottest = max(_hottest(fields, phase) for phase in ("vapour", "droplet"))
+        largest = max(float(values.max(initial=0.0)) for values in emitted.values())
+        scale = max(largest, _FAINTEST * hottest) or 1.0
         address = np.flatnonzero(scattering > 0)
         needs = Needs(
             vapour=tree.has_vapour,
@@ -196,3 +201,10 @@ class OpticalCells:
         """Where stored addresses lie in the box's flat [z, y, x] order."""
         x, y, z = (self.positions(address) - np.asarray(box.low)).T
         return np.asarray((z * box.shape[1] + y) * box.shape[0] + x)
+
+
+def _hottest(fields: dict[str, NDArray[np.float64]], phase: str) -> float:
+    """Largest black-body radiance of a phase: what it emits over what it absorbs (Kirchhoff)."""
+    emission, absorption = fields[f"{phase}_emission"], fields[f"{phase}_absorption"]
+    radiance = np.divide(emission, absorption, out=np.zeros_like(emission), where=absorption > 0)
+    return float(radiance.max(initial=0.0))

@@ -9,13 +9,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
-from cldit.gpu.program import Define, build
+from cldit.gpu.program import Define, Program, build
+from cldit.gpu.share import shares
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
@@ -61,6 +63,62 @@ class _Sums:
         return np.sqrt(np.maximum(spread, 0.0) / (self.batches - 1))
 
 
+@dataclass(frozen=True)
+class _Flyer:
+    """One device, and the pixels whose chains it follows."""
+
+    device: Device
+    program: Program
+    count: int
+    out: Any
+    listing: list[Any]
+    fixed: list[Any]
+
+    @classmethod
+    def of(
+        cls,
+        device: Device,
+        program: Program,
+        *,
+        pixels: NDArray[np.int32],
+        scattered: NDArray[np.floating],
+        fixed: list[Any],
+        components: int,
+    ) -> _Flyer:
+        """scattered: of all of the picture. fixed: the kernel's arguments from `table` on."""
+        return cls(
+            device,
+            program,
+            len(pixels),
+            zeros(device, "means", components * len(pixels), scattered.dtype.type),
+            [
+                upload(device, "pixels", pixels),
+                upload(device, "scattered light", scattered[pixels]),
+            ],
+            fixed,
+        )
+
+    def launch(self, seed: int, batch: int) -> None:
+        """Starts a batch and does not wait for it."""
+        group = min(_GROUP, self.device.info.largest_group)
+        self.program["scatter"](
+            self.device.queue,
+            (-(-self.count // group) * group,),
+            (group,),
+            self.out,
+            *self.listing,
+            np.int32(self.count),
+            np.array([seed, 0], np.uint32),
+            np.uint32(batch),
+            *self.fixed,
+        )
+        self.device.queue.flush()
+
+    def means(self, components: int, real: type[np.floating]) -> NDArray[np.floating]:
+        """(C, N) of the batch, waited for."""
+        return download(self.device, self.out, np.empty((components, self.count), real))
+
+
 def trace_path(
     cells: OpticalCells,
     scene: Scene,
@@ -92,22 +150,26 @@ def trace_path(
     if settings.phase is not None:
         defines["PHASE_BINS"] = settings.phase.bins
         table = settings.phase.to_sample().astype(real)
-    program = build(device, "path.cl", defines)
+    programs = [build(one, "path.cl", defines) for one in (device, *device.others)]
     start = time.perf_counter()
     components = len(cells.needs.components) + 1  # the last: from within, see closure.py
     column_count, row_count = view.pixels
     pixels = column_count * row_count
     albedo = np.zeros(len(cells.depth))
     albedo[cells.address] = cells.albedo
-    medium = [
-        *upload_tree(device, cells, real),
-        upload(device, "source", cells.thermal_planes(real)),
-        upload(device, "albedo", albedo.astype(real)),
-        *view.arguments(device, cells, real),
-    ]
+
+    def medium(one: Device) -> list[Any]:
+        return [
+            *upload_tree(one, cells, real),
+            upload(one, "source", cells.thermal_planes(real)),
+            upload(one, "albedo", albedo.astype(real)),
+            *view.arguments(one, cells, real),
+        ]
+
+    first = medium(device)
     out = zeros(device, "picture", components * pixels, real)
     lost = zeros(device, "scattered light", pixels, real)
-    program["straight"](device.queue, *view.tiles(device), out, lost, *medium)
+    programs[0]["straight"](device.queue, *view.tiles(device), out, lost, *first)
     image = download(device, out, np.empty((components, pixels), real)).astype(np.float64)
     scattered = download(device, lost, np.empty(pixels, real))
     listed = np.flatnonzero(scattered > 0).astype(np.int32)
@@ -117,16 +179,21 @@ def trace_path(
 
     start = time.perf_counter()
     count = len(listed)
-    group = min(_GROUP, device.info.largest_group)
-    means = zeros(device, "means", components * count, real)
-    fixed = [
-        upload(device, "phase function", table),
-        upload(device, "Sobol", columns()),
-        *medium,
-    ]
-    listing = [
-        upload(device, "pixels", listed),
-        upload(device, "scattered light", scattered[listed]),
+    flyers = [
+        _Flyer.of(
+            one,
+            program,
+            pixels=listed[mine.start : mine.stop],
+            scattered=scattered,
+            fixed=[
+                upload(one, "phase function", table),
+                upload(one, "Sobol", columns()),
+                *(first if one is device else medium(one)),
+            ],
+            components=components,
+        )
+        for program, (one, mine) in zip(programs, shares(device, count), strict=True)
+        if mine
     ]
     other = int(np.sum(1.0 - np.delete(image[0], listed) > VISIBLE))
     sums = _Sums(
@@ -134,18 +201,10 @@ def trace_path(
         np.zeros((components, count)),
     )
     while count:
-        program["scatter"](
-            device.queue,
-            (-(-count // group) * group,),
-            (group,),
-            means,
-            *listing,
-            np.int32(count),
-            np.array([settings.seed, 0], np.uint32),
-            np.uint32(sums.batches),
-            *fixed,
-        )
-        sums.add(download(device, means, np.empty((components, count), real)).astype(np.float64))
+        for flyer in flyers:
+            flyer.launch(settings.seed, sums.batches)
+        means = [flyer.means(components, real) for flyer in flyers]
+        sums.add(np.concatenate(means, axis=1).astype(np.float64))
         if sums.batches % 2 or sums.batches < _LEAST:
             continue
         kelvin = error_K((image[:, listed] + sums.mean)[:-1], sums.difference[:-1], cells, scene)
@@ -173,9 +232,9 @@ def trace_path(
         weights=weights_of(image.reshape(shape), cells),
         weights_difference=weights_of(difference.reshape(shape), cells),
         standard_error=weights_of(error_of.reshape(shape), cells),
-        programs=(program,),
+        programs=tuple(programs),
         solution=None,
-        seconds={"compile": program.build_s, **seconds},
+        seconds={"compile": sum(program.build_s for program in programs), **seconds},
         counts={
             "scattering_cells": len(cells.address),
             "scattering_pixels": count,

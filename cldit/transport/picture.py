@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
+from cldit.gpu.share import shares
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.kelvin import VISIBLE, steep
@@ -28,11 +29,11 @@ _GROUP = 64
 
 @dataclass(frozen=True)
 class _Part:
-    """One device, and the rows of the picture (first, number) that it makes."""
+    """One device, and the rows of the picture that it makes."""
 
     device: Device
     program: Program
-    rows: tuple[int, int]
+    rows: range
     tree: list[Any]
     arguments: list[Any]
 
@@ -73,24 +74,21 @@ class Painter:
         rays = scene.camera.rays_per_pixel
         if rays != 1:
             defines = {**defines, "RAYS_ACROSS": _ACROSS[rays]}
-        devices = (device, *device.others)
-        units = np.cumsum([0, *(one.info.compute_units for one in devices)])
-        bounds = [round(view.pixels[1] * int(unit) / int(units[-1])) for unit in units]
         parts = [
             _Part(
                 device=one,
                 program=build(one, "image.cl", defines),
-                rows=(first, last - first),
+                rows=rows,
                 tree=upload_tree(one, cells, real),
                 arguments=view.arguments(one, cells, real),
             )
-            for one, first, last in zip(devices, bounds[:-1], bounds[1:], strict=True)
+            for one, rows in shares(device, view.pixels[1])
         ]
         gathered = None
         if thick is not None:
             albedo = np.zeros(len(cells.depth), real)
             albedo[cells.address[thick]] = cells.albedo[thick]
-            gathered = [upload(one, "albedo", albedo) for one in devices]
+            gathered = [upload(one, "albedo", albedo) for one in (device, *device.others)]
         return cls(cells, view, scene, accuracy_K, real, tuple(parts), thick, gathered)
 
     def pictures(
@@ -183,39 +181,34 @@ class Painter:
         outs = []
         for part, sources in zip(self.parts, ready, strict=True):
             out = zeros(part.device, "picture", components * rows * columns, self.real)
-            first, count = part.rows
-            if count:
-                (across, _), tile = self.view.tiles(part.device)
+            if part.rows:
                 part.program["image"](
                     part.device.queue,
-                    (across, -(-count // tile[1]) * tile[1]),
-                    tile,
+                    *self.view.tiles(part.device, len(part.rows)),
                     out,
                     *part.tree,
                     *sources,
                     *part.arguments,
-                    global_offset=(0, first),
+                    global_offset=(0, part.rows.start),
                 )
                 part.device.queue.flush()  # the next device starts while this one works
             outs.append(out)
         image = np.empty((components, rows, columns), self.real)
         for part, out in zip(self.parts, outs, strict=True):
-            first, count = part.rows
-            image[:, first : first + count] = download(part.device, out, np.empty_like(image))[
-                :, first : first + count
-            ]
+            mine = slice(part.rows.start, part.rows.stop)
+            if len(part.rows) == rows:
+                download(part.device, out, image)
+            else:
+                image[:, mine] = download(part.device, out, np.empty_like(image))[:, mine]
         return image.reshape(components, -1).astype(np.float64)
 
     def _listed(self, ready: list[list[Any]], pixels: NDArray[np.int64]) -> Floats:
         """Means (planes, N) of several rays through the listed pixels."""
         components = self._planes
-        units = np.cumsum([0, *(part.device.info.compute_units for part in self.parts)])
-        bounds = [round(len(pixels) * int(unit) / int(units[-1])) for unit in units]
         outs = []
-        for part, sources, first, last in zip(
-            self.parts, ready, bounds[:-1], bounds[1:], strict=True
-        ):
-            count, group = last - first, min(_GROUP, part.device.info.largest_group)
+        divided = shares(self.parts[0].device, len(pixels))
+        for part, sources, (_, mine) in zip(self.parts, ready, divided, strict=True):
+            count, group = len(mine), min(_GROUP, part.device.info.largest_group)
             out = zeros(part.device, "picture", components * count, self.real)
             if count:
                 part.program["refine"](
@@ -223,7 +216,7 @@ class Painter:
                     (-(-count // group) * group,),
                     (group,),
                     out,
-                    upload(part.device, "pixels", pixels[first:last].astype(np.int32)),
+                    upload(part.device, "pixels", pixels[mine.start : mine.stop].astype(np.int32)),
                     np.int32(count),
                     *part.tree,
                     *sources,

@@ -122,7 +122,7 @@ def trace_source(
         seconds["gather"] = gather.seconds
         seconds["image"] -= gather.seconds + sum(p.build_s for p in gather.programs.values())
     difference = None if len(images) < 2 else (images[0] - images[1]) / 2
-    mean = np.mean(images, axis=0)
+    mean = images[0] if len(images) < 2 else (images[0] + images[1]) / 2
     return Trace(
         weights=weights_of(mean, cells),
         weights_difference=None if difference is None else weights_of(difference, cells),

@@ -107,11 +107,13 @@ class Sweeper:
         self._at = cells.place(self.box, cells.address)
         self._place = upload(device, "places", self._at.astype(np.int32))
         thermal = np.zeros((self.components, self.count), real)
-        base = np.zeros((self.components, self.box.cells), real)
-        for c, name in enumerate(cells.needs.emitters, start=cells.needs.boundaries):
-            base[c] = cells.dense(self.box, cells.emitted[name]).reshape(-1)
-            thermal[c] = cells.emitted[name][cells.address]
+        base = np.zeros((len(cells.needs.emitters), self.box.cells), real)
+        for number, name in enumerate(cells.needs.emitters):
+            emitted = cells.emitted[name].astype(real)
+            base[number] = cells.dense(self.box, emitted).reshape(-1)
+            thermal[self._boundaries + number] = emitted[cells.address]
         self._base = upload(device, "thermal source", base)
+        self._base_bytes = base.nbytes
         self._emission = upload(device, "emission", thermal)
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
@@ -143,10 +145,10 @@ class Sweeper:
 
     def _fill(self, shining: bool) -> None:
         queue = self.device.queue
-        if shining:
-            cl.enqueue_copy(queue, self._source[False], self._base, byte_count=self._bytes)
-        else:
-            clear(self.device, self._source[False], self._bytes)
+        source, own = self._source[False], self._base_bytes if shining else 0
+        clear(self.device, source, self._bytes - own)  # boundaries' light begins in no cell
+        if own:
+            cl.enqueue_copy(queue, source, self._base, byte_count=own, dst_offset=self._bytes - own)
         self._scatter()
 
     def _scatter(self) -> None:

@@ -46,7 +46,7 @@ class ToCamera:
     ) -> ToCamera:
         """program: sweep.cl, with TO_CAMERA; medium: as the camera sees it; phase: even in the sine
         of half the angle, or a single number where the program has no PHASE_STEPS."""
-        depth = medium.dense(box, medium.depth).astype(real)
+        depth = medium.dense(box, medium.depth.astype(real))
         return cls(
             device=device,
             real=real,

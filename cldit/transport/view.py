@@ -57,9 +57,12 @@ class View:
             },
         )
 
-    def tiles(self, device: Device) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Global and local size of a kernel that has one work-item a pixel."""
-        columns, rows = self.pixels
+    def tiles(
+        self, device: Device, rows: int | None = None
+    ) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Global and local size of a kernel that has one work-item a pixel, of so many rows."""
+        columns, all_rows = self.pixels
+        rows = all_rows if rows is None else rows
         edge = min(_TILE, device.info.tile)
         return (-(-columns // edge) * edge, -(-rows // edge) * edge), (edge, edge)
 

@@ -20,9 +20,9 @@ from cldit.run import Run
 
 WAYS: tuple[dict[str, Any], ...] = (
     {"accuracy_K": 1.0},
+    {"accuracy_K": 0.3, "gather": False},
     {"accuracy_K": 0.3},
-    {"accuracy_K": 0.3, "gather": True},
-    {"accuracy_K": 0.1, "gather": True},
+    {"accuracy_K": 0.1},
 )
 
 

@@ -40,7 +40,7 @@ _NEEDS_GDI = ("README.md", "docs/dit.md", "docs/rig.md", "docs/scattering.md")
 # Not run, with the reason.
 NOT = {
     "cldit study all": "an hour; the same with --quick is run",
-    "cldit bench spray": "a quarter of an hour; tests/unit/flow runs its parts",
+    "cldit bench spray": "half an hour; tests/unit/flow runs its parts",
 }
 
 

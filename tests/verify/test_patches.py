@@ -77,7 +77,7 @@ def test_a_window_takes_its_share_from_the_walls(
     run_block: Callable[..., Run], transport: dict[str, Any]
 ) -> None:
     """Same directions with and without: equal to rounding, sum by sum."""
-    # Enough for the one side to be the other's mirror; chains would go elsewhere in one than the other.
+    # Enough for the one side to be the other's mirror; chains would go on elsewhere in either.
     transport = {"directions": 96, "gather": False, **transport}
     plain = block(run_block, [], transport=transport)
     run = block(run_block, [window(), window("other", facing="+x", centre_m=[-0.1, 0, 0])],
@@ -121,7 +121,7 @@ def test_thick_cells_see_the_patches(run_block: Callable[..., Run]) -> None:
         block(run_block, patches, transport={"directions": 96, "gather": gather})
         for gather in (False, True)
     )
-    assert "gather" in gathered.info.seconds
+    assert gathered.info.counts["samples"] >= 64
     np.testing.assert_allclose(total(gathered), 1.0, atol=2e-5)
     for name, image in gathered.weights.patches.items():
         assert image.mean() == pytest.approx(plain.weights.patches[name].mean(), rel=0.1)

@@ -7,11 +7,13 @@ many devices share it.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyopencl as cl
 import pytest
 
 import cldit
@@ -129,6 +131,33 @@ def test_two_devices_make_one_picture(device: Device, rays: Any) -> None:
     assert vessel(both, rays, **few).weights.background.shape == (1, 5)
 
 
+@pytest.mark.parametrize(
+    "transport",
+    [
+        {"method": "path", "max_samples": 128},
+        {"method": "branching", "order": 1},
+        {"gather": True, "accuracy_K": 5.0, "max_samples": 128},
+    ],
+)
+def test_two_devices_scatter_as_one(
+    run_block: Callable[..., Run], device: Device, tmp_path: Path, transport: dict[str, Any]
+) -> None:
+    """Chance goes by the pixel: its picture is the same to the last bit, whoever makes it."""
+    if not device.is_cpu or device.info.compute_units < 2:
+        pytest.skip("the device cannot be divided into two")
+    one = run_block(
+        {"droplet_scattering_per_m": 70.0, "droplet_absorption_per_m": 30.0},
+        size_m=(0.05, 0.07, 0.06),
+        domain={"edge_m": EDGE, "leaf_edge_m": 0.01},
+        camera={"pixels": [9, 11], "field_m": [0.1, 0.1]},
+        transport=transport,
+    )
+    two = cldit.simulate(one.scene, device=split(device, [1, 1]), cache=tmp_path / "cache")
+    for name, image in one.weights.images.items():
+        np.testing.assert_array_equal(image, two.weights.images[name])
+    assert one.info.counts == two.info.counts
+
+
 def test_devices_by_name(device: Device) -> None:
     with pytest.raises(DeviceError, match="more than once"):
         open_device(f"{device.info.index},{device.info.index}")
@@ -143,6 +172,38 @@ def test_a_device_with_little_memory_says_so(run_block: Callable[..., Run], devi
     info = replace(device.info, largest_buffer_bytes=10_000)
     with pytest.raises(DeviceError, match=r"GB is more than .* takes in one buffer .*leaf_edge_m"):
         vessel(replace(device, info=info), 1, pixels=[400, 400])
+
+
+@pytest.mark.parametrize("method", ["source", "path", "branching"])
+def test_no_buffer_is_larger_than_a_device_takes(
+    run_block: Callable[..., Run],
+    device: Device,
+    tmp_path: Path,
+    method: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of all buffers that a method makes the largest is as large as is allowed, and one byte less
+    is refused: none is made without asking."""
+    sizes: list[int] = []
+
+    class Noted(cl.Buffer):  # type: ignore[misc, unused-ignore]
+        def __init__(self, *given: Any, **named: Any) -> None:
+            super().__init__(*given, **named)
+            sizes.append(self.size)
+
+    monkeypatch.setattr(cl, "Buffer", Noted)
+    first = run_block(
+        {"droplet_scattering_per_m": 30.0, "droplet_absorption_per_m": 10.0},
+        size_m=(0.05, 0.07, 0.06),
+        domain={"edge_m": EDGE, "leaf_edge_m": 0.02},
+        camera={"pixels": 9, "field_m": [0.1, 0.1]},
+        transport={"method": method, "order": 1, "accuracy_K": 5.0, "max_samples": 128},
+    )
+    for limit, refused in ((max(sizes), False), (max(sizes) - 1, True)):
+        info = replace(device.info, largest_buffer_bytes=limit)
+        context = pytest.raises(DeviceError, match="in one buffer") if refused else nullcontext()
+        with context:
+            cldit.simulate(first.scene, device=replace(device, info=info), cache=tmp_path / "cache")
 
 
 @pytest.mark.parametrize("method", ["source", "path", "branching"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -19,7 +20,6 @@ _COMMANDS = {
     "spray": "cldit.cli.bench.spray:bench_spray_command",
     "droplet": "cldit.cli.bench.droplet:bench_droplet_command",
     "stability": "cldit.cli.bench.stability:bench_stability_command",
-    "rays": "cldit.cli.bench.rays:bench_rays_command",
 }
 
 
@@ -62,30 +62,11 @@ _COMMANDS = {
 @click.option("--device", help="OpenCL device: platform:device, or part of its name.")
 @click.pass_context
 @plain_errors
-def bench(
-    context: click.Context,
-    scene: str,
-    parts: tuple[str, ...],
-    peers: bool,
-    every: int,
-    samples: int,
-    accuracies_K: tuple[float, ...],
-    out: Path,
-    device: str | None,
-) -> None:
+def bench(context: click.Context, /, **options: Any) -> None:
     """Measure this computer: error against run time of all methods, growth of cost, memory, what
-    leaving out saves, kernels against the machine's floor."""
+    leaving out saves, kernels against the machine's floor, ways to solve, several rays a pixel."""
     if context.invoked_subcommand is not None:
         return
-    from cldit.cli.bench.transport import bench_transport  # not for the commands below
+    from cldit.cli.bench.transport import Asked, bench_transport  # not for the commands below
 
-    bench_transport(
-        scene,
-        parts=parts,
-        peers=peers,
-        every=every,
-        samples=samples,
-        accuracies_K=accuracies_K,
-        out=out,
-        device=device,
-    )
+    bench_transport(Asked(**options))

@@ -8,18 +8,28 @@ import click
 
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.run import default_cache
-from cldit.spray.flow.page import page
+from cldit.spray.flow.page import SECTIONS, page
 
 
 @click.command("spray")
 @click.option("--out", type=click.Path(path_type=Path), help="Markdown file; else printed.")
 @click.option("--spacing-mm", type=click.FloatRange(0.5, 4.0), default=1.0, show_default=True)
+@click.option(
+    "--only", type=click.Choice(list(SECTIONS)), multiple=True, help="Sections; may be repeated."
+)
 @plain_errors
-def bench_spray_command(out: Path | None, spacing_mm: float) -> None:
-    """The computed spray against correlations and measurements; takes minutes."""
-    text = page(default_cache(), spacing_m=1e-3 * spacing_mm, say=say)
-    if out is None:
-        click.echo(text)
-        return
-    out.write_text(text, encoding="utf-8")
-    OUT.print(str(out))
+def bench_spray_command(out: Path | None, spacing_mm: float, only: tuple[str, ...]) -> None:
+    """The computed spray against correlations and measurements; takes minutes.
+
+    Sections are written as they are done; `half`, with half the spacing, takes as long as the rest.
+    """
+    if out is not None:
+        out.write_text("", encoding="utf-8")
+    for piece in page(default_cache(), spacing_m=1e-3 * spacing_mm, only=only, say=say):
+        if out is None:
+            click.echo(piece, nl=False)
+        else:
+            with out.open("a", encoding="utf-8") as file:
+                file.write(piece)
+    if out is not None:
+        OUT.print(str(out))

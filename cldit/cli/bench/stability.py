@@ -14,15 +14,16 @@ from cldit.gpu.device import open_device
 
 @click.command("stability")
 @click.option("--out", type=click.Path(path_type=Path), help="Markdown file; else printed.")
-@click.option("--slow", is_flag=True, help="With 1e7 cells: some 6 GB of memory, minutes.")
 @click.option("--device", help="OpenCL device: platform:device, or part of its name.")
 @plain_errors
-def bench_stability_command(out: Path | None, slow: bool, device: str | None) -> None:
-    """Stiff and extreme cases of the transport, with the error that each reaches."""
+def bench_stability_command(out: Path | None, device: str | None) -> None:
+    """Stiff and extreme cases of the transport, with the error that each reaches.
+
+    Takes some minutes, and 5 GB of memory for the case of 1e7 cells.
+    """
     opened = open_device(device)
-    outcomes = bench_stability(opened, cases(), slow=slow, say=say)
-    command = "cldit bench stability" + (" --slow" if slow else "")
-    text = page(outcomes, opened, command=f"{command} --out docs/stability.md")
+    outcomes = bench_stability(opened, cases(), say=say)
+    text = page(outcomes, opened, command="cldit bench stability --out docs/stability.md")
     if out is None:
         click.echo(text)
     else:

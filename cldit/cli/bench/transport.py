@@ -1,7 +1,8 @@
-"""`cldit bench` itself: error, growth, memory, leaving out and the floor of the transport."""
+"""`cldit bench` itself: the parts that measure the transport."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.table import Table
@@ -15,40 +16,48 @@ from cldit.run import default_cache
 from cldit.scene import load_scene
 
 
-def bench_transport(
-    scene: str,
-    *,
-    parts: tuple[str, ...],
-    peers: bool,
-    every: int,
-    samples: int,
-    accuracies_K: tuple[float, ...],
-    out: Path,
-    device: str | None,
-) -> None:
+@dataclass(frozen=True)
+class Asked:
+    """The options of `cldit bench`."""
+
+    scene: str
+    parts: tuple[str, ...]
+    peers: bool
+    every: int
+    samples: int
+    accuracies_K: tuple[float, ...]
+    out: Path
+    device: str | None
+
+    def command(self, part: str) -> str:
+        """What makes this part alone."""
+        command = f"cldit bench --scene {self.scene} --only {part} --out {self.out}"
+        if part == "error":
+            command += f" --every {self.every} --samples {self.samples}"
+            command += "".join(f" --accuracy {kelvin:g}K" for kelvin in self.accuracies_K)
+        return command
+
+
+def bench_transport(asked: Asked) -> None:
     """Runs the parts one by one, and prints and saves each as it ends."""
-    opened = open_device(device)
-    OUT.print(f"OpenCL device {opened.info.index} {opened.info.name}: {opened.reason}")
+    device = open_device(asked.device)
+    OUT.print(f"OpenCL device {device.info.index} {device.info.name}: {device.reason}")
 
     def save(part: Part) -> None:
-        command = f"cldit bench --scene {scene} --only {part.name} --out {out}"
-        if part.name == "error":
-            command += f" --every {every} --samples {samples}"
-            command += "".join(f" --accuracy {kelvin:g}K" for kelvin in accuracies_K)
-        page = write_part(part, out, command=command, device=opened)
+        page = write_part(part, asked.out, command=asked.command(part.name), device=device)
         OUT.print(f"{page}\n")
 
     measured = Bench(
-        scene=load_scene(scene),
-        device=opened,
+        scene=load_scene(asked.scene),
+        device=device,
         cache=default_cache(),
-        lattice=Lattice((every, every)),
-        samples=samples,
-        accuracies_K=accuracies_K,
+        lattice=Lattice((asked.every, asked.every)),
+        samples=asked.samples,
+        accuracies_K=asked.accuracies_K,
         say=say,
         save=save,
     )
-    for name in parts or (*USUAL, *(["peers"] if peers else [])):
+    for name in asked.parts or (*USUAL, *(["peers"] if asked.peers else [])):
         part = MEASUREMENTS[name](measured)
         _show(part)
         save(part)

@@ -1,7 +1,10 @@
 """Finite volumes on a staggered grid: what advection and diffusion make of the gas in a step.
 
-Fluxes are second order in space and time where the field is smooth (Lax and Wendroff), and total
-variation diminishing by van Leer's limiter, under a CFL number, summed over the axes, below 1.
+Fluxes are third order along each axis, in space and time (QUICKEST: B. P. Leonard, Comput. Methods
+Appl. Mech. Eng. 19, 59 (1979)), under a CFL number, summed over the axes, below 1. What has bounds,
+the mass fractions and enthalpy, is held between its neighbours (total variation diminishing, in
+Sweby's region); velocity, which has none, is not, for the limit flattens every top and so spreads a
+jet that runs across the grid.
 
 One function works out what passes a row of faces, without branches, so that it becomes vector
 instructions; rows are made long by taking whole planes of the grid as one. `first` and `last` are
@@ -32,6 +35,7 @@ def _passing(
     mass: Floats,
     share: Floats,
     ratio: float,
+    bounded: bool,
     far: Floats,
     low: Floats,
     high: Floats,
@@ -41,7 +45,8 @@ def _passing(
     """What passes the faces of a row, (K,), times the spacing's part in `ratio`.
 
     flux: of mass; mass: density there; share: diffusion, for each difference of the values; ratio:
-    step over spacing. Values far, low | high, beyond on both sides of the face.
+    step over spacing; bounded: make no new extremes. Values far, low | high, beyond on both sides
+    of the face.
     """
     for k in range(result.shape[0]):
         # Everything is read and worked out on both sides, so that nothing but selections is left.
@@ -54,11 +59,13 @@ def _passing(
         behind = first if onward else second
         up = x if onward else y
         sign = 1.0 if onward else -1.0
-        # van Leer's limiter of r = behind / rise is 2 r / (1 + r); half of it, times rise.
-        product = behind * rise
-        total = behind + rise
-        even = product <= 0.0
-        slope = (0.0 if even else product) / (1.0 if even else total)
+        # Third order in r = behind / rise, within 0, 2 r and 2; half of it, times rise.
+        third = rise - (1.0 + abs(speed)) / 3.0 * (rise - behind)
+        most = min(2.0 * abs(behind), 2.0 * abs(rise))
+        even = behind * rise <= 0.0
+        part = 0.5 * min(abs(third), most)
+        held = 0.0 if even else (part if rise > 0.0 else -part)
+        slope = held if bounded else 0.5 * third
         result[k] = m * (up + (sign - speed) * slope) - d * rise
 
 
@@ -103,6 +110,7 @@ def _through(
     mass: Floats,
     share: Floats,
     ratio: float,
+    bounded: bool,
     flat: Floats,
     stride: int,
     result: Floats,
@@ -111,7 +119,7 @@ def _through(
     n = result.shape[0]
     far, low = flat[:n], flat[stride : n + stride]
     high, beyond = flat[2 * stride : n + 2 * stride], flat[3 * stride : n + 3 * stride]
-    _passing(flux, mass, share, ratio, far, low, high, beyond, result)
+    _passing(flux, mass, share, ratio, bounded, far, low, high, beyond, result)
 
 
 @compiled
@@ -150,7 +158,7 @@ def carry(
             f = fields[s].reshape((nx, size))
             out = below[now, s].reshape(-1)
             m = flux[0, face].reshape(-1)
-            _passing(m, mass[:size], share[:size], ratio, f[u], f[a], f[p], f[v], out)
+            _passing(m, mass[:size], share[:size], ratio, True, f[u], f[a], f[p], f[v], out)
         if i == first:
             continue
         c = i - 1  # the cells between the two planes of faces
@@ -163,7 +171,8 @@ def carry(
         for s in range(scalars):
             _rows(fields[s, c], closed, rows)
             m, out = m_rows.reshape(-1), beside[s].reshape(-1)
-            _through(m, mass[:upright], share[:upright], ratio, rows.reshape(-1), nz, out)
+            there = m, mass[:upright], share[:upright]
+            _through(*there, ratio, True, rows.reshape(-1), nz, out)
         m_ends[:, :nz] = flux[2, c]
         m_ends[:, nz] = flux[2, c, :, 0]
         lengthen(density[c], closed, ends)
@@ -173,7 +182,8 @@ def carry(
         for s in range(scalars):
             lengthen(fields[s, c], closed, ends)
             m, out = m_ends.reshape(-1), beyond[s].reshape(-1)[:flat]
-            _through(m, mass[:flat], share[:flat], ratio, ends.reshape(-1), 1, out)
+            there = m, mass[:flat], share[:flat]
+            _through(*there, ratio, True, ends.reshape(-1), 1, out)
         for s in range(scalars):
             for j in range(ny):
                 one, two = below[1 - now, s, j], below[now, s, j]
@@ -245,6 +255,7 @@ def push(
             mass[:size],
             share[:size],
             ratio,
+            False,
             speeds[u],
             speeds[a],
             speeds[p],
@@ -263,7 +274,7 @@ def push(
         _halves(rows.reshape(-1), nz, along == 1, 1 / spacing, share[:upright])
         _rows(velocity[c], held[1], rows)
         there = m_rows.reshape(-1), mass[:upright], share[:upright]
-        _through(*there, ratio, rows.reshape(-1), nz, beside.reshape(-1))
+        _through(*there, ratio, False, rows.reshape(-1), nz, beside.reshape(-1))
         _staggered(flux[2], c, along, m)
         m_ends[:, :nz] = m
         m_ends[:, nz] = m[:, 0]
@@ -273,7 +284,7 @@ def push(
         _halves(ends.reshape(-1), 1, along == 2, 1 / spacing, share[:flat])
         lengthen(velocity[c], held[2], ends)
         there = m_ends.reshape(-1), mass[:flat], share[:flat]
-        _through(*there, ratio, ends.reshape(-1), 1, beyond.reshape(-1)[:flat])
+        _through(*there, ratio, False, ends.reshape(-1), 1, beyond.reshape(-1)[:flat])
         for j in range(ny):
             one, two = below[1 - now, j], below[now, j]
             three, four, five = beside[j], beside[j + 1], beyond[j]

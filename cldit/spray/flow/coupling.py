@@ -12,7 +12,7 @@ from cldit.spray.droplet.fluids import Fuel, Gas
 from cldit.spray.droplet.integrator import Droplets, Surroundings, advance
 from cldit.spray.flow.exchange import FACES, gather, scatter
 from cldit.spray.flow.gas import GasFlow
-from cldit.spray.flow.gasjet import HALF_WIDTH, HANDED_OVER_CELLS, jet_speed_m_s
+from cldit.spray.flow.gasjet import HALF_WIDTH, HANDED_OVER_CELLS, Jets
 from cldit.spray.flow.injector import Injection
 
 Floats = NDArray[np.float64]
@@ -68,6 +68,7 @@ class Liquid:
 def move(
     cloud: Cloud,
     flow: GasFlow,
+    jets: Jets,
     liquid: Liquid,
     *,
     time_s: float,
@@ -79,11 +80,12 @@ def move(
     The droplets' surroundings are an estimate of the gas at the end of the step (`_seen`): where
     there is much liquid, the gas changes faster than steps of the flow are long. What the gas gets
     is the difference between the liquid before and after, so nothing is lost. Exchange is with the
-    gas where the parcel is, or where the jet that it is in hands over to the grid.
+    gas where the parcel is, or where the jet that it is in hands over to the grid. `jets` moves on,
+    too.
     """
     box = flow.box
     half = cloud.position_m + 0.5 * step_s * cloud.velocity_m_s
-    jet = _jet(cloud, half, flow, liquid.injection, time_s=time_s)
+    jet = _jet(cloud, half, flow, jets, liquid.injection, time_s=time_s)
     there = half + (jet.weight * jet.ahead_m)[:, None] * jet.axis
     around = _seen(cloud, there, flow, liquid, jet, step_s=step_s)
     found = advance(
@@ -103,9 +105,14 @@ def move(
         enthalpy=scatter(box, there, enthalpy),
         momentum=np.stack([scatter(box, there, momentum[:, a], FACES[a]) for a in range(3)]),
     )
-    wander = np.sqrt(2 * gather(box, half, flow.eddy) * step_s)
+    along = np.einsum("ij,ij->i", momentum, jet.axis)
+    jets.push(cloud.hole, jet.along_m, along, step_s)
+    # By the eddies where such a step leads: by those where it starts droplets would gather where
+    # it is calm, which eddies do not do to vapour either.
+    chance = np.sqrt(2 * step_s) * random.standard_normal(half.shape)
+    trial = half + np.sqrt(gather(box, half, flow.eddy))[:, None] * chance
     position = cloud.position_m + found.path_m
-    position = position + wander[:, None] * random.standard_normal(position.shape)
+    position = position + np.sqrt(gather(box, trial, flow.eddy))[:, None] * chance
     moved = replace(
         cloud,
         mass_kg=found.droplets.mass_kg,
@@ -171,10 +178,11 @@ def _seen(
 
 @dataclass(frozen=True)
 class _Jet:
-    """The gas jet that parcels are in: its axis (N, 3), speed at each and how much of it counts,
-    (N,), and the way to where it hands over to the grid."""
+    """The gas jet that parcels are in: its axis (N, 3), the distance along it, speed at each and
+    how much of it counts, (N,), and the way to where it hands over to the grid."""
 
     axis: Floats
+    along_m: Floats
     speed_m_s: Floats
     weight: Floats
     ahead_m: Floats
@@ -186,19 +194,18 @@ class _Jet:
         return np.asarray(velocity_m_s + lacking[:, None] * self.axis)
 
 
-def _jet(cloud: Cloud, at: Floats, flow: GasFlow, injection: Injection, *, time_s: float) -> _Jet:
+def _jet(
+    cloud: Cloud, at: Floats, flow: GasFlow, jets: Jets, injection: Injection, *, time_s: float
+) -> _Jet:
     axis = np.array([hole.axis for hole in injection.holes])[cloud.hole]
     along = np.einsum("ij,ij->i", at, axis)
-    speed, weight = jet_speed_m_s(
-        along,
-        np.linalg.norm(at - along[:, None] * axis, axis=1),
-        speed_m_s=np.full(len(along), injection.speed_m_s),
-        diameter_m=np.array([hole.diameter_m for hole in injection.holes])[cloud.hole],
-        density_ratio=injection.density_kg_m3 / flow.far_density_kg_m3,
-        time_s=time_s - injection.start_s,
-        end_s=injection.end_s - injection.start_s,
-        spacing_m=flow.box.spacing_m,
-    )
+    off = np.linalg.norm(at - along[:, None] * axis, axis=1)
     over = HANDED_OVER_CELLS * flow.box.spacing_m / HALF_WIDTH
     over = min(over, 0.5 * injection.speed_m_s * max(time_s - injection.start_s, 0.0))  # its head
-    return _Jet(axis, speed, weight, np.maximum(over - along, 0.0))
+    return _Jet(
+        axis=axis,
+        along_m=along,
+        speed_m_s=jets.speed_m_s(cloud.hole, along, off),
+        weight=jets.weight(along),
+        ahead_m=np.maximum(over - along, 0.0),
+    )

@@ -6,6 +6,13 @@ every cell keeps the common pressure: their divergence is what kept it in the la
 the droplets just added and what is still amiss. Kinetic energy and molecular diffusion are left out
 (Mach number below 0.3; eddies mix much faster).
 
+Eddies have a mixing length by Prandtl that is a property of the jets, not of the grid, so that a
+finer grid shows the same flow more finely: l = c x at the distance x from the injector, with which
+a jet spreads as measured. Tollmien's solution for it has its half width at 1.24 c^(2/3) x
+(G. N. Abramovich, The Theory of Turbulent Jets, 1963). What a jet takes up depends on the density
+of the gas around alone, not on its own (F. P. Ricou and D. B. Spalding, J. Fluid Mech. 11, 21
+(1961)): a heavy one is narrower, by sqrt(rho_far/rho), and l shorter, by its power of 3/2.
+
 The box is closed, its pressure follows from its energy; or it is periodic, for tests.
 """
 
@@ -22,21 +29,23 @@ from scipy.fft import dctn, idctn, irfftn, rfftn
 
 from cldit.errors import SprayError
 from cldit.spray.flow import advection, kernels
+from cldit.spray.flow.gasjet import HALF_WIDTH
 from cldit.spray.flow.mixture import GasMixture
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SMAGORINSKY = 0.15  # of the grid's spacing: the mixing length of eddies that it does not resolve
+MIXING_LENGTH = (HALF_WIDTH / 1.24) ** 1.5  # of the distance from the injector
 TURBULENT_SCHMIDT = 0.7  # and Prandtl number: a round jet's
 CFL = 0.7  # summed over the three axes; the scheme is stable below 1
+DIFFUSION = 0.1  # largest share of a cell that eddies exchange with each neighbour in a step
 EDDY_STEPS = 4  # between two looks at the shear
 THREADS = min(os.cpu_count() or 1, 8)
 
 
 @dataclass(frozen=True)
 class Box:
-    """Where the gas is: `origin_m` (3,) is the lower corner."""
+    """Where the gas is: `origin_m` (3,) is the lower corner, seen from the injector's tip."""
 
     origin_m: Floats
     spacing_m: float
@@ -73,6 +82,7 @@ class GasFlow:
         self.enthalpy = np.full(shape, density * start[0])
         self.flux, self.velocity = np.zeros((3, *shape)), np.zeros((3, *shape))
         self.eddy = np.zeros(shape)
+        self._mixing_m2, self._diffusing = MIXING_LENGTH**2 * _square_distance_m2(box), 0.0
         self._kept, self._amiss = np.zeros(shape), np.zeros(shape)
         self._wave = _eigenvalues(box)
         self._top, self._steps, self._moving = 0.0, 0, (0, shape[0])
@@ -85,8 +95,10 @@ class GasFlow:
         return np.asarray(self.fuel / self.density)
 
     def longest_step_s(self) -> float:
-        """By the CFL number; infinite in gas at rest."""
-        return CFL * self.box.spacing_m / self._top if self._top > 0 else np.inf
+        """By the CFL number, and by how fast eddies mix; infinite in gas at rest."""
+        h = self.box.spacing_m
+        flowing = CFL * h / self._top if self._top > 0 else np.inf
+        return min(flowing, DIFFUSION * h**2 / self._diffusing if self._diffusing > 0 else np.inf)
 
     def step(self, step_s: float, *, mass: Floats, enthalpy: Floats, momentum: Floats) -> None:
         """One step after the droplets have given what they gave in it.
@@ -140,7 +152,8 @@ class GasFlow:
             kernels.shear(self._middle, h, self.box.closed, *slab, self.eddy)
 
         list(pool.map(shear, self._slabs(*self._moving)))
-        self.eddy *= (SMAGORINSKY * h) ** 2
+        self.eddy *= self._mixing_m2 * (self.far_density_kg_m3 / self.density) ** 1.5
+        self._diffusing = float(self.eddy.max()) / TURBULENT_SCHMIDT
 
     def _push(
         self, step_s: float, viscosity: Floats, momentum: Floats, pool: ThreadPoolExecutor
@@ -249,6 +262,15 @@ class GasFlow:
                 rfftn(amiss, workers=THREADS) / self._wave, s=self.box.shape, workers=THREADS
             )
         kernels.subtract_gradient(np.asarray(potential), h, self.box.closed, flux)
+
+
+def _square_distance_m2(box: Box) -> Floats:
+    """Of the cells' middles from the injector's tip, of the box's shape."""
+    middles = [
+        low + (np.arange(count) + 0.5) * box.spacing_m
+        for low, count in zip(box.origin_m, box.shape, strict=True)
+    ]
+    return np.asarray(sum(each**2 for each in np.meshgrid(*middles, indexing="ij")))
 
 
 def _eigenvalues(box: Box) -> Floats:

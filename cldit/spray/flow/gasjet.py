@@ -1,57 +1,85 @@
-"""Gas velocity inside a plume near its hole, where the grid is too coarse for it.
+"""The gas that a plume sets in motion near its hole, where it is narrower than the grid's cells.
 
-A steady gas jet of the same momentum (J. Abraham, SAE 970051; N. Abani and R. D. Reitz, Phys.
-Fluids 19, 125102 (2007)): with d_eq = d sqrt(rho_l/rho_g) and K = 0.457, on the axis the gas moves
-with U min(1, 3 d_eq/(K x)), off the axis with that over (1 + 12 r^2/(K x)^2)^2. Droplets feel this
-instead of the grid's slower gas.
+Each plume has one jet of gas that the grid does not see, along the axis of its hole, with the
+profile and the width of a free turbulent jet (J. Abraham, SAE 970051; N. Abani and R. D. Reitz,
+Phys. Fluids 19, 125102 (2007)): u = U / (1 + a r^2)^2, a = 12/(K x)^2, K = 0.457. Those take its
+momentum to be that of the liquid from the hole on; here it is what the droplets have given it. With
+m the momentum for each length,
+
+    dm/dt + dJ/dx = force of the droplets for each length,
+    J = a m^2 / (3 pi rho),   U = a m / (pi rho),
+
+so that jet and droplets have the momentum of the liquid together, and start, head and end of the
+injection come by themselves. Droplets feel this instead of the grid's slower gas.
 
 Where the jet is narrower than a cell, so that neighbouring plumes share cells, the grid would turn
-their momenta into one jet along the injector's axis. There the jet that the grid does not see
-carries along its own axis what droplets give it, momentum, vapour and heat, and hands that over
-where it is as wide as a cell; and the gas there is what the droplets see.
+their momenta into one jet along the injector's axis. There the jet carries what droplets give,
+momentum, vapour and heat, along its own axis and hands that over where it is as wide as a cell; and
+the gas there is what the droplets see.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 ENTRAINMENT = 0.457  # K
 HALF_WIDTH = 0.085  # of the distance: where the profile has fallen to one half
 HANDED_OVER_CELLS = 0.5  # half width, in cells, at which the grid takes over
 RESOLVED_CELLS = 1.5  # a jet whose half width is as many cells is left to the grid
+_BIN_M = 0.5e-3
 
 
-def jet_speed_m_s(
-    along_m: Floats,
-    radius_m: Floats,
-    *,
-    speed_m_s: Floats,
-    diameter_m: Floats,
-    density_ratio: float,
-    time_s: float,
-    end_s: float,
-    spacing_m: float,
-) -> tuple[Floats, Floats]:
-    """Speed of the gas along the axis (N,), and how much of it counts, 0..1 (N,).
-
-    It counts once the jet's head has passed, which takes twice as long as fluid on the axis of the
-    steady jet (gradually, from 1.5 to 2.5 times); ends when the last fluid has passed; and fades
-    out in the last third before the distance at which the grid resolves the jet.
+class Jets:
+    """One jet for each hole, up to where the grid resolves it.
 
     Args:
-        along_m, radius_m: from the hole, and from the axis. speed_m_s, diameter_m: at the hole.
-        density_ratio: of liquid to gas. time_s, end_s: now, and the injection's end, since start.
+        holes: how many. speed_m_s: of the liquid at the hole. density_kg_m3: of the gas around.
+        spacing_m: of the grid.
     """
-    core = 3 * diameter_m * np.sqrt(density_ratio) / ENTRAINMENT
-    x = np.maximum(along_m, 1e-9)
-    axis = speed_m_s * np.minimum(1.0, core / x)
-    speed = axis / (1 + 12 * (radius_m / (ENTRAINMENT * x)) ** 2) ** 2
-    beyond = np.maximum(x - core, 0.0)
-    travel = np.minimum(x, core) / speed_m_s + beyond * (1 + beyond / (2 * core)) / speed_m_s
-    weight = np.clip(time_s / travel - 1.5, 0.0, 1.0) * (time_s - end_s < travel)
-    reach = RESOLVED_CELLS * spacing_m / HALF_WIDTH
-    weight = weight * np.clip(3 * (1 - along_m / reach), 0.0, 1.0) * (along_m > 0)
-    return speed, weight
+
+    def __init__(
+        self, holes: int, *, speed_m_s: float, density_kg_m3: float, spacing_m: float
+    ) -> None:
+        self.reach_m = RESOLVED_CELLS * spacing_m / HALF_WIDTH
+        count = math.ceil(self.reach_m / _BIN_M)
+        self._edges = _BIN_M * np.arange(1, count + 1)  # far ends
+        self._fastest = speed_m_s
+        self._per = 12 / (ENTRAINMENT * self._edges) ** 2 / (np.pi * density_kg_m3)
+        self._line = np.zeros((holes, count))
+
+    def speed_m_s(self, hole: Ints, along_m: Floats, radius_m: Floats) -> Floats:
+        """At distances from the hole along the axis and from the axis (N,)."""
+        axis = np.minimum(self._per * self._line, self._fastest)
+        place = along_m / _BIN_M - 1.0  # values belong to the far ends of bins
+        low = np.clip(np.floor(place).astype(np.int64), 0, axis.shape[1] - 2)
+        part = np.clip(place - low, 0.0, 1.0)
+        centre = (1 - part) * axis[hole, low] + part * axis[hole, low + 1]
+        x = np.maximum(along_m, 1e-9)
+        profile = (1 + 12 * (radius_m / (ENTRAINMENT * x)) ** 2) ** 2
+        return np.where(along_m > 0, centre / profile, 0.0)
+
+    def weight(self, along_m: Floats) -> Floats:
+        """How much of it counts: fades out in the last third before the grid resolves it."""
+        fading = np.clip(3 * (1 - along_m / self.reach_m), 0.0, 1.0)
+        return np.asarray(fading * (along_m > 0))
+
+    def push(self, hole: Ints, along_m: Floats, momentum: Floats, step_s: float) -> None:
+        """One step with what the droplets gave in it (N,), kg m/s along the axes."""
+        inside = (along_m > 0) & (along_m < self._edges[-1])
+        count = self._line.shape[1]
+        place = hole[inside] * count + (along_m[inside] / _BIN_M).astype(np.int64)
+        given = np.bincount(place, momentum[inside], self._line.size).reshape(self._line.shape)
+        steps = math.ceil(2 / 3 * self._fastest * step_s / (0.5 * _BIN_M))
+        for _ in range(steps):
+            m = np.maximum(self._line + given / (steps * _BIN_M), 0.0)
+            passing = m * np.minimum(self._per * m, self._fastest) / 3
+            passing = passing * (step_s / steps / _BIN_M)
+            m = m - passing
+            m[:, 1:] += passing[:, :-1]
+            self._line = m

@@ -9,16 +9,13 @@ from numpy.typing import NDArray
 
 from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.flow.coupling import Cloud
-from cldit.spray.flow.exchange import scatter
-from cldit.spray.flow.gas import Box, GasFlow
+from cldit.spray.flow.exchange import gather
+from cldit.spray.flow.gas import GasFlow
+from cldit.spray.flow.projection import projected_reach_m
 
 Floats = NDArray[np.float64]
 
-# The Engine Combustion Network's edges of the liquid, volume for each area that is looked at:
-# 2.0e-3 and 0.2e-3 mm3/mm2; and of the vapour, as a mass fraction.
-PROJECTED_m = 2.0e-6
-THIN_PROJECTED_m = 0.2e-6
-VAPOUR_SHARE = 1e-3
+VAPOUR_SHARE = 1e-3  # the vapour's edge, as a mass fraction
 STATION_m = 15e-3  # below the injector: where the ECN has droplets measured
 
 
@@ -43,7 +40,8 @@ class History:
 def measures(cloud: Cloud, flow: GasFlow, fuel: Fuel, axes: Floats) -> tuple[float, ...]:
     """The columns of `History` after the injected mass; axes (H, 3) of the holes."""
     diameter = fuel.diameter_m(cloud.mass_kg, cloud.temperature_K)
-    liquid, thin = projected_reach_m(cloud, flow.box, fuel)
+    volume = cloud.liquid_kg / fuel.liquid.one("density", cloud.temperature_K)
+    liquid, thin = projected_reach_m(cloud.position_m, volume)
     return (
         float(cloud.liquid_kg.sum()),
         float(flow.fuel.sum() * flow.box.cell_m3),
@@ -55,43 +53,23 @@ def measures(cloud: Cloud, flow: GasFlow, fuel: Fuel, axes: Floats) -> tuple[flo
     )
 
 
-def projected_reach_m(cloud: Cloud, box: Box, fuel: Fuel) -> tuple[float, float]:
-    """Liquid penetration as the Engine Combustion Network defines it: the farthest distance along
-    the injector's axis at which the liquid on a line of sight across that axis, as a volume for
-    each area, is still at an edge, `PROJECTED_m` and `THIN_PROJECTED_m`; 0 where it never is.
-
-    A picture's pixels are the box's cells, among which a parcel is shared as in its exchange with
-    the gas; rows are interpolated between. The mean of two lines of sight, along x and y.
-    """
-    volume = cloud.liquid_kg / fuel.liquid.one("density", cloud.temperature_K)
-    content = scatter(box, cloud.position_m, volume)
-    tops = [content.sum(axis=axis).max(axis=0) * box.spacing_m for axis in (0, 1)]
-    depth = -(box.origin_m[2] + (np.arange(box.shape[2]) + 0.5) * box.spacing_m)
-
-    def farthest(top: Floats, edge: float) -> float:
-        rows = np.flatnonzero(top > edge)
-        if not rows.size:
-            return 0.0
-        row = int(rows[0])  # the lowest
-        here, below = float(top[row]), float(top[row - 1]) if row > 0 else 0.0
-        return float(depth[row]) + float(box.spacing_m) * (here - edge) / (here - below)
-
-    def both(edge: float) -> float:
-        return float(np.mean([farthest(top, edge) for top in tops]))
-
-    return both(PROJECTED_m), both(THIN_PROJECTED_m)
-
-
 def vapour_reach_m(flow: GasFlow, axes: Floats) -> float:
-    """Mean over the plumes, those that have vapour, of the farthest cell at `VAPOUR_SHARE`; a cell
-    belongs to the plume whose axis (H, 3) points most to it."""
-    rich = np.argwhere(flow.share >= VAPOUR_SHARE)
+    """Mean over the plumes, those that have vapour, of how far `VAPOUR_SHARE` is found: in the
+    farthest cell and, from there outwards, linear to what is one cell on. A cell belongs to the
+    plume whose axis (H, 3) points most to it."""
+    box, share = flow.box, flow.share
+    rich = np.argwhere(share >= VAPOUR_SHARE)
     if not len(rich):
         return 0.0
-    centre = flow.box.origin_m + (rich + 0.5) * flow.box.spacing_m
-    farthest = np.zeros(len(axes))
-    np.maximum.at(farthest, np.argmax(centre @ axes.T, axis=1), np.linalg.norm(centre, axis=1))
-    return float(farthest[farthest > 0].mean())
+    centre = box.origin_m + (rich + 0.5) * box.spacing_m
+    plume, distance = np.argmax(centre @ axes.T, axis=1), np.linalg.norm(centre, axis=1)
+    order = np.lexsort((distance, plume))
+    last = order[np.append(np.diff(plume[order]) > 0, True)]  # the farthest of each plume
+    here = share[tuple(rich[last].T)]
+    on = centre[last] * (1 + box.spacing_m / distance[last])[:, None]
+    fall = here - gather(box, on, share)
+    part = np.where(fall > here - VAPOUR_SHARE, (here - VAPOUR_SHARE) / fall, 1.0)
+    return float(np.mean(distance[last] + part * box.spacing_m))
 
 
 def sauter_m(droplets: Floats, diameter_m: Floats) -> float:

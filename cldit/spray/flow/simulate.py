@@ -16,6 +16,7 @@ from cldit.spray.droplet.evaporation import MODELS, inert
 from cldit.spray.droplet.fluids import Fuel, check_conditions, fuel_table, gas_table
 from cldit.spray.flow.coupling import Cloud, Liquid, move
 from cldit.spray.flow.gas import Box, GasFlow
+from cldit.spray.flow.gasjet import Jets
 from cldit.spray.flow.injector import Injection, inject
 from cldit.spray.flow.measures import History, Station, measures
 from cldit.spray.flow.mixture import gas_mixture
@@ -68,6 +69,12 @@ def simulate_spray(
         temperature_K=ambient.temperature_K,
     )
     model = inert if spec.evaporation == "none" else MODELS[spec.evaporation]
+    jets = Jets(
+        len(injection.holes),
+        speed_m_s=injection.speed_m_s,
+        density_kg_m3=flow.far_density_kg_m3,
+        spacing_m=flow.box.spacing_m,
+    )
     liquid = Liquid(fuel=fuel, carrier=carrier, model=model, injection=injection)
     random = np.random.default_rng([spec.seed, 1])
     each = fuel.mass_kg(injection.diameter_m, np.full(1, spec.fuel_temperature_K))
@@ -79,7 +86,7 @@ def simulate_spray(
         step = _step_s(spec, injection, flow, cloud, time)
         until = int(np.searchsorted(injection.time_s, time + step, side="left"))
         if len(cloud.mass_kg):
-            moved, given = move(cloud, flow, liquid, time_s=time, step_s=step, random=random)
+            moved, given = move(cloud, flow, jets, liquid, time_s=time, step_s=step, random=random)
             station.watch(cloud, moved, fuel)
             cloud = moved
             flow.step(step, mass=given.mass, enthalpy=given.enthalpy, momentum=given.momentum)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,8 @@ SPRAY_G = BASE.model_copy(  # ECN: iso-octane, 363 K, 20 MPa, into 573 K at 3.5 
 @dataclass(frozen=True)
 class Found:
     """A spray, how it came there, the processor time it took, and the jet of one of its plumes by
-    Naber and Siebers, for the same flow, speed and cone. half_angle_rad: of the computed plumes.
+    Naber and Siebers, for the same flow, speed and cone. axis_m_s: of the gas on the injector's
+    axis, 15 mm below. half_angle_rad: of the computed plumes.
     """
 
     spec: LagrangianSpray
@@ -56,11 +57,6 @@ class Found:
     def naber_siebers_m(self) -> float:
         """Since the start of injection, as if it had its full flow at once."""
         return self.jet.tip_m(self.spec.time_s)
-
-    @property
-    def as_wide_m(self) -> float:
-        """The same of a jet as wide as the computed plumes are."""
-        return replace(self.jet, half_angle_rad=self.half_angle_rad).tip_m(self.spec.time_s)
 
 
 def find(spec: LagrangianSpray, *, cache: Path | None) -> Found:
@@ -124,6 +120,20 @@ def saturation(
 def at(pressure_MPa: float, gas_K: float, **changes: Any) -> LagrangianSpray:
     ambient = Ambient(pressure_Pa=pressure_MPa * 1e6, temperature_K=float(gas_K))
     return BASE.model_copy(update={"ambient": ambient, **changes})
+
+
+def alone(spec: LagrangianSpray) -> LagrangianSpray:
+    """The first of the plumes by itself, straight down; the correlations are of such ones."""
+    plume = spec.plumes[0].model_copy(update={"inclination_deg": 0.0})
+    share = plume.mass_fraction / sum(each.mass_fraction for each in spec.plumes)
+    return spec.model_copy(
+        update={
+            "plumes": (plume,),
+            "injected_mass_kg": share * spec.injected_mass_kg,
+            # Wide enough that what flows back beside the plume does not slow it down.
+            "box": spec.box.model_copy(update={"width_m": 50e-3}),
+        }
+    )
 
 
 def mean_liquid_K(spray: Spray) -> float:

@@ -12,6 +12,7 @@ from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
 from cldit.spray.flow.coupling import Cloud, Liquid, move
 from cldit.spray.flow.gas import Box, GasFlow
+from cldit.spray.flow.gasjet import Jets
 from cldit.spray.flow.injector import inject
 from cldit.spray.flow.mixture import gas_mixture
 
@@ -50,6 +51,12 @@ def test_mass_momentum_and_energy_of_a_spray_in_a_box(closed: bool, name: str) -
         velocity_m_s=injection.velocity_m_s * 0.4,  # none gets to a wall within the time
     )
     liquid = Liquid(fuel=fuel, carrier=carrier, model=MODELS[name], injection=injection)
+    jets = Jets(
+        len(injection.holes),
+        speed_m_s=injection.speed_m_s,
+        density_kg_m3=flow.far_density_kg_m3,
+        spacing_m=flow.box.spacing_m,
+    )
     random = np.random.default_rng(1)
     cell, volume = flow.box.cell_m3, flow.box.cell_m3 * float(np.prod(flow.box.shape))
 
@@ -73,7 +80,7 @@ def test_mass_momentum_and_energy_of_a_spray_in_a_box(closed: bool, name: str) -
     time = 0.0
     while time < 0.3e-3:
         step = min(5e-6, flow.longest_step_s())
-        cloud, given = move(cloud, flow, liquid, time_s=time, step_s=step, random=random)
+        cloud, given = move(cloud, flow, jets, liquid, time_s=time, step_s=step, random=random)
         flow.step(step, mass=given.mass, enthalpy=given.enthalpy, momentum=given.momentum)
         cloud, time = cloud.where(cloud.mass_kg > 0), time + step
     assert 0.2 * first_kg < cloud.liquid_kg.sum() < 0.8 * first_kg  # much has happened

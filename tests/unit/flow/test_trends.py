@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 import functools
+from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from cldit.scene.spray import FlowBox
-from cldit.spray.flow.verification import SPRAY_G, Found, at, find, mean_liquid_K
+from cldit.spray.flow.measures import History
+from cldit.spray.flow.verification import (
+    CONDITIONS,
+    SPRAY_G,
+    Found,
+    alone,
+    at,
+    find,
+    mean_liquid_K,
+)
 
 COARSE = FlowBox(spacing_m=2e-3)
 
@@ -21,6 +32,10 @@ def spray(pressure_MPa: float, gas_K: int) -> Found:
 
 def note(found: Found, name: str) -> float:
     return found.spray.notes[name]
+
+
+def reach(history: History, name: str, time_s: float) -> float:
+    return float(np.interp(time_s, history.time_s, getattr(history, name)))
 
 
 def evaporated(found: Found) -> float:
@@ -38,6 +53,26 @@ def test_pressure_and_heat_shorten_the_spray() -> None:
     assert note(hot, "vapour_penetration_m") > note(dense, "vapour_penetration_m")
 
 
+def test_along_the_compression_in_an_engine_penetration_falls() -> None:
+    """Pressure and temperature rise together there; so does the gas's density."""
+    found = [spray(0.15, 300), spray(0.6, 573), spray(0.9, 600)]
+    for name in ("vapour_penetration_m", "liquid_penetration_m"):
+        reach = [note(each, name) for each in found]
+        assert all(b < 0.97 * a for a, b in pairwise(reach)), reach
+
+
+@pytest.mark.slow
+def test_later_hot_gas_has_no_liquid_left_where_cold_gas_has_it_all_the_way() -> None:
+    """1.5 ms, at one pressure: the liquid's penetration falls with temperature."""
+    late = {
+        gas_K: find(at(0.6, gas_K, box=COARSE, time_s=1.5e-3), cache=None).spray.notes
+        for gas_K in (300, 573)
+    }
+    assert late[300]["liquid_penetration_m"] > 35e-3
+    assert late[573]["liquid_penetration_m"] < 0.5 * late[300]["liquid_penetration_m"]
+    assert late[573]["liquid_mass_kg"] < 0.1 * late[300]["liquid_mass_kg"]
+
+
 def test_droplets_last_in_cold_gas_and_vapour_follows_the_temperature() -> None:
     assert evaporated(spray(0.9, 300)) < evaporated(spray(0.45, 300)) < 0.4
     assert evaporated(spray(0.6, 573)) > 0.8
@@ -52,34 +87,46 @@ def test_nothing_is_colder_than_saturation_and_droplets_have_the_wet_bulb() -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("pressure_MPa", "gas_K"), [(0.15, 620), (0.6, 573), (0.9, 300)])
+@pytest.mark.parametrize(("pressure_MPa", "gas_K"), CONDITIONS)
 def test_naber_and_siebers(pressure_MPa: float, gas_K: int) -> None:
-    """Within 15 % for a jet as wide as the plumes are. For the nominal cone hot dense gas is at
-    0.84, not within 15 %: 20 % keep it from getting worse."""
-    found = find(at(pressure_MPa, gas_K), cache=None)
-    assert note(found, "vapour_penetration_m") == pytest.approx(found.as_wide_m, rel=0.15)
-    assert note(found, "vapour_penetration_m") == pytest.approx(found.naber_siebers_m, rel=0.20)
+    """Within 15 % for what they describe, one plume alone."""
+    found = find(alone(at(pressure_MPa, gas_K)), cache=None)
+    assert note(found, "vapour_penetration_m") == pytest.approx(found.naber_siebers_m, rel=0.15)
 
 
 @pytest.mark.slow
-def test_spray_g() -> None:
-    """The ECN's largest liquid penetration is 30 mm, within 5. Up to the end of injection it is;
-    afterwards the largest droplets go on to 37 mm: 8 mm keep it from getting worse."""
-    history = find(SPRAY_G, cache=None).history
+@pytest.mark.parametrize(("pressure_MPa", "gas_K"), [(0.15, 620), (0.6, 573), (0.9, 300)])
+def test_eight_plumes_are_not_far_from_one(pressure_MPa: float, gas_K: int) -> None:
+    found = find(at(pressure_MPa, gas_K), cache=None)
+    assert note(found, "vapour_penetration_m") == pytest.approx(found.naber_siebers_m, rel=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("model", "within_m"),
+    [("dukowicz", 5e-3), ("dukowicz-log", 5e-3), ("abramzon-sirignano", 7e-3)],
+)
+def test_spray_g(model: str, within_m: float) -> None:
+    """The ECN's largest liquid penetration is 30 mm, within 5. By all models it is up to the end of
+    injection; afterwards by the slowest the largest droplets go on to 35.7 mm: 7 mm keep that from
+    getting worse."""
+    history = find(SPRAY_G.model_copy(update={"evaporation": model}), cache=None).history
     injecting = history.time_s < 0.8e-3
     assert history.liquid_m[injecting].max() == pytest.approx(30e-3, abs=5e-3)
-    assert history.liquid_m.max() == pytest.approx(30e-3, abs=8e-3)
+    assert history.liquid_m.max() == pytest.approx(30e-3, abs=within_m)
 
 
 @pytest.mark.slow
 def test_grid_parcels_and_seed_hardly_matter() -> None:
-    """Twice the spacing: 10 %; twice the parcels: 5 % of the vapour's penetration, 0.5 ms. Of the
-    liquid's 10 %, for at its edge single parcels are seen: 8 % found, 4 % at 0.95 ms."""
-    base = at(0.6, 573, time_s=0.5e-3)
-    fine = find(base, cache=None)
-    coarse = find(base.model_copy(update={"box": COARSE}), cache=None)
-    many = find(base.model_copy(update={"droplets_per_parcel": 5e3}), cache=None)
-    for name in ("vapour_penetration_m", "liquid_penetration_m"):
-        assert note(coarse, name) == pytest.approx(note(fine, name), rel=0.10)
-        within = 0.05 if name == "vapour_penetration_m" else 0.10
-        assert note(many, name) == pytest.approx(note(fine, name), rel=within)
+    """Twice the spacing: 10 %; twice the parcels, or other ones: 5 %; at 0.5 ms and at 0.95 ms."""
+    base = at(0.6, 573)
+    fine = find(base, cache=None).history
+    coarse = find(base.model_copy(update={"box": COARSE}), cache=None).history
+    many = find(base.model_copy(update={"droplets_per_parcel": 5e3}), cache=None).history
+    other = find(base.model_copy(update={"seed": 2}), cache=None).history
+    for name in ("vapour_m", "liquid_m"):
+        for time_s in (0.5e-3, 0.95e-3):
+            wanted = reach(fine, name, time_s)
+            assert reach(coarse, name, time_s) == pytest.approx(wanted, rel=0.10)
+            assert reach(many, name, time_s) == pytest.approx(wanted, rel=0.05)
+            assert reach(other, name, time_s) == pytest.approx(wanted, rel=0.05)
