@@ -78,7 +78,7 @@ def test_a_window_takes_its_share_from_the_walls(
 ) -> None:
     """Same directions with and without: equal to rounding, sum by sum."""
     # Enough for the one side to be the other's mirror; chains would go on elsewhere in either.
-    transport = {"directions": 96, "gather": False, **transport}
+    transport = {"directions": 96, "gather": False, "accuracy_K": 1e-3, **transport}
     plain = block(run_block, [], transport=transport)
     run = block(run_block, [window(), window("other", facing="+x", centre_m=[-0.1, 0, 0])],
                 transport=transport)  # fmt: skip
@@ -114,17 +114,15 @@ def test_a_patch_as_background(run_block: Callable[..., Run]) -> None:
 
 
 def test_thick_cells_see_the_patches(run_block: Callable[..., Run]) -> None:
-    """Chains through thick cells end in patches too: as without them, but for the noise of chains,
-    0.1 a pixel and less in 169 pixels; and every pixel closes."""
+    """Chains through thick cells end in patches too, and every pixel closes. A patch's weight of
+    0.02 scatters by 0.14 from chain to chain: by 10 % of it over 64 chains in 81 pixels; twice."""
     patches = [window(), window("other", facing="+x", centre_m=[-0.1, 0, 0])]
-    plain, gathered = (
-        block(run_block, patches, transport={"directions": 96, "gather": gather})
-        for gather in (False, True)
-    )
-    assert gathered.info.counts["samples"] >= 64
+    gathered = block(run_block, patches, transport={"directions": 96})
+    truth = block(run_block, patches, transport={"method": "path", "max_samples": 1024})
+    assert gathered.info.counts["samples"] == 64
     np.testing.assert_allclose(total(gathered), 1.0, atol=2e-5)
     for name, image in gathered.weights.patches.items():
-        assert image.mean() == pytest.approx(plain.weights.patches[name].mean(), rel=0.1)
+        assert image.mean() == pytest.approx(truth.weights.patches[name].mean(), rel=0.2)
 
 
 @pytest.mark.parametrize("method", ["path", "branching"])
