@@ -4,9 +4,8 @@
    Rays run along one direction whose largest component is along the layer axis. Each layer of
    nu x nv cells is crossed by nu x nv parallel rays, all at the same place in their cells; where one
    goes from a cell into the next, all do. A layer is crossed in one to three steps between these
-   places, and in every step each cell is crossed by one ray and each ray crosses one cell, so no two
-   work-items ever write the same cell. A ray that leaves the box sideways comes in again on the
-   opposite side with what is seen there.
+   places, and in every step each cell is crossed by one ray and each ray crosses one cell. A ray that
+   leaves the box sideways comes in again on the opposite side with what is seen there.
 
    Over an optical depth t the intensity I goes to I exp(-t) + S (1 - exp(-t)); its mean is
    S + (I - S) q(t). Stored is the excess D = sum w (I - S) q over the source, not the mean: in thick
@@ -99,7 +98,8 @@ INLINE lane_t counts_for(
 }
 #endif
 
-/* One work-group carries one row of rays through all layers. A ray keeps its slot in local memory;
+/* One work-group carries one row of rays through all layers, one row in two at a launch: where rays
+   go from row to row within a layer, two rows that are neighbours add to the same cells. A ray keeps its slot in local memory;
    the cell u finds the ray that crosses it at slot u - moved + origin, so that rays shift along the
    row at no cost, those that come in take the next unused slot, and every access to a row is
    contiguous. */
@@ -113,6 +113,7 @@ __kernel void sweep(
     __global const int *layers,    /* in, per step: its layer, l */
     __global const real *parts,    /* in, per step: share of the layer that it crosses */
     const int steps,
+    const int first_row,
     const int origin,              /* slot of cell 0 before rays have moved */
     const int layout,
     const int nu, const int nv, const int nl,
@@ -141,7 +142,7 @@ __kernel void sweep(
     const Boundary boundary = BOUNDARY;
     const int lane = get_local_id(0);
     const int lanes = get_local_size(0);
-    const int row = get_group_id(1);
+    const int row = first_row + 2 * (int)get_group_id(1);
     const int plane = nu * nv * nl;
 
     for (int step = 0; step < steps; ++step) {

@@ -58,6 +58,12 @@ def _contents(device: Device, cells: OpticalCells, box: Box) -> dict[int, Any]:
     return out
 
 
+def _apart(rows: int) -> list[tuple[int, int]]:
+    """First and number of sets of rows, every other one, with no neighbours in a set."""
+    even, odd = rows // 2, rows % 2
+    return [(0, even), (1, even)] * (even > 0) + [(rows - 1, 1)] * odd
+
+
 class Sweeper:
     """The swept box on the device.
 
@@ -257,10 +263,7 @@ class Sweeper:
                 *([] if camera.light is None else camera.light.arguments(layout, number)),
             ]
         kernel = self._sweep if camera is None else camera.kernel
-        kernel(
-            self.device.queue,
-            (lanes, nv),
-            (lanes, 1),
+        before = [
             self._depth[layout.turned],
             self._source[layout.turned],
             self._excess[layout.turned],
@@ -269,6 +272,8 @@ class Sweeper:
             upload(self.device, "layers", way.layer),
             upload(self.device, "parts", way.part.astype(real)),
             np.int32(len(way.part)),
+        ]
+        after = [
             np.int32(nl + 1 if u > 0 else 1),
             np.int32(layout.number),
             np.int32(nu),
@@ -283,7 +288,17 @@ class Sweeper:
             self._disc.astype(real),
             *self._patches,
             *extra,
-        )
+        ]
+        # Rows that are neighbours, the first and the last among them, share cells.
+        for first, rows in _apart(nv):
+            kernel(
+                self.device.queue,
+                (lanes, rows),
+                (lanes, 1),
+                *before,
+                np.int32(first),
+                *after,
+            )
 
     def defect(
         self, listed: NDArray[Any], directions: Directions, starts: NDArray[np.float64]

@@ -18,7 +18,7 @@ from cldit.transport.directions import Directions, isotropic
 from cldit.transport.patches import patch_rows, shifted
 from cldit.transport.reference import march, sweep
 from cldit.transport.solve import first_guess
-from cldit.transport.sweep import Sweeper, sweep_defines
+from cldit.transport.sweep import Sweeper, _apart, sweep_defines
 from cldit.transport.trace import Settings, trace
 
 EDGE_M = 0.16
@@ -201,3 +201,36 @@ def test_image_against_numpy(device: Device, model: str) -> None:
             ]
             # 16 cells, each placed to 1e-6 of its edge and rounded a few times.
             np.testing.assert_allclose(values, expected, atol=3e-6)
+
+
+def test_sweeps_repeat_to_the_last_bit(device: Device) -> None:
+    """Work-groups that add to the same cells never run at the same time: many slanted directions,
+    over and over, always give the same sums."""
+    tree = random_tree(6, cells=32)
+    cells = OpticalCells.of(tree)
+    defines = {**cells.needs.defines, "BOUNDARY_DISC": 1}
+    sized = {**defines, **sweep_defines(device, cells.box())}
+    sweeper = Sweeper(
+        device,
+        cells,
+        build(device, "sweep.cl", sized),
+        build(device, "iterate.cl", defines),
+        disc=DISC,
+    )
+    rng = np.random.default_rng(2)
+    directions, starts = isotropic(24, rng), rng.random((24, 2))
+    found = []
+    for _ in range(6):
+        sweeper.set_source(first_guess(sweeper, cells.albedo), shining=True)
+        sweeper.sweep(directions, starts, shining=True)
+        found.append(sweeper.next_order())
+    for other in found[1:]:
+        np.testing.assert_array_equal(other, found[0])
+
+
+def test_rows_that_run_together_are_no_neighbours() -> None:
+    for rows in range(1, 12):
+        sets = [[first + 2 * i for i in range(count)] for first, count in _apart(rows)]
+        assert sorted(row for some in sets for row in some) == list(range(rows))
+        for some in sets:
+            assert all((a - b) % rows not in (1, rows - 1) for a in some for b in some if rows > 1)
