@@ -31,7 +31,7 @@ _SAMPLES = 32  # of a pixel and batch
 _LONGEST = 32  # scatterings of a chain, after which the light is that of the sweeps
 _GROUP = 16
 _TILE = 12  # pixels along a tile's edge: some hundred tell their noise
-_NOISE = 0.5  # share of the wanted error that may be noise of chains
+_NOISE = 1.5  # times the wanted error, before walls as bright as the hottest cell: half, on `gdi`
 
 
 class Gather:
@@ -112,7 +112,7 @@ class Gather:
         numbers of pixels, with across^2 rays through each.
 
         seen (C, N): what else is seen; other: pixels that see no thick cell, but count. Chains go
-        on, in the tiles where they help most, until their noise in T_app is below half of
+        on, in the tiles where they help most, until their noise in T_app is about half of
         accuracy_K, or max_samples.
         """
         cells, scene, wanted = self._painter.cells, self._painter.scene, self._settings.accuracy_K
@@ -130,7 +130,10 @@ class Gather:
             batches[chosen] += pairs
             means = sums / batches
             mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
-            kelvin = np.nan_to_num(error_K(seen + mean[:-1], difference[:-1], cells, scene))
+            # As if the walls were as bright as the hottest cell: the trace holds for all of them.
+            kelvin = np.nan_to_num(
+                error_K(seen + mean[:-1], difference[:-1], cells, scene, outside=cells.scale)
+            )
             # In what a tile has of the sum of squares lies what it can gain.
             energy = np.bincount(tiles, kelvin**2)
             visible = max(int(np.count_nonzero(1 - (seen + mean[:-1])[0] > VISIBLE)) + other, 1)

@@ -34,14 +34,25 @@ def _radiances(cells: OpticalCells, scene: Scene) -> Floats:
     return np.array([grey[0], wall, *grey[1:], *(cells.scale for _ in cells.needs.emitters)])
 
 
-def error_K(mean: Floats, difference: Floats, cells: OpticalCells, scene: Scene) -> Floats:
+def error_K(
+    mean: Floats,
+    difference: Floats,
+    cells: OpticalCells,
+    scene: Scene,
+    *,
+    outside: float | None = None,
+) -> Floats:
     """Error (N,) of T_app that `difference` (C, N) of the weights (C, N) stands for.
+
+    outside: radiance to take for walls and patches, where the answer must not depend on theirs.
 
     NaN at emissivities up to 0.05. Where the line of sight misses the background the emissivity is
     taken as if it did not; this only says when and where to go on.
     """
     filter_um = scene_filter(scene)
     own = _radiances(cells, scene)[1:]
+    if outside is not None:
+        own[: cells.needs.boundaries - 1] = outside
     emissivity = 1.0 - mean[0]
     apparent = own @ mean[1:] / np.maximum(emissivity, 1e-9)
     out = np.full(mean.shape[1], np.nan)
