@@ -272,6 +272,7 @@ INLINE void chain(
 __kernel void gather(
     __global real *means,         /* out: [component][list], and the part from within */
     __global const real *list,    /* in: [across, down] of rays, in pixels */
+    __global const uint *numbers, /* in: of rays; chance goes by them */
     const int count, const uint2 key, const uint batch,
     __global const real *table, __global const real *steps, __global const uint *sobol_columns,
     __global const real *albedo,  /* in: of stored cells that are thick, else 0 */
@@ -292,8 +293,8 @@ __kernel void gather(
                        box_shape, BOUNDARY};
     const real3 from = (real3)(ray.px, ray.py, ray.pz);
     const real3 sight = (real3)(ray.dx, ray.dy, ray.dz);
-    const uint4 shift0 = philox((uint4)(item, 0, 0xFFFFFFFFu, batch), key);
-    const uint4 shift1 = philox((uint4)(item, 1, 0xFFFFFFFFu, batch), key);
+    const uint4 shift0 = philox((uint4)(numbers[item], 0, 0xFFFFFFFFu, batch), key);
+    const uint4 shift1 = philox((uint4)(numbers[item], 1, 0xFFFFFFFFu, batch), key);
     const real offset = unit(shift0.w);
     real sum[PARTS];
     for (int c = 0; c < PARTS; ++c) sum[c] = R(0);
@@ -333,7 +334,7 @@ __kernel void gather(
                     const real part = clamp(goal / here, R(0), R(1));
                     const real at = fmin(walk.t + length_at(part, share, density), cell.next);
                     chain(sum, all * even, from + at * sight, (int3)(walk.x, walk.y, walk.z),
-                          sight, (uint4)(item, van_der_corput(sample), 0, batch), key, shift0,
+                          sight, (uint4)(numbers[item], van_der_corput(sample), 0, batch), key, shift0,
                           shift1, &near, table, steps, sobol_columns);
                     ++sample;
                 }

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
+from cldit.gpu.share import shares
 from cldit.transport.cells import Box
 from cldit.transport.directions import Directions
 from cldit.transport.kelvin import VISIBLE, error_K
@@ -63,33 +64,36 @@ class Gather:
         if phase is not None:
             table, steps = phase.to_sample(), phase.by_half_sine(PHASE_STEPS)
             self._defines.update(PHASE_BINS=phase.bins, PHASE_STEPS=PHASE_STEPS)
-        device, real = self.device, self._real
+        real = self._real
         if painter.gathered is None:
             raise ValueError("this painter leaves nothing to gather")
-        low = np.array([*(box.low + thick.low), 0], np.int32)
-        shape = np.array([*thick.places.shape[::-1], 0], np.int32)
-        medium = [
-            painter.gathered[0],
-            upload(device, "places", thick.places),
-            upload(device, "thick cells", thick.records(cells, source, units).astype(real)),
-        ]
+        records = thick.records(cells, source, units)
+        kept = light.buffer
+        if len(painter.parts) > 1:
+            size = len(directions) * light.rim * (self._components - 1)
+            kept = download(self.device, light.buffer, np.empty(size, real))
         self._fixed = [
-            upload(device, "phase function", table.astype(real)),
-            upload(device, "phase function", steps.astype(real)),
-            upload(device, "Sobol", columns()),
-            *medium,
-        ]
-        self._fixed += [
-            light.buffer,
-            upload(device, "directions", self._shares(directions).astype(real)),
-            upload(device, "directions", nearest(directions)),
-            np.int32(light.rim),
-            np.int32(len(directions)),
-            low,
-            shape,
+            [
+                upload(part.device, "phase function", table.astype(real)),
+                upload(part.device, "phase function", steps.astype(real)),
+                upload(part.device, "Sobol", columns()),
+                albedo,
+                upload(part.device, "places", thick.places),
+                upload(part.device, "thick cells", records.astype(real)),
+                kept if kept is light.buffer else upload(part.device, "light of the rim", kept),
+                upload(part.device, "directions", self._shares(directions).astype(real)),
+                upload(part.device, "directions", nearest(directions)),
+                np.int32(light.rim),
+                np.int32(len(directions)),
+                np.array([*(box.low + thick.low), 0], np.int32),
+                np.array([*thick.places.shape[::-1], 0], np.int32),
+                *part.tree,
+                *part.arguments,
+            ]
+            for part, albedo in zip(painter.parts, painter.gathered, strict=True)
         ]
         self.samples, self.seconds = 0, 0.0
-        self.programs: dict[int, Program] = {}
+        self._programs: dict[int, list[Program]] = {}
 
     def _shares(self, directions: Directions) -> Floats:
         """(K, 4) directions, and the share up to each in what is scattered along +y."""
@@ -154,36 +158,52 @@ class Gather:
         tile = row // _TILE * self._painter.view.pixels[0] + column // _TILE
         return np.unique(tile, return_inverse=True)[1].astype(np.int64)
 
+    @property
+    def programs(self) -> list[Program]:
+        """All that were built."""
+        return [program for some in self._programs.values() for program in some]
+
     def _means(self, batch: int, pixels: NDArray[np.int64], across: int, *, samples: int) -> Floats:
         """(C + 1, N) mean of so many chains for each of across^2 rays a pixel."""
-        if samples not in self.programs:
+        parts = self._painter.parts
+        if samples not in self._programs:
             defines = {**self._defines, "SAMPLES": samples}
-            self.programs[samples] = build(self.device, "gather.cl", defines)
+            self._programs[samples] = [build(part.device, "gather.cl", defines) for part in parts]
+        start = time.perf_counter()
         row, column = np.divmod(pixels, self._painter.view.pixels[0])
-        part = (np.arange(across) + 0.5) / across
-        down, right = np.meshgrid(part, part, indexing="ij")
+        place = (np.arange(across) + 0.5) / across
+        down, right = np.meshgrid(place, place, indexing="ij")
         rays = np.stack(
             [column[:, None] + right.reshape(-1), row[:, None] + down.reshape(-1)], axis=2
-        )
-        start = time.perf_counter()
-        device, count = self.device, len(pixels) * across**2
-        group = min(_GROUP, device.info.largest_group)
-        out = zeros(device, "means", self._components * count, self._real)
-        view = self._painter.parts[0]
-        self.programs[samples]["gather"](
-            device.queue,
-            (-(-count // group) * group,),
-            (group,),
-            out,
-            upload(device, "rays", rays.astype(self._real)),
-            np.int32(count),
-            np.array([self._settings.seed, 0], np.uint32),
-            np.uint32(batch),
-            *self._fixed,
-            *view.tree,
-            *view.arguments,
-        )
-        found = np.empty((self._components, count), self._real)
-        found = download(device, out, found).reshape(self._components, len(pixels), -1)
+        ).reshape(-1, 2)
+        numbers = (pixels[:, None] * across**2 + np.arange(across**2)).reshape(-1)
+        outs = []
+        for part, program, fixed, (device, mine) in zip(
+            parts, self._programs[samples], self._fixed, shares(self.device, len(rays)), strict=True
+        ):
+            count, group = len(mine), min(_GROUP, device.info.largest_group)
+            out = zeros(device, "means", self._components * count, self._real)
+            if count:
+                some = slice(mine.start, mine.stop)
+                program["gather"](
+                    part.device.queue,
+                    (-(-count // group) * group,),
+                    (group,),
+                    out,
+                    upload(device, "rays", rays[some].astype(self._real)),
+                    upload(device, "rays", numbers[some].astype(np.uint32)),
+                    np.int32(count),
+                    np.array([self._settings.seed, 0], np.uint32),
+                    np.uint32(batch),
+                    *fixed,
+                )
+                part.device.queue.flush()  # the next device starts while this one works
+            outs.append(out)
+        found = [
+            download(device, out, np.empty((self._components, len(mine)), self._real))
+            for out, (device, mine) in zip(outs, shares(self.device, len(rays)), strict=True)
+            if mine
+        ]
         self.seconds += time.perf_counter() - start
-        return np.asarray(found.mean(axis=2, dtype=np.float64))
+        whole = np.concatenate(found, axis=1).reshape(self._components, len(pixels), -1)
+        return np.asarray(whole.mean(axis=2, dtype=np.float64))

@@ -117,10 +117,10 @@ def trace_source(
         counts["pixels_of_several_rays"] = refined
     seconds["image"] = time.perf_counter() - start
     if gather is not None:
-        programs += gather.programs.values()
+        programs += gather.programs
         counts["samples"] = gather.samples
         seconds["gather"] = gather.seconds
-        seconds["image"] -= gather.seconds + sum(p.build_s for p in gather.programs.values())
+        seconds["image"] -= gather.seconds + sum(p.build_s for p in gather.programs)
     difference = None if len(images) < 2 else (images[0] - images[1]) / 2
     mean = images[0] if len(images) < 2 else (images[0] + images[1]) / 2
     return Trace(
