@@ -22,9 +22,7 @@ _REAL_BYTES = 4
 
 # Operations of the kernels, counted in their source; a multiplication and an addition are two, a
 # division, a root or a comparison one.
-STEPS = (
-    1.79  # of a ray in a layer: mean over the sphere of the sum of |components| over the largest
-)
+STEPS = 1.85  # of a ray in a layer: sum of |components| over the largest, mean over the sphere
 SWEEP_CELL = 12  # stretch, absorbed, mean_transmission: both branches, as a vector takes them
 SWEEP_COMPONENT = 5  # gap, two multiplications and additions
 IMAGE_STEP = 30  # walk_ahead: three divisions, two of them after shifts; walk_on; index sums
