@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cldit.bench.case import Case, Cost
 from cldit.bench.kernels import Kernels, quickest
@@ -21,6 +22,7 @@ _REAL_BYTES = 4
 
 # Operations of the kernels, counted in their source; a multiplication and an addition are two, a
 # division, a root or a comparison one.
+STEPS = 1.85  # of a ray in a layer: sum of |components| over the largest, mean over the sphere
 SWEEP_CELL = 12  # stretch, absorbed, mean_transmission: both branches, as a vector takes them
 SWEEP_COMPONENT = 5  # gap, two multiplications and additions
 IMAGE_STEP = 30  # walk_ahead: three divisions, two of them after shifts; walk_on; index sums
@@ -144,16 +146,26 @@ def _sweeps(machine: Machine, kernels: Kernels, directions: int) -> list[Line]:
     cells = kernels.cells
     box = cells.box()
     components = len(cells.needs.components)
-    filled = cells.dense(box, cells.depth) > 0
-    rows = int(filled.any(axis=2).sum()) * filled.shape[2]  # cells of rows along x
-    wide = filled.reshape(*filled.shape[:2], -1, min(8, filled.shape[2])).any(axis=3)
-    computed = 8 * int(wide.sum())
-    # Per cell read: its depth; per computed cell and component: S, and D read and written.
-    moved = directions * _REAL_BYTES * (rows + 3 * components * computed)
+    scatters = np.zeros(len(cells.depth), np.bool_)
+    scatters[cells.address] = True
+
+    def wide(some: NDArray[np.bool_]) -> int:
+        """Cells of the groups along x that hold any."""
+        dense = cells.dense(box, some)
+        groups = dense.reshape(*dense.shape[:2], -1, min(8, dense.shape[2]))
+        return 8 * int(groups.any(axis=3).sum())
+
+    lit, computed = wide(scatters), wide(cells.depth > 0)
+    emitters = len(cells.needs.emitters)
+    # Once per step, contents of groups; per cell that is not empty its depth; per cell of a group
+    # that scatters and component S, and D read and written; elsewhere S of what is emitted.
+    passes = directions * STEPS
+    moved = passes * (box.cells / 8 + _REAL_BYTES * computed)
+    moved += passes * _REAL_BYTES * (3 * components * lit + emitters * (computed - lit))
     # Once per set: D of both orders cleared, the turned one read, and added to the other.
     moved += _REAL_BYTES * components * box.cells * (2 + 3)
-    flops = directions * computed * (SWEEP_CELL + SWEEP_COMPONENT * components)
-    exps = directions * computed
+    flops = passes * (computed * SWEEP_CELL + SWEEP_COMPONENT * components * computed)
+    exps = passes * computed
     work = f"{directions} directions, {box.cells / 1e6:.2f} M cells, {computed / 1e6:.2f} M filled"
     lines = []
     for vector in (None, 1):

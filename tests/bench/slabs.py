@@ -1,4 +1,4 @@
-"""Slabs against PythonicDISORT, as a table: `python tests/bench/slabs.py [--gather] [--phase g]`.
+"""Slabs against PythonicDISORT, as a table: `python tests/bench/slabs.py [--plain] [--phase g]`.
 
 A slab of 16 cells (0.2 m cube, 128 cells an edge) before a background that fills the half space;
 the error is that of the weights of background and wall, in units of the boundary radiance.
@@ -27,7 +27,7 @@ THICKNESS = LAYERS * EDGE / CELLS
 def main() -> None:
     """Prints a row for each slab."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--gather", action="store_true")
+    parser.add_argument("--plain", action="store_true", help="thick cells too have one source")
     parser.add_argument("--phase", type=float, help="g of Henyey-Greenstein; isotropic without")
     parser.add_argument("--depths", type=float, nargs="+", default=[0.01, 0.1, 1.0, 10.0, 100.0])
     parser.add_argument("--albedos", type=float, nargs="+", default=[0.0, 0.5, 0.9, 0.999])
@@ -64,7 +64,7 @@ def main() -> None:
                     "background": {"radius_m": 99.0, "temperatures_K": [400.0, 500.0]},
                     "transport": {
                         "phase": asked,
-                        "gather": chosen.gather,
+                        "gather": not chosen.plain,
                         "accuracy_K": chosen.accuracy,
                     },
                 }
