@@ -158,10 +158,11 @@ def _scattering(
     disc = view.disc
     sweeper = Sweeper(device, cells, programs[1], programs[2], disc=disc, patches=view.patches)
     rng = np.random.default_rng(settings.seed)
+    last = np.random.default_rng([settings.seed, 1])  # alike whatever the order, to compare orders
     low = np.asarray(sweeper.box.low, float)
     high = low + sweeper.box.shape
 
-    def rays(count: int) -> Rays:
+    def rays(count: int, rng: np.random.Generator = rng) -> Rays:
         directions = for_boundary(
             count,
             rng,
@@ -173,6 +174,7 @@ def _scattering(
         )
         return Rays(directions, rng.random((count, 2)))
 
+    half = settings.final_directions // 2
     defect = np.zeros(sweeper.count)
     light, ends = None, None
     guess = first_guess(sweeper, cells.albedo)
@@ -193,9 +195,8 @@ def _scattering(
         else:
             source = guess
             for _ in range(settings.order - 1):
-                source = another_order(sweeper, source, rays(settings.directions))
+                source = another_order(sweeper, source, rays(half))
             solution = Solution(source, settings.order, 0.0, 0.0)
-        half = settings.final_directions // 2
         if settings.order is None:
             # The solver's few directions are forgotten, but for what is scattered twice more.
             better = another_order(sweeper, solution.source, rays(half))
@@ -209,9 +210,9 @@ def _scattering(
             defect -= solution.lack[: cells.needs.boundaries].sum(axis=0)
         phase = settings.phase
         towards = [
-            rays(half)
+            rays(half, last)
             if phase is None
-            else Rays(about_camera(half, rng, phase), rng.random((half, 2)))
+            else Rays(about_camera(half, last, phase), last.random((half, 2)))
             for _ in range(2)
         ]
         table = np.zeros(1) if phase is None else phase.by_half_sine(PHASE_STEPS)

@@ -40,7 +40,7 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     """
     spec = scene.transport
     finer = 0.1 / spec.accuracy_K
-    directions = spec.directions or int(np.clip(8 * round(4 * finer**0.75), 8, 512))
+    directions = spec.directions or int(np.clip(8 * round(4 * finer**0.75), 16, 512))
     phase = mie if spec.phase in (None, "mie") else None
     if isinstance(spec.phase, HenyeyGreenstein):
         phase = henyey_greenstein(spec.phase.henyey_greenstein)
