@@ -58,8 +58,9 @@ def test_scattering_slab_against_disort(
 ) -> None:
     """Both weights within 0.5 % of the boundary radiance, with default settings.
 
-    Measured with these: at most 0.25 %; cells of optical depth 0.6 make most of it (without the
-    linear continuation of the source within a cell, 1.1 %).
+    All 81 pixels are alike; where cells are thick (0.6) each has 64 chains or more, and a weight of
+    0.1 scatters by 0.3 from chain to chain: 4e-3 at most over all of them, in fact a third of that.
+    Measured: at most 0.13 % at depth 10, 0.36 % at 0.1, where it is the number of directions.
     """
     run = run_block(
         {
@@ -73,8 +74,8 @@ def test_scattering_slab_against_disort(
         background=BEHIND,
     )
     behind, front = disort(depth, albedo, np.ones(1))
-    assert run.weights.background[4, 4] == pytest.approx(behind, abs=5e-3)
-    assert run.weights.wall[4, 4] == pytest.approx(front, abs=5e-3)
+    assert run.weights.background.mean() == pytest.approx(behind, abs=5e-3)
+    assert run.weights.wall.mean() == pytest.approx(front, abs=5e-3)
 
 
 @pytest.mark.parametrize(
