@@ -191,18 +191,20 @@ def test_orders_are_those_of_source_iteration(
 @pytest.mark.parametrize("g", [None, 0.8])
 def test_gathering_sees_inside_cells(run_block: Callable[..., Run], g: float | None) -> None:
     """Cells of an optical depth of 1, all of them thick: every chain stays within what `path`
-    follows as well, by the same phase function; nothing but noise is left between the two."""
+    follows as well, by the same phase function; nothing but noise is left between the two, and what
+    a finite set of directions does alike in every pixel (with 32 of them 2.7e-3 was seen)."""
     phase = "isotropic" if g is None else {"henyey_greenstein": g}
     common: dict[str, Any] = {"depth": 16.0, "albedo": 0.6, "phase": phase}
     noisy: dict[str, Any] = {"accuracy_K": 1e-3, "max_samples": 256}
     path = [cube(run_block, **common, **noisy, method="path", seed=s) for s in (1, 2)]
     gathered = [
-        cube(run_block, **common, **noisy, gather=True, directions=32, seed=s) for s in (3, 4)
+        cube(run_block, **common, **noisy, gather=True, directions=128, seed=s) for s in (3, 4)
     ]
     a, b = (run.weights.wall.astype(float) for run in path)
     c, d = (run.weights.wall.astype(float) for run in gathered)
     noise = (np.mean((a - b) ** 2) + np.mean((c - d) ** 2)) / 4
-    assert np.mean(((a + b) / 2 - (c + d) / 2) ** 2) < 1.3 * noise + 5e-4**2
+    difference = np.mean(((a + b) / 2 - (c + d) / 2) ** 2)
+    assert difference < 1.3 * noise + 1.5e-3**2
     left = closure(gathered[0])
     assert abs(left.mean()) < 4 * left.std() / left.size**0.5 + 1e-5
 
