@@ -1,0 +1,69 @@
+"""Helpers of the gather against NumPy; chains as wholes are held to `path` in verify/."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.transport.directions import isotropic
+from cldit.transport.thick import FACE, nearest
+from cldit.transport.way import Way
+
+DEFINES = f"""
+#define HAS_DROPLETS 1
+#define HAS_SCATTERING 1
+#define BOUNDARY_ENCLOSURE 1
+#define CAMERA_ORTHOGRAPHIC 1
+#define CUTOFF 1e-4
+#define SAMPLES 32
+#define LONGEST 4
+#define FACE {FACE}
+"""
+
+
+def test_nearest_direction(apply: Any) -> None:
+    """The table's entry is the nearest direction, or one that is as near but for the size of an
+    entry: 2 / FACE across a face of the octahedron, at most 2 times that on the sphere."""
+    directions = isotropic(40, np.random.default_rng(3))
+    wanted = np.random.default_rng(4).normal(size=(500, 3))
+    wanted /= np.linalg.norm(wanted, axis=1)[:, None]
+    wanted[:3] = np.eye(3)
+    wanted[3:6] = -np.eye(3)
+    entry = apply(
+        "gather.cl",
+        "(real)direction_near((real3)(a, b, c))",
+        [axis.astype(np.float32) for axis in wanted.T],
+        defines=DEFINES,
+    )
+    assert np.all((entry >= 0) & (entry < FACE * FACE))
+    found = directions.unit[nearest(directions)[entry.astype(int)]]
+    away = np.arccos(np.clip((found * wanted).sum(axis=1), -1, 1))
+    best = np.arccos(np.clip((wanted @ directions.unit.T).max(axis=1), -1, 1))
+    assert np.all(away <= best + 2 * 4 / FACE)
+    assert np.mean(away > best + 1e-6) < 0.1
+
+
+def test_place_of_a_share(apply: Any) -> None:
+    """Where a ray has lost a part of what it loses in the whole cell: Beer-Lambert, backwards."""
+    parts, depths = np.meshgrid(np.linspace(0.01, 0.99, 9), [1e-3, 0.3, 5.0])
+    part, depth = (values.reshape(-1).astype(np.float32) for values in (parts, depths))
+    got = apply("attenuation.h", "length_at(a, absorbed(b), b)", [part, depth])
+    lost = -np.expm1(-got.astype(float) * depth) / -np.expm1(-depth.astype(float))
+    np.testing.assert_allclose(lost, part, rtol=1e-5)
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.37, -0.81), (-1.0, 1.0), (1e-9, 0.5)])
+def test_steps_of_a_way(slopes: tuple[float, float], backwards: bool) -> None:
+    """Every layer is crossed whole, in steps that each lie in one cell."""
+    start = np.array([0.21, 0.64])
+    way = Way.of(*slopes, start, layers=40, backwards=backwards)
+    np.testing.assert_allclose(np.bincount(way.layer, way.part), 1.0, atol=1e-5)
+    end = np.cumsum(way.part)
+    for slope, first, moved in zip(slopes, start, (way.moved_u, way.moved_v), strict=True):
+        for along in (end - 0.999 * way.part, end - 0.001 * way.part):
+            np.testing.assert_array_equal(np.floor(first + slope * along), moved)
+    assert np.all(np.abs(np.diff(way.moved_u)) <= 1) and np.all(np.abs(np.diff(way.moved_v)) <= 1)
+    assert np.all((way.within >= 0) & (way.within <= 1))
