@@ -213,10 +213,7 @@ INLINE __global const real *flight(
 INLINE real share_of(real4 direction, real3 sight, __global const real *steps)
 {
 #ifdef SHARES
-    const real own = dot(direction.xyz, sight), middle = direction.y;
-    const int i = (int)(sqrt(fmax(R(0), (R(1) - own) / 2)) * PHASE_STEPS);
-    const int j = (int)(sqrt(fmax(R(0), (R(1) - middle) / 2)) * PHASE_STEPS);
-    return steps[clamp(i, 0, PHASE_STEPS - 1)] / steps[clamp(j, 0, PHASE_STEPS - 1)];
+    return steps[half_sine_bin(dot(direction.xyz, sight))] / steps[half_sine_bin(direction.y)];
 #else
     return R(1);
 #endif

@@ -29,6 +29,17 @@ INLINE real phase_cosine(real u, __global const real *table) { return R(1) - R(2
 
 #endif
 
+#ifdef PHASE_STEPS
+
+/* Bin of a table that is even in the sine of half the scattering angle, PHASE_STEPS of them. */
+INLINE int half_sine_bin(real cosine)
+{
+    const real sine = sqrt(fmax(R(0), (R(1) - cosine) / 2));
+    return clamp((int)(sine * PHASE_STEPS), 0, PHASE_STEPS - 1);
+}
+
+#endif
+
 /* Unit vector at an angle of this cosine to d, turned by u of a whole turn about it (basis: Duff et
    al., J. Computer Graphics Techniques 6, 2017). */
 INLINE real3 turned(real3 d, real cosine, real u)

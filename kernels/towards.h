@@ -7,6 +7,7 @@
 #define TOWARDS_H
 
 #include "attenuation.h"
+#include "phase.h"
 
 /* Light that crosses at the height y counts by this: 1 on average. */
 INLINE REAL seen_at(real y, REAL seen) 
@@ -28,8 +29,7 @@ INLINE int phase_bin_of(real x, real y, real z, real4 back, real4 camera)
 #else
     const real cosine = back.y;
 #endif
-    const real sine = sqrt(fmax(R(0), (R(1) - cosine) / 2));
-    return clamp((int)(sine * PHASE_STEPS), 0, PHASE_STEPS - 1);
+    return half_sine_bin(cosine);
 }
 
 #endif

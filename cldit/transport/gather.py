@@ -67,7 +67,9 @@ class Gather:
         real = self._real
         if painter.gathered is None:
             raise ValueError("this painter leaves nothing to gather")
-        records = thick.records(cells, source, units)
+        records = thick.records(cells, source, units).astype(real)
+        shared = self._shares(directions, steps).astype(real)
+        near = nearest(directions)
         kept = light.buffer
         if len(painter.parts) > 1:
             size = len(directions) * light.rim * (self._components - 1)
@@ -79,10 +81,10 @@ class Gather:
                 upload(part.device, "Sobol", columns()),
                 albedo,
                 upload(part.device, "places", thick.places),
-                upload(part.device, "thick cells", records.astype(real)),
+                upload(part.device, "thick cells", records),
                 kept if kept is light.buffer else upload(part.device, "light of the rim", kept),
-                upload(part.device, "directions", self._shares(directions).astype(real)),
-                upload(part.device, "directions", nearest(directions)),
+                upload(part.device, "directions", shared),
+                upload(part.device, "directions", near),
                 np.int32(light.rim),
                 np.int32(len(directions)),
                 np.array([*(box.low + thick.low), 0], np.int32),
@@ -95,12 +97,11 @@ class Gather:
         self.samples, self.seconds = 0, 0.0
         self._programs: dict[int, list[Program]] = {}
 
-    def _shares(self, directions: Directions) -> Floats:
-        """(K, 4) directions, and the share up to each in what is scattered along +y."""
+    def _shares(self, directions: Directions, steps: Floats) -> Floats:
+        """(K, 4) directions, and the share up to each in what is scattered along +y, by the phase
+        function in bins of the half angle's sine where there is one."""
         weight = directions.weight
-        phase = self._settings.phase
-        if phase is not None:
-            steps = phase.by_half_sine(PHASE_STEPS)
+        if self._settings.phase is not None:
             sine = np.sqrt((1 - directions.unit[:, 1]) / 2)
             weight = weight * steps[np.minimum((sine * PHASE_STEPS).astype(int), PHASE_STEPS - 1)]
         return np.column_stack([directions.unit, np.cumsum(weight) / weight.sum()])

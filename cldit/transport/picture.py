@@ -158,16 +158,18 @@ class Painter:
         """Kernel arguments `source` to `albedo` on each device; planes are overwritten."""
         arrays = [("source", planes)]
         if listed is not None:
-            planes[:, self.cells.address] = listed
+            address = self.cells.address
+            scatters = np.ones(len(address), np.bool_)
+            if self.thick is not None:
+                scatters[self.thick] = False  # these only emit
+            planes[:, address[scatters]] = listed[:, scatters]
             within = np.ones(len(self.cells.depth), self.real)
             outside = listed[: self.cells.needs.boundaries].sum(axis=0, dtype=np.float64)
-            within[self.cells.address] = 1.0 - outside + self.cells.albedo * defect
-            if self.thick is not None:  # these only emit
-                at = self.cells.address[self.thick]
-                planes[:, at] = self.cells.source_planes(self.real)[:, at]
+            within[address] = 1.0 - outside + self.cells.albedo * defect
+            if self.thick is not None:
                 # What the sweeps lose would be missing in the light that chains end in.
                 lost = self.cells.albedo * defect
-                within[at] = (self.cells.coalbedo + lost)[self.thick]
+                within[address[self.thick]] = (self.cells.coalbedo + lost)[self.thick]
             arrays.append(("isothermal source", within))
         ready = [[upload(part.device, *array) for array in arrays] for part in self.parts]
         if self.gathered is not None:

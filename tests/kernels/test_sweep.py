@@ -64,6 +64,18 @@ WINDOWS = (
 )
 
 
+def sweeper_of(device: Device, cells: OpticalCells, defines: dict[str, Any]) -> Sweeper:
+    """The tree's box on the device, compiled with these beside what the cells need."""
+    common = {**cells.needs.defines, **defines}
+    return Sweeper(
+        device,
+        cells,
+        build(device, "sweep.cl", {**common, **sweep_defines(device, cells.box())}),
+        build(device, "iterate.cl", common),
+        disc=DISC,
+    )
+
+
 @pytest.mark.parametrize("windows", [(), WINDOWS])
 @pytest.mark.parametrize("vector", [1, 8])
 @pytest.mark.parametrize("float64", [False, True])
@@ -127,15 +139,7 @@ def test_sweep_of_one_row_is_exact(device: Device) -> None:
     """Along an axis the sweep is the exact solution: Beer-Lambert through the cells."""
     tree = random_tree(4, scattering=1e-9)
     cells = OpticalCells.of(tree)
-    defines = {**cells.needs.defines, "BOUNDARY_ENCLOSURE": 1}
-    sized = {**defines, **sweep_defines(device, cells.box())}
-    sweeper = Sweeper(
-        device,
-        cells,
-        build(device, "sweep.cl", sized),
-        build(device, "iterate.cl", defines),
-        disc=DISC,
-    )
+    sweeper = sweeper_of(device, cells, {"BOUNDARY_ENCLOSURE": 1})
     along = Directions(unit=np.array([[0.0, 1.0, 0.0]]), weight=np.ones(1))
     sweeper.set_source(np.zeros_like(sweeper.thermal), shining=False)
     sweeper.sweep(along, np.zeros((1, 2)), shining=True)
@@ -208,15 +212,7 @@ def test_sweeps_repeat_to_the_last_bit(device: Device) -> None:
     over and over, always give the same sums."""
     tree = random_tree(6, cells=32)
     cells = OpticalCells.of(tree)
-    defines = {**cells.needs.defines, "BOUNDARY_DISC": 1}
-    sized = {**defines, **sweep_defines(device, cells.box())}
-    sweeper = Sweeper(
-        device,
-        cells,
-        build(device, "sweep.cl", sized),
-        build(device, "iterate.cl", defines),
-        disc=DISC,
-    )
+    sweeper = sweeper_of(device, cells, {"BOUNDARY_DISC": 1})
     rng = np.random.default_rng(2)
     directions, starts = isotropic(24, rng), rng.random((24, 2))
     found = []
