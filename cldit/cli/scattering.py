@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import click
-from rich.markdown import Markdown
 
-from cldit.cli.console import OUT, plain_errors, say
+from cldit.cli.console import OUT, escaped, plain_errors, say
 from cldit.gpu.device import open_device
 from cldit.run.simulate import default_cache
 from cldit.scene import load_scene, parse_scene
-from cldit.study.scattering.page import scattering_picture, scattering_table
+from cldit.study.scattering.page import scattering_page
 from cldit.study.scattering.run import scattering_study
+from cldit.study.written import write_page
 
 
 @click.command("scattering")
 @click.argument("scene", default="gdi")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder; runs/SCENE-scattering.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder; scattering.")
+@click.option("--markdown", is_flag=True, help="Only Markdown and pictures, as for docs.")
 @click.option("--pixels", type=click.IntRange(16, 4096), default=200, show_default=True)
 @click.option(
     "--leaf",
@@ -33,6 +35,7 @@ from cldit.study.scattering.run import scattering_study
 def scattering_command(
     scene: str,
     out: Path | None,
+    markdown: bool,
     pixels: int,
     leaf_m: float,
     phase: str | None,
@@ -45,14 +48,12 @@ def scattering_command(
     data["domain"]["leaf_edge_m"] = leaf_m
     data["transport"]["phase"] = phase or data["transport"]["phase"]
     chosen = parse_scene(data)
+    start = time.perf_counter()
     found = scattering_study(chosen, open_device(device), cache=default_cache(), progress=say)
-    folder = out or Path("runs") / f"{chosen.name}-scattering"
-    folder.mkdir(parents=True, exist_ok=True)
-    table = scattering_table(found)
-    (folder / "scattering.md").write_text(table, encoding="utf-8")
-    (folder / "scattering.png").write_bytes(scattering_picture(found))
-    OUT.print(Markdown(table))
-    OUT.print(
-        f"the droplets emit more than the vapour in {100 * found.wet:.0f} % of the pixels\n"
-        f"{folder / 'scattering.md'}\n{folder / 'scattering.png'}"
-    )
+    command = f"cldit scattering {scene} --pixels {pixels} --leaf {leaf_m:g}"
+    command += f" --phase {phase}" if phase else ""
+    page = scattering_page(found, command=command, seconds=time.perf_counter() - start)
+    path = write_page(page, out or Path("scattering"), markdown_only=markdown)
+    for sentence in page.findings:
+        OUT.print(f"- {escaped(sentence)}")
+    OUT.print(f"{path} ({page.seconds:.0f} s)")

@@ -52,4 +52,12 @@ def run_study(name: str, lab: Lab) -> Page:
     start = time.perf_counter()
     own = replace(lab, used={})
     page = STUDIES[name](own)
-    return replace(page, scenes=own.used, quick=lab.quick, seconds=time.perf_counter() - start)
+    reduced = ", with reduced pixels and accuracy" if lab.quick else ""
+    return replace(
+        page,
+        about=f"The paper's {page.figure}{reduced}.",
+        command=f"cldit study {name}{' --quick' if lab.quick else ''}",
+        scenes=own.used,
+        quick=lab.quick,
+        seconds=time.perf_counter() - start,
+    )

@@ -1,7 +1,8 @@
-"""The page of a study: HTML and Markdown with pictures, verdicts, table, and what repeats it."""
+"""The page of a study: HTML and Markdown with pictures, verdicts, tables, and what repeats it."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -18,37 +19,39 @@ Row = Mapping[str, float | str]
 class Page:
     """What a study found.
 
-    figure: of the paper. text: one paragraph. pictures: by file name without its ending. table:
-    rows of equal keys, units in the keys' names.
+    about: what it is of, one sentence. command: that makes the page. text: one paragraph, and
+    findings: sentences, all made from the figures. pictures: by file name without its ending.
+    table: rows of equal keys, units in the keys' names; more: further ones by their titles.
     """
 
     name: str
     title: str
-    figure: str
-    text: str
+    about: str = ""
+    figure: str = ""
+    command: str = ""
+    text: str = ""
+    findings: Sequence[str] = ()
     pictures: Mapping[str, Picture]
     table: Sequence[Row]
+    more: Mapping[str, Sequence[Row]] = field(default_factory=dict)
     verdicts: tuple[Verdict, ...] = ()
     scenes: Mapping[str, Scene] = field(default_factory=dict)
     quick: bool = False
     seconds: float = 0.0
 
     @property
-    def command(self) -> str:
-        return f"cldit study {self.name}{' --quick' if self.quick else ''}"
-
-    @property
     def summary(self) -> str:
         return summary(self.verdicts) if self.verdicts else "Nothing is claimed."
 
-    @property
-    def about(self) -> str:
-        reduced = ", with reduced pixels and accuracy" if self.quick else ""
-        return f"The paper's {self.figure}{reduced}."
+
+def _cell(value: float | str) -> str:
+    if isinstance(value, str):
+        return value
+    return f"{value:.4g}" if math.isfinite(value) else "–"
 
 
-def _cells(row: Row) -> list[str]:
-    return [value if isinstance(value, str) else f"{value:.4g}" for value in row.values()]
+def _cells(rows: Sequence[Row]) -> list[list[str]]:
+    return [[_cell(value) for value in row.values()] for row in rows]
 
 
 def _verdict_rows(page: Page) -> list[list[str]]:
@@ -68,23 +71,26 @@ _VERDICTS = ["the paper", "found", "agrees if", ""]
 
 def page_html(page: Page) -> str:
     """One file: no other file, no network."""
-    titles = list(page.table[0]) if page.table else []
     scenes = "".join(
         f"<details><summary>{escape(name)}</summary><pre>{escape(dump_scene(scene))}</pre>"
         "</details>\n"
         for name, scene in page.scenes.items()
     )
     repeat = f"<p><code>{escape(page.command)}</code>, cldit {escape(version('cldit'))}</p>\n"
+    said = f"<p>{escape(page.text)}</p>\n" * bool(page.text)
+    items = "".join(f"<li>{escape(each)}</li>\n" for each in page.findings)
+    tables = {title: rows for title, rows in {"Numbers": page.table, **page.more}.items() if rows}
     return document(
         page.title,
         f"<p>{escape(page.about)}</p>\n",
         [
-            ("", figures_html(tuple(page.pictures.values())) + f"<p>{escape(page.text)}</p>\n"),
+            ("", figures_html(tuple(page.pictures.values())) + said),
+            ("What it says", f"<ul>\n{items}</ul>\n" * bool(items)),
             (
                 f"Against the paper: {page.summary}" if page.verdicts else "",
                 table_html(_VERDICTS, _verdict_rows(page)) if page.verdicts else "",
             ),
-            ("Numbers", table_html(titles, [_cells(row) for row in page.table])),
+            *((title, table_html(list(rows[0]), _cells(rows))) for title, rows in tables.items()),
             ("To repeat it", repeat + scenes),
         ],
     )
@@ -102,11 +108,16 @@ def page_markdown(page: Page) -> str:
     parts = [f"# {page.title}", f"{page.about} Made by `{page.command}`."]
     for name, picture in page.pictures.items():
         parts.append(f"![{picture.caption}]({picture_file(page, name)})")
-    parts.append(page.text)
+    if page.text:
+        parts.append(page.text)
+    if page.findings:
+        parts.append("\n".join(f"- {each}" for each in page.findings))
     if page.verdicts:
         parts += [page.summary, markdown_table(_VERDICTS, _verdict_rows(page))]
-    if page.table:
-        parts.append(markdown_table(list(page.table[0]), [_cells(row) for row in page.table]))
+    for title, rows in {"": page.table, **page.more}.items():
+        if rows:
+            parts += [f"## {title}"] * bool(title)
+            parts.append(markdown_table(list(rows[0]), _cells(rows)))
     return "\n\n".join(parts) + "\n"
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from cldit.errors import StudyError
 from cldit.report.html import document
 from cldit.scene import dump_scene
-from cldit.study.page import Page, markdown_table, page_html, page_markdown, picture_file
+from cldit.study.page import Page, Row, markdown_table, page_html, page_markdown, picture_file
 
 
 def write_page(page: Page, folder: Path, *, markdown_only: bool = False) -> Path:
@@ -58,6 +58,9 @@ def _json(page: Page) -> str:
         """JSON has no NaN."""
         return None if isinstance(value, float) and not math.isfinite(value) else value
 
+    def rows(table: Sequence[Row]) -> list[dict[str, float | str | None]]:
+        return [{key: plain(value) for key, value in row.items()} for row in table]
+
     verdicts = [
         {
             "claim": each.claim,
@@ -77,8 +80,15 @@ def _json(page: Page) -> str:
         "quick": page.quick,
         "seconds": round(page.seconds, 1),
         "summary": page.summary,
+        "text": page.text,
+        "findings": list(page.findings),
         "verdicts": verdicts,
-        "table": [{key: plain(value) for key, value in row.items()} for row in page.table],
+        "table": rows(page.table),
+        **(
+            {"more": {title: rows(table) for title, table in page.more.items()}}
+            if page.more
+            else {}
+        ),
     }
     return json.dumps(told, indent=1)
 

@@ -47,7 +47,7 @@ def _page() -> Page:
     return Page(
         name="walls",
         title="Wall <temperature>",
-        figure="Fig. 10",
+        command="cldit study walls --quick",
         text="One & only paragraph.",
         pictures={"maps": Picture(small_png(figure), "caption")},
         table=[{"case": "a|b", "T_app / K": 400.123456}, {"case": "c", "T_app / K": math.nan}],

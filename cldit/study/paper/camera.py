@@ -65,7 +65,7 @@ def study(lab: Lab) -> Page:
         name="camera",
         title="What the camera records",
         figure="Fig. 6",
-        text=_TEXT,
+        text=_text(before, core, rim, invisible_K),
         pictures={
             "images": Picture(
                 _picture(raw, traced, Frame(view.pixel_m, view.centre_m), frame_of(run)),
@@ -144,10 +144,13 @@ def _picture(
     return small_png(figure)
 
 
-_TEXT = (
-    "Cold fuel before a background of intermediate temperature in hot gas. Right below the "
-    "injector the spray is darker than the background it covers, at the plumes' edges, where "
-    "vapour has taken the gas's temperature, brighter; between them lies a band in which both are "
-    "alike and the spray cannot be seen in one picture, though it is opaque. DIT sees it, since it "
-    "compares several backgrounds. The gas's temperature is not in the paper and is assumed."
-)
+def _text(before: float, core: float, rim: float, invisible_K: float) -> str:
+    return (
+        "Cold fuel before a background of intermediate temperature in hot gas, in counts of the "
+        f"camera: the background {before:.0f}, the spray right below the injector {core:.0f}, the "
+        f"plumes' edges, where vapour has taken the gas's temperature, up to {rim:.0f}. Between "
+        "the first and the last lies a band in which spray and background are alike and the spray "
+        "cannot be seen in one picture, though it is opaque. DIT sees it, since it compares "
+        f"several backgrounds, and has it at {invisible_K:.1f} K before the background of "
+        f"{_BACKGROUND_K:g} K. The gas's temperature is not in the paper and is assumed."
+    )

@@ -67,7 +67,7 @@ def study(lab: Lab) -> Page:
         name="evaporation",
         title="Evaporation models",
         figure="Fig. 14",
-        text=_TEXT,
+        text=_text(rows),
         pictures={
             "changes": Picture(
                 changes_figure(
@@ -145,10 +145,23 @@ _FROLOV = (
     "the original model could not be read; frolov-type stands for finite conduction in the liquid, "
     "which matters little for droplets of 9 µm"
 )
-_TEXT = (
-    "The same injection with four models of evaporation, each a computed spray of its own. The "
-    "plume's evaporation is limited by the heat of the gas that it draws in more than by the "
-    "droplets' own law, so that models that differ by a factor of two for single droplets come "
-    "close here. Spalding's model works above the boiling point at atmospheric pressure too, "
-    "unlike the one that the paper had."
-)
+
+
+def _text(rows: list[Row]) -> str:
+    def told(gas: str) -> str:
+        here = {str(row["model"]): row for row in rows if row["gas"] == gas}
+        masses = [float(here[model]["liquid mass / mg"]) for model in _MODELS]
+        masses.append(float(here[_MODELS[0]]["with Abramzon-Sirignano / mg"]))
+        means = [float(here[model]["mean / K"]) for model in _MODELS]
+        return (
+            f"{min(masses):.2f} to {max(masses):.2f} mg of liquid and mean differences of T_app of "
+            f"{min(means):+.1f} to {max(means):+.1f} K at {gas}"
+        )
+
+    every = list(dict.fromkeys(str(row["gas"]) for row in rows))
+    return (
+        "The same injection with four models of evaporation, each a computed spray of its own: "
+        f"{'; '.join(told(gas) for gas in every)}. The heat of the gas that a plume draws in "
+        "limits all of them alike. Spalding's model works above the boiling point at atmospheric "
+        "pressure too, unlike the one that the paper had."
+    )

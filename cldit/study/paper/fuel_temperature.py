@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cldit.run import reevaluated
+from cldit.run import Run, reevaluated
 from cldit.study.compare import change_pictures, root_change_K, tips_change_K
 from cldit.study.grid import changed
 from cldit.study.lab import CAPTION_WALLS_K, Lab
@@ -53,7 +53,7 @@ def study(lab: Lab) -> Page:
         name="fuel-temperature",
         title="Fuel temperature",
         figure="Fig. 15",
-        text=_TEXT,
+        text=_text(rows, droplets, below, others),
         pictures=change_pictures(
             cold,
             {"370 K": warm},
@@ -94,11 +94,17 @@ def study(lab: Lab) -> Page:
     )
 
 
-_TEXT = (
-    "The injector at 370 K against 330 K, all else equal. Fuel leaves the nozzle 40 K apart; the "
-    "difference in T_app is less, since part of the light is scattered from walls that do not "
-    "change and outshine the fuel, and it fades while the fuel warms to the temperature at which "
-    "its evaporation takes all the heat that the gas brings, the same in both. The further columns "
-    "are the same two traces before other walls: how much of the fuel's 40 K are seen is a matter "
-    "of what light of the enclosure the droplets scatter."
-)
+def _text(
+    rows: list[Row], droplets: list[float], below: float, others: dict[str, list[Run]]
+) -> str:
+    before = "; ".join(f"{root_change_K(*pair):.0f} K with {name}" for name, pair in others.items())
+    known = [row for row in rows if np.isfinite(float(row["difference / K"]))]
+    return (
+        "The injector at 370 K against 330 K, all else equal. Droplets in the first 10 mm are "
+        f"{droplets[0]:.0f} and {droplets[1]:.0f} K warm; T_app below the nozzle differs by "
+        f"{below:.0f} K, since part of the light is scattered from walls that do not change, and "
+        f"by {float(known[-1]['difference / K']):.1f} K {known[-1]['below the nozzle']} below it: "
+        "fuel warms to the temperature at which its evaporation takes all the heat that the gas "
+        "brings, the same in both. The same two traces before other walls differ below the nozzle "
+        f"by {before}."
+    )

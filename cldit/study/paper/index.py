@@ -53,7 +53,7 @@ def study(lab: Lab) -> Page:
         name="index",
         title="Refractive index",
         figure="Fig. 12",
-        text=_TEXT,
+        text=_text(below, Change.of(runs["highest k"], reference).rms(halo)),
         pictures=change_pictures(
             reference,
             shown,
@@ -91,10 +91,13 @@ def study(lab: Lab) -> Page:
     )
 
 
-_TEXT = (
-    "n and k are taken together from the shipped data of liquid n-heptane at four wavelengths of "
-    "the filter, since either follows from the other by Kramers-Kronig; the droplets' temperatures "
-    "and places are the same in all. Less absorption lets droplets pass on more of the walls' "
-    "light, which is warmer than they are: the spray looks warmer below the injector. Where vapour "
-    "surrounds the plumes it hides them at this wavelength, whatever their index."
-)
+def _text(below: dict[str, float], halo_K: float) -> str:
+    said = "; ".join(f"{name} {kelvin:+.1f} K" for name, kelvin in below.items())
+    return (
+        "n and k are taken together from the shipped data of liquid n-heptane at four wavelengths "
+        "of the filter, since either follows from the other by Kramers-Kronig; the droplets' "
+        "temperatures and places are the same in all. The less droplets absorb, the more of the "
+        "walls' light, which is warmer than they are, do they pass on. T_app below the injector "
+        f"changes by: {said}. Where vapour alone is seen the highest k changes it by {halo_K:.2g} "
+        "K (RMS)."
+    )

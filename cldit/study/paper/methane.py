@@ -57,7 +57,7 @@ def study(lab: Lab) -> Page:
         name="methane",
         title="Methane jet",
         figure="Fig. 2",
-        text=_TEXT,
+        text=_text(rows),
         pictures={
             "maps": Picture(
                 maps_figure(runs, title="methane into 0.4 MPa, 520 K", crop=_CROP),
@@ -89,10 +89,14 @@ def study(lab: Lab) -> Page:
     )
 
 
-_TEXT = (
-    "Methane expands from 15 MPa and mixes with hot nitrogen. Its lines leave most of the filter "
-    "open, so that the emissivity stays low however long the column: cldit takes the lines as a "
-    "k-distribution, where Beer's law on the mean absorption would come near 1. Nothing scatters, "
-    "and T_app is a temperature of the jet itself: cold where it leaves the nozzle, warming as it "
-    "mixes. The row of Mach discs and the drift in the vessel's cross flow are not resolved."
-)
+def _text(rows: list[Row]) -> str:
+    last = rows[-1]
+    return (
+        "Methane expands from 15 MPa and mixes with hot nitrogen. Its lines leave much of the "
+        "filter open, which cldit takes as a k-distribution: the emissivity reaches "
+        f"{max(float(row['largest emissivity']) for row in rows):.2f} however long the column. "
+        "Nothing scatters, and T_app is a temperature of the jet itself: on its axis after "
+        f"{last['time']} {last['T_app at the nozzle / K']:.0f} K where it leaves the nozzle and "
+        f"{last['T_app furthest downstream / K']:.0f} K {last['seen down to / mm']:.0f} mm below "
+        "it. The row of Mach discs and the drift in the vessel's cross flow are not resolved."
+    )

@@ -61,7 +61,7 @@ def study(lab: Lab) -> Page:
         name="order",
         title="Scattering order",
         figure="Fig. 9",
-        text=_TEXT,
+        text=_text(rows),
         pictures={
             "changes": Picture(
                 changes_figure(
@@ -161,11 +161,23 @@ def _why(change: Change, below: Mask) -> str:
     )
 
 
-_TEXT = (
-    "The paper could afford one order and bounded the rest by three; here all orders are solved "
-    "for, and every order is held against that. What is scattered more often than the order allows "
-    "is taken to come from the walls. Orders matter where droplets are dense: at early times, "
-    "below the nozzle and at the tips. Where vapour covers the plumes they hardly matter. All of "
-    "these pictures take one source in each cell, however thick, so that nothing but the order "
-    "differs."
-)
+def _text(rows: list[Row]) -> str:
+    def told(time_ms: float) -> str:
+        found = {row["order"]: row for row in rows if row["time / ms"] == time_ms}
+        steps = ", ".join(f"{float(found[str(order)]['RMS / K']):.2g}" for order in _ORDERS)
+        root_K, far_K = (
+            float(found["1"][f"RMS {place} / K"]) for place in ("below the nozzle", "beyond 8 mm")
+        )
+        return (
+            f"{steps} K at {time_ms:g} ms (order 1: {root_K:.2g} K below the nozzle, {far_K:.2g} K "
+            "beyond 8 mm)"
+        )
+
+    return (
+        "The paper could afford one order and bounded the rest by three; here all orders are "
+        "solved for, and every order is held against that. What is scattered more often than the "
+        "order allows is taken to come from the walls. Orders "
+        f"{', '.join(str(order) for order in _ORDERS)} leave, RMS over the spray, "
+        f"{'; '.join(told(time_ms) for time_ms in _TIMES_MS)}. All of these pictures take one "
+        "source in each cell, however thick, so that nothing but the order differs."
+    )

@@ -35,7 +35,7 @@ def study(lab: Lab) -> Page:
         name="vapour",
         title="Vapour absorption",
         figure="Fig. 13",
-        text=_TEXT,
+        text=_text(more, less, phases),
         pictures=change_pictures(
             reference,
             cases,
@@ -101,9 +101,13 @@ def _why(seen_K: float, run: Run) -> str:
     )
 
 
-_TEXT = (
-    "The same spray with ten per cent less and more absorption by its vapour. DIT takes the "
-    "emissivity from the same rays, so that vapour alone keeps its temperature whatever it "
-    "absorbs. Where droplets stand behind vapour the mixture of the two sources changes with the "
-    "share that each contributes, and T_app with it."
-)
+def _text(more: Change, less: Change, phases: Phases) -> str:
+    return (
+        "The same spray with ten per cent less and more absorption by its vapour. DIT takes the "
+        "emissivity from the same rays, so that vapour alone keeps its temperature whatever it "
+        f"absorbs: it changes by {less.rms(phases.vapour_only):.2g} and "
+        f"{more.rms(phases.vapour_only):.2g} K (RMS). Where droplets stand behind vapour the "
+        "mixture of the two sources changes with the share that each contributes, and T_app with "
+        f"it: by {less.mean(phases.both):+.2g} and {more.mean(phases.both):+.2g} K on average, "
+        f"{less.rms(phases.both):.2g} and {more.rms(phases.both):.2g} K RMS."
+    )

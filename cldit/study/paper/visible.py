@@ -63,7 +63,7 @@ def study(lab: Lab) -> Page:
         name="visible",
         title="Visible light from below",
         figure="Fig. 5",
-        text=_TEXT,
+        text=_text(rows),
         pictures={
             "below": Picture(
                 _picture(sprays),
@@ -127,9 +127,21 @@ def _picture(sprays: dict[tuple[float, float], Spray]) -> bytes:
     return small_png(figure)
 
 
-_TEXT = (
-    "Droplets of the computed spray from below, each column's mass added up, as a lamp from the "
-    "side would show them. Denser gas stops the plumes earlier; hotter gas evaporates them. In gas "
-    "of 300 K droplets last, in hot gas the liquid ends where the plume has drawn in the heat that "
-    "its evaporation needs."
-)
+def _text(rows: list[Row]) -> str:
+    at = {str(row["gas"]): row for row in rows}
+
+    def told(gas: str) -> str:
+        row = at[gas]
+        liquid, vapour = float(row["liquid / mg"]), float(row["vapour / mg"])
+        return (
+            f"{float(row['projected penetration / mm']):.1f} mm at {gas}, with "
+            f"{100 * liquid / (liquid + vapour):.0f} % of the fuel still liquid"
+        )
+
+    return (
+        "Droplets of the computed spray from below, each column's mass added up, as a lamp from "
+        f"the side would show them. {100 * _WITHIN:.0f} % of the liquid lie within "
+        f"{told('0.15 MPa, 300 K')}; {told('0.6 MPa, 300 K')}; {told('0.6 MPa, 570 K')}; and "
+        f"{told('0.9 MPa, 620 K')}. Denser gas takes the plumes' momentum on a shorter way, and "
+        "hot gas ends the liquid where the plume has drawn in the heat that its evaporation needs."
+    )

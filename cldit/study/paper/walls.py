@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -48,7 +49,7 @@ def study(lab: Lab) -> Page:
         name="walls",
         title="Wall temperature",
         figure="Fig. 10",
-        text=_TEXT,
+        text=_text(below, cases, around),
         pictures={
             "maps": Picture(
                 maps_figure(cases, title="walls of different temperature, one trace"),
@@ -125,12 +126,17 @@ def _one_droplet(run: Run) -> float:
     return 100.0 * (1.0 - seen / 400.0)
 
 
-_TEXT = (
-    "Transfer is linear in its sources: the trace gives each pixel's share of background and "
-    "walls, and all panels come from one trace. In the first the background surrounds the spray, "
-    "so that what droplets scatter counts as transmitted: the emissivity is that of absorption "
-    "alone, and T_app lies near what emits. Before walls of constant temperature all that is "
-    "scattered counts as extinct and the walls' light as emitted, so that T_app below the nozzle "
-    "follows the walls; walls of 0 K add nothing and pull it below the temperature of what emits. "
-    "Vapour alone does not scatter and shows its own temperature before any walls."
-)
+def _text(below: Mapping[str, float], cases: Mapping[str, Run], around: Mapping[str, float]) -> str:
+    seen = {name: mean_emissivity(run, root(run)) for name, run in cases.items()}
+    return (
+        "Transfer is linear in its sources: the trace gives each pixel's share of background and "
+        "walls, and all panels come from one trace. In the first the background surrounds the "
+        "spray, so that what droplets scatter counts as transmitted: the emissivity below the "
+        f"nozzle is that of absorption alone, {seen['all round']:.2f}, and T_app there, "
+        f"{below['all round']:.0f} K, a mean of all that emits. Before walls of constant "
+        "temperature all that is scattered counts as extinct and the walls' light as emitted: the "
+        f"emissivity is {seen['walls 0 K']:.2f}, and T_app goes from {below['walls 0 K']:.0f} K "
+        f"before walls of 0 K, which add nothing, to {below['walls 570 K']:.0f} K before walls of "
+        f"570 K. Vapour alone does not scatter and is seen at {around['walls 0 K']:.1f} and "
+        f"{around['walls 570 K']:.1f} K before the same walls."
+    )

@@ -1,4 +1,4 @@
-"""Table and picture of what an evaluation that knows about scattering gains."""
+"""The page of what an evaluation that knows about scattering gains: picture, sentences, tables."""
 
 from __future__ import annotations
 
@@ -8,62 +8,79 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.report.html import Picture
 from cldit.report.pictures import Frame, Panel, panels_picture
-from cldit.study.page import markdown_table
-from cldit.study.scattering.run import Error, Row, Study
+from cldit.study.page import Page
+from cldit.study.page import Row as Cells
+from cldit.study.scattering.findings import findings
+from cldit.study.scattering.run import LEAST_EMISSIVITY, Error, Row, Study
 
 Floats = NDArray[np.float64]
 
-_HEAD = (
-    "evaluation",
-    "needs",
-    "what emits: bias / K",
-    "RMS / K",
-    "bound holds",
-    "droplets: bias / K",
-    "RMS / K",
-    "bound holds",
-    "noise / K",
-    "bound's width / K",
-    "told",
-)
 
-
-def _cell(value: float, digits: int = 2) -> str:
-    if math.isinf(value):
-        return "open"
-    return "–" if math.isnan(value) else f"{value:.{digits}f}"
-
-
-def _percent(value: float) -> str:
-    return "–" if math.isnan(value) else f"{100 * value:.0f} %"
-
-
-def _error(error: Error | None) -> list[str]:
-    if error is None:
-        return ["–"] * 3
-    return [_cell(error.bias_K), _cell(error.rms_K), _percent(error.held)]
-
-
-def _rest(row: Row) -> list[str]:
-    return [_cell(row.noise_K), _cell(row.width_K, 1), _percent(row.told)]
-
-
-def scattering_table(study: Study) -> str:
-    """The rows as a Markdown table, and a second one of where each fails."""
-    rows = [
-        [row.method, row.needs, *_error(row.medium), *_error(row.droplets), *_rest(row)]
-        for row in study.rows
-    ]
-    heads = [f"{name} ({_percent(part)})" for name, part in study.classes.items()]
-    where = [
-        [row.method, row.needs, *(_cell(value, 1) for value in row.where.values())]
-        for row in study.rows
-    ]
-    return (
-        f"{markdown_table(_HEAD, rows)}\n\nRMS in K by the scattered share of the pixels, and in "
-        f"thin ones (emissivity below 0.5):\n\n{markdown_table([*_HEAD[:2], *heads], where)}\n"
+def scattering_page(study: Study, *, command: str, seconds: float = 0.0) -> Page:
+    """Everything on it follows from the study; the scene's description stands first."""
+    scene = study.scene
+    mie = scene.transport.phase == "mie"
+    how = "Droplets scatter by Mie's phase function" if mie else "Droplets scatter evenly"
+    classes = {name: f"{name}, {_percent(part)}" for name, part in study.classes.items()}
+    return Page(
+        name=f"{scene.name}{'-mie' if mie else ''}",
+        title=f"Light of the walls: {scene.name}{', forward scattering' if mie else ''}",
+        about=f"{scene.description.strip()} {how}. Pixels of emissivity {LEAST_EMISSIVITY:g} and "
+        f"more; walls at {scene.walls.temperature_K:g} K.".strip(),
+        command=command,
+        findings=findings(study),
+        pictures={
+            "errors": Picture(
+                scattering_picture(study),
+                "Errors of plain DIT, and with a model whose droplets are 20 % too large; two and "
+                "two share their colours.",
+            )
+        },
+        table=[_main(row) for row in study.rows],
+        more={
+            "Where it fails: RMS / K by what the pixels see": [
+                {
+                    "evaluation": row.method,
+                    "needs": row.needs,
+                    **{title: _round(row.where[name], 1) for name, title in classes.items()},
+                }
+                for row in study.rows
+            ]
+        },
+        scenes={scene.name: scene},
+        seconds=seconds,
     )
+
+
+def _main(row: Row) -> Cells:
+    return {
+        "evaluation": row.method,
+        "needs": row.needs,
+        **_error("what emits", row.medium),
+        **_error("droplets", row.droplets),
+        "noise / K": _round(row.noise_K),
+        "bound's width / K": "open" if math.isinf(row.width_K) else _round(row.width_K, 1),
+        "told / %": _round(100 * row.told, 0),
+    }
+
+
+def _error(what: str, error: Error | None) -> Cells:
+    values = (math.nan,) * 3 if error is None else (error.bias_K, error.rms_K, 100 * error.held)
+    titles = ("bias / K", "RMS / K", "bound holds / %")
+    return {
+        f"{what}: {title}": _round(value, digits)
+        for title, value, digits in zip(titles, values, (2, 2, 0), strict=True)
+    }
+
+
+def _round(value: float, digits: int = 2) -> float:
+    return round(value, digits) + 0.0 if math.isfinite(value) else math.nan  # no -0
+
+
+def _percent(part: float) -> str:
+    return f"{100 * part:.0f} % of the pixels"
 
 
 def scattering_picture(study: Study) -> bytes:

@@ -19,7 +19,7 @@ from cldit.study.scattering.truth import (
     traced,
     with_plates,
 )
-from cldit.study.scattering.ways import Said, Way, seen, ways
+from cldit.study.scattering.ways import Knows, Said, Way, seen, ways
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -42,15 +42,16 @@ class Error:
 class Row:
     """One way to evaluate, over pixels of emissivity 0.2 and more.
 
-    medium: against the temperature of all that emits; None where the way is after the droplets
-    alone. droplets: against the droplets' own, where
-    they emit more than the vapour. noise_K: median standard error at the scene's shots. width_K:
-    median width of the bound. told: part of the pixels that get a temperature. where: RMS against
-    what the way is after, by what the pixels see.
+    knows: what the way is given. medium: against the temperature of all that emits; None where the
+    way is after the droplets alone. droplets: against the droplets' own, where they emit more than
+    the vapour. noise_K: median standard error at the scene's shots. width_K: median width of the
+    bound. told: part of the pixels that get a temperature. where: RMS against what the way is
+    after, by what the pixels see.
     """
 
     method: str
     needs: str
+    knows: Knows
     medium: Error | None
     droplets: Error
     noise_K: float
@@ -64,7 +65,7 @@ class Study:
     """rows, and pictures (H, W) of errors in K.
 
     wet: part of the pixels in which the droplets emit more than the vapour. classes: part of the
-    pixels in each class of `Row.where`.
+    pixels in each class of `Row.where`. second: the scene through the second filter.
     """
 
     rows: tuple[Row, ...]
@@ -72,6 +73,7 @@ class Study:
     wet: float
     classes: Mapping[str, float]
     scene: Scene
+    second: Scene
 
 
 @dataclass(frozen=True)
@@ -99,10 +101,10 @@ class Truth:
             scattered = trace.scattered().share
             wet = here & (trace.liquid_share > trace.vapour_share) & np.isfinite(droplets_K)
             classes = {
-                "thin": here & (epsilon < 0.5),
-                "scattered < 0.2": here & (scattered < 0.2),
-                "0.2 to 0.5": here & (scattered >= 0.2) & (scattered < 0.5),
-                "> 0.5": here & (scattered >= 0.5),
+                "emissivity below 0.5": here & (epsilon < 0.5),
+                "less than 0.2 scattered": here & (scattered < 0.2),
+                "0.2 to 0.5 scattered": here & (scattered >= 0.2) & (scattered < 0.5),
+                "more than 0.5 scattered": here & (scattered >= 0.5),
             }
         return cls(medium_K, droplets_K, here, wet, classes)
 
@@ -152,7 +154,8 @@ def evaluated(models: Mapping[str, Traced], second: Mapping[str, Traced], scene:
     }
     number = int(truth.here.sum())
     classes = {name: float(mask.sum() / number) for name, mask in truth.classes.items()}
-    return Study(rows, errors, float(truth.wet.sum() / number), classes, scene)
+    wet = float(truth.wet.sum() / number)
+    return Study(rows, errors, wet, classes, scene, second[RIGHT].scene)
 
 
 def _row(way: Way, exact: Said, noisy: Said, truth: Truth) -> Row:
@@ -163,6 +166,7 @@ def _row(way: Way, exact: Said, noisy: Said, truth: Truth) -> Row:
     return Row(
         method=way.method,
         needs=way.needs,
+        knows=way.knows,
         medium=None if way.about == "droplets" else _error(exact, noisy, truth.medium_K, told),
         droplets=_error(exact, noisy, truth.droplets_K, truth.wet & told),
         noise_K=_nan_median(None if exact.noise_K is None else exact.noise_K[told]),

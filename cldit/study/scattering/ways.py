@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from enum import Enum, auto
 from math import pi
 
 import numpy as np
@@ -56,6 +57,18 @@ class Said:
         return cls.of(medium.temperature_K, medium.standard_error_K)
 
 
+class Knows(Enum):
+    """What a way is given beside the maps: about the rig alone, or a model of the spray too."""
+
+    NOTHING = auto()
+    RIG = auto()
+    RIG_WRONG = auto()
+    MODEL = auto()
+    MODEL_WRONG = auto()
+    MODELS = auto()  # all of them, for a bound
+    OTHER_BAND = auto()  # a model, through the other filter
+
+
 @dataclass(frozen=True)
 class Way:
     """One way to evaluate. about: the temperature that it is after, `medium` or `droplets`."""
@@ -63,6 +76,7 @@ class Way:
     method: str
     needs: str
     say: Callable[[Seen], Said]
+    knows: Knows
     about: str = "medium"
 
 
@@ -113,9 +127,19 @@ def _without(truth: Traced) -> Iterator[Way]:
             np.where(warm, one.high_K, np.inf),
         )
 
-    yield Way("plain DIT", "nothing", lambda maps: plain(maps["as it is"]))
-    yield Way("plain DIT as a bound", "T_wall", lambda maps: away_from_walls(maps["as it is"]))
-    yield Way("background all round", "walls that follow it", lambda m: plain(m["all round"]))
+    yield Way("plain DIT", "nothing", lambda maps: plain(maps["as it is"]), Knows.NOTHING)
+    yield Way(
+        "plain DIT as a bound",
+        "T_wall",
+        lambda maps: away_from_walls(maps["as it is"]),
+        Knows.RIG,
+    )
+    yield Way(
+        "background all round",
+        "walls that follow it",
+        lambda maps: plain(maps["all round"]),
+        Knows.RIG,
+    )
     own = [patch for patch in truth.scene.patches if patch.name not in PLATES]
     for error_K in (0.0, WALL_ERROR_K):
         colder_K = walls_K - WALLS_APART_K
@@ -132,7 +156,10 @@ def _without(truth: Traced) -> Iterator[Way]:
             return Said.of_medium(medium_of_enclosures([maps[name] for name in names], told, curve))
 
         needs = f"{walls_K:g} and {colder_K:g} K"
-        yield Way("two walls", needs + (f", one {error_K:g} K off" if error_K else ""), varied)
+        if error_K:
+            yield Way("two walls", f"{needs}, one {error_K:g} K off", varied, Knows.RIG_WRONG)
+        else:
+            yield Way("two walls", needs, varied, Knows.RIG)
 
 
 def _plates(truth: Traced) -> Iterator[Way]:
@@ -178,10 +205,11 @@ def _plates(truth: Traced) -> Iterator[Way]:
         error = np.sqrt(sum(((factor * e) ** 2 for factor, _, e in found), np.zeros(())))
         return medium(maps, np.asarray(share), np.asarray(error))
 
-    yield Way("two discs", "radii 1 and 1.5", larger)
+    yield Way("two discs", "radii 1 and 1.5", larger, Knows.RIG)
     for name, place in (("beside", "beside"), ("before", "on the camera's side")):
-        yield Way("cold plate", f"{place}, {PLATE_APART_K:g} K below the walls", one(name))
-    yield Way("three cold plates", "behind, beside, on the camera's side", three)
+        needs = f"{place}, {PLATE_APART_K:g} K below the walls"
+        yield Way("cold plate", needs, one(name), Knows.RIG)
+    yield Way("three cold plates", "behind, beside, on the camera's side", three, Knows.RIG)
 
 
 def _filters(scene: Scene, other: Scene) -> Iterator[Way]:
@@ -218,10 +246,12 @@ def _filters(scene: Scene, other: Scene) -> Iterator[Way]:
         return say
 
     low, high = SECOND_FILTER_UM
-    yield Way("one filter, a slab", f"D32 {_SAUTER_UM:g} um, n and k", known(1.0))
-    yield Way("one filter, a slab", f"D32 {1.2 * _SAUTER_UM:g} um (wrong)", known(1.2))
-    yield Way("two filters, a slab", f"{low:g} to {high:g} um too, n and k", both(1.0))
-    yield Way("two filters, a slab", "k 30 % larger in both (wrong)", both(1.3))
+    size, wrong = f"D32 {_SAUTER_UM:g} um, n and k", f"D32 {1.2 * _SAUTER_UM:g} um (wrong)"
+    yield Way("one filter, a slab", size, known(1.0), Knows.RIG)
+    yield Way("one filter, a slab", wrong, known(1.2), Knows.RIG_WRONG)
+    needs = f"{low:g} to {high:g} um too, n and k"
+    yield Way("two filters, a slab", needs, both(1.0), Knows.RIG)
+    yield Way("two filters, a slab", "k 30 % larger in both (wrong)", both(1.3), Knows.RIG_WRONG)
 
 
 def curve_of(scene: Scene) -> Curve:
@@ -265,11 +295,16 @@ def _with_model(models: Mapping[str, Traced], second: Mapping[str, Traced]) -> I
     shares = {name: medium(model, "as it is") for name, model in models.items()}
     alone = {name: droplets(model) for name, model in models.items()}
     for name, say in shares.items():
-        yield Way("scattered share", f"model: {name}", say)
-    yield Way("scattered share", "all models: a bound", spread(shares))
+        yield Way("scattered share", f"model: {name}", say, _known(name))
+    yield Way("scattered share", "all models: a bound", spread(shares), Knows.MODELS)
     for name, say in alone.items():
-        yield Way("droplets alone", f"model: {name}", say, "droplets")
-    yield Way("droplets alone", "all models: a bound", spread(alone), "droplets")
+        yield Way("droplets alone", f"model: {name}", say, _known(name), "droplets")
+    yield Way("droplets alone", "all models: a bound", spread(alone), Knows.MODELS, "droplets")
+    method = f"{low:g} to {high:g} um, scattered share"
     for name in (RIGHT, LARGER):
         say = medium(second[name], "second filter")
-        yield Way(f"{low:g} to {high:g} um, scattered share", f"model: {name}", say, "droplets")
+        yield Way(method, f"model: {name}", say, Knows.OTHER_BAND, "droplets")
+
+
+def _known(model: str) -> Knows:
+    return Knows.MODEL if model == RIGHT else Knows.MODEL_WRONG
