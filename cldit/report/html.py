@@ -20,7 +20,7 @@ figcaption{color:#444;font-size:.92rem}
 table{border-collapse:collapse;margin:.4rem 0}
 td,th{padding:.2rem .9rem .2rem 0;text-align:left;vertical-align:top;
 border-bottom:1px solid #ddd;font-weight:normal;overflow-wrap:anywhere}
-th,td:first-child{overflow-wrap:break-word}td:first-child{min-width:5rem}
+th,td:first-child{overflow-wrap:break-word}td:not(.n){min-width:5rem}
 td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}td.n{white-space:nowrap}
 td.bar{width:40%;min-width:4rem}
 td.bar span{display:block;background:#3a6ea5;height:.8rem;min-width:1px}

@@ -23,12 +23,14 @@ def scattering_page(study: Study, *, command: str, seconds: float = 0.0) -> Page
     scene = study.scene
     mie = scene.transport.phase == "mie"
     how = "Droplets scatter by Mie's phase function" if mie else "Droplets scatter evenly"
+    told = scene.description.strip().rstrip(".")
+    what = f"{told}. " if told else ""
     classes = {name: f"{name}, {_percent(part)}" for name, part in study.classes.items()}
     return Page(
         name=f"{scene.name}{'-mie' if mie else ''}",
         title=f"Light of the walls: {scene.name}{', forward scattering' if mie else ''}",
-        about=f"{scene.description.strip()} {how}. Pixels of emissivity {LEAST_EMISSIVITY:g} and "
-        f"more; walls at {scene.walls.temperature_K:g} K.".strip(),
+        about=f"{what}{how}. Pixels of emissivity {LEAST_EMISSIVITY:g} and more; walls at "
+        f"{scene.walls.temperature_K:g} K.",
         command=command,
         findings=findings(study),
         pictures={
