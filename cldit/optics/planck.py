@@ -18,12 +18,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicHermiteSpline
 
 from cldit.optics.response import Filter, cut, edges_um
+
+if TYPE_CHECKING:  # half of a second, for tables that few processes make
+    from scipy.interpolate import CubicHermiteSpline
 
 Floats = NDArray[np.float64]
 
@@ -144,6 +147,8 @@ def _steepness(piece: _Piece) -> float:
 @lru_cache(maxsize=8)
 def _calibration(filter_um: Filter) -> CubicHermiteSpline:
     """ln B over ln T, from the table of the inverse turned round."""
+    from scipy.interpolate import CubicHermiteSpline
+
     spline, _ = _inverse(filter_um)
     log_temperature = spline(spline.x)
     return CubicHermiteSpline(log_temperature, spline.x, 1.0 / spline(spline.x, 1))
@@ -184,6 +189,8 @@ def band_radiance_slope(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArr
 @lru_cache(maxsize=8)
 def _inverse(filter_um: Filter) -> tuple[CubicHermiteSpline, Floats]:
     """ln T over ln B, and both at the ends of the table."""
+    from scipy.interpolate import CubicHermiteSpline
+
     x = np.geomspace(_SPAN[1], _SPAN[0], _NODES)
     pieces = _pieces(filter_um)
     temperature = SECOND_RADIATION_CONSTANT_m_K / (pieces[0].long * x)

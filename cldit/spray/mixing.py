@@ -34,6 +34,7 @@ from cldit.spray.wetbulb import still
 Floats = NDArray[np.float64]
 
 _HALVINGS = 56  # of a bracket of at most 5000 K: down to rounding
+_ZOOMS = 7  # each by 299: 1e15 down to rounding
 _ENTRIES = 3000  # of a table of one slice
 _FINE = 400  # entries of a table of many slices, where liquid can be
 _SLICES = 41
@@ -272,17 +273,15 @@ def _table(
 
 
 def _saturation(**conditions: float) -> float:
-    """The B at which the last liquid evaporates, by bisection between two entries of a table."""
-    ratio = np.geomspace(1e-9, 1e6, 300)
-    _, share = heptane_state(ratio, **conditions)
-    first = int(np.argmax(share < 1))
-    if share[first] == 1 or first == 0:
-        return float("nan")  # everything or nothing evaporates, whatever the mixture
-    low, high = ratio[first - 1], ratio[first]
-    for _ in range(_HALVINGS):
-        middle = np.sqrt(low * high)
-        _, there = heptane_state(np.array([middle]), **conditions)
-        low, high = (middle, high) if there[0] == 1 else (low, middle)
+    """The B at which the last liquid evaporates: between two entries of ever finer tables."""
+    low, high = 1e-9, 1e6
+    for _ in range(_ZOOMS):
+        ratio = np.geomspace(low, high, 300)
+        _, share = heptane_state(ratio, **conditions)
+        first = int(np.argmax(share < 1))
+        if share[first] == 1 or first == 0:
+            return float("nan")  # everything or nothing evaporates, whatever the mixture
+        low, high = ratio[first - 1], ratio[first]
     return float(low)
 
 

@@ -15,9 +15,9 @@ SLOW = {"matplotlib", "numba", "scipy", "pyopencl", "CoolProp", "vtk"}
     [
         (["scenes"], set()),
         (["--version"], set()),
-        (["export", "--help"], {"scipy"}),
-        (["acquire", "--help"], {"scipy"}),
-        (["bench", "rig", "--help"], {"scipy"}),
+        (["export", "--help"], set()),
+        (["acquire", "--help"], set()),
+        (["bench", "rig", "--help"], set()),
         (["optics", "--help"], SLOW - {"vtk"}),
     ],
     ids=lambda part: " ".join(part) if isinstance(part, list) else "may",

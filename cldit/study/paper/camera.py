@@ -118,7 +118,7 @@ def study(lab: Lab) -> Page:
 def _picture(
     raw: NDArray[np.uint16], traced: NDArray[np.float64], sensor: Frame, ray: Frame
 ) -> bytes:
-    low, high = (float(value) for value in np.percentile(traced, [0.5, 99.8]))
+    low, high = (float(value) for value in np.percentile(traced, [0.1, 99.9]))
     norm = Normalize(low, high)
     figure = figure_of(11.5, 4.6)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)

@@ -119,6 +119,9 @@ def _picture(sprays: dict[tuple[float, float], Spray]) -> bytes:
         axes.set_ylim(-_HALF_MM, _HALF_MM)
         axes.set_aspect("equal")
         axes.label_outer()
+    for axes in grid[len(sprays) - 3 : len(sprays)]:  # with nothing below
+        axes.tick_params(labelbottom=True)
+        axes.set_xlabel("x / mm")
     for axes in grid[len(sprays) :]:
         axes.set_axis_off()
     figure.colorbar(
