@@ -55,7 +55,7 @@ def study(lab: Lab) -> Page:
     ]
     first = Change.of(runs[0.95, 0], runs[0.95, 1])
     third = Change.of(runs[0.95, 1], runs[0.95, 3])
-    away = beyond(every[0.95])
+    near, away = root(every[0.95]), beyond(every[0.95])
     none = {time_ms: changes[time_ms, 0] for time_ms in _TIMES_MS}
     return Page(
         name="order",
@@ -88,21 +88,21 @@ def study(lab: Lab) -> Page:
                 value=first.largest(),
                 unit="K",
                 high=5.0,
-                why=_why(first, root(every[0.95])),
+                why=_why(first, every[0.95]),
             ),
             Verdict(
                 claim="0.95 ms: single against triple scattering below 1 K (RMS)",
                 value=third.rms(),
                 unit="K",
                 high=1.0,
-                why=_why(third, root(every[0.95])),
+                why=_why(third, every[0.95]),
             ),
             Verdict(
                 claim="The same in all pixels (99th percentile)",
                 value=third.largest(),
                 unit="K",
                 high=1.0,
-                why=_why(third, root(every[0.95])),
+                why=_why(third, every[0.95]),
             ),
             Verdict(
                 claim="Single against triple scattering below 1 K over most of the spray (part of "
@@ -125,7 +125,7 @@ def study(lab: Lab) -> Page:
             ),
             Verdict(
                 claim="and close to the injector (RMS of order 0 there over that of all, 0.95 ms)",
-                value=none[0.95].rms(root(every[0.95])) / none[0.95].rms(),
+                value=none[0.95].rms(near) / none[0.95].rms(),
                 low=1.0,
             ),
             Verdict(
@@ -134,8 +134,9 @@ def study(lab: Lab) -> Page:
                 value=none[0.95].mean(),
                 unit="K",
                 low=0.0,
-                why="light beyond the last order is taken from the walls, which are colder than "
-                "most of what higher orders see but warmer than the droplets",
+                why=f"it is {none[0.95].mean(near):+.1f} K 1 to 8 mm below the nozzle, where what "
+                "is scattered more often comes from droplets colder than the walls, and "
+                f"{none[0.95].mean(away):+.2f} K beyond, where it comes from warmer vapour",
             ),
         ),
     )
@@ -152,13 +153,10 @@ def within(change: Change, limit_K: float) -> float:
     return float(np.mean(np.abs(change.within()) <= limit_K))
 
 
-def _why(change: Change, below: Mask) -> str:
+def _why(change: Change, run: Run) -> str:
     """Where it comes from."""
-    return (
-        f"it is {change.rms(below):.3g} K 1 to 8 mm below the nozzle, where the rate at which fuel "
-        "is injected makes the plumes opaque by droplets alone, and light is scattered until it "
-        "is absorbed; each order then counts for the droplets' albedo of the one before"
-    )
+    near, far = change.rms(root(run)), change.rms(beyond(run))
+    return f"it is {near:.3g} K 1 to 8 mm below the nozzle, and {far:.2g} K beyond (RMS)"
 
 
 def _text(rows: list[Row]) -> str:
@@ -178,6 +176,9 @@ def _text(rows: list[Row]) -> str:
         "solved for, and every order is held against that. What is scattered more often than the "
         "order allows is taken to come from the walls. Orders "
         f"{', '.join(str(order) for order in _ORDERS)} leave, RMS over the spray, "
-        f"{'; '.join(told(time_ms) for time_ms in _TIMES_MS)}. All of these pictures take one "
-        "source in each cell, however thick, so that nothing but the order differs."
+        f"{'; '.join(told(time_ms) for time_ms in _TIMES_MS)}. Below the nozzle the rate at which "
+        "fuel is injected makes the plumes opaque by droplets alone: light is scattered until it "
+        "is absorbed, and each order counts for the droplets' albedo of the one before. All of "
+        "these pictures take one source in each cell, however thick, so that nothing but the order "
+        "differs."
     )
