@@ -43,12 +43,21 @@ def root(run: Run) -> Mask:
     return np.asarray(visible(run) & (z < -_ROOT_M[0]) & (z > -_ROOT_M[1]))
 
 
-def tips(run: Run, share: float = 0.85) -> Mask:
-    """The visible spray beyond `share` of its own reach from the injector."""
+def reach_m(run: Run) -> float:
+    """Distance from the injector within which 97 % of what is visible lies, by emissivity."""
     x, z = positions_m(run)
     seen = visible(run)
-    far = np.hypot(x, z)
-    return np.asarray(seen & (far > share * far[seen].max(initial=0.0)))
+    if not seen.any():
+        return float("nan")
+    far, weight = np.hypot(x, z)[seen], run.maps.emissivity[seen].astype(float)
+    order = np.argsort(far)
+    return float(far[order][np.searchsorted(np.cumsum(weight[order]) / weight.sum(), 0.97)])
+
+
+def tips(run: Run, share: float = 0.85) -> Mask:
+    """The visible spray beyond `share` of its own reach, which single droplets do not set."""
+    x, z = positions_m(run)
+    return np.asarray(visible(run) & (np.hypot(x, z) > share * reach_m(run)))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from cldit.report.html import Picture
 from cldit.run import Run
 from cldit.scene import Scene
 from cldit.study.lab import Lab
-from cldit.study.measures import Phases, mean_K, positions_m, root, tips, visible
+from cldit.study.measures import Phases, mean_K, reach_m, root, tips, visible
 from cldit.study.page import Page, Row
 from cldit.study.pictures import Crop, maps_figure
 from cldit.study.verdict import Verdict
@@ -36,17 +36,6 @@ _COLD = {
 _OPEN_UM = (2.0, 5.0)
 _CROP = Crop(-30.0, 30.0, -45.0, 5.0)
 _AVOGADRO = 6.02214076e23
-
-
-def reach_m(run: Run) -> float:
-    """Distance from the injector within which 97 % of what is visible lies, by emissivity."""
-    x, z = positions_m(run)
-    seen = visible(run)
-    if not seen.any():
-        return float("nan")
-    far, weight = np.hypot(x, z)[seen], run.maps.emissivity[seen].astype(float)
-    order = np.argsort(far)
-    return float(far[order][np.searchsorted(np.cumsum(weight[order]) / weight.sum(), 0.97)])
 
 
 def open_vapour(folder: Path) -> Path:

@@ -69,10 +69,10 @@ def study(lab: Lab) -> Page:
             ),
             Verdict(
                 claim="Larger droplets live longer, so that tips look colder "
-                "(mean at the tips, widest distribution)",
+                "(mean at the tips, widest distribution, by more than other random numbers make)",
                 value=tips_change_K(widest, reference),
                 unit="K",
-                high=0.0,
+                high=-abs(tips_change_K(chance, reference)),
                 why="the largest droplets carry heat-absorbing liquid further, but fewer of them",
             ),
         ),
