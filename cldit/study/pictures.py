@@ -74,7 +74,7 @@ def _grid(
     titles: Sequence[str], crop: Crop, *, title: str, columns: int = _COLUMNS
 ) -> tuple[Figure, list[Axes]]:
     """Panels with axes in mm; all share them, so that only the outermost are labelled."""
-    columns = min(columns, len(titles))
+    columns = 2 if len(titles) == 4 else min(columns, len(titles))
     rows = -(-len(titles) // columns)
     height = _PANEL_IN * float(np.clip(crop.aspect, 0.3, 2.0))
     figure = figure_of(_PANEL_IN * columns + 1.5, (height + 0.3) * rows + 0.9)

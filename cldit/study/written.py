@@ -107,17 +107,23 @@ def write_overview(folder: Path, names: Sequence[str], *, markdown_only: bool = 
                 told.append(json.loads(path.read_text(encoding="utf-8")))
         except (OSError, ValueError) as error:
             raise StudyError(f"{path}: is damaged ({error}); run the study again") from error
-    titles = ["study", "the paper's", "size", "against the paper"]
+    titles = ["study", "the paper's", "size", "took / s", "against the paper"]
     rows = [
-        [one["title"], one["figure"], "quick" if one["quick"] else "full", one["summary"]]
+        [
+            one["title"],
+            one["figure"],
+            "quick" if one["quick"] else "full",
+            f"{one['seconds']:.0f}",
+            one["summary"],
+        ]
         for one in told
     ]
     linked = [
         [f"[{row[0]}]({one['study']}.md)", *row[1:]] for one, row in zip(told, rows, strict=True)
     ]
     lines = "".join(
-        f'<p><a href="{one["study"]}.html">{escape(row[0])}</a> ({escape(row[1])}, {row[2]}): '
-        f"{escape(row[3])}</p>\n"
+        f'<p><a href="{one["study"]}.html">{escape(row[0])}</a> ({escape(row[1])}, {row[2]}, '
+        f"{row[3]} s): {escape(row[4])}</p>\n"
         for one, row in zip(told, rows, strict=True)
     )
     texts = {"md": f"# The paper's studies\n\n{markdown_table(titles, linked)}\n"}

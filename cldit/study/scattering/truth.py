@@ -192,12 +192,16 @@ def traced(scene: Scene, device: Device, cache: Path) -> Traced:
     if len(found.sources) != 1:
         raise EvaluationError("optics.preset: spectral; the study takes one wavelength (paper)")
     ((points, cells),) = found.sources
-    unit_points = None if points is None else replace(points, emission_m2=points.absorption_m2)
+    # As bright as the walls, for a trace stops where what is left is no longer seen.
+    unit = float(Curve(filter_um=scene_filter(scene)).radiance(scene.walls.temperature_K))
+    unit_points = (
+        None if points is None else replace(points, emission_m2=unit * points.absorption_m2)
+    )
     unit_cells = [
         replace(
             cell,
-            vapour_emission=cell.vapour_absorption,
-            droplet_emission=cell.droplet_absorption,
+            vapour_emission=unit * cell.vapour_absorption,
+            droplet_emission=unit * cell.droplet_absorption,
         )
         for cell in cells
     ]
@@ -219,8 +223,8 @@ def traced(scene: Scene, device: Device, cache: Path) -> Traced:
     return Traced(
         scene=scene,
         weights=weights[0],
-        vapour_share=weights[1].vapour.astype(float),
-        liquid_share=weights[1].liquid.astype(float),
+        vapour_share=weights[1].vapour.astype(float) / unit,
+        liquid_share=weights[1].liquid.astype(float) / unit,
         reference=weights[2],
     )
 
