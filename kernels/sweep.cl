@@ -1,11 +1,13 @@
-/* One direction of the sweep: radiance carried through a dense box of cells, and what each cell
-   receives from it.
+/* One direction of the sweep: radiance carried through a box of cells, and what each cell receives
+   from it.
 
    Rays run along one direction whose largest component is along the layer axis. Each layer of
    nu x nv cells is crossed by nu x nv parallel rays, all at the same place in their cells; where one
    goes from a cell into the next, all do. A layer is crossed in one to three steps between these
    places, and in every step each cell is crossed by one ray and each ray crosses one cell. A ray that
    leaves the box sideways comes in again on the opposite side with what is seen there.
+
+   Of a row only the groups of cells that hold something are gone through (groups.h).
 
    Over an optical depth t the intensity I goes to I exp(-t) + S (1 - exp(-t)); its mean is
    S + (I - S) q(t). Stored is the excess D = sum w (I - S) q over the source, not the mean: in thick
@@ -18,13 +20,14 @@
 
 #include "boundary.h"
 #include "components.h"
+#include "groups.h"
 
 #ifndef HAS_SCATTERING
 #error "the sweep is for scenes that scatter: define HAS_SCATTERING"
 #endif
 
 #ifndef SLOTS
-#error "SLOTS: cells along u plus layers, the most of any order of the axes, plus 4"
+#error "SLOTS: cells along u, in whole groups, plus layers, the most of any order of the axes, plus 4"
 #endif
 
 /* Cells that a work-item takes at once: 8 on CPUs, in vector registers; 1 on GPUs. */
@@ -49,15 +52,10 @@ typedef real lane_t;
 #define REAL lane_t
 #include "attenuation.h"
 
-/* What groups of GROUP cells along u hold. */
-#define GROUP 8
-#define EMPTY 0
-#define CLEAR 1 /* cells that do not scatter: nobody asks what they receive */
-
 /* How the axes u, v (of a layer) and l (across layers) lie in space. */
 #define LAYERS_Z 0 /* u = x, v = y, l = z */
 #define LAYERS_Y 1 /* u = x, v = z, l = y */
-#define LAYERS_X 2 /* u = y, v = z, l = x: in the transposed copy */
+#define LAYERS_X 2 /* u = y, v = z, l = x: the turned groups */
 
 /* The component of the ray that comes into the box at cell (u, v, l), from `back`. */
 INLINE int seen_from(int u, int v, int l, int layout, real4 back, const Boundary *boundary)
@@ -104,10 +102,12 @@ INLINE lane_t counts_for(
    row at no cost, those that come in take the next unused slot, and every access to a row is
    contiguous. */
 __kernel void sweep(
+    __global const int *groups,    /* in: first of a row's groups, and the end */
+    __global const int *begins,    /* in: u of a group's first cell; -1 - u: no cell of it scatters,
+                                      and nobody asks what it receives */
     __global const real *depth,    /* in: optical depth of a cell's edge */
-    __global const real *source,   /* in: S, one plane of cells a component */
+    __global const real *source,   /* in: S, a plane a component */
     __global real *excess,         /* inout: D, likewise */
-    __global const char *contents, /* in: of groups along u, [l][v][group] */
     __global const int4 *shifts,   /* in, per step: how far rays have moved in u and (modulo nv) in v,
                                       and both since the step before: -1, 0 or 1 */
     __global const int *layers,    /* in, per step: its layer, l */
@@ -117,7 +117,7 @@ __kernel void sweep(
     const int origin,              /* slot of cell 0 before rays have moved */
     const int layout,
     const int nu, const int nv, const int nl,
-    const int stride_v, const int stride_l,
+    const int stride_v, const int stride_l, /* of rows in `groups` */
     const real stretch,            /* path in a layer / cell edge */
     const real weight,
     const real inflow,             /* 1: boundaries shine; 0: black */
@@ -138,12 +138,12 @@ __kernel void sweep(
 #endif
     )
 {
+    /* A group may reach beyond its row; what lies there is empty, and no ray that counts. */
     __local real rays[COMPONENTS][SLOTS];
     const Boundary boundary = BOUNDARY;
     const int lane = get_local_id(0);
     const int lanes = get_local_size(0);
     const int row = first_row + 2 * (int)get_group_id(1);
-    const int plane = nu * nv * nl;
 
     for (int step = 0; step < steps; ++step) {
         const int l = layers[step];
@@ -164,44 +164,47 @@ __kernel void sweep(
         }
         barrier(CLK_LOCAL_MEM_FENCE);
 
-        const int base = l * stride_l + v * stride_v;
-        const int group = (l * nv + v) * ((nu + GROUP - 1) / GROUP);
-        for (int u = lane * VECTOR; u < nu; u += lanes * VECTOR) {
-            const char content = contents[group + u / GROUP];
-            if (content == EMPTY) continue;
-            const lane_t t = LOAD(depth + base + u) * (stretch * part);
+        const int place = l * stride_l + v * stride_v;
+        const int end = groups[place + 1] * (GROUP / VECTOR);
+        for (int i = groups[place] * (GROUP / VECTOR) + lane; i < end; i += lanes) {
+            const int cell = i * VECTOR;
+            const int begin = begins[cell / GROUP];
+            const int u = (begin < 0 ? -1 - begin : begin) + cell % GROUP;
+            __local real *crossing = &rays[0][slot + u];
+            const int first = first_plane(cell, COMPONENTS);
+            const lane_t t = LOAD(depth + cell) * (stretch * part);
             const lane_t share = absorbed(t);
-            if (content == CLEAR) {
+            if (begin < 0) {
                 for (int c = 0; c < COMPONENTS; ++c) {
-                    __local real *ray = &rays[c][slot + u];
-                    lane_t gap = LOAD(ray);
-                    const lane_t intensity = gap;
-                    if (c >= BOUNDARIES) gap -= LOAD(source + c * plane + base + u);
+                    __local real *ray = crossing + c * SLOTS;
+                    const lane_t intensity = LOAD(ray);
+                    lane_t gap = intensity;
+                    if (c >= BOUNDARIES) gap -= LOAD(source + first + c * GROUP);
                     STORE(intensity - gap * share, ray);
                 }
                 continue;
             }
 #ifdef TO_CAMERA
-            const lane_t counts = weight * part * seen_at(heights[step], LOAD(seen + base + u))
+            const lane_t counts = weight * part * seen_at(heights[step], LOAD(seen + cell))
                 * counts_for(u, v, l, layout, back, camera, phase);
-            STORE(LOAD(shares + base + u) + counts, shares + base + u);
+            STORE(LOAD(shares + cell) + counts, shares + cell);
 #else
             const real counts = weight * part;
 #endif
             const lane_t q = counts * mean_transmission(t, share);
             for (int c = 0; c < COMPONENTS; ++c) {
-                __global real *d = excess + c * plane + base + u;
-                __local real *ray = &rays[c][slot + u];
+                __global real *d = excess + first + c * GROUP;
+                __local real *ray = crossing + c * SLOTS;
                 const lane_t intensity = LOAD(ray);
-                const lane_t gap = intensity - LOAD(source + c * plane + base + u);
+                const lane_t gap = intensity - LOAD(source + first + c * GROUP);
                 STORE(LOAD(d) + gap * q, d);
                 STORE(intensity - gap * share, ray);
             }
         }
         barrier(CLK_LOCAL_MEM_FENCE);
 #ifdef RIM
-        const int end = rim_rows[l * nv + v + 1];
-        for (int i = rim_rows[l * nv + v] + lane; i < end; i += lanes) {
+        const int last_rim = rim_rows[l * nv + v + 1];
+        for (int i = rim_rows[l * nv + v] + lane; i < last_rim; i += lanes) {
             const int2 cell = rim_cells[i];
             __global real *leaves = light + ((size_t)number * rim + cell.y) * COMPONENTS;
             for (int c = 0; c < COMPONENTS; ++c) leaves[c] = rays[c][slot + cell.x];

@@ -102,12 +102,11 @@ class Kernels:
         }
         if vector is not None:
             specialised["VECTOR"] = vector
-        small = {"TILE": device.info.tile} if device.info.tile < 16 else {}
         sweeper = Sweeper(
             device,
             cells,
             build(device, "sweep.cl", specialised),
-            build(device, "iterate.cl", {**defines, **small}),
+            build(device, "iterate.cl", defines),
             disc=self.view.disc,
             patches=self.view.patches,
         )

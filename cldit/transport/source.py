@@ -83,10 +83,9 @@ def trace_source(
         check_boundary(scene, cells, view)
         ray_bytes = len(cells.needs.components) * np.dtype(real).itemsize
         specialised = {**defines, **sweep_defines(device, cells.box(), ray_bytes=ray_bytes)}
-        small = {"TILE": device.info.tile} if device.info.tile < 16 else {}
         programs += [
             build(device, "sweep.cl", specialised),
-            build(device, "iterate.cl", {**defines, **small}),
+            build(device, "iterate.cl", defines),
         ]
         start = time.perf_counter()
         flags = {"TO_CAMERA": 1} if phase is None else {"TO_CAMERA": 1, "PHASE_STEPS": PHASE_STEPS}
