@@ -6,10 +6,12 @@
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 typedef double real;
 typedef double3 real3;
+typedef double2 real2;
 typedef double4 real4;
 #else
 typedef float real;
 typedef float3 real3;
+typedef float2 real2;
 typedef float4 real4;
 #endif
 #define R(x) ((real)(x))

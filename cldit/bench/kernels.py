@@ -95,11 +95,7 @@ class Kernels:
         """
         device, cells = self.case.device, self.cells
         defines = self._defines()
-        ray_bytes = len(cells.needs.components) * (8 if "USE_FLOAT64" in defines else 4)
-        specialised: dict[str, Define] = {
-            **defines,
-            **sweep_defines(device, cells.box(), ray_bytes=ray_bytes),
-        }
+        specialised: dict[str, Define] = {**defines, **sweep_defines(device)}
         if vector is not None:
             specialised["VECTOR"] = vector
         sweeper = Sweeper(
@@ -124,9 +120,9 @@ class Kernels:
         """A set of sweeps with `count` directions over the sphere; others as in `sweeper`."""
         sweeper, camera = self.sweeper(vector=vector, phase=phase)
         rng = np.random.default_rng(1)
-        directions, starts = isotropic(count, rng), rng.random((count, 2))
+        rays = sweeper.rays(isotropic(count, rng), rng.random((count, 2)))
         sweeper.set_source(first_guess(sweeper, self.cells.albedo), shining=True)
         return quickest(
             self.case,
-            lambda: sweeper.sweep(directions, starts, shining=True, camera=camera),
+            lambda: sweeper.sweep(rays, shining=True, camera=camera),
         )

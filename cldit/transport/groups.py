@@ -29,7 +29,7 @@ class Groups:
     @classmethod
     def of(cls, filled: NDArray[np.bool_], scatters: NDArray[np.bool_]) -> Groups:
         """filled, scatters: [l][v][u], which cells are not empty, and which scatter."""
-        some = _split(filled).any(axis=2)
+        some = np.asarray(_split(filled).any(axis=2))
         row, place = np.nonzero(some)
         number = np.full(some.shape, -1, np.int32)
         number[row, place] = np.arange(len(row))

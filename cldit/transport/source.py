@@ -25,8 +25,8 @@ from cldit.transport.gather import Gather
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.picture import Painter
 from cldit.transport.result import Settings, Trace, weights_of
-from cldit.transport.solve import Rays, Solution, another_order, first_guess, solve
-from cldit.transport.sweep import Sweeper, sweep_defines
+from cldit.transport.solve import Solution, another_order, first_guess, solve
+from cldit.transport.sweep import Rays, Sweeper, sweep_defines
 from cldit.transport.thick import RimLight, ThickCells
 from cldit.transport.towards import ToCamera
 from cldit.transport.view import View, check_boundary
@@ -81,8 +81,7 @@ def trace_source(
     seconds = {}
     if cells.needs.scattering:
         check_boundary(scene, cells, view)
-        ray_bytes = len(cells.needs.components) * np.dtype(real).itemsize
-        specialised = {**defines, **sweep_defines(device, cells.box(), ray_bytes=ray_bytes)}
+        specialised = {**defines, **sweep_defines(device)}
         programs += [
             build(device, "sweep.cl", specialised),
             build(device, "iterate.cl", defines),
@@ -171,7 +170,7 @@ def _scattering(
             disc_radius=float(disc[3]) ** 0.5,
             enclosure=scene.background.shape == "enclosure",
         )
-        return Rays(directions, rng.random((count, 2)))
+        return sweeper.rays(directions, rng.random((count, 2)))
 
     half = settings.final_directions // 2
     defect = np.zeros(sweeper.count)
@@ -203,15 +202,14 @@ def _scattering(
             solution = replace(
                 solution, source=better, lack=None if lack is None else lack * cells.albedo
             )
-        few = rays(_CHECKED)
-        defect = sweeper.defect(solution.source, few.directions, few.starts)
+        defect = sweeper.defect(solution.source, rays(_CHECKED))
         if solution.lack is not None:
             defect -= solution.lack[: cells.needs.boundaries].sum(axis=0)
         phase = settings.phase
         towards = [
             rays(half, last)
             if phase is None
-            else Rays(about_camera(half, last, phase), last.random((half, 2)))
+            else sweeper.rays(about_camera(half, last, phase), last.random((half, 2)))
             for _ in range(2)
         ]
         table = np.zeros(1) if phase is None else phase.by_half_sine(PHASE_STEPS)
@@ -259,7 +257,7 @@ def _to_camera(
     scale: unit of the source's thermal parts, as `seen.scale` is of the answer's.
     """
     sweeper.set_source(source, shining=True)
-    sweeper.sweep(rays.directions, rays.starts, shining=True, camera=camera)
+    sweeper.sweep(rays, shining=True, camera=camera)
     mean = sweeper.weighted_mean(camera).astype(np.float64)
     mean[seen.needs.boundaries :] *= scale / seen.scale
     return np.asarray(_thermal(seen) + seen.albedo * mean).astype(sweeper.real)

@@ -9,7 +9,6 @@ import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
-from cldit.errors import DeviceError
 from cldit.gpu.buffers import clear, download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
@@ -18,37 +17,20 @@ from cldit.transport.directions import Directions
 from cldit.transport.groups import GROUP, Groups, turned_too
 from cldit.transport.layout import Layout, layouts
 from cldit.transport.patches import NONE, shifted
+from cldit.transport.routes import Route, routes
 from cldit.transport.towards import ToCamera
-from cldit.transport.way import Way
 
 _MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
 
 Real = type[np.float32] | type[np.float64]
 
 
-def sweep_defines(device: Device, box: Box, *, ray_bytes: int = 8) -> dict[str, int]:
-    """What the sweep kernel must know of the device and of the box when it is built.
-
-    ray_bytes: what the components of one ray take.
-
-    Raises:
-        DeviceError: a row of rays does not fit into what a work-group shares.
-    """
-    nx, ny, nz = (-(-edge // GROUP) * GROUP for edge in box.shape)
-    slots = max(nx + nz, nx + ny, ny + nx) + 4
-    if slots * ray_bytes > device.info.local_bytes:
-        raise DeviceError(
-            f"{device.info.name}: a row of rays takes {slots * ray_bytes} bytes of local memory, "
-            f"and a work-group has {device.info.local_bytes}; set domain.leaf_edge_m coarser, or "
-            "name fewer patches"
-        )
-    return {"VECTOR": GROUP if device.is_cpu else 1, "SLOTS": slots}
+_TOGETHER = 8  # directions: their rays and a row of cells stay in a core's cache
 
 
-def _apart(rows: int) -> list[tuple[int, int]]:
-    """First and number of sets of rows, every other one, with no neighbours in a set."""
-    even, odd = rows // 2, rows % 2
-    return [(0, even), (1, even)] * (even > 0) + [(rows - 1, 1)] * odd
+def sweep_defines(device: Device) -> dict[str, int]:
+    """What the sweep kernel must know of the device when it is built."""
+    return {"VECTOR": GROUP if device.is_cpu else 1}
 
 
 @dataclass(frozen=True)
@@ -104,13 +86,20 @@ class _Order:
 
 
 @dataclass(frozen=True)
-class _Beam:
-    """One direction of a set: its number there, where its light comes from, and where rays start."""
+class Rays:
+    """A set of directions, ready to be swept along as often as is wanted.
 
-    number: int
-    back: NDArray[np.float64]
-    weight: float
-    start: NDArray[np.float64]
+    routes: with what the kernel takes of each, from `launches` to `origins`.
+    """
+
+    directions: Directions
+    routes: tuple[tuple[Route, list[Any]], ...]
+
+
+def _slots(layout: Layout) -> int:
+    """For a row of rays: those that are in the box, in whole groups, and those that come in."""
+    nu, _, nl = layout.size
+    return -(-nu // GROUP) * GROUP + nl + 4
 
 
 class Sweeper:
@@ -154,6 +143,13 @@ class Sweeper:
         }
         self._shining: bool | None = False  # what the cells that do not scatter hold
         self._lanes = device.info.largest_group
+        each = max(
+            layout.size[1] * self.components * _slots(layout)
+            for layout in layouts(self.box.shape).values()
+        )
+        most = device.info.largest_buffer_bytes // (each * np.dtype(real).itemsize)
+        self._together = max(1, min(_TOGETHER, most))
+        self._rays = zeros(device, "rays", self._together * each, real)
         self.thermal = np.zeros((self.components, self.count), real)
         self.thermal[self._boundaries :] = cells.thermal_planes(real)[:, cells.address]
         self._emission = upload(device, "emission", self.thermal)
@@ -204,40 +200,42 @@ class Sweeper:
             self._of_list(kernel, self._out, self._list, *arguments)
         return download(self.device, self._out, np.empty((self.components, self.count), self._real))
 
-    def sweep(
-        self,
-        directions: Directions,
-        starts: NDArray[np.float64],
-        *,
-        shining: bool,
-        camera: ToCamera | None = None,
-    ) -> None:
+    def rays(self, directions: Directions, starts: NDArray[np.float64]) -> Rays:
+        """starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer."""
+        ready = []
+        for route in routes(self.box, directions, starts, together=self._together):
+            backs = np.column_stack([route.back, np.zeros(len(route))])
+            origin = np.where(route.rightwards, route.layout.size[2] + 1, 1)
+            tables = [
+                route.launches,
+                route.direction,
+                route.shifts,
+                np.column_stack([route.part, route.height]).astype(self._real),
+                backs.astype(self._real),
+                np.column_stack([route.stretch, route.weight]).astype(self._real),
+                np.column_stack([origin, route.number]).astype(np.int32),
+            ]
+            ready.append((route, [upload(self.device, "routes", table) for table in tables]))
+        return Rays(directions, tuple(ready))
+
+    def sweep(self, rays: Rays, *, shining: bool, camera: ToCamera | None = None) -> None:
         """Sweeps every direction; the excess D of the present source is then on the device.
 
-        starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer.
         camera: what directions count for towards it; None counts all alike.
         """
         for turned, order in self._order.items():
             clear(self.device, order.excess, order.bytes)
             if camera is not None:
                 clear(self.device, camera.shares[turned], order.bytes // self.components)
-        main = np.argmax(np.abs(directions.unit), axis=1)
-        for axis, layout in layouts(self.box.shape).items():
-            for i in np.flatnonzero(main == axis):
-                beam = _Beam(
-                    int(i), directions.unit[i], float(directions.weight[i]), np.asarray(starts[i])
-                )
-                self._one(layout, beam, shining, camera)
-        self.sweeps += len(directions)
+        for route, tables in rays.routes:
+            self._along(route, tables, shining, camera)
+        self.sweeps += len(rays.directions)
 
-    def _one(self, layout: Layout, beam: _Beam, shining: bool, camera: ToCamera | None) -> None:
-        real = self._real
+    def _along(
+        self, route: Route, tables: list[Any], shining: bool, camera: ToCamera | None
+    ) -> None:
+        layout, real = route.layout, self._real
         order = self._order[layout.turned]
-        # Light runs away from where it comes from.
-        u, v, run = (-beam.back[axis] for axis in layout.axes)
-        nu, nv, nl = layout.size
-        way = Way.of(u / abs(run), v / abs(run), beam.start, layers=nl, backwards=run < 0)
-        lanes = 1 if self._vector > 1 else min(order.groups.widest, self._lanes)
         extra = []
         if camera is not None:
             place = np.zeros(4)
@@ -245,53 +243,38 @@ class Sweeper:
             extra = [
                 camera.shares[layout.turned],
                 camera.seen[layout.turned],
-                upload(self.device, "heights", way.within[layout.axes.index(1)].astype(real)),
                 camera.phase,
                 place.astype(real),
-                *([] if camera.light is None else camera.light.arguments(layout, beam.number)),
+                *([] if camera.light is None else camera.light.arguments(layout)),
             ]
         kernel = self._sweep if camera is None else camera.kernel
-        before = [
+        kernel.set_args(
+            np.int32(0),
+            *tables,
+            self._rays,
+            np.int32(_slots(layout)),
             order.first,
             order.begins,
             order.depth,
             order.source,
             order.excess,
-            upload(self.device, "shifts", way.shifts(nv)),
-            upload(self.device, "layers", way.layer),
-            upload(self.device, "parts", way.part.astype(real)),
-            np.int32(len(way.part)),
-        ]
-        after = [
-            np.int32(nl + 1 if u > 0 else 1),
             np.int32(layout.number),
-            np.int32(nu),
-            np.int32(nv),
-            np.int32(nl),
+            *(np.int32(count) for count in layout.size),
             np.int32(layout.stride_v),
             np.int32(layout.stride_l),
-            real(1 / abs(run)),
-            real(beam.weight),
             real(shining),
-            np.array([*beam.back, 0], real),
             self._disc.astype(real),
             *self._patches,
             *extra,
-        ]
-        # Rows that are neighbours, the first and the last among them, share cells.
-        for first, rows in _apart(nv):
-            kernel(
-                self.device.queue,
-                (lanes, rows),
-                (lanes, 1),
-                *before,
-                np.int32(first),
-                *after,
+        )
+        lanes = 1 if self._vector > 1 else min(order.groups.widest, self._lanes)
+        for launch in np.flatnonzero(np.diff(route.launches).any(axis=0)):
+            kernel.set_arg(0, np.int32(launch))
+            cl.enqueue_nd_range_kernel(
+                self.device.queue, kernel, (lanes * layout.size[1], 2), (lanes, 1)
             )
 
-    def defect(
-        self, listed: NDArray[Any], directions: Directions, starts: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def defect(self, listed: NDArray[Any], rays: Rays) -> NDArray[np.float64]:
         """Mean radiance (N,) of the scattering cells, less 1, in a cavity of radiance 1.
 
         listed: (C, N) source; what the boundaries' part of it lacks to 1, the cells emit, as all
@@ -308,10 +291,10 @@ class Sweeper:
         if self.components > b:
             parts[b] = 1.0 - listed[:b].sum(axis=0)
         self._put(parts)
-        self.sweep(directions, starts, shining=True)
+        self.sweep(rays, shining=True)
         total = self._answer().sum(axis=0, dtype=np.float64)
         missing = parts.sum(axis=0, dtype=np.float64) - 1.0
-        return np.asarray(total / directions.weight.sum() + missing)
+        return np.asarray(total / rays.directions.weight.sum() + missing)
 
     def to_camera(
         self,

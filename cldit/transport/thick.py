@@ -115,11 +115,11 @@ class RimLight:
         size = directions * thick.rim * components
         return cls(zeros(device, "light of the rim", size, real), thick.rim, rows, listed)
 
-    def arguments(self, layout: Layout, number: int) -> list[Any]:
-        """Kernel arguments `light` to `rim_cells` for the direction of this number."""
+    def arguments(self, layout: Layout) -> list[Any]:
+        """Kernel arguments `light` to `rim_cells`."""
         return [
             self.buffer,
-            np.int32(self.first + number),
+            np.int32(self.first),
             np.int32(self.rim),
             self.rows[layout.number],
             self.cells[layout.number],

@@ -35,8 +35,8 @@ def test_unknown_include_names_file_and_line(monkeypatch: pytest.MonkeyPatch) ->
         ("image.cl", {"CAMERA_PINHOLE": 1, "CUTOFF": 0.1}, "BOUNDARY_ENCLOSURE"),
         ("image.cl", {"BOUNDARY_DISC": 1, "CUTOFF": 0.1}, "CAMERA_PINHOLE"),
         ("image.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1}, "CUTOFF"),
-        ("sweep.cl", {"BOUNDARY_DISC": 1, "SLOTS": 9, "VECTOR": 1}, "HAS_SCATTERING"),
-        ("sweep.cl", {"BOUNDARY_DISC": 1, "HAS_SCATTERING": 1, "VECTOR": 1}, "SLOTS"),
+        ("sweep.cl", {"BOUNDARY_DISC": 1, "VECTOR": 1}, "HAS_SCATTERING"),
+        ("sweep.cl", {"BOUNDARY_DISC": 1, "HAS_SCATTERING": 1, "VECTOR": 3}, "VECTOR"),
     ],
 )
 def test_missing_define_is_named(

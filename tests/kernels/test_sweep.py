@@ -18,7 +18,7 @@ from cldit.transport.directions import Directions, isotropic
 from cldit.transport.patches import patch_rows, shifted
 from cldit.transport.reference import march, sweep
 from cldit.transport.solve import first_guess
-from cldit.transport.sweep import Sweeper, _apart, sweep_defines
+from cldit.transport.sweep import Sweeper, sweep_defines
 from cldit.transport.trace import Settings, trace
 
 EDGE_M = 0.16
@@ -70,7 +70,7 @@ def sweeper_of(device: Device, cells: OpticalCells, defines: dict[str, Any]) -> 
     return Sweeper(
         device,
         cells,
-        build(device, "sweep.cl", {**common, **sweep_defines(device, cells.box())}),
+        build(device, "sweep.cl", {**common, **sweep_defines(device)}),
         build(device, "iterate.cl", common),
         disc=DISC,
     )
@@ -91,7 +91,7 @@ def test_sweep_against_numpy(
     defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1}
     if float64:
         defines["USE_FLOAT64"] = 1
-    sized = {**defines, **sweep_defines(device, cells.box()), "VECTOR": vector}
+    sized = {**defines, **sweep_defines(device), "VECTOR": vector}
     sweeper = Sweeper(
         device,
         cells,
@@ -105,7 +105,7 @@ def test_sweep_against_numpy(
     starts = rng.random((12, 2))
     guess = first_guess(sweeper, cells.albedo)
     sweeper.set_source(guess, shining=True)
-    sweeper.sweep(directions, starts, shining=True)
+    sweeper.sweep(sweeper.rays(directions, starts), shining=True)
     got = sweeper.next_order()
 
     box = sweeper.box
@@ -142,7 +142,7 @@ def test_sweep_of_one_row_is_exact(device: Device) -> None:
     sweeper = sweeper_of(device, cells, {"BOUNDARY_ENCLOSURE": 1})
     along = Directions(unit=np.array([[0.0, 1.0, 0.0]]), weight=np.ones(1))
     sweeper.set_source(np.zeros_like(sweeper.thermal), shining=False)
-    sweeper.sweep(along, np.zeros((1, 2)), shining=True)
+    sweeper.sweep(sweeper.rays(along, np.zeros((1, 2))), shining=True)
     mean = sweeper.next_order()[0] - sweeper.thermal[0]
     depth = cells.dense(sweeper.box, cells.depth)
     beyond = np.cumsum(depth[:, ::-1], axis=1)[:, ::-1] - depth
@@ -218,15 +218,7 @@ def test_sweeps_repeat_to_the_last_bit(device: Device) -> None:
     found = []
     for _ in range(6):
         sweeper.set_source(first_guess(sweeper, cells.albedo), shining=True)
-        sweeper.sweep(directions, starts, shining=True)
+        sweeper.sweep(sweeper.rays(directions, starts), shining=True)
         found.append(sweeper.next_order())
     for other in found[1:]:
         np.testing.assert_array_equal(other, found[0])
-
-
-def test_rows_that_run_together_are_no_neighbours() -> None:
-    for rows in range(1, 12):
-        sets = [[first + 2 * i for i in range(count)] for first, count in _apart(rows)]
-        assert sorted(row for some in sets for row in some) == list(range(rows))
-        for some in sets:
-            assert all((a - b) % rows not in (1, rows - 1) for a in some for b in some if rows > 1)
