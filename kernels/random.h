@@ -9,9 +9,10 @@
 INLINE uint4 philox(uint4 counter, uint2 key)
 {
     for (int round = 0; round < 10; ++round) {
-        const uint high0 = mul_hi(counter.x, 0xD2511F53u), low0 = counter.x * 0xD2511F53u;
-        const uint high1 = mul_hi(counter.z, 0xCD9E8D57u), low1 = counter.z * 0xCD9E8D57u;
-        counter = (uint4)(high1 ^ counter.y ^ key.x, low1, high0 ^ counter.w ^ key.y, low0);
+        const ulong first = (ulong)counter.x * 0xD2511F53u;
+        const ulong second = (ulong)counter.z * 0xCD9E8D57u;
+        counter = (uint4)((uint)(second >> 32) ^ counter.y ^ key.x, (uint)second,
+                          (uint)(first >> 32) ^ counter.w ^ key.y, (uint)first);
         key += (uint2)(0x9E3779B9u, 0xBB67AE85u);
     }
     return counter;

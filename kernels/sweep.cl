@@ -32,18 +32,24 @@
 typedef double8 lane_t;
 #else
 typedef float8 lane_t;
+#define AS_INT as_int8
+#define AS_FLOAT as_float8
 #endif
-#define LOAD(p) vload8(0, p)
-#define STORE(x, p) vstore8(x, 0, p)
 #define ALONG ((lane_t)(0, 1, 2, 3, 4, 5, 6, 7) / R(7))
 #elif VECTOR == 1
 typedef real lane_t;
-#define LOAD(p) (*(p))
-#define STORE(x, p) (*(p) = (x))
+#define AS_INT as_int
+#define AS_FLOAT as_float
 #define ALONG R(0)
 #else
 #error "VECTOR: 1 or 8"
 #endif
+
+/* Groups of cells are aligned; rays may begin anywhere. Not vload8, which PoCL calls as a function. */
+typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
+#define CELLS(p) (*(__global lane_t *)(p))
+#define CELLS_OF(p) (*(__global const lane_t *)(p))
+#define RAYS(p) (*(__global ray_t *)(p))
 
 #define REAL lane_t
 #include "attenuation.h"
@@ -147,23 +153,28 @@ __kernel void sweep(
     const int place = l * stride_l + v * stride_v;
     const int begin_units = groups[place] * (GROUP / VECTOR);
     const int end_units = groups[place + 1] * (GROUP / VECTOR);
+#ifdef RIM
+    const int first_rim = rim_rows[l * nv + v], end_rim = rim_rows[l * nv + v + 1];
+#else
+    const int first_rim = 0, end_rim = 0;
+#endif
+    const int nothing = begin_units == end_units && first_rim == end_rim;
     const int last_step = launches[sense * (2 * nl + 1) + launch + 1];
 
     for (int step = launches[sense * (2 * nl + 1) + launch]; step < last_step; ++step) {
-        const int k = directions[step];
         const int4 shift = shifts[step];
+        /* Rays that come in: all of the row where it enters the box, else one at its end. */
+        const int enters = shift.w == 2 || (shift.w > 0 && v == 0) || (shift.w < 0 && v == nv - 1);
+        if (nothing && !enters && shift.z == 0) continue;
+        const int k = directions[step];
         const int row = v < shift.y ? v - shift.y + nv : v - shift.y;
-        const real4 back = backs[k];
         /* Cell u's ray; a group may reach beyond its row: what lies there is empty, and no ray that
            counts. */
         __global real *crossing =
             rays + (size_t)(k * nv + row) * (COMPONENTS * slots) + origins[k].x - shift.x;
-
-        /* Rays that come in: all of the row where it enters the box, else one at its end. */
-        int first = 0, last = -1;
-        if (shift.w == 2 || (shift.w > 0 && v == 0) || (shift.w < 0 && v == nv - 1)) last = nu - 1;
-        else if (shift.z > 0) last = 0;
-        else if (shift.z < 0) first = last = nu - 1;
+        const real4 back = backs[k];
+        const int first = !enters && shift.z < 0 ? nu - 1 : 0;
+        const int last = enters || shift.z < 0 ? nu - 1 : shift.z > 0 ? 0 : -1;
         for (int u = first + lane; u <= last; u += lanes) {
             const int seen = seen_from(u, v, l, layout, back, &boundary);
             for (int c = 0; c < COMPONENTS; ++c) crossing[c * slots + u] = c == seen ? inflow : R(0);
@@ -178,39 +189,37 @@ __kernel void sweep(
             const int begin = begins[cell / GROUP];
             const int u = (begin < 0 ? -1 - begin : begin) + cell % GROUP;
             const int plane = first_plane(cell, COMPONENTS);
-            const lane_t t = LOAD(depth + cell) * stretch;
+            const lane_t t = CELLS_OF(depth + cell) * stretch;
             const lane_t share = absorbed(t);
             if (begin < 0) {
                 for (int c = 0; c < COMPONENTS; ++c) {
                     __global real *ray = crossing + c * slots + u;
-                    const lane_t intensity = LOAD(ray);
+                    const lane_t intensity = RAYS(ray);
                     lane_t gap = intensity;
-                    if (c >= BOUNDARIES) gap -= LOAD(source + plane + c * GROUP);
-                    STORE(intensity - gap * share, ray);
+                    if (c >= BOUNDARIES) gap -= CELLS_OF(source + plane + c * GROUP);
+                    RAYS(ray) = intensity - gap * share;
                 }
                 continue;
             }
 #ifdef TO_CAMERA
-            const lane_t counts = weight * seen_at(parts[step].y, LOAD(seen + cell))
+            const lane_t counts = weight * seen_at(parts[step].y, CELLS_OF(seen + cell))
                 * counts_for(u, v, l, layout, back, camera, phase);
-            STORE(LOAD(shares + cell) + counts, shares + cell);
+            CELLS(shares + cell) += counts;
 #else
             const real counts = weight;
 #endif
             const lane_t q = counts * mean_transmission(t, share);
             for (int c = 0; c < COMPONENTS; ++c) {
-                __global real *d = excess + plane + c * GROUP;
                 __global real *ray = crossing + c * slots + u;
-                const lane_t intensity = LOAD(ray);
-                const lane_t gap = intensity - LOAD(source + plane + c * GROUP);
-                STORE(LOAD(d) + gap * q, d);
-                STORE(intensity - gap * share, ray);
+                const lane_t intensity = RAYS(ray);
+                const lane_t gap = intensity - CELLS_OF(source + plane + c * GROUP);
+                CELLS(excess + plane + c * GROUP) += gap * q;
+                RAYS(ray) = intensity - gap * share;
             }
         }
         barrier(CLK_GLOBAL_MEM_FENCE);
 #ifdef RIM
-        const int last_rim = rim_rows[l * nv + v + 1];
-        for (int i = rim_rows[l * nv + v] + lane; i < last_rim; i += lanes) {
+        for (int i = first_rim + lane; i < end_rim; i += lanes) {
             const int2 cell = rim_cells[i];
             __global real *leaves = light
                 + ((size_t)(earlier + origins[k].y) * rim + cell.y) * COMPONENTS;

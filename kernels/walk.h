@@ -48,17 +48,17 @@ INLINE real distance_from(real place, real slope, real low, real high)
 
 INLINE int cell_at(real place, int low, int high)
 {
-    return clamp((int)floor(place), low, high);
+    return within(floor_of(place), low, high);
 }
 
 /* Sets the walk, whose line is given, to where it meets the grid's bounds, or to `start` if that
    lies inside already; 0 where it misses them. */
 INLINE int walk_in(Walk *w, const Grid *g, real start)
 {
-    w->t = fmax(fmax(distance_from(w->px, w->dx, g->low.x, g->high.x),
+    w->t = most(most(distance_from(w->px, w->dx, g->low.x, g->high.x),
                      distance_from(w->py, w->dy, g->low.y, g->high.y)),
-                fmax(distance_from(w->pz, w->dz, g->low.z, g->high.z), start));
-    const real end = fmin(fmin(distance_to(w->px, w->dx, g->low.x, g->high.x),
+                most(distance_from(w->pz, w->dz, g->low.z, g->high.z), start));
+    const real end = least(least(distance_to(w->px, w->dx, g->low.x, g->high.x),
                                distance_to(w->py, w->dy, g->low.y, g->high.y)),
                           distance_to(w->pz, w->dz, g->low.z, g->high.z));
     if (!(w->t < end)) return 0;
@@ -82,26 +82,26 @@ INLINE Crossing walk_ahead(
 #endif
     c.address = c.whole ? g->coarse - 1 - slot
         : slot * BRICK_CELLS + ((w->z % BRICK) * BRICK + w->y % BRICK) * BRICK + w->x % BRICK;
-    c.lx = max(w->x & ~mask, g->low.x);
-    c.hx = min((w->x | mask) + 1, g->high.x);
-    c.ly = max(w->y & ~mask, g->low.y);
-    c.hy = min((w->y | mask) + 1, g->high.y);
-    c.lz = max(w->z & ~mask, g->low.z);
-    c.hz = min((w->z | mask) + 1, g->high.z);
+    c.lx = larger(w->x & ~mask, g->low.x);
+    c.hx = smaller((w->x | mask) + 1, g->high.x);
+    c.ly = larger(w->y & ~mask, g->low.y);
+    c.hy = smaller((w->y | mask) + 1, g->high.y);
+    c.lz = larger(w->z & ~mask, g->low.z);
+    c.hz = smaller((w->z | mask) + 1, g->high.z);
     c.tx = distance_to(w->px, w->dx, c.lx, c.hx);
     c.ty = distance_to(w->py, w->dy, c.ly, c.hy);
     c.tz = distance_to(w->pz, w->dz, c.lz, c.hz);
-    c.next = fmin(c.tx, fmin(c.ty, c.tz));
+    c.next = least(c.tx, least(c.ty, c.tz));
     return c;
 }
 
 /* Length of the crossing. */
-INLINE real walk_length(const Walk *w, const Crossing *c) { return fmax(c->next - w->t, R(0)); }
+INLINE real walk_length(const Walk *w, const Crossing *c) { return most(c->next - w->t, R(0)); }
 
 /* Goes on to the next cell; 0 where the line leaves the bounds. */
 INLINE int walk_on(Walk *w, const Crossing *c, const Grid *g)
 {
-    w->t = fmax(w->t, c->next);
+    w->t = most(w->t, c->next);
     if (c->next == c->tx) {
         w->x = w->dx > R(0) ? c->hx : c->lx - 1;
         if (w->x < g->low.x || w->x >= g->high.x) return 0;

@@ -25,7 +25,7 @@ _MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
 Real = type[np.float32] | type[np.float64]
 
 
-_TOGETHER = 8  # directions: their rays and a row of cells stay in a core's cache
+_TOGETHER = 16  # directions: more take memory for rays, and gain nothing
 
 
 def sweep_defines(device: Device) -> dict[str, int]:
