@@ -7,16 +7,16 @@
 #include "components.h"
 #include "groups.h"
 
-/* Both boxes' source from the list. */
+/* Both boxes' source from the list, of so many planes a cell. */
 __kernel void set_source(
     __global real *source, __global real *source_turned, __global const real *listed,
-    __global const int *place, __global const int *turned, const int count)
+    __global const int *place, __global const int *turned, const int planes, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
-    const int at = first_plane(place[i], COMPONENTS);
-    const int also = first_plane(turned[i], COMPONENTS);
-    for (int c = 0; c < COMPONENTS; ++c) {
+    const int at = first_plane(place[i], planes);
+    const int also = first_plane(turned[i], planes);
+    for (int c = 0; c < planes; ++c) {
         const real value = listed[c * count + i];
         source[at + c * GROUP] = value;
         source_turned[also + c * GROUP] = value;
@@ -26,13 +26,13 @@ __kernel void set_source(
 /* Excess of the listed cells over their source, from both boxes. */
 __kernel void listed_excess(
     __global real *out, __global const real *excess, __global const real *excess_turned,
-    __global const int *place, __global const int *turned, const int count)
+    __global const int *place, __global const int *turned, const int planes, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
-    const int at = first_plane(place[i], COMPONENTS);
-    const int also = first_plane(turned[i], COMPONENTS);
-    for (int c = 0; c < COMPONENTS; ++c)
+    const int at = first_plane(place[i], planes);
+    const int also = first_plane(turned[i], planes);
+    for (int c = 0; c < planes; ++c)
         out[c * count + i] = excess[at + c * GROUP] + excess_turned[also + c * GROUP];
 }
 

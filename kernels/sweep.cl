@@ -16,6 +16,10 @@
 
    TO_CAMERA, for the last sweep: light counts by how much of it the camera sees from there in the
    cell, and by the phase function where there is one (PHASE_STEPS).
+   FLUX: the excess is also found times each component of the direction that light comes from; of
+   this lies the first moment of the light in a cell.
+   SLOPED: a cell's source is more in one direction than in others, S = S_0 + S_1 . direction;
+   the excess is then over S_0.
    RIM: the light that leaves the cells around thick ones is kept, for gather.cl. */
 
 #include "boundary.h"
@@ -53,6 +57,20 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 
 #define REAL lane_t
 #include "attenuation.h"
+
+/* Planes of a cell: of S, S_0 of all components, then the x, y and z of S_1; of D likewise. */
+#ifdef SLOPED
+#define SOURCE_PLANES (4 * COMPONENTS)
+#else
+#define SOURCE_PLANES COMPONENTS
+#endif
+#ifdef FLUX
+#define EXCESS_PLANES (4 * COMPONENTS)
+#else
+#define EXCESS_PLANES COMPONENTS
+#endif
+#define MOMENT(p, number) CELLS((p) + (number) * COMPONENTS * GROUP)
+#define MOMENT_OF(p, number) CELLS_OF((p) + (number) * COMPONENTS * GROUP)
 
 /* How the axes u, v (of a layer) and l (across layers) lie in space. */
 #define LAYERS_Z 0 /* u = x, v = y, l = z */
@@ -188,7 +206,7 @@ __kernel void sweep(
             const int cell = i * VECTOR;
             const int begin = begins[cell / GROUP];
             const int u = (begin < 0 ? -1 - begin : begin) + cell % GROUP;
-            const int plane = first_plane(cell, COMPONENTS);
+            __global const real *s = source + first_plane(cell, SOURCE_PLANES);
             const lane_t t = CELLS_OF(depth + cell) * stretch;
             const lane_t share = absorbed(t);
             if (begin < 0) {
@@ -196,7 +214,7 @@ __kernel void sweep(
                     __global real *ray = crossing + c * slots + u;
                     const lane_t intensity = RAYS(ray);
                     lane_t gap = intensity;
-                    if (c >= BOUNDARIES) gap -= CELLS_OF(source + plane + c * GROUP);
+                    if (c >= BOUNDARIES) gap -= CELLS_OF(s + c * GROUP);
                     RAYS(ray) = intensity - gap * share;
                 }
                 continue;
@@ -209,11 +227,25 @@ __kernel void sweep(
             const real counts = weight;
 #endif
             const lane_t q = counts * mean_transmission(t, share);
-            for (int c = 0; c < COMPONENTS; ++c) {
+            __global real *d = excess + first_plane(cell, EXCESS_PLANES);
+            for (int c = 0; c < COMPONENTS; ++c, s += GROUP, d += GROUP) {
                 __global real *ray = crossing + c * slots + u;
                 const lane_t intensity = RAYS(ray);
-                const lane_t gap = intensity - CELLS_OF(source + plane + c * GROUP);
-                CELLS(excess + plane + c * GROUP) += gap * q;
+#ifdef SLOPED
+                const lane_t slope = back.x * MOMENT_OF(s, 1) + back.y * MOMENT_OF(s, 2)
+                    + back.z * MOMENT_OF(s, 3);
+                const lane_t gap = intensity - CELLS_OF(s) - slope;
+                const lane_t more = gap * q + slope * counts;
+#else
+                const lane_t gap = intensity - CELLS_OF(s);
+                const lane_t more = gap * q;
+#endif
+                CELLS(d) += more;
+#ifdef FLUX
+                MOMENT(d, 1) += back.x * more;
+                MOMENT(d, 2) += back.y * more;
+                MOMENT(d, 3) += back.z * more;
+#endif
                 RAYS(ray) = intensity - gap * share;
             }
         }

@@ -24,7 +24,7 @@ from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.picture import Painter
 from cldit.transport.result import Settings
 from cldit.transport.sobol import columns
-from cldit.transport.thick import FACE, RimLight, ThickCells, nearest
+from cldit.transport.thick import FACE, Ends, ThickCells, nearest
 
 Floats = NDArray[np.float64]
 
@@ -43,16 +43,11 @@ class Gather:
         painter: Painter,
         box: Box,
         thick: ThickCells,
-        directions: Directions,
-        light: RimLight,
+        ends: Ends,
         settings: Settings,
         defines: dict[str, Define],
-        *,
-        source: NDArray[np.floating],
-        units: Floats,
     ) -> None:
-        """directions, light: of the last sweep. source (C, N), units (C,): see
-        `ThickCells.records`."""
+        directions, light = ends.directions, ends.light
         self._painter, self._settings = painter, settings
         self.device: Device = painter.parts[0].device
         cells = painter.cells
@@ -67,7 +62,7 @@ class Gather:
         real = self._real
         if painter.gathered is None:
             raise ValueError("this painter leaves nothing to gather")
-        records = thick.records(cells, source, units).astype(real)
+        records = thick.records(cells, ends.source).astype(real)
         shared = self._shares(directions, steps).astype(real)
         near = nearest(directions)
         kept = light.buffer

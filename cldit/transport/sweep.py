@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +26,7 @@ _MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
 Real = type[np.float32] | type[np.float64]
 
 
+_MOMENTS = 4  # of a source or of light: its mean, and the first moment's x, y, z
 _TOGETHER = 16  # directions: more take memory for rays, and gain nothing
 
 
@@ -37,8 +39,8 @@ def sweep_defines(device: Device) -> dict[str, int]:
 class _Order:
     """The box's groups of cells in one order, and the device's arrays of them.
 
-    place: of the scattering cells among the cells of all groups. source, excess, thermal: planes of
-    all components, side by side in each group; thermal is the source of what emits.
+    place: of the scattering cells among the cells of all groups. source, excess: planes side by
+    side in each group; thermal, not on the device: the source of what emits.
     """
 
     groups: Groups
@@ -48,8 +50,7 @@ class _Order:
     depth: Any
     source: Any
     excess: Any
-    thermal: Any
-    bytes: int  # of `source`
+    thermal: NDArray[Any]
 
     @classmethod
     def of(
@@ -61,12 +62,14 @@ class _Order:
         real: Real,
         *,
         turned: bool,
+        sloped: bool,
     ) -> _Order:
         def packed(values: NDArray[np.float64]) -> NDArray[Any]:
             return groups.packed(turned_too(cells.dense(box, values.astype(real)))[turned])
 
         components, boundaries = len(cells.needs.components), cells.needs.boundaries
-        thermal = np.zeros((len(groups), components, GROUP), real)
+        planes = _MOMENTS * components if sloped else components
+        thermal = np.zeros((len(groups), planes, GROUP), real)
         for number, name in enumerate(cells.needs.emitters, boundaries):
             thermal[:, number] = packed(cells.emitted[name])
         x, y, z = (cells.positions(cells.address) - np.asarray(box.low)).T
@@ -79,9 +82,8 @@ class _Order:
             place=upload(device, "places", place),
             depth=upload(device, "optical depth", packed(cells.depth)),
             source=zeros(device, "source", thermal.size, real),
-            excess=zeros(device, "excess", thermal.size, real),
-            thermal=upload(device, "thermal source", thermal),
-            bytes=thermal.nbytes,
+            excess=zeros(device, "excess", components * groups.cells, real),
+            thermal=thermal,
         )
 
 
@@ -119,7 +121,8 @@ class Sweeper:
         disc: NDArray[np.float64],
         patches: NDArray[np.float64] = NONE,
     ) -> None:
-        """disc, patches: as in `View`, in cells from the cube's lower corner."""
+        """disc, patches: as in `View`, in cells from the cube's lower corner. sweep: with SLOPED,
+        sources have a first moment."""
         self.device = device
         self.box: Box = cells.box()
         self.count = len(cells.address)
@@ -127,6 +130,8 @@ class Sweeper:
         self._boundaries = cells.needs.boundaries
         self._sweep = sweep["sweep"]
         self._vector = int(sweep.defines["VECTOR"])
+        self._sloped = "SLOPED" in sweep.defines
+        self._planes = self.components * (_MOMENTS if self._sloped else 1)
         self._kernels = iterate
         self._real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
         self._disc = disc.copy()
@@ -138,9 +143,12 @@ class Sweeper:
             self._patches = [upload(device, "patches", moved.astype(real))]
         self.groups = Groups.both(cells, self.box)
         self._order = {
-            turned: _Order.of(device, cells, self.box, groups, real, turned=turned)
+            turned: _Order.of(
+                device, cells, self.box, groups, real, turned=turned, sloped=self._sloped
+            )
             for turned, groups in self.groups.items()
         }
+        self._excess = {turned: order.excess for turned, order in self._order.items()}
         self._shining: bool | None = False  # what the cells that do not scatter hold
         self._lanes = device.info.largest_group
         each = max(
@@ -156,7 +164,7 @@ class Sweeper:
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
         self._depth = upload(device, "optical depth", cells.depth[cells.address].astype(real))
-        self._list = zeros(device, "list", self.components * self.count, real)
+        self._list = zeros(device, "list", self._planes * self.count, real)
         self._out = zeros(device, "answer", self.components * self.count, real)
         self.sweeps = 0
 
@@ -165,7 +173,7 @@ class Sweeper:
         return self._real
 
     def set_source(self, listed: NDArray[Any], *, shining: bool) -> None:
-        """Puts the source (C, N) of the scattering cells into the box.
+        """Puts the source (C, N) of the scattering cells into the box; (4 C, N) if it has a slope.
 
         shining: with the thermal source of all other cells; else these are black.
         """
@@ -174,14 +182,14 @@ class Sweeper:
                 if shining:
                     cl.enqueue_copy(self.device.queue, order.source, order.thermal)
                 else:
-                    clear(self.device, order.source, order.bytes)
+                    clear(self.device, order.source, order.thermal.nbytes)
             self._shining = shining
         self._put(listed)
 
     def _put(self, listed: NDArray[Any]) -> None:
         cl.enqueue_copy(self.device.queue, self._list, np.ascontiguousarray(listed, self._real))
         sources = [order.source for order in self._order.values()]
-        self._of_list("set_source", *sources, self._list, *self._places())
+        self._of_list("set_source", *sources, self._list, *self._places(), np.int32(self._planes))
 
     def _places(self) -> list[Any]:
         return [order.place for order in self._order.values()]
@@ -195,7 +203,8 @@ class Sweeper:
     def _answer(self, kernel: str | None = None, *arguments: Any) -> NDArray[Any]:
         """(C, N) excess of the listed cells, or what a kernel makes of it."""
         excess = [order.excess for order in self._order.values()]
-        self._of_list("listed_excess", self._out, *excess, *self._places())
+        planes = np.int32(self.components)
+        self._of_list("listed_excess", self._out, *excess, *self._places(), planes)
         if kernel is not None:
             self._of_list(kernel, self._out, self._list, *arguments)
         return download(self.device, self._out, np.empty((self.components, self.count), self._real))
@@ -223,31 +232,70 @@ class Sweeper:
 
         camera: what directions count for towards it; None counts all alike.
         """
+        size = np.dtype(self._real).itemsize
         for turned, order in self._order.items():
-            clear(self.device, order.excess, order.bytes)
+            clear(self.device, order.excess, size * self.components * order.groups.cells)
             if camera is not None:
-                clear(self.device, camera.shares[turned], order.bytes // self.components)
+                clear(self.device, camera.shares[turned], size * order.groups.cells)
         for route, tables in rays.routes:
-            self._along(route, tables, shining, camera)
+            if camera is None:
+                self._along(self._sweep, route, tables, shining, self._excess)
+            else:
+                self._along(
+                    camera.kernel,
+                    route,
+                    tables,
+                    shining,
+                    self._excess,
+                    self._towards(camera, route),
+                )
         self.sweeps += len(rays.directions)
 
+    def moments(self, program: Program, rays: Rays) -> NDArray[Any]:
+        """(4, C, N) mean of the light in the scattering cells, and of it times each component of
+        the direction that it comes from; program: sweep.cl with FLUX."""
+        many = _MOMENTS * self.components
+        excess = {
+            turned: zeros(self.device, "flux", many * order.groups.cells, self._real)
+            for turned, order in self._order.items()
+        }
+        for route, tables in rays.routes:
+            self._along(program["sweep"], route, tables, True, excess)
+        self.sweeps += len(rays.directions)
+        out = zeros(self.device, "flux", many * self.count, self._real)
+        self._of_list("listed_excess", out, *excess.values(), *self._places(), np.int32(many))
+        found = download(
+            self.device, out, np.empty((_MOMENTS, self.components, self.count), self._real)
+        )
+        held = np.empty((self._planes, self.count), self._real)
+        listed = download(self.device, self._list, held)[: self.components]
+        weight, back = rays.directions.weight, rays.directions.unit
+        found += np.array([weight.sum(), *(weight @ back)], self._real)[:, None, None] * listed
+        return found
+
+    def _towards(self, camera: ToCamera, route: Route) -> list[Any]:
+        """What the kernel takes with TO_CAMERA, and with RIM."""
+        place = np.zeros(4)
+        place[:3] = camera.place - self.box.low
+        return [
+            camera.shares[route.layout.turned],
+            camera.seen[route.layout.turned],
+            camera.phase,
+            place.astype(self._real),
+            *([] if camera.light is None else camera.light.arguments(route.layout)),
+        ]
+
     def _along(
-        self, route: Route, tables: list[Any], shining: bool, camera: ToCamera | None
+        self,
+        kernel: Any,
+        route: Route,
+        tables: list[Any],
+        shining: bool,
+        excess: dict[bool, Any],
+        extra: Sequence[Any] = (),
     ) -> None:
         layout, real = route.layout, self._real
         order = self._order[layout.turned]
-        extra = []
-        if camera is not None:
-            place = np.zeros(4)
-            place[:3] = camera.place - self.box.low
-            extra = [
-                camera.shares[layout.turned],
-                camera.seen[layout.turned],
-                camera.phase,
-                place.astype(real),
-                *([] if camera.light is None else camera.light.arguments(layout)),
-            ]
-        kernel = self._sweep if camera is None else camera.kernel
         kernel.set_args(
             np.int32(0),
             *tables,
@@ -257,7 +305,7 @@ class Sweeper:
             order.begins,
             order.depth,
             order.source,
-            order.excess,
+            excess[layout.turned],
             np.int32(layout.number),
             *(np.int32(count) for count in layout.size),
             np.int32(layout.stride_v),

@@ -135,6 +135,43 @@ def test_sweep_against_numpy(
     np.testing.assert_allclose(got, expected, atol=1e-13 if float64 else 1e-6)
 
 
+@pytest.mark.parametrize("vector", [1, 8])
+def test_first_moments_against_numpy(device: Device, vector: int) -> None:
+    """Sources that are more in one direction than in others, and the first moment of the light."""
+    tree = random_tree(3)
+    cells = OpticalCells.of(tree)
+    defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1, "VECTOR": vector}
+    program = build(device, "sweep.cl", {**defines, "SLOPED": 1, "FLUX": 1})
+    sweeper = Sweeper(device, cells, program, build(device, "iterate.cl", defines), disc=DISC)
+    rng = np.random.default_rng(5)
+    directions, starts = isotropic(12, rng), rng.random((12, 2))
+    given = rng.uniform(-0.3, 1.0, (4, sweeper.components, sweeper.count))
+    sweeper.set_source(given.reshape(-1, sweeper.count), shining=True)
+    got = sweeper.moments(program, sweeper.rays(directions, starts))
+
+    box = sweeper.box
+    planes = np.zeros((4, sweeper.components, len(cells.depth)))
+    planes[0] = cells.source_planes(np.float64)
+    planes[:, :, cells.address] = given
+    dense = np.array([[cells.dense(box, plane) for plane in some] for some in planes])
+    expected = np.zeros_like(dense)
+    for unit, weight, start in zip(directions.unit, directions.weight, starts, strict=True):
+        light = weight * dense[0] + sweep(
+            cells.dense(box, cells.depth),
+            dense[0],
+            back=unit,
+            weight=float(weight),
+            start=start,
+            centre=DISC[:3] - box.low,
+            radius=4.0,
+            slope=dense[1:],
+        )
+        expected += np.multiply.outer([1.0, *unit], light)
+    place = cells.place(box, cells.address)
+    # As above: a ray's few roundings in each of at most 16 cells.
+    np.testing.assert_allclose(got, expected.reshape(4, len(dense[0]), -1)[:, :, place], atol=2e-6)
+
+
 def test_sweep_of_one_row_is_exact(device: Device) -> None:
     """Along an axis the sweep is the exact solution: Beer-Lambert through the cells."""
     tree = random_tree(4, scattering=1e-9)
