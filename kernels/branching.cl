@@ -116,8 +116,7 @@ __kernel void branching(
                     b.waiting = (int)floor(rays);
                     if (unit(chance.x) < rays - floor(rays)) ++b.waiting;
                     b.each = b.weight * share / rays;
-                    b.low = (int4)(cell.lx, cell.ly, cell.lz, 0);
-                    b.high = (int4)(cell.hx, cell.hy, cell.hz, 0);
+                    walk_bounds(&b.walk, &cell, &grid, &b.low, &b.high);
                 }
             }
             b.inside = walk_on(&b.walk, &cell, &grid);

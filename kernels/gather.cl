@@ -233,9 +233,15 @@ INLINE void chain(
         if (event == 0) {
             word.x = sobol(counter.y, 1, columns) ^ shift0.x;
             word.z = sobol(counter.y, 2, columns) ^ shift0.y;
+#ifdef TRIAL
+            word.y = sobol(counter.y, 3, columns) ^ shift0.z;
+            d = turned(d, phase_cosine(unit(word.x), table), unit(word.y));
+            number = m->nearest[direction_near(d)];
+#else
             number = direction_at(unit(word.x), m->directions, m->count);
             d = m->directions[number].xyz;
             weight *= share_of(m->directions[number], sight, steps);
+#endif
         } else {
             if (event == 1) {
                 word.x = sobol(counter.y, 3, columns) ^ shift1.x;
@@ -304,7 +310,11 @@ __kernel void gather(
         const int number = direction_at(unit(word), directions, direction_count);
         shares += share_of(directions[number], sight, steps);
     }
+    #ifdef TRIAL
+ const real even = R(1) / SAMPLES;
+#else
     const real even = R(1) / shares;
+#endif
 #else
     const real even = R(1) / SAMPLES;
 #endif

@@ -25,6 +25,7 @@ from cldit.transport.picture import Painter
 from cldit.transport.result import Settings
 from cldit.transport.sobol import columns
 from cldit.transport.thick import FACE, RimLight, ThickCells, nearest
+from cldit.transport.view import upload_tree
 
 Floats = NDArray[np.float64]
 
@@ -61,12 +62,15 @@ class Gather:
         phase = settings.phase
         table, steps = np.zeros(1), np.zeros(1)
         self._defines: dict[str, Define] = {**defines, "LONGEST": _LONGEST, "FACE": FACE}
+        import os
+        if os.environ.get("TRIAL"):
+            self._defines["TRIAL"] = 1
         if phase is not None:
             table, steps = phase.to_sample(), phase.by_half_sine(PHASE_STEPS)
             self._defines.update(PHASE_BINS=phase.bins, PHASE_STEPS=PHASE_STEPS)
         real = self._real
-        if painter.gathered is None:
-            raise ValueError("this painter leaves nothing to gather")
+        albedo = np.zeros(len(cells.depth), real)
+        albedo[cells.address[thick.listed]] = cells.albedo[thick.listed]
         records = thick.records(cells, source, units).astype(real)
         shared = self._shares(directions, steps).astype(real)
         near = nearest(directions)
@@ -79,7 +83,7 @@ class Gather:
                 upload(part.device, "phase function", table.astype(real)),
                 upload(part.device, "phase function", steps.astype(real)),
                 upload(part.device, "Sobol", columns()),
-                albedo,
+                upload(part.device, "albedo", albedo),
                 upload(part.device, "places", thick.places),
                 upload(part.device, "thick cells", records),
                 kept if kept is light.buffer else upload(part.device, "light of the rim", kept),
@@ -89,10 +93,10 @@ class Gather:
                 np.int32(len(directions)),
                 np.array([*(box.low + thick.low), 0], np.int32),
                 np.array([*thick.places.shape[::-1], 0], np.int32),
-                *part.tree,
+                *upload_tree(part.device, cells, real),
                 *part.arguments,
             ]
-            for part, albedo in zip(painter.parts, painter.gathered, strict=True)
+            for part in painter.parts
         ]
         self.samples, self.seconds = 0, 0.0
         self._programs: dict[int, list[Program]] = {}
