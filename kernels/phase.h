@@ -7,17 +7,16 @@
 #ifdef PHASE_BINS
 
 /* Cosine of the scattering angle at which the cumulative phase function reaches u. The table:
-   PHASE_BINS + 1 cosines from 1 down to -1, then as many shares scattered into larger cosines, from
-   0 to 1; within a bin the phase function is constant. */
+   PHASE_BINS + 1 cosines from 1 down to -1, as many shares scattered into larger cosines, from 0 to
+   1, and the bins in which the shares k / PHASE_BINS lie, from which the search starts; within a bin
+   the phase function is constant. */
 INLINE real phase_cosine(real u, __global const real *table)
 {
     __global const real *share = table + PHASE_BINS + 1;
-    int low = 0, high = PHASE_BINS;
-    while (high - low > 1) {
-        const int middle = (low + high) / 2;
-        if (share[middle] <= u) low = middle;
-        else high = middle;
-    }
+    __global const real *start = share + PHASE_BINS + 1;
+    int low = (int)start[within((int)(u * PHASE_BINS), 0, PHASE_BINS - 1)];
+    while (low > 0 && share[low] > u) --low; /* by rounding alone */
+    while (low < PHASE_BINS - 1 && share[low + 1] <= u) ++low;
     const real gap = share[low + 1] - share[low];
     const real part = gap > R(0) ? most(R(0), least((u - share[low]) / gap, R(1))) : R(0.5);
     return table[low] + part * (table[low + 1] - table[low]);

@@ -24,7 +24,7 @@ INLINE real unit(uint word) { return ((real)(word >> 9) + R(0.5)) * R(1.19209289
 /* Word `dimension` (below SOBOL_DIMENSIONS) of Sobol point `index` (below 1024); columns: direction
    numbers of ten bits a dimension. */
 #define SOBOL_BITS 10
-#define SOBOL_DIMENSIONS 7
+#define SOBOL_DIMENSIONS 8
 INLINE uint sobol(uint index, int dimension, __global const uint *columns)
 {
     uint word = 0;

@@ -58,8 +58,11 @@ class ScatteringTable:
         return max(float(self.moments(3)[2]), 0.0)
 
     def to_sample(self) -> Floats:
-        """Cosines, then cumulative shares (2 M + 2,): as kernels/phase.h reads them."""
-        return np.concatenate([self.cosine, self.cumulative])
+        """Cosines, cumulative shares, and the bins that the shares k / M lie in (3 M + 2,): as
+        kernels/phase.h reads them."""
+        even = np.arange(self.bins) / self.bins
+        bins = np.searchsorted(self.cumulative, even, "right") - 1
+        return np.concatenate([self.cosine, self.cumulative, np.minimum(bins, self.bins - 1)])
 
     def by_half_sine(self, steps: int) -> Floats:
         """Phase function (steps,) in bins that are even in the sine of half the angle."""

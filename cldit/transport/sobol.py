@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 BITS = 10  # of a point's index: both are also written in kernels/random.h
-DIMENSIONS = 7
+DIMENSIONS = 8
 
 # Primitive polynomial (degree s, coefficients a), and the first s direction integers.
 _POLYNOMIALS = (
@@ -17,6 +17,7 @@ _POLYNOMIALS = (
     (3, 2, (1, 1, 1)),
     (4, 1, (1, 1, 3, 3)),
     (4, 4, (1, 3, 5, 13)),
+    (5, 2, (1, 1, 5, 5, 17)),
 )
 
 
@@ -37,3 +38,12 @@ def columns() -> NDArray[np.uint32]:
             m.append(new)
         out[dimension] = [value << (31 - bit) for bit, value in enumerate(m[:BITS])]
     return out
+
+
+def points(count: int) -> NDArray[np.uint32]:
+    """(count, DIMENSIONS) words of the first points, by their first dimension; a power of two."""
+    number = np.arange(count)
+    out = np.zeros((count, DIMENSIONS), np.uint32)
+    for bit, column in enumerate(columns().T[: count.bit_length() - 1]):
+        out ^= np.where((number >> bit & 1)[:, None] == 1, column, 0).astype(np.uint32)
+    return out[np.argsort(out[:, 0])]

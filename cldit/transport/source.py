@@ -55,6 +55,7 @@ def trace_source(
         {**defines, "CUTOFF": float(settings.cutoff)},
         accuracy_K=settings.accuracy_K,
         thick=None if thick is None else thick.listed,
+        at_once=2 if cells.needs.scattering else 1,
     )
     gather = None
     light = None
