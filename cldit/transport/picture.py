@@ -84,7 +84,10 @@ class Painter:
                 device=one,
                 program=build(one, "image.cl", defines),
                 rows=rows,
-                tree=[*upload_directory(one, cells), upload(one, "records' numbers", filled.number)],
+                tree=[
+                    *upload_directory(one, cells),
+                    upload(one, "records' numbers", filled.number),
+                ],
                 arguments=view.arguments(one, cells, real),
             )
             for one, rows in shares(device, view.pixels[1])
@@ -116,9 +119,7 @@ class Painter:
             whole = images[0, :-1].reshape(-1, rows, columns)
             pixels = steep(whole, self.cells, self.scene, accuracy_K=self.accuracy_K)
         if pixels is not None and len(pixels):
-            several = self._gathered(
-                self._listed(records, pixels), pixels, _ACROSS[rays], gather
-            )
+            several = self._gathered(self._listed(records, pixels), pixels, _ACROSS[rays], gather)
             if len(pixels) == len(every):
                 images = several
             else:
