@@ -347,13 +347,14 @@ __kernel void by_cell(
             in[((size_t)number * rim + cell) * COMPONENTS + c];
 }
 
-/* Mean of so many chains for each chosen ray. Chain k scatters for the first time where the share
-   (k + something) / samples of all that thick cells scatter on the line has been scattered. */
+/* Mean of so many chains for each chosen ray, those of the points from `from_point` on. A chain
+   scatters for the first time where the share of all that thick cells scatter on the line has been
+   scattered that the point's first dimension says. */
 __kernel void gather(
     __global real *means,         /* out: [component][list], and the part from within */
     __global const int *chosen,   /* in: of the rays */
-    const int count, const uint samples, const uint2 key, const uint batch,
-    __global const uint *points,  /* in: low-discrepancy points, by their first dimension */
+    const int count, const uint samples, const uint from_point, const uint2 key, const uint half_,
+    __global const uint *points,  /* in: low-discrepancy, one a chain */
     __global const real *list,    /* in: [across, down] of rays, in pixels */
     __global const uint *numbers, /* in: of rays; chance goes by them */
     __global const int *first,    /* in: of each ray's stretches, and their end */
@@ -375,16 +376,15 @@ __kernel void gather(
     const real3 from = (real3)(ray.px, ray.py, ray.pz);
     const real3 sight = (real3)(ray.dx, ray.dy, ray.dz);
     Chance chance;
-    chance.shift0 = philox((uint4)(numbers[number], 0, 0xFFFFFFFFu, batch), key);
-    chance.shift1 = philox((uint4)(numbers[number], 1, 0xFFFFFFFFu, batch), key);
-    const real offset = unit(chance.shift0.w);
+    chance.shift0 = philox((uint4)(numbers[number], 0, 0xFFFFFFFFu, half_), key);
+    chance.shift1 = philox((uint4)(numbers[number], 1, 0xFFFFFFFFu, half_), key);
     real sum[PARTS];
     for (int c = 0; c < PARTS; ++c) sum[c] = R(0);
     /* Its weight may have been all rounding: then there is no stretch, and nothing to gather. */
     const int stretch_count = first[number + 1] - first[number];
-    __global const real *one = stretches + (size_t)first[number] * STRETCH;
-    __global const real *last = one + larger(stretch_count - 1, 0) * STRETCH;
-    const real all = stretch_count > 0 ? last[UP_TO] : R(0);
+    __global const real *stretch = stretches + (size_t)first[number] * STRETCH;
+    const real all =
+        stretch_count > 0 ? stretch[(stretch_count - 1) * STRETCH + UP_TO] : R(0);
 
 #ifdef SHARES
     real shares = R(0);
@@ -397,19 +397,19 @@ __kernel void gather(
 #else
     const real even = all / samples;
 #endif
-    real before = R(0);
+    const int stretch_last = stretch_count - 1;
     for (uint k = 0; k < samples && all > R(0); ++k) {
-        const real goal = (k + offset) * (all / samples);
-        while (goal >= one[UP_TO] && one < last) {
-            before = one[UP_TO];
-            one += STRETCH;
-        }
+        chance.point = points + k * DIMENSIONS;
+        const real goal = unit(chance.point[0] ^ chance.shift0.w) * all;
+        int met = 0;
+        while (met < stretch_last && goal >= stretch[met * STRETCH + UP_TO]) ++met;
+        __global const real *one = stretch + met * STRETCH;
+        const real before = met > 0 ? one[UP_TO - STRETCH] : R(0);
         const real part = most(R(0), least((goal - before) / (one[UP_TO] - before), R(1)));
         const real along =
             one[AT] + least(length_at(part, one[SHARE], one[DENSITY]), one[LENGTH]);
-        chance.point = points + k * DIMENSIONS;
         chain(sum, even, from + along * sight, (int3)((int)one[0], (int)one[1], (int)one[2]), sight,
-              (uint4)(numbers[number], k, 0, batch), key, &chance, &near, table, steps);
+              (uint4)(numbers[number], from_point + k, 0, half_), key, &chance, &near, table, steps);
     }
     for (int c = 0; c < PARTS; ++c) means[c * count + item] = sum[c];
 }

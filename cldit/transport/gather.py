@@ -25,14 +25,14 @@ from cldit.transport.kelvin import VISIBLE, error_K
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.picture import Painter
 from cldit.transport.result import Settings
-from cldit.transport.sobol import BITS, points
+from cldit.transport.sobol import points
 from cldit.transport.thick import FACE, Ends, ThickCells, nearest
 from cldit.transport.view import upload_tree
 
 Floats = NDArray[np.float64]
 
-_SAMPLES = 32  # of a pixel in the first sets of chains; a power of two, as are all sets
-_MOST = 1e8  # chains of a picture: some core-minutes
+_SAMPLES = 32  # of a pixel in the first round; a power of two, as in all rounds
+MOST_CHAINS = 1e8  # of a picture: some core-minutes
 _LONGEST = 32  # scatterings of a chain, after which the light is that of the sweeps
 _GROUP = 16
 _TILE = 12  # pixels along a tile's edge: some hundred tell their noise
@@ -52,8 +52,10 @@ class _Chains:
     rays: list[Any]
     fixed: list[Any]
 
-    def launch(self, chosen: NDArray[np.int32], sets: list[Any], samples: int, out: Any) -> None:
-        """Starts a set of so many chains for each chosen ray. sets: `key` to `points`."""
+    def launch(
+        self, chosen: NDArray[np.int32], some: range, key: NDArray[np.uint32], half: int, out: Any
+    ) -> None:
+        """Starts the chains of some points of a half for each chosen ray."""
         group = min(_GROUP, self.device.info.largest_group)
         self.program["gather"](
             self.device.queue,
@@ -62,9 +64,11 @@ class _Chains:
             out,
             upload(self.device, "chosen rays", chosen),
             np.int32(len(chosen)),
-            np.uint32(samples),
-            *sets[:2],
-            upload(self.device, "Sobol", sets[2]),
+            np.uint32(len(some)),
+            np.uint32(some.start),
+            key,
+            np.uint32(half),
+            upload(self.device, "Sobol", points(some.start, len(some))),
             *self.rays,
             *self.fixed,
         )
@@ -167,23 +171,25 @@ class Gather:
 
         seen (C, N): what else is seen; other: pixels that see no thick cell, but count. Chains go
         on, in the tiles where they help most, until their noise in T_app is about half of
-        accuracy_K, or max_samples, or _MOST chains in all.
+        accuracy_K, or max_samples, or MOST_CHAINS chains in all.
         """
         cells, scene, wanted = self._painter.cells, self._painter.scene, self._settings.accuracy_K
         start = time.perf_counter()
         count, most = len(pixels), self._settings.max_samples
         chains = self._chains(pixels, across)
         sums = np.zeros((2, self._components, count))
-        samples = np.zeros(count, np.int64)  # of either set, in each of a pixel's rays
+        samples = np.zeros(count, np.int64)  # of either half, in each of a pixel's rays
         tiles = self._tiles(pixels)
-        chosen, batch, spent = np.arange(count), 0, 0.0
+        chosen, spent = np.arange(count), 0.0
         size = max(_SAMPLES // across**2, 1)
-        while size > 1 and 2 * size * across**2 * count > _MOST / 4:
+        while size > 1 and 2 * size * across**2 * count > MOST_CHAINS / 4:
             size //= 2
         while True:
-            for half in sums:
-                half[:, chosen] += size * self._means(chains, chosen, across, size, batch)
-                batch += 1
+            # Pixels that have had as many chains go on with the same points.
+            for had in np.unique(samples[chosen]):
+                mine, some = chosen[samples[chosen] == had], range(had, had + size)
+                for half, total in enumerate(sums):
+                    total[:, mine] += size * self._means(chains, mine, across, some, half)
             samples[chosen] += size
             spent += 2.0 * size * across**2 * len(chosen)
             means = sums / samples
@@ -202,10 +208,13 @@ class Gather:
             best = np.argsort(-energy / cost)
             enough = np.searchsorted(np.cumsum(energy[best]) / 2, left * visible) + 1
             chosen = np.flatnonzero(np.isin(tiles, best[:enough]))
-            # As many again as most have: one set of twice the size is better than two.
-            size = min(1 << int(np.median(samples[chosen])).bit_length() - 1, 1 << BITS)
+            # As many again as most have: a power of two of a sequence's points is the more even.
+            size = 1 << int(np.median(samples[chosen])).bit_length() - 1
             again = 2.0 * size * across**2
-            if 2 * across**2 * samples.max() + again > most or spent + again * len(chosen) > _MOST:
+            if (
+                2 * across**2 * samples.max() + again > most
+                or spent + again * len(chosen) > MOST_CHAINS
+            ):
                 self.noise_K = float(np.sqrt(energy.sum() / visible)) / _NOISE / 2
                 break
         self.samples = int(2 * samples.mean() * across**2)
@@ -267,18 +276,18 @@ class Gather:
         chains: list[_Chains],
         chosen: NDArray[np.int64],
         across: int,
-        samples: int,
-        batch: int,
+        some: range,
+        half: int,
     ) -> Floats:
-        """(C + 1, N) mean of so many chains for each of across^2 rays of each chosen pixel."""
+        """(C + 1, N) mean of the chains of some points for each of across^2 rays of each chosen
+        pixel. half: which shift of the points."""
         rays = (chosen[:, None] * across**2 + np.arange(across**2)).reshape(-1).astype(np.int32)
         key = np.array([self._settings.seed, 0], np.uint32)
-        sets = [key, np.uint32(batch), points(samples)]
         outs = []
         for each, (_, mine) in zip(chains, shares(self.device, len(rays)), strict=True):
             out = zeros(each.device, "means", self._components * len(mine), self._real)
             if mine:
-                each.launch(rays[mine.start : mine.stop], sets, samples, out)
+                each.launch(rays[mine.start : mine.stop], some, key, half, out)
             outs.append((each.device, out, len(mine)))
         found = [
             download(device, out, np.empty((self._components, count), self._real))

@@ -21,29 +21,29 @@ _POLYNOMIALS = (
 )
 
 
-def columns() -> NDArray[np.uint32]:
-    """(DIMENSIONS, BITS) words: point i is the exclusive or of those where i has a bit.
+def columns(bits: int = BITS) -> NDArray[np.uint32]:
+    """(DIMENSIONS, bits) words: point i is the exclusive or of those where i has a bit.
 
     The first dimension is van der Corput's sequence.
     """
-    out = np.zeros((DIMENSIONS, BITS), np.uint32)
-    out[0] = [1 << (31 - bit) for bit in range(BITS)]
+    out = np.zeros((DIMENSIONS, bits), np.uint32)
+    out[0] = [1 << (31 - bit) for bit in range(bits)]
     for dimension, (degree, coefficients, first) in enumerate(_POLYNOMIALS, start=1):
         m = list(first)
-        while len(m) < BITS:
+        while len(m) < bits:
             new = m[-degree] ^ (m[-degree] << degree)
             for k in range(1, degree):
                 if coefficients >> (degree - 1 - k) & 1:
                     new ^= m[-k] << k
             m.append(new)
-        out[dimension] = [value << (31 - bit) for bit, value in enumerate(m[:BITS])]
+        out[dimension] = [value << (31 - bit) for bit, value in enumerate(m[:bits])]
     return out
 
 
-def points(count: int) -> NDArray[np.uint32]:
-    """(count, DIMENSIONS) words of the first points, by their first dimension; a power of two."""
-    number = np.arange(count)
+def points(first: int, count: int) -> NDArray[np.uint32]:
+    """(count, DIMENSIONS) words of points `first` to `first` + count - 1, at most 2^32 - 1."""
+    number = np.arange(first, first + count, dtype=np.uint32)[:, None]
     out = np.zeros((count, DIMENSIONS), np.uint32)
-    for bit, column in enumerate(columns().T[: count.bit_length() - 1]):
-        out ^= np.where((number >> bit & 1)[:, None] == 1, column, 0).astype(np.uint32)
-    return out[np.argsort(out[:, 0])]
+    for bit, column in enumerate(columns(max(int(first + count - 1).bit_length(), 1)).T):
+        out ^= np.where(number >> np.uint32(bit) & np.uint32(1), column, np.uint32(0))
+    return out
