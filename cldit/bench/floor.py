@@ -131,14 +131,14 @@ def floor(case: Case, *, directions: int = 12) -> Part:
             f"copied (read and written), {machine.flops_per_s / 1e9:.1f} Gflop in single "
             f"precision, {machine.exps_per_s / 1e9:.2f} G exponentials. The floor is the larger "
             "of the time that the counted bytes and that the counted operations take.",
-            "What is left, as far as it is known. *Sweep*: every layer is a launch or two, of which "
-            "each costs some ten microseconds; every step of a direction looks up where its rays "
-            "are, for each row, also of a few cells; rays are not aligned to vectors, as they go "
-            "from cell to cell. One cell at a time instead of eight shows what vectors give. *Image*: every "
-            "step depends on the one before (which cell comes next, then its brick, then its "
-            "depth), so it waits for divisions and dependent loads and not for bandwidth, and "
-            "neighbouring pixels branch differently, so nothing is done eight at a time; the walk "
-            "alone, with no light, takes most of it.",
+            "What is left, as far as it is known. *Sweep*: every layer is a launch or two, each of "
+            "some ten microseconds; every step of a direction looks up where its rays are, for each "
+            "row, also of a few cells; rays are not aligned to vectors, as they go from cell to "
+            "cell. One cell at a time instead of eight shows what vectors give. *Image*: every step "
+            "depends on the one before (which cell comes next, then its brick, then its depth), so "
+            "it waits for dependent loads and not for bandwidth, and neighbouring pixels go "
+            "different ways, so nothing is done eight at a time; the walk alone, with no light, "
+            "takes most of it.",
         ),
     )
 
@@ -158,13 +158,13 @@ def _sweeps(machine: Machine, kernels: Kernels, directions: int) -> list[Line]:
 
     lit, computed = wide(scatters), wide(cells.depth > 0)
     emitters = len(cells.needs.emitters)
-    # Once per step and component the rays of cells that are not empty, read and written. Once per
-    # launch, two for each layer, for all directions that go together: depth, S, and D read and
+    # Once per step and component the rays of cells that are not empty, read and written. For all
+    # directions of an axis together (at most 16), twice a layer and sense: depth, S, and D read and
     # written, of cells in groups that scatter; elsewhere depth and S of what is emitted.
     passes = directions * STEPS
     moved = passes * _REAL_BYTES * 2 * components * computed
     cells_once = (1 + 3 * components) * lit + (1 + emitters) * (computed - lit)
-    moved += 2 * 3 * _REAL_BYTES * cells_once  # the three orders of the axes
+    moved += 3 * 2 * 2 * _REAL_BYTES * cells_once
     flops = passes * (computed * SWEEP_CELL + SWEEP_COMPONENT * components * computed)
     work = f"{directions} directions, {box.cells / 1e6:.2f} M cells, {computed / 1e6:.2f} M filled"
     lines = []
