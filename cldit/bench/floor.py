@@ -131,14 +131,14 @@ def floor(case: Case, *, directions: int = 12) -> Part:
             f"copied (read and written), {machine.flops_per_s / 1e9:.1f} Gflop in single "
             f"precision, {machine.exps_per_s / 1e9:.2f} G exponentials. The floor is the larger "
             "of the time that the counted bytes and that the counted operations take.",
-            "What is left, as far as it is known. *Sweep*: every layer is a launch or two, each of "
-            "some ten microseconds; every step of a direction looks up where its rays are, for each "
-            "row, also of a few cells; rays are not aligned to vectors, as they go from cell to "
-            "cell. One cell at a time instead of eight shows what vectors give. *Image*: every step "
-            "depends on the one before (which cell comes next, then its brick, then its depth), so "
-            "it waits for dependent loads and not for bandwidth, and neighbouring pixels go "
-            "different ways, so nothing is done eight at a time; the walk alone, with no light, "
-            "takes most of it.",
+            "What is left, as far as it is known. *Sweep*: every layer is a launch or two, each "
+            "of some ten microseconds; every step of a direction looks up where its rays are, for "
+            "each row, also of a few cells; rays are not aligned to vectors, as they go from cell "
+            "to cell. One cell at a time instead of eight shows what vectors give. *Image*: every "
+            "step depends on the one before (which cell comes next, then its brick, then its "
+            "depth), so it waits for dependent loads and not for bandwidth, and neighbouring "
+            "pixels go different ways, so nothing is done eight at a time; the walk alone, with "
+            "no light, takes most of it.",
         ),
     )
 
