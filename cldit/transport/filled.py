@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Filled:
-    """at (F,): addresses of the cells; number (P,) int32: of a stored cell among them, -1 if empty."""
+    """at (F,): addresses of the cells; number (P,) int32: of a stored cell among them, or -1."""
 
     cells: OpticalCells
     at: NDArray[np.int64]
@@ -42,7 +42,8 @@ class Filled:
         for each picture its source, and the source of what is emitted at radiance 1.
 
         listed, defect, thick: as in `Painter.pictures`. Thick cells only emit. Where nothing
-        scatters the source has emitters alone, and what is emitted at radiance 1 is all: not stored.
+        scatters the source has emitters alone, and what is emitted at radiance 1 is not stored: it
+        is 1.
         """
         cells, needs = self.cells, self.cells.needs
         thermal = cells.thermal_planes(real)[:, self.at].T
