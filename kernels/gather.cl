@@ -14,9 +14,11 @@
 #include "attenuation.h"
 #include "boundary.h"
 #include "components.h"
+#include "directions.h"
 #include "phase.h"
 #include "random.h"
 #include "ray.h"
+#include "step.h"
 #include "walk.h"
 
 #ifndef CUTOFF
@@ -24,9 +26,6 @@
 #endif
 #ifndef LONGEST
 #error "LONGEST: scatterings of a chain"
-#endif
-#ifndef FACE
-#error "FACE: entries of the table of directions along a side"
 #endif
 #ifdef PHASE_BINS
 #ifndef PHASE_STEPS
@@ -60,74 +59,6 @@ typedef struct {
     int4 low, shape;               /* the box */
     Boundary boundary;
 } Near;
-
-/* Entry of the table of nearest directions: the sphere on an octahedron, unfolded to a square
-   (Cigolle et al., J. Computer Graphics Techniques 3, 2014). */
-INLINE int direction_near(real3 d)
-{
-    const real sum = size_of(d.x) + size_of(d.y) + size_of(d.z);
-    real u = d.x / sum, v = d.y / sum;
-    if (d.z < R(0)) {
-        const real w = (R(1) - size_of(v)) * (u < R(0) ? R(-1) : R(1));
-        v = (R(1) - size_of(u)) * (v < R(0) ? R(-1) : R(1));
-        u = w;
-    }
-    const int i = within((int)((u + R(1)) * (FACE / R(2))), 0, FACE - 1);
-    const int j = within((int)((v + R(1)) * (FACE / R(2))), 0, FACE - 1);
-    return j * FACE + i;
-}
-
-/* Number of the direction at which the cumulative share reaches u. */
-INLINE int direction_at(
-    real u, __global const real4 *directions, __global const int *start, int count)
-{
-    int number = start[smaller((int)(u * count), count - 1)];
-    while (number > 0 && directions[number - 1].w > u) --number; /* by rounding alone */
-    while (number < count - 1 && directions[number].w <= u) ++number;
-    return number;
-}
-
-/* A line through the box, cell by cell: how far the far sides of the cell are, and how far it is
-   from side to side. */
-typedef struct {
-    int x, y, z;
-    real t, tx, ty, tz, dx, dy, dz;
-} Step;
-
-INLINE real to_side(real place, int cell, real slope, real across)
-{
-    const real part = slope > R(0) ? cell + 1 - place : place - cell;
-    return slope == R(0) ? R(INFINITY) : most(part, R(0)) * across;
-}
-
-INLINE Step step_from(int3 cell, real3 p, real3 d)
-{
-    Step s = {cell.x, cell.y, cell.z, R(0)};
-    s.dx = R(1) / size_of(d.x);
-    s.dy = R(1) / size_of(d.y);
-    s.dz = R(1) / size_of(d.z);
-    s.tx = to_side(p.x, cell.x, d.x, s.dx);
-    s.ty = to_side(p.y, cell.y, d.y, s.dy);
-    s.tz = to_side(p.z, cell.z, d.z, s.dz);
-    return s;
-}
-
-INLINE real step_end(const Step *s) { return least(s->tx, least(s->ty, s->tz)); }
-
-INLINE void step_on(Step *s, real3 d)
-{
-    s->t = step_end(s);
-    if (s->tx <= s->ty && s->tx <= s->tz) {
-        s->x += d.x > R(0) ? 1 : -1;
-        s->tx += s->dx;
-    } else if (s->ty <= s->tz) {
-        s->y += d.y > R(0) ? 1 : -1;
-        s->ty += s->dy;
-    } else {
-        s->z += d.z > R(0) ? 1 : -1;
-        s->tz += s->dz;
-    }
-}
 
 /* Adds light of known components, and what of it is from within. */
 INLINE void score(real *sum, real weight, __global const real *light)

@@ -25,7 +25,7 @@ _REAL_BYTES = 4
 STEPS = 1.85  # of a ray in a layer: sum of |components| over the largest, mean over the sphere
 SWEEP_CELL = 34  # stretch, decay, absorbed, mean_transmission: all branches, as vectors take them
 SWEEP_COMPONENT = 5  # gap, two multiplications and additions
-IMAGE_STEP = 30  # walk_ahead: three divisions, two of them after shifts; walk_on; index sums
+IMAGE_STEP = 30  # walk_ahead: sides, and distances to them; walk_on: six bounds; index sums
 IMAGE_CELL = 10  # absorbed and what is still transmitted
 IMAGE_SOURCE = 2
 
@@ -136,9 +136,9 @@ def floor(case: Case, *, directions: int = 12) -> Part:
             "each row, also of a few cells; rays are not aligned to vectors, as they go from cell "
             "to cell. One cell at a time instead of eight shows what vectors give. *Image*: every "
             "step depends on the one before (which cell comes next, then its brick, then its "
-            "depth), so it waits for dependent loads and not for bandwidth, and neighbouring "
-            "pixels go different ways, so nothing is done eight at a time; the walk alone, with "
-            "no light, takes most of it.",
+            "depth), so it waits for conversions and dependent loads and not for bandwidth, and "
+            "neighbouring pixels branch differently, so nothing is done eight at a time; the walk "
+            "alone, with no light, takes most of it.",
         ),
     )
 
@@ -184,7 +184,9 @@ def _images(machine: Machine, kernels: Kernels) -> list[Line]:
     total, through = (float(count.sum()) for count in steps)
     pixels = steps[0].size
     out = _REAL_BYTES * pixels * len(needs.components)
-    # Per step: the brick's entry and the depth; through something also its sources.
+    # Per step: the brick's entry and the record's number; through something also the record: depth,
+    # sources and, with scattering, what is emitted at radiance 1.
+    record = 1 + sources + (1 if needs.scattering else 0)
     walked = 2 * _REAL_BYTES * total
     work = f"{pixels / 1e6:.2f} M pixels, {total / 1e6:.0f} M steps, {through / 1e6:.0f} M filled"
     image = Line.of(
@@ -192,7 +194,7 @@ def _images(machine: Machine, kernels: Kernels) -> list[Line]:
         "image",
         work,
         kernels.image().core_s,
-        moved=walked + _REAL_BYTES * sources * through + out,
+        moved=walked + _REAL_BYTES * record * through + out,
         flops=IMAGE_STEP * total + (IMAGE_CELL + IMAGE_SOURCE * sources) * through,
         exps=through,
     )

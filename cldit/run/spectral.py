@@ -116,6 +116,11 @@ class NodeTraces:
         return tuple(dict.fromkeys(one.unaudited for one in self.traces if one.unaudited))
 
     @property
+    def short(self) -> tuple[str, ...]:
+        """Where traces stopped short of the wanted accuracy, each once."""
+        return tuple(dict.fromkeys(one.short for one in self.traces if one.short))
+
+    @property
     def closure(self) -> Closure | None:
         """The worst of all nodes'."""
         found = [result.closure for result in self.traces if result.closure is not None]

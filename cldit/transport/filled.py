@@ -42,7 +42,8 @@ class Filled:
         for each picture its source, and the source of what is emitted at radiance 1.
 
         listed, defect, thick: as in `Painter.pictures`. Thick cells only emit. Where nothing
-        scatters the source has emitters alone, and what is emitted at radiance 1, all, is left out.
+        scatters the source has emitters alone, and what is emitted at radiance 1 is not stored: it
+        is 1.
         """
         cells, needs = self.cells, self.cells.needs
         thermal = cells.thermal_planes(real)[:, self.at].T

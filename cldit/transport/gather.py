@@ -32,7 +32,7 @@ from cldit.transport.view import upload_tree
 Floats = NDArray[np.float64]
 
 _SAMPLES = 32  # of a pixel in the first round; a power of two, as in all rounds
-MOST_CHAINS = 1e8  # of a picture: some core-minutes
+_MOST_CHAINS = 1e8  # of a picture: some core-minutes
 _LONGEST = 32  # scatterings of a chain, after which the light is that of the sweeps
 _GROUP = 16
 _TILE = 12  # pixels along a tile's edge: some hundred tell their noise
@@ -148,7 +148,7 @@ class Gather:
                 ]
             )
         self.samples, self.seconds = 0, 0.0
-        self.noise_K: float | None = None  # where the chains stopped short of what was wanted
+        self.short = ""  # says so where chains stopped short of what was wanted
 
     def _shares(self, directions: Directions, steps: Floats) -> Floats:
         """(K, 4) directions, and the share up to each in what is scattered along +y, by the phase
@@ -171,7 +171,7 @@ class Gather:
 
         seen (C, N): what else is seen; other: pixels that see no thick cell, but count. Chains go
         on, in the tiles where they help most, until their noise in T_app is about half of
-        accuracy_K, or max_samples, or MOST_CHAINS chains in all.
+        accuracy_K, or max_samples, or _MOST_CHAINS chains in all.
         """
         cells, scene, wanted = self._painter.cells, self._painter.scene, self._settings.accuracy_K
         start = time.perf_counter()
@@ -182,7 +182,7 @@ class Gather:
         tiles = self._tiles(pixels)
         chosen, spent = np.arange(count), 0.0
         size = max(_SAMPLES // across**2, 1)
-        while size > 1 and 2 * size * across**2 * count > MOST_CHAINS / 4:
+        while size > 1 and 2 * size * across**2 * count > _MOST_CHAINS / 4:
             size //= 2
         while True:
             # Pixels that have had as many chains go on with the same points.
@@ -213,9 +213,15 @@ class Gather:
             again = 2.0 * size * across**2
             if (
                 2 * across**2 * samples.max() + again > most
-                or spent + again * len(chosen) > MOST_CHAINS
+                or spent + again * len(chosen) > _MOST_CHAINS
             ):
-                self.noise_K = float(np.sqrt(energy.sum() / visible)) / _NOISE / 2
+                noise_K = float(np.sqrt(energy.sum() / visible)) / (2 * _NOISE)
+                self.short = (
+                    f"chains in thick cells: stopped at {most} samples a pixel, or "
+                    f"{_MOST_CHAINS:.0e} in all, with noise of {noise_K:.2g} K RMS left, where "
+                    f"transport.accuracy_K: {wanted:g} asks for half of that accuracy; allowed is "
+                    "a larger transport.max_samples, or less accuracy"
+                )
                 break
         self.samples = int(2 * samples.mean() * across**2)
         self.seconds += time.perf_counter() - start

@@ -19,7 +19,7 @@ from cldit.gpu.program import Define
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
-from cldit.transport.gather import MOST_CHAINS, Gather
+from cldit.transport.gather import Gather
 from cldit.transport.picture import Painter
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.scattered import scattered_light
@@ -84,13 +84,6 @@ def trace_source(
         programs += gather.programs
         counts["samples"] = gather.samples
         seconds["gather"] = gather.seconds
-        if gather.noise_K is not None and report is not None:
-            report(
-                f"gather: stopped at {gather.samples} samples a pixel with noise of "
-                f"{gather.noise_K:.2g} K left, more than transport.accuracy_K "
-                f"{settings.accuracy_K:g} K asks for; allowed are transport.max_samples "
-                f"{settings.max_samples} and {MOST_CHAINS:.0e} chains"
-            )
         seconds["image"] -= gather.seconds + sum(p.build_s for p in gather.programs)
     difference = None if len(images) < 2 else (images[0] - images[1]) / 2
     mean = images[0] if len(images) < 2 else (images[0] + images[1]) / 2
@@ -102,6 +95,7 @@ def trace_source(
         seconds={"compile": sum(program.build_s for program in programs), **seconds},
         counts=counts,
         precision=real.__name__,
+        short="" if gather is None else gather.short,
         closure=Closure.of(
             mean[: cells.needs.boundaries], mean[-1], bound=_CLOSED + 10 * settings.tolerance
         ),
