@@ -6,8 +6,9 @@ there is to know. With one, the solver's droplets scatter evenly what they turn 
 little where it is scattered once or twice. So the last sweeps are of another medium: of the phase
 function its second moment f counts as no scattering at all, and the rest is even but for a first
 moment (delta-M: Joseph, Wiscombe, Weinman, J. Atmos. Sci. 33, 1976; Wiscombe, ibid. 34, 1977). The
-mean and the first moment of the light in each cell come from one set of sweeps of the solution.
-What cells then scatter to the camera goes by the phase function itself.
+mean and the first moment of the light in each cell come from sweeps of the solution, and of what
+is scattered in the other medium a few times more. What cells then scatter to the camera goes by the
+phase function itself.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
 
+_SCATTERINGS = 3  # by two moments, after the solution by one: slabs of depth 1 need them
 _CHECKED = 8  # directions on which the sweeps are checked for what they make or lose
 
 
@@ -110,10 +112,21 @@ def scattered_light(
             flux = work.program({"FLUX": 1})
             programs.append(flux)
             sweeper.set_source(solution.source, shining=True)
-            light = sweeper.moments(flux, work.rays(sweeper, half, rng))
-            solution = replace(solution, source=solved.albedo * light[0] + sweeper.thermal)
+            few = half if settings.order is not None else settings.directions
+            light = sweeper.moments(flux, work.rays(sweeper, few, rng))
             lack = None if lack is None else lack * solved.albedo
         sloped = _sloped(swept, light, settings.phase)
+        if settings.order is None:
+            again = work.program({"FLUX": 1, "SLOPED": 1})
+            programs.append(again)
+            between = work.sweeper(swept, again, iterate)
+            for count in (*[settings.directions] * (_SCATTERINGS - 1), half):
+                between.set_source(sloped, shining=True)
+                light = between.moments(again, work.rays(between, count, rng))
+                sloped = _sloped(swept, light, settings.phase)
+            counts["between"] = between.sweeps
+        if settings.order != 1:
+            solution = replace(solution, source=solved.albedo * light[0] + sweeper.thermal)
     defect = sweeper.defect(solution.source, work.rays(sweeper, _CHECKED, rng))
     if lack is not None:
         defect -= lack[: solved.needs.boundaries].sum(axis=0)
@@ -151,7 +164,7 @@ def scattered_light(
         lit.sweep(way, shining=True, camera=camera)
         mean = lit.weighted_mean(camera).astype(np.float64)
         halves.append((seen.thermal_source() + seen.albedo * mean).astype(lit.real))
-    sweeps = sweeper.sweeps + (0 if lit is sweeper else lit.sweeps)
+    sweeps = sweeper.sweeps + (0 if lit is sweeper else lit.sweeps) + counts.pop("between", 0)
     return Scattered(
         halves=(halves[0], halves[1]),
         solution=replace(solution, towards=np.mean(halves, axis=0)),

@@ -252,8 +252,9 @@ class Sweeper:
         self.sweeps += len(rays.directions)
 
     def moments(self, program: Program, rays: Rays) -> NDArray[Any]:
-        """(4, C, N) mean of the light in the scattering cells, and of it times each component of
-        the direction that it comes from; program: sweep.cl with FLUX."""
+        """(4, C, N) mean of the light in the scattering cells, and of what it is more than that times
+        each component of the direction that it comes from: the first moment, which no set of
+        directions then finds in even light. program: sweep.cl with FLUX."""
         many = _MOMENTS * self.components
         excess = {
             turned: zeros(self.device, "flux", many * order.groups.cells, self._real)
@@ -270,7 +271,9 @@ class Sweeper:
         held = np.empty((self._planes, self.count), self._real)
         listed = download(self.device, self._list, held)[: self.components]
         weight, back = rays.directions.weight, rays.directions.unit
-        found += np.array([weight.sum(), *(weight @ back)], self._real)[:, None, None] * listed
+        leaning = (weight @ back / weight.sum()).astype(self._real)
+        found[1:] -= leaning[:, None, None] * found[0]
+        found[0] += self._real(weight.sum()) * listed
         return found
 
     def _towards(self, camera: ToCamera, route: Route) -> list[Any]:

@@ -168,6 +168,8 @@ def test_first_moments_against_numpy(device: Device, vector: int) -> None:
             slope=dense[1:],
         )
         expected += np.multiply.outer([1.0, *unit], light)
+    leaning = directions.weight @ directions.unit
+    expected[1:] -= np.multiply.outer(leaning, expected[0])
     place = cells.place(box, cells.address)
     # As above: a ray's few roundings in each of at most 16 cells.
     np.testing.assert_allclose(got, expected.reshape(4, len(dense[0]), -1)[:, :, place], atol=2e-6)
