@@ -252,9 +252,9 @@ class Sweeper:
         self.sweeps += len(rays.directions)
 
     def moments(self, program: Program, rays: Rays) -> NDArray[Any]:
-        """(4, C, N) mean of the light in the scattering cells, and of what it is more than that times
-        each component of the direction that it comes from: the first moment, which no set of
-        directions then finds in even light. program: sweep.cl with FLUX."""
+        """(4, C, N) mean of the light in the scattering cells, and of what it is more than that
+        times each component of the direction that it comes from: the first moment, which no set
+        of directions then finds in even light. program: sweep.cl with FLUX."""
         many = _MOMENTS * self.components
         excess = {
             turned: zeros(self.device, "flux", many * order.groups.cells, self._real)
