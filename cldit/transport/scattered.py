@@ -120,7 +120,7 @@ def scattered_light(
             again = work.program({"FLUX": 1, "SLOPED": 1})
             programs.append(again)
             between = work.sweeper(swept, again, iterate)
-            for count in (*[settings.directions] * (_SCATTERINGS - 1), half):
+            for count in (*[settings.directions] * (_SCATTERINGS - 1), half // 2):
                 between.set_source(sloped, shining=True)
                 light = between.moments(again, work.rays(between, count, rng))
                 sloped = _sloped(swept, light, settings.phase)

@@ -44,10 +44,10 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     phase = mie if spec.phase in (None, "mie") else None
     if isinstance(spec.phase, HenyeyGreenstein):
         phase = henyey_greenstein(spec.phase.henyey_greenstein)
-    eights = 8 * finer * (1 if phase is None else 2)
-    directions = spec.directions or int(np.clip(8 * round(eights), 16, 512))
+    few = int(np.clip(8 * round(8 * finer), 16, 512))
+    directions = spec.directions or (few if phase is None else 2 * few)
     return Settings(
-        directions=max(8, directions // 4),
+        directions=max(8, (spec.directions or few) // 4),
         final_directions=2 * directions,
         tolerance=float(np.clip(3e-5 / finer, 1e-6, 3e-4)),
         order=spec.order,
