@@ -5,53 +5,27 @@ from __future__ import annotations
 import cProfile
 import pstats
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cldit.scene.sizes import NukiyamaTanasawa
-from cldit.scene.spray import EIGHT_PLUMES, FlowBox, LagrangianSpray
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.fluids import fuel_table, gas_table
 from cldit.spray.droplet.verification import wet_bulb
+from cldit.spray.flow.bench import Bench, table
 from cldit.spray.flow.freejet import free_jet
 from cldit.spray.flow.mixture import gas_mixture
 from cldit.spray.flow.simulate import simulate_spray
+from cldit.spray.flow.spray_g import spray_g
 from cldit.spray.flow.verification import (
     CONDITIONS,
-    SPRAY_G,
     Found,
     alone,
     at,
-    find,
     mean_liquid_K,
     saturation,
 )
-
-Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Bench:
-    """What the sections share: folder of tables, grid, and where progress is told."""
-
-    cache: Path
-    spacing_m: float
-    say: Callable[[str], None]
-
-    def box(self, part: float = 1.0) -> FlowBox:
-        return FlowBox(spacing_m=part * self.spacing_m)
-
-    def run(self, label: str, spec: LagrangianSpray) -> Found:
-        found = find(spec, cache=self.cache)
-        notes = found.spray.notes
-        liquid, vapour = (1e3 * notes[f"{name}_penetration_m"] for name in ("liquid", "vapour"))
-        seconds = f"{found.seconds:.0f} s of processor time"
-        self.say(f"{label}: liquid {liquid:.1f} mm, vapour {vapour:.1f} mm, {seconds}")
-        return found
 
 
 def page(
@@ -80,9 +54,6 @@ _TOP = (
 )
 
 
-_TIMES = (0.2, 0.4, 0.6, 0.8)  # ms
-_AXIS_TIMES = (0.6, 0.8, 0.9, 1.0, 1.1)
-
 _PARTS = {  # of a step, by the functions that do it
     "droplets (`advance`)": ("advance",),
     "exchange between parcels and grid": ("gather", "scatter"),
@@ -105,12 +76,7 @@ def _shares(bench: Bench) -> list[str]:
     parts = {label: sum(spent[name] for name in names) for label, names in _PARTS.items()}
     parts["rest"] = whole - sum(parts.values())
     rows = [[label, f"{100 * seconds / whole:.0f}"] for label, seconds in parts.items()]
-    return ["## Where the time goes", "", *_table(["part of a step", "% of the time"], rows), ""]
-
-
-def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    lines = [list(heading), ["---"] * len(heading), *rows]
-    return ["| " + " | ".join(cells) + " |" for cells in lines]
+    return ["## Where the time goes", "", *table(["part of a step", "% of the time"], rows), ""]
 
 
 def _conditions(bench: Bench) -> list[str]:
@@ -176,7 +142,7 @@ def _conditions(bench: Bench) -> list[str]:
         "where the gas mixed in just evaporates all fuel; wet bulb that of a droplet in the",
         "undisturbed gas.",
         "",
-        *_table(heading, rows),
+        *table(heading, rows),
         "",
     ]
 
@@ -208,7 +174,7 @@ def _late(bench: Bench) -> list[str]:
         "1.5 ms after the start of injection, when droplets are looked at by visible light; on a",
         f"grid of {2e3 * bench.spacing_m:g} mm. 0.0: nowhere as much.",
         "",
-        *_table(heading, rows),
+        *table(heading, rows),
         "",
     ]
 
@@ -243,82 +209,7 @@ def _eddies(bench: Bench) -> list[str]:
         "on the axis as in Abani and Reitz (K = 0.457), mass flux by Ricou and Spalding (1961),",
         "who found it to be the same whatever the jet's own density is.",
         "",
-        *_table(heading, rows),
-        "",
-    ]
-
-
-_SPRAY_Gs: dict[str, dict[str, Any]] = {
-    "abramzon-sirignano": {},
-    "the same, cones of 22°": {"plumes": EIGHT_PLUMES},
-    "the same, 11 µm": {"droplets": NukiyamaTanasawa(m_um=1.5 * 11 / 9)},
-    "the same, another seed": {"seed": 2},
-    "dukowicz-log": {"evaporation": "dukowicz-log"},
-    "dukowicz": {"evaporation": "dukowicz"},
-}
-
-
-def _ecn(bench: Bench) -> list[str]:
-    spec = SPRAY_G.model_copy(update={"box": bench.box()})
-    found = [
-        bench.run(f"Spray G, {label}", spec.model_copy(update=change))
-        for label, change in _SPRAY_Gs.items()
-    ]
-    fuel = fuel_table("iso-octane", cache=bench.cache)
-    gas = gas_table("nitrogen", cache=bench.cache)
-    t_sat, _ = saturation(fuel, gas, fuel_K=363.0, gas_K=573.0, pressure_Pa=0.6e6)
-    theirs = 1e3 * found[0].jet.tip_m(1e-3)
-
-    def when(each: Found, column: str, times: Sequence[float]) -> Floats:
-        history = each.history
-        reach: Floats = getattr(history, column)
-        return np.asarray(np.interp(np.multiply(1e-3, times), history.time_s, reach))
-
-    def liquid(each: Found, column: str) -> str:
-        reach = ", ".join(f"{1e3 * value:.0f}" for value in when(each, column, _TIMES))
-        return f"{reach}; {1e3 * getattr(each.history, column).max():.1f} mm"
-
-    def axis(each: Found) -> str:
-        return ", ".join(f"{value:+.0f}" for value in when(each, "axis_m_s", _AXIS_TIMES))
-
-    kinds: list[tuple[str, Callable[[Found], str], str]] = [
-        (
-            "liquid, axial, to 2e-3 mm³/mm²: 0.2, 0.4, 0.6, 0.8 ms; largest",
-            lambda each: liquid(each, "liquid_m"),
-            "largest 30 ± 5",
-        ),
-        ("the same to 0.2e-3 mm³/mm²", lambda each: liquid(each, "thin_liquid_m"), ""),
-        (
-            "vapour, along the plumes, 1.0 ms",
-            lambda each: f"{1e3 * when(each, 'vapour_m', [1.0])[0]:.1f} mm",
-            f"{theirs:.1f} (Naber-Siebers, one plume alone with cones of 30°)",
-        ),
-        (
-            "D32 of what passed z = 15 mm",
-            lambda each: f"{1e6 * each.spray.notes['sauter_mean_diameter_at_15_mm_m']:.1f} µm",
-            "10 to 12",
-        ),
-        (
-            "gas on the axis at 15 mm, away from the injector, 0.6, 0.8, 0.9, 1.0, 1.1 ms",
-            lambda each: f"{axis(each)} m/s",
-            "+1.4 at 1.0 ms, towards it before",
-        ),
-        (
-            "coldest gas",
-            lambda each: f"{each.history.coldest_K.min():.0f} K",
-            f"{t_sat:.0f} K (saturation)",
-        ),
-    ]
-    rows = [[label, *(text(each) for each in found), wanted] for label, text, wanted in kinds]
-    return [
-        "## Conditions of the ECN's Spray G",
-        "",
-        "Iso-octane of 363 K, 20 MPa, 10 mg in 0.78 ms into nitrogen of 573 K and 0.6 MPa; plumes",
-        "at 33° with cones of 30°, as Colmenares, Ameen and Patel describe this injector (J. Eng.",
-        "Gas Turbines Power 145, 061009), 9 µm, up to 1.2 ms. A scene has the first of the",
-        "evaporation models, and cones of 22°, unless it says otherwise.",
-        "",
-        *_table(["", *_SPRAY_Gs, "expected"], rows),
+        *table(heading, rows),
         "",
     ]
 
@@ -385,13 +276,13 @@ def _compared(found: Sequence[tuple[str, Found]]) -> list[str]:
         "evaporated, %",
         "CPU, s",
     ]
-    return _table(heading, rows)
+    return table(heading, rows)
 
 
 SECTIONS: dict[str, Callable[[Bench], list[str]]] = {
     "conditions": _conditions,
     "later": _late,
-    "spray-g": _ecn,
+    "spray-g": spray_g,
     "parcels": _parcels,
     "half": _half,
     "jet": _eddies,
