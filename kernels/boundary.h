@@ -66,9 +66,9 @@ INLINE int boundary_seen(
         const real x = px + s * dx - centre.x;
         const real y = py + s * dy - centre.y;
         const real z = pz + s * dz - centre.z;
-        const real u = fabs(along(b->patches[4 * k + 2], x, y, z));
-        const real v = fabs(along(b->patches[4 * k + 3], x, y, z));
-        if (centre.w > R(0) ? fmax(u, v) <= R(1) : u * u + v * v <= R(1)) {
+        const real u = size_of(along(b->patches[4 * k + 2], x, y, z));
+        const real v = size_of(along(b->patches[4 * k + 3], x, y, z));
+        if (centre.w > R(0) ? most(u, v) <= R(1) : u * u + v * v <= R(1)) {
             nearest = s;
             seen = BOUNDARIES - N_PATCHES + k;
         }

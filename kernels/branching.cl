@@ -111,13 +111,12 @@ __kernel void branching(
                 if (level == ORDER) {
                     sum[WALL] += b.weight * share;
                 } else if (share > R(0)) {
-                    const real rays = fmin(RAYS_PER_SHARE * share, MOST_RAYS);
+                    const real rays = least(RAYS_PER_SHARE * share, MOST_RAYS);
                     const uint4 chance = philox((uint4)(pixel, draws++, 0, 0), key);
-                    b.waiting = (int)floor(rays);
-                    if (unit(chance.x) < rays - floor(rays)) ++b.waiting;
+                    b.waiting = floor_of(rays);
+                    if (unit(chance.x) < rays - floor_of(rays)) ++b.waiting;
                     b.each = b.weight * share / rays;
-                    b.low = (int4)(cell.lx, cell.ly, cell.lz, 0);
-                    b.high = (int4)(cell.hx, cell.hy, cell.hz, 0);
+                    walk_bounds(&b.walk, &cell, &grid, &b.low, &b.high);
                 }
             }
             b.inside = walk_on(&b.walk, &cell, &grid);

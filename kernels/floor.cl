@@ -5,15 +5,13 @@
 
 #if VECTOR == 8
 typedef float8 lane_t;
-#define LOAD(i, p) vload8(i, p)
-#define STORE(x, i, p) vstore8(x, i, p)
 #elif VECTOR == 1
 typedef float lane_t;
-#define LOAD(i, p) ((p)[i])
-#define STORE(x, i, p) ((p)[i] = (x))
 #else
 #error "VECTOR: 1 or 8"
 #endif
+#define LOAD(i, p) (((__global const lane_t *)(p))[i])
+#define STORE(x, i, p) (((__global lane_t *)(p))[i] = (x))
 
 __kernel void copy(__global float *out, __global const float *in)
 {

@@ -14,22 +14,18 @@
 #include "attenuation.h"
 #include "boundary.h"
 #include "components.h"
+#include "directions.h"
 #include "phase.h"
 #include "random.h"
 #include "ray.h"
+#include "step.h"
 #include "walk.h"
 
 #ifndef CUTOFF
 #error "CUTOFF: transmission at which a ray ends"
 #endif
-#ifndef SAMPLES
-#error "SAMPLES: a ray and batch, a power of two up to 1024"
-#endif
 #ifndef LONGEST
 #error "LONGEST: scatterings of a chain"
-#endif
-#ifndef FACE
-#error "FACE: entries of the table of directions along a side"
 #endif
 #ifdef PHASE_BINS
 #ifndef PHASE_STEPS
@@ -54,85 +50,15 @@ typedef struct {
     __global const int *places;    /* of the box that thick cells lie in: number in the rim; -2 -
                                       number of a thick cell; -1 neither */
     __global const real *thick;    /* records */
-    __global const real *light;    /* that leaves cells of the rim: [direction][cell][component] */
+    __global const real *light;    /* that leaves cells of the rim: [cell][direction][component] */
     __global const real4 *directions; /* where it comes from, and the share of directions up to here
-                                         in what a cell scatters to the camera */
+                                         in what a cell scatters along +y */
+    __global const int *start;     /* of the directions, the one at which the share k / count lies */
     __global const int *nearest;   /* of the directions: see direction_near */
-    int rim;                       /* cells of it */
     int count;                     /* of directions */
     int4 low, shape;               /* the box */
     Boundary boundary;
 } Near;
-
-/* Entry of the table of nearest directions: the sphere on an octahedron, unfolded to a square
-   (Cigolle et al., J. Computer Graphics Techniques 3, 2014). */
-INLINE int direction_near(real3 d)
-{
-    const real sum = fabs(d.x) + fabs(d.y) + fabs(d.z);
-    real u = d.x / sum, v = d.y / sum;
-    if (d.z < R(0)) {
-        const real w = (R(1) - fabs(v)) * copysign(R(1), u);
-        v = (R(1) - fabs(u)) * copysign(R(1), v);
-        u = w;
-    }
-    const int i = clamp((int)((u + R(1)) * (FACE / R(2))), 0, FACE - 1);
-    const int j = clamp((int)((v + R(1)) * (FACE / R(2))), 0, FACE - 1);
-    return j * FACE + i;
-}
-
-/* Number of the direction at which the cumulative share reaches u. */
-INLINE int direction_at(real u, __global const real4 *directions, int count)
-{
-    int low = 0, high = count - 1;
-    while (low < high) {
-        const int middle = (low + high) / 2;
-        if (directions[middle].w > u) high = middle;
-        else low = middle + 1;
-    }
-    return low;
-}
-
-/* A line through the box, cell by cell: how far the far sides of the cell are, and how far it is
-   from side to side. */
-typedef struct {
-    int x, y, z;
-    real t, tx, ty, tz, dx, dy, dz;
-} Step;
-
-INLINE real to_side(real place, int cell, real slope, real across)
-{
-    const real part = slope > R(0) ? cell + 1 - place : place - cell;
-    return slope == R(0) ? R(INFINITY) : fmax(part, R(0)) * across;
-}
-
-INLINE Step step_from(int3 cell, real3 p, real3 d)
-{
-    Step s = {cell.x, cell.y, cell.z, R(0)};
-    s.dx = R(1) / fabs(d.x);
-    s.dy = R(1) / fabs(d.y);
-    s.dz = R(1) / fabs(d.z);
-    s.tx = to_side(p.x, cell.x, d.x, s.dx);
-    s.ty = to_side(p.y, cell.y, d.y, s.dy);
-    s.tz = to_side(p.z, cell.z, d.z, s.dz);
-    return s;
-}
-
-INLINE real step_end(const Step *s) { return fmin(s->tx, fmin(s->ty, s->tz)); }
-
-INLINE void step_on(Step *s, real3 d)
-{
-    s->t = step_end(s);
-    if (s->tx <= s->ty && s->tx <= s->tz) {
-        s->x += d.x > R(0) ? 1 : -1;
-        s->tx += s->dx;
-    } else if (s->ty <= s->tz) {
-        s->y += d.y > R(0) ? 1 : -1;
-        s->ty += s->dy;
-    } else {
-        s->z += d.z > R(0) ? 1 : -1;
-        s->tz += s->dz;
-    }
-}
 
 /* Adds light of known components, and what of it is from within. */
 INLINE void score(real *sum, real weight, __global const real *light)
@@ -169,7 +95,7 @@ INLINE __global const real *flight(
         const int place = m->places[(z * m->shape.y + y) * m->shape.x + x];
         if (place >= 0) {
             score(sum, whole * transmitted,
-                  m->light + ((size_t)number * m->rim + place) * COMPONENTS);
+                  m->light + ((size_t)place * m->count + number) * COMPONENTS);
             break;
         }
         if (place < -1) {
@@ -188,7 +114,7 @@ INLINE __global const real *flight(
             /* One number serves all draws: what is left of it after each is as random as before. */
             const real chance = here > R(0) ? here / scattered : R(0);
             if (u < chance) {
-                u = fmin(u / chance, R(0.9999999));
+                u = least(u / chance, R(0.9999999));
                 met = record;
                 at = s.t;
                 share_there = share;
@@ -205,8 +131,8 @@ INLINE __global const real *flight(
     return met;
 }
 
-/* Weight of direction `number` for light scattered along `sight`: the directions are shared out as
-   for a line of sight along +y. */
+/* Weight of a direction for light scattered along `sight`: the directions are shared out as for a
+   line of sight along +y. */
 #if defined(PHASE_BINS) && defined(CAMERA_PINHOLE)
 #define SHARES
 #endif
@@ -219,28 +145,40 @@ INLINE real share_of(real4 direction, real3 sight, __global const real *steps)
 #endif
 }
 
+/* Chance of a chain's first two scatterings: a point of a low-discrepancy set, shifted. The first
+   dimension is the place along the line of sight. */
+#define DIMENSIONS 8
+typedef struct {
+    __global const uint *point;
+    uint4 shift0, shift1;
+} Chance;
+
 /* Follows one chain from p in a thick `cell`, where light is scattered along `sight`. */
 INLINE void chain(
     real *sum, real weight, real3 p, int3 cell, real3 sight, uint4 counter, uint2 key,
-    uint4 shift0, uint4 shift1, const Near *m, __global const real *table,
-    __global const real *steps, __global const uint *columns)
+    const Chance *chance, const Near *m, __global const real *table, __global const real *steps)
 {
     const real floor_ = ROULETTE * weight;
     real3 d = sight;
     for (uint event = 0; ; ++event) {
-        uint4 word = philox((uint4)(counter.x, counter.y, event, counter.w), key);
+        uint4 word;
         int number;
         if (event == 0) {
-            word.x = sobol(counter.y, 1, columns) ^ shift0.x;
-            word.z = sobol(counter.y, 2, columns) ^ shift0.y;
-            number = direction_at(unit(word.x), m->directions, m->count);
+            word.x = chance->point[1] ^ chance->shift0.x;
+            word.z = chance->point[2] ^ chance->shift0.y;
+            word.w = chance->point[6] ^ chance->shift0.z;
+            number = direction_at(unit(word.x), m->directions, m->start, m->count);
             d = m->directions[number].xyz;
             weight *= share_of(m->directions[number], sight, steps);
         } else {
             if (event == 1) {
-                word.x = sobol(counter.y, 3, columns) ^ shift1.x;
-                word.y = sobol(counter.y, 4, columns) ^ shift1.y;
-                word.z = sobol(counter.y, 5, columns) ^ shift1.z;
+                word.x = chance->point[3] ^ chance->shift1.x;
+                word.y = chance->point[4] ^ chance->shift1.y;
+                word.z = chance->point[5] ^ chance->shift1.z;
+                word.w = chance->point[7] ^ chance->shift1.w;
+            } else {
+                counter.z = event;
+                word = philox(counter, key);
             }
             d = turned(d, phase_cosine(unit(word.x), table), unit(word.y));
             number = m->nearest[direction_near(d)];
@@ -264,18 +202,25 @@ INLINE void chain(
     }
 }
 
-/* Mean of SAMPLES chains for each listed ray. Sample k scatters for the first time where the share
-   (k + something) / SAMPLES of all that thick cells scatter on the line has been scattered. */
-__kernel void gather(
-    __global real *means,         /* out: [component][list], and the part from within */
-    __global const real *list,    /* in: [across, down] of rays, in pixels */
-    __global const uint *numbers, /* in: of rays; chance goes by them */
-    const int count, const uint2 key, const uint batch,
-    __global const real *table, __global const real *steps, __global const uint *sobol_columns,
-    __global const real *albedo,  /* in: of stored cells that are thick, else 0 */
-    __global const int *places, __global const real *thick, __global const real *light,
-    __global const real4 *directions, __global const int *nearest, const int rim,
-    const int direction_count, const int4 box_low, const int4 box_shape,
+/* A stretch of a line of sight within a thick cell: the cell; where on the line it begins and how
+   long it is; optical depth of the cell's edge; what part of the light the stretch takes out; and
+   how much of what the camera sees thick cells up to its end scatter. */
+#define AT 3
+#define LENGTH 4
+#define DENSITY 5
+#define SHARE 6
+#define UP_TO 7
+#define STRETCH 8
+
+/* The stretches of each listed ray: with `fill` into its place among them, else only their number. */
+__kernel void meet(
+    __global int *number,        /* out: of stretches, [list] */
+    __global real *stretches,    /* out */
+    __global const int *first,   /* in: of each ray's stretches */
+    const int fill,
+    __global const real *list,   /* in: [across, down] of rays, in pixels */
+    const int count,
+    __global const real *albedo, /* in: of stored cells that are thick, else 0 */
     __global const int *directory, __global const int *span, __global const real *depth,
     const int coarse, const int stored, const int bricks, const int4 low, const int4 high,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
@@ -286,61 +231,116 @@ __kernel void gather(
     const Ray ray = ray_at(
         list[2 * item], list[2 * item + 1], columns, rows, middle, pitch_x, pitch_z, distance);
     const Grid grid = {coarse, bricks, low, high};
-    const Near near = {places, thick, light, directions, nearest, rim, direction_count, box_low,
+    Walk walk = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
+    real transmitted = R(1), loss = R(0);
+    int met = 0;
+    int inside = walk_in(&walk, &grid, ray.start);
+    while (inside && transmitted > R(CUTOFF)) {
+        const Crossing cell = walk_ahead(&walk, &grid, directory, span);
+        const real density = depth[cell.address];
+        if (density > R(0)) {
+            const real share = absorbed(density * walk_length(&walk, &cell));
+            real taken = transmitted * share;
+            transmitted -= taken;
+            if (transmitted <= R(CUTOFF)) taken += transmitted; /* as in image.cl */
+            const real here = taken * albedo[cell.address];
+            if (here > R(0)) {
+                loss += here;
+                if (fill) {
+                    __global real *one = stretches + (size_t)(first[item] + met) * STRETCH;
+                    one[0] = walk.x;
+                    one[1] = walk.y;
+                    one[2] = walk.z;
+                    one[AT] = walk.t;
+                    one[LENGTH] = cell.next - walk.t;
+                    one[DENSITY] = density;
+                    one[SHARE] = share;
+                    one[UP_TO] = loss;
+                }
+                ++met;
+            }
+        }
+        inside = walk_on(&walk, &cell, &grid);
+    }
+    if (!fill) number[item] = met;
+}
+
+/* Light of the rim, as sweeps store it, by cell: the chains of a pixel end in few cells, but come
+   from all directions. */
+__kernel void by_cell(
+    __global real *out, __global const real *in, const int rim, const int directions)
+{
+    const int cell = get_global_id(0);
+    const int number = get_global_id(1);
+    if (cell >= rim || number >= directions) return;
+    for (int c = 0; c < COMPONENTS; ++c)
+        out[((size_t)cell * directions + number) * COMPONENTS + c] =
+            in[((size_t)number * rim + cell) * COMPONENTS + c];
+}
+
+/* Mean of so many chains for each chosen ray, those of the points from `from_point` on. A chain
+   scatters for the first time where the share of all that thick cells scatter on the line has been
+   scattered that the point's first dimension says. */
+__kernel void gather(
+    __global real *means,         /* out: [component][list], and the part from within */
+    __global const int *chosen,   /* in: of the rays */
+    const int count, const uint samples, const uint from_point, const uint2 key, const uint half_,
+    __global const uint *points,  /* in: low-discrepancy, one a chain */
+    __global const real *list,    /* in: [across, down] of rays, in pixels */
+    __global const uint *numbers, /* in: of rays; chance goes by them */
+    __global const int *first,    /* in: of each ray's stretches, and their end */
+    __global const real *stretches,
+    __global const real *table, __global const real *steps,
+    __global const int *places, __global const real *thick, __global const real *light,
+    __global const real4 *directions, __global const int *start, __global const int *nearest,
+    const int direction_count, const int4 box_low, const int4 box_shape,
+    const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
+    const real distance, BOUNDARY_ARGUMENTS)
+{
+    const int item = get_global_id(0);
+    if (item >= count) return;
+    const int number = chosen[item];
+    const Ray ray = ray_at(
+        list[2 * number], list[2 * number + 1], columns, rows, middle, pitch_x, pitch_z, distance);
+    const Near near = {places, thick, light, directions, start, nearest, direction_count, box_low,
                        box_shape, BOUNDARY};
     const real3 from = (real3)(ray.px, ray.py, ray.pz);
     const real3 sight = (real3)(ray.dx, ray.dy, ray.dz);
-    const uint4 shift0 = philox((uint4)(numbers[item], 0, 0xFFFFFFFFu, batch), key);
-    const uint4 shift1 = philox((uint4)(numbers[item], 1, 0xFFFFFFFFu, batch), key);
-    const real offset = unit(shift0.w);
+    Chance chance;
+    chance.shift0 = philox((uint4)(numbers[number], 0, 0xFFFFFFFFu, half_), key);
+    chance.shift1 = philox((uint4)(numbers[number], 1, 0xFFFFFFFFu, half_), key);
     real sum[PARTS];
     for (int c = 0; c < PARTS; ++c) sum[c] = R(0);
+    /* Its weight may have been all rounding: then there is no stretch, and nothing to gather. */
+    const int stretch_count = first[number + 1] - first[number];
+    __global const real *stretch = stretches + (size_t)first[number] * STRETCH;
+    const real all =
+        stretch_count > 0 ? stretch[(stretch_count - 1) * STRETCH + UP_TO] : R(0);
 
-    /* Once along the line for what is scattered in all, and again to share it out. */
 #ifdef SHARES
     real shares = R(0);
-    for (uint sample = 0; sample < SAMPLES; ++sample) {
-        const uint word = sobol(van_der_corput(sample), 1, sobol_columns) ^ shift0.x;
-        const int number = direction_at(unit(word), directions, direction_count);
-        shares += share_of(directions[number], sight, steps);
+    for (uint k = 0; k < samples; ++k) {
+        const uint word = points[k * DIMENSIONS + 1] ^ chance.shift0.x;
+        const int towards = direction_at(unit(word), directions, start, direction_count);
+        shares += share_of(directions[towards], sight, steps);
     }
-    const real even = R(1) / shares;
+    const real even = all / shares;
 #else
-    const real even = R(1) / SAMPLES;
+    const real even = all / samples;
 #endif
-    real all = R(0);
-    for (int again = 0; again < 2; ++again) {
-        Walk walk = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
-        real transmitted = R(1), loss = R(0);
-        uint sample = 0;
-        int inside = walk_in(&walk, &grid, ray.start);
-        while (inside && transmitted > R(CUTOFF)) {
-            const Crossing cell = walk_ahead(&walk, &grid, directory, span);
-            const real density = depth[cell.address];
-            if (density > R(0)) {
-                const real share = absorbed(density * walk_length(&walk, &cell));
-                real taken = transmitted * share;
-                transmitted -= taken;
-                if (transmitted <= R(CUTOFF)) taken += transmitted; /* as in image.cl */
-                const real here = taken * albedo[cell.address];
-                /* At the last of it rounding must lose no sample. */
-                const int end = loss + here >= all * R(0.999999);
-                while (again && sample < SAMPLES && here > R(0)) {
-                    const real goal = (sample + offset) * (all / SAMPLES) - loss;
-                    if (goal >= here && !end) break;
-                    const real part = clamp(goal / here, R(0), R(1));
-                    const real at = fmin(walk.t + length_at(part, share, density), cell.next);
-                    chain(sum, all * even, from + at * sight, (int3)(walk.x, walk.y, walk.z),
-                          sight, (uint4)(numbers[item], van_der_corput(sample), 0, batch), key, shift0,
-                          shift1, &near, table, steps, sobol_columns);
-                    ++sample;
-                }
-                loss += here;
-            }
-            inside = walk_on(&walk, &cell, &grid);
-        }
-        all = loss;
-        if (!(all > R(0))) break;
+    const int stretch_last = stretch_count - 1;
+    for (uint k = 0; k < samples && all > R(0); ++k) {
+        chance.point = points + k * DIMENSIONS;
+        const real goal = unit(chance.point[0] ^ chance.shift0.w) * all;
+        int met = 0;
+        while (met < stretch_last && goal >= stretch[met * STRETCH + UP_TO]) ++met;
+        __global const real *one = stretch + met * STRETCH;
+        const real before = met > 0 ? one[UP_TO - STRETCH] : R(0);
+        const real part = most(R(0), least((goal - before) / (one[UP_TO] - before), R(1)));
+        const real along =
+            one[AT] + least(length_at(part, one[SHARE], one[DENSITY]), one[LENGTH]);
+        chain(sum, even, from + along * sight, (int3)((int)one[0], (int)one[1], (int)one[2]), sight,
+              (uint4)(numbers[number], from_point + k, 0, half_), key, &chance, &near, table, steps);
     }
     for (int c = 0; c < PARTS; ++c) means[c * count + item] = sum[c];
 }

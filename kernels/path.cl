@@ -92,8 +92,8 @@ INLINE void chain(
                 const real taken = transmitted * share;
                 score_thermal(sum, weight * taken, cell.address, m);
                 if (!met && transmitted - taken <= goal) {
-                    const real part = clamp((transmitted - goal) / taken, R(0), R(1));
-                    const real at = fmin(walk.t + length_at(part, share, density), cell.next);
+                    const real part = most(R(0), least((transmitted - goal) / taken, R(1)));
+                    const real at = least(walk.t + length_at(part, share, density), cell.next);
                     p = (real3)(walk.px, walk.py, walk.pz) + at * d;
                     albedo = m->albedo[cell.address];
                     met = 1;
@@ -218,8 +218,8 @@ __kernel void scatter(
             while (sample < SAMPLES && here > R(0)) {
                 const real goal = (sample + offset) * (all / SAMPLES) - loss;
                 if (goal >= here && !end) break;
-                const real part = clamp(goal / here, R(0), R(1));
-                const real at = fmin(walk.t + length_at(part, share, density), cell.next);
+                const real part = most(R(0), least(goal / here, R(1)));
+                const real at = least(walk.t + length_at(part, share, density), cell.next);
                 const real3 p = (real3)(ray.px, ray.py, ray.pz) + at * along;
                 const uint index = van_der_corput(sample);
                 chain(sum, all / SAMPLES, p, along, pixel, index, batch, key, shift0, shift1, &m,

@@ -7,19 +7,18 @@
 #ifdef PHASE_BINS
 
 /* Cosine of the scattering angle at which the cumulative phase function reaches u. The table:
-   PHASE_BINS + 1 cosines from 1 down to -1, then as many shares scattered into larger cosines, from
-   0 to 1; within a bin the phase function is constant. */
+   PHASE_BINS + 1 cosines from 1 down to -1, as many shares scattered into larger cosines, from 0 to
+   1, and the bins in which the shares k / PHASE_BINS lie, from which the search starts; within a bin
+   the phase function is constant. */
 INLINE real phase_cosine(real u, __global const real *table)
 {
     __global const real *share = table + PHASE_BINS + 1;
-    int low = 0, high = PHASE_BINS;
-    while (high - low > 1) {
-        const int middle = (low + high) / 2;
-        if (share[middle] <= u) low = middle;
-        else high = middle;
-    }
+    __global const real *start = share + PHASE_BINS + 1;
+    int low = (int)start[within((int)(u * PHASE_BINS), 0, PHASE_BINS - 1)];
+    while (low > 0 && share[low] > u) --low; /* by rounding alone */
+    while (low < PHASE_BINS - 1 && share[low + 1] <= u) ++low;
     const real gap = share[low + 1] - share[low];
-    const real part = gap > R(0) ? clamp((u - share[low]) / gap, R(0), R(1)) : R(0.5);
+    const real part = gap > R(0) ? most(R(0), least((u - share[low]) / gap, R(1))) : R(0.5);
     return table[low] + part * (table[low + 1] - table[low]);
 }
 
@@ -34,8 +33,8 @@ INLINE real phase_cosine(real u, __global const real *table) { return R(1) - R(2
 /* Bin of a table that is even in the sine of half the scattering angle, PHASE_STEPS of them. */
 INLINE int half_sine_bin(real cosine)
 {
-    const real sine = sqrt(fmax(R(0), (R(1) - cosine) / 2));
-    return clamp((int)(sine * PHASE_STEPS), 0, PHASE_STEPS - 1);
+    const real sine = sqrt(most(R(0), (R(1) - cosine) / 2));
+    return within((int)(sine * PHASE_STEPS), 0, PHASE_STEPS - 1);
 }
 
 #endif
@@ -44,12 +43,12 @@ INLINE int half_sine_bin(real cosine)
    al., J. Computer Graphics Techniques 6, 2017). */
 INLINE real3 turned(real3 d, real cosine, real u)
 {
-    const real side = copysign(R(1), d.z);
+    const real side = (d.z < R(0) ? R(-1) : R(1));
     const real a = R(-1) / (side + d.z);
     const real b = d.x * d.y * a;
     const real3 first = (real3)(R(1) + side * d.x * d.x * a, side * b, -side * d.x);
     const real3 second = (real3)(b, side + d.y * d.y * a, -d.y);
-    const real sine = sqrt(fmax(R(0), (R(1) - cosine) * (R(1) + cosine)));
+    const real sine = sqrt(most(R(0), (R(1) - cosine) * (R(1) + cosine)));
     const real angle = R(6.283185307179586) * u;
     return normalize(sine * cos(angle) * first + sine * sin(angle) * second + cosine * d);
 }

@@ -9,9 +9,10 @@
 INLINE uint4 philox(uint4 counter, uint2 key)
 {
     for (int round = 0; round < 10; ++round) {
-        const uint high0 = mul_hi(counter.x, 0xD2511F53u), low0 = counter.x * 0xD2511F53u;
-        const uint high1 = mul_hi(counter.z, 0xCD9E8D57u), low1 = counter.z * 0xCD9E8D57u;
-        counter = (uint4)(high1 ^ counter.y ^ key.x, low1, high0 ^ counter.w ^ key.y, low0);
+        const ulong first = (ulong)counter.x * 0xD2511F53u;
+        const ulong second = (ulong)counter.z * 0xCD9E8D57u;
+        counter = (uint4)((uint)(second >> 32) ^ counter.y ^ key.x, (uint)second,
+                          (uint)(first >> 32) ^ counter.w ^ key.y, (uint)first);
         key += (uint2)(0x9E3779B9u, 0xBB67AE85u);
     }
     return counter;
@@ -23,7 +24,7 @@ INLINE real unit(uint word) { return ((real)(word >> 9) + R(0.5)) * R(1.19209289
 /* Word `dimension` (below SOBOL_DIMENSIONS) of Sobol point `index` (below 1024); columns: direction
    numbers of ten bits a dimension. */
 #define SOBOL_BITS 10
-#define SOBOL_DIMENSIONS 7
+#define SOBOL_DIMENSIONS 8
 INLINE uint sobol(uint index, int dimension, __global const uint *columns)
 {
     uint word = 0;

@@ -6,15 +6,31 @@
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 typedef double real;
 typedef double3 real3;
+typedef double2 real2;
 typedef double4 real4;
 #else
 typedef float real;
 typedef float3 real3;
+typedef float2 real2;
 typedef float4 real4;
 #endif
 #define R(x) ((real)(x))
 
 /* Of every helper: a call would keep the ray's state in memory, not in registers. */
 #define INLINE static inline __attribute__((always_inline))
+
+/* As fmin, fmax, fabs, clamp and floor, but for numbers alone. PoCL calls those as functions, of which
+   a walk through cells is full; these are an instruction or two everywhere. */
+INLINE real least(real a, real b) { return a < b ? a : b; }
+INLINE real most(real a, real b) { return a > b ? a : b; }
+INLINE real size_of(real x) { return x < R(0) ? -x : x; }
+INLINE int smaller(int a, int b) { return a < b ? a : b; }
+INLINE int larger(int a, int b) { return a > b ? a : b; }
+INLINE int within(int x, int low, int high) { return x < low ? low : x > high ? high : x; }
+INLINE int floor_of(real x)
+{
+    const int whole = (int)x;
+    return x < (real)whole ? whole - 1 : whole;
+}
 
 #endif

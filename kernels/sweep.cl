@@ -1,11 +1,13 @@
-/* One direction of the sweep: radiance carried through a dense box of cells, and what each cell
-   receives from it.
+/* Sweeps: radiance carried along many directions through a box of cells, and what each cell receives
+   from it.
 
-   Rays run along one direction whose largest component is along the layer axis. Each layer of
-   nu x nv cells is crossed by nu x nv parallel rays, all at the same place in their cells; where one
-   goes from a cell into the next, all do. A layer is crossed in one to three steps between these
-   places, and in every step each cell is crossed by one ray and each ray crosses one cell. A ray that
-   leaves the box sideways comes in again on the opposite side with what is seen there.
+   Rays run along directions whose largest component is along the layer axis. For each direction, each
+   layer of nu x nv cells is crossed by nu x nv parallel rays, all at the same place in their cells;
+   where one goes from a cell into the next, all do. A layer is crossed in one to three steps between
+   these places, and in every step each cell is crossed by one ray and each ray crosses one cell. A ray
+   that leaves the box sideways comes in again on the opposite side with what is seen there.
+
+   Of a row only the groups of cells that hold something are gone through (groups.h).
 
    Over an optical depth t the intensity I goes to I exp(-t) + S (1 - exp(-t)); its mean is
    S + (I - S) q(t). Stored is the excess D = sum w (I - S) q over the source, not the mean: in thick
@@ -14,17 +16,18 @@
 
    TO_CAMERA, for the last sweep: light counts by how much of it the camera sees from there in the
    cell, and by the phase function where there is one (PHASE_STEPS).
+   FLUX: the excess is also found times each component of the direction that light comes from; of
+   this lies the first moment of the light in a cell.
+   SLOPED: a cell's source is more in one direction than in others, S = S_0 + S_1 . direction;
+   the excess is then over S_0.
    RIM: the light that leaves the cells around thick ones is kept, for gather.cl. */
 
 #include "boundary.h"
 #include "components.h"
+#include "groups.h"
 
 #ifndef HAS_SCATTERING
 #error "the sweep is for scenes that scatter: define HAS_SCATTERING"
-#endif
-
-#ifndef SLOTS
-#error "SLOTS: cells along u plus layers, the most of any order of the axes, plus 4"
 #endif
 
 /* Cells that a work-item takes at once: 8 on CPUs, in vector registers; 1 on GPUs. */
@@ -33,31 +36,46 @@
 typedef double8 lane_t;
 #else
 typedef float8 lane_t;
+#define AS_INT as_int8
+#define AS_FLOAT as_float8
 #endif
-#define LOAD(p) vload8(0, p)
-#define STORE(x, p) vstore8(x, 0, p)
 #define ALONG ((lane_t)(0, 1, 2, 3, 4, 5, 6, 7) / R(7))
 #elif VECTOR == 1
 typedef real lane_t;
-#define LOAD(p) (*(p))
-#define STORE(x, p) (*(p) = (x))
+#define AS_INT as_int
+#define AS_FLOAT as_float
 #define ALONG R(0)
 #else
 #error "VECTOR: 1 or 8"
 #endif
 
+/* Groups of cells are aligned; rays may begin anywhere. Not vload8, which PoCL calls as a function. */
+typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
+#define CELLS(p) (*(__global lane_t *)(p))
+#define CELLS_OF(p) (*(__global const lane_t *)(p))
+#define RAYS(p) (*(__global ray_t *)(p))
+
 #define REAL lane_t
 #include "attenuation.h"
 
-/* What groups of GROUP cells along u hold. */
-#define GROUP 8
-#define EMPTY 0
-#define CLEAR 1 /* cells that do not scatter: nobody asks what they receive */
+/* Planes of a cell: of S, S_0 of all components, then the x, y and z of S_1; of D likewise. */
+#ifdef SLOPED
+#define SOURCE_PLANES (4 * COMPONENTS)
+#else
+#define SOURCE_PLANES COMPONENTS
+#endif
+#ifdef FLUX
+#define EXCESS_PLANES (4 * COMPONENTS)
+#else
+#define EXCESS_PLANES COMPONENTS
+#endif
+#define MOMENT(p, number) CELLS((p) + (number) * COMPONENTS * GROUP)
+#define MOMENT_OF(p, number) CELLS_OF((p) + (number) * COMPONENTS * GROUP)
 
 /* How the axes u, v (of a layer) and l (across layers) lie in space. */
 #define LAYERS_Z 0 /* u = x, v = y, l = z */
 #define LAYERS_Y 1 /* u = x, v = z, l = y */
-#define LAYERS_X 2 /* u = y, v = z, l = x: in the transposed copy */
+#define LAYERS_X 2 /* u = y, v = z, l = x: the turned groups */
 
 /* The component of the ray that comes into the box at cell (u, v, l), from `back`. */
 INLINE int seen_from(int u, int v, int l, int layout, real4 back, const Boundary *boundary)
@@ -98,115 +116,148 @@ INLINE lane_t counts_for(
 }
 #endif
 
-/* One work-group carries one row of rays through all layers, one row in two at a launch: where rays
-   go from row to row within a layer, two rows that are neighbours add to the same cells. A ray keeps its slot in local memory;
-   the cell u finds the ray that crosses it at slot u - moved + origin, so that rays shift along the
-   row at no cost, those that come in take the next unused slot, and every access to a row is
-   contiguous. */
+/* One launch crosses the part of a layer before (or after) rays go from row to row, along all
+   directions; those that meet the last layer first are in another layer, as group 1 of the second
+   dimension. A work-group has one row of cells, which stay at hand for all directions.
+
+   A ray keeps its slot; the cell u finds the ray that crosses it at slot u - moved + origin, so that
+   rays shift along the row at no cost, those that come in take the next unused slot, and every access
+   to a row is contiguous. */
 __kernel void sweep(
-    __global const real *depth,    /* in: optical depth of a cell's edge */
-    __global const real *source,   /* in: S, one plane of cells a component */
-    __global real *excess,         /* inout: D, likewise */
-    __global const char *contents, /* in: of groups along u, [l][v][group] */
+    const int launch,
+    __global const int *launches,  /* in: first step of each launch, and the end; [sense] */
+    __global const int *directions, /* in, per step: its direction */
     __global const int4 *shifts,   /* in, per step: how far rays have moved in u and (modulo nv) in v,
-                                      and both since the step before: -1, 0 or 1 */
-    __global const int *layers,    /* in, per step: its layer, l */
-    __global const real *parts,    /* in, per step: share of the layer that it crosses */
-    const int steps,
-    const int first_row,
-    const int origin,              /* slot of cell 0 before rays have moved */
+                                      and both since the step before: -1, 0 or 1; 2: they come in */
+    __global const real2 *parts,   /* in, per step: share of the layer that it crosses; y of its middle
+                                      in the cells, 0 to 1 */
+    __global const real4 *backs,   /* in, per direction: where its rays come from, x y z */
+    __global const real2 *beams,   /* in, per direction: path in a layer / cell edge, and its weight */
+    __global const int2 *origins,  /* in, per direction: slot of cell 0 before rays have moved, and its
+                                      number among all */
+    __global real *rays,           /* inout: I, [direction][row][component][slot] */
+    const int slots,
+    __global const int *groups,    /* in: first of a row's groups, and the end */
+    __global const int *begins,    /* in: u of a group's first cell; -1 - u: no cell of it scatters,
+                                      and nobody asks what it receives */
+    __global const real *depth,    /* in: optical depth of a cell's edge */
+    __global const real *source,   /* in: S, a plane a component */
+    __global real *excess,         /* inout: D, likewise */
     const int layout,
     const int nu, const int nv, const int nl,
-    const int stride_v, const int stride_l,
-    const real stretch,            /* path in a layer / cell edge */
-    const real weight,
+    const int stride_v, const int stride_l, /* of rows in `groups` */
     const real inflow,             /* 1: boundaries shine; 0: black */
-    const real4 back,              /* direction from which the ray comes, x y z */
     BOUNDARY_ARGUMENTS             /* in cells of this box */
 #ifdef TO_CAMERA
-    , __global real *shares,       /* inout: sum of weights, a plane of cells */
+    , __global real *shares,       /* inout: sum of weights */
     __global const real *seen,     /* in: optical depth of a cell's edge as the camera sees it */
-    __global const real *heights,  /* in, per step: y of its middle within the cells, 0 to 1 */
     __global const real *phase, const real4 camera
 #endif
 #ifdef RIM
-    , __global real *light,        /* out: what leaves cells of the rim, [cell][component], from */
-    const int number,              /* this direction */
+    , __global real *light,        /* out: what leaves cells of the rim, [number][cell][component] */
+    const int earlier,             /* directions in it before these */
     const int rim,                 /* cells of it */
     __global const int *rim_rows,  /* in: first of a row's cells in rim_cells, [l][v], and the end */
     __global const int2 *rim_cells /* in: u, and number in the rim */
 #endif
     )
 {
-    __local real rays[COMPONENTS][SLOTS];
     const Boundary boundary = BOUNDARY;
     const int lane = get_local_id(0);
     const int lanes = get_local_size(0);
-    const int row = first_row + 2 * (int)get_group_id(1);
-    const int plane = nu * nv * nl;
+    const int v = get_group_id(0);
+    const int sense = get_group_id(1);
+    const int l = sense ? nl - 1 - launch / 2 : launch / 2;
+    const int place = l * stride_l + v * stride_v;
+    const int begin_units = groups[place] * (GROUP / VECTOR);
+    const int end_units = groups[place + 1] * (GROUP / VECTOR);
+#ifdef RIM
+    const int first_rim = rim_rows[l * nv + v], end_rim = rim_rows[l * nv + v + 1];
+#else
+    const int first_rim = 0, end_rim = 0;
+#endif
+    const int nothing = begin_units == end_units && first_rim == end_rim;
+    const int last_step = launches[sense * (2 * nl + 1) + launch + 1];
 
-    for (int step = 0; step < steps; ++step) {
-        const int l = layers[step];
+    for (int step = launches[sense * (2 * nl + 1) + launch]; step < last_step; ++step) {
         const int4 shift = shifts[step];
-        const int moved = row + shift.y;
-        const int v = moved >= nv ? moved - nv : moved;
-        const int slot = origin - shift.x;
-        const real part = parts[step];
-
         /* Rays that come in: all of the row where it enters the box, else one at its end. */
-        int first = 0, last = -1;
-        if (step == 0 || (shift.w > 0 && v == 0) || (shift.w < 0 && v == nv - 1)) last = nu - 1;
-        else if (shift.z > 0) last = 0;
-        else if (shift.z < 0) first = last = nu - 1;
+        const int enters = shift.w == 2 || (shift.w > 0 && v == 0) || (shift.w < 0 && v == nv - 1);
+        if (nothing && !enters && shift.z == 0) continue;
+        const int k = directions[step];
+        const int row = v < shift.y ? v - shift.y + nv : v - shift.y;
+        /* Cell u's ray; a group may reach beyond its row: what lies there is empty, and no ray that
+           counts. */
+        __global real *crossing =
+            rays + (size_t)(k * nv + row) * (COMPONENTS * slots) + origins[k].x - shift.x;
+        const real4 back = backs[k];
+        const int first = !enters && shift.z < 0 ? nu - 1 : 0;
+        const int last = enters || shift.z < 0 ? nu - 1 : shift.z > 0 ? 0 : -1;
         for (int u = first + lane; u <= last; u += lanes) {
             const int seen = seen_from(u, v, l, layout, back, &boundary);
-            for (int c = 0; c < COMPONENTS; ++c) rays[c][slot + u] = c == seen ? inflow : R(0);
+            for (int c = 0; c < COMPONENTS; ++c) crossing[c * slots + u] = c == seen ? inflow : R(0);
         }
-        barrier(CLK_LOCAL_MEM_FENCE);
+        barrier(CLK_GLOBAL_MEM_FENCE);
 
-        const int base = l * stride_l + v * stride_v;
-        const int group = (l * nv + v) * ((nu + GROUP - 1) / GROUP);
-        for (int u = lane * VECTOR; u < nu; u += lanes * VECTOR) {
-            const char content = contents[group + u / GROUP];
-            if (content == EMPTY) continue;
-            const lane_t t = LOAD(depth + base + u) * (stretch * part);
+        const real part = parts[step].x;
+        const real stretch = beams[k].x * part;
+        const real weight = beams[k].y * part;
+        for (int i = begin_units + lane; i < end_units; i += lanes) {
+            const int cell = i * VECTOR;
+            const int begin = begins[cell / GROUP];
+            const int u = (begin < 0 ? -1 - begin : begin) + cell % GROUP;
+            __global const real *s = source + first_plane(cell, SOURCE_PLANES);
+            const lane_t t = CELLS_OF(depth + cell) * stretch;
             const lane_t share = absorbed(t);
-            if (content == CLEAR) {
+            if (begin < 0) {
                 for (int c = 0; c < COMPONENTS; ++c) {
-                    __local real *ray = &rays[c][slot + u];
-                    lane_t gap = LOAD(ray);
-                    const lane_t intensity = gap;
-                    if (c >= BOUNDARIES) gap -= LOAD(source + c * plane + base + u);
-                    STORE(intensity - gap * share, ray);
+                    __global real *ray = crossing + c * slots + u;
+                    const lane_t intensity = RAYS(ray);
+                    lane_t gap = intensity;
+                    if (c >= BOUNDARIES) gap -= CELLS_OF(s + c * GROUP);
+                    RAYS(ray) = intensity - gap * share;
                 }
                 continue;
             }
 #ifdef TO_CAMERA
-            const lane_t counts = weight * part * seen_at(heights[step], LOAD(seen + base + u))
+            const lane_t counts = weight * seen_at(parts[step].y, CELLS_OF(seen + cell))
                 * counts_for(u, v, l, layout, back, camera, phase);
-            STORE(LOAD(shares + base + u) + counts, shares + base + u);
+            CELLS(shares + cell) += counts;
 #else
-            const real counts = weight * part;
+            const real counts = weight;
 #endif
             const lane_t q = counts * mean_transmission(t, share);
-            for (int c = 0; c < COMPONENTS; ++c) {
-                __global real *d = excess + c * plane + base + u;
-                __local real *ray = &rays[c][slot + u];
-                const lane_t intensity = LOAD(ray);
-                const lane_t gap = intensity - LOAD(source + c * plane + base + u);
-                STORE(LOAD(d) + gap * q, d);
-                STORE(intensity - gap * share, ray);
+            __global real *d = excess + first_plane(cell, EXCESS_PLANES);
+            for (int c = 0; c < COMPONENTS; ++c, s += GROUP, d += GROUP) {
+                __global real *ray = crossing + c * slots + u;
+                const lane_t intensity = RAYS(ray);
+#ifdef SLOPED
+                const lane_t slope = back.x * MOMENT_OF(s, 1) + back.y * MOMENT_OF(s, 2)
+                    + back.z * MOMENT_OF(s, 3);
+                const lane_t gap = intensity - CELLS_OF(s) - slope;
+                const lane_t more = gap * q + slope * counts;
+#else
+                const lane_t gap = intensity - CELLS_OF(s);
+                const lane_t more = gap * q;
+#endif
+                CELLS(d) += more;
+#ifdef FLUX
+                MOMENT(d, 1) += back.x * more;
+                MOMENT(d, 2) += back.y * more;
+                MOMENT(d, 3) += back.z * more;
+#endif
+                RAYS(ray) = intensity - gap * share;
             }
         }
-        barrier(CLK_LOCAL_MEM_FENCE);
+        barrier(CLK_GLOBAL_MEM_FENCE);
 #ifdef RIM
-        const int end = rim_rows[l * nv + v + 1];
-        for (int i = rim_rows[l * nv + v] + lane; i < end; i += lanes) {
+        for (int i = first_rim + lane; i < end_rim; i += lanes) {
             const int2 cell = rim_cells[i];
-            __global real *leaves = light + ((size_t)number * rim + cell.y) * COMPONENTS;
-            for (int c = 0; c < COMPONENTS; ++c) leaves[c] = rays[c][slot + cell.x];
+            __global real *leaves = light
+                + ((size_t)(earlier + origins[k].y) * rim + cell.y) * COMPONENTS;
+            for (int c = 0; c < COMPONENTS; ++c) leaves[c] = crossing[c * slots + cell.x];
         }
-        barrier(CLK_LOCAL_MEM_FENCE);
+        barrier(CLK_GLOBAL_MEM_FENCE);
 #endif
     }
 }

@@ -18,18 +18,21 @@ typedef struct {
     int4 low, high;
 } Grid;
 
-/* A place on the line p + t d, and the cell that lies ahead of it. */
+/* A place on the line p + t d, and the cell that lies ahead of it. rx, ry, rz: 1 / d, set by
+   walk_in. */
 typedef struct {
     real px, py, pz, dx, dy, dz;
     real t;
     int x, y, z;
+    real rx, ry, rz;
 } Walk;
 
-/* The cell, or coarse leaf, that is being crossed: its bounds, and where the line leaves it. */
+/* The cell, or coarse leaf, that is being crossed: its far sides, which is its lower one where the
+   line runs down, and where the line meets these; next: where it leaves. */
 typedef struct {
     int address;
-    int whole;
-    int lx, hx, ly, hy, lz, hz;
+    int mask; /* cells along the edge of a coarse leaf, less one; 0 for a stored cell */
+    int fx, fy, fz;
     real tx, ty, tz, next;
 } Crossing;
 
@@ -48,79 +51,107 @@ INLINE real distance_from(real place, real slope, real low, real high)
 
 INLINE int cell_at(real place, int low, int high)
 {
-    return clamp((int)floor(place), low, high);
+    return within(floor_of(place), low, high);
 }
 
 /* Sets the walk, whose line is given, to where it meets the grid's bounds, or to `start` if that
    lies inside already; 0 where it misses them. */
 INLINE int walk_in(Walk *w, const Grid *g, real start)
 {
-    w->t = fmax(fmax(distance_from(w->px, w->dx, g->low.x, g->high.x),
+    w->t = most(most(distance_from(w->px, w->dx, g->low.x, g->high.x),
                      distance_from(w->py, w->dy, g->low.y, g->high.y)),
-                fmax(distance_from(w->pz, w->dz, g->low.z, g->high.z), start));
-    const real end = fmin(fmin(distance_to(w->px, w->dx, g->low.x, g->high.x),
+                most(distance_from(w->pz, w->dz, g->low.z, g->high.z), start));
+    const real end = least(least(distance_to(w->px, w->dx, g->low.x, g->high.x),
                                distance_to(w->py, w->dy, g->low.y, g->high.y)),
                           distance_to(w->pz, w->dz, g->low.z, g->high.z));
     if (!(w->t < end)) return 0;
+    w->rx = R(1) / w->dx;
+    w->ry = R(1) / w->dy;
+    w->rz = R(1) / w->dz;
     w->x = cell_at(w->px + w->t * w->dx, g->low.x, g->high.x - 1);
     w->y = cell_at(w->py + w->t * w->dy, g->low.y, g->high.y - 1);
     w->z = cell_at(w->pz + w->t * w->dz, g->low.z, g->high.z - 1);
     return 1;
 }
 
+/* Far side of the cell or coarse leaf that a coordinate lies in. */
+INLINE int far_side(int cell, int mask, real slope, int low, int high)
+{
+    return slope < R(0) ? larger(cell & ~mask, low) : smaller((cell | mask) + 1, high);
+}
+
 INLINE Crossing walk_ahead(
     const Walk *w, const Grid *g, __global const int *directory, __global const int *span)
 {
     Crossing c;
-    const int slot =
-        directory[((w->z / BRICK) * g->bricks + w->y / BRICK) * g->bricks + w->x / BRICK];
-    c.whole = slot < 0;
-#ifdef EVERY_CELL
-    const int mask = 0;
-#else
-    const int mask = c.whole ? span[-1 - slot] - 1 : 0;
+    /* Cells are never negative: unsigned, for shifts. */
+    const uint x = w->x, y = w->y, z = w->z;
+    const int slot = directory[((z / BRICK) * g->bricks + y / BRICK) * g->bricks + x / BRICK];
+    c.address = slot * BRICK_CELLS + (int)(((z % BRICK) * BRICK + y % BRICK) * BRICK + x % BRICK);
+    c.mask = 0;
+    c.fx = w->x + (w->dx < R(0) ? 0 : 1);
+    c.fy = w->y + (w->dy < R(0) ? 0 : 1);
+    c.fz = w->z + (w->dz < R(0) ? 0 : 1);
+    if (slot < 0) {
+        c.address = g->coarse - 1 - slot;
+#ifndef EVERY_CELL
+        c.mask = span[-1 - slot] - 1;
+        c.fx = far_side(w->x, c.mask, w->dx, g->low.x, g->high.x);
+        c.fy = far_side(w->y, c.mask, w->dy, g->low.y, g->high.y);
+        c.fz = far_side(w->z, c.mask, w->dz, g->low.z, g->high.z);
 #endif
-    c.address = c.whole ? g->coarse - 1 - slot
-        : slot * BRICK_CELLS + ((w->z % BRICK) * BRICK + w->y % BRICK) * BRICK + w->x % BRICK;
-    c.lx = max(w->x & ~mask, g->low.x);
-    c.hx = min((w->x | mask) + 1, g->high.x);
-    c.ly = max(w->y & ~mask, g->low.y);
-    c.hy = min((w->y | mask) + 1, g->high.y);
-    c.lz = max(w->z & ~mask, g->low.z);
-    c.hz = min((w->z | mask) + 1, g->high.z);
-    c.tx = distance_to(w->px, w->dx, c.lx, c.hx);
-    c.ty = distance_to(w->py, w->dy, c.ly, c.hy);
-    c.tz = distance_to(w->pz, w->dz, c.lz, c.hz);
-    c.next = fmin(c.tx, fmin(c.ty, c.tz));
+    }
+    /* Where d is 0 the far side is the upper one, which lies above p: infinity. */
+    c.tx = (c.fx - w->px) * w->rx;
+    c.ty = (c.fy - w->py) * w->ry;
+    c.tz = (c.fz - w->pz) * w->rz;
+    c.next = least(c.tx, least(c.ty, c.tz));
     return c;
 }
 
+/* Bounds of the cell, or of the part of the coarse leaf, that is crossed. */
+INLINE void walk_bounds(const Walk *w, const Crossing *c, const Grid *g, int4 *low, int4 *high)
+{
+    const int4 cell = (int4)(w->x, w->y, w->z, 0);
+    const int4 inside = (int4)(1, 1, 1, 0);
+    *low = max(cell & ~c->mask, g->low) * inside;
+    *high = min((cell | c->mask) + 1, g->high) * inside;
+}
+
 /* Length of the crossing. */
-INLINE real walk_length(const Walk *w, const Crossing *c) { return fmax(c->next - w->t, R(0)); }
+INLINE real walk_length(const Walk *w, const Crossing *c) { return most(c->next - w->t, R(0)); }
+
+/* Cell beyond the far side, where that is met; else the one within the leaf that the line is in. */
+INLINE int cell_beyond(int cell, int mask, int side, int meets, real place, real slope, int limit)
+{
+    const int down = slope < R(0);
+    if (meets) return down ? side - 1 : side;
+    if (mask == 0) return cell;
+    const int other = down ? (cell | mask) : (cell & ~mask);
+    return down ? cell_at(place, side, smaller(other, limit))
+        : cell_at(place, larger(other, limit), side - 1);
+}
 
 /* Goes on to the next cell; 0 where the line leaves the bounds. */
 INLINE int walk_on(Walk *w, const Crossing *c, const Grid *g)
 {
-    w->t = fmax(w->t, c->next);
-    if (c->next == c->tx) {
-        w->x = w->dx > R(0) ? c->hx : c->lx - 1;
-        if (w->x < g->low.x || w->x >= g->high.x) return 0;
-    } else if (c->whole) {
-        w->x = cell_at(w->px + w->t * w->dx, c->lx, c->hx - 1);
+    w->t = most(w->t, c->next);
+    const int mx = c->next == c->tx, my = c->next == c->ty, mz = c->next == c->tz;
+    if (c->mask) {
+        w->x = cell_beyond(w->x, c->mask, c->fx, mx, w->px + w->t * w->dx, w->dx,
+                           w->dx < R(0) ? g->high.x - 1 : g->low.x);
+        w->y = cell_beyond(w->y, c->mask, c->fy, my, w->py + w->t * w->dy, w->dy,
+                           w->dy < R(0) ? g->high.y - 1 : g->low.y);
+        w->z = cell_beyond(w->z, c->mask, c->fz, mz, w->pz + w->t * w->dz, w->dz,
+                           w->dz < R(0) ? g->high.z - 1 : g->low.z);
+    } else {
+        /* Without branches, which no machine would guess: one in three is taken. */
+        w->x += mx ? (w->dx < R(0) ? -1 : 1) : 0;
+        w->y += my ? (w->dy < R(0) ? -1 : 1) : 0;
+        w->z += mz ? (w->dz < R(0) ? -1 : 1) : 0;
     }
-    if (c->next == c->ty) {
-        w->y = w->dy > R(0) ? c->hy : c->ly - 1;
-        if (w->y < g->low.y || w->y >= g->high.y) return 0;
-    } else if (c->whole) {
-        w->y = cell_at(w->py + w->t * w->dy, c->ly, c->hy - 1);
-    }
-    if (c->next == c->tz) {
-        w->z = w->dz > R(0) ? c->hz : c->lz - 1;
-        if (w->z < g->low.z || w->z >= g->high.z) return 0;
-    } else if (c->whole) {
-        w->z = cell_at(w->pz + w->t * w->dz, c->lz, c->hz - 1);
-    }
-    return 1;
+    return w->x >= g->low.x && w->x < g->high.x && w->y >= g->low.y && w->y < g->high.y
+        && w->z >= g->low.z && w->z < g->high.z;
 }
 
 #endif

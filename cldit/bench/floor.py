@@ -23,9 +23,9 @@ _REAL_BYTES = 4
 # Operations of the kernels, counted in their source; a multiplication and an addition are two, a
 # division, a root or a comparison one.
 STEPS = 1.85  # of a ray in a layer: sum of |components| over the largest, mean over the sphere
-SWEEP_CELL = 12  # stretch, absorbed, mean_transmission: both branches, as a vector takes them
+SWEEP_CELL = 34  # stretch, decay, absorbed, mean_transmission: all branches, as vectors take them
 SWEEP_COMPONENT = 5  # gap, two multiplications and additions
-IMAGE_STEP = 30  # walk_ahead: three divisions, two of them after shifts; walk_on; index sums
+IMAGE_STEP = 30  # walk_ahead: sides, and distances to them; walk_on: six bounds; index sums
 IMAGE_CELL = 10  # absorbed and what is still transmitted
 IMAGE_SOURCE = 2
 
@@ -131,11 +131,12 @@ def floor(case: Case, *, directions: int = 12) -> Part:
             f"copied (read and written), {machine.flops_per_s / 1e9:.1f} Gflop in single "
             f"precision, {machine.exps_per_s / 1e9:.2f} G exponentials. The floor is the larger "
             "of the time that the counted bytes and that the counted operations take.",
-            "What is left, as far as it is known. *Sweep*: between two layers of a row there is a "
-            "barrier, and the rays of a row live in local memory, whose loads and stores are not "
-            "counted. One cell at a time instead of eight shows what vectors give. *Image*: every "
+            "What is left, as far as it is known. *Sweep*: every layer is a launch or two, each "
+            "of some ten microseconds; every step of a direction looks up where its rays are, for "
+            "each row, also of a few cells; rays are not aligned to vectors, as they go from cell "
+            "to cell. One cell at a time instead of eight shows what vectors give. *Image*: every "
             "step depends on the one before (which cell comes next, then its brick, then its "
-            "depth), so it waits for divisions and dependent loads and not for bandwidth, and "
+            "depth), so it waits for conversions and dependent loads and not for bandwidth, and "
             "neighbouring pixels branch differently, so nothing is done eight at a time; the walk "
             "alone, with no light, takes most of it.",
         ),
@@ -157,15 +158,14 @@ def _sweeps(machine: Machine, kernels: Kernels, directions: int) -> list[Line]:
 
     lit, computed = wide(scatters), wide(cells.depth > 0)
     emitters = len(cells.needs.emitters)
-    # Once per step, contents of groups; per cell that is not empty its depth; per cell of a group
-    # that scatters and component S, and D read and written; elsewhere S of what is emitted.
+    # Once per step and component the rays of cells that are not empty, read and written. For all
+    # directions of an axis together (at most 16), twice a layer and sense: depth, S, and D read and
+    # written, of cells in groups that scatter; elsewhere depth and S of what is emitted.
     passes = directions * STEPS
-    moved = passes * (box.cells / 8 + _REAL_BYTES * computed)
-    moved += passes * _REAL_BYTES * (3 * components * lit + emitters * (computed - lit))
-    # Once per set: D of both orders cleared, the turned one read, and added to the other.
-    moved += _REAL_BYTES * components * box.cells * (2 + 3)
+    moved = passes * _REAL_BYTES * 2 * components * computed
+    cells_once = (1 + 3 * components) * lit + (1 + emitters) * (computed - lit)
+    moved += 3 * 2 * 2 * _REAL_BYTES * cells_once
     flops = passes * (computed * SWEEP_CELL + SWEEP_COMPONENT * components * computed)
-    exps = passes * computed
     work = f"{directions} directions, {box.cells / 1e6:.2f} M cells, {computed / 1e6:.2f} M filled"
     lines = []
     for vector in (None, 1):
@@ -173,7 +173,7 @@ def _sweeps(machine: Machine, kernels: Kernels, directions: int) -> list[Line]:
             continue
         cost = kernels.sweep(directions, vector=vector)
         name = "sweep" if vector is None else "sweep, one cell at a time"
-        lines.append(Line.of(machine, name, work, cost.core_s, moved=moved, flops=flops, exps=exps))
+        lines.append(Line.of(machine, name, work, cost.core_s, moved=moved, flops=flops, exps=0.0))
     return lines
 
 
@@ -184,7 +184,9 @@ def _images(machine: Machine, kernels: Kernels) -> list[Line]:
     total, through = (float(count.sum()) for count in steps)
     pixels = steps[0].size
     out = _REAL_BYTES * pixels * len(needs.components)
-    # Per step: the brick's entry and the depth; through something also its sources.
+    # Per step: the brick's entry and the record's number; through something also the record: depth,
+    # sources and, with scattering, what is emitted at radiance 1.
+    record = 1 + sources + (1 if needs.scattering else 0)
     walked = 2 * _REAL_BYTES * total
     work = f"{pixels / 1e6:.2f} M pixels, {total / 1e6:.0f} M steps, {through / 1e6:.0f} M filled"
     image = Line.of(
@@ -192,7 +194,7 @@ def _images(machine: Machine, kernels: Kernels) -> list[Line]:
         "image",
         work,
         kernels.image().core_s,
-        moved=walked + _REAL_BYTES * sources * through + out,
+        moved=walked + _REAL_BYTES * record * through + out,
         flops=IMAGE_STEP * total + (IMAGE_CELL + IMAGE_SOURCE * sources) * through,
         exps=through,
     )

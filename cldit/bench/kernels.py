@@ -15,11 +15,12 @@ from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.program import Define, build
 from cldit.transport.cells import Needs, OpticalCells
 from cldit.transport.directions import isotropic
+from cldit.transport.filled import Filled
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.solve import first_guess
 from cldit.transport.sweep import Sweeper, sweep_defines
 from cldit.transport.towards import ToCamera
-from cldit.transport.view import View, upload_tree
+from cldit.transport.view import View, upload_directory, upload_tree
 
 _ROUNDS = 3
 _PHASE_STEPS = 1024
@@ -55,19 +56,25 @@ class Kernels:
     def image(self) -> Cost:
         """One picture from sources that are there."""
         device, cells, real = self.case.device, self.cells, np.float32
-        defines = {**self._defines(), "CUTOFF": float(self.case.settings().cutoff)}
-        program = build(device, "image.cl", defines)
+        cutoff = float(self.case.settings().cutoff)
+        program = build(device, "image.cl", {**self._defines(), "CUTOFF": cutoff, "PICTURES": 1})
         columns, rows = self.view.pixels
         out = zeros(device, "picture", (len(cells.needs.components) + 1) * rows * columns, real)
-        tree = upload_tree(device, cells, real)
-        source = [upload(device, "source", cells.source_planes(real))]
+        filled = Filled.of(cells)
+        source = None
         if cells.needs.scattering:
-            source.append(upload(device, "isothermal source", np.ones(len(cells.depth), real)))
+            source = np.zeros((len(cells.needs.components), len(cells.address)), real)
+        records = filled.records([source], np.zeros(len(cells.address)), None, real)
+        medium = [
+            *upload_directory(device, cells),
+            upload(device, "records' numbers", filled.number),
+            upload(device, "records", records),
+        ]
         arguments = self.view.arguments(device, cells, real)
         kernel = program["image"]
         return quickest(
             self.case,
-            lambda: kernel(device.queue, *self.view.tiles(device), out, *tree, *source, *arguments),
+            lambda: kernel(device.queue, *self.view.tiles(device), out, *medium, *arguments),
         )
 
     def steps(self) -> tuple[NDArray[np.int64], Cost]:
@@ -95,19 +102,14 @@ class Kernels:
         """
         device, cells = self.case.device, self.cells
         defines = self._defines()
-        ray_bytes = len(cells.needs.components) * (8 if "USE_FLOAT64" in defines else 4)
-        specialised: dict[str, Define] = {
-            **defines,
-            **sweep_defines(device, cells.box(), ray_bytes=ray_bytes),
-        }
+        specialised: dict[str, Define] = {**defines, **sweep_defines(device)}
         if vector is not None:
             specialised["VECTOR"] = vector
-        small = {"TILE": device.info.tile} if device.info.tile < 16 else {}
         sweeper = Sweeper(
             device,
             cells,
             build(device, "sweep.cl", specialised),
-            build(device, "iterate.cl", {**defines, **small}),
+            build(device, "iterate.cl", defines),
             disc=self.view.disc,
             patches=self.view.patches,
         )
@@ -125,9 +127,9 @@ class Kernels:
         """A set of sweeps with `count` directions over the sphere; others as in `sweeper`."""
         sweeper, camera = self.sweeper(vector=vector, phase=phase)
         rng = np.random.default_rng(1)
-        directions, starts = isotropic(count, rng), rng.random((count, 2))
+        rays = sweeper.rays(isotropic(count, rng), rng.random((count, 2)))
         sweeper.set_source(first_guess(sweeper, self.cells.albedo), shining=True)
         return quickest(
             self.case,
-            lambda: sweeper.sweep(directions, starts, shining=True, camera=camera),
+            lambda: sweeper.sweep(rays, shining=True, camera=camera),
         )

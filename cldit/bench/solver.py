@@ -19,8 +19,8 @@ from cldit.errors import NotConvergedError
 from cldit.medium.octree import Octree
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import isotropic
-from cldit.transport.solve import Rays, another_order, first_guess, solve
-from cldit.transport.sweep import Sweeper
+from cldit.transport.solve import another_order, first_guess, solve
+from cldit.transport.sweep import Rays, Sweeper
 
 Array = NDArray[Any]
 Lack = Callable[[Array], Array]
@@ -95,8 +95,9 @@ class _Equation:
     def of(cls, case: Case, *, double: bool) -> _Equation:
         kernels = Kernels(case, defines={"USE_FLOAT64": 1} if double else None)
         rng = np.random.default_rng(3)
-        rays = Rays(isotropic(DIRECTIONS, rng), rng.random((DIRECTIONS, 2)))
-        return cls(case, kernels, kernels.sweeper()[0], rays)
+        sweeper, _ = kernels.sweeper()
+        rays = sweeper.rays(isotropic(DIRECTIONS, rng), rng.random((DIRECTIONS, 2)))
+        return cls(case, kernels, sweeper, rays)
 
     @property
     def guess(self) -> Array:
@@ -109,7 +110,7 @@ class _Equation:
     def diagonal(self, source: Array) -> Array:
         """What the source lacks, divided by what each cell keeps of its own light."""
         self.sweeper.set_source(source, shining=True)
-        self.sweeper.sweep(self.rays.directions, self.rays.starts, shining=True)
+        self.sweeper.sweep(self.rays, shining=True)
         return self.sweeper.residual(shining=True)
 
     def plain(self, source: Array) -> Array:

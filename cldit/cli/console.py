@@ -22,7 +22,8 @@ ERR = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def plain_errors(command: Callable[P, None]) -> Callable[P, None]:
-    """Errors that cldit raises on purpose are messages; everything else keeps its traceback."""
+    """Errors that cldit raises on purpose are messages, and so is a path that the system refuses;
+    everything else keeps its traceback."""
 
     @wraps(command)
     def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
@@ -30,6 +31,12 @@ def plain_errors(command: Callable[P, None]) -> Callable[P, None]:
             command(*args, **kwargs)
         except ClditError as error:
             ERR.print(f"[bold red]error:[/] {escaped(str(error))}")
+            sys.exit(1)
+        except OSError as error:
+            if error.filename is None:
+                raise
+            reason = f"{error.filename}: {error.strerror}"
+            ERR.print(f"[bold red]error:[/] {escaped(reason)}")
             sys.exit(1)
         except KeyboardInterrupt:
             ERR.print("stopped; run the same command again to go on")

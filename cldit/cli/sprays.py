@@ -9,7 +9,6 @@ from rich.table import Table
 
 from cldit.acquisition.progress import Progress
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
-from cldit.errors import ClditError
 from cldit.report.droplets import life_picture
 from cldit.report.figures import human_figures
 from cldit.report.spray_report import write_spray
@@ -147,7 +146,7 @@ def droplet(
     """Follow one droplet of fuel through hot gas until it has evaporated."""
     cache = default_cache()
     if verification is not None:
-        _write(verification, page(cache).encode())
+        verification.write_bytes(page(cache).encode())
         OUT.print(f"{verification}")
         return
     life = follow(
@@ -168,16 +167,9 @@ def droplet(
         click.echo(life.csv(), nl=False)
     if out is not None:
         title = f"{fuel}, {diameter_um:g} µm, in {gas} of {gas_K:g} K, {pressure_Pa / 1e6:g} MPa"
-        _write(out, life_picture(life, title=f"{title}: {model}"))
+        out.write_bytes(life_picture(life, title=f"{title}: {model}"))
     if not as_csv:
         _life_table(life)
-
-
-def _write(path: Path, content: bytes) -> None:
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise ClditError(f"{path}: cannot be written ({error.strerror})") from error
 
 
 def _life_table(life: Life) -> None:

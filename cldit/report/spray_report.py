@@ -127,7 +127,7 @@ def _image(axes: Axes, seen: Projection, title: str, view: View) -> None:
     axes.plot(0, 0, marker="+", color="tab:blue", markersize=9)
     top = float(seen.image.max(initial=0.0))
     if top <= 0:
-        axes.text(0.5, 0.5, "nothing", transform=axes.transAxes, ha="center")
+        axes.text(0.5, 0.4, "nothing", transform=axes.transAxes, ha="center")
         return
     low = top / 10**_DECADES
     picture = axes.imshow(

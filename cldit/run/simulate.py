@@ -256,7 +256,7 @@ def _info(
         defines={program.name: dict(program.defines) for program in last.programs},
         precision=last.precision,
         closure=result.closure,
-        remarks=(*stages.remarks, *result.unaudited),
+        remarks=(*stages.remarks, *result.unaudited, *result.short),
         integration_time_s=integration_time_s,
         spectral=spectral,
         versions=versions,

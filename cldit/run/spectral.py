@@ -116,6 +116,11 @@ class NodeTraces:
         return tuple(dict.fromkeys(one.unaudited for one in self.traces if one.unaudited))
 
     @property
+    def short(self) -> tuple[str, ...]:
+        """Where traces stopped short of the wanted accuracy, each once."""
+        return tuple(dict.fromkeys(one.short for one in self.traces if one.short))
+
+    @property
     def closure(self) -> Closure | None:
         """The worst of all nodes'."""
         found = [result.closure for result in self.traces if result.closure is not None]
@@ -141,14 +146,14 @@ def node_settings(
     out = []
     for number, phase in enumerate(phases):
         one = settings_for(scene, phase)
-        directions = one.directions
+        final = one.final_directions
         if spec.directions is None and len(phases) > 1:
-            directions = min(one.directions, max(16, 8 * round(one.directions / 8 * nodes**-0.75)))
+            final = min(final, max(32, 8 * round(final / 8 * nodes**-0.75)))
         out.append(
             replace(
                 one,
-                directions=directions,
-                final_directions=2 * directions,
+                directions=min(one.directions, final // 2),
+                final_directions=final,
                 accuracy_K=one.accuracy_K * nodes**0.5,
                 seed=one.seed + number,
             )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -137,6 +137,17 @@ class OpticalCells:
             albedo=scattering[address] / safe[address],
             coalbedo=absorption[address] / safe[address],
         )
+
+    def in_units_of(self, other: OpticalCells) -> OpticalCells:
+        """The same cells, with thermal sources in the other's unit."""
+        ratio = self.scale / other.scale
+        emitted = {name: values * ratio for name, values in self.emitted.items()}
+        return replace(self, scale=other.scale, emitted=emitted)
+
+    def thermal_source(self) -> NDArray[np.float64]:
+        """Thermal source (C, N) of the scattering cells."""
+        outside = np.zeros((self.needs.boundaries, len(self.address)))
+        return np.concatenate([outside, self.thermal_planes(np.float64)[:, self.address]])
 
     def source_planes(self, real: type[np.floating]) -> NDArray[np.floating]:
         """Thermal source (C, P) of the components that the image kernel reads without scattering,

@@ -9,6 +9,8 @@ cells whose light is known from the last sweep.
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,16 +25,54 @@ from cldit.transport.kelvin import VISIBLE, error_K
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.picture import Painter
 from cldit.transport.result import Settings
-from cldit.transport.sobol import columns
-from cldit.transport.thick import FACE, RimLight, ThickCells, nearest
+from cldit.transport.sobol import points
+from cldit.transport.thick import FACE, Ends, ThickCells, nearest
+from cldit.transport.view import upload_tree
 
 Floats = NDArray[np.float64]
 
-_SAMPLES = 32  # of a pixel and batch
+_SAMPLES = 32  # of a pixel in the first round; a power of two, as in all rounds
+_MOST_CHAINS = 1e8  # of a picture: some core-minutes
 _LONGEST = 32  # scatterings of a chain, after which the light is that of the sweeps
 _GROUP = 16
 _TILE = 12  # pixels along a tile's edge: some hundred tell their noise
 _NOISE = 1.5  # times the wanted error, before walls as bright as the hottest cell: half, on `gdi`
+_STRETCH = 8  # numbers of a stretch within a thick cell, as in gather.cl
+
+
+@dataclass(frozen=True)
+class _Chains:
+    """One device, and what chains from given rays need there.
+
+    rays: kernel arguments `list` to `stretches`; fixed: those from `table` on.
+    """
+
+    device: Device
+    program: Program
+    rays: list[Any]
+    fixed: list[Any]
+
+    def launch(
+        self, chosen: NDArray[np.int32], some: range, key: NDArray[np.uint32], half: int, out: Any
+    ) -> None:
+        """Starts the chains of some points of a half for each chosen ray."""
+        group = min(_GROUP, self.device.info.largest_group)
+        self.program["gather"](
+            self.device.queue,
+            (-(-len(chosen) // group) * group,),
+            (group,),
+            out,
+            upload(self.device, "chosen rays", chosen),
+            np.int32(len(chosen)),
+            np.uint32(len(some)),
+            np.uint32(some.start),
+            key,
+            np.uint32(half),
+            upload(self.device, "Sobol", points(some.start, len(some))),
+            *self.rays,
+            *self.fixed,
+        )
+        self.device.queue.flush()  # the next device starts while this one works
 
 
 class Gather:
@@ -43,16 +83,11 @@ class Gather:
         painter: Painter,
         box: Box,
         thick: ThickCells,
-        directions: Directions,
-        light: RimLight,
+        ends: Ends,
         settings: Settings,
         defines: dict[str, Define],
-        *,
-        source: NDArray[np.floating],
-        units: Floats,
     ) -> None:
-        """directions, light: of the last sweep. source (C, N), units (C,): see
-        `ThickCells.records`."""
+        directions, light = ends.directions, ends.light
         self._painter, self._settings = painter, settings
         self.device: Device = painter.parts[0].device
         cells = painter.cells
@@ -65,37 +100,55 @@ class Gather:
             table, steps = phase.to_sample(), phase.by_half_sine(PHASE_STEPS)
             self._defines.update(PHASE_BINS=phase.bins, PHASE_STEPS=PHASE_STEPS)
         real = self._real
-        if painter.gathered is None:
-            raise ValueError("this painter leaves nothing to gather")
-        records = thick.records(cells, source, units).astype(real)
+        albedo = np.zeros(len(cells.depth), real)
+        albedo[cells.address[thick.listed]] = cells.albedo[thick.listed]
+        records = thick.records(cells, ends.source).astype(real)
         shared = self._shares(directions, steps).astype(real)
+        starts = np.searchsorted(shared[:, 3], np.arange(len(shared)) / len(shared), "right")
         near = nearest(directions)
-        kept = light.buffer
-        if len(painter.parts) > 1:
-            size = len(directions) * light.rim * (self._components - 1)
-            kept = download(self.device, light.buffer, np.empty(size, real))
-        self._fixed = [
-            [
-                upload(part.device, "phase function", table.astype(real)),
-                upload(part.device, "phase function", steps.astype(real)),
-                upload(part.device, "Sobol", columns()),
-                albedo,
-                upload(part.device, "places", thick.places),
-                upload(part.device, "thick cells", records),
-                kept if kept is light.buffer else upload(part.device, "light of the rim", kept),
-                upload(part.device, "directions", shared),
-                upload(part.device, "directions", near),
+        size = len(directions) * light.rim * (self._components - 1)
+        self._programs = [build(part.device, "gather.cl", self._defines) for part in painter.parts]
+        self._walks, self._fixed = [], []
+        for part, program in zip(painter.parts, self._programs, strict=True):
+            one, kept = part.device, light.buffer
+            if one is not self.device:
+                host = download(self.device, light.buffer, np.empty(size, real))
+                kept = upload(one, "light of the rim", host)
+            by_cell = zeros(one, "light of the rim", size, real)
+            program["by_cell"](
+                one.queue,
+                (light.rim, len(directions)),
+                None,
+                by_cell,
+                kept,
                 np.int32(light.rim),
                 np.int32(len(directions)),
-                np.array([*(box.low + thick.low), 0], np.int32),
-                np.array([*thick.places.shape[::-1], 0], np.int32),
-                *part.tree,
-                *part.arguments,
-            ]
-            for part, albedo in zip(painter.parts, painter.gathered, strict=True)
-        ]
+            )
+            self._walks.append(
+                [
+                    upload(one, "albedo", albedo),
+                    *upload_tree(one, cells, real),
+                    *part.arguments,
+                ]
+            )
+            self._fixed.append(
+                [
+                    upload(one, "phase function", table.astype(real)),
+                    upload(one, "phase function", steps.astype(real)),
+                    upload(one, "places", thick.places),
+                    upload(one, "thick cells", records),
+                    by_cell,
+                    upload(one, "directions", shared),
+                    upload(one, "directions", np.minimum(starts, len(shared) - 1).astype(np.int32)),
+                    upload(one, "directions", near),
+                    np.int32(len(directions)),
+                    np.array([*(box.low + thick.low), 0], np.int32),
+                    np.array([*thick.places.shape[::-1], 0], np.int32),
+                    *part.arguments[5:],  # from `columns` on
+                ]
+            )
         self.samples, self.seconds = 0, 0.0
-        self._programs: dict[int, list[Program]] = {}
+        self.short = ""  # says so where chains stopped short of what was wanted
 
     def _shares(self, directions: Directions, steps: Floats) -> Floats:
         """(K, 4) directions, and the share up to each in what is scattered along +y, by the phase
@@ -118,22 +171,28 @@ class Gather:
 
         seen (C, N): what else is seen; other: pixels that see no thick cell, but count. Chains go
         on, in the tiles where they help most, until their noise in T_app is about half of
-        accuracy_K, or max_samples.
+        accuracy_K, or max_samples, or _MOST_CHAINS chains in all.
         """
         cells, scene, wanted = self._painter.cells, self._painter.scene, self._settings.accuracy_K
-        count = len(pixels)
+        start = time.perf_counter()
+        count, most = len(pixels), self._settings.max_samples
+        chains = self._chains(pixels, across)
         sums = np.zeros((2, self._components, count))
-        batches = np.zeros(count, np.int64)  # of either set
+        samples = np.zeros(count, np.int64)  # of either half, in each of a pixel's rays
         tiles = self._tiles(pixels)
-        chosen, pairs, batch = np.arange(count), 1, 0
-        samples = max(_SAMPLES // across**2, 1)
+        chosen, spent = np.arange(count), 0.0
+        size = max(_SAMPLES // across**2, 1)
+        while size > 1 and 2 * size * across**2 * count > _MOST_CHAINS / 4:
+            size //= 2
         while True:
-            for _ in range(pairs):
-                for half in sums:
-                    half[:, chosen] += self._means(batch, pixels[chosen], across, samples=samples)
-                    batch += 1
-            batches[chosen] += pairs
-            means = sums / batches
+            # Pixels that have had as many chains go on with the same points.
+            for had in np.unique(samples[chosen]):
+                mine, some = chosen[samples[chosen] == had], range(had, had + size)
+                for half, total in enumerate(sums):
+                    total[:, mine] += size * self._means(chains, mine, across, some, half)
+            samples[chosen] += size
+            spent += 2.0 * size * across**2 * len(chosen)
+            means = sums / samples
             mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
             # As if the walls were as bright as the hottest cell: the trace holds for all of them.
             kelvin = np.nan_to_num(
@@ -143,14 +202,29 @@ class Gather:
             energy = np.bincount(tiles, kelvin**2)
             visible = max(int(np.count_nonzero(1 - (seen + mean[:-1])[0] > VISIBLE)) + other, 1)
             left = float(energy.sum()) / visible - (_NOISE * wanted) ** 2
-            if left <= 0 or 2 * pairs * samples * across**2 > self._settings.max_samples:
+            if left <= 0:
                 break
-            cost = np.maximum(np.bincount(tiles, batches), 1)
+            cost = np.maximum(np.bincount(tiles, samples), 1)
             best = np.argsort(-energy / cost)
             enough = np.searchsorted(np.cumsum(energy[best]) / 2, left * visible) + 1
             chosen = np.flatnonzero(np.isin(tiles, best[:enough]))
-            pairs = max(pairs, int(np.median(batches[chosen])))
-        self.samples = int(2 * batches.mean() * samples * across**2)
+            # As many again as most have: a power of two of a sequence's points is the more even.
+            size = 1 << int(np.median(samples[chosen])).bit_length() - 1
+            again = 2.0 * size * across**2
+            if (
+                2 * across**2 * samples.max() + again > most
+                or spent + again * len(chosen) > _MOST_CHAINS
+            ):
+                noise_K = float(np.sqrt(energy.sum() / visible)) / (2 * _NOISE)
+                self.short = (
+                    f"chains in thick cells: stopped at {most} samples a pixel, or "
+                    f"{_MOST_CHAINS:.0e} in all, with noise of {noise_K:.2g} K RMS left, where "
+                    f"transport.accuracy_K: {wanted:g} asks for half of that accuracy; allowed is "
+                    "a larger transport.max_samples, or less accuracy"
+                )
+                break
+        self.samples = int(2 * samples.mean() * across**2)
+        self.seconds += time.perf_counter() - start
         return means
 
     def _tiles(self, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -162,15 +236,10 @@ class Gather:
     @property
     def programs(self) -> list[Program]:
         """All that were built."""
-        return [program for some in self._programs.values() for program in some]
+        return self._programs
 
-    def _means(self, batch: int, pixels: NDArray[np.int64], across: int, *, samples: int) -> Floats:
-        """(C + 1, N) mean of so many chains for each of across^2 rays a pixel."""
-        parts = self._painter.parts
-        if samples not in self._programs:
-            defines = {**self._defines, "SAMPLES": samples}
-            self._programs[samples] = [build(part.device, "gather.cl", defines) for part in parts]
-        start = time.perf_counter()
+    def _chains(self, pixels: NDArray[np.int64], across: int) -> list[_Chains]:
+        """For each device, the stretches of thick cells on across^2 rays through each pixel."""
         row, column = np.divmod(pixels, self._painter.view.pixels[0])
         place = (np.arange(across) + 0.5) / across
         down, right = np.meshgrid(place, place, indexing="ij")
@@ -178,33 +247,58 @@ class Gather:
             [column[:, None] + right.reshape(-1), row[:, None] + down.reshape(-1)], axis=2
         ).reshape(-1, 2)
         numbers = (pixels[:, None] * across**2 + np.arange(across**2)).reshape(-1)
-        outs = []
-        for part, program, fixed, (device, mine) in zip(
-            parts, self._programs[samples], self._fixed, shares(self.device, len(rays)), strict=True
+        out = []
+        for part, program, walk, fixed in zip(
+            self._painter.parts, self._programs, self._walks, self._fixed, strict=True
         ):
-            count, group = len(mine), min(_GROUP, device.info.largest_group)
-            out = zeros(device, "means", self._components * count, self._real)
-            if count:
-                some = slice(mine.start, mine.stop)
-                program["gather"](
-                    part.device.queue,
+            one, count = part.device, len(rays)
+            group = min(_GROUP, one.info.largest_group)
+            listed = upload(one, "rays", rays.astype(self._real))
+            met = zeros(one, "stretches", count, np.int32)
+            stretches, first = met, met  # not read before their number is known
+            for fill in (0, 1):
+                program["meet"](
+                    one.queue,
                     (-(-count // group) * group,),
                     (group,),
-                    out,
-                    upload(device, "rays", rays[some].astype(self._real)),
-                    upload(device, "rays", numbers[some].astype(np.uint32)),
+                    met,
+                    stretches,
+                    first,
+                    np.int32(fill),
+                    listed,
                     np.int32(count),
-                    np.array([self._settings.seed, 0], np.uint32),
-                    np.uint32(batch),
-                    *fixed,
+                    *walk,
                 )
-                part.device.queue.flush()  # the next device starts while this one works
-            outs.append(out)
+                if not fill:
+                    ends = np.cumsum(download(one, met, np.empty(count, np.int32)))
+                    first = upload(one, "stretches", np.array([0, *ends], np.int32))
+                    stretches = zeros(one, "stretches", _STRETCH * int(ends[-1]), self._real)
+            uploaded = upload(one, "rays", numbers.astype(np.uint32))
+            out.append(_Chains(one, program, [listed, uploaded, first, stretches], fixed))
+        return out
+
+    def _means(
+        self,
+        chains: list[_Chains],
+        chosen: NDArray[np.int64],
+        across: int,
+        some: range,
+        half: int,
+    ) -> Floats:
+        """(C + 1, N) mean of the chains of some points for each of across^2 rays of each chosen
+        pixel. half: which shift of the points."""
+        rays = (chosen[:, None] * across**2 + np.arange(across**2)).reshape(-1).astype(np.int32)
+        key = np.array([self._settings.seed, 0], np.uint32)
+        outs = []
+        for each, (_, mine) in zip(chains, shares(self.device, len(rays)), strict=True):
+            out = zeros(each.device, "means", self._components * len(mine), self._real)
+            if mine:
+                each.launch(rays[mine.start : mine.stop], some, key, half, out)
+            outs.append((each.device, out, len(mine)))
         found = [
-            download(device, out, np.empty((self._components, len(mine)), self._real))
-            for out, (device, mine) in zip(outs, shares(self.device, len(rays)), strict=True)
-            if mine
+            download(device, out, np.empty((self._components, count), self._real))
+            for device, out, count in outs
+            if count
         ]
-        self.seconds += time.perf_counter() - start
-        whole = np.concatenate(found, axis=1).reshape(self._components, len(pixels), -1)
+        whole = np.concatenate(found, axis=1).reshape(self._components, len(chosen), -1)
         return np.asarray(whole.mean(axis=2, dtype=np.float64))

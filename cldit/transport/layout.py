@@ -7,7 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Layout:
-    """How one of the three orders of axes runs through memory."""
+    """One of the three orders of axes.
+
+    stride_v, stride_l: of rows in the groups of cells (straight: [z][y]; turned: [x][z]).
+    """
 
     number: int
     axes: tuple[int, int, int]  # u, v, l as x, y, z = 0, 1, 2
@@ -21,7 +24,7 @@ def layouts(shape: tuple[int, int, int]) -> dict[int, Layout]:
     """Layout for each axis (x, y, z) that layers are stacked along."""
     nx, ny, nz = shape
     return {
-        2: Layout(0, (0, 1, 2), (nx, ny, nz), nx, nx * ny, turned=False),
-        1: Layout(1, (0, 2, 1), (nx, nz, ny), nx * ny, nx, turned=False),
-        0: Layout(2, (1, 2, 0), (ny, nz, nx), ny, ny * nz, turned=True),
+        2: Layout(0, (0, 1, 2), (nx, ny, nz), 1, ny, turned=False),
+        1: Layout(1, (0, 2, 1), (nx, nz, ny), ny, 1, turned=False),
+        0: Layout(2, (1, 2, 0), (ny, nz, nx), 1, nz, turned=True),
     }

@@ -51,9 +51,18 @@ class ScatteringTable:
         """Mean cosine of the scattering angle, g."""
         return float(self.moments(2)[1])
 
+    @property
+    def forward(self) -> float:
+        """Share of the scattering that counts as none in a delta-M expansion to the first moment:
+        the second moment, which is then right too (Wiscombe, J. Atmos. Sci. 34, 1977)."""
+        return max(float(self.moments(3)[2]), 0.0)
+
     def to_sample(self) -> Floats:
-        """Cosines, then cumulative shares (2 M + 2,): as kernels/phase.h reads them."""
-        return np.concatenate([self.cosine, self.cumulative])
+        """Cosines, cumulative shares, and the bins that the shares k / M lie in (3 M + 2,): as
+        kernels/phase.h reads them."""
+        even = np.arange(self.bins) / self.bins
+        bins = np.searchsorted(self.cumulative, even, "right") - 1
+        return np.concatenate([self.cosine, self.cumulative, np.minimum(bins, self.bins - 1)])
 
     def by_half_sine(self, steps: int) -> Floats:
         """Phase function (steps,) in bins that are even in the sine of half the angle."""

@@ -70,6 +70,7 @@ def sweep(
     centre: Floats,
     radius: float,
     patches: Floats = NONE,
+    slope: Floats | None = None,
 ) -> Floats:
     """Excess (C, nz, ny, nx) that one direction's sweep gives; see kernels/sweep.cl.
 
@@ -78,12 +79,15 @@ def sweep(
         source: (C, nz, ny, nx), background first, wall second, then patches.
         back: (3,) unit vector to where the light comes from.
         start: (2,) where rays cross the cells of the first layer, 0 to 1.
+        slope: (3, C, nz, ny, nx), by which the source is more, times the components of `back`.
     """
+    more = np.zeros_like(source) if slope is None else np.tensordot(back, slope, axes=1)
     main = int(np.argmax(np.abs(back)))
     axes = {0: (1, 2, 0), 1: (0, 2, 1), 2: (0, 1, 2)}[main]  # u, v, l as x, y, z
     order = [2 - axis for axis in (axes[2], axes[1], axes[0])]  # numpy axes of [l, v, u]
     t_all = depth.transpose(order)
-    s_all = source.transpose(0, *(1 + axis for axis in order))
+    s_all = (source + more).transpose(0, *(1 + axis for axis in order))
+    m_all = more.transpose(0, *(1 + axis for axis in order))
     excess = np.zeros_like(s_all)
     nl, nv, nu = t_all.shape
     u_run, v_run, l_run = (-back[axis] for axis in axes)
@@ -122,7 +126,8 @@ def sweep(
             rays[:, enters] = (component == seen.reshape(nv, nu))[:, enters]
             t = t_all[layer] * (stretch * (high - low))
             gap = rays - s_all[:, layer]
-            excess[:, layer] += weight * (high - low) * gap * mean_transmission(t)
+            part = gap * mean_transmission(t) + m_all[:, layer]
+            excess[:, layer] += weight * (high - low) * part
             rays = rays - gap * absorbed(t)
     back_order = np.argsort(order)
     return np.asarray(excess.transpose(0, *(1 + axis for axis in back_order)))

@@ -71,6 +71,7 @@ class Trace:
     standard_error: Weights | None = None
     audit_K: float | None = None
     unaudited: str = ""
+    short: str = ""  # of the wanted accuracy: what stopped before, and why
     closure: Closure | None = None  # None where flights gather a solved source, or none fly
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 BITS = 10  # of a point's index: both are also written in kernels/random.h
-DIMENSIONS = 7
+DIMENSIONS = 8
 
 # Primitive polynomial (degree s, coefficients a), and the first s direction integers.
 _POLYNOMIALS = (
@@ -17,23 +17,33 @@ _POLYNOMIALS = (
     (3, 2, (1, 1, 1)),
     (4, 1, (1, 1, 3, 3)),
     (4, 4, (1, 3, 5, 13)),
+    (5, 2, (1, 1, 5, 5, 17)),
 )
 
 
-def columns() -> NDArray[np.uint32]:
-    """(DIMENSIONS, BITS) words: point i is the exclusive or of those where i has a bit.
+def columns(bits: int = BITS) -> NDArray[np.uint32]:
+    """(DIMENSIONS, bits) words: point i is the exclusive or of those where i has a bit.
 
     The first dimension is van der Corput's sequence.
     """
-    out = np.zeros((DIMENSIONS, BITS), np.uint32)
-    out[0] = [1 << (31 - bit) for bit in range(BITS)]
+    out = np.zeros((DIMENSIONS, bits), np.uint32)
+    out[0] = [1 << (31 - bit) for bit in range(bits)]
     for dimension, (degree, coefficients, first) in enumerate(_POLYNOMIALS, start=1):
         m = list(first)
-        while len(m) < BITS:
+        while len(m) < bits:
             new = m[-degree] ^ (m[-degree] << degree)
             for k in range(1, degree):
                 if coefficients >> (degree - 1 - k) & 1:
                     new ^= m[-k] << k
             m.append(new)
-        out[dimension] = [value << (31 - bit) for bit, value in enumerate(m[:BITS])]
+        out[dimension] = [value << (31 - bit) for bit, value in enumerate(m[:bits])]
+    return out
+
+
+def points(first: int, count: int) -> NDArray[np.uint32]:
+    """(count, DIMENSIONS) words of points `first` to `first` + count - 1, at most 2^32 - 1."""
+    number = np.arange(first, first + count, dtype=np.uint32)[:, None]
+    out = np.zeros((count, DIMENSIONS), np.uint32)
+    for bit, column in enumerate(columns(max(int(first + count - 1).bit_length(), 1)).T):
+        out ^= np.where(number >> np.uint32(bit) & np.uint32(1), column, np.uint32(0))
     return out

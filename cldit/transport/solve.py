@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import NotConvergedError, TransportError
-from cldit.transport.directions import Directions
-from cldit.transport.sweep import Sweeper
+from cldit.transport.sweep import Rays, Sweeper
 
 Array = NDArray[Any]
 Report = Callable[[str], None]
@@ -39,17 +38,6 @@ class Solution:
     towards: Array | None = None
 
 
-@dataclass(frozen=True)
-class Rays:
-    """Directions of a set of sweeps and where rays cross the first layer's cells, (N, 2) in 0..1.
-
-    They stay fixed while a system is solved, so that its operator is one and the same.
-    """
-
-    directions: Directions
-    starts: NDArray[np.float64]
-
-
 def first_guess(sweeper: Sweeper, albedo: NDArray[np.float64]) -> Array:
     """Order 0: whatever is scattered is taken to come from the wall (paper, "Ray Tracing")."""
     guess = sweeper.thermal.copy()
@@ -60,7 +48,7 @@ def first_guess(sweeper: Sweeper, albedo: NDArray[np.float64]) -> Array:
 def another_order(sweeper: Sweeper, source: Array, rays: Rays) -> Array:
     """The source after one more scattering."""
     sweeper.set_source(source, shining=True)
-    sweeper.sweep(rays.directions, rays.starts, shining=True)
+    sweeper.sweep(rays, shining=True)
     return sweeper.next_order()
 
 
@@ -90,7 +78,7 @@ def solve(
     passes, gain, before = 0, 1.0, np.inf
     while True:
         sweeper.set_source(source, shining=True)
-        sweeper.sweep(rays.directions, rays.starts, shining=True)
+        sweeper.sweep(rays, shining=True)
         passes += 1
         lack = sweeper.residual(shining=True)
         now = float(_rms(lack).max())
@@ -126,7 +114,7 @@ def _krylov(
     taken = 0
     for j in range(_KRYLOV):
         sweeper.set_source(basis[j], shining=False)
-        sweeper.sweep(rays.directions, rays.starts, shining=False)
+        sweeper.sweep(rays, shining=False)
         taken += 1
         image = -sweeper.residual(shining=False)
         for i, vector in enumerate(basis):  # modified Gram-Schmidt

@@ -2,73 +2,113 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
-from cldit.errors import DeviceError
 from cldit.gpu.buffers import clear, download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.directions import Directions
+from cldit.transport.groups import GROUP, Groups, turned_too
 from cldit.transport.layout import Layout, layouts
 from cldit.transport.patches import NONE, shifted
+from cldit.transport.routes import Route, routes
 from cldit.transport.towards import ToCamera
-from cldit.transport.way import Way
 
-_TILE = 16  # as in iterate.cl, unless the device's work-groups are smaller
-_GROUP, _SCATTERS = 8, 2  # as in sweep.cl: cells of a group, and its content where one scatters
 _MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
 
+Real = type[np.float32] | type[np.float64]
 
-def sweep_defines(device: Device, box: Box, *, ray_bytes: int = 8) -> dict[str, int]:
-    """What the sweep kernel must know of the device and of the box when it is built.
 
-    ray_bytes: what the components of one ray take.
+_MOMENTS = 4  # of a source or of light: its mean, and the first moment's x, y, z
+_TOGETHER = 16  # directions: more take memory for rays, and gain nothing
 
-    Raises:
-        DeviceError: a row of rays does not fit into what a work-group shares.
+
+def sweep_defines(device: Device) -> dict[str, int]:
+    """What the sweep kernel must know of the device when it is built."""
+    return {"VECTOR": GROUP if device.is_cpu else 1}
+
+
+@dataclass(frozen=True)
+class _Order:
+    """The box's groups of cells in one order, and the device's arrays of them.
+
+    place: of the scattering cells among the cells of all groups. source, excess: planes side by
+    side in each group; thermal, not on the device: the source of what emits.
     """
-    nx, ny, nz = box.shape
-    vector = 8 if device.is_cpu and nx % 8 == 0 and ny % 8 == 0 else 1
-    slots = max(nx + nz, nx + ny, ny + nx) + 4
-    if slots * ray_bytes > device.info.local_bytes:
-        raise DeviceError(
-            f"{device.info.name}: a row of rays takes {slots * ray_bytes} bytes of local memory, "
-            f"and a work-group has {device.info.local_bytes}; set domain.leaf_edge_m coarser, or "
-            "name fewer patches"
+
+    groups: Groups
+    first: Any
+    begins: Any
+    place: Any
+    depth: Any
+    source: Any
+    excess: Any
+    thermal: NDArray[Any]
+
+    @classmethod
+    def of(
+        cls,
+        device: Device,
+        cells: OpticalCells,
+        box: Box,
+        groups: Groups,
+        real: Real,
+        *,
+        turned: bool,
+        sloped: bool,
+    ) -> _Order:
+        def packed(values: NDArray[np.float64]) -> NDArray[Any]:
+            return groups.packed(turned_too(cells.dense(box, values.astype(real)))[turned])
+
+        components, boundaries = len(cells.needs.components), cells.needs.boundaries
+        planes = _MOMENTS * components if sloped else components
+        thermal = np.zeros((len(groups), planes, GROUP), real)
+        for number, name in enumerate(cells.needs.emitters, boundaries):
+            thermal[:, number] = packed(cells.emitted[name])
+        x, y, z = (cells.positions(cells.address) - np.asarray(box.low)).T
+        _, ny, nz = box.shape
+        place = groups.places(x * nz + z, y) if turned else groups.places(z * ny + y, x)
+        return cls(
+            groups=groups,
+            first=upload(device, "groups of rows", groups.first),
+            begins=upload(device, "groups", groups.along),
+            place=upload(device, "places", place),
+            depth=upload(device, "optical depth", packed(cells.depth)),
+            source=zeros(device, "source", thermal.size, real),
+            excess=zeros(device, "excess", components * groups.cells, real),
+            thermal=thermal,
         )
-    return {"VECTOR": vector, "SLOTS": slots}
 
 
-def _contents(device: Device, cells: OpticalCells, box: Box) -> dict[int, Any]:
-    """What groups of cells hold, [l][v][group], for each layout's number (see kernels/sweep.cl)."""
-    content = (cells.depth > 0).astype(np.int8)
-    content[cells.address] = _SCATTERS
-    dense = cells.dense(box, content)
-    out = {}
-    for layout in layouts(box.shape).values():
-        rows = dense.transpose([2 - axis for axis in reversed(layout.axes)])
-        rows = np.pad(rows, ((0, 0), (0, 0), (0, -rows.shape[2] % _GROUP)))
-        groups = rows.reshape(*rows.shape[:2], -1, _GROUP).max(axis=3)
-        out[layout.number] = upload(device, "contents", groups)
-    return out
+@dataclass(frozen=True)
+class Rays:
+    """A set of directions, ready to be swept along as often as is wanted.
+
+    routes: with what the kernel takes of each, from `launches` to `origins`.
+    """
+
+    directions: Directions
+    routes: tuple[tuple[Route, list[Any]], ...]
 
 
-def _apart(rows: int) -> list[tuple[int, int]]:
-    """First and number of sets of rows, every other one, with no neighbours in a set."""
-    even, odd = rows // 2, rows % 2
-    return [(0, even), (1, even)] * (even > 0) + [(rows - 1, 1)] * odd
+def _slots(layout: Layout) -> int:
+    """For a row of rays: those that are in the box, in whole groups, and those that come in."""
+    nu, _, nl = layout.size
+    return -(-nu // GROUP) * GROUP + nl + 4
 
 
 class Sweeper:
     """The swept box on the device.
 
-    Holds the optical depths, one source and one excess array a component, the first two also in
-    turned order so that rays along x read rows of memory as those along y and z do.
+    Holds optical depths, source and excess in groups of cells along x, and once more in groups
+    along y (turned), so that rays along x go through rows of memory as those along y and z do.
     """
 
     def __init__(
@@ -81,7 +121,8 @@ class Sweeper:
         disc: NDArray[np.float64],
         patches: NDArray[np.float64] = NONE,
     ) -> None:
-        """disc, patches: as in `View`, in cells from the cube's lower corner."""
+        """disc, patches: as in `View`, in cells from the cube's lower corner. sweep: with SLOPED,
+        sources have a first moment."""
         self.device = device
         self.box: Box = cells.box()
         self.count = len(cells.address)
@@ -89,220 +130,202 @@ class Sweeper:
         self._boundaries = cells.needs.boundaries
         self._sweep = sweep["sweep"]
         self._vector = int(sweep.defines["VECTOR"])
+        self._sloped = "SLOPED" in sweep.defines
+        self._planes = self.components * (_MOMENTS if self._sloped else 1)
         self._kernels = iterate
-        self._real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
+        self._real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
         self._disc = disc.copy()
         self._disc[:3] -= self.box.low
         self._patches = []
+        real = self._real
         if len(patches):
             moved = shifted(patches, -np.asarray(self.box.low, float))
-            self._patches = [upload(device, "patches", moved.astype(self._real))]
-        planes = self.components * self.box.cells
-        real = self._real
-        depth = cells.dense(self.box, cells.depth.astype(real))
-        self._depth = {
-            False: upload(device, "optical depth", depth),
-            True: upload(device, "optical depth", depth.transpose(2, 0, 1)),
+            self._patches = [upload(device, "patches", moved.astype(real))]
+        self.groups = Groups.both(cells, self.box)
+        self._order = {
+            turned: _Order.of(
+                device, cells, self.box, groups, real, turned=turned, sloped=self._sloped
+            )
+            for turned, groups in self.groups.items()
         }
-        self._contents = _contents(device, cells, self.box)
+        self._excess = {turned: order.excess for turned, order in self._order.items()}
+        self._shining: bool | None = False  # what the cells that do not scatter hold
         self._lanes = device.info.largest_group
-        self._tile = int(iterate.defines.get("TILE", _TILE))
-        self._source = {t: zeros(device, "source", planes, real) for t in (False, True)}
-        self._excess = {t: zeros(device, "excess", planes, real) for t in (False, True)}
-        self._bytes = planes * np.dtype(real).itemsize
-        self._at = cells.place(self.box, cells.address)
-        self._place = upload(device, "places", self._at.astype(np.int32))
-        thermal = np.zeros((self.components, self.count), real)
-        base = np.zeros((len(cells.needs.emitters), self.box.cells), real)
-        for number, name in enumerate(cells.needs.emitters):
-            emitted = cells.emitted[name].astype(real)
-            base[number] = cells.dense(self.box, emitted).reshape(-1)
-            thermal[self._boundaries + number] = emitted[cells.address]
-        self._base = upload(device, "thermal source", base)
-        self._base_bytes = base.nbytes
-        self._emission = upload(device, "emission", thermal)
+        each = max(
+            layout.size[1] * self.components * _slots(layout)
+            for layout in layouts(self.box.shape).values()
+        )
+        most = device.info.largest_buffer_bytes // (each * np.dtype(real).itemsize)
+        self._together = max(1, min(_TOGETHER, most))
+        self._rays = zeros(device, "rays", self._together * each, real)
+        self.thermal = np.zeros((self.components, self.count), real)
+        self.thermal[self._boundaries :] = cells.thermal_planes(real)[:, cells.address]
+        self._emission = upload(device, "emission", self.thermal)
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
-        self._list = zeros(device, "list", self.components * self.count, real)
-        self._out = zeros(device, "residual", self.components * self.count, real)
-        self.thermal = thermal
+        self._depth = upload(device, "optical depth", cells.depth[cells.address].astype(real))
+        self._list = zeros(device, "list", self._planes * self.count, real)
+        self._out = zeros(device, "answer", self.components * self.count, real)
         self.sweeps = 0
 
     @property
-    def real(self) -> type[np.float32] | type[np.float64]:
+    def real(self) -> Real:
         return self._real
 
-    def _grid(self) -> tuple[int, int, int]:
-        nx, ny, nz = self.box.shape
-        return (
-            -(-nx // self._tile) * self._tile,
-            -(-ny // self._tile) * self._tile,
-            nz * self.components,
-        )
-
     def set_source(self, listed: NDArray[Any], *, shining: bool) -> None:
-        """Puts the source (C, N) of the scattering cells into the box.
+        """Puts the source (C, N) of the scattering cells into the box; (4 C, N) if it has a slope.
 
         shining: with the thermal source of all other cells; else these are black.
         """
-        queue = self.device.queue
-        cl.enqueue_copy(queue, self._list, np.ascontiguousarray(listed, self._real))
-        self._fill(shining)
+        if self._shining is not shining:
+            for order in self._order.values():
+                if shining:
+                    cl.enqueue_copy(self.device.queue, order.source, order.thermal)
+                else:
+                    clear(self.device, order.source, order.thermal.nbytes)
+            self._shining = shining
+        self._put(listed)
 
-    def _fill(self, shining: bool) -> None:
-        queue = self.device.queue
-        source, own = self._source[False], self._base_bytes if shining else 0
-        clear(self.device, source, self._bytes - own)  # boundaries' light begins in no cell
-        if own:
-            cl.enqueue_copy(queue, source, self._base, byte_count=own, dst_offset=self._bytes - own)
-        self._scatter()
+    def _put(self, listed: NDArray[Any]) -> None:
+        cl.enqueue_copy(self.device.queue, self._list, np.ascontiguousarray(listed, self._real))
+        sources = [order.source for order in self._order.values()]
+        self._of_list("set_source", *sources, self._list, *self._places(), np.int32(self._planes))
 
-    def _scatter(self) -> None:
-        """The list into the box's source, and its turned copy."""
-        self._kernels["scatter_list"](
-            self.device.queue,
-            (self.count,),
-            None,
-            self._source[False],
-            self._list,
-            self._place,
-            np.int32(self.box.cells),
-            np.int32(self.count),
-        )
-        self._turn(self._source)
+    def _places(self) -> list[Any]:
+        return [order.place for order in self._order.values()]
 
-    def _turn(self, arrays: dict[bool, Any]) -> None:
-        sizes = [np.int32(n) for n in self.box.shape]
-        self._kernels["turn"](
-            self.device.queue,
-            self._grid(),
-            (self._tile, self._tile, 1),
-            arrays[True],
-            arrays[False],
-            *sizes,
+    def _of_list(self, kernel: str, *arguments: Any) -> None:
+        """Runs a kernel over the scattering cells."""
+        self._kernels[kernel](
+            self.device.queue, (self.count,), None, *arguments, np.int32(self.count)
         )
 
-    def sweep(
-        self,
-        directions: Directions,
-        starts: NDArray[np.float64],
-        *,
-        shining: bool,
-        camera: ToCamera | None = None,
-    ) -> None:
+    def _answer(self, kernel: str | None = None, *arguments: Any) -> NDArray[Any]:
+        """(C, N) excess of the listed cells, or what a kernel makes of it."""
+        excess = [order.excess for order in self._order.values()]
+        planes = np.int32(self.components)
+        self._of_list("listed_excess", self._out, *excess, *self._places(), planes)
+        if kernel is not None:
+            self._of_list(kernel, self._out, self._list, *arguments)
+        return download(self.device, self._out, np.empty((self.components, self.count), self._real))
+
+    def rays(self, directions: Directions, starts: NDArray[np.float64]) -> Rays:
+        """starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer."""
+        ready = []
+        for route in routes(self.box, directions, starts, together=self._together):
+            backs = np.column_stack([route.back, np.zeros(len(route))])
+            origin = np.where(route.rightwards, route.layout.size[2] + 1, 1)
+            tables = [
+                route.launches,
+                route.direction,
+                route.shifts,
+                np.column_stack([route.part, route.height]).astype(self._real),
+                backs.astype(self._real),
+                np.column_stack([route.stretch, route.weight]).astype(self._real),
+                np.column_stack([origin, route.number]).astype(np.int32),
+            ]
+            ready.append((route, [upload(self.device, "routes", table) for table in tables]))
+        return Rays(directions, tuple(ready))
+
+    def sweep(self, rays: Rays, *, shining: bool, camera: ToCamera | None = None) -> None:
         """Sweeps every direction; the excess D of the present source is then on the device.
 
-        starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer.
         camera: what directions count for towards it; None counts all alike.
         """
-        for turned in (False, True):
-            clear(self.device, self._excess[turned], self._bytes)
+        size = np.dtype(self._real).itemsize
+        for turned, order in self._order.items():
+            clear(self.device, order.excess, size * self.components * order.groups.cells)
             if camera is not None:
-                clear(self.device, camera.shares[turned], self._bytes // self.components)
-        main = np.argmax(np.abs(directions.unit), axis=1)
-        for axis, layout in layouts(self.box.shape).items():
-            for i in np.flatnonzero(main == axis):
-                self._one(
-                    layout,
-                    directions.unit[i],
-                    float(directions.weight[i]),
-                    starts[i],
+                clear(self.device, camera.shares[turned], size * order.groups.cells)
+        for route, tables in rays.routes:
+            if camera is None:
+                self._along(self._sweep, route, tables, shining, self._excess)
+            else:
+                self._along(
+                    camera.kernel,
+                    route,
+                    tables,
                     shining,
-                    camera,
-                    int(i),
+                    self._excess,
+                    self._towards(camera, route),
                 )
-        if np.any(main == 0):
-            sizes = [np.int32(n) for n in self.box.shape]
-            self._kernels["add_turned"](
-                self.device.queue,
-                self._grid(),
-                (self._tile, self._tile, 1),
-                self._excess[False],
-                self._excess[True],
-                *sizes,
-            )
-            if camera is not None:
-                grid = (*self._grid()[:2], self.box.shape[2])
-                self._kernels["add_turned"](
-                    self.device.queue,
-                    grid,
-                    (self._tile, self._tile, 1),
-                    camera.shares[False],
-                    camera.shares[True],
-                    *sizes,
-                )
-        self.sweeps += len(directions)
+        self.sweeps += len(rays.directions)
 
-    def _one(
-        self,
-        layout: Layout,
-        unit: NDArray[np.float64],
-        weight: float,
-        start: NDArray[np.float64],
-        shining: bool,
-        camera: ToCamera | None,
-        number: int,
-    ) -> None:
-        real = self._real
-        u, v, run = (
-            -unit[axis] for axis in layout.axes
-        )  # light runs away from where it comes from
-        nu, nv, nl = layout.size
-        way = Way.of(u / abs(run), v / abs(run), start, layers=nl, backwards=run < 0)
-        lanes = 1 if self._vector > 1 else min(nu, self._lanes)
-        extra = []
-        if camera is not None:
-            place = np.zeros(4)
-            place[:3] = camera.place - self.box.low
-            extra = [
-                camera.shares[layout.turned],
-                camera.seen[layout.turned],
-                upload(self.device, "heights", way.within[layout.axes.index(1)].astype(real)),
-                camera.phase,
-                place.astype(real),
-                *([] if camera.light is None else camera.light.arguments(layout, number)),
-            ]
-        kernel = self._sweep if camera is None else camera.kernel
-        before = [
-            self._depth[layout.turned],
-            self._source[layout.turned],
-            self._excess[layout.turned],
-            self._contents[layout.number],
-            upload(self.device, "shifts", way.shifts(nv)),
-            upload(self.device, "layers", way.layer),
-            upload(self.device, "parts", way.part.astype(real)),
-            np.int32(len(way.part)),
+    def moments(self, program: Program, rays: Rays) -> NDArray[Any]:
+        """(4, C, N) mean of the light in the scattering cells, and of what it is more than that
+        times each component of the direction that it comes from: the first moment, which no set
+        of directions then finds in even light. program: sweep.cl with FLUX."""
+        many = _MOMENTS * self.components
+        excess = {
+            turned: zeros(self.device, "flux", many * order.groups.cells, self._real)
+            for turned, order in self._order.items()
+        }
+        for route, tables in rays.routes:
+            self._along(program["sweep"], route, tables, True, excess)
+        self.sweeps += len(rays.directions)
+        out = zeros(self.device, "flux", many * self.count, self._real)
+        self._of_list("listed_excess", out, *excess.values(), *self._places(), np.int32(many))
+        found = download(
+            self.device, out, np.empty((_MOMENTS, self.components, self.count), self._real)
+        )
+        held = np.empty((self._planes, self.count), self._real)
+        listed = download(self.device, self._list, held)[: self.components]
+        weight, back = rays.directions.weight, rays.directions.unit
+        leaning = (weight @ back / weight.sum()).astype(self._real)
+        found[1:] -= leaning[:, None, None] * found[0]
+        found[0] += self._real(weight.sum()) * listed
+        return found
+
+    def _towards(self, camera: ToCamera, route: Route) -> list[Any]:
+        """What the kernel takes with TO_CAMERA, and with RIM."""
+        place = np.zeros(4)
+        place[:3] = camera.place - self.box.low
+        return [
+            camera.shares[route.layout.turned],
+            camera.seen[route.layout.turned],
+            camera.phase,
+            place.astype(self._real),
+            *([] if camera.light is None else camera.light.arguments(route.layout)),
         ]
-        after = [
-            np.int32(nl + 1 if u > 0 else 1),
+
+    def _along(
+        self,
+        kernel: Any,
+        route: Route,
+        tables: list[Any],
+        shining: bool,
+        excess: dict[bool, Any],
+        extra: Sequence[Any] = (),
+    ) -> None:
+        layout, real = route.layout, self._real
+        order = self._order[layout.turned]
+        kernel.set_args(
+            np.int32(0),
+            *tables,
+            self._rays,
+            np.int32(_slots(layout)),
+            order.first,
+            order.begins,
+            order.depth,
+            order.source,
+            excess[layout.turned],
             np.int32(layout.number),
-            np.int32(nu),
-            np.int32(nv),
-            np.int32(nl),
+            *(np.int32(count) for count in layout.size),
             np.int32(layout.stride_v),
             np.int32(layout.stride_l),
-            real(1 / abs(run)),
-            real(weight),
             real(shining),
-            np.array([*unit, 0], real),
             self._disc.astype(real),
             *self._patches,
             *extra,
-        ]
-        # Rows that are neighbours, the first and the last among them, share cells.
-        for first, rows in _apart(nv):
-            kernel(
-                self.device.queue,
-                (lanes, rows),
-                (lanes, 1),
-                *before,
-                np.int32(first),
-                *after,
+        )
+        lanes = 1 if self._vector > 1 else min(order.groups.widest, self._lanes)
+        for launch in np.flatnonzero(np.diff(route.launches).any(axis=0)):
+            kernel.set_arg(0, np.int32(launch))
+            cl.enqueue_nd_range_kernel(
+                self.device.queue, kernel, (lanes * layout.size[1], 2), (lanes, 1)
             )
 
-    def defect(
-        self, listed: NDArray[Any], directions: Directions, starts: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def defect(self, listed: NDArray[Any], rays: Rays) -> NDArray[np.float64]:
         """Mean radiance (N,) of the scattering cells, less 1, in a cavity of radiance 1.
 
         listed: (C, N) source; what the boundaries' part of it lacks to 1, the cells emit, as all
@@ -311,18 +334,18 @@ class Sweeper:
         b, real = self._boundaries, self._real
         parts = np.zeros((self.components, self.count), real)
         parts[:b] = listed[:b]
-        queue, size = self.device.queue, self._bytes // self.components
-        clear(self.device, self._source[False], self._bytes)
+        for order in self._order.values():
+            source = np.zeros((len(order.groups), self.components, GROUP), real)
+            source[:, b : b + 1] = 1.0
+            cl.enqueue_copy(self.device.queue, order.source, source)
+        self._shining = None
         if self.components > b:
             parts[b] = 1.0 - listed[:b].sum(axis=0)
-            cl.enqueue_fill_buffer(queue, self._source[False], np.ones(1, real), b * size, size)
-        cl.enqueue_copy(queue, self._list, parts)
-        self._scatter()
-        self.sweep(directions, starts, shining=True)
-        excess = np.empty((self.components, self.box.cells), real)
-        total = download(self.device, self._excess[False], excess)[:, self._at].sum(axis=0)
+        self._put(parts)
+        self.sweep(rays, shining=True)
+        total = self._answer().sum(axis=0, dtype=np.float64)
         missing = parts.sum(axis=0, dtype=np.float64) - 1.0
-        return np.asarray(total / directions.weight.sum() + missing)
+        return np.asarray(total / rays.directions.weight.sum() + missing)
 
     def to_camera(
         self,
@@ -333,60 +356,25 @@ class Sweeper:
     ) -> ToCamera:
         """See `ToCamera.of`."""
         return ToCamera.of(
-            self.device, self.box, self._real, program, seen, phase=phase, place=place
+            self.device, self.box, self._real, program, seen, self.groups, phase=phase, place=place
         )
 
     def weighted_mean(self, camera: ToCamera) -> NDArray[Any]:
         """Mean radiance (C, N) of the scattering cells after a sweep towards the camera."""
-        self._kernels["weighted_mean"](
-            self.device.queue,
-            (self.count,),
-            None,
-            self._out,
-            self._source[False],
-            self._excess[False],
-            camera.shares[False],
-            self._place,
-            np.int32(self.box.cells),
-            np.int32(self.count),
-        )
-        return download(self.device, self._out, np.empty((self.components, self.count), self._real))
+        return self._answer("weighted_mean", *camera.shares.values(), *self._places())
 
     def residual(self, *, shining: bool) -> NDArray[Any]:
         """Preconditioned residual (C, N) of the present source and its excess."""
-        self._kernels["residual"](
-            self.device.queue,
-            (self.count,),
-            None,
-            self._out,
-            self._excess[False],
-            self._list,
+        return self._answer(
+            "residual",
             self._emission,
             self._albedo,
             self._coalbedo,
-            self._depth[False],
-            self._place,
+            self._depth,
             self._real(_MEAN_PATH),
             self._real(shining),
-            np.int32(self.box.cells),
-            np.int32(self.count),
         )
-        return download(self.device, self._out, np.empty((self.components, self.count), self._real))
 
     def next_order(self) -> NDArray[Any]:
-        """Replaces the source by a (S + D) + E and returns it, (C, N)."""
-        self._kernels["next_order"](
-            self.device.queue,
-            (self.count,),
-            None,
-            self._list,
-            self._excess[False],
-            self._emission,
-            self._albedo,
-            self._place,
-            np.int32(self.box.cells),
-            np.int32(self.count),
-        )
-        return download(
-            self.device, self._list, np.empty((self.components, self.count), self._real)
-        )
+        """The source a (S + D) + E, (C, N), of one scattering more."""
+        return self._answer("next_order", self._emission, self._albedo)

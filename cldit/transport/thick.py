@@ -51,12 +51,10 @@ class ThickCells:
         places[around] = np.arange(rim)
         return cls(listed, low, places, rim)
 
-    def records(
-        self, cells: OpticalCells, source: NDArray[np.floating], units: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def records(self, cells: OpticalCells, source: NDArray[np.floating]) -> NDArray[np.float64]:
         """(T, 2 + E + C): optical depth, albedo, emission, and the one source of the sweeps.
 
-        source (C, N) of the scattering cells; units (C,): of it, in those of `cells`.
+        source (C, N) of the scattering cells.
         """
         address = cells.address[self.listed]
         return np.column_stack(
@@ -64,9 +62,21 @@ class ThickCells:
                 cells.depth[address],
                 cells.albedo[self.listed],
                 cells.thermal_planes(np.float64)[:, address].T,
-                (source[:, self.listed] * units[:, None]).T,
+                source[:, self.listed].T,
             ]
         )
+
+
+@dataclass(frozen=True)
+class Ends:
+    """What chains of scatterings within thick cells end in.
+
+    directions, light: of the last sweeps. source (C, N): of the cells, as it was solved for.
+    """
+
+    directions: Directions
+    light: RimLight
+    source: NDArray[np.floating]
 
 
 @dataclass(frozen=True)
@@ -115,11 +125,11 @@ class RimLight:
         size = directions * thick.rim * components
         return cls(zeros(device, "light of the rim", size, real), thick.rim, rows, listed)
 
-    def arguments(self, layout: Layout, number: int) -> list[Any]:
-        """Kernel arguments `light` to `rim_cells` for the direction of this number."""
+    def arguments(self, layout: Layout) -> list[Any]:
+        """Kernel arguments `light` to `rim_cells`."""
         return [
             self.buffer,
-            np.int32(self.first + number),
+            np.int32(self.first),
             np.int32(self.rim),
             self.rows[layout.number],
             self.cells[layout.number],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ from cldit.gpu.buffers import upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
+from cldit.transport.groups import Groups, turned_too
 from cldit.transport.thick import RimLight
 
 
@@ -19,8 +21,8 @@ from cldit.transport.thick import RimLight
 class ToCamera:
     """A sweep for the light that cells scatter towards the camera.
 
-    place: of the camera, in cells of the cube. seen: optical depths as the camera sees them, and
-    their turned copy; shares: sum of weights in every cell, likewise.
+    place: of the camera, in cells of the cube. seen: optical depths as the camera sees them, in
+    groups of either order; shares: sum of weights in every cell, likewise.
     """
 
     device: Device
@@ -40,13 +42,14 @@ class ToCamera:
         real: type[np.float32] | type[np.float64],
         program: Program,
         medium: OpticalCells,
+        groups: Mapping[bool, Groups],
         *,
         phase: NDArray[np.float64],
         place: NDArray[np.float64],
     ) -> ToCamera:
         """program: sweep.cl, with TO_CAMERA; medium: as the camera sees it; phase: even in the sine
         of half the angle, or a single number where the program has no PHASE_STEPS."""
-        depth = medium.dense(box, medium.depth.astype(real))
+        depth = turned_too(medium.dense(box, medium.depth.astype(real)))
         return cls(
             device=device,
             real=real,
@@ -54,8 +57,10 @@ class ToCamera:
             phase=upload(device, "phase function", phase.astype(real)),
             place=place,
             seen={
-                False: upload(device, "optical depth", depth),
-                True: upload(device, "optical depth", depth.transpose(2, 0, 1)),
+                turned: upload(device, "optical depth", some.packed(depth[turned]))
+                for turned, some in groups.items()
             },
-            shares={turned: zeros(device, "shares", box.cells, real) for turned in (False, True)},
+            shares={
+                turned: zeros(device, "shares", some.cells, real) for turned, some in groups.items()
+            },
         )

@@ -32,7 +32,8 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     """Directions and tolerance for the accuracy that the scene asks for.
 
     The last sweep, which makes the picture, has twice as many as `transport.directions`; the
-    solver makes do with half of these, for one more sweep with all of them follows.
+    solver makes do with a quarter of these, for one more sweep with all of them follows. With a
+    phase function there are twice as many: light then comes from few of them.
 
     Args:
         mie: mean phase function of the droplets, where the scene's phase is `mie`, or is left out
@@ -40,12 +41,13 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     """
     spec = scene.transport
     finer = 0.1 / spec.accuracy_K
-    directions = spec.directions or int(np.clip(8 * round(4 * finer**0.75), 16, 512))
     phase = mie if spec.phase in (None, "mie") else None
     if isinstance(spec.phase, HenyeyGreenstein):
         phase = henyey_greenstein(spec.phase.henyey_greenstein)
+    few = int(np.clip(8 * round(8 * finer), 16, 512))
+    directions = spec.directions or (few if phase is None else 2 * few)
     return Settings(
-        directions=max(4, directions // 2),
+        directions=max(8, (spec.directions or few) // 4),
         final_directions=2 * directions,
         tolerance=float(np.clip(3e-5 / finer, 1e-6, 3e-4)),
         order=spec.order,

@@ -87,15 +87,17 @@ class View:
         ]
 
 
-def upload_tree(device: Device, cells: OpticalCells, real: type[np.floating]) -> list[Any]:
-    """Kernel arguments `directory`, `span` and `depth`."""
+def upload_directory(device: Device, cells: OpticalCells) -> list[Any]:
+    """Kernel arguments `directory` and `span`."""
     tree = cells.tree
     spans = np.maximum(1, tree.frame.cells >> tree.coarse_level).astype(np.int32)
-    return [
-        upload(device, "octree", tree.directory),
-        upload(device, "coarse leaves", spans),
-        upload(device, "optical depth", cells.depth.astype(real)),
-    ]
+    return [upload(device, "octree", tree.directory), upload(device, "coarse leaves", spans)]
+
+
+def upload_tree(device: Device, cells: OpticalCells, real: type[np.floating]) -> list[Any]:
+    """Kernel arguments `directory`, `span` and `depth`."""
+    depth = upload(device, "optical depth", cells.depth.astype(real))
+    return [*upload_directory(device, cells), depth]
 
 
 def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:

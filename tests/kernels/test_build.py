@@ -34,9 +34,10 @@ def test_unknown_include_names_file_and_line(monkeypatch: pytest.MonkeyPatch) ->
     [
         ("image.cl", {"CAMERA_PINHOLE": 1, "CUTOFF": 0.1}, "BOUNDARY_ENCLOSURE"),
         ("image.cl", {"BOUNDARY_DISC": 1, "CUTOFF": 0.1}, "CAMERA_PINHOLE"),
-        ("image.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1}, "CUTOFF"),
-        ("sweep.cl", {"BOUNDARY_DISC": 1, "SLOTS": 9, "VECTOR": 1}, "HAS_SCATTERING"),
-        ("sweep.cl", {"BOUNDARY_DISC": 1, "HAS_SCATTERING": 1, "VECTOR": 1}, "SLOTS"),
+        ("image.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1, "PICTURES": 1}, "CUTOFF"),
+        ("image.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1, "CUTOFF": 0.1}, "PICTURES"),
+        ("sweep.cl", {"BOUNDARY_DISC": 1, "VECTOR": 1}, "HAS_SCATTERING"),
+        ("sweep.cl", {"BOUNDARY_DISC": 1, "HAS_SCATTERING": 1, "VECTOR": 3}, "VECTOR"),
     ],
 )
 def test_missing_define_is_named(
@@ -56,4 +57,4 @@ def test_compiler_errors_name_the_kernel_file(
 
     monkeypatch.setattr(source, "read_source", broken)
     with pytest.raises(KernelError, match=r"kernels/real\.h:3"):
-        build(device, "image.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1, "CUTOFF": 0.1})
+        build(device, "count.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1})

@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import qmc
 
 from cldit.transport.directions import isotropic
+from cldit.transport.sobol import DIMENSIONS, points
 from cldit.transport.thick import FACE, nearest
 from cldit.transport.way import Way
 
@@ -17,7 +19,6 @@ DEFINES = f"""
 #define BOUNDARY_ENCLOSURE 1
 #define CAMERA_ORTHOGRAPHIC 1
 #define CUTOFF 1e-4
-#define SAMPLES 32
 #define LONGEST 4
 #define FACE {FACE}
 """
@@ -67,3 +68,37 @@ def test_steps_of_a_way(slopes: tuple[float, float], backwards: bool) -> None:
             np.testing.assert_array_equal(np.floor(first + slope * along), moved)
     assert np.all(np.abs(np.diff(way.moved_u)) <= 1) and np.all(np.abs(np.diff(way.moved_v)) <= 1)
     assert np.all((way.within >= 0) & (way.within <= 1))
+
+
+@pytest.mark.parametrize("count", [1, 7, 64])
+def test_direction_at_a_share(apply: Any, count: int) -> None:
+    """The first direction whose cumulative share is above u, wherever the search starts."""
+    rng = np.random.default_rng(5)
+    weight = rng.exponential(size=count) ** 3 + 1e-9
+    share = (np.cumsum(weight) / weight.sum()).astype(np.float32)
+    u = rng.random(400).astype(np.float32)
+    wanted = np.minimum(np.searchsorted(share, u, "right"), count - 1)
+    even = np.arange(count) / count
+    start = np.minimum(np.searchsorted(share, even, "right"), count - 1).astype(np.int32)
+    start[::3] = np.minimum(start[::3] + 1, count - 1)  # as rounding might have it
+    table = np.zeros((400, 4), np.float32)
+    table[:count, 3] = share
+    starts = np.zeros(400, np.int32)
+    starts[:count] = start
+    got = apply(
+        "gather.cl",
+        f"(real)direction_at(a, (__global const real4 *)b_, (__global const int *)c_, {count})",
+        [u, table.reshape(-1), starts.view(np.float32)],
+        defines=DEFINES,
+    )
+    np.testing.assert_array_equal(got, wanted)
+
+
+def test_points_are_sobols() -> None:
+    """Any part of the sequence, against SciPy's, whose order is that of Gray's code."""
+    expected = qmc.Sobol(DIMENSIONS, scramble=False, bits=30).random(2**12)
+    index = np.arange(2**12)
+    gray = np.empty_like(expected)
+    gray[index ^ (index >> 1)] = expected
+    got = np.concatenate([points(0, 1), points(1, 2046), points(2047, 2049)])
+    np.testing.assert_array_equal(got / 2.0**32, gray)

@@ -113,7 +113,7 @@ def test_sobol_against_scipy(device: Device) -> None:
 def test_phase_cosine_against_numpy(device: Device, g: float) -> None:
     """Bin bounds and shares are single precision: a cosine errs by that, over the density."""
     phase = henyey_greenstein(g)
-    table = np.concatenate([phase.cosine, phase.cumulative]).astype(np.float32)
+    table = phase.to_sample().astype(np.float32)
     u = np.linspace(1e-6, 1 - 1e-6, 4001).astype(np.float32)
     got = _run(device, "out[i] = phase_cosine(a[i], b);", [u, table], np.empty(len(u), np.float32))
     expected = np.interp(u.astype(float), phase.cumulative, phase.cosine)

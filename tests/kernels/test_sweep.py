@@ -15,10 +15,11 @@ from cldit.scene import parse_scene
 from cldit.scene.vessel import Patch
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import Directions, isotropic
+from cldit.transport.filled import Filled
 from cldit.transport.patches import patch_rows, shifted
 from cldit.transport.reference import march, sweep
 from cldit.transport.solve import first_guess
-from cldit.transport.sweep import Sweeper, _apart, sweep_defines
+from cldit.transport.sweep import Sweeper, sweep_defines
 from cldit.transport.trace import Settings, trace
 
 EDGE_M = 0.16
@@ -70,7 +71,7 @@ def sweeper_of(device: Device, cells: OpticalCells, defines: dict[str, Any]) -> 
     return Sweeper(
         device,
         cells,
-        build(device, "sweep.cl", {**common, **sweep_defines(device, cells.box())}),
+        build(device, "sweep.cl", {**common, **sweep_defines(device)}),
         build(device, "iterate.cl", common),
         disc=DISC,
     )
@@ -91,7 +92,7 @@ def test_sweep_against_numpy(
     defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1}
     if float64:
         defines["USE_FLOAT64"] = 1
-    sized = {**defines, **sweep_defines(device, cells.box()), "VECTOR": vector}
+    sized = {**defines, **sweep_defines(device), "VECTOR": vector}
     sweeper = Sweeper(
         device,
         cells,
@@ -105,7 +106,7 @@ def test_sweep_against_numpy(
     starts = rng.random((12, 2))
     guess = first_guess(sweeper, cells.albedo)
     sweeper.set_source(guess, shining=True)
-    sweeper.sweep(directions, starts, shining=True)
+    sweeper.sweep(sweeper.rays(directions, starts), shining=True)
     got = sweeper.next_order()
 
     box = sweeper.box
@@ -135,6 +136,45 @@ def test_sweep_against_numpy(
     np.testing.assert_allclose(got, expected, atol=1e-13 if float64 else 1e-6)
 
 
+@pytest.mark.parametrize("vector", [1, 8])
+def test_first_moments_against_numpy(device: Device, vector: int) -> None:
+    """Sources that are more in one direction than in others, and the first moment of the light."""
+    tree = random_tree(3)
+    cells = OpticalCells.of(tree)
+    defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1, "VECTOR": vector}
+    program = build(device, "sweep.cl", {**defines, "SLOPED": 1, "FLUX": 1})
+    sweeper = Sweeper(device, cells, program, build(device, "iterate.cl", defines), disc=DISC)
+    rng = np.random.default_rng(5)
+    directions, starts = isotropic(12, rng), rng.random((12, 2))
+    given = rng.uniform(-0.3, 1.0, (4, sweeper.components, sweeper.count))
+    sweeper.set_source(given.reshape(-1, sweeper.count), shining=True)
+    got = sweeper.moments(program, sweeper.rays(directions, starts))
+
+    box = sweeper.box
+    planes = np.zeros((4, sweeper.components, len(cells.depth)))
+    planes[0] = cells.source_planes(np.float64)
+    planes[:, :, cells.address] = given
+    dense = np.array([[cells.dense(box, plane) for plane in some] for some in planes])
+    expected = np.zeros_like(dense)
+    for unit, weight, start in zip(directions.unit, directions.weight, starts, strict=True):
+        light = weight * dense[0] + sweep(
+            cells.dense(box, cells.depth),
+            dense[0],
+            back=unit,
+            weight=float(weight),
+            start=start,
+            centre=DISC[:3] - box.low,
+            radius=4.0,
+            slope=dense[1:],
+        )
+        expected += np.multiply.outer([1.0, *unit], light)
+    leaning = directions.weight @ directions.unit
+    expected[1:] -= np.multiply.outer(leaning, expected[0])
+    place = cells.place(box, cells.address)
+    # As above: a ray's few roundings in each of at most 16 cells.
+    np.testing.assert_allclose(got, expected.reshape(4, len(dense[0]), -1)[:, :, place], atol=2e-6)
+
+
 def test_sweep_of_one_row_is_exact(device: Device) -> None:
     """Along an axis the sweep is the exact solution: Beer-Lambert through the cells."""
     tree = random_tree(4, scattering=1e-9)
@@ -142,7 +182,7 @@ def test_sweep_of_one_row_is_exact(device: Device) -> None:
     sweeper = sweeper_of(device, cells, {"BOUNDARY_ENCLOSURE": 1})
     along = Directions(unit=np.array([[0.0, 1.0, 0.0]]), weight=np.ones(1))
     sweeper.set_source(np.zeros_like(sweeper.thermal), shining=False)
-    sweeper.sweep(along, np.zeros((1, 2)), shining=True)
+    sweeper.sweep(sweeper.rays(along, np.zeros((1, 2))), shining=True)
     mean = sweeper.next_order()[0] - sweeper.thermal[0]
     depth = cells.dense(sweeper.box, cells.depth)
     beyond = np.cumsum(depth[:, ::-1], axis=1)[:, ::-1] - depth
@@ -218,15 +258,34 @@ def test_sweeps_repeat_to_the_last_bit(device: Device) -> None:
     found = []
     for _ in range(6):
         sweeper.set_source(first_guess(sweeper, cells.albedo), shining=True)
-        sweeper.sweep(directions, starts, shining=True)
+        sweeper.sweep(sweeper.rays(directions, starts), shining=True)
         found.append(sweeper.next_order())
     for other in found[1:]:
         np.testing.assert_array_equal(other, found[0])
 
 
-def test_rows_that_run_together_are_no_neighbours() -> None:
-    for rows in range(1, 12):
-        sets = [[first + 2 * i for i in range(count)] for first, count in _apart(rows)]
-        assert sorted(row for some in sets for row in some) == list(range(rows))
-        for some in sets:
-            assert all((a - b) % rows not in (1, rows - 1) for a in some for b in some if rows > 1)
+def test_records_of_filled_cells() -> None:
+    """Sources of both pictures lie where the kernel looks for them; thick cells only emit; and in
+    every cell what comes from outside and what is emitted at radiance 1 make 1."""
+    medium = OpticalCells.of(random_tree(8))
+    rng = np.random.default_rng(6)
+    filled = Filled.of(medium)
+    assert np.array_equal(np.flatnonzero(filled.number >= 0), np.flatnonzero(medium.depth > 0))
+    cells, count = len(medium.address), len(medium.needs.components)
+    listed = [rng.random((count, cells)) / 8 for _ in range(2)]
+    thick = np.flatnonzero(rng.random(cells) < 0.3)
+    records = filled.records(list(listed), np.zeros(cells), thick, np.float64)
+    assert records.shape == (len(filled.at), 2 + 2 * (count + 1))
+    np.testing.assert_array_equal(records[:, 0], medium.depth[filled.at])
+    row = filled.number[medium.address]
+    plain = np.setdiff1d(np.arange(cells), thick)
+    np.testing.assert_array_equal(records[row[thick], 1], medium.albedo[thick])
+    assert not records[row[plain], 1].any()
+    for picture, source in enumerate(listed):
+        mine = records[:, 2 + picture * (count + 1) : 2 + (picture + 1) * (count + 1)]
+        np.testing.assert_array_equal(mine[row[plain], :-1], source[:, plain].T)
+        thermal = medium.thermal_planes(np.float64)[:, medium.address[thick]]
+        np.testing.assert_array_equal(mine[row[thick], 2:-1], thermal.T)
+        whole = mine[:, :2].sum(axis=1) + mine[:, -1]
+        np.testing.assert_allclose(whole[row[plain]], 1.0, rtol=1e-12)
+        np.testing.assert_allclose(whole[row[thick]], medium.coalbedo[thick], rtol=1e-12)

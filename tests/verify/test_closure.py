@@ -78,11 +78,11 @@ def test_path_closes_but_for_noise(
 @pytest.mark.parametrize(
     ("file", "before", "after", "transport"),
     [
-        ("sweep.cl", "STORE(intensity - gap * share, ray)",
-         "STORE(R(0.995) * (intensity - gap * share), ray)", {}),
+        ("sweep.cl", "RAYS(ray) = intensity - gap * share;",
+         "RAYS(ray) = R(0.995) * (intensity - gap * share);", {}),
         ("sweep.cl", "c == seen ? inflow", "c == seen && c != WALL ? inflow", {}),
         ("image.cl", "transmitted -= taken;", "transmitted -= R(0.99) * taken;", {}),
-        ("image.cl", "real sum[PARTS];", "real sum[PARTS]; if (row == 7) return;", {}),
+        ("image.cl", "real sum[PLANES];", "real sum[PLANES]; if (row == 7) return;", {}),
         ("path.cl", "weight *= albedo;", "weight *= R(0.95) * albedo;", {"method": "path"}),
         ("branching.cl", "b.transmitted -= taken;", "b.transmitted -= R(1.1) * taken;",
          {"method": "branching", "order": 1}),

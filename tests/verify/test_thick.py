@@ -97,3 +97,18 @@ def test_what_cannot_be_audited_says_so(run_block: Callable[..., Run]) -> None:
     assert any("no audit by path tracing (light is scattered" in text for text in run.info.remarks)
     unwanted = run_block(BLOCK, **SCENE, transport={"audit": False, "directions": 16})
     assert any("no audit by path tracing (not wanted)" in text for text in unwanted.info.remarks)
+
+
+def test_chains_that_stop_short_say_so(
+    run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the samples that are allowed, or by all chains of a picture; not where noise is wanted."""
+
+    def short(**transport: Any) -> bool:
+        run = run_block(BLOCK, **SCENE, transport={"directions": 16, **transport})
+        return any("chains in thick cells: stopped" in text for text in run.info.remarks)
+
+    assert short(accuracy_K=1e-3, max_samples=128)
+    assert not short(accuracy_K=100.0)
+    monkeypatch.setattr("cldit.transport.gather._MOST_CHAINS", 1e4)
+    assert short(accuracy_K=1e-3, max_samples=10**6)

@@ -16,7 +16,7 @@ from cldit.spray.droplet.curves import Floats
 from cldit.spray.droplet.evaporation import Model
 from cldit.spray.droplet.fluids import Fuel, Gas
 from cldit.spray.droplet.gasfilm import tables
-from cldit.spray.droplet.steps import follow_all
+from cldit.spray.droplet.steps import follower
 
 THREADS = min(os.cpu_count() or 1, 8)
 _TOGETHER = 256  # droplets that a thread takes at a time: the stiff ones come in swarms
@@ -97,11 +97,11 @@ def advance(
             surroundings.velocity_m_s,
         )
     ]
-    known = tables(fuel, gas)
+    known, follow = tables(fuel, gas), follower()
 
     def some(first: int) -> None:
         part = slice(first, first + _TOGETHER)
-        follow_all(
+        follow(
             model.rule,
             known,
             duration_s,

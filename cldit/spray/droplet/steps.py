@@ -38,7 +38,15 @@ _MOST_ROUNDS = 3000
 _CD = 0.44 / 24  # times Re: factor on Stokes' drag beyond Re = 1000
 
 
-def follow_all(
+@functools.cache
+def follower() -> Callable[..., None]:
+    """`_follow`, compiled."""
+    one, two, whole = types.float64[::1], types.float64[:, ::1], types.int64[::1]
+    given = (types.float64, types.float64, types.boolean, one, one, one, two)
+    return compiled_for(_follow, (RULE, TABLES, *given, one, one, two, one, two, whole))
+
+
+def _follow(
     rule: Rule,
     tables: Tables,
     duration_s: float,
@@ -59,49 +67,6 @@ def follow_all(
 
     Arrays are (N,), velocities and path (N, k). rounds: steps taken, -1 where that did not end.
     """
-    _machine()(
-        rule,
-        tables,
-        duration_s,
-        tolerance,
-        drag,
-        gas_K,
-        pressure_Pa,
-        vapour,
-        gas_m_s,
-        mass_kg,
-        temperature_K,
-        velocity_m_s,
-        gone_s,
-        path_m,
-        rounds,
-    )
-
-
-@functools.cache
-def _machine() -> Callable[..., None]:
-    one, two, whole = types.float64[::1], types.float64[:, ::1], types.int64[::1]
-    given = (types.float64, types.float64, types.boolean, one, one, one, two)
-    return compiled_for(_follow_all, (RULE, TABLES, *given, one, one, two, one, two, whole))
-
-
-def _follow_all(
-    rule: Rule,
-    tables: Tables,
-    duration_s: float,
-    tolerance: float,
-    drag: bool,
-    gas_K: Floats,
-    pressure_Pa: Floats,
-    vapour: Floats,
-    gas_m_s: Floats,
-    mass_kg: Floats,
-    temperature_K: Floats,
-    velocity_m_s: Floats,
-    gone_s: Floats,
-    path_m: Floats,
-    rounds: NDArray[np.int64],
-) -> None:
     axes = velocity_m_s.shape[1]
     slip = np.empty(axes)
     for n in range(len(mass_kg)):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.flow.coupling import Cloud
-from cldit.spray.flow.exchange import gather
+from cldit.spray.flow.exchange import FACES, gather
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.projection import projected_reach_m
 
@@ -24,7 +24,7 @@ class History:
     """Columns against time, (M,). Penetrations are distances from the injector's tip: of the liquid
     along the injector's axis (`projected_reach_m`), `thin_liquid_m` to the lower of the two edges;
     of the vapour along the plumes, the mean over them, for the farthest cell of eight varies more
-    from seed to seed."""
+    from seed to seed. axis_m_s: gas on the axis, `STATION_m` below the injector, away from it."""
 
     time_s: Floats
     injected_kg: Floats
@@ -35,6 +35,7 @@ class History:
     thin_liquid_m: Floats
     vapour_m: Floats
     coldest_K: Floats
+    axis_m_s: Floats
 
 
 def measures(cloud: Cloud, flow: GasFlow, fuel: Fuel, axes: Floats) -> tuple[float, ...]:
@@ -50,7 +51,17 @@ def measures(cloud: Cloud, flow: GasFlow, fuel: Fuel, axes: Floats) -> tuple[flo
         thin,
         vapour_reach_m(flow, axes),
         float(flow.temperature_K.min()),
+        axis_m_s(flow),
     )
+
+
+def axis_m_s(flow: GasFlow) -> float:
+    """Speed of the gas on the injector's axis at `STATION_m`, away from the injector; NaN in a box
+    that ends above."""
+    if flow.box.origin_m[2] > -STATION_m:
+        return float("nan")
+    there = np.array([[0.0, 0.0, -STATION_m]])
+    return 0.0 - float(gather(flow.box, there, flow.velocity[2], FACES[2])[0])
 
 
 def vapour_reach_m(flow: GasFlow, axes: Floats) -> float:
@@ -68,7 +79,8 @@ def vapour_reach_m(flow: GasFlow, axes: Floats) -> float:
     here = share[tuple(rich[last].T)]
     on = centre[last] * (1 + box.spacing_m / distance[last])[:, None]
     fall = here - gather(box, on, share)
-    part = np.where(fall > here - VAPOUR_SHARE, (here - VAPOUR_SHARE) / fall, 1.0)
+    above = here - VAPOUR_SHARE
+    part = np.divide(above, fall, out=np.ones_like(fall), where=fall > above)
     return float(np.mean(distance[last] + part * box.spacing_m))
 
 

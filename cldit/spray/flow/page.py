@@ -5,50 +5,27 @@ from __future__ import annotations
 import cProfile
 import pstats
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cldit.scene.spray import FlowBox, LagrangianSpray
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.fluids import fuel_table, gas_table
 from cldit.spray.droplet.verification import wet_bulb
+from cldit.spray.flow.bench import Bench, table
 from cldit.spray.flow.freejet import free_jet
 from cldit.spray.flow.mixture import gas_mixture
 from cldit.spray.flow.simulate import simulate_spray
+from cldit.spray.flow.spray_g import spray_g
 from cldit.spray.flow.verification import (
     CONDITIONS,
-    SPRAY_G,
     Found,
     alone,
     at,
-    find,
     mean_liquid_K,
     saturation,
 )
-from cldit.spray.sizes import mean_diameter_m
-
-
-@dataclass(frozen=True)
-class Bench:
-    """What the sections share: folder of tables, grid, and where progress is told."""
-
-    cache: Path
-    spacing_m: float
-    say: Callable[[str], None]
-
-    def box(self, part: float = 1.0) -> FlowBox:
-        return FlowBox(spacing_m=part * self.spacing_m)
-
-    def run(self, label: str, spec: LagrangianSpray) -> Found:
-        found = find(spec, cache=self.cache)
-        notes = found.spray.notes
-        liquid, vapour = (1e3 * notes[f"{name}_penetration_m"] for name in ("liquid", "vapour"))
-        seconds = f"{found.seconds:.0f} s of processor time"
-        self.say(f"{label}: liquid {liquid:.1f} mm, vapour {vapour:.1f} mm, {seconds}")
-        return found
 
 
 def page(
@@ -77,8 +54,6 @@ _TOP = (
 )
 
 
-_TIMES = (0.2, 0.4, 0.6, 0.8)  # ms
-
 _PARTS = {  # of a step, by the functions that do it
     "droplets (`advance`)": ("advance",),
     "exchange between parcels and grid": ("gather", "scatter"),
@@ -101,12 +76,7 @@ def _shares(bench: Bench) -> list[str]:
     parts = {label: sum(spent[name] for name in names) for label, names in _PARTS.items()}
     parts["rest"] = whole - sum(parts.values())
     rows = [[label, f"{100 * seconds / whole:.0f}"] for label, seconds in parts.items()]
-    return ["## Where the time goes", "", *_table(["part of a step", "% of the time"], rows), ""]
-
-
-def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    lines = [list(heading), ["---"] * len(heading), *rows]
-    return ["| " + " | ".join(cells) + " |" for cells in lines]
+    return ["## Where the time goes", "", *table(["part of a step", "% of the time"], rows), ""]
 
 
 def _conditions(bench: Bench) -> list[str]:
@@ -172,7 +142,7 @@ def _conditions(bench: Bench) -> list[str]:
         "where the gas mixed in just evaporates all fuel; wet bulb that of a droplet in the",
         "undisturbed gas.",
         "",
-        *_table(heading, rows),
+        *table(heading, rows),
         "",
     ]
 
@@ -204,7 +174,7 @@ def _late(bench: Bench) -> list[str]:
         "1.5 ms after the start of injection, when droplets are looked at by visible light; on a",
         f"grid of {2e3 * bench.spacing_m:g} mm. 0.0: nowhere as much.",
         "",
-        *_table(heading, rows),
+        *table(heading, rows),
         "",
     ]
 
@@ -239,66 +209,7 @@ def _eddies(bench: Bench) -> list[str]:
         "on the axis as in Abani and Reitz (K = 0.457), mass flux by Ricou and Spalding (1961),",
         "who found it to be the same whatever the jet's own density is.",
         "",
-        *_table(heading, rows),
-        "",
-    ]
-
-
-_LAWS = ("abramzon-sirignano", "dukowicz-log", "dukowicz")
-
-
-def _ecn(bench: Bench) -> list[str]:
-    spec = SPRAY_G.model_copy(update={"box": bench.box()})
-    found = [
-        bench.run(f"Spray G, {law}", spec.model_copy(update={"evaporation": law})) for law in _LAWS
-    ]
-    fuel = fuel_table("iso-octane", cache=bench.cache)
-    gas = gas_table("nitrogen", cache=bench.cache)
-    t_sat, _ = saturation(fuel, gas, fuel_K=363.0, gas_K=573.0, pressure_Pa=0.6e6)
-    injected = 1e6 * mean_diameter_m(spec.droplets, 3, 2)
-    theirs = 1e3 * found[0].naber_siebers_m
-
-    def liquid(each: Found, column: str) -> str:
-        reach = getattr(each.history, column)
-        times = (f"{1e3 * np.interp(t * 1e-3, each.history.time_s, reach):.0f}" for t in _TIMES)
-        return f"{', '.join(times)}; {1e3 * reach.max():.1f} mm"
-
-    kinds: list[tuple[str, Callable[[Found], str], str]] = [
-        (
-            "liquid, axial, to 2e-3 mm³/mm²: 0.2, 0.4, 0.6, 0.8 ms; largest",
-            lambda each: liquid(each, "liquid_m"),
-            "largest 30 ± 5",
-        ),
-        ("the same to 0.2e-3 mm³/mm²", lambda each: liquid(each, "thin_liquid_m"), ""),
-        (
-            "vapour, along the plumes, 1.0 ms",
-            lambda each: f"{1e3 * each.spray.notes['vapour_penetration_m']:.1f} mm",
-            f"{theirs:.1f} (Naber-Siebers, one plume alone)",
-        ),
-        (
-            "D32 of what passed z = 15 mm",
-            lambda each: f"{1e6 * each.spray.notes['sauter_mean_diameter_at_15_mm_m']:.1f} µm",
-            f"10 to 12; {injected:.1f} injected",
-        ),
-        (
-            "gas on the axis at 15 mm, away from the injector",
-            lambda each: f"{each.axis_m_s:+.1f} m/s",
-            "+1.4; before the end of injection towards it",
-        ),
-        (
-            "coldest gas",
-            lambda each: f"{each.spray.notes['coldest_K']:.0f} K",
-            f"{t_sat:.0f} K (saturation)",
-        ),
-    ]
-    rows = [[label, *(text(each) for each in found), wanted] for label, text, wanted in kinds]
-    return [
-        "## Conditions of the ECN's Spray G",
-        "",
-        "Iso-octane of 363 K, 20 MPa, 10 mg in 0.78 ms into nitrogen of 573 K and 0.6 MPa, by",
-        "three of the evaporation models; a scene has the first unless it says otherwise.",
-        "",
-        *_table(["", *_LAWS, "expected"], rows),
+        *table(heading, rows),
         "",
     ]
 
@@ -320,13 +231,21 @@ def _parcels(bench: Bench) -> list[str]:
 
 
 def _half(bench: Bench) -> list[str]:
-    lines = ["## Half the spacing", ""]
-    for label, one in (("one plume alone", True), ("eight plumes", False)):
+    lines = [
+        "## Half the spacing",
+        "",
+        "One plume alone has an eighth of the droplets a parcel, so as many parcels as eight have.",
+        "",
+    ]
+    eight = at(0.6, 573)
+    few = eight.droplets_per_parcel / len(eight.plumes)
+    single = alone(eight).model_copy(update={"droplets_per_parcel": few})
+    for label, spec in (("one plume alone", single), ("eight plumes", eight)):
         found = []
         for part in (1.0, 0.5):
             name = f"{label}, {1e3 * part * bench.spacing_m:g} mm"
-            spec = at(0.6, 573, box=bench.box(part))
-            found.append((name, bench.run(name, alone(spec) if one else spec)))
+            box = spec.box.model_copy(update={"spacing_m": part * bench.spacing_m})
+            found.append((name, bench.run(name, spec.model_copy(update={"box": box}))))
         lines += [*_compared(found), ""]
     return lines
 
@@ -357,13 +276,13 @@ def _compared(found: Sequence[tuple[str, Found]]) -> list[str]:
         "evaporated, %",
         "CPU, s",
     ]
-    return _table(heading, rows)
+    return table(heading, rows)
 
 
 SECTIONS: dict[str, Callable[[Bench], list[str]]] = {
     "conditions": _conditions,
     "later": _late,
-    "spray-g": _ecn,
+    "spray-g": spray_g,
     "parcels": _parcels,
     "half": _half,
     "jet": _eddies,

@@ -12,6 +12,7 @@ from cldit.spray.flow.coupling import Cloud
 from cldit.spray.flow.gas import Box, GasFlow
 from cldit.spray.flow.measures import (
     Station,
+    axis_m_s,
     half_angle_rad,
     sauter_m,
     vapour_reach_m,
@@ -65,6 +66,31 @@ def test_the_vapour_reaches_as_far_as_the_plumes_on_average() -> None:
     flow.fuel[near == 2] = 0.9e-3 * flow.density[near == 2]
     # Linear in between; 2 %: the cells are a tenth of the distance and the front is round.
     assert vapour_reach_m(flow, axes) == pytest.approx((6.2e-3 + 9.7e-3) / 2, rel=0.02)
+
+
+def test_even_vapour_up_to_the_wall_reaches_the_wall() -> None:
+    """Nothing falls there: a cell more than the middle of the farthest, and no division by zero."""
+    box = Box(np.array([-5e-3, -5e-3, -20e-3]), 1e-3, (10, 10, 20))
+    mixture = gas_mixture(*fluids(), reference_K=570.0)
+    flow = GasFlow(box, mixture, pressure_Pa=6e5, temperature_K=570.0)
+    flow.fuel[:] = 0.1 * flow.density
+    farthest = float(np.linalg.norm([4.5e-3, 4.5e-3, 19.5e-3]))
+    found = vapour_reach_m(flow, np.array([[0.0, 0.0, -1.0]]))
+    assert found == pytest.approx(farthest + 1e-3, rel=1e-12)
+
+
+@pytest.mark.parametrize("across", [8, 9])
+def test_speed_on_the_axis(across: int) -> None:
+    """Of gas whose speed rises evenly in all directions, whether a cell or an edge is there."""
+    mixture = gas_mixture(*fluids(), reference_K=570.0)
+    for deep, wanted in ((20, 7.0 + 3.0), (10, np.nan)):
+        box = Box(np.array([-0.5e-3 * across] * 2 + [-1e-3 * deep]), 1e-3, (across, across, deep))
+        flow = GasFlow(box, mixture, pressure_Pa=6e5, temperature_K=570.0)
+        aside = box.origin_m[0] + 1e-3 * (np.arange(across) + 0.5)
+        low = box.origin_m[2] + 1e-3 * np.arange(deep)  # of the faces
+        x, y, z = np.meshgrid(aside, aside, low, indexing="ij")
+        flow.velocity[2] = -7.0 + 500.0 * x - 300.0 * y + 200.0 * z
+        assert axis_m_s(flow) == pytest.approx(wanted, rel=1e-12, nan_ok=True)
 
 
 def test_the_station_counts_what_passes_once() -> None:

@@ -35,6 +35,15 @@ def test_pictures_and_files(tmp_path: Path, spray: str, history: bool) -> None:
     assert "vapour mass: " in result.output
 
 
+@pytest.mark.parametrize("command", [["spray", "empty"], ["droplet"]])
+def test_a_place_that_cannot_be_written_is_a_message(tmp_path: Path, command: list[str]) -> None:
+    (tmp_path / "file").touch()
+    result = CliRunner().invoke(main, [*command, "--out", str(tmp_path / "file" / "out")])
+    assert result.exit_code == 1
+    assert isinstance(result.exception, SystemExit)  # no traceback
+    assert "Not a directory" in result.output
+
+
 def test_a_wrong_value_is_a_message(tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text("name: x\nspray: {model: lagrangian, fuel: petrol}\n", encoding="utf-8")

@@ -83,7 +83,7 @@ def test_nothing_is_colder_than_saturation_and_droplets_have_the_wet_bulb() -> N
     hot = spray(0.6, 573)
     assert note(hot, "coldest_K") > 369 - 1  # adiabatic saturation, test_measures
     # Wet bulb of the undisturbed gas 386 K, of the vapour-laden gas in the plume less.
-    assert 360 < mean_liquid_K(hot.spray) < 386
+    assert 370 < mean_liquid_K(hot.spray) < 386
 
 
 @pytest.mark.slow
@@ -102,18 +102,15 @@ def test_eight_plumes_are_not_far_from_one(pressure_MPa: float, gas_K: int) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("model", "within_m"),
-    [("dukowicz", 5e-3), ("dukowicz-log", 5e-3), ("abramzon-sirignano", 7e-3)],
-)
-def test_spray_g(model: str, within_m: float) -> None:
-    """The ECN's largest liquid penetration is 30 mm, within 5. By all models it is up to the end of
-    injection; afterwards by the slowest the largest droplets go on to 35.7 mm: 7 mm keep that from
-    getting worse."""
+@pytest.mark.parametrize("model", ["dukowicz", "dukowicz-log", "abramzon-sirignano"])
+def test_spray_g(model: str) -> None:
+    """The ECN's largest liquid penetration is 30 mm, within 5; and the gas between the plumes flows
+    towards the injector up to the end of injection."""
     history = find(SPRAY_G.model_copy(update={"evaporation": model}), cache=None).history
-    injecting = history.time_s < 0.8e-3
-    assert history.liquid_m[injecting].max() == pytest.approx(30e-3, abs=5e-3)
-    assert history.liquid_m.max() == pytest.approx(30e-3, abs=within_m)
+    assert history.liquid_m.max() == pytest.approx(30e-3, abs=5e-3)
+    assert history.time_s[history.liquid_m.argmax()] < 1.15e-3  # not still growing at the end
+    injecting = (history.time_s > 0.2e-3) & (history.time_s < 0.75e-3)
+    assert np.all(history.axis_m_s[injecting] < 0)
 
 
 @pytest.mark.slow

@@ -1,0 +1,75 @@
+"""The stored cells that hold anything, and their records as kernels/image.cl reads them.
+
+What a line of sight needs of a cell lies side by side, so that a cell costs one access to memory,
+not one for each part of the light and each picture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.transport.cells import OpticalCells
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Filled:
+    """at (F,): addresses of the cells; number (P,) int32: of a stored cell among them, or -1."""
+
+    cells: OpticalCells
+    at: NDArray[np.int64]
+    number: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, cells: OpticalCells) -> Filled:
+        at = np.flatnonzero(cells.depth > 0)
+        number = np.full(len(cells.depth), -1, np.int32)
+        number[at] = np.arange(len(at))
+        return cls(cells, at, number)
+
+    def records(
+        self,
+        listed: list[NDArray[np.floating] | None],
+        defect: Floats,
+        thick: NDArray[np.int64] | None,
+        real: type[np.floating],
+    ) -> NDArray[np.floating]:
+        """(F, R): optical depth of a cell's edge; with `thick`, albedo of thick cells, else 0; and
+        for each picture its source, and the source of what is emitted at radiance 1.
+
+        listed, defect, thick: as in `Painter.pictures`. Thick cells only emit. Where nothing
+        scatters the source has emitters alone, and what is emitted at radiance 1 is not stored: it
+        is 1.
+        """
+        cells, needs = self.cells, self.cells.needs
+        thermal = cells.thermal_planes(real)[:, self.at].T
+        first = 1 if thick is None else 2
+        if not needs.scattering:
+            return np.column_stack([cells.depth[self.at].astype(real), thermal])
+        parts = len(needs.components) + 1
+        out = np.zeros((len(self.at), first + parts * len(listed)), real)
+        out[:, 0] = cells.depth[self.at]
+        row = self.number[cells.address]
+        if thick is not None:
+            out[row[thick], 1] = cells.albedo[thick]
+        for picture, source in enumerate(listed):
+            mine = out[:, first + parts * picture : first + parts * (picture + 1)]
+            mine[:, needs.boundaries : -1] = thermal
+            mine[:, -1] = 1.0
+            if source is None:
+                continue
+            lost = cells.albedo * defect
+            value = np.empty((len(row), parts), real)
+            value[:, :-1] = source.T
+            value[:, -1] = 1.0 - source[: needs.boundaries].sum(axis=0, dtype=np.float64) + lost
+            if thick is not None:
+                # What the sweeps lose would be missing in the light that chains end in.
+                value[thick, : needs.boundaries] = 0.0
+                value[thick, needs.boundaries : -1] = thermal[row[thick]]
+                value[thick, -1] = (cells.coalbedo + lost)[thick]
+            mine[row] = value
+        return out

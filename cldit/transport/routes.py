@@ -1,0 +1,99 @@
+"""Sets of directions as sweeps go along them: layer by layer, many directions together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.transport.cells import Box
+from cldit.transport.directions import Directions
+from cldit.transport.layout import Layout, layouts
+from cldit.transport.way import Way
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Route:
+    """K directions whose layers lie alike; N steps of all of them, in the order of launches.
+
+    A launch crosses, along every direction, the part of one layer before (even launches) or after
+    (odd ones) rays go from row to row; half of the directions (sense 1) meet the last layer first.
+
+    number (K,): of each direction in its set. launches (2, 2 layers + 1): where the steps of a
+    sense's launches begin, and the end. direction (N,): 0 to K - 1. shifts (N, 4): as in `Way`.
+    part (N,): share of the layer that is crossed; height (N,): y of the step's middle in the cells.
+    back (K, 3): where light comes from. stretch (K,): path in a layer / cell edge. weight (K,).
+    rightwards (K,): rays move to larger u.
+    """
+
+    layout: Layout
+    number: NDArray[np.int32]
+    launches: NDArray[np.int32]
+    direction: NDArray[np.int32]
+    shifts: NDArray[np.int32]
+    part: Floats
+    height: Floats
+    back: Floats
+    stretch: Floats
+    weight: Floats
+    rightwards: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+    @classmethod
+    def of(
+        cls, layout: Layout, number: NDArray[np.int64], directions: Directions, starts: Floats
+    ) -> Route:
+        back = directions.unit[number]
+        runs = -back[:, layout.axes]  # light runs away from where it comes from
+        stretch = 1 / np.abs(runs[:, 2])
+        sense = (runs[:, 2] < 0).astype(int)
+        _, nv, nl = layout.size
+        ways, launch = [], []
+        for i, k in enumerate(number):
+            u, v = runs[i, :2] * stretch[i]
+            way = Way.of(u, v, starts[k], layers=nl, backwards=bool(sense[i]))
+            ways.append(way)
+            met = nl - 1 - way.layer if sense[i] else way.layer
+            opens = np.flatnonzero(np.diff(met, prepend=-1))  # a layer's first steps
+            later = way.moved_v != np.repeat(way.moved_v[opens], np.bincount(met, minlength=nl))
+            launch.append((sense[i] * nl + met) * 2 + later)
+        launches = np.concatenate(launch)
+        order = np.argsort(launches, kind="stable")
+        begins = np.searchsorted(launches[order], np.arange(4 * nl + 1))
+        return cls(
+            layout=layout,
+            number=number.astype(np.int32),
+            launches=np.stack([begins[: 2 * nl + 1], begins[2 * nl :]]).astype(np.int32),
+            direction=np.repeat(
+                np.arange(len(number), dtype=np.int32), [len(way.part) for way in ways]
+            )[order],
+            shifts=np.concatenate([way.shifts(nv) for way in ways])[order],
+            part=np.concatenate([way.part for way in ways])[order],
+            height=np.concatenate([way.within[layout.axes.index(1)] for way in ways])[order],
+            back=back,
+            stretch=stretch,
+            weight=directions.weight[number],
+            rightwards=runs[:, 0] > 0,
+        )
+
+
+def routes(box: Box, directions: Directions, starts: Floats, *, together: int) -> Iterator[Route]:
+    """All directions, at most so many together.
+
+    starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer.
+    """
+    main = np.argmax(np.abs(directions.unit), axis=1)
+    for axis, layout in layouts(box.shape).items():
+        number = np.flatnonzero(main == axis)
+        # Those of either sense go through different layers at any time, unless there is but one.
+        upwards = directions.unit[number, axis] < 0
+        sets = [number] if layout.size[2] > 1 else [number[upwards], number[~upwards]]
+        for some in sets:
+            for first in range(0, len(some), together):
+                yield Route.of(layout, some[first : first + together], directions, starts)

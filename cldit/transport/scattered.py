@@ -1,0 +1,235 @@
+"""The light that droplets scatter to the camera: solved for by sweeps, then swept once more for it.
+
+Cells have one source each while that is solved for. Without a phase function the solution is all
+there is to know. With one, the solver's droplets scatter evenly what they turn on average
+(transport correction: scattering x (1 - g)), which is right where light goes to and fro, and too
+little where it is scattered once or twice. So the last sweeps are of another medium: of the phase
+function its second moment f counts as no scattering at all, and the rest is even but for a first
+moment (delta-M: Joseph, Wiscombe, Weinman, J. Atmos. Sci. 33, 1976; Wiscombe, ibid. 34, 1977). The
+mean and the first moment of the light in each cell come from sweeps of the solution, and of what
+is scattered in the other medium a few times more. What cells then scatter to the camera goes by the
+phase function itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.gpu.device import Device
+from cldit.gpu.program import Define, Program, build
+from cldit.scene.schema import Scene
+from cldit.transport.cells import OpticalCells
+from cldit.transport.directions import Directions, about_camera, for_boundary
+from cldit.transport.phase import PHASE_STEPS, ScatteringTable
+from cldit.transport.result import Settings
+from cldit.transport.solve import Solution, another_order, first_guess, solve
+from cldit.transport.sweep import Rays, Sweeper, sweep_defines
+from cldit.transport.thick import Ends, RimLight, ThickCells
+from cldit.transport.view import View
+
+Floats = NDArray[np.float64]
+
+_SCATTERINGS = 3  # by two moments, after the solution by one: slabs of depth 1 need them
+_CHECKED = 8  # directions on which the sweeps are checked for what they make or lose
+
+
+@dataclass(frozen=True)
+class Scattered:
+    """halves: two independent estimates (C, N) of what the cells send to the camera, each of half
+    of the last directions. defect (N,): what the sweeps make or lose of a cavity's radiance of 1.
+    """
+
+    halves: tuple[NDArray[np.floating], NDArray[np.floating]]
+    solution: Solution
+    defect: Floats
+    ends: Ends | None
+    programs: tuple[Program, ...]
+    counts: dict[str, int]
+
+
+def scattered_light(
+    seen: OpticalCells,
+    thick: ThickCells | None,
+    scene: Scene,
+    view: View,
+    device: Device,
+    settings: Settings,
+    defines: Mapping[str, Define],
+    report: Callable[[str], None] | None,
+) -> Scattered:
+    """seen: cells with all of their scattering; thick: whose light chains are to follow."""
+    work = _Work(seen, scene, view, device, settings, {**defines, **sweep_defines(device)})
+    solved = seen if settings.phase is None else work.cells(1.0 - settings.phase.asymmetry)
+    plain, iterate = work.program({}), build(device, "iterate.cl", defines)
+    sweeper = work.sweeper(solved, plain, iterate)
+    programs = [plain, iterate]
+    counts = {"swept_cells": sweeper.box.cells, "scattering_cells": sweeper.count}
+    guess = first_guess(sweeper, solved.albedo)
+    if settings.order == 0:
+        first: NDArray[np.floating] = seen.thermal_source().astype(sweeper.real)
+        first[1] += seen.albedo
+        return Scattered(
+            halves=(first, first),
+            solution=Solution(guess, 0, 0.0, 0.0),
+            defect=np.zeros(sweeper.count),
+            ends=None,
+            programs=tuple(programs),
+            counts={**counts, "sweeps": 0},
+        )
+    rng = np.random.default_rng(settings.seed)
+    last = np.random.default_rng([settings.seed, 1])  # alike whatever the order, to compare orders
+    half = settings.final_directions // 2
+    if settings.order is None:
+        solution = solve(
+            sweeper,
+            guess,
+            work.rays(sweeper, settings.directions, rng),
+            tolerance=settings.tolerance,
+            report=report,
+        )
+    else:
+        source, more = guess, settings.order - 1
+        for _ in range(more if settings.phase is None else more - 1):
+            source = another_order(sweeper, source, work.rays(sweeper, half, rng))
+        solution = Solution(source, settings.order, 0.0, 0.0)
+    lack = solution.lack
+    if settings.phase is None:
+        if settings.order is None:
+            # The solver's few directions are forgotten, but for what is scattered twice more.
+            better = another_order(sweeper, solution.source, work.rays(sweeper, half, rng))
+            solution = replace(solution, source=better)
+            lack = None if lack is None else lack * solved.albedo
+        swept, sloped = solved, solution.source
+    else:
+        swept = work.cells(1.0 - settings.phase.forward)
+        light = np.zeros((4, sweeper.components, sweeper.count), sweeper.real)
+        light[0, 1] = 1.0
+        if settings.order != 1:
+            flux = work.program({"FLUX": 1})
+            programs.append(flux)
+            sweeper.set_source(solution.source, shining=True)
+            few = half if settings.order is not None else settings.directions
+            light = sweeper.moments(flux, work.rays(sweeper, few, rng))
+            lack = None if lack is None else lack * solved.albedo
+        sloped = _sloped(swept, light, settings.phase)
+        if settings.order is None:
+            again = work.program({"FLUX": 1, "SLOPED": 1})
+            programs.append(again)
+            between = work.sweeper(swept, again, iterate)
+            for count in (*[settings.directions] * (_SCATTERINGS - 1), half // 2):
+                between.set_source(sloped, shining=True)
+                light = between.moments(again, work.rays(between, count, rng))
+                sloped = _sloped(swept, light, settings.phase)
+            counts["between"] = between.sweeps
+        if settings.order != 1:
+            solution = replace(solution, source=solved.albedo * light[0] + sweeper.thermal)
+    defect = sweeper.defect(solution.source, work.rays(sweeper, _CHECKED, rng))
+    if lack is not None:
+        defect -= lack[: solved.needs.boundaries].sum(axis=0)
+
+    flags: dict[str, Define] = {"TO_CAMERA": 1}
+    if settings.phase is not None:
+        flags.update(PHASE_STEPS=PHASE_STEPS, SLOPED=1)
+    if thick is not None:
+        flags["RIM"] = 1
+    towards = work.program(flags)
+    programs.append(towards)
+    lit = sweeper if settings.phase is None else work.sweeper(swept, towards, iterate)
+    ways = [work.to_camera(lit, half, last) for _ in range(2)]
+    table = np.zeros(1) if settings.phase is None else settings.phase.by_half_sine(PHASE_STEPS)
+    place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
+    camera = lit.to_camera(towards, seen, table, place)
+    ends = None
+    if thick is not None:
+        light_kept = RimLight.of(
+            device,
+            thick,
+            lit.box,
+            components=lit.components,
+            directions=2 * half,
+            real=lit.real,
+        )
+        ends = Ends(
+            Directions.joined([way.directions for way in ways]), light_kept, solution.source
+        )
+    lit.set_source(sloped, shining=True)
+    halves: list[NDArray[np.floating]] = []
+    for number, way in enumerate(ways):
+        if ends is not None:
+            camera = replace(camera, light=ends.light.after(number * half))
+        lit.sweep(way, shining=True, camera=camera)
+        mean = lit.weighted_mean(camera).astype(np.float64)
+        halves.append((seen.thermal_source() + seen.albedo * mean).astype(lit.real))
+    sweeps = sweeper.sweeps + (0 if lit is sweeper else lit.sweeps) + counts.pop("between", 0)
+    return Scattered(
+        halves=(halves[0], halves[1]),
+        solution=replace(solution, towards=np.mean(halves, axis=0)),
+        defect=defect,
+        ends=ends,
+        programs=tuple(programs),
+        counts={**counts, "sweeps": sweeps},
+    )
+
+
+@dataclass(frozen=True)
+class _Work:
+    """One trace's media, programs and rays."""
+
+    seen: OpticalCells
+    scene: Scene
+    view: View
+    device: Device
+    settings: Settings
+    defines: Mapping[str, Define]
+
+    def cells(self, scattered: float) -> OpticalCells:
+        """The medium of which this share of the scattering counts."""
+        cells = OpticalCells.of(
+            self.seen.tree, patches=self.seen.needs.patches, scattered=scattered
+        )
+        return cells.in_units_of(self.seen)
+
+    def program(self, flags: Mapping[str, Define]) -> Program:
+        return build(self.device, "sweep.cl", {**self.defines, **flags})
+
+    def sweeper(self, cells: OpticalCells, sweep: Program, iterate: Program) -> Sweeper:
+        return Sweeper(
+            self.device, cells, sweep, iterate, disc=self.view.disc, patches=self.view.patches
+        )
+
+    def rays(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> Rays:
+        """Directions over the sphere."""
+        low = np.asarray(sweeper.box.low, float)
+        directions = for_boundary(
+            count,
+            rng,
+            low=low,
+            high=low + sweeper.box.shape,
+            disc_centre=self.view.disc[:3],
+            disc_radius=float(self.view.disc[3]) ** 0.5,
+            enclosure=self.scene.background.shape == "enclosure",
+        )
+        return sweeper.rays(directions, rng.random((count, 2)))
+
+    def to_camera(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> Rays:
+        """Directions from which light is scattered to the camera."""
+        phase = self.settings.phase
+        if phase is None:
+            return self.rays(sweeper, count, rng)
+        return sweeper.rays(about_camera(count, rng, phase), rng.random((count, 2)))
+
+
+def _sloped(cells: OpticalCells, light: NDArray[np.floating], phase: ScatteringTable) -> Floats:
+    """Source (4 C, N) of cells that scatter by a phase function of two moments.
+
+    light (4, C, N): mean, and first moment, of the light in them.
+    """
+    first = (phase.asymmetry - phase.forward) / (1.0 - phase.forward)
+    source = cells.albedo * light
+    source[0] += cells.thermal_source()
+    source[1:] *= 3.0 * first
+    return np.asarray(source.reshape(-1, len(cells.address)))
