@@ -33,7 +33,7 @@ INLINE real phase_cosine(real u, __global const real *table) { return R(1) - R(2
 /* Bin of a table that is even in the sine of half the scattering angle, PHASE_STEPS of them. */
 INLINE int half_sine_bin(real cosine)
 {
-    const real sine = sqrt(most(R(0), (R(1) - cosine) / 2));
+    const real sine = root(most(R(0), (R(1) - cosine) / 2));
     return within((int)(sine * PHASE_STEPS), 0, PHASE_STEPS - 1);
 }
 
@@ -48,9 +48,10 @@ INLINE real3 turned(real3 d, real cosine, real u)
     const real b = d.x * d.y * a;
     const real3 first = (real3)(R(1) + side * d.x * d.x * a, side * b, -side * d.x);
     const real3 second = (real3)(b, side + d.y * d.y * a, -d.y);
-    const real sine = sqrt(most(R(0), (R(1) - cosine) * (R(1) + cosine)));
+    const real sine = root(most(R(0), (R(1) - cosine) * (R(1) + cosine)));
     const real angle = R(6.283185307179586) * u;
-    return normalize(sine * cos(angle) * first + sine * sin(angle) * second + cosine * d);
+    const real3 t = sine * cos(angle) * first + sine * sin(angle) * second + cosine * d;
+    return t / root(t.x * t.x + t.y * t.y + t.z * t.z);
 }
 
 #endif

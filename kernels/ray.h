@@ -28,7 +28,7 @@ INLINE Ray ray_at(
     ray.py = middle.y;
     ray.pz = middle.z + up;
 #ifdef CAMERA_PINHOLE
-    const real length_ = sqrt(right * right + distance * distance + up * up);
+    const real length_ = root(right * right + distance * distance + up * up);
     ray.dx = right / length_;
     ray.dy = distance / length_;
     ray.dz = up / length_;

@@ -19,11 +19,18 @@ typedef float4 real4;
 /* Of every helper: a call would keep the ray's state in memory, not in registers. */
 #define INLINE static inline __attribute__((always_inline))
 
-/* As fmin, fmax, fabs, clamp and floor, but for numbers alone. PoCL calls those as functions, of which
-   a walk through cells is full; these are an instruction or two everywhere. */
+/* As fmin, fmax, fabs, clamp, floor and sqrt, but for numbers alone. PoCL calls those as functions, of
+   which a walk through cells is full; these are an instruction or two everywhere. */
 INLINE real least(real a, real b) { return a < b ? a : b; }
 INLINE real most(real a, real b) { return a > b ? a : b; }
 INLINE real size_of(real x) { return x < R(0) ? -x : x; }
+#if !defined(__x86_64__) && !defined(__aarch64__)
+INLINE real root(real x) { return sqrt(x); }
+#elif defined(USE_FLOAT64)
+INLINE real root(real x) { return __builtin_sqrt(x); }
+#else
+INLINE real root(real x) { return __builtin_sqrtf(x); }
+#endif
 INLINE int smaller(int a, int b) { return a < b ? a : b; }
 INLINE int larger(int a, int b) { return a > b ? a : b; }
 INLINE int within(int x, int low, int high) { return x < low ? low : x > high ? high : x; }

@@ -39,12 +39,10 @@ typedef float8 lane_t;
 #define AS_INT as_int8
 #define AS_FLOAT as_float8
 #endif
-#define ALONG ((lane_t)(0, 1, 2, 3, 4, 5, 6, 7) / R(7))
 #elif VECTOR == 1
 typedef real lane_t;
 #define AS_INT as_int
 #define AS_FLOAT as_float
-#define ALONG R(0)
 #else
 #error "VECTOR: 1 or 8"
 #endif
@@ -93,25 +91,21 @@ INLINE int seen_from(int u, int v, int l, int layout, real4 back, const Boundary
 #ifdef TO_CAMERA
 #include "towards.h"
 
-/* What light from `back` counts for in the cells from (u, v, l) on. Over the few cells of a vector
-   the phase function is a straight line. */
-INLINE lane_t counts_for(
+/* What light from `back` counts for in the cells of a vector from (u, v, l) on: by the phase function
+   as it is in their middle. */
+INLINE real counts_for(
     int u, int v, int l, int layout, real4 back, real4 camera, __global const real *phase)
 {
 #ifdef PHASE_STEPS
-    real at[2];
-    for (int end = 0; end < 2; ++end) {
-        const real pu = u + end * (VECTOR - 1) + R(0.5);
-        const real pv = v + R(0.5);
-        const real pl = l + R(0.5);
-        at[end] = phase[phase_bin_of(
-            layout == LAYERS_X ? pl : pu,
-            layout == LAYERS_Z ? pv : layout == LAYERS_Y ? pl : pu,
-            layout == LAYERS_Z ? pl : pv, back, camera)];
-    }
-    return at[0] + (at[1] - at[0]) * ALONG;
+    const real pu = u + R(0.5) * VECTOR;
+    const real pv = v + R(0.5);
+    const real pl = l + R(0.5);
+    return phase[phase_bin_of(
+        layout == LAYERS_X ? pl : pu,
+        layout == LAYERS_Z ? pv : layout == LAYERS_Y ? pl : pu,
+        layout == LAYERS_Z ? pl : pv, back, camera)];
 #else
-    return (lane_t)(R(1));
+    return R(1);
 #endif
 }
 #endif
@@ -220,8 +214,8 @@ __kernel void sweep(
                 continue;
             }
 #ifdef TO_CAMERA
-            const lane_t counts = weight * seen_at(parts[step].y, CELLS_OF(seen + cell))
-                * counts_for(u, v, l, layout, back, camera, phase);
+            const lane_t counts = seen_at(parts[step].y, CELLS_OF(seen + cell))
+                * (weight * counts_for(u, v, l, layout, back, camera, phase));
             CELLS(shares + cell) += counts;
 #else
             const real counts = weight;

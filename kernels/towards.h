@@ -24,7 +24,7 @@ INLINE int phase_bin_of(real x, real y, real z, real4 back, real4 camera)
 #ifdef CAMERA_PINHOLE
     const real dx = x - camera.x, dy = y - camera.y, dz = z - camera.z;
     /* A camera in the very middle of the cell sees it from nowhere: any angle will do. */
-    const real far = sqrt(most(dx * dx + dy * dy + dz * dz, R(1e-12)));
+    const real far = root(most(dx * dx + dy * dy + dz * dz, R(1e-12)));
     const real cosine = (back.x * dx + back.y * dy + back.z * dz) / far;
 #else
     const real cosine = back.y;

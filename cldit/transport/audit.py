@@ -24,7 +24,7 @@ from cldit.transport.result import Settings, Trace
 Floats = NDArray[np.float64]
 
 _PIXELS = 2000
-_SAMPLES = 128  # a pixel: with these 1.4 core-seconds on `gdi`
+_SAMPLES = 256  # a pixel: with these about 2 core-seconds on `gdi`
 _LONGEST = 50.0  # scatterings of a chain; beyond it the audit would cost more than the picture
 
 

@@ -36,7 +36,8 @@ _MOST_CHAINS = 1e8  # of a picture: some core-minutes
 _LONGEST = 32  # scatterings of a chain, after which the light is that of the sweeps
 _GROUP = 16
 _TILE = 12  # pixels along a tile's edge: some hundred tell their noise
-_NOISE = 1.5  # times the wanted error, before walls as bright as the hottest cell: half, on `gdi`
+_NOISE = 0.35  # of the wanted error, which chains may leave
+_BRIGHT = 3.0  # noise before walls as bright as the hottest cell, over that before gdi's own
 _STRETCH = 8  # numbers of a stretch within a thick cell, as in gather.cl
 
 
@@ -170,7 +171,7 @@ class Gather:
         numbers of pixels, with across^2 rays through each.
 
         seen (C, N): what else is seen; other: pixels that see no thick cell, but count. Chains go
-        on, in the tiles where they help most, until their noise in T_app is about half of
+        on, in the tiles where they help most, until their noise in T_app is about a third of
         accuracy_K, or max_samples, or _MOST_CHAINS chains in all.
         """
         cells, scene, wanted = self._painter.cells, self._painter.scene, self._settings.accuracy_K
@@ -201,7 +202,7 @@ class Gather:
             # In what a tile has of the sum of squares lies what it can gain.
             energy = np.bincount(tiles, kelvin**2)
             visible = max(int(np.count_nonzero(1 - (seen + mean[:-1])[0] > VISIBLE)) + other, 1)
-            left = float(energy.sum()) / visible - (_NOISE * wanted) ** 2
+            left = float(energy.sum()) / visible - (_NOISE * _BRIGHT * wanted) ** 2
             if left <= 0:
                 break
             cost = np.maximum(np.bincount(tiles, samples), 1)
@@ -215,12 +216,12 @@ class Gather:
                 2 * across**2 * samples.max() + again > most
                 or spent + again * len(chosen) > _MOST_CHAINS
             ):
-                noise_K = float(np.sqrt(energy.sum() / visible)) / (2 * _NOISE)
+                noise_K = float(np.sqrt(energy.sum() / visible)) / _BRIGHT
                 self.short = (
                     f"chains in thick cells: stopped at {most} samples a pixel, or "
                     f"{_MOST_CHAINS:.0e} in all, with noise of {noise_K:.2g} K RMS left, where "
-                    f"transport.accuracy_K: {wanted:g} asks for half of that accuracy; allowed is "
-                    "a larger transport.max_samples, or less accuracy"
+                    f"transport.accuracy_K: {wanted:g} asks for {_NOISE * wanted:.2g} K; allowed "
+                    "is a larger transport.max_samples, or less accuracy"
                 )
                 break
         self.samples = int(2 * samples.mean() * across**2)

@@ -28,7 +28,7 @@ class Settings:
     accuracy_K, max_samples: where `path` stops, RMS error of T_app or samples a pixel. order: most
     scatterings, None for all; beyond it the wall is seen. phase: None is isotropic.
     gather: `source` follows what cells of an optical depth above `thick` scatter, until the noise
-    of that is about half of accuracy_K, or with max_samples a pixel.
+    of that is about a third of accuracy_K, or with max_samples a pixel.
     audit: `source` has some of its pixels traced by `path`, where it simplifies anything.
     """
 
@@ -45,7 +45,7 @@ class Settings:
     phase: ScatteringTable | None = None
     gather: bool = True
     audit: bool = True
-    thick: float = 0.4
+    thick: float = 0.3
 
 
 @dataclass(frozen=True)

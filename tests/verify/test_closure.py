@@ -20,6 +20,16 @@ from cldit.transport.closure import Closure
 EDGE = 0.2
 
 
+GATHERED = pytest.mark.parametrize(
+    "transport",
+    [
+        {},
+        {"phase": {"henyey_greenstein": 0.85}},
+        {"phase": {"henyey_greenstein": 0.85}, "gather": False},
+    ],
+)
+
+
 def block(run_block: Callable[..., Run], *, scattering: float = 0.7, **transport: Any) -> Run:
     """At temperatures of their own: no cavity, so that the weights alone prove nothing."""
     per_m = 0.5 / (EDGE / 16)
@@ -62,6 +72,37 @@ def test_a_medium_that_does_not_scatter_closes(run_block: Callable[..., Run]) ->
     run = block(run_block, scattering=0.0)
     assert run.info.closure is not None
     assert abs(run.info.closure.largest) < 2e-6
+
+
+@GATHERED
+def test_droplets_of_one_temperature_emit_what_they_hide(
+    run_block: Callable[..., Run], transport: dict[str, Any]
+) -> None:
+    """Of uneven droplets, thick cells among them, what is emitted is the same share of a black
+    body's light as the background and the walls lack, whatever scatters: the sum of weights knows
+    of emission only that it is missing, and would not tell if its unit were wrong."""
+    per_m = np.random.default_rng(4).uniform(0.0, 3.0, (4, 4, 4)) / (EDGE / 16)
+
+    def seen(scattering: float, **more: Any) -> tuple[Any, Any]:
+        run = run_block(
+            {
+                "droplet_absorption_per_m": (1.0 - scattering) * per_m,
+                "droplet_scattering_per_m": scattering * per_m,
+                "droplet_temperature_K": 330.0,
+            },
+            size_m=(EDGE / 2,) * 3,
+            domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / 16},
+            camera={"pixels": 16, "field_m": [0.15, 0.15]},
+            transport={"accuracy_K": 1.0, "max_samples": 128, **more},
+        )
+        return run.weights.liquid, 1.0 - run.weights.background - run.weights.wall
+
+    liquid, hidden = seen(0.0)
+    black = float(liquid.sum() / hidden.sum())
+    liquid, hidden = seen(0.8, **transport)
+    assert hidden.max() > 0.2
+    # Each chain keeps its light to rounding; sweeps to what the closure bounds, 1e-3.
+    np.testing.assert_allclose(liquid / black, hidden, atol=1e-3)
 
 
 @pytest.mark.parametrize("transport", [{}, {"order": 1}])
