@@ -62,11 +62,19 @@ def scattered_light(
     report: Callable[[str], None] | None,
 ) -> Scattered:
     """seen: cells with all of their scattering; thick: whose light chains are to follow."""
-    work = _Work(seen, scene, view, device, settings, {**defines, **sweep_defines(device)})
-    solved = seen if settings.phase is None else work.cells(1.0 - settings.phase.asymmetry)
-    plain, iterate = work.program({}), build(device, "iterate.cl", defines)
-    sweeper = work.sweeper(solved, plain, iterate)
-    programs = [plain, iterate]
+    work = _Work(
+        seen,
+        scene,
+        view,
+        device,
+        settings,
+        {**defines, **sweep_defines(device)},
+        build(device, "iterate.cl", defines),
+    )
+    phase = settings.phase
+    solved = seen if phase is None else work.cells(1.0 - phase.asymmetry)
+    plain = work.program({})
+    sweeper = work.sweeper(solved, plain)
     counts = {"swept_cells": sweeper.box.cells, "scattering_cells": sweeper.count}
     guess = first_guess(sweeper, solved.albedo)
     if settings.order == 0:
@@ -77,102 +85,131 @@ def scattered_light(
             solution=Solution(guess, 0, 0.0, 0.0),
             defect=np.zeros(sweeper.count),
             ends=None,
-            programs=tuple(programs),
+            programs=(plain, work.iterate),
             counts={**counts, "sweeps": 0},
         )
     rng = np.random.default_rng(settings.seed)
-    last = np.random.default_rng([settings.seed, 1])  # alike whatever the order, to compare orders
-    half = settings.final_directions // 2
     if settings.order is None:
-        solution = solve(
-            sweeper,
-            guess,
-            work.rays(sweeper, settings.directions, rng),
-            tolerance=settings.tolerance,
-            report=report,
-        )
+        rays = work.rays(sweeper, settings.directions, rng)
+        solution = solve(sweeper, guess, rays, tolerance=settings.tolerance, report=report)
     else:
-        source, more = guess, settings.order - 1
-        for _ in range(more if settings.phase is None else more - 1):
-            source = another_order(sweeper, source, work.rays(sweeper, half, rng))
-        solution = Solution(source, settings.order, 0.0, 0.0)
-    lack = solution.lack
-    if settings.phase is None:
+        solution = Solution(guess, settings.order, 0.0, 0.0)
+        for _ in range(settings.order - (1 if phase is None else 2)):
+            solution = work.another(sweeper, solution, solved, rng)
+    if phase is not None:
+        last = _by_moments(work, phase, sweeper, solved, solution, rng)
+    else:
         if settings.order is None:
             # The solver's few directions are forgotten, but for what is scattered twice more.
-            better = another_order(sweeper, solution.source, work.rays(sweeper, half, rng))
-            solution = replace(solution, source=better)
-            lack = None if lack is None else lack * solved.albedo
-        swept, sloped = solved, solution.source
-    else:
-        swept = work.cells(1.0 - settings.phase.forward)
-        light = np.zeros((4, sweeper.components, sweeper.count), sweeper.real)
-        light[0, 1] = 1.0
-        if settings.order != 1:
-            flux = work.program({"FLUX": 1})
-            programs.append(flux)
-            sweeper.set_source(solution.source, shining=True)
-            few = half if settings.order is not None else settings.directions
-            light = sweeper.moments(flux, work.rays(sweeper, few, rng))
-            lack = None if lack is None else lack * solved.albedo
-        sloped = _sloped(swept, light, settings.phase)
-        if settings.order is None:
-            again = work.program({"FLUX": 1, "SLOPED": 1})
-            programs.append(again)
-            between = work.sweeper(swept, again, iterate)
-            for count in (*[settings.directions] * (_SCATTERINGS - 1), half // 2):
-                between.set_source(sloped, shining=True)
-                light = between.moments(again, work.rays(between, count, rng))
-                sloped = _sloped(swept, light, settings.phase)
-            counts["between"] = between.sweeps
-        if settings.order != 1:
-            solution = replace(solution, source=solved.albedo * light[0] + sweeper.thermal)
-    defect = sweeper.defect(solution.source, work.rays(sweeper, _CHECKED, rng))
-    if lack is not None:
-        defect -= lack[: solved.needs.boundaries].sum(axis=0)
-
-    flags: dict[str, Define] = {"TO_CAMERA": 1}
-    if settings.phase is not None:
-        flags.update(PHASE_STEPS=PHASE_STEPS, SLOPED=1)
-    if thick is not None:
-        flags["RIM"] = 1
-    towards = work.program(flags)
-    programs.append(towards)
-    lit = sweeper if settings.phase is None else work.sweeper(swept, towards, iterate)
-    ways = [work.to_camera(lit, half, last) for _ in range(2)]
-    table = np.zeros(1) if settings.phase is None else settings.phase.by_half_sine(PHASE_STEPS)
-    place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
-    camera = lit.to_camera(towards, seen, table, place)
-    ends = None
-    if thick is not None:
-        light_kept = RimLight.of(
-            device,
-            thick,
-            lit.box,
-            components=lit.components,
-            directions=2 * half,
-            real=lit.real,
-        )
-        ends = Ends(
-            Directions.joined([way.directions for way in ways]), light_kept, solution.source
-        )
-    lit.set_source(sloped, shining=True)
-    halves: list[NDArray[np.floating]] = []
-    for number, way in enumerate(ways):
-        if ends is not None:
-            camera = replace(camera, light=ends.light.after(number * half))
-        lit.sweep(way, shining=True, camera=camera)
-        mean = lit.weighted_mean(camera).astype(np.float64)
-        halves.append((seen.thermal_source() + seen.albedo * mean).astype(lit.real))
-    sweeps = sweeper.sweeps + (0 if lit is sweeper else lit.sweeps) + counts.pop("between", 0)
+            solution = work.another(sweeper, solution, solved, rng)
+        last = _Last(solved, solution, solution.source, ())
+    defect = sweeper.defect(last.solution.source, work.rays(sweeper, _CHECKED, rng))
+    if last.solution.lack is not None:
+        defect -= last.solution.lack[: solved.needs.boundaries].sum(axis=0)
+    towards = work.towards(thick)
+    lit = sweeper if phase is None else work.sweeper(last.cells, towards)
+    halves, ends = _swept_to_camera(work, towards, lit, last, thick)
+    sweeps = sweeper.sweeps + last.sweeps + (0 if lit is sweeper else lit.sweeps)
     return Scattered(
-        halves=(halves[0], halves[1]),
-        solution=replace(solution, towards=np.mean(halves, axis=0)),
+        halves=halves,
+        solution=replace(last.solution, towards=np.mean(halves, axis=0)),
         defect=defect,
         ends=ends,
-        programs=tuple(programs),
+        programs=(plain, work.iterate, *last.programs, towards),
         counts={**counts, "sweeps": sweeps},
     )
+
+
+@dataclass(frozen=True)
+class _Last:
+    """What the last sweeps start from.
+
+    cells: as they are swept then. solution: of the solver's medium. source (C, N), or (4 C, N)
+    where it has a first moment: of `cells`.
+    """
+
+    cells: OpticalCells
+    solution: Solution
+    source: NDArray[np.floating]
+    programs: tuple[Program, ...]
+    sweeps: int = 0  # that it took, of other sweepers than the solver's
+
+
+def _by_moments(
+    work: _Work,
+    phase: ScatteringTable,
+    sweeper: Sweeper,
+    solved: OpticalCells,
+    solution: Solution,
+    rng: np.random.Generator,
+) -> _Last:
+    """From a solution by one moment to a source by two; see the head of this file."""
+    settings, half = work.settings, work.settings.final_directions // 2
+    cells = work.cells(1.0 - phase.forward)
+    if settings.order == 1:
+        light = np.zeros((4, sweeper.components, sweeper.count), sweeper.real)
+        light[0, 1] = 1.0  # as if it came from the wall, all round
+        return _Last(cells, solution, _sloped(cells, light, phase), ())
+    flux = work.program({"FLUX": 1})
+    programs, sweeps = [flux], 0
+    sweeper.set_source(solution.source, shining=True)
+    few = settings.directions if settings.order is None else half
+    light = sweeper.moments(flux, work.rays(sweeper, few, rng))
+    if settings.order is None:
+        again = work.program({"FLUX": 1, "SLOPED": 1})
+        between = work.sweeper(cells, again)
+        for count in (*[few] * (_SCATTERINGS - 1), half // 2):
+            between.set_source(_sloped(cells, light, phase), shining=True)
+            light = between.moments(again, work.rays(between, count, rng))
+        programs.append(again)
+        sweeps = between.sweeps
+    return _Last(
+        cells,
+        replace(
+            solution,
+            source=solved.albedo * light[0] + sweeper.thermal,
+            lack=None if solution.lack is None else solution.lack * solved.albedo,
+        ),
+        _sloped(cells, light, phase),
+        tuple(programs),
+        sweeps,
+    )
+
+
+def _swept_to_camera(
+    work: _Work, program: Program, sweeper: Sweeper, last: _Last, thick: ThickCells | None
+) -> tuple[tuple[NDArray[np.floating], NDArray[np.floating]], Ends | None]:
+    """Both halves of the last sweeps, (C, N) each, and what they leave for chains."""
+    settings, seen, view = work.settings, work.seen, work.view
+    rng = np.random.default_rng([settings.seed, 1])  # alike whatever the order, to compare orders
+    half = settings.final_directions // 2
+    sets = [work.to_camera(sweeper, half, rng) for _ in range(2)]
+    table = np.zeros(1) if settings.phase is None else settings.phase.by_half_sine(PHASE_STEPS)
+    place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
+    camera = sweeper.to_camera(program, seen, table, place)
+    ends = None
+    if thick is not None:
+        ends = Ends(
+            Directions.joined([rays.directions for rays in sets]),
+            RimLight.of(
+                work.device,
+                thick,
+                sweeper.box,
+                components=sweeper.components,
+                directions=2 * half,
+                real=sweeper.real,
+            ),
+            last.solution.source,
+        )
+    sweeper.set_source(last.source, shining=True)
+    halves: list[NDArray[np.floating]] = []
+    for number, rays in enumerate(sets):
+        if ends is not None:
+            camera = replace(camera, light=ends.light.after(number * half))
+        sweeper.sweep(rays, shining=True, camera=camera)
+        mean = sweeper.weighted_mean(camera).astype(np.float64)
+        halves.append((seen.thermal_source() + seen.albedo * mean).astype(sweeper.real))
+    return (halves[0], halves[1]), ends
 
 
 @dataclass(frozen=True)
@@ -185,6 +222,7 @@ class _Work:
     device: Device
     settings: Settings
     defines: Mapping[str, Define]
+    iterate: Program
 
     def cells(self, scattered: float) -> OpticalCells:
         """The medium of which this share of the scattering counts."""
@@ -196,10 +234,31 @@ class _Work:
     def program(self, flags: Mapping[str, Define]) -> Program:
         return build(self.device, "sweep.cl", {**self.defines, **flags})
 
-    def sweeper(self, cells: OpticalCells, sweep: Program, iterate: Program) -> Sweeper:
+    def towards(self, thick: ThickCells | None) -> Program:
+        """The sweep to the camera."""
+        flags: dict[str, Define] = {"TO_CAMERA": 1}
+        if self.settings.phase is not None:
+            flags.update(PHASE_STEPS=PHASE_STEPS, SLOPED=1)
+        if thick is not None:
+            flags["RIM"] = 1
+        return self.program(flags)
+
+    def sweeper(self, cells: OpticalCells, sweep: Program) -> Sweeper:
         return Sweeper(
-            self.device, cells, sweep, iterate, disc=self.view.disc, patches=self.view.patches
+            self.device, cells, sweep, self.iterate, disc=self.view.disc, patches=self.view.patches
         )
+
+    def another(
+        self,
+        sweeper: Sweeper,
+        solution: Solution,
+        cells: OpticalCells,
+        rng: np.random.Generator,
+    ) -> Solution:
+        """One scattering more, with half of the last directions."""
+        rays = self.rays(sweeper, self.settings.final_directions // 2, rng)
+        lack = None if solution.lack is None else solution.lack * cells.albedo
+        return replace(solution, source=another_order(sweeper, solution.source, rays), lack=lack)
 
     def rays(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> Rays:
         """Directions over the sphere."""
