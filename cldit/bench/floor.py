@@ -133,8 +133,8 @@ def floor(case: Case, *, directions: int = 12) -> Part:
             "of the time that the counted bytes and that the counted operations take.",
             "What is left, as far as it is known. *Sweep*: every layer is a launch or two, each "
             "of some ten microseconds; every step of a direction looks up where its rays are, for "
-            "each row, also of a few cells; rays are not aligned to vectors, as they go from cell "
-            "to cell. One cell at a time instead of eight shows what vectors give. *Image*: every "
+            "each row, also of a few cells; rays lie in the cache, but not as vectors do, for they "
+            "go from cell to cell. One cell at a time shows what vectors give. *Image*: every "
             "step depends on the one before (which cell comes next, then its brick, then its "
             "depth), so it waits for conversions and dependent loads and not for bandwidth, and "
             "neighbouring pixels branch differently, so nothing is done eight at a time; the walk "
@@ -158,13 +158,12 @@ def _sweeps(machine: Machine, kernels: Kernels, directions: int) -> list[Line]:
 
     lit, computed = wide(scatters), wide(cells.depth > 0)
     emitters = len(cells.needs.emitters)
-    # Once per step and component the rays of cells that are not empty, read and written. For all
-    # directions of an axis together (at most 16), twice a layer and sense: depth, S, and D read and
-    # written, of cells in groups that scatter; elsewhere depth and S of what is emitted.
+    # For all directions of an axis together (at most 16), twice a layer and sense: depth, S, and D
+    # read and written, of cells in groups that scatter; elsewhere depth and S of what is emitted.
+    # Not the rays, which stay in the cache.
     passes = directions * STEPS
-    moved = passes * _REAL_BYTES * 2 * components * computed
     cells_once = (1 + 3 * components) * lit + (1 + emitters) * (computed - lit)
-    moved += 3 * 2 * 2 * _REAL_BYTES * cells_once
+    moved = 3 * 2 * 2 * _REAL_BYTES * cells_once
     flops = passes * (computed * SWEEP_CELL + SWEEP_COMPONENT * components * computed)
     work = f"{directions} directions, {box.cells / 1e6:.2f} M cells, {computed / 1e6:.2f} M filled"
     lines = []

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -282,13 +283,13 @@ class _Work:
         return sweeper.rays(about_camera(count, rng, phase), rng.random((count, 2)))
 
 
-def _sloped(cells: OpticalCells, light: NDArray[np.floating], phase: ScatteringTable) -> Floats:
+def _sloped(cells: OpticalCells, light: NDArray[Any], phase: ScatteringTable) -> NDArray[Any]:
     """Source (4 C, N) of cells that scatter by a phase function of two moments.
 
     light (4, C, N): mean, and first moment, of the light in them.
     """
     first = (phase.asymmetry - phase.forward) / (1.0 - phase.forward)
-    source = cells.albedo * light
-    source[0] += cells.thermal_source()
-    source[1:] *= 3.0 * first
+    source = cells.albedo.astype(light.dtype) * light
+    source[0] += cells.thermal_source().astype(light.dtype)
+    source[1:] *= light.dtype.type(3.0 * first)
     return np.asarray(source.reshape(-1, len(cells.address)))

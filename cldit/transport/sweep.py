@@ -40,7 +40,7 @@ class _Order:
     """The box's groups of cells in one order, and the device's arrays of them.
 
     place: of the scattering cells among the cells of all groups. source, excess: planes side by
-    side in each group; thermal, not on the device: the source of what emits.
+    side in each group; thermal, not on the device: the sources of what emits, (G, GROUP) each.
     """
 
     groups: Groups
@@ -50,7 +50,8 @@ class _Order:
     depth: Any
     source: Any
     excess: Any
-    thermal: NDArray[Any]
+    thermal: list[NDArray[Any]]
+    shape: tuple[int, int, int]  # of `source`
 
     @classmethod
     def of(
@@ -67,11 +68,9 @@ class _Order:
         def packed(values: NDArray[np.float64]) -> NDArray[Any]:
             return groups.packed(turned_too(cells.dense(box, values.astype(real)))[turned])
 
-        components, boundaries = len(cells.needs.components), cells.needs.boundaries
+        components = len(cells.needs.components)
         planes = _MOMENTS * components if sloped else components
-        thermal = np.zeros((len(groups), planes, GROUP), real)
-        for number, name in enumerate(cells.needs.emitters, boundaries):
-            thermal[:, number] = packed(cells.emitted[name])
+        thermal = [packed(cells.emitted[name]) for name in cells.needs.emitters]
         x, y, z = (cells.positions(cells.address) - np.asarray(box.low)).T
         _, ny, nz = box.shape
         place = groups.places(x * nz + z, y) if turned else groups.places(z * ny + y, x)
@@ -81,10 +80,18 @@ class _Order:
             begins=upload(device, "groups", groups.along),
             place=upload(device, "places", place),
             depth=upload(device, "optical depth", packed(cells.depth)),
-            source=zeros(device, "source", thermal.size, real),
+            source=zeros(device, "source", planes * groups.cells, real),
             excess=zeros(device, "excess", components * groups.cells, real),
             thermal=thermal,
+            shape=(len(groups), planes, GROUP),
         )
+
+    def shine(self, device: Device, boundaries: int, real: Real) -> None:
+        """Puts the source of what emits, and nothing else, into the box."""
+        source = np.zeros(self.shape, real)
+        for number, plane in enumerate(self.thermal, boundaries):
+            source[:, number] = plane
+        cl.enqueue_copy(device.queue, self.source, source)
 
 
 @dataclass(frozen=True)
@@ -180,9 +187,10 @@ class Sweeper:
         if self._shining is not shining:
             for order in self._order.values():
                 if shining:
-                    cl.enqueue_copy(self.device.queue, order.source, order.thermal)
+                    order.shine(self.device, self._boundaries, self._real)
                 else:
-                    clear(self.device, order.source, order.thermal.nbytes)
+                    size = np.dtype(self._real).itemsize
+                    clear(self.device, order.source, size * int(np.prod(order.shape)))
             self._shining = shining
         self._put(listed)
 
