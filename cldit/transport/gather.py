@@ -148,8 +148,6 @@ class Gather:
                     *part.arguments[5:],  # from `columns` on
                 ]
             )
-        self.device.queue.finish()
-        light.buffer.release()  # some hundred megabytes, by cell from here on
         self.samples, self.seconds = 0, 0.0
         self.short = ""  # says so where chains stopped short of what was wanted
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +70,7 @@ def trace_source(
         if thick is not None and light.ends is not None:
             cut = {**defines, "CUTOFF": float(settings.cutoff)}
             gather = Gather(painter, cells.box(), thick, light.ends, settings, cut)
+            light = replace(light, ends=None)  # some hundred megabytes, which gather has by cell
     programs = [painter.parts[0].program, *([] if light is None else light.programs)]
     counts = {} if light is None else dict(light.counts)
     start = time.perf_counter()
