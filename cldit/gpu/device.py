@@ -31,7 +31,6 @@ class DeviceInfo:
     largest_buffer_bytes: int
     float64: bool
     largest_group: int = 256  # work-items in one work-group
-    local_bytes: int = 32768  # that a work-group shares
 
     @property
     def tile(self) -> int:
@@ -90,7 +89,6 @@ def _describe(index: str, platform: Any, device: Any) -> DeviceInfo:
         largest_buffer_bytes=device.max_mem_alloc_size,
         float64=bool(device.double_fp_config),
         largest_group=device.max_work_group_size,
-        local_bytes=device.local_mem_size,
     )
 
 

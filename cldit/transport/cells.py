@@ -149,15 +149,6 @@ class OpticalCells:
         outside = np.zeros((self.needs.boundaries, len(self.address)))
         return np.concatenate([outside, self.thermal_planes(np.float64)[:, self.address]])
 
-    def source_planes(self, real: type[np.floating]) -> NDArray[np.floating]:
-        """Thermal source (C, P) of the components that the image kernel reads without scattering,
-        or, with scattering, of all of them (those from outside then start at 0)."""
-        thermal = self.thermal_planes(real)
-        if not self.needs.scattering:
-            return thermal
-        outside = np.zeros((self.needs.boundaries, len(self.depth)), real)
-        return np.concatenate([outside, thermal])
-
     def thermal_planes(self, real: type[np.floating]) -> NDArray[np.floating]:
         """Thermal source (E, P) of the components `needs.emitters`."""
         planes = [self.emitted[name].astype(real) for name in self.needs.emitters]

@@ -204,12 +204,13 @@ def _swept_to_camera(
         )
     sweeper.set_source(last.source, shining=True)
     halves: list[NDArray[np.floating]] = []
+    thermal = seen.thermal_source()
     for number, rays in enumerate(sets):
         if ends is not None:
             camera = replace(camera, light=ends.light.after(number * half))
         sweeper.sweep(rays, shining=True, camera=camera)
         mean = sweeper.weighted_mean(camera).astype(np.float64)
-        halves.append((seen.thermal_source() + seen.albedo * mean).astype(sweeper.real))
+        halves.append((thermal + seen.albedo * mean).astype(sweeper.real))
     return (halves[0], halves[1]), ends
 
 

@@ -63,13 +63,12 @@ class _Order:
         real: Real,
         *,
         turned: bool,
-        sloped: bool,
+        planes: int,
     ) -> _Order:
         def packed(values: NDArray[np.float64]) -> NDArray[Any]:
             return groups.packed(turned_too(cells.dense(box, values.astype(real)))[turned])
 
         components = len(cells.needs.components)
-        planes = _MOMENTS * components if sloped else components
         thermal = [packed(cells.emitted[name]) for name in cells.needs.emitters]
         x, y, z = (cells.positions(cells.address) - np.asarray(box.low)).T
         _, ny, nz = box.shape
@@ -137,8 +136,8 @@ class Sweeper:
         self._boundaries = cells.needs.boundaries
         self._sweep = sweep["sweep"]
         self._vector = int(sweep.defines["VECTOR"])
-        self._sloped = "SLOPED" in sweep.defines
-        self._planes = self.components * (_MOMENTS if self._sloped else 1)
+        sloped = "SLOPED" in sweep.defines
+        self._planes = self.components * (_MOMENTS if sloped else 1)
         self._kernels = iterate
         self._real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
         self._disc = disc.copy()
@@ -151,7 +150,7 @@ class Sweeper:
         self.groups = Groups.both(cells, self.box)
         self._order = {
             turned: _Order.of(
-                device, cells, self.box, groups, real, turned=turned, sloped=self._sloped
+                device, cells, self.box, groups, real, turned=turned, planes=self._planes
             )
             for turned, groups in self.groups.items()
         }
@@ -165,8 +164,7 @@ class Sweeper:
         most = device.info.largest_buffer_bytes // (each * np.dtype(real).itemsize)
         self._together = max(1, min(_TOGETHER, most))
         self._rays = zeros(device, "rays", self._together * each, real)
-        self.thermal = np.zeros((self.components, self.count), real)
-        self.thermal[self._boundaries :] = cells.thermal_planes(real)[:, cells.address]
+        self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
         self._emission = upload(device, "emission", self.thermal)
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
@@ -245,18 +243,10 @@ class Sweeper:
             clear(self.device, order.excess, size * self.components * order.groups.cells)
             if camera is not None:
                 clear(self.device, camera.shares[turned], size * order.groups.cells)
+        kernel = self._sweep if camera is None else camera.kernel
         for route, tables in rays.routes:
-            if camera is None:
-                self._along(self._sweep, route, tables, shining, self._excess)
-            else:
-                self._along(
-                    camera.kernel,
-                    route,
-                    tables,
-                    shining,
-                    self._excess,
-                    self._towards(camera, route),
-                )
+            extra = [] if camera is None else self._towards(camera, route)
+            self._along(kernel, route, tables, shining, self._excess, extra)
         self.sweeps += len(rays.directions)
 
     def moments(self, program: Program, rays: Rays) -> NDArray[Any]:

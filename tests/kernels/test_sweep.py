@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
 from cldit.gpu.program import build
@@ -65,6 +66,12 @@ WINDOWS = (
 )
 
 
+def source_planes(cells: OpticalCells) -> NDArray[np.float64]:
+    """Thermal source (C, P) of all stored cells; what comes from outside begins in none."""
+    outside = np.zeros((cells.needs.boundaries, len(cells.depth)))
+    return np.concatenate([outside, cells.thermal_planes(np.float64)])
+
+
 def sweeper_of(device: Device, cells: OpticalCells, defines: dict[str, Any]) -> Sweeper:
     """The tree's box on the device, compiled with these beside what the cells need."""
     common = {**cells.needs.defines, **defines}
@@ -111,7 +118,7 @@ def test_sweep_against_numpy(
 
     box = sweeper.box
     depth = cells.dense(box, cells.depth)
-    planes = cells.source_planes(np.float64)
+    planes = source_planes(cells)
     planes[:, cells.address] = guess
     source = np.stack([cells.dense(box, plane) for plane in planes])
     excess = np.zeros_like(source)
@@ -152,7 +159,7 @@ def test_first_moments_against_numpy(device: Device, vector: int) -> None:
 
     box = sweeper.box
     planes = np.zeros((4, sweeper.components, len(cells.depth)))
-    planes[0] = cells.source_planes(np.float64)
+    planes[0] = source_planes(cells)
     planes[:, :, cells.address] = given
     dense = np.array([[cells.dense(box, plane) for plane in some] for some in planes])
     expected = np.zeros_like(dense)
@@ -220,7 +227,7 @@ def test_image_against_numpy(device: Device, model: str) -> None:
     )
     got = trace(tree, scene, device, settings)
     cells = OpticalCells.of(tree)
-    planes = cells.source_planes(np.float64)
+    planes = source_planes(cells)
     planes[1, cells.address] += cells.albedo
     whole = type(cells.box())(low=(0, 0, 0), shape=(16, 16, 16))
     source = np.stack([cells.dense(whole, plane) for plane in planes])
