@@ -36,7 +36,7 @@
 /* Of a chain's sum: the components, and what it would bring from within a medium of radiance 1. */
 #define WITHIN COMPONENTS
 #define PARTS (COMPONENTS + 1)
-#define ROULETTE R(0.4) /* weight under which a chain may end */
+#define ROULETTE R(0.3) /* weight under which a chain may end */
 
 /* A thick cell's record: optical depth of its edge, albedo, what it emits, and its one source. */
 #define DEPTH 0
@@ -139,7 +139,8 @@ INLINE __global const real *flight(
 INLINE real share_of(real4 direction, real3 sight, __global const real *steps)
 {
 #ifdef SHARES
-    return steps[half_sine_bin(dot(direction.xyz, sight))] / steps[half_sine_bin(direction.y)];
+    const real cosine = direction.x * sight.x + direction.y * sight.y + direction.z * sight.z;
+    return steps[half_sine_bin(cosine)] / steps[half_sine_bin(direction.y)];
 #else
     return R(1);
 #endif

@@ -55,6 +55,20 @@ def test_place_of_a_share(apply: Any) -> None:
     np.testing.assert_allclose(lost, part, rtol=1e-5)
 
 
+def test_depth_of_a_share(apply: Any) -> None:
+    """-log(1 - share): to 3e-7 of it, from shares as small as single precision has them."""
+    share = np.concatenate(
+        [
+            np.geomspace(1e-30, 0.5, 400),
+            np.linspace(0.25, 0.35, 400),
+            1 - np.geomspace(1e-7, 0.5, 400),
+        ]
+    ).astype(np.float32)
+    share[0] = 0.0
+    got = apply("attenuation.h", "depth_of(a)", [share])
+    np.testing.assert_allclose(got, -np.log1p(-share.astype(float)), rtol=3e-7, atol=0)
+
+
 @pytest.mark.parametrize("backwards", [False, True])
 @pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.37, -0.81), (-1.0, 1.0), (1e-9, 0.5)])
 def test_steps_of_a_way(slopes: tuple[float, float], backwards: bool) -> None:

@@ -121,6 +121,15 @@ def test_phase_cosine_against_numpy(device: Device, g: float) -> None:
     assert np.all(np.abs(got - expected) <= 4 * ULP * (1 + 1.1 * slope))
 
 
+def test_on_circle(device: Device) -> None:
+    """Cosine and sine of a turn, also where quarters meet."""
+    u = np.concatenate([np.linspace(0, 1, 4001), np.arange(9) / 8]).astype(np.float32)
+    got = _run(device, "vstore2(on_circle(a[i]), i, out);", [u], np.empty((len(u), 2), np.float32))
+    angle = 2 * np.pi * u.astype(float)
+    np.testing.assert_allclose(got[:, 0], np.cos(angle), rtol=0, atol=1.5e-7)
+    np.testing.assert_allclose(got[:, 1], np.sin(angle), rtol=0, atol=1.5e-7)
+
+
 def test_scattered_directions(device: Device) -> None:
     """At the angle asked for, of length one, and all round: also from directions along axes."""
     rng = np.random.default_rng(2)
