@@ -28,6 +28,8 @@ INLINE REAL mean_transmission(REAL t, REAL share)
     return t > (REAL)0.0 ? share / t : (REAL)1.0;
 }
 
+#define THIN 1e-4
+
 #else
 
 #define THIN 0.05f
@@ -57,6 +59,15 @@ INLINE REAL absorbed(REAL t) { return t < THIN ? t * thin_mean(t) : 1.0f - decay
 INLINE REAL mean_transmission(REAL t, REAL share) { return t < THIN ? thin_mean(t) : share / t; }
 
 #endif
+
+/* A source that rises by 1 on the way, evenly, brings so much more than its mean would to the
+   intensity at the end, over t: ((1 + exp(-t)) / 2 - (1 - exp(-t)) / t) / t. share: absorbed(t);
+   mean: mean_transmission(t, share). */
+INLINE REAL rising(REAL t, REAL share, REAL mean)
+{
+    const REAL thin = t * (R(0.08333333333333333) - t * R(0.041666666666666664));
+    return t < R(THIN) ? thin : (R(1) - R(0.5) * share - mean) / t;
+}
 
 /* Optical depth that absorbs this share of the light, -log(1 - share), to 3e-7 of it, for shares from
    0 to below 1; in line, as above: log(2^n m) with m next to 1, by the series of 2 artanh(f / (2 + f)),

@@ -23,6 +23,25 @@ __kernel void set_source(
     }
 }
 
+/* Change of the source across each cell along x, y, z, from its neighbours' (see
+   cldit/transport/gradients.py): of the first COMPONENTS planes of the list into those from `first`. */
+__kernel void gradients(
+    __global real *listed, __global const int *neighbours, __global const real *weights,
+    const int first, const int count)
+{
+    const int i = get_global_id(0);
+    if (i >= count) return;
+    for (int c = 0; c < COMPONENTS; ++c) {
+        const real here = listed[c * count + i];
+        for (int axis = 0; axis < 3; ++axis) {
+            const int below = 2 * axis * count + i, above = below + count;
+            listed[(first + axis * COMPONENTS + c) * count + i] =
+                weights[above] * (listed[c * count + neighbours[above]] - here)
+                - weights[below] * (listed[c * count + neighbours[below]] - here);
+        }
+    }
+}
+
 /* Excess of the listed cells over their source, from both boxes. */
 __kernel void listed_excess(
     __global real *out, __global const real *excess, __global const real *excess_turned,

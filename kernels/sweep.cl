@@ -20,6 +20,9 @@
    this lies the first moment of the light in a cell.
    SLOPED: a cell's source is more in one direction than in others, S = S_0 + S_1 . direction;
    the excess is then over S_0.
+   LINEAR: it changes across the cell, by G along x, y, z from side to side. What a ray meets then is
+   less at its middle than S by what that lies off the cell's; over all rays this is nothing, and is
+   left out of the excess, where it would only be noise.
    RIM: the light that leaves the cells around thick ones is kept, for gather.cl. */
 
 #include "boundary.h"
@@ -56,11 +59,17 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 #define REAL lane_t
 #include "attenuation.h"
 
-/* Planes of a cell: of S, S_0 of all components, then the x, y and z of S_1; of D likewise. */
+/* Planes of a cell: of S, S_0 of all components, then the x, y and z of S_1, then of G; of D, those
+   of S_0 and S_1. */
 #ifdef SLOPED
-#define SOURCE_PLANES (4 * COMPONENTS)
+#define EVEN_MOMENTS 4
 #else
-#define SOURCE_PLANES COMPONENTS
+#define EVEN_MOMENTS 1
+#endif
+#ifdef LINEAR
+#define SOURCE_PLANES ((EVEN_MOMENTS + 3) * COMPONENTS)
+#else
+#define SOURCE_PLANES (EVEN_MOMENTS * COMPONENTS)
 #endif
 #ifdef FLUX
 #define EXCESS_PLANES (4 * COMPONENTS)
@@ -123,8 +132,8 @@ __kernel void sweep(
     __global const int *directions, /* in, per step: its direction */
     __global const int4 *shifts,   /* in, per step: how far rays have moved in u and (modulo nv) in v,
                                       and both since the step before: -1, 0 or 1; 2: they come in */
-    __global const real2 *parts,   /* in, per step: share of the layer that it crosses; y of its middle
-                                      in the cells, 0 to 1 */
+    __global const real4 *parts,   /* in, per step: its middle in the cells, x y z, 0 to 1; share of
+                                      the layer that it crosses */
     __global const real4 *backs,   /* in, per direction: where its rays come from, x y z */
     __global const real2 *beams,   /* in, per direction: path in a layer / cell edge, and its weight */
     __global const int2 *origins,  /* in, per direction: slot of cell 0 before rays have moved, and its
@@ -193,7 +202,8 @@ __kernel void sweep(
         }
         barrier(CLK_GLOBAL_MEM_FENCE);
 
-        const real part = parts[step].x;
+        const real4 middle = parts[step];
+        const real part = middle.w;
         const real stretch = beams[k].x * part;
         const real weight = beams[k].y * part;
         for (int i = begin_units + lane; i < end_units; i += lanes) {
@@ -214,13 +224,17 @@ __kernel void sweep(
                 continue;
             }
 #ifdef TO_CAMERA
-            const lane_t counts = seen_at(parts[step].y, CELLS_OF(seen + cell))
+            const lane_t counts = seen_at(middle.y, CELLS_OF(seen + cell))
                 * (weight * counts_for(u, v, l, layout, back, camera, phase));
             CELLS(shares + cell) += counts;
 #else
             const real counts = weight;
 #endif
-            const lane_t q = counts * mean_transmission(t, share);
+            const lane_t mean = mean_transmission(t, share);
+            const lane_t q = counts * mean;
+#ifdef LINEAR
+            const lane_t rise = rising(t, share, mean);
+#endif
             __global real *d = excess + first_plane(cell, EXCESS_PLANES);
             for (int c = 0; c < COMPONENTS; ++c, s += GROUP, d += GROUP) {
                 __global real *ray = crossing + c * slots + u;
@@ -228,19 +242,32 @@ __kernel void sweep(
 #ifdef SLOPED
                 const lane_t slope = back.x * MOMENT_OF(s, 1) + back.y * MOMENT_OF(s, 2)
                     + back.z * MOMENT_OF(s, 3);
-                const lane_t gap = intensity - CELLS_OF(s) - slope;
-                const lane_t more = gap * q + slope * counts;
+                lane_t gap = intensity - CELLS_OF(s) - slope;
+                lane_t more = slope * counts;
 #else
-                const lane_t gap = intensity - CELLS_OF(s);
-                const lane_t more = gap * q;
+                lane_t gap = intensity - CELLS_OF(s);
+                lane_t more = (lane_t)R(0);
 #endif
+                lane_t leaves = intensity;
+#ifdef LINEAR
+                const lane_t along_x = MOMENT_OF(s, EVEN_MOMENTS);
+                const lane_t along_y = MOMENT_OF(s, EVEN_MOMENTS + 1);
+                const lane_t along_z = MOMENT_OF(s, EVEN_MOMENTS + 2);
+                gap -= (middle.x - R(0.5)) * along_x + (middle.y - R(0.5)) * along_y
+                    + (middle.z - R(0.5)) * along_z;
+                const lane_t bent = -beams[k].x * part * rise
+                    * (back.x * along_x + back.y * along_y + back.z * along_z);
+                more -= bent * counts;
+                leaves += bent * t;
+#endif
+                more += gap * q;
                 CELLS(d) += more;
 #ifdef FLUX
                 MOMENT(d, 1) += back.x * more;
                 MOMENT(d, 2) += back.y * more;
                 MOMENT(d, 3) += back.z * more;
 #endif
-                RAYS(ray) = intensity - gap * share;
+                RAYS(ray) = leaves - gap * share;
             }
         }
         barrier(CLK_GLOBAL_MEM_FENCE);

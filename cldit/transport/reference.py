@@ -71,6 +71,7 @@ def sweep(
     radius: float,
     patches: Floats = NONE,
     slope: Floats | None = None,
+    across: Floats | None = None,
 ) -> Floats:
     """Excess (C, nz, ny, nx) that one direction's sweep gives; see kernels/sweep.cl.
 
@@ -80,13 +81,16 @@ def sweep(
         back: (3,) unit vector to where the light comes from.
         start: (2,) where rays cross the cells of the first layer, 0 to 1.
         slope: (3, C, nz, ny, nx), by which the source is more, times the components of `back`.
+        across: (3, C, nz, ny, nx), by which it changes across a cell along x, y, z.
     """
+    changes = np.zeros((3, *source.shape)) if across is None else across
     more = np.zeros_like(source) if slope is None else np.tensordot(back, slope, axes=1)
     main = int(np.argmax(np.abs(back)))
     axes = {0: (1, 2, 0), 1: (0, 2, 1), 2: (0, 1, 2)}[main]  # u, v, l as x, y, z
     order = [2 - axis for axis in (axes[2], axes[1], axes[0])]  # numpy axes of [l, v, u]
     t_all = depth.transpose(order)
     s_all = (source + more).transpose(0, *(1 + axis for axis in order))
+    g_all = changes.transpose(0, 1, *(2 + axis for axis in order))
     m_all = more.transpose(0, *(1 + axis for axis in order))
     excess = np.zeros_like(s_all)
     nl, nv, nu = t_all.shape
@@ -125,10 +129,17 @@ def sweep(
             component = np.arange(len(rays))[:, None, None]
             rays[:, enters] = (component == seen.reshape(nv, nu))[:, enters]
             t = t_all[layer] * (stretch * (high - low))
-            gap = rays - s_all[:, layer]
-            part = gap * mean_transmission(t) + m_all[:, layer]
+            mean = mean_transmission(t)
+            middle = np.empty(3)
+            middle[list(axes[:2])] = (entry + (low + high) / 2 * run) % 1 - 0.5
+            middle[axes[2]] = ((low + high) / 2 - 0.5) * (1 if l_run > 0 else -1)
+            change = -stretch * (high - low) * np.tensordot(back, g_all[:, :, layer], axes=1)
+            more_at_end = change * ((1 + np.exp(-t)) / 2 - mean)
+            gap = rays - s_all[:, layer] - np.tensordot(middle, g_all[:, :, layer], axes=1)
+            part = gap * mean + m_all[:, layer]
+            part -= np.divide(more_at_end, t, out=np.zeros_like(part), where=t > 0)
             excess[:, layer] += weight * (high - low) * part
-            rays = rays - gap * absorbed(t)
+            rays = rays - gap * absorbed(t) + more_at_end
     back_order = np.argsort(order)
     return np.asarray(excess.transpose(0, *(1 + axis for axis in back_order)))
 

@@ -25,7 +25,7 @@ class Route:
 
     number (K,): of each direction in its set. launches (2, 2 layers + 1): where the steps of a
     sense's launches begin, and the end. direction (N,): 0 to K - 1. shifts (N, 4): as in `Way`.
-    part (N,): share of the layer that is crossed; height (N,): y of the step's middle in the cells.
+    part (N,): share of the layer that is crossed; middle (N, 3): of the step in the cells, 0 to 1.
     back (K, 3): where light comes from. stretch (K,): path in a layer / cell edge. weight (K,).
     rightwards (K,): rays move to larger u.
     """
@@ -36,7 +36,7 @@ class Route:
     direction: NDArray[np.int32]
     shifts: NDArray[np.int32]
     part: Floats
-    height: Floats
+    middle: Floats
     back: Floats
     stretch: Floats
     weight: Floats
@@ -54,6 +54,7 @@ class Route:
         stretch = 1 / np.abs(runs[:, 2])
         sense = (runs[:, 2] < 0).astype(int)
         _, nv, nl = layout.size
+        inverse = np.argsort(layout.axes)
         ways, launch = [], []
         for i, k in enumerate(number):
             u, v = runs[i, :2] * stretch[i]
@@ -75,7 +76,7 @@ class Route:
             )[order],
             shifts=np.concatenate([way.shifts(nv) for way in ways])[order],
             part=np.concatenate([way.part for way in ways])[order],
-            height=np.concatenate([way.within[layout.axes.index(1)] for way in ways])[order],
+            middle=np.concatenate([way.within for way in ways], axis=1).T[order][:, inverse],
             back=back,
             stretch=stretch,
             weight=directions.weight[number],

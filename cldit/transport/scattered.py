@@ -25,6 +25,7 @@ from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import Directions, about_camera, for_boundary
+from cldit.transport.gradients import matter
 from cldit.transport.phase import PHASE_STEPS, ScatteringTable
 from cldit.transport.result import Settings
 from cldit.transport.solve import Solution, another_order, first_guess, solve
@@ -74,6 +75,8 @@ def scattered_light(
     )
     phase = settings.phase
     solved = seen if phase is None else work.cells(1.0 - phase.asymmetry)
+    if matter(solved):
+        work = replace(work, defines={**work.defines, "LINEAR": 1})
     plain = work.program({})
     sweeper = work.sweeper(solved, plain)
     counts = {"swept_cells": sweeper.box.cells, "scattering_cells": sweeper.count}

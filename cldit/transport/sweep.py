@@ -15,6 +15,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.directions import Directions
+from cldit.transport.gradients import Gradients
 from cldit.transport.groups import GROUP, Groups, turned_too
 from cldit.transport.layout import Layout, layouts
 from cldit.transport.patches import NONE, shifted
@@ -128,7 +129,7 @@ class Sweeper:
         patches: NDArray[np.float64] = NONE,
     ) -> None:
         """disc, patches: as in `View`, in cells from the cube's lower corner. sweep: with SLOPED,
-        sources have a first moment."""
+        sources have a first moment; with LINEAR, they change across cells."""
         self.device = device
         self.box: Box = cells.box()
         self.count = len(cells.address)
@@ -137,7 +138,8 @@ class Sweeper:
         self._sweep = sweep["sweep"]
         self._vector = int(sweep.defines["VECTOR"])
         sloped = "SLOPED" in sweep.defines
-        self._planes = self.components * (_MOMENTS if sloped else 1)
+        self._given = self.components * (_MOMENTS if sloped else 1)
+        self._planes = self._given + (3 * self.components if "LINEAR" in sweep.defines else 0)
         self._kernels = iterate
         self._real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
         self._disc = disc.copy()
@@ -165,6 +167,13 @@ class Sweeper:
         self._together = max(1, min(_TOGETHER, most))
         self._rays = zeros(device, "rays", self._together * each, real)
         self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
+        self._across: list[Any] = []
+        if self._planes > self._given:
+            across = Gradients.of(cells, self.box)
+            self._across = [
+                upload(device, "neighbours", across.neighbours),
+                upload(device, "neighbours' weights", across.weights.astype(real)),
+            ]
         self._emission = upload(device, "emission", self.thermal)
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
@@ -194,6 +203,8 @@ class Sweeper:
 
     def _put(self, listed: NDArray[Any]) -> None:
         cl.enqueue_copy(self.device.queue, self._list, np.ascontiguousarray(listed, self._real))
+        if self._across:
+            self._of_list("gradients", self._list, *self._across, np.int32(self._given))
         sources = [order.source for order in self._order.values()]
         self._of_list("set_source", *sources, self._list, *self._places(), np.int32(self._planes))
 
@@ -225,7 +236,7 @@ class Sweeper:
                 route.launches,
                 route.direction,
                 route.shifts,
-                np.column_stack([route.part, route.height]).astype(self._real),
+                np.column_stack([route.middle, route.part]).astype(self._real),
                 backs.astype(self._real),
                 np.column_stack([route.stretch, route.weight]).astype(self._real),
                 np.column_stack([origin, route.number]).astype(np.int32),
@@ -333,7 +344,7 @@ class Sweeper:
         parts = np.zeros((self.components, self.count), real)
         parts[:b] = listed[:b]
         for order in self._order.values():
-            source = np.zeros((len(order.groups), self.components, GROUP), real)
+            source = np.zeros(order.shape, real)
             source[:, b : b + 1] = 1.0
             cl.enqueue_copy(self.device.queue, order.source, source)
         self._shining = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from cldit.scene.vessel import Patch
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import Directions, isotropic
 from cldit.transport.filled import Filled
+from cldit.transport.gradients import Gradients
 from cldit.transport.patches import patch_rows, shifted
 from cldit.transport.reference import march, sweep
 from cldit.transport.solve import first_guess
@@ -180,6 +182,59 @@ def test_first_moments_against_numpy(device: Device, vector: int) -> None:
     place = cells.place(box, cells.address)
     # As above: a ray's few roundings in each of at most 16 cells.
     np.testing.assert_allclose(got, expected.reshape(4, len(dense[0]), -1)[:, :, place], atol=2e-6)
+
+
+@pytest.mark.parametrize("vector", [1, 8])
+@pytest.mark.parametrize("sloped", [False, True])
+def test_gradients_against_numpy(device: Device, vector: int, sloped: bool) -> None:
+    """Sources that change across their cells, with and without a first moment."""
+    tree = random_tree(3)
+    fields = {name: 8 * values for name, values in tree.fields.items()}
+    fields["droplet_absorption"] = fields["droplet_absorption"] / 1e3
+    fields["vapour_absorption"] = fields["vapour_absorption"] / 1e5
+    cells = OpticalCells.of(replace(tree, fields=fields))
+    defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1, "VECTOR": vector}
+    flags: dict[str, Any] = {"LINEAR": 1, "FLUX": 1, **({"SLOPED": 1} if sloped else {})}
+    program = build(device, "sweep.cl", {**defines, **flags})
+    sweeper = Sweeper(device, cells, program, build(device, "iterate.cl", defines), disc=DISC)
+    rng = np.random.default_rng(5)
+    directions, starts = isotropic(12, rng), rng.random((12, 2))
+    given = rng.uniform(-0.3, 1.0, (4 if sloped else 1, sweeper.components, sweeper.count))
+    sweeper.set_source(given.reshape(-1, sweeper.count), shining=True)
+    got = sweeper.moments(program, sweeper.rays(directions, starts))
+
+    box = sweeper.box
+    across = Gradients.of(cells, box)
+    below, above = (
+        across.weights[k::2, None]
+        * (given[0][:, across.neighbours[k::2]].swapaxes(0, 1) - given[0][None])
+        for k in (0, 1)
+    )
+    assert np.mean(np.any(above != below, axis=(0, 1))) > 0.2  # the test is of something
+    planes = np.zeros((7, sweeper.components, len(cells.depth)))
+    planes[0] = source_planes(cells)
+    planes[: len(given), :, cells.address] = given
+    planes[4:, :, cells.address] = above - below
+    dense = np.array([[cells.dense(box, plane) for plane in some] for some in planes])
+    expected = np.zeros_like(dense[:4])
+    for unit, weight, start in zip(directions.unit, directions.weight, starts, strict=True):
+        light = weight * dense[0] + sweep(
+            cells.dense(box, cells.depth),
+            dense[0],
+            back=unit,
+            weight=float(weight),
+            start=start,
+            centre=DISC[:3] - box.low,
+            radius=4.0,
+            slope=dense[1:4],
+            across=dense[4:],
+        )
+        expected += np.multiply.outer([1.0, *unit], light)
+    leaning = directions.weight @ directions.unit
+    expected[1:] -= np.multiply.outer(leaning, expected[0])
+    place = cells.place(box, cells.address)
+    # A few roundings in each of at most 16 cells; `rising` is the difference of numbers next to 1.
+    np.testing.assert_allclose(got, expected.reshape(4, len(dense[0]), -1)[:, :, place], atol=4e-6)
 
 
 def test_sweep_of_one_row_is_exact(device: Device) -> None:
