@@ -7,7 +7,7 @@
    leaves it in each of its directions, or at the boundary. No flight is longer than a few cells.
 
    Of what a flight loses all that is scattered goes on, from one place; chains of little weight end
-   by Russian roulette, in which the cell's one source stands for what is left, and after LONGEST
+   by Russian roulette, in which the cell's source stands for what is left, and after LONGEST
    scatterings with that source alone: light that has been scattered so often in thick cells has
    forgotten where it came in. So every chain keeps its light to rounding. */
 
@@ -38,12 +38,17 @@
 #define PARTS (COMPONENTS + 1)
 #define ROULETTE R(0.3) /* weight under which a chain may end */
 
-/* A thick cell's record: optical depth of its edge, albedo, what it emits, and its one source. */
+/* A thick cell's record: optical depth of its edge, albedo, what it emits, and its source; LINEAR: and
+   how that changes across the cell along x, y, z. */
 #define DEPTH 0
 #define ALBEDO 1
 #define EMISSION 2
 #define SOURCE (EMISSION + EMITTERS)
+#ifdef LINEAR
+#define RECORD (SOURCE + 4 * COMPONENTS)
+#else
 #define RECORD (SOURCE + COMPONENTS)
+#endif
 
 /* What chains meet. All places are in cells from the cube's lower corner. */
 typedef struct {
@@ -69,6 +74,25 @@ INLINE void score(real *sum, real weight, __global const real *light)
         if (c < BOUNDARIES) outside += light[c];
     }
     sum[WITHIN] += weight * (R(1) - outside);
+}
+
+/* Adds the source of a thick cell, as it is at p. */
+INLINE void score_source(real *sum, real weight, __global const real *record, real3 p, int3 cell)
+{
+#ifdef LINEAR
+    const real x = p.x - cell.x - R(0.5), y = p.y - cell.y - R(0.5), z = p.z - cell.z - R(0.5);
+    real outside = R(0);
+    for (int c = 0; c < COMPONENTS; ++c) {
+        __global const real *source = record + SOURCE + c;
+        const real here = source[0] + x * source[COMPONENTS] + y * source[2 * COMPONENTS]
+            + z * source[3 * COMPONENTS];
+        sum[c] += weight * here;
+        if (c < BOUNDARIES) outside += here;
+    }
+    sum[WITHIN] += weight * (R(1) - outside);
+#else
+    score(sum, weight, record + SOURCE);
+#endif
 }
 
 /* One flight from p in `cell`, along d, the way back to where the light comes from; scores what it
@@ -189,15 +213,15 @@ INLINE void chain(
         /* Where it ends, and on average where it does not, the one source stands for what is left:
            no light is made or lost by chance. */
         if (event + 1 >= LONGEST) {
-            score(sum, weight, met + SOURCE);
+            score_source(sum, weight, met, p, cell);
             return;
         }
         if (weight < floor_) {
             if (unit(word.w) * floor_ >= weight) {
-                score(sum, weight, met + SOURCE);
+                score_source(sum, weight, met, p, cell);
                 return;
             }
-            score(sum, weight - floor_, met + SOURCE);
+            score_source(sum, weight - floor_, met, p, cell);
             weight = floor_;
         }
     }

@@ -34,10 +34,10 @@ __kernel void gradients(
     for (int c = 0; c < COMPONENTS; ++c) {
         const real here = listed[c * count + i];
         for (int axis = 0; axis < 3; ++axis) {
-            const int below = 2 * axis * count + i, above = below + count;
+            const int one = 2 * axis * count + i, other = one + count;
             listed[(first + axis * COMPONENTS + c) * count + i] =
-                weights[above] * (listed[c * count + neighbours[above]] - here)
-                - weights[below] * (listed[c * count + neighbours[below]] - here);
+                weights[one] * (listed[c * count + neighbours[one]] - here)
+                + weights[other] * (listed[c * count + neighbours[other]] - here);
         }
     }
 }

@@ -97,13 +97,15 @@ class Gather:
         phase = settings.phase
         table, steps = np.zeros(1), np.zeros(1)
         self._defines: dict[str, Define] = {**defines, "LONGEST": _LONGEST, "FACE": FACE}
+        if ends.across:
+            self._defines["LINEAR"] = 1
         if phase is not None:
             table, steps = phase.to_sample(), phase.by_half_sine(PHASE_STEPS)
             self._defines.update(PHASE_BINS=phase.bins, PHASE_STEPS=PHASE_STEPS)
         real = self._real
         albedo = np.zeros(len(cells.depth), real)
         albedo[cells.address[thick.listed]] = cells.albedo[thick.listed]
-        records = thick.records(cells, ends.source).astype(real)
+        records = thick.records(cells, ends).astype(real)
         shared = self._shares(directions, steps).astype(real)
         starts = np.searchsorted(shared[:, 3], np.arange(len(shared)) / len(shared), "right")
         near = nearest(directions)

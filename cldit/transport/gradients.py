@@ -15,47 +15,50 @@ from numpy.typing import NDArray
 
 from cldit.transport.cells import Box, OpticalCells
 
-_DEEP = 1.0  # optical depth of a cell from which on it matters
-_LOSS = 0.3  # (edge / diffusion length)^2 up to which it does
-_SOME = 0.3  # and the same for the cells in which the source is then linear
-_LITTLE = 1.0
+Floats = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+# Depth of a cell from which on, and square of its edge / the diffusion length up to which, it
+# matters; and the same for the cells in which the source is then linear.
+_DEEP, _LOSS = 1.0, 3.0
+_SOME, _MUCH = 0.3, 10.0
 
 
 @dataclass(frozen=True)
 class Gradients:
-    """Change of the source across a cell along x, y, z, from its neighbours' sources.
+    """Change of the source across a cell along x, y, z, from two neighbours' sources each.
 
-    neighbours (6, N): of the scattering cells, which one lies below and above along x, y, z; itself
-    where none counts. weights (6, N): of what the source is more there. The change along an axis is
-    the difference of its two sums.
+    neighbours (6, N): of the scattering cells, two an axis; the cell itself where none counts.
+    weights (6, N): of what the source is more there than here.
     """
 
     neighbours: NDArray[np.int32]
-    weights: NDArray[np.float64]
+    weights: Floats
 
     @classmethod
     def of(cls, cells: OpticalCells, box: Box) -> Gradients:
-        """At the face to a neighbour the source lies between both by their optical depths: the flux
-        of diffusion is then the same on both sides. Beyond a cell's last neighbour it goes on as it
-        came."""
         depth = cells.depth[cells.address]
-        chosen = (depth > _SOME) & (_loss(cells) < _LITTLE)
-        x, y, z = (cells.positions(cells.address) - np.asarray(box.low)).T + 1
-        number = np.full(np.array(box.shape[::-1]) + 2, -1, np.int32)
-        number[z, y, x] = np.where(chosen, np.arange(len(depth)), -1)
-        neighbours, weights = [], []
+        chosen = (depth > _SOME) & (_loss(cells) < _MUCH)
+        at = (cells.positions(cells.address) - np.asarray(box.low)).T + 2
+        number = np.full(np.array(box.shape[::-1]) + 4, -1)
+        number[tuple(at[::-1])] = np.where(chosen, np.arange(len(depth)), -1)
+        axes = []
         for axis in range(3):
-            step = np.eye(3, dtype=int)[axis]
-            beside = [number[z + k * step[2], y + k * step[1], x + k * step[0]] for k in (-1, 1)]
-            here = [chosen & (some >= 0) for some in beside]
-            share = [
-                np.where(there, depth / (depth + depth[some]), 0.0)
-                for some, there in zip(beside, here, strict=True)
-            ]
-            for k in (0, 1):
-                neighbours.append(np.where(here[k], beside[k], np.arange(len(depth))))
-                weights.append(share[k] * np.where(here[1 - k], 1.0, 2.0))
-        return cls(np.array(neighbours, np.int32), np.array(weights))
+            ways = [at + k * np.eye(3, dtype=int)[:, axis, None] for k in (-2, -1, 1, 2)]
+            beside = [np.where(chosen, number[tuple(way[::-1])], -1) for way in ways]
+            axes.append(_along(depth, *beside))
+        return cls(
+            neighbours=np.concatenate([neighbours for neighbours, _ in axes]).astype(np.int32),
+            weights=np.concatenate([weights for _, weights in axes]),
+        )
+
+    def __call__(self, source: NDArray[np.floating]) -> Floats:
+        """(3, C, N) change across each cell of a source (C, N)."""
+        more = [
+            weight * (source[:, neighbour] - source)
+            for weight, neighbour in zip(self.weights, self.neighbours, strict=True)
+        ]
+        return np.stack([more[0] + more[1], more[2] + more[3], more[4] + more[5]])
 
 
 def matter(cells: OpticalCells) -> bool:
@@ -64,7 +67,31 @@ def matter(cells: OpticalCells) -> bool:
     return bool(np.any(deep & (_loss(cells) < _LOSS)))
 
 
-def _loss(cells: OpticalCells) -> NDArray[np.float64]:
+def _loss(cells: OpticalCells) -> Floats:
     """Squared ratio (N,) of a cell's edge to the length on which diffusing light falls to 1 / e."""
     depth = cells.depth[cells.address]
     return np.asarray(3.0 * cells.coalbedo * depth * depth)
+
+
+def _along(
+    depth: Floats, below_2: Numbers, below: Numbers, above: Numbers, above_2: Numbers
+) -> tuple[Numbers, Floats]:
+    """Two neighbours (2, N) of each cell on an axis, and their weights; -1: there is none.
+
+    At a face the source lies between both cells' by their depths: the flux of diffusion is then the
+    same on both sides. A cell with but one neighbour has its change by depth extrapolated from the
+    face to that and, if there is one beyond, from that neighbour's own.
+    """
+    both = (below >= 0) & (above >= 0)
+    neighbours = np.stack([below, above])
+    weights = np.stack([-depth / (depth + depth[below]), depth / (depth + depth[above])]) * both
+    for row, near, far, other in ((0, below, below_2, above), (1, above, above_2, below)):
+        sign = 2 * row - 1
+        alone = (near >= 0) & (other < 0)
+        further = alone & (far >= 0)
+        face, next_face = depth + depth[near], depth[near] + depth[far]
+        extrapolated = np.where(further, 3 * depth / face + depth / next_face, 2 * depth / face)
+        weights[row] = np.where(alone, sign * extrapolated, weights[row])
+        weights[1 - row] = np.where(further, -sign * depth / next_face, weights[1 - row])
+        neighbours[1 - row] = np.where(further, far, neighbours[1 - row])
+    return np.where(neighbours >= 0, neighbours, np.arange(len(depth))), weights

@@ -113,6 +113,8 @@ def scattered_light(
     towards = work.towards(thick)
     lit = sweeper if phase is None else work.sweeper(last.cells, towards)
     halves, ends = _swept_to_camera(work, towards, lit, last, thick)
+    if ends is not None and sweeper.gradients is not None:
+        ends = replace(ends, across=tuple(sweeper.gradients(ends.source)))
     sweeps = sweeper.sweeps + last.sweeps + (0 if lit is sweeper else lit.sweeps)
     return Scattered(
         halves=halves,

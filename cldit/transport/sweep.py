@@ -167,12 +167,13 @@ class Sweeper:
         self._together = max(1, min(_TOGETHER, most))
         self._rays = zeros(device, "rays", self._together * each, real)
         self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
+        self.gradients: Gradients | None = None
         self._across: list[Any] = []
         if self._planes > self._given:
-            across = Gradients.of(cells, self.box)
+            self.gradients = Gradients.of(cells, self.box)
             self._across = [
-                upload(device, "neighbours", across.neighbours),
-                upload(device, "neighbours' weights", across.weights.astype(real)),
+                upload(device, "neighbours", self.gradients.neighbours),
+                upload(device, "neighbours' weights", self.gradients.weights.astype(real)),
             ]
         self._emission = upload(device, "emission", self.thermal)
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))

@@ -51,18 +51,17 @@ class ThickCells:
         places[around] = np.arange(rim)
         return cls(listed, low, places, rim)
 
-    def records(self, cells: OpticalCells, source: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(T, 2 + E + C): optical depth, albedo, emission, and the one source of the sweeps.
-
-        source (C, N) of the scattering cells.
-        """
+    def records(self, cells: OpticalCells, ends: Ends) -> NDArray[np.float64]:
+        """(T, 2 + E + C): optical depth, albedo, emission, and the source of the sweeps; 3 C more
+        where that changes across cells."""
         address = cells.address[self.listed]
         return np.column_stack(
             [
                 cells.depth[address],
                 cells.albedo[self.listed],
                 cells.thermal_planes(np.float64)[:, address].T,
-                source[:, self.listed].T,
+                ends.source[:, self.listed].T,
+                *(plane[:, self.listed].T for plane in ends.across),
             ]
         )
 
@@ -71,12 +70,14 @@ class ThickCells:
 class Ends:
     """What chains of scatterings within thick cells end in.
 
-    directions, light: of the last sweeps. source (C, N): of the cells, as it was solved for.
+    directions, light: of the last sweeps. source (C, N): of the cells, as it was solved for;
+    across: how it changes across them along x, y, z, (C, N) each, where that was of account.
     """
 
     directions: Directions
     light: RimLight
     source: NDArray[np.floating]
+    across: tuple[NDArray[np.float64], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -205,16 +205,12 @@ def test_gradients_against_numpy(device: Device, vector: int, sloped: bool) -> N
 
     box = sweeper.box
     across = Gradients.of(cells, box)
-    below, above = (
-        across.weights[k::2, None]
-        * (given[0][:, across.neighbours[k::2]].swapaxes(0, 1) - given[0][None])
-        for k in (0, 1)
-    )
-    assert np.mean(np.any(above != below, axis=(0, 1))) > 0.2  # the test is of something
+    changes = across(given[0])
+    assert np.mean(np.any(changes != 0, axis=(0, 1))) > 0.2  # the test is of something
     planes = np.zeros((7, sweeper.components, len(cells.depth)))
     planes[0] = source_planes(cells)
     planes[: len(given), :, cells.address] = given
-    planes[4:, :, cells.address] = above - below
+    planes[4:, :, cells.address] = changes
     dense = np.array([[cells.dense(box, plane) for plane in some] for some in planes])
     expected = np.zeros_like(dense[:4])
     for unit, weight, start in zip(directions.unit, directions.weight, starts, strict=True):
