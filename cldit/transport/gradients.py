@@ -18,10 +18,11 @@ from cldit.transport.cells import Box, OpticalCells
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
-# Depth of a cell from which on, and square of its edge / the diffusion length up to which, it
-# matters; and the same for the cells in which the source is then linear.
-_DEEP, _LOSS = 1.0, 3.0
-_SOME, _MUCH = 0.3, 10.0
+# It matters in cells of an optical depth from _DEEP on, in which less than _RARELY of what is met is
+# absorbed, and which are no deeper than _FAR lengths on which diffusing light falls to 1 / e. The
+# source is then linear in all cells that are no deeper than _FARTHEST.
+_DEEP, _RARELY, _FAR = 0.1, 0.1, 1.7
+_FARTHEST = 3.0
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class Gradients:
     @classmethod
     def of(cls, cells: OpticalCells, box: Box) -> Gradients:
         depth = cells.depth[cells.address]
-        chosen = (depth > _SOME) & (_loss(cells) < _MUCH)
+        chosen = _diffusion_lengths(cells) < _FARTHEST
         at = (cells.positions(cells.address) - np.asarray(box.low)).T + 2
         number = np.full(np.array(box.shape[::-1]) + 4, -1)
         number[tuple(at[::-1])] = np.where(chosen, np.arange(len(depth)), -1)
@@ -62,15 +63,14 @@ class Gradients:
 
 
 def matter(cells: OpticalCells) -> bool:
-    """Whether light diffuses through some thick cell."""
-    deep = cells.depth[cells.address] > _DEEP
-    return bool(np.any(deep & (_loss(cells) < _LOSS)))
+    """Whether light diffuses through thick cells."""
+    thick = (cells.depth[cells.address] > _DEEP) & (cells.coalbedo < _RARELY)
+    return bool(np.any(thick & (_diffusion_lengths(cells) < _FAR)))
 
 
-def _loss(cells: OpticalCells) -> Floats:
-    """Squared ratio (N,) of a cell's edge to the length on which diffusing light falls to 1 / e."""
-    depth = cells.depth[cells.address]
-    return np.asarray(3.0 * cells.coalbedo * depth * depth)
+def _diffusion_lengths(cells: OpticalCells) -> Floats:
+    """Edge (N,) of each cell in lengths on which diffusing light falls to 1 / e."""
+    return np.asarray(np.sqrt(3.0 * cells.coalbedo) * cells.depth[cells.address])
 
 
 def _along(

@@ -15,7 +15,9 @@ from cldit.transport.sweep import Rays, Sweeper
 Array = NDArray[Any]
 Report = Callable[[str], None]
 
-_KRYLOV = 12  # vectors kept before a restart: bounds the memory to 12 copies of the list
+# Vectors kept before a restart: light that diffuses far needs many, others some eight.
+_KRYLOV = 80
+_KRYLOV_BYTES = 1e9  # that they may take, but for the first twelve
 _MAX_PASSES = 600
 
 
@@ -108,11 +110,12 @@ def _krylov(
     start = np.sqrt(np.sum(lack.astype(np.float64) ** 2, axis=1))
     alive = start > 0
     basis = [lack / np.where(alive, start, 1.0)[:, None].astype(lack.dtype)]
-    hessenberg = np.zeros((parts, _KRYLOV + 1, _KRYLOV))
+    most = int(np.clip(_KRYLOV_BYTES / max(lack.nbytes, 1), 12, _KRYLOV))
+    hessenberg = np.zeros((parts, most + 1, most))
     best: list[NDArray[np.float64]] = [np.zeros(0)] * parts
     gain = 1.0
     taken = 0
-    for j in range(_KRYLOV):
+    for j in range(most):
         sweeper.set_source(basis[j], shining=False)
         sweeper.sweep(rays, shining=False)
         taken += 1

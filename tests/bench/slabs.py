@@ -1,6 +1,6 @@
 """Slabs against PythonicDISORT, as a table: `python tests/bench/slabs.py [--plain] [--phase g]`.
 
-A slab of 16 cells (0.2 m cube, 128 cells an edge) before a background that fills the half space;
+A slab of 16 cells, or --layers (0.2 m cube, 128 cells an edge), before a background that fills the half space;
 the error is that of the weights of background and wall, in units of the boundary radiance.
 """
 
@@ -20,8 +20,7 @@ from cldit.transport.phase import henyey_greenstein
 sys.path.insert(0, str(Path(__file__).parents[1] / "verify"))
 disort = importlib.import_module("slab").disort
 
-EDGE, CELLS, LAYERS = 0.2, 128, 16
-THICKNESS = LAYERS * EDGE / CELLS
+EDGE, CELLS = 0.2, 128
 
 
 def main() -> None:
@@ -32,7 +31,9 @@ def main() -> None:
     parser.add_argument("--depths", type=float, nargs="+", default=[0.01, 0.1, 1.0, 10.0, 100.0])
     parser.add_argument("--albedos", type=float, nargs="+", default=[0.0, 0.5, 0.9, 0.999])
     parser.add_argument("--accuracy", type=float, default=0.1)
+    parser.add_argument("--layers", type=int, default=16)
     chosen = parser.parse_args()
+    thickness = chosen.layers * EDGE / CELLS
     moments, phase = np.ones(1), "isotropic"
     if chosen.phase is not None:
         moments = henyey_greenstein(chosen.phase).moments(48)
@@ -41,14 +42,14 @@ def main() -> None:
         for depth in chosen.depths:
             for albedo in chosen.albedos:
                 file = Path(folder) / f"{depth}-{albedo}.npz"
-                size = np.array([EDGE, THICKNESS, EDGE])
+                size = np.array([EDGE, thickness, EDGE])
                 one = np.ones((1, 1, 1))
                 np.savez(
                     file,
                     origin_m=-size / 2,
                     spacing_m=size,
-                    droplet_absorption_per_m=(1 - albedo) * depth / THICKNESS * one,
-                    droplet_scattering_per_m=albedo * depth / THICKNESS * one,
+                    droplet_absorption_per_m=(1 - albedo) * depth / thickness * one,
+                    droplet_scattering_per_m=albedo * depth / thickness * one,
                     droplet_temperature_K=400.0 * one,
                 )
                 asked = phase if chosen.phase is None else {"henyey_greenstein": chosen.phase}
@@ -73,7 +74,7 @@ def main() -> None:
                 behind, front = disort(depth, albedo, moments, streams=streams)
                 middle = run.weights.background[3:6, 3:6].mean(), run.weights.wall[3:6, 3:6].mean()
                 print(
-                    f"{depth:5g} {depth / LAYERS:7.3g} {albedo:7g} "
+                    f"{depth:5g} {depth / chosen.layers:7.3g} {albedo:7g} "
                     f"{middle[0] - behind:+11.4f} {middle[1] - front:+7.4f}",
                     flush=True,
                 )
