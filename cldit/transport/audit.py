@@ -35,6 +35,7 @@ Floats = NDArray[np.float64]
 _PIXELS = 500
 _SAMPLES = 512  # a pixel at 0.1 K: with these about a core-second on `gdi`
 _FEWEST, _MOST = 128, 2048  # a pixel at other accuracies
+_TINY = 8  # times as many where pixels are fewer
 _EVENLY = 0.1  # of the chances: errors may be where little is scattered
 _LONGEST = 50.0  # scatterings of a chain; beyond it the audit would cost more than the picture
 
@@ -46,7 +47,7 @@ def audited(
     found in a sample of them, one standard error of that added.
 
     Traces whose source is as simple as the medium (isotropic, no thick cell) are left as they are;
-    those where light is scattered too often to be followed say so in `unaudited`.
+    those that `path` cannot follow say why in `unaudited`.
     """
     deepest = float(cells.depth[cells.address].max(initial=0.0))
     if not cells.needs.scattering or settings.order is not None:
@@ -54,8 +55,14 @@ def audited(
     if settings.phase is None and deepest <= settings.thick:
         return result
     often = scatterings(cells, deepest)
-    if not settings.audit or often > _LONGEST:
-        why = f"light is scattered up to {often:.3g} times" if settings.audit else "not wanted"
+    why = ""
+    if not settings.audit:
+        why = "not wanted"
+    elif often > _LONGEST:
+        why = f"light is scattered up to {often:.3g} times"
+    elif scene.camera.rays_per_pixel != 1:
+        why = "its rays go through the middle of a pixel, the picture's do not"
+    if why:
         return replace(
             result,
             unaudited=f"no audit by path tracing ({why}): the stated error is that of the "
@@ -86,7 +93,9 @@ def found(
         share[here] += _EVENLY * share[here].mean() if here.any() else 0.0
         return Sampled.of(share, most=_PIXELS, seed=settings.seed)
 
-    samples = int(np.clip(_SAMPLES * 0.1 / settings.accuracy_K, _FEWEST, _MOST))
+    count = int(np.count_nonzero(visible))
+    samples = np.clip(_SAMPLES * 0.1 / settings.accuracy_K, _FEWEST, _MOST)
+    samples = int(samples * np.clip(_PIXELS / max(count, 1), 1, _TINY))
     sparse = replace(settings, max_samples=samples, accuracy_K=0.0, seed=settings.seed + 1)
     truth = trace_path(cells, scene, device, sparse, None, draw=draw)
     seconds = truth.seconds["image"] + truth.seconds["scattering"]
@@ -101,7 +110,6 @@ def found(
     # Of a product of two numbers with the same mean and noise, this is the variance.
     variance = (one**2 - other**2) ** 2 / 4
     total, doubt = truth.sampled.total(one * other, variance)
-    count = np.count_nonzero(visible)
     return total / count, doubt / count, seconds
 
 

@@ -230,7 +230,13 @@ def trace_path(
     planes = image.reshape(shape)
     closure = None
     if planes.size:  # none drawn: nothing was traced
-        closure = Closure.of(planes[: cells.needs.boundaries], planes[-1], bound=1e-4, noisy=True)
+        chains = count * sums.batches * SAMPLES
+        closure = Closure.of(
+            planes[: cells.needs.boundaries],
+            planes[-1],
+            bound=1e-4,
+            noise=5.0 / chains**0.5 if chains else 0.0,  # of one chain: 0.6 was seen, 1 allowed
+        )
     return Trace(
         closure=closure,
         weights=weights_of(planes, cells),
