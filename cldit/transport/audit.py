@@ -34,8 +34,7 @@ Floats = NDArray[np.float64]
 
 _PIXELS = 500
 _SAMPLES = 512  # a pixel at 0.1 K: with these about a core-second on `gdi`
-_FEWEST, _MOST = 128, 2048  # a pixel at other accuracies
-_TINY = 8  # times as many where pixels are fewer
+_FEWEST, _MOST = 128, 2048  # a pixel at other accuracies, and where all pixels are fewer
 _EVENLY = 0.1  # of the chances: errors may be where little is scattered
 _LONGEST = 50.0  # scatterings of a chain; beyond it the audit would cost more than the picture
 
@@ -71,7 +70,7 @@ def audited(
     square, doubt, seconds = found(cells, scene, device, settings, result.weights)
     if not np.isfinite(square):
         return result
-    error = max(square + doubt, 0.0) ** 0.5
+    error = (max(square, 0.0) + doubt) ** 0.5
     return replace(result, audit_K=error, seconds={**result.seconds, "audit": seconds})
 
 
@@ -94,8 +93,8 @@ def found(
         return Sampled.of(share, most=_PIXELS, seed=settings.seed)
 
     count = int(np.count_nonzero(visible))
-    samples = np.clip(_SAMPLES * 0.1 / settings.accuracy_K, _FEWEST, _MOST)
-    samples = int(samples * np.clip(_PIXELS / max(count, 1), 1, _TINY))
+    more = max(0.1 / settings.accuracy_K, _PIXELS / max(count, 1))
+    samples = int(np.clip(_SAMPLES * more, _FEWEST, _MOST))
     sparse = replace(settings, max_samples=samples, accuracy_K=0.0, seed=settings.seed + 1)
     truth = trace_path(cells, scene, device, sparse, None, draw=draw)
     seconds = truth.seconds["image"] + truth.seconds["scattering"]

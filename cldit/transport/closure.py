@@ -54,8 +54,8 @@ class Closure:
         """From weights of the boundary (B, H, W) and the part from within (H, W).
 
         noise: 0, or the sums scatter from pixel to pixel without bias; `bound` then holds for their
-        mean, with five of its standard errors on top. Fewer than ten pixels do not tell these; their
-        mean may be off by `noise` at least.
+        mean, with five of its standard errors on top. Fewer than ten pixels do not tell these;
+        their mean may be off by `noise` at least.
 
         Raises:
             TransportError: the sum is not finite, or further than the bound from 1.
