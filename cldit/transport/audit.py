@@ -29,6 +29,7 @@ from cldit.transport.kelvin import VISIBLE, error_K
 from cldit.transport.path import trace_path
 from cldit.transport.result import Settings, Trace
 from cldit.transport.sampled import Sampled
+from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
 
@@ -42,8 +43,8 @@ _LONGEST = 50.0  # scatterings of a chain; beyond it the audit would cost more t
 def audited(
     cells: OpticalCells, scene: Scene, device: Device, settings: Settings, result: Trace
 ) -> Trace:
-    """`result` with `audit_K`: its RMS error of T_app over pixels of emissivity above 0.05, as
-    found in a sample of them, one standard error of that added.
+    """`result` with `audit_K`: its RMS error of T_app over pixels before the background, of
+    emissivity above 0.05, as found in a sample of them, one standard error of that added.
 
     Traces whose source is as simple as the medium (isotropic, no thick cell) are left as they are;
     those that `path` cannot follow say why in `unaudited`.
@@ -77,14 +78,16 @@ def audited(
 def found(
     cells: OpticalCells, scene: Scene, device: Device, settings: Settings, weights: Weights
 ) -> tuple[float, float, float]:
-    """Mean square error of T_app, K^2, of a picture over its pixels of emissivity above 0.05, with
-    its standard error, and the seconds it took; NaN where no such pixel scatters.
+    """Mean square error of T_app, K^2, of a picture, with its standard error, and the seconds it
+    took; NaN where no pixel that counts scatters. It is without bias, and below 0 where noise has
+    it so.
 
-    The first is without bias, and below 0 where noise has it so. Pixels that scatter nothing are
-    right.
+    Those count that have a T_app: before the background, of emissivity above 0.05. Where they
+    scatter nothing they are right.
     """
     emissivity = 1.0 - weights.background.reshape(-1).astype(np.float64)
     visible = emissivity > VISIBLE
+    visible &= View.of(scene, cells).before_background().reshape(-1)
 
     def draw(scattered: Floats) -> Sampled:
         here = visible & (scattered > 0)

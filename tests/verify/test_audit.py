@@ -15,6 +15,7 @@ from cldit.transport.audit import found
 from cldit.transport.kelvin import error_K
 from cldit.transport.path import trace_path
 from cldit.transport.trace import Trace
+from cldit.transport.view import View
 
 EDGE = 0.04
 CELL = EDGE / 16
@@ -37,14 +38,9 @@ def camera(pixels: int, field: float = 8 * CELL) -> dict[str, Any]:
     return {"pixels": [pixels, pixels], "field_m": [field, field]}
 
 
-def test_unbiased(run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch) -> None:
-    """A picture of `path` itself, which has its own noise, with an error added to two weights.
-
-    The error is largest where the least is scattered, so chances are as wrong as they can be; the
-    audit must only be less sharp. Sixteen audits of 60 of 484 pixels: their mean is good to a
-    quarter of one, four of which are allowed. One that took the noise of its chains for an error
-    would find 1.5 times as much, one that took all pixels as drawn alike 0.7 times.
-    """
+@pytest.fixture
+def to_audit(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Arguments of each audit, none of which is made."""
     kept: list[Any] = []
 
     def spy(*arguments: Any) -> Trace:
@@ -52,11 +48,23 @@ def test_unbiased(run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
         return arguments[-1]  # type: ignore[no-any-return]
 
     monkeypatch.setattr("cldit.transport.trace.audited", spy)
+    return kept
+
+
+def test_unbiased(
+    run_block: Callable[..., Run], to_audit: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A picture of `path` itself, which has its own noise, with an error added to two weights.
+
+    The error is largest where the least is scattered, so chances are as wrong as they can be; the
+    audit must only be less sharp. Sixteen audits of 60 of 484 pixels: their mean is good to a
+    quarter of one, four of which are allowed. One that took the noise of its chains for an error
+    would find 1.5 times as much, one that took all pixels as drawn alike 0.7 times.
+    """
     monkeypatch.setattr(audit, "_PIXELS", 60)
-    monkeypatch.setattr(audit, "_FEWEST", 128)
     transport = {"directions": 8, "gather": False, "phase": PHASE, "accuracy_K": 1.0}
     run_block(BLOCK, **SCENE, camera=camera(22), transport=transport)
-    cells, scene, device, settings, result = kept[0]  # the next is without spray
+    cells, scene, device, settings, result = to_audit[0]  # the next is without spray
     many = replace(settings, max_samples=512, accuracy_K=0.0, seed=77)
     truth = trace_path(cells, scene, device, many, None)
     assert truth.weights_difference is not None
@@ -89,6 +97,33 @@ def test_unbiased(run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
     wanted = replace(settings, audit=True)
     stated = audit.audited(cells, scene, device, wanted, replace(result, weights=given)).audit_K
     assert stated == pytest.approx(np.sqrt(squares[1] + doubts[1]))  # of seed 1
+
+
+@pytest.mark.parametrize("model", ["pinhole", "orthographic"])
+@pytest.mark.parametrize("shape", ["disc", "enclosure"])
+def test_what_stands_before_the_background(
+    run_block: Callable[..., Run], to_audit: list[Any], shape: str, model: str
+) -> None:
+    """As the kernels trace it without spray: round a disc of half the picture, and behind a patch
+    that stands before a part of it."""
+    patch = {
+        "name": "plate",
+        "centre_m": [0.0, 0.025, 0.01],
+        "facing": "-y",
+        "radius_m": 0.008,
+        "temperature_K": 300.0,
+    }
+    scene = SCENE | {"background": SCENE["background"] | {"shape": shape, "radius_m": 0.015}}
+    run = run_block(
+        BLOCK,
+        **scene,
+        camera={"model": model, "pixels": [31, 20], "field_m": [0.05, 0.05]},
+        patches=[patch],
+        transport={"directions": 8, "gather": False},
+    )
+    seen = View.of(to_audit[0][1], to_audit[0][0]).before_background()
+    np.testing.assert_array_equal(seen, run.reference.background > 0.5)
+    assert 0.1 < seen.mean() < 0.95
 
 
 @pytest.mark.parametrize("pixels", [1, 9])
