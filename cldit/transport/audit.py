@@ -4,6 +4,14 @@ The sweeps' own two halves know how much directions matter, but share what is si
 function in the sweeps, and one source in each cell. `path` shares none of it. Of each pixel two
 independent answers are traced; the product of their differences from the picture has the square of
 the picture's error for its mean, whatever the noise of either.
+
+Which pixels, and how long? Let a pixel's error be e, and the noise of one of the two answers s
+from one chain, s / sqrt(n) from n. The product's mean square is about (e^2 + s^2 / n)^2; its sum
+over the pixels is known best where a pixel is drawn with a chance in proportion to e^2 + s^2 / n,
+and for a given number of chains in all where n = (s / e)^2, as noisy as it is wrong. Both e and s
+come from what a line of sight scatters: on `gdi`, at any accuracy asked for, e / s is much the same
+in all pixels, and their squares grow with the 2.5th to 3rd power of the light that is scattered to
+the camera over the emissivity. Nothing that is traced decides what is traced: there is no bias.
 """
 
 from __future__ import annotations
@@ -17,25 +25,29 @@ from cldit.gpu.device import Device
 from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.kelvin import error_K
+from cldit.transport.kelvin import VISIBLE, error_K
 from cldit.transport.path import trace_path
 from cldit.transport.result import Settings, Trace
+from cldit.transport.sampled import Sampled
+from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
 
-_PIXELS = 2000
-_SAMPLES = 256  # a pixel: with these about 2 core-seconds on `gdi`
+_PIXELS = 500
+_SAMPLES = 512  # a pixel at 0.1 K: with these about a core-second on `gdi`
+_FEWEST, _MOST = 128, 2048  # a pixel at other accuracies, and where all pixels are fewer
+_EVENLY = 0.1  # of the chances: errors may be where little is scattered
 _LONGEST = 50.0  # scatterings of a chain; beyond it the audit would cost more than the picture
 
 
 def audited(
     cells: OpticalCells, scene: Scene, device: Device, settings: Settings, result: Trace
 ) -> Trace:
-    """`result` with `audit_K`: its RMS error of T_app over pixels of emissivity above 0.05, as
-    found in a sample of them, one standard error of that added.
+    """`result` with `audit_K`: its RMS error of T_app over pixels before the background, of
+    emissivity above 0.05, as found in a sample of them, one standard error of that added.
 
     Traces whose source is as simple as the medium (isotropic, no thick cell) are left as they are;
-    those where light is scattered too often to be followed say so in `unaudited`.
+    those that `path` cannot follow say why in `unaudited`.
     """
     deepest = float(cells.depth[cells.address].max(initial=0.0))
     if not cells.needs.scattering or settings.order is not None:
@@ -43,32 +55,64 @@ def audited(
     if settings.phase is None and deepest <= settings.thick:
         return result
     often = scatterings(cells, deepest)
-    if not settings.audit or often > _LONGEST:
-        why = f"light is scattered up to {often:.3g} times" if settings.audit else "not wanted"
+    why = ""
+    if not settings.audit:
+        why = "not wanted"
+    elif often > _LONGEST:
+        why = f"light is scattered up to {often:.3g} times"
+    elif scene.camera.rays_per_pixel != 1:
+        why = "its rays go through the middle of a pixel, the picture's do not"
+    if why:
         return replace(
             result,
             unaudited=f"no audit by path tracing ({why}): the stated error is that of the "
             "directions alone; thick cells and the phase function may add to it",
         )
-    sparse = replace(settings, max_samples=_SAMPLES, accuracy_K=0.0, seed=settings.seed + 1)
-    truth = trace_path(cells, scene, device, sparse, None, most=_PIXELS)
-    if truth.weights_difference is None or truth.standard_error is None:
+    square, doubt, seconds = found(cells, scene, device, settings, result.weights)
+    if not np.isfinite(square):
         return result
-    traced = np.flatnonzero(truth.standard_error.background + truth.standard_error.wall)
-    means, spread, mine = (
-        _planes(weights, traced, cells)
-        for weights in (truth.weights, truth.weights_difference, result.weights)
-    )
-    products = error_K(mine, mine - means - spread, cells, scene) * error_K(
-        mine, mine - means + spread, cells, scene
-    )
-    products = products[np.isfinite(products)]
-    if len(products) < 2:
-        return result
-    doubt = float(np.std(products)) / len(products) ** 0.5
-    error = float(np.sqrt(max(float(np.mean(products)) + doubt, 0.0)))
-    seconds = truth.seconds["image"] + truth.seconds["scattering"]
+    error = (max(square, 0.0) + doubt) ** 0.5
     return replace(result, audit_K=error, seconds={**result.seconds, "audit": seconds})
+
+
+def found(
+    cells: OpticalCells, scene: Scene, device: Device, settings: Settings, weights: Weights
+) -> tuple[float, float, float]:
+    """Mean square error of T_app, K^2, of a picture, with its standard error, and the seconds it
+    took; NaN where no pixel that counts scatters. It is without bias, and below 0 where noise has
+    it so.
+
+    Those count that have a T_app: before the background, of emissivity above 0.05. Where they
+    scatter nothing they are right.
+    """
+    emissivity = 1.0 - weights.background.reshape(-1).astype(np.float64)
+    visible = emissivity > VISIBLE
+    visible &= View.of(scene, cells).before_background().reshape(-1)
+
+    def draw(scattered: Floats) -> Sampled:
+        here = visible & (scattered > 0)
+        share = np.divide(scattered, emissivity, out=np.zeros_like(scattered), where=here) ** 3
+        share[here] += _EVENLY * share[here].mean() if here.any() else 0.0
+        return Sampled.of(share, most=_PIXELS, seed=settings.seed)
+
+    count = int(np.count_nonzero(visible))
+    more = max(0.1 / settings.accuracy_K, _PIXELS / max(count, 1))
+    samples = int(np.clip(_SAMPLES * more, _FEWEST, _MOST))
+    sparse = replace(settings, max_samples=samples, accuracy_K=0.0, seed=settings.seed + 1)
+    truth = trace_path(cells, scene, device, sparse, None, draw=draw)
+    seconds = truth.seconds["image"] + truth.seconds["scattering"]
+    if truth.sampled is None or truth.weights_difference is None or not len(truth.sampled.pixels):
+        return float("nan"), float("nan"), seconds
+    mine = _planes(weights, cells)[:, truth.sampled.pixels]
+    means, spread = (_planes(some, cells) for some in (truth.weights, truth.weights_difference))
+    one, other = (
+        np.nan_to_num(error_K(mine, mine - each, cells, scene))
+        for each in (means + spread, means - spread)
+    )
+    # Of a product of two numbers with the same mean and noise, this is the variance.
+    variance = (one**2 - other**2) ** 2 / 4
+    total, doubt = truth.sampled.total(one * other, variance)
+    return total / count, doubt / count, seconds
 
 
 def scatterings(cells: OpticalCells, deepest: float) -> float:
@@ -79,10 +123,10 @@ def scatterings(cells: OpticalCells, deepest: float) -> float:
     return min(1.0 / max(float(cells.coalbedo.min()), 1e-300), max(across, 1.0))
 
 
-def _planes(weights: Weights, pixels: NDArray[np.int64], cells: OpticalCells) -> Floats:
+def _planes(weights: Weights, cells: OpticalCells) -> Floats:
     """Weights (C, N) in the order and units of `cells`."""
     planes = []
     for name in cells.needs.components:
-        plane = weights.images[name].reshape(-1)[pixels].astype(np.float64)
+        plane = weights.images[name].reshape(-1).astype(np.float64)
         planes.append(plane / cells.scale if name in cells.needs.emitters else plane)
     return np.stack(planes)

@@ -98,7 +98,7 @@ def trace_branching(
             planes[: cells.needs.boundaries],
             planes[-1],
             bound=1e-4 + settings.cutoff * (settings.order + 1),
-            noisy=True,
+            noise=0.02,
         ),
         weights_difference=None,
         programs=tuple(programs),

@@ -24,7 +24,7 @@ from cldit.errors import TransportError
 
 Floats = NDArray[np.float64]
 
-_FEW, _NOISE = 10, 0.02  # pixels that do not tell their noise, and what is allowed for it
+_FEW = 10  # pixels that do not tell their noise
 
 
 @dataclass(frozen=True)
@@ -49,13 +49,13 @@ class Closure:
         within: Floats,
         *,
         bound: float,
-        noisy: bool = False,
+        noise: float = 0.0,
     ) -> Closure:
         """From weights of the boundary (B, H, W) and the part from within (H, W).
 
-        noisy: the sums scatter from pixel to pixel without bias; `bound` then holds for their mean,
-        with five of its standard errors on top. Fewer than ten pixels do
-        not tell their noise; they may be off by 0.02 at least.
+        noise: 0, or the sums scatter from pixel to pixel without bias; `bound` then holds for their
+        mean, with five of its standard errors on top. Fewer than ten pixels do not tell these;
+        their mean may be off by `noise` at least.
 
         Raises:
             TransportError: the sum is not finite, or further than the bound from 1.
@@ -66,13 +66,13 @@ class Closure:
         row, column = divmod(at, left.shape[1])
         seen = left[(within != 0.0) & known]
         mean = float(seen.mean()) if seen.size else 0.0
-        if noisy and seen.size > 1:
+        if noise and seen.size > 1:
             bound += 5.0 * float(seen.std(ddof=1)) / seen.size**0.5
-        if noisy and seen.size < _FEW:
-            bound = max(bound, _NOISE)
-        value = "mean" if noisy else "largest"
+        if noise and seen.size < _FEW:
+            bound = max(bound, noise)
+        value = "mean" if noise else "largest"
         found = cls(float(left.flat[at]), mean, (row, column), bound, value)
-        bad = mean if noisy else found.largest
+        bad = mean if noise else found.largest
         if not np.isfinite(found.largest) or not abs(bad) <= bound:
             raise TransportError(
                 f"light is made or lost: weights and isothermal emission sum to 1 {bad:+.3g} "

@@ -23,6 +23,7 @@ from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
 from cldit.transport.kelvin import VISIBLE, error_K
 from cldit.transport.result import Settings, Trace, weights_of
+from cldit.transport.sampled import Sampled
 from cldit.transport.sobol import columns
 from cldit.transport.view import View, check_boundary, upload_tree
 
@@ -126,12 +127,12 @@ def trace_path(
     settings: Settings,
     report: Callable[[str], None] | None,
     *,
-    most: int | None = None,
+    draw: Callable[[Floats], Sampled] | None = None,
 ) -> Trace:
     """Weights by path tracing; raises as `trace`.
 
-    most: pixels to trace, drawn by chance of all
-    that scatter; the others are left without what is scattered.
+    draw: from what the line of sight of each pixel scatters (P,), the pixels to trace. The trace's
+    pictures are then these pixels in one row, and its noise is told as if they were the picture.
     """
     view = View.of(scene, cells)
     check_boundary(scene, cells, view)
@@ -170,11 +171,16 @@ def trace_path(
     out = zeros(device, "picture", components * pixels, real)
     lost = zeros(device, "scattered light", pixels, real)
     programs[0]["straight"](device.queue, *view.tiles(device), out, lost, *first)
-    image = download(device, out, np.empty((components, pixels), real)).astype(np.float64)
+    image = download(device, out, np.empty((components, pixels), real))
     scattered = download(device, lost, np.empty(pixels, real))
-    listed = np.flatnonzero(scattered > 0).astype(np.int32)
-    if most is not None and len(listed) > most:
-        listed = np.random.default_rng(settings.seed).choice(listed, most, replace=False)
+    listed = np.flatnonzero(scattered > 0)
+    shape = (components, row_count, column_count)
+    sampled = None if draw is None else draw(scattered.astype(np.float64))
+    if sampled is not None:
+        listed = sampled.pixels
+        image, shape = image[:, listed], (components, 1, len(listed))
+    image = image.astype(np.float64)
+    place = listed if sampled is None else np.arange(len(listed))  # in the picture that is made
     seconds = {"image": time.perf_counter() - start}
 
     start = time.perf_counter()
@@ -183,7 +189,7 @@ def trace_path(
         _Flyer.of(
             one,
             program,
-            pixels=listed[mine.start : mine.stop],
+            pixels=listed[mine.start : mine.stop].astype(np.int32),
             scattered=scattered,
             fixed=[
                 upload(one, "phase function", table),
@@ -195,7 +201,7 @@ def trace_path(
         for program, (one, mine) in zip(programs, shares(device, count), strict=True)
         if mine
     ]
-    other = int(np.sum(1.0 - np.delete(image[0], listed) > VISIBLE))
+    other = int(np.sum(1.0 - np.delete(image[0], place) > VISIBLE))
     sums = _Sums(
         (np.zeros((components, count)), np.zeros((components, count))),
         np.zeros((components, count)),
@@ -207,7 +213,7 @@ def trace_path(
         sums.add(np.concatenate(means, axis=1).astype(np.float64))
         if sums.batches % 2 or sums.batches < _LEAST:
             continue
-        kelvin = error_K((image[:, listed] + sums.mean)[:-1], sums.difference[:-1], cells, scene)
+        kelvin = error_K((image[:, place] + sums.mean)[:-1], sums.difference[:-1], cells, scene)
         kelvin = kelvin[np.isfinite(kelvin)]
         error = float(np.sqrt(np.sum(kelvin**2) / max(len(kelvin) + other, 1)))
         if report is not None:
@@ -218,18 +224,22 @@ def trace_path(
     difference = np.zeros_like(image)
     error_of = np.zeros_like(image)
     if count:
-        image[:, listed] += sums.mean
-        difference[:, listed] = sums.difference
-        error_of[:, listed] = sums.error
-    shape = (components, row_count, column_count)
+        image[:, place] += sums.mean
+        difference[:, place] = sums.difference
+        error_of[:, place] = sums.error
+    planes = image.reshape(shape)
     closure = None
-    if most is None or len(listed):  # none drawn: nothing was traced
-        planes = image.reshape(shape)
-        whole = planes if most is None else image[:, None, listed]  # others lack what is scattered
-        closure = Closure.of(whole[: cells.needs.boundaries], whole[-1], bound=1e-4, noisy=True)
+    if planes.size:  # none drawn: nothing was traced
+        chains = count * sums.batches * SAMPLES
+        closure = Closure.of(
+            planes[: cells.needs.boundaries],
+            planes[-1],
+            bound=1e-4,
+            noise=5.0 / chains**0.5 if chains else 0.0,  # of one chain: 0.6 was seen, 1 allowed
+        )
     return Trace(
         closure=closure,
-        weights=weights_of(image.reshape(shape), cells),
+        weights=weights_of(planes, cells),
         weights_difference=weights_of(difference.reshape(shape), cells),
         standard_error=weights_of(error_of.reshape(shape), cells),
         programs=tuple(programs),
@@ -241,4 +251,5 @@ def trace_path(
             "samples": sums.batches * SAMPLES,
         },
         precision=real.__name__,
+        sampled=sampled,
     )

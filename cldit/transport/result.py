@@ -13,6 +13,7 @@ from cldit.radiance.weights import Weights
 from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
 from cldit.transport.phase import ScatteringTable
+from cldit.transport.sampled import Sampled
 from cldit.transport.solve import Solution
 
 Method = Literal["source", "path", "branching"]
@@ -59,6 +60,7 @@ class Trace:
     audit_K: RMS error of T_app of `source` as a few pixels traced by `path` show it, one standard
     error added; None where the method simplifies nothing, or was not audited for the reason that
     `unaudited` gives.
+    sampled: the pixels that the pictures are a row of, where `path` was asked for some only.
     """
 
     weights: Weights
@@ -72,6 +74,7 @@ class Trace:
     audit_K: float | None = None
     unaudited: str = ""
     short: str = ""  # of the wanted accuracy: what stopped before, and why
+    sampled: Sampled | None = None
     closure: Closure | None = None  # None where flights gather a solved source, or none fly
 
 

@@ -15,6 +15,7 @@ from cldit.medium.frame import BRICK
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.patches import patch_rows
+from cldit.transport.reference import boundary_seen
 
 Floats = NDArray[np.float64]
 _TILE = 8
@@ -65,6 +66,31 @@ class View:
         rows = all_rows if rows is None else rows
         edge = min(_TILE, device.info.tile)
         return (-(-columns // edge) * edge, -(-rows // edge) * edge), (edge, edge)
+
+    def before_background(self) -> NDArray[np.bool_]:
+        """(H, W) pixels whose line of sight ends on the background, were there no medium."""
+        columns, rows = self.pixels
+        centre, radius = self.disc[:3], float(self.disc[3]) ** 0.5
+        if "BOUNDARY_ENCLOSURE" in self.defines:  # behind every patch, wherever one looks
+            centre, radius = np.array([0.0, 1e12, 0.0]), np.inf
+        plane = np.zeros((columns, 3))  # where lines of sight cross the target plane
+        plane[:, 0] = (np.arange(columns) + 0.5 - 0.5 * columns) * self.pitch[0]
+        away = np.array([0.0, self.distance, 0.0])
+        out = np.zeros((rows, columns), bool)
+        for row in range(rows):  # one at a time, for memory
+            plane[:, 2] = (0.5 * rows - row - 0.5) * self.pitch[1]
+            toward = plane + away if "CAMERA_PINHOLE" in self.defines else 0.0 * plane + away
+            toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+            start = -self.distance / toward[:, 1:2]
+            seen = boundary_seen(
+                self.middle[:3] + plane + start * toward,
+                toward,
+                centre=centre,
+                radius=radius,
+                patches=self.patches,
+            )
+            out[row] = seen == 0
+        return out
 
     def arguments(self, device: Device, cells: OpticalCells, real: type[np.floating]) -> list[Any]:
         """Kernel arguments `coarse` to `disc`, and `patches` where there are any."""

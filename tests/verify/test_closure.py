@@ -162,13 +162,13 @@ def test_bounds() -> None:
     ):
         Closure.of(outside, within, bound=0.009)
     # As noise of one pixel in twelve it is no evidence; of all of them it is.
-    assert Closure.of(outside, within, bound=0.0, noisy=True).value == "mean"
+    assert Closure.of(outside, within, bound=0.0, noise=0.02).value == "mean"
     with pytest.raises(TransportError, match="mean"):
-        Closure.of(outside + 0.01, np.full((3, 4), 0.5), bound=0.0, noisy=True)
+        Closure.of(outside + 0.01, np.full((3, 4), 0.5), bound=0.0, noise=0.02)
     for wrong in (np.nan, np.inf):
         within[2, 3] = wrong
         with pytest.raises(TransportError, match="row 2, column 3"):
-            Closure.of(outside, within, bound=1.0, noisy=True)
+            Closure.of(outside, within, bound=1.0, noise=0.02)
 
 
 def test_kept_with_the_run(run_block: Callable[..., Run]) -> None:
@@ -179,6 +179,6 @@ def test_kept_with_the_run(run_block: Callable[..., Run]) -> None:
 def test_few_noisy_pixels_do_not_tell_their_noise() -> None:
     """One pixel that is off by 2e-4 may be noise; one that is off by 3 % is not."""
     half = np.full((1, 1), 0.5)
-    assert Closure.of(half[None] - 2e-4, half, bound=1e-4, noisy=True).bound == 0.02
+    assert Closure.of(half[None] - 2e-4, half, bound=1e-4, noise=0.02).bound == 0.02
     with pytest.raises(TransportError, match="light is made or lost"):
-        Closure.of(half[None] - 0.03, half, bound=1e-4, noisy=True)
+        Closure.of(half[None] - 0.03, half, bound=1e-4, noise=0.02)

@@ -1,0 +1,141 @@
+"""The audit finds the error that a picture was given, without bias, and knows how well."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.run import Run
+from cldit.transport import audit
+from cldit.transport.audit import found
+from cldit.transport.kelvin import error_K
+from cldit.transport.path import trace_path
+from cldit.transport.trace import Trace
+from cldit.transport.view import View
+
+EDGE = 0.04
+CELL = EDGE / 16
+PHASE = {"henyey_greenstein": 0.6}
+SCENE: dict[str, Any] = {
+    "size_m": (6 * CELL, 4 * CELL, 6 * CELL),
+    "domain": {"edge_m": EDGE, "leaf_edge_m": 1.01 * CELL},
+    "background": {"radius_m": 0.03, "temperatures_K": [400.0, 500.0]},
+}
+# From a cell of optical depth 0.1 to one of 2, across the picture.
+DEPTH = np.geomspace(0.1, 2.0, 6)[:, None, None] * np.ones((6, 4, 6)) / CELL
+BLOCK = {
+    "droplet_absorption_per_m": 0.3 * DEPTH,
+    "droplet_scattering_per_m": 0.7 * DEPTH,
+    "droplet_temperature_K": 350.0,
+}
+
+
+def camera(pixels: int, field: float = 8 * CELL) -> dict[str, Any]:
+    return {"pixels": [pixels, pixels], "field_m": [field, field]}
+
+
+@pytest.fixture
+def to_audit(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Arguments of each audit, none of which is made."""
+    kept: list[Any] = []
+
+    def spy(*arguments: Any) -> Trace:
+        kept.append(arguments)
+        return arguments[-1]  # type: ignore[no-any-return]
+
+    monkeypatch.setattr("cldit.transport.trace.audited", spy)
+    return kept
+
+
+def test_unbiased(
+    run_block: Callable[..., Run], to_audit: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A picture of `path` itself, which has its own noise, with an error added to two weights.
+
+    The error is largest where the least is scattered, so chances are as wrong as they can be; the
+    audit must only be less sharp. Sixteen audits of 60 of 484 pixels: their mean is good to a
+    quarter of one, four of which are allowed. One that took the noise of its chains for an error
+    would find 1.5 times as much, one that took all pixels as drawn alike 0.7 times.
+    """
+    monkeypatch.setattr(audit, "_PIXELS", 60)
+    transport = {"directions": 8, "gather": False, "phase": PHASE, "accuracy_K": 1.0}
+    run_block(BLOCK, **SCENE, camera=camera(22), transport=transport)
+    cells, scene, device, settings, result = to_audit[0]  # the next is without spray
+    many = replace(settings, max_samples=512, accuracy_K=0.0, seed=77)
+    truth = trace_path(cells, scene, device, many, None)
+    assert truth.weights_difference is not None
+    # Half of it in the background and half in the wall, of either sign.
+    clear = truth.weights.background
+    sign = np.random.default_rng(5).choice([-1.0, 1.0], clear.shape)
+    shift = np.where(clear < 0.9, 0.02 * (0.2 + clear) * sign, 0.0)
+    given = replace(
+        truth.weights,
+        background=(truth.weights.background + shift).astype(np.float32),
+        wall=(truth.weights.wall - shift).astype(np.float32),
+    )
+    mine = audit._planes(given, cells)
+    added = mine - audit._planes(truth.weights, cells)
+    own = audit._planes(truth.weights_difference, cells)
+    visible = mine[0] < 0.95
+    expected = sum(
+        float(np.mean(np.nan_to_num(error_K(mine, part, cells, scene))[visible] ** 2))
+        for part in (added, own)
+    )
+    assert expected > 0.5
+    answers = [
+        found(cells, scene, device, replace(settings, seed=seed), given)[:2] for seed in range(16)
+    ]
+    squares, doubts = np.array(answers).T
+    scatter = float(squares.std(ddof=1))
+    assert abs(squares.mean() - expected) < 4 * scatter / 4
+    # Of sixteen the scatter is good to 18 %, and of even steps it is less than of single draws.
+    assert 0.6 * scatter < np.sqrt(np.mean(doubts**2)) < 2.0 * scatter
+    wanted = replace(settings, audit=True)
+    stated = audit.audited(cells, scene, device, wanted, replace(result, weights=given)).audit_K
+    assert stated == pytest.approx(np.sqrt(squares[1] + doubts[1]))  # of seed 1
+
+
+@pytest.mark.parametrize("model", ["pinhole", "orthographic"])
+@pytest.mark.parametrize("shape", ["disc", "enclosure"])
+def test_what_stands_before_the_background(
+    run_block: Callable[..., Run], to_audit: list[Any], shape: str, model: str
+) -> None:
+    """As the kernels trace it without spray: round a disc of half the picture, and behind a patch
+    that stands before a part of it."""
+    patch = {
+        "name": "plate",
+        "centre_m": [0.0, 0.025, 0.01],
+        "facing": "-y",
+        "radius_m": 0.008,
+        "temperature_K": 300.0,
+    }
+    scene = SCENE | {"background": SCENE["background"] | {"shape": shape, "radius_m": 0.015}}
+    run = run_block(
+        BLOCK,
+        **scene,
+        camera={"model": model, "pixels": [31, 20], "field_m": [0.05, 0.05]},
+        patches=[patch],
+        transport={"directions": 8, "gather": False},
+    )
+    seen = View.of(to_audit[0][1], to_audit[0][0]).before_background()
+    np.testing.assert_array_equal(seen, run.reference.background > 0.5)
+    assert 0.1 < seen.mean() < 0.95
+
+
+@pytest.mark.parametrize("pixels", [1, 9])
+def test_few_pixels(run_block: Callable[..., Run], pixels: int) -> None:
+    """All are traced; the error of each weight is at most some 0.1, of T_app some 10 K."""
+    transport = {"directions": 16, "gather": False, "phase": PHASE, "audit": True}
+    run = run_block(BLOCK, **SCENE, camera=camera(pixels, 2 * CELL), transport=transport)
+    assert run.info.accuracy_K is not None and 0.0 < run.info.accuracy_K < 10.0
+
+
+def test_light_from_all_of_a_pixel_is_not_audited(run_block: Callable[..., Run]) -> None:
+    transport = {"directions": 16, "gather": False, "phase": PHASE, "audit": True}
+    whole = camera(9, 2 * CELL) | {"rays_per_pixel": 4}
+    run = run_block(BLOCK, **SCENE, camera=whole, transport=transport)
+    assert any("through the middle of a pixel" in text for text in run.info.remarks)
