@@ -19,8 +19,10 @@ from cldit.radiance.weights import Weights
 from cldit.run.medium import Medium, make_medium
 from cldit.run.stages import Stages
 from cldit.scene import Scene, parse_scene
+from cldit.transport.cells import OpticalCells
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.trace import Settings, Trace, settings_for, trace
+from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -163,11 +165,16 @@ class Case:
         nodes = self.medium.properties.chosen.nodes
         return np.asarray(nodes[len(nodes) // 2].radiance(kelvin), float), kelvin
 
-    def temperature_K(self, weights: Weights) -> Floats:
-        """Apparent temperature (H, W) in the node's light, NaN where emissivity says nothing.
+    @cached_property
+    def _before_background(self) -> NDArray[np.bool_]:
+        return View.of(self.scene, OpticalCells.of(self.tree)).before_background
 
-        DIT without noise where the line of sight ends on the background: emissivity = 1 - w_bg, and
-        B(T_app) = what does not come from the background, over the emissivity.
+    def temperature_K(self, weights: Weights) -> Floats:
+        """Apparent temperature (H, W) in the node's light, NaN where emissivity says nothing, and
+        where the line of sight would not end on the background.
+
+        DIT without noise: emissivity = 1 - w_bg, and B(T_app) = what does not come from the
+        background, over the emissivity.
         """
         radiance, kelvin = self._inverse
         wall = np.interp(self.scene.walls.temperature_K, kelvin, radiance)
@@ -178,6 +185,6 @@ class Case:
         emissivity = 1.0 - weights.background.astype(float)
         apparent = np.divide(own, emissivity, out=np.zeros_like(own), where=emissivity > 1e-6)
         # Interpolated between logarithms, whose curve over 1 / T is nearly straight.
-        known = apparent > radiance[0]
+        known = (apparent > radiance[0]) & self._before_background
         inverse = np.interp(np.log(np.where(known, apparent, 1.0)), np.log(radiance), -1.0 / kelvin)
         return np.where(known, -1.0 / inverse, np.nan)

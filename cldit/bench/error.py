@@ -52,8 +52,8 @@ class Truth:
         visible = (emissivity > VISIBLE_EMISSIVITY) & np.isfinite(kelvin[0] + kelvin[1])
         if not visible.any():
             raise BenchError(
-                f"scene {case.scene.name}: no pixel has an emissivity above {VISIBLE_EMISSIVITY:g};"
-                " there is nothing to compare"
+                f"scene {case.scene.name}: no pixel before the background has an emissivity above "
+                f"{VISIBLE_EMISSIVITY:g}; there is nothing to compare"
             )
         noise = float(np.sqrt(np.mean((kelvin[0] - kelvin[1])[visible] ** 2))) / 2
         return cls((first, second), kelvin, visible, noise, samples)

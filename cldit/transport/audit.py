@@ -87,7 +87,7 @@ def found(
     """
     emissivity = 1.0 - weights.background.reshape(-1).astype(np.float64)
     visible = emissivity > VISIBLE
-    visible &= View.of(scene, cells).before_background().reshape(-1)
+    visible &= View.of(scene, cells).before_background.reshape(-1)
 
     def draw(scattered: Floats) -> Sampled:
         here = visible & (scattered > 0)

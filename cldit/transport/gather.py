@@ -172,9 +172,10 @@ class Gather:
         """(2, C + 1, N), the part from within last, from two independent sets of chains, for flat
         numbers of pixels, with across^2 rays through each.
 
-        seen (C, N): what else is seen; other: pixels that see no thick cell, but count. Chains go
-        on, in the tiles where they help most, until their noise in T_app is about a third of
-        accuracy_K, or max_samples, or _MOST_CHAINS chains in all.
+        seen (C, N): what else is seen; other: pixels that see no thick cell, but have a T_app: those
+        before the background, of emissivity above 0.05. Chains go on, in the tiles where they help
+        most, until their noise in T_app is _NOISE of accuracy_K, or max_samples, or _MOST_CHAINS
+        chains in all.
         """
         cells, scene, wanted = self._painter.cells, self._painter.scene, self._settings.accuracy_K
         start = time.perf_counter()
@@ -183,6 +184,7 @@ class Gather:
         sums = np.zeros((2, self._components, count))
         samples = np.zeros(count, np.int64)  # of either half, in each of a pixel's rays
         tiles = self._tiles(pixels)
+        before = self._painter.view.before_background.flat[pixels]
         chosen, spent = np.arange(count), 0.0
         size = max(_SAMPLES // across**2, 1)
         while size > 1 and 2 * size * across**2 * count > _MOST_CHAINS / 4:
@@ -198,12 +200,13 @@ class Gather:
             means = sums / samples
             mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
             # As if the walls were as bright as the hottest cell: the trace holds for all of them.
-            kelvin = np.nan_to_num(
+            kelvin = before * np.nan_to_num(
                 error_K(seen + mean[:-1], difference[:-1], cells, scene, outside=cells.scale)
             )
             # In what a tile has of the sum of squares lies what it can gain.
             energy = np.bincount(tiles, kelvin**2)
-            visible = max(int(np.count_nonzero(1 - (seen + mean[:-1])[0] > VISIBLE)) + other, 1)
+            counted = before & (1 - (seen + mean[:-1])[0] > VISIBLE)
+            visible = max(int(np.count_nonzero(counted)) + other, 1)
             left = float(energy.sum()) / visible - (_NOISE * _BRIGHT * wanted) ** 2
             if left <= 0:
                 break

@@ -18,11 +18,12 @@ from cldit.transport.cells import Box, OpticalCells
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
-# It matters in cells of an optical depth from _DEEP on, in which less than _RARELY of what is met is
-# absorbed, and which are no deeper than _FAR lengths on which diffusing light falls to 1 / e. The
-# source is then linear in all cells that are no deeper than _FARTHEST.
+# It matters in cells of an optical depth from _DEEP on, in which less than _RARELY of what is met
+# is absorbed, and which are no deeper than _FAR lengths on which diffusing light falls to 1 / e.
+# The source is then linear in all cells that are no deeper than _FARTHEST.
 _DEEP, _RARELY, _FAR = 0.1, 0.1, 1.7
 _FARTHEST = 3.0
+_ALIKE = 2.0  # how much deeper a cell may be than those whose change is extrapolated to it
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def _along(
 
     At a face the source lies between both cells' by their depths: the flux of diffusion is then the
     same on both sides. A cell with but one neighbour has its change by depth extrapolated from the
-    face to that and, if there is one beyond, from that neighbour's own.
+    face to that and, if there is one beyond and both are alike, from that neighbour's own.
     """
     both = (below >= 0) & (above >= 0)
     neighbours = np.stack([below, above])
@@ -88,7 +89,7 @@ def _along(
     for row, near, far, other in ((0, below, below_2, above), (1, above, above_2, below)):
         sign = 2 * row - 1
         alone = (near >= 0) & (other < 0)
-        further = alone & (far >= 0)
+        further = alone & (far >= 0) & (depth < _ALIKE * np.minimum(depth[near], depth[far]))
         face, next_face = depth + depth[near], depth[near] + depth[far]
         extrapolated = np.where(further, 3 * depth / face + depth / next_face, 2 * depth / face)
         weights[row] = np.where(alone, sign * extrapolated, weights[row])

@@ -201,7 +201,9 @@ def trace_path(
         for program, (one, mine) in zip(programs, shares(device, count), strict=True)
         if mine
     ]
-    other = int(np.sum(1.0 - np.delete(image[0], place) > VISIBLE))
+    before = view.before_background.reshape(-1)
+    before = before if sampled is None else before[listed]
+    other = int(np.count_nonzero(np.delete((1.0 - image[0] > VISIBLE) & before, place)))
     sums = _Sums(
         (np.zeros((components, count)), np.zeros((components, count))),
         np.zeros((components, count)),
@@ -214,7 +216,7 @@ def trace_path(
         if sums.batches % 2 or sums.batches < _LEAST:
             continue
         kelvin = error_K((image[:, place] + sums.mean)[:-1], sums.difference[:-1], cells, scene)
-        kelvin = kelvin[np.isfinite(kelvin)]
+        kelvin = kelvin[np.isfinite(kelvin) & before[place]]
         error = float(np.sqrt(np.sum(kelvin**2) / max(len(kelvin) + other, 1)))
         if report is not None:
             report(f"{sums.batches * SAMPLES} samples a pixel: {error:.2g} K")

@@ -21,7 +21,7 @@ from cldit.transport.view import View, upload_directory
 
 Floats = NDArray[np.float64]
 # From pixels (N,), rays across each, what else they see (C, N), and the number of other pixels that
-# count: what to add to each picture, (pictures, C + 1, N).
+# have a T_app: what to add to each picture, (pictures, C + 1, N).
 Gathered = Callable[[NDArray[np.int64], int, Floats, int], Floats]
 
 _ACROSS = {1: 1, 4: 2, 16: 4, 64: 8, "adaptive": 4}
@@ -143,9 +143,9 @@ class Painter:
         here = np.flatnonzero(planes[-1])
         if len(here):
             seen = images[:, :-1, here].mean(axis=0)
-            other = np.count_nonzero(1 - images[0, 0] > VISIBLE)
-            other -= np.count_nonzero(1 - images[0, 0, here] > VISIBLE)
-            images[:, :, here] += gather(pixels[here], across, seen, int(other))
+            counts = (1 - images[0, 0] > VISIBLE) & self.view.before_background.flat[pixels]
+            other = int(np.count_nonzero(counts) - np.count_nonzero(counts[here]))
+            images[:, :, here] += gather(pixels[here], across, seen, other)
         return images
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,7 @@ class View:
         edge = min(_TILE, device.info.tile)
         return (-(-columns // edge) * edge, -(-rows // edge) * edge), (edge, edge)
 
+    @cached_property
     def before_background(self) -> NDArray[np.bool_]:
         """(H, W) pixels whose line of sight ends on the background, were there no medium."""
         columns, rows = self.pixels
