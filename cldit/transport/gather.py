@@ -110,21 +110,11 @@ class Gather:
         size = len(directions) * light.rim * (self._components - 1)
         self._programs = [build(part.device, "gather.cl", self._defines) for part in painter.parts]
         self._walks, self._fixed = [], []
-        for part, program in zip(painter.parts, self._programs, strict=True):
+        for part in painter.parts:
             one, kept = part.device, light.buffer
             if one is not self.device:
                 host = download(self.device, light.buffer, np.empty(size, real))
                 kept = upload(one, "light of the rim", host)
-            by_cell = zeros(one, "light of the rim", size, real)
-            program["by_cell"](
-                one.queue,
-                (light.rim, len(directions)),
-                None,
-                by_cell,
-                kept,
-                np.int32(light.rim),
-                np.int32(len(directions)),
-            )
             self._walks.append(
                 [
                     upload(one, "albedo", albedo),
@@ -138,7 +128,8 @@ class Gather:
                     upload(one, "phase function", steps.astype(real)),
                     upload(one, "places", thick.places),
                     upload(one, "thick cells", records),
-                    by_cell,
+                    kept,
+                    np.int32(light.rim),
                     upload(one, "directions", shared),
                     upload(one, "directions", np.minimum(starts, len(shared) - 1).astype(np.int32)),
                     upload(one, "directions", near),
