@@ -63,6 +63,8 @@ def scattered_light(
     report: Callable[[str], None] | None,
 ) -> Scattered:
     """seen: cells with all of their scattering; thick: whose light chains are to follow."""
+    if settings.order == 0:
+        return _of_order_0(seen, "USE_FLOAT64" in defines)
     work = _Work(
         seen,
         scene,
@@ -72,118 +74,157 @@ def scattered_light(
         {**defines, **sweep_defines(device)},
         build(device, "iterate.cl", defines),
     )
-    phase = settings.phase
-    solved = seen if phase is None else work.cells(1.0 - phase.asymmetry)
-    plain = work.program({})
-    sweeper = work.sweeper(solved, plain)
-    counts = {"swept_cells": sweeper.box.cells, "scattering_cells": sweeper.count}
-    guess = first_guess(sweeper, solved.albedo)
-    if settings.order == 0:
-        first: NDArray[np.floating] = seen.thermal_source().astype(sweeper.real)
-        first[1] += seen.albedo
-        return Scattered(
-            halves=(first, first),
-            solution=Solution(guess, 0, 0.0, 0.0),
-            defect=np.zeros(sweeper.count),
-            ends=None,
-            programs=(plain, work.iterate),
-            counts={**counts, "sweeps": 0},
-        )
-    rng = np.random.default_rng(settings.seed)
-    if settings.order is None:
-        rays = work.rays(sweeper, settings.directions, rng)
-        solution = solve(sweeper, guess, rays, tolerance=settings.tolerance, report=report)
-    else:
-        solution = Solution(guess, settings.order, 0.0, 0.0)
-        for _ in range(settings.order - (1 if phase is None else 2)):
-            solution = work.another(sweeper, solution, solved, rng)
-    if phase is not None:
-        last = _by_moments(work, phase, sweeper, solved, solution, rng)
-    else:
-        if settings.order is None:
-            # The solver's few directions are forgotten, but for what is scattered twice more.
-            solution = work.another(sweeper, solution, solved, rng)
-        last = _Last(solved, solution, solution.source, ())
-    defect = sweeper.defect(last.solution.source, work.rays(sweeper, _CHECKED, rng))
-    if last.solution.lack is not None:
-        defect -= last.solution.lack[: solved.needs.boundaries].sum(axis=0)
     towards = work.towards(thick)
-    lit = sweeper if phase is None else work.sweeper(last.cells, towards)
-    halves, ends = _swept_to_camera(work, towards, lit, last, thick)
-    sweeps = sweeper.sweeps + last.sweeps + (0 if lit is sweeper else lit.sweeps)
+    rng = np.random.default_rng(settings.seed)
+    if settings.phase is None:
+        last = _evenly(work, rng, report)
+    else:
+        last = _by_moments(work, settings.phase, towards, rng, report)
+    halves, ends = _swept_to_camera(work, towards, last, thick)
+    defect = last.defect
+    if last.solution.lack is not None:
+        defect = defect - last.solution.lack[: seen.needs.boundaries].sum(axis=0)
     return Scattered(
         halves=halves,
         solution=replace(last.solution, towards=np.mean(halves, axis=0)),
         defect=defect,
         ends=ends,
-        programs=(plain, work.iterate, *last.programs, towards),
-        counts={**counts, "sweeps": sweeps},
+        programs=(work.iterate, *last.programs, towards),
+        counts={**_counts(seen), "sweeps": last.earlier + last.sweeper.sweeps},
     )
+
+
+def _of_order_0(seen: OpticalCells, double: bool) -> Scattered:
+    """Nothing is swept: whatever is scattered comes from the wall."""
+    source: NDArray[np.floating] = seen.thermal_source()
+    source[1] += seen.albedo
+    source = source.astype(np.float64 if double else np.float32)
+    return Scattered(
+        halves=(source, source),
+        solution=Solution(source, 0, 0.0, 0.0),
+        defect=np.zeros(len(seen.address)),
+        ends=None,
+        programs=(),
+        counts={**_counts(seen), "sweeps": 0},
+    )
+
+
+def _counts(seen: OpticalCells) -> dict[str, int]:
+    return {"swept_cells": seen.box().cells, "scattering_cells": len(seen.address)}
 
 
 @dataclass(frozen=True)
 class _Last:
     """What the last sweeps start from.
 
-    cells: as they are swept then. solution: of the solver's medium. source (C, N), or (4 C, N)
-    where it has a first moment: of `cells`.
+    sweeper: that makes them. source (C, N), or (4 C, N) where it has a first moment: of its cells.
+    solution, defect: of the solver's medium, as in `Scattered`. earlier: sweeps, of another
+    sweeper.
     """
 
-    cells: OpticalCells
-    solution: Solution
+    sweeper: Sweeper
     source: NDArray[np.floating]
+    solution: Solution
+    defect: Floats
     programs: tuple[Program, ...]
-    sweeps: int = 0  # that it took, of other sweepers than the solver's
+    earlier: int = 0
+
+
+def _evenly(work: _Work, rng: np.random.Generator, report: Callable[[str], None] | None) -> _Last:
+    """Without a phase function: the solution, in the medium as it is."""
+    plain = work.program({})
+    sweeper = work.sweeper(work.seen, plain)
+    # The solver's few directions are forgotten, but for what is scattered twice more.
+    solution = work.solution(sweeper, work.seen, rng, report, more=1)
+    defect = work.defect(sweeper, solution)
+    return _Last(sweeper, solution.source, solution, defect, (plain,))
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """What is left of the solver, without its sweeper and cells: as large as the last sweeps'.
+
+    light (4, C, N): mean, and first moment, of the light in the cells. albedo (N,), thermal (C, N):
+    of the solver's cells. The others as in `_Last`.
+    """
+
+    solution: Solution
+    light: NDArray[np.floating]
+    albedo: Floats
+    thermal: NDArray[np.floating]
+    defect: Floats
+    programs: tuple[Program, ...]
+    sweeps: int
+
+    @classmethod
+    def of(
+        cls,
+        work: _Work,
+        asymmetry: float,
+        rng: np.random.Generator,
+        report: Callable[[str], None] | None,
+    ) -> _Solved:
+        plain = work.program({})
+        cells = work.cells(1.0 - asymmetry)
+        sweeper = work.sweeper(cells, plain)
+        solution = work.solution(sweeper, cells, rng, report, more=0)
+        programs = [plain]
+        if work.settings.order == 1:
+            light = np.zeros((4, sweeper.components, sweeper.count), sweeper.real)
+            light[0, 1] = 1.0  # as if it came from the wall, all round
+        else:
+            flux = work.program({"FLUX": 1})
+            programs.append(flux)
+            sweeper.set_source(solution.source, shining=True)
+            light = sweeper.moments(flux, work.rays(sweeper, work.few, rng))
+        defect = work.defect(sweeper, solution)
+        return cls(
+            solution,
+            light,
+            cells.albedo,
+            sweeper.thermal,
+            defect,
+            tuple(programs),
+            sweeper.sweeps,
+        )
 
 
 def _by_moments(
     work: _Work,
     phase: ScatteringTable,
-    sweeper: Sweeper,
-    solved: OpticalCells,
-    solution: Solution,
+    towards: Program,
     rng: np.random.Generator,
+    report: Callable[[str], None] | None,
 ) -> _Last:
     """From a solution by one moment to a source by two; see the head of this file."""
-    settings, half = work.settings, work.settings.final_directions // 2
+    solved = _Solved.of(work, phase.asymmetry, rng, report)
+    solution, light, programs = solved.solution, solved.light, solved.programs
     cells = work.cells(1.0 - phase.forward)
-    if settings.order == 1:
-        light = np.zeros((4, sweeper.components, sweeper.count), sweeper.real)
-        light[0, 1] = 1.0  # as if it came from the wall, all round
-        return _Last(cells, solution, _sloped(cells, light, phase), ())
-    flux = work.program({"FLUX": 1})
-    programs, sweeps = [flux], 0
-    sweeper.set_source(solution.source, shining=True)
-    few = settings.directions if settings.order is None else half
-    light = sweeper.moments(flux, work.rays(sweeper, few, rng))
-    if settings.order is None:
+    sweeper = work.sweeper(cells, towards)
+    if work.settings.order is None:
         again = work.program({"FLUX": 1, "SLOPED": 1})
-        between = work.sweeper(cells, again)
-        for count in (*[few] * (_SCATTERINGS - 1), half // 2):
-            between.set_source(_sloped(cells, light, phase), shining=True)
-            light = between.moments(again, work.rays(between, count, rng))
-        programs.append(again)
-        sweeps = between.sweeps
-    return _Last(
-        cells,
-        replace(
+        programs = (*programs, again)
+        for count in (*[work.few] * (_SCATTERINGS - 1), work.half // 2):
+            sweeper.set_source(_sloped(cells, light, phase), shining=True)
+            light = sweeper.moments(again, work.rays(sweeper, count, rng))
+    if work.settings.order != 1:
+        lack = solution.lack
+        solution = replace(
             solution,
-            source=solved.albedo * light[0] + sweeper.thermal,
-            lack=None if solution.lack is None else solution.lack * solved.albedo,
-        ),
-        _sloped(cells, light, phase),
-        tuple(programs),
-        sweeps,
-    )
+            source=solved.albedo * light[0] + solved.thermal,
+            lack=None if lack is None else lack * solved.albedo,
+        )
+    source = _sloped(cells, light, phase)
+    return _Last(sweeper, source, solution, solved.defect, programs, solved.sweeps)
 
 
 def _swept_to_camera(
-    work: _Work, program: Program, sweeper: Sweeper, last: _Last, thick: ThickCells | None
+    work: _Work, program: Program, last: _Last, thick: ThickCells | None
 ) -> tuple[tuple[NDArray[np.floating], NDArray[np.floating]], Ends | None]:
     """Both halves of the last sweeps, (C, N) each, and what they leave for chains."""
-    settings, seen, view = work.settings, work.seen, work.view
+    settings, seen, view, sweeper = work.settings, work.seen, work.view, last.sweeper
     rng = np.random.default_rng([settings.seed, 1])  # alike whatever the order, to compare orders
-    half = settings.final_directions // 2
+    half = work.half
     sets = [work.to_camera(sweeper, half, rng) for _ in range(2)]
     table = np.zeros(1) if settings.phase is None else settings.phase.by_half_sine(PHASE_STEPS)
     place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
@@ -250,17 +291,48 @@ class _Work:
             self.device, cells, sweep, self.iterate, disc=self.view.disc, patches=self.view.patches
         )
 
-    def another(
+    @property
+    def half(self) -> int:
+        """Of the last directions."""
+        return self.settings.final_directions // 2
+
+    @property
+    def few(self) -> int:
+        """Directions of the sweeps between the solver's and the last."""
+        return self.settings.directions if self.settings.order is None else self.half
+
+    def solution(
         self,
         sweeper: Sweeper,
-        solution: Solution,
         cells: OpticalCells,
         rng: np.random.Generator,
+        report: Callable[[str], None] | None,
+        *,
+        more: int,
     ) -> Solution:
-        """One scattering more, with half of the last directions."""
-        rays = self.rays(sweeper, self.settings.final_directions // 2, rng)
-        lack = None if solution.lack is None else solution.lack * cells.albedo
-        return replace(solution, source=another_order(sweeper, solution.source, rays), lack=lack)
+        """In these cells, but for the last scattering of a fixed order, or 2 with `more` = 0.
+
+        more: scatterings after the converged solution, each with half of the last directions.
+        """
+        settings = self.settings
+        guess = first_guess(sweeper, cells.albedo)
+        if settings.order is None:
+            rays = self.rays(sweeper, settings.directions, rng)
+            solution = solve(sweeper, guess, rays, tolerance=settings.tolerance, report=report)
+        else:
+            solution = Solution(guess, settings.order, 0.0, 0.0)
+            more += settings.order - 2
+        for _ in range(more):
+            rays = self.rays(sweeper, self.half, rng)
+            lack = None if solution.lack is None else solution.lack * cells.albedo
+            source = another_order(sweeper, solution.source, rays)
+            solution = replace(solution, source=source, lack=lack)
+        return solution
+
+    def defect(self, sweeper: Sweeper, solution: Solution) -> Floats:
+        """Of the sweeps, with a solution's source; see `Sweeper.defect`."""
+        rng = np.random.default_rng([self.settings.seed, 2])  # no other directions depend on it
+        return sweeper.defect(solution.source, self.rays(sweeper, _CHECKED, rng))
 
     def rays(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> Rays:
         """Directions over the sphere."""
