@@ -23,25 +23,26 @@ __kernel void set_source(
     }
 }
 
-/* Excess of the listed cells over their source, from both boxes. */
+/* Excess D of the listed cells over their source, from one box; with `more`, added to what is there. */
 __kernel void listed_excess(
-    __global real *out, __global const real *excess, __global const real *excess_turned,
-    __global const int *place, __global const int *turned, const int planes, const int count)
+    __global real *out, __global const real *box, __global const int *place, const int more,
+    const int planes, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
     const int at = first_plane(place[i], planes);
-    const int also = first_plane(turned[i], planes);
-    for (int c = 0; c < planes; ++c)
-        out[c * count + i] = excess[at + c * GROUP] + excess_turned[also + c * GROUP];
+    for (int c = 0; c < planes; ++c) {
+        const real before = more ? out[c * count + i] : R(0);
+        out[c * count + i] = before + box[at + c * GROUP];
+    }
 }
 
 /* Preconditioned residual of S = a J + E, with J = S + D:
        (a D - (1 - a) S + shine E) / ((1 - a) + a q)
    The divisor is the share of its own light that a cell does not keep (approximate Lambda): the
-   residual is then about the error, in thin and thick cells alike. inout: D, then the residual. */
+   residual is then about the error, in thin and thick cells alike. */
 __kernel void residual(
-    __global real *inout, __global const real *listed,
+    __global real *out, __global const real *excess, __global const real *listed,
     __global const real *emission, __global const real *albedo, __global const real *coalbedo,
     __global const real *depth, const real mean_stretch, const real shine, const int count)
 {
@@ -52,27 +53,27 @@ __kernel void residual(
     const real kept = coalbedo[i] + a * mean_transmission(t, absorbed(t));
     for (int c = 0; c < COMPONENTS; ++c) {
         const int k = c * count + i;
-        const real lack = a * inout[k] - coalbedo[i] * listed[k] + shine * emission[k];
-        inout[k] = lack / kept;
+        const real lack = a * excess[k] - coalbedo[i] * listed[k] + shine * emission[k];
+        out[k] = lack / kept;
     }
 }
 
-/* S = a (S + D) + E: one plain order of scattering. inout: D, then S. */
+/* S = a (S + D) + E: one plain order of scattering. */
 __kernel void next_order(
-    __global real *inout, __global const real *listed,
+    __global real *out, __global const real *excess, __global const real *listed,
     __global const real *emission, __global const real *albedo, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
     for (int c = 0; c < COMPONENTS; ++c) {
         const int k = c * count + i;
-        inout[k] = albedo[i] * (listed[k] + inout[k]) + emission[k];
+        out[k] = albedo[i] * (listed[k] + excess[k]) + emission[k];
     }
 }
 
-/* Mean radiance S + D / (sum of the weights), as the camera sees it. inout: D, then the mean. */
+/* Mean radiance S + D / (sum of the weights), as the camera sees it. */
 __kernel void weighted_mean(
-    __global real *inout, __global const real *listed,
+    __global real *out, __global const real *excess, __global const real *listed,
     __global const real *shares, __global const real *shares_turned,
     __global const int *place, __global const int *turned, const int count)
 {
@@ -81,6 +82,6 @@ __kernel void weighted_mean(
     const real share = shares[place[i]] + shares_turned[turned[i]];
     for (int c = 0; c < COMPONENTS; ++c) {
         const int k = c * count + i;
-        inout[k] = listed[k] + (share > R(0) ? inout[k] / share : R(0));
+        out[k] = listed[k] + (share > R(0) ? excess[k] / share : R(0));
     }
 }

@@ -108,8 +108,7 @@ class Painter:
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
-        made = self.filled.records(listed, defect, self.thick, self.real)
-        records = [upload(part.device, "records", made) for part in self.parts]
+        records = self._records(listed, defect)
         every = np.arange(columns * rows)
         pixels = None if rays in (1, "adaptive") else every
         images = np.empty((0, 0, 0))
@@ -126,6 +125,11 @@ class Painter:
                 images[:, :, pixels] = several
         planes = list(images.reshape(*images.shape[:2], rows, columns))
         return planes, 0 if pixels is None else len(pixels)
+
+    def _records(self, listed: list[NDArray[np.floating] | None], defect: Floats) -> list[Any]:
+        """On each device."""
+        made = self.filled.records(listed, defect, self.thick, self.real)
+        return [upload(part.device, "records", made) for part in self.parts]
 
     def _gathered(
         self,

@@ -39,8 +39,8 @@ def sweep_defines(device: Device) -> dict[str, int]:
 class _Order:
     """The box's groups of cells in one order, and the device's arrays of them.
 
-    place: of the scattering cells among the cells of all groups. source, excess: planes side by
-    side in each group; thermal, not on the device: the sources of what emits, (G, GROUP) each.
+    place: of the scattering cells among the cells of all groups. source: planes side by side in
+    each group; thermal, not on the device: the sources of what emits, (G, GROUP) each.
     """
 
     groups: Groups
@@ -49,7 +49,6 @@ class _Order:
     place: Any
     depth: Any
     source: Any
-    excess: Any
     thermal: list[NDArray[Any]]
     shape: tuple[int, int, int]  # of `source`
 
@@ -68,7 +67,6 @@ class _Order:
         def packed(values: NDArray[np.float64]) -> NDArray[Any]:
             return groups.packed(turned_too(cells.dense(box, values.astype(real)))[turned])
 
-        components = len(cells.needs.components)
         thermal = [packed(cells.emitted[name]) for name in cells.needs.emitters]
         x, y, z = (cells.positions(cells.address) - np.asarray(box.low)).T
         _, ny, nz = box.shape
@@ -80,7 +78,6 @@ class _Order:
             place=upload(device, "places", place),
             depth=upload(device, "optical depth", packed(cells.depth)),
             source=zeros(device, "source", planes * groups.cells, real),
-            excess=zeros(device, "excess", components * groups.cells, real),
             thermal=thermal,
             shape=(len(groups), planes, GROUP),
         )
@@ -113,8 +110,9 @@ def _slots(layout: Layout) -> int:
 class Sweeper:
     """The swept box on the device.
 
-    Holds optical depths, source and excess in groups of cells along x, and once more in groups
-    along y (turned), so that rays along x go through rows of memory as those along y and z do.
+    Holds optical depths and source in groups of cells along x, and once more in groups along y
+    (turned), so that rays along x go through rows of memory as those along y and z do. The excess
+    is found in one after the other, and listed.
     """
 
     def __init__(
@@ -154,7 +152,7 @@ class Sweeper:
             )
             for turned, groups in self.groups.items()
         }
-        self._excess = {turned: order.excess for turned, order in self._order.items()}
+        self._excess, self._listed = self._room(self.components)
         self._shining: bool | None = False  # what the cells that do not scatter hold
         self._lanes = device.info.largest_group
         each = max(
@@ -206,14 +204,22 @@ class Sweeper:
             self.device.queue, (self.count,), None, *arguments, np.int32(self.count)
         )
 
-    def _answer(self, kernel: str | None = None, *arguments: Any) -> NDArray[Any]:
-        """(C, N) excess of the listed cells, or what a kernel makes of it."""
-        excess = [order.excess for order in self._order.values()]
-        planes = np.int32(self.components)
-        self._of_list("listed_excess", self._out, *excess, *self._places(), planes)
-        if kernel is not None:
-            self._of_list(kernel, self._out, self._list, *arguments)
-        return download(self.device, self._out, np.empty((self.components, self.count), self._real))
+    def _room(self, planes: int) -> tuple[Any, Any]:
+        """Room for so many planes of the excess in either order of cells, and in the list."""
+        most = max(groups.cells for groups in self.groups.values())
+        return (
+            zeros(self.device, "excess", planes * most, self._real),
+            zeros(self.device, "list", planes * self.count, self._real),
+        )
+
+    def _answer(self, kernel: str, *arguments: Any) -> NDArray[Any]:
+        """What a kernel makes of the source and the excess (C, N) of the listed cells."""
+        self._of_list(kernel, self._out, self._listed, self._list, *arguments)
+        return self._read(self._out)
+
+    def _read(self, listed: Any) -> NDArray[Any]:
+        """The first C planes of a list."""
+        return download(self.device, listed, np.empty((self.components, self.count), self._real))
 
     def rays(self, directions: Directions, starts: NDArray[np.float64]) -> Rays:
         """starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer."""
@@ -238,41 +244,51 @@ class Sweeper:
 
         camera: what directions count for towards it; None counts all alike.
         """
-        size = np.dtype(self._real).itemsize
-        for turned, order in self._order.items():
-            clear(self.device, order.excess, size * self.components * order.groups.cells)
-            if camera is not None:
-                clear(self.device, camera.shares[turned], size * order.groups.cells)
         kernel = self._sweep if camera is None else camera.kernel
-        for route, tables in rays.routes:
-            extra = [] if camera is None else self._towards(camera, route)
-            self._along(kernel, route, tables, shining, self._excess, extra)
-        self.sweeps += len(rays.directions)
+        self._along_all(kernel, rays, shining, self._excess, self._listed, self.components, camera)
 
     def moments(self, program: Program, rays: Rays) -> NDArray[Any]:
         """(4, C, N) mean of the light in the scattering cells, and of what it is more than that
         times each component of the direction that it comes from: the first moment, which no set
         of directions then finds in even light. program: sweep.cl with FLUX."""
         many = _MOMENTS * self.components
-        excess = {
-            turned: zeros(self.device, "flux", many * order.groups.cells, self._real)
-            for turned, order in self._order.items()
-        }
-        for route, tables in rays.routes:
-            self._along(program["sweep"], route, tables, True, excess)
-        self.sweeps += len(rays.directions)
-        out = zeros(self.device, "flux", many * self.count, self._real)
-        self._of_list("listed_excess", out, *excess.values(), *self._places(), np.int32(many))
+        excess, out = self._room(many)
+        self._along_all(program["sweep"], rays, True, excess, out, many)
         found = download(
             self.device, out, np.empty((_MOMENTS, self.components, self.count), self._real)
         )
-        held = np.empty((self._planes, self.count), self._real)
-        listed = download(self.device, self._list, held)[: self.components]
         weight, back = rays.directions.weight, rays.directions.unit
         leaning = (weight @ back / weight.sum()).astype(self._real)
-        found[1:] -= leaning[:, None, None] * found[0]
-        found[0] += self._real(weight.sum()) * listed
+        for moment, lean in zip(found[1:], leaning, strict=True):
+            moment -= lean * found[0]
+        found[0] += self._real(weight.sum()) * self._read(self._list)
         return found
+
+    def _along_all(
+        self,
+        kernel: Any,
+        rays: Rays,
+        shining: bool,
+        excess: Any,
+        listed: Any,
+        planes: int,
+        camera: ToCamera | None = None,
+    ) -> None:
+        """Sweeps every direction, those through one order of cells after those through the other,
+        which share the room for the excess; `listed` then has its planes for the scattering cells.
+        """
+        size = np.dtype(self._real).itemsize
+        for turned, order in self._order.items():
+            clear(self.device, excess, size * planes * order.groups.cells)
+            if camera is not None:
+                clear(self.device, camera.shares[turned], size * order.groups.cells)
+            for route, tables in rays.routes:
+                if route.layout.turned is turned:
+                    extra = [] if camera is None else self._towards(camera, route)
+                    self._along(kernel, route, tables, shining, excess, extra)
+            more, many = np.int32(turned), np.int32(planes)
+            self._of_list("listed_excess", listed, excess, order.place, more, many)
+        self.sweeps += len(rays.directions)
 
     def _towards(self, camera: ToCamera, route: Route) -> list[Any]:
         """What the kernel takes with TO_CAMERA, and with RIM."""
@@ -292,7 +308,7 @@ class Sweeper:
         route: Route,
         tables: list[Any],
         shining: bool,
-        excess: dict[bool, Any],
+        excess: Any,
         extra: Sequence[Any] = (),
     ) -> None:
         layout, real = route.layout, self._real
@@ -306,7 +322,7 @@ class Sweeper:
             order.begins,
             order.depth,
             order.source,
-            excess[layout.turned],
+            excess,
             np.int32(layout.number),
             *(np.int32(count) for count in layout.size),
             np.int32(layout.stride_v),
@@ -341,7 +357,7 @@ class Sweeper:
             parts[b] = 1.0 - listed[:b].sum(axis=0)
         self._put(parts)
         self.sweep(rays, shining=True)
-        total = self._answer().sum(axis=0, dtype=np.float64)
+        total = self._read(self._listed).sum(axis=0, dtype=np.float64)
         missing = parts.sum(axis=0, dtype=np.float64) - 1.0
         return np.asarray(total / rays.directions.weight.sum() + missing)
 

@@ -61,7 +61,7 @@ class ThickCells:
             [
                 cells.depth[address],
                 cells.albedo[self.listed],
-                cells.thermal_planes(np.float64)[:, address].T,
+                cells.thermal_planes(np.float64, address).T,
                 source[:, self.listed].T,
             ]
         )
