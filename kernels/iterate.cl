@@ -7,16 +7,17 @@
 #include "components.h"
 #include "groups.h"
 
-/* Both boxes' source from the list, of so many planes a cell. */
+/* Both boxes' source, of so many planes a cell: those from `first` on, from the list. */
 __kernel void set_source(
     __global real *source, __global real *source_turned, __global const real *listed,
-    __global const int *place, __global const int *turned, const int planes, const int count)
+    __global const int *place, __global const int *turned, const int first, const int planes,
+    const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
-    const int at = first_plane(place[i], planes);
-    const int also = first_plane(turned[i], planes);
-    for (int c = 0; c < planes; ++c) {
+    const int at = first_plane(place[i], planes) + first * GROUP;
+    const int also = first_plane(turned[i], planes) + first * GROUP;
+    for (int c = 0; c < COMPONENTS; ++c) {
         const real value = listed[c * count + i];
         source[at + c * GROUP] = value;
         source_turned[also + c * GROUP] = value;

@@ -121,6 +121,8 @@ class OpticalCells:
         hottest = max(_hottest(fields, phase) for phase in ("vapour", "droplet"))
         largest = max(float(values.max(initial=0.0)) for values in emitted.values())
         scale = max(largest, _FAINTEST * hottest) or 1.0
+        for values in emitted.values():
+            values /= scale
         address = np.flatnonzero(scattering > 0)
         needs = Needs(
             vapour=tree.has_vapour,
@@ -133,7 +135,7 @@ class OpticalCells:
             needs=needs if compiled_in is None else needs.with_(compiled_in),
             scale=scale,
             depth=extinction * tree.frame.cell_m,
-            emitted={name: values / scale for name, values in emitted.items()},
+            emitted=emitted,
             address=address,
             albedo=scattering[address] / safe[address],
             coalbedo=absorption[address] / safe[address],

@@ -113,12 +113,14 @@ class Painter:
         pixels = None if rays in (1, "adaptive") else every
         images = np.empty((0, 0, 0))
         if rays in (1, "adaptive"):
-            images = self._gathered(self._whole(records), every, 1, gather)
+            images, left = self._images(self._whole(records))
+            self._gather(images, left, every, 1, gather)
         if rays == "adaptive":  # all of a run's pictures alike
             whole = images[0, :-1].reshape(-1, rows, columns)
             pixels = steep(whole, self.cells, self.scene, accuracy_K=self.accuracy_K)
         if pixels is not None and len(pixels):
-            several = self._gathered(self._listed(records, pixels), pixels, _ACROSS[rays], gather)
+            several, left = self._images(self._listed(records, pixels))
+            self._gather(several, left, pixels, _ACROSS[rays], gather)
             if len(pixels) == len(every):
                 images = several
             else:
@@ -131,26 +133,29 @@ class Painter:
         made = self.filled.records(listed, defect, self.thick, self.real)
         return [upload(part.device, "records", made) for part in self.parts]
 
-    def _gathered(
-        self,
-        planes: NDArray[np.floating],
+    def _images(self, planes: NDArray[np.floating]) -> tuple[Floats, NDArray[np.int64]]:
+        """Pictures (pictures, C + 1, N), from planes as kernels make them, and which of the pixels
+        have something left to gather."""
+        parts = len(self.cells.needs.components) + 1
+        images = planes[: self.at_once * parts].astype(np.float64)
+        left = np.flatnonzero(planes[-1]) if self.thick is not None else np.zeros(0, np.int64)
+        return images.reshape(self.at_once, parts, -1), left
+
+    @staticmethod
+    def _gather(
+        images: Floats,
+        left: NDArray[np.int64],
         pixels: NDArray[np.int64],
         across: int,
         gather: Gathered | None,
-    ) -> Floats:
-        """Pictures (pictures, C + 1, N), from planes as kernels make them, of listed pixels."""
-        parts = len(self.cells.needs.components) + 1
-        images = planes[: self.at_once * parts].astype(np.float64)
-        images = images.reshape(self.at_once, parts, -1)
-        if gather is None:
-            return images
-        here = np.flatnonzero(planes[-1])
-        if len(here):
-            seen = images[:, :-1, here].mean(axis=0)
-            other = np.count_nonzero(1 - images[0, 0] > VISIBLE)
-            other -= np.count_nonzero(1 - images[0, 0, here] > VISIBLE)
-            images[:, :, here] += gather(pixels[here], across, seen, int(other))
-        return images
+    ) -> None:
+        """Adds what is left of listed pixels to their pictures."""
+        if gather is None or not len(left):
+            return
+        seen = images[:, :-1, left].mean(axis=0)
+        other = np.count_nonzero(1 - images[0, 0] > VISIBLE)
+        other -= np.count_nonzero(1 - images[0, 0, left] > VISIBLE)
+        images[:, :, left] += gather(pixels[left], across, seen, int(other))
 
     @property
     def _planes(self) -> int:

@@ -81,13 +81,10 @@ def scattered_light(
     else:
         last = _by_moments(work, settings.phase, towards, rng, report)
     halves, ends = _swept_to_camera(work, towards, last, thick)
-    defect = last.defect
-    if last.solution.lack is not None:
-        defect = defect - last.solution.lack[: seen.needs.boundaries].sum(axis=0)
     return Scattered(
         halves=halves,
         solution=replace(last.solution, towards=np.mean(halves, axis=0)),
-        defect=defect,
+        defect=last.defect,
         ends=ends,
         programs=(work.iterate, *last.programs, towards),
         counts={**_counts(seen), "sweeps": last.earlier + last.sweeper.sweeps},
@@ -117,13 +114,11 @@ def _counts(seen: OpticalCells) -> dict[str, int]:
 class _Last:
     """What the last sweeps start from.
 
-    sweeper: that makes them. source (C, N), or (4 C, N) where it has a first moment: of its cells.
-    solution, defect: of the solver's medium, as in `Scattered`. earlier: sweeps, of another
-    sweeper.
+    sweeper: that makes them; it holds the source. solution, defect: of the solver's medium, as in
+    `Scattered`. earlier: sweeps, of another sweeper.
     """
 
     sweeper: Sweeper
-    source: NDArray[np.floating]
     solution: Solution
     defect: Floats
     programs: tuple[Program, ...]
@@ -136,20 +131,19 @@ def _evenly(work: _Work, rng: np.random.Generator, report: Callable[[str], None]
     sweeper = work.sweeper(work.seen, plain)
     # The solver's few directions are forgotten, but for what is scattered twice more.
     solution = work.solution(sweeper, work.seen, rng, report, more=1)
-    defect = work.defect(sweeper, solution)
-    return _Last(sweeper, solution.source, solution, defect, (plain,))
+    solution, defect = work.checked(sweeper, solution)
+    sweeper.set_source(solution.source, shining=True)
+    return _Last(sweeper, solution, defect, (plain,))
 
 
 @dataclass(frozen=True)
 class _Solved:
     """What is left of the solver, without its sweeper and cells: as large as the last sweeps'.
 
-    light (4, C, N): mean, and first moment, of the light in the cells. albedo (N,), thermal (C, N):
-    of the solver's cells. The others as in `_Last`.
+    albedo (N,), thermal (C, N): of the solver's cells. The others as in `_Last`.
     """
 
     solution: Solution
-    light: NDArray[np.floating]
     albedo: Floats
     thermal: NDArray[np.floating]
     defect: Floats
@@ -163,30 +157,23 @@ class _Solved:
         asymmetry: float,
         rng: np.random.Generator,
         report: Callable[[str], None] | None,
-    ) -> _Solved:
+    ) -> tuple[_Solved, NDArray[np.floating]]:
+        """And (4, C, N) the mean, and the first moment, of the light in the cells."""
         plain = work.program({})
         cells = work.cells(1.0 - asymmetry)
         sweeper = work.sweeper(cells, plain)
         solution = work.solution(sweeper, cells, rng, report, more=0)
         programs = [plain]
-        if work.settings.order == 1:
-            light = np.zeros((4, sweeper.components, sweeper.count), sweeper.real)
-            light[0, 1] = 1.0  # as if it came from the wall, all round
-        else:
-            flux = work.program({"FLUX": 1})
-            programs.append(flux)
+        light = np.zeros((4, sweeper.components, sweeper.count), sweeper.real)
+        light[0, 1] = 1.0  # order 1: as if it came from the wall, all round
+        if work.settings.order != 1:
+            programs.append(work.program({"FLUX": 1}))
             sweeper.set_source(solution.source, shining=True)
-            light = sweeper.moments(flux, work.rays(sweeper, work.few, rng))
-        defect = work.defect(sweeper, solution)
-        return cls(
-            solution,
-            light,
-            cells.albedo,
-            sweeper.thermal,
-            defect,
-            tuple(programs),
-            sweeper.sweeps,
-        )
+            sweeper.moments(programs[-1], work.rays(sweeper, work.few, rng), out=light)
+            solution = _one_more(solution, solution.source, cells)
+        solution, defect = work.checked(sweeper, solution)
+        done = cls(solution, cells.albedo, sweeper.thermal, defect, tuple(programs), sweeper.sweeps)
+        return done, light
 
 
 def _by_moments(
@@ -197,8 +184,8 @@ def _by_moments(
     report: Callable[[str], None] | None,
 ) -> _Last:
     """From a solution by one moment to a source by two; see the head of this file."""
-    solved = _Solved.of(work, phase.asymmetry, rng, report)
-    solution, light, programs = solved.solution, solved.light, solved.programs
+    solved, light = _Solved.of(work, phase.asymmetry, rng, report)
+    solution, programs = solved.solution, solved.programs
     cells = work.cells(1.0 - phase.forward)
     sweeper = work.sweeper(cells, towards)
     if work.settings.order is None:
@@ -206,16 +193,11 @@ def _by_moments(
         programs = (*programs, again)
         for count in (*[work.few] * (_SCATTERINGS - 1), work.half // 2):
             sweeper.set_source(_sloped(cells, light, phase), shining=True)
-            light = sweeper.moments(again, work.rays(sweeper, count, rng))
+            sweeper.moments(again, work.rays(sweeper, count, rng), out=light)
+    sweeper.set_source(_sloped(cells, light, phase), shining=True)
     if work.settings.order != 1:
-        lack = solution.lack
-        solution = replace(
-            solution,
-            source=solved.albedo * light[0] + solved.thermal,
-            lack=None if lack is None else lack * solved.albedo,
-        )
-    source = _sloped(cells, light, phase)
-    return _Last(sweeper, source, solution, solved.defect, programs, solved.sweeps)
+        solution = replace(solution, source=solved.albedo * light[0] + solved.thermal)
+    return _Last(sweeper, solution, solved.defect, programs, solved.sweeps)
 
 
 def _swept_to_camera(
@@ -243,7 +225,6 @@ def _swept_to_camera(
             ),
             last.solution.source,
         )
-    sweeper.set_source(last.source, shining=True)
     halves: list[NDArray[np.floating]] = []
     thermal = seen.thermal_source()
     for number, rays in enumerate(sets):
@@ -324,15 +305,18 @@ class _Work:
             more += settings.order - 2
         for _ in range(more):
             rays = self.rays(sweeper, self.half, rng)
-            lack = None if solution.lack is None else solution.lack * cells.albedo
             source = another_order(sweeper, solution.source, rays)
-            solution = replace(solution, source=source, lack=lack)
+            solution = _one_more(solution, source, cells)
         return solution
 
-    def defect(self, sweeper: Sweeper, solution: Solution) -> Floats:
-        """Of the sweeps, with a solution's source; see `Sweeper.defect`."""
+    def checked(self, sweeper: Sweeper, solution: Solution) -> tuple[Solution, Floats]:
+        """The solution, and what sweeps and solver make or lose of a cavity's radiance of 1 (N,),
+        in which what it lacks has gone."""
         rng = np.random.default_rng([self.settings.seed, 2])  # no other directions depend on it
-        return sweeper.defect(solution.source, self.rays(sweeper, _CHECKED, rng))
+        defect = sweeper.defect(solution.source, self.rays(sweeper, _CHECKED, rng))
+        if solution.lack is not None:
+            defect -= solution.lack[: self.seen.needs.boundaries].sum(axis=0)
+        return replace(solution, lack=None), defect
 
     def rays(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> Rays:
         """Directions over the sphere."""
@@ -354,6 +338,12 @@ class _Work:
         if phase is None:
             return self.rays(sweeper, count, rng)
         return sweeper.rays(about_camera(count, rng, phase), rng.random((count, 2)))
+
+
+def _one_more(solution: Solution, source: NDArray[np.floating], cells: OpticalCells) -> Solution:
+    """After one scattering more: the source, and what is left of what it lacked."""
+    lack = None if solution.lack is None else solution.lack * cells.albedo
+    return replace(solution, source=source, lack=lack)
 
 
 def _sloped(cells: OpticalCells, light: NDArray[Any], phase: ScatteringTable) -> NDArray[Any]:

@@ -167,7 +167,7 @@ class Sweeper:
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
         self._depth = upload(device, "optical depth", cells.depth[cells.address].astype(real))
-        self._list = zeros(device, "list", self._planes * self.count, real)
+        self._list = zeros(device, "list", self.components * self.count, real)
         self._out = zeros(device, "answer", self.components * self.count, real)
         self.sweeps = 0
 
@@ -191,9 +191,14 @@ class Sweeper:
         self._put(listed)
 
     def _put(self, listed: NDArray[Any]) -> None:
-        cl.enqueue_copy(self.device.queue, self._list, np.ascontiguousarray(listed, self._real))
         sources = [order.source for order in self._order.values()]
-        self._of_list("set_source", *sources, self._list, *self._places(), np.int32(self._planes))
+        planes = np.int32(self._planes)
+        for first in reversed(range(0, self._planes, self.components)):  # S_0 last: it stays
+            some = np.ascontiguousarray(listed[first : first + self.components], self._real)
+            cl.enqueue_copy(self.device.queue, self._list, some)
+            self._of_list(
+                "set_source", *sources, self._list, *self._places(), np.int32(first), planes
+            )
 
     def _places(self) -> list[Any]:
         return [order.place for order in self._order.values()]
@@ -247,22 +252,22 @@ class Sweeper:
         kernel = self._sweep if camera is None else camera.kernel
         self._along_all(kernel, rays, shining, self._excess, self._listed, self.components, camera)
 
-    def moments(self, program: Program, rays: Rays) -> NDArray[Any]:
-        """(4, C, N) mean of the light in the scattering cells, and of what it is more than that
+    def moments(self, program: Program, rays: Rays, *, out: NDArray[Any]) -> None:
+        """Finds the mean of the light in the scattering cells, and of what it is more than that
         times each component of the direction that it comes from: the first moment, which no set
-        of directions then finds in even light. program: sweep.cl with FLUX."""
+        of directions then finds in even light.
+
+        program: sweep.cl with FLUX. out (4, C, N): takes them.
+        """
         many = _MOMENTS * self.components
-        excess, out = self._room(many)
-        self._along_all(program["sweep"], rays, True, excess, out, many)
-        found = download(
-            self.device, out, np.empty((_MOMENTS, self.components, self.count), self._real)
-        )
+        excess, listed = self._room(many)
+        self._along_all(program["sweep"], rays, True, excess, listed, many)
+        download(self.device, listed, out)
         weight, back = rays.directions.weight, rays.directions.unit
         leaning = (weight @ back / weight.sum()).astype(self._real)
-        for moment, lean in zip(found[1:], leaning, strict=True):
-            moment -= lean * found[0]
-        found[0] += self._real(weight.sum()) * self._read(self._list)
-        return found
+        for moment, lean in zip(out[1:], leaning, strict=True):
+            moment -= lean * out[0]
+        out[0] += self._real(weight.sum()) * self._read(self._list)
 
     def _along_all(
         self,
