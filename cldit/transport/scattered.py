@@ -130,7 +130,7 @@ def _evenly(work: _Work, rng: np.random.Generator, report: Callable[[str], None]
     plain = work.program({})
     sweeper = work.sweeper(work.seen, plain)
     # The solver's few directions are forgotten, but for what is scattered twice more.
-    solution = work.solution(sweeper, work.seen, rng, report, more=1)
+    solution = work.solution(sweeper, rng, report, more=1)
     solution, defect = work.checked(sweeper, solution)
     sweeper.set_source(solution.source, shining=True)
     return _Last(sweeper, solution, defect, (plain,))
@@ -160,9 +160,8 @@ class _Solved:
     ) -> tuple[_Solved, NDArray[np.floating]]:
         """And (4, C, N) the mean, and the first moment, of the light in the cells."""
         plain = work.program({})
-        cells = work.cells(1.0 - asymmetry)
-        sweeper = work.sweeper(cells, plain)
-        solution = work.solution(sweeper, cells, rng, report, more=0)
+        sweeper = work.sweeper(work.cells(1.0 - asymmetry), plain)
+        solution = work.solution(sweeper, rng, report, more=0)
         programs = [plain]
         light = np.zeros((4, sweeper.components, sweeper.count), sweeper.real)
         light[0, 1] = 1.0  # order 1: as if it came from the wall, all round
@@ -170,9 +169,11 @@ class _Solved:
             programs.append(work.program({"FLUX": 1}))
             sweeper.set_source(solution.source, shining=True)
             sweeper.moments(programs[-1], work.rays(sweeper, work.few, rng), out=light)
-            solution = _one_more(solution, solution.source, cells)
+            solution = _one_more(solution, solution.source, sweeper)
         solution, defect = work.checked(sweeper, solution)
-        done = cls(solution, cells.albedo, sweeper.thermal, defect, tuple(programs), sweeper.sweeps)
+        done = cls(
+            solution, sweeper.albedo, sweeper.thermal, defect, tuple(programs), sweeper.sweeps
+        )
         return done, light
 
 
@@ -186,15 +187,14 @@ def _by_moments(
     """From a solution by one moment to a source by two; see the head of this file."""
     solved, light = _Solved.of(work, phase.asymmetry, rng, report)
     solution, programs = solved.solution, solved.programs
-    cells = work.cells(1.0 - phase.forward)
-    sweeper = work.sweeper(cells, towards)
+    sweeper = work.sweeper(work.cells(1.0 - phase.forward), towards)
     if work.settings.order is None:
         again = work.program({"FLUX": 1, "SLOPED": 1})
         programs = (*programs, again)
         for count in (*[work.few] * (_SCATTERINGS - 1), work.half // 2):
-            sweeper.set_source(_sloped(cells, light, phase), shining=True)
+            sweeper.set_source(_sloped(sweeper, light, phase), shining=True)
             sweeper.moments(again, work.rays(sweeper, count, rng), out=light)
-    sweeper.set_source(_sloped(cells, light, phase), shining=True)
+    sweeper.set_source(_sloped(sweeper, light, phase), shining=True)
     if work.settings.order != 1:
         solution = replace(solution, source=solved.albedo * light[0] + solved.thermal)
     return _Last(sweeper, solution, solved.defect, programs, solved.sweeps)
@@ -285,18 +285,17 @@ class _Work:
     def solution(
         self,
         sweeper: Sweeper,
-        cells: OpticalCells,
         rng: np.random.Generator,
         report: Callable[[str], None] | None,
         *,
         more: int,
     ) -> Solution:
-        """In these cells, but for the last scattering of a fixed order, or 2 with `more` = 0.
+        """In the sweeper's cells; of a fixed order but for the last scattering, or 2 with `more` = 0.
 
         more: scatterings after the converged solution, each with half of the last directions.
         """
         settings = self.settings
-        guess = first_guess(sweeper, cells.albedo)
+        guess = first_guess(sweeper, sweeper.albedo)
         if settings.order is None:
             rays = self.rays(sweeper, settings.directions, rng)
             solution = solve(sweeper, guess, rays, tolerance=settings.tolerance, report=report)
@@ -306,7 +305,7 @@ class _Work:
         for _ in range(more):
             rays = self.rays(sweeper, self.half, rng)
             source = another_order(sweeper, solution.source, rays)
-            solution = _one_more(solution, source, cells)
+            solution = _one_more(solution, source, sweeper)
         return solution
 
     def checked(self, sweeper: Sweeper, solution: Solution) -> tuple[Solution, Floats]:
@@ -340,19 +339,19 @@ class _Work:
         return sweeper.rays(about_camera(count, rng, phase), rng.random((count, 2)))
 
 
-def _one_more(solution: Solution, source: NDArray[np.floating], cells: OpticalCells) -> Solution:
+def _one_more(solution: Solution, source: NDArray[np.floating], sweeper: Sweeper) -> Solution:
     """After one scattering more: the source, and what is left of what it lacked."""
-    lack = None if solution.lack is None else solution.lack * cells.albedo
+    lack = None if solution.lack is None else solution.lack * sweeper.albedo
     return replace(solution, source=source, lack=lack)
 
 
-def _sloped(cells: OpticalCells, light: NDArray[Any], phase: ScatteringTable) -> NDArray[Any]:
-    """Source (4 C, N) of cells that scatter by a phase function of two moments.
+def _sloped(sweeper: Sweeper, light: NDArray[Any], phase: ScatteringTable) -> NDArray[Any]:
+    """Source (4 C, N) of a sweeper's cells that scatter by a phase function of two moments.
 
     light (4, C, N): mean, and first moment, of the light in them.
     """
     first = (phase.asymmetry - phase.forward) / (1.0 - phase.forward)
-    source = cells.albedo.astype(light.dtype) * light
-    source[0] += cells.thermal_source().astype(light.dtype)
+    source = sweeper.albedo.astype(light.dtype) * light
+    source[0] += sweeper.thermal
     source[1:] *= light.dtype.type(3.0 * first)
-    return np.asarray(source.reshape(-1, len(cells.address)))
+    return np.asarray(source.reshape(-1, sweeper.count))

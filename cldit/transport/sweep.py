@@ -162,6 +162,7 @@ class Sweeper:
         most = device.info.largest_buffer_bytes // (each * np.dtype(real).itemsize)
         self._together = max(1, min(_TOGETHER, most))
         self._rays = zeros(device, "rays", self._together * each, real)
+        self.albedo = cells.albedo
         self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
         self._emission = upload(device, "emission", self.thermal)
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
