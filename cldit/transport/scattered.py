@@ -290,9 +290,10 @@ class _Work:
         *,
         more: int,
     ) -> Solution:
-        """In the sweeper's cells; of a fixed order but for the last scattering, or 2 with `more` = 0.
+        """In the sweeper's cells; of a fixed order but for the last scattering, or two of them.
 
-        more: scatterings after the converged solution, each with half of the last directions.
+        more: scatterings after the converged solution, each with half of the last directions; 0
+        leaves out two of a fixed order.
         """
         settings = self.settings
         guess = first_guess(sweeper, sweeper.albedo)
