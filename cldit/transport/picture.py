@@ -133,11 +133,11 @@ class Painter:
         made = self.filled.records(listed, defect, self.thick, self.real)
         return [upload(part.device, "records", made) for part in self.parts]
 
-    def _images(self, planes: NDArray[np.floating]) -> tuple[Floats, NDArray[np.int64]]:
-        """Pictures (pictures, C + 1, N), from planes as kernels make them, and which of the pixels
-        have something left to gather."""
+    def _images(self, planes: list[NDArray[np.floating]]) -> tuple[Floats, NDArray[np.int64]]:
+        """Pictures (pictures, C + 1, N), from planes (N,) as kernels make them, and which of the
+        pixels have something left to gather."""
         parts = len(self.cells.needs.components) + 1
-        images = planes[: self.at_once * parts].astype(np.float64)
+        images = np.stack(planes[: self.at_once * parts], dtype=np.float64)
         left = np.flatnonzero(planes[-1]) if self.thick is not None else np.zeros(0, np.int64)
         return images.reshape(self.at_once, parts, -1), left
 
@@ -163,8 +163,8 @@ class Painter:
         parts = len(self.cells.needs.components) + 1
         return self.at_once * parts + (0 if self.thick is None else 1)
 
-    def _whole(self, records: list[Any]) -> NDArray[np.floating]:
-        """One ray through the middle of every pixel (planes, H W), each device its rows."""
+    def _whole(self, records: list[Any]) -> list[NDArray[np.floating]]:
+        """One ray through the middle of every pixel: planes (H W,), each device its rows."""
         columns, rows = self.view.pixels
         outs = []
         for part, some in zip(self.parts, records, strict=True):
@@ -181,17 +181,16 @@ class Painter:
                 )
                 part.device.queue.flush()  # the next device starts while this one works
             outs.append(out)
-        image = np.empty((self._planes, rows, columns), self.real)
+        planes = [np.empty(rows * columns, self.real) for _ in range(self._planes)]
         for part, out in zip(self.parts, outs, strict=True):
-            mine = slice(part.rows.start, part.rows.stop)
-            if len(part.rows) == rows:
-                download(part.device, out, image)
-            else:
-                image[:, mine] = download(part.device, out, np.empty_like(image))[:, mine]
-        return image.reshape(self._planes, -1)
+            mine = slice(part.rows.start * columns, part.rows.stop * columns)
+            for number, plane in enumerate(planes):
+                first = number * len(plane) + mine.start
+                download(part.device, out, plane[mine], first=first)
+        return planes
 
-    def _listed(self, records: list[Any], pixels: NDArray[np.int64]) -> NDArray[np.floating]:
-        """Means (planes, N) of several rays through the listed pixels."""
+    def _listed(self, records: list[Any], pixels: NDArray[np.int64]) -> list[NDArray[np.floating]]:
+        """Means, planes (N,), of several rays through the listed pixels."""
         outs = []
         divided = shares(self.parts[0].device, len(pixels))
         for part, some, (_, mine) in zip(self.parts, records, divided, strict=True):
@@ -216,4 +215,4 @@ class Painter:
             for part, (out, count) in zip(self.parts, outs, strict=True)
             if count
         ]
-        return np.concatenate(means, axis=1)
+        return list(np.concatenate(means, axis=1))
