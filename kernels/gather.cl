@@ -55,7 +55,8 @@ typedef struct {
     __global const int *places;    /* of the box that thick cells lie in: number in the rim; -2 -
                                       number of a thick cell; -1 neither */
     __global const real *thick;    /* records */
-    __global const real *light;    /* that leaves cells of the rim: [cell][direction][component] */
+    __global const real *light;    /* that leaves cells of the rim: [direction][cell][component] */
+    int rim;                       /* cells of it */
     __global const real4 *directions; /* where it comes from, and the share of directions up to here
                                          in what a cell scatters along +y */
     __global const int *start;     /* of the directions, the one at which the share k / count lies */
@@ -119,7 +120,7 @@ INLINE __global const real *flight(
         const int place = m->places[(z * m->shape.y + y) * m->shape.x + x];
         if (place >= 0) {
             score(sum, whole * transmitted,
-                  m->light + ((size_t)place * m->count + number) * COMPONENTS);
+                  m->light + ((size_t)number * m->rim + place) * COMPONENTS);
             break;
         }
         if (place < -1) {
@@ -290,19 +291,6 @@ __kernel void meet(
     if (!fill) number[item] = met;
 }
 
-/* Light of the rim, as sweeps store it, by cell: the chains of a pixel end in few cells, but come
-   from all directions. */
-__kernel void by_cell(
-    __global real *out, __global const real *in, const int rim, const int directions)
-{
-    const int cell = get_global_id(0);
-    const int number = get_global_id(1);
-    if (cell >= rim || number >= directions) return;
-    for (int c = 0; c < COMPONENTS; ++c)
-        out[((size_t)cell * directions + number) * COMPONENTS + c] =
-            in[((size_t)number * rim + cell) * COMPONENTS + c];
-}
-
 /* Mean of so many chains for each chosen ray, those of the points from `from_point` on. A chain
    scatters for the first time where the share of all that thick cells scatter on the line has been
    scattered that the point's first dimension says. */
@@ -317,6 +305,7 @@ __kernel void gather(
     __global const real *stretches,
     __global const real *table, __global const real *steps,
     __global const int *places, __global const real *thick, __global const real *light,
+    const int rim,
     __global const real4 *directions, __global const int *start, __global const int *nearest,
     const int direction_count, const int4 box_low, const int4 box_shape,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
@@ -327,7 +316,7 @@ __kernel void gather(
     const int number = chosen[item];
     const Ray ray = ray_at(
         list[2 * number], list[2 * number + 1], columns, rows, middle, pitch_x, pitch_z, distance);
-    const Near near = {places, thick, light, directions, start, nearest, direction_count, box_low,
+    const Near near = {places, thick, light, rim, directions, start, nearest, direction_count, box_low,
                        box_shape, BOUNDARY};
     const real3 from = (real3)(ray.px, ray.py, ray.pz);
     const real3 sight = (real3)(ray.dx, ray.dy, ray.dz);

@@ -7,60 +7,67 @@
 #include "components.h"
 #include "groups.h"
 
-/* Both boxes' source from the list, of so many planes a cell. */
+/* Both boxes' source, of so many planes a cell: those from `first` on, from the list. */
 __kernel void set_source(
     __global real *source, __global real *source_turned, __global const real *listed,
-    __global const int *place, __global const int *turned, const int planes, const int count)
+    __global const int *place, __global const int *turned, const int first, const int planes,
+    const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
-    const int at = first_plane(place[i], planes);
-    const int also = first_plane(turned[i], planes);
-    for (int c = 0; c < planes; ++c) {
+    const int at = first_plane(place[i], planes) + first * GROUP;
+    const int also = first_plane(turned[i], planes) + first * GROUP;
+    for (int c = 0; c < COMPONENTS; ++c) {
         const real value = listed[c * count + i];
         source[at + c * GROUP] = value;
         source_turned[also + c * GROUP] = value;
     }
 }
 
-/* Change of the source across each cell along x, y, z, from its neighbours' (see
-   cldit/transport/gradients.py): of the first COMPONENTS planes of the list into those from `first`. */
-__kernel void gradients(
-    __global real *listed, __global const int *neighbours, __global const real *weights,
-    const int first, const int count)
+/* Change of the listed source across each cell along x, y, z, from neighbours' (see
+   cldit/transport/gradients.py), into both boxes' planes from `first` on. */
+__kernel void set_gradients(
+    __global real *source, __global real *source_turned, __global const real *listed,
+    __global const int *place, __global const int *turned,
+    __global const int *neighbours, __global const real *weights,
+    const int first, const int planes, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
-    for (int c = 0; c < COMPONENTS; ++c) {
-        const real here = listed[c * count + i];
-        for (int axis = 0; axis < 3; ++axis) {
-            const int one = 2 * axis * count + i, other = one + count;
-            listed[(first + axis * COMPONENTS + c) * count + i] =
-                weights[one] * (listed[c * count + neighbours[one]] - here)
-                + weights[other] * (listed[c * count + neighbours[other]] - here);
+    const int at = first_plane(place[i], planes) + first * GROUP;
+    const int also = first_plane(turned[i], planes) + first * GROUP;
+    for (int axis = 0; axis < 3; ++axis) {
+        const int one = 2 * axis * count + i, other = one + count;
+        for (int c = 0; c < COMPONENTS; ++c) {
+            __global const real *plane = listed + c * count;
+            const real change = weights[one] * (plane[neighbours[one]] - plane[i])
+                + weights[other] * (plane[neighbours[other]] - plane[i]);
+            source[at + (axis * COMPONENTS + c) * GROUP] = change;
+            source_turned[also + (axis * COMPONENTS + c) * GROUP] = change;
         }
     }
 }
 
-/* Excess of the listed cells over their source, from both boxes. */
+/* Excess D of the listed cells over their source, from one box; with `more`, added to what is there. */
 __kernel void listed_excess(
-    __global real *out, __global const real *excess, __global const real *excess_turned,
-    __global const int *place, __global const int *turned, const int planes, const int count)
+    __global real *out, __global const real *box, __global const int *place, const int more,
+    const int planes, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
     const int at = first_plane(place[i], planes);
-    const int also = first_plane(turned[i], planes);
-    for (int c = 0; c < planes; ++c)
-        out[c * count + i] = excess[at + c * GROUP] + excess_turned[also + c * GROUP];
+    for (int c = 0; c < planes; ++c) {
+        const real before = more ? out[c * count + i] : R(0);
+        out[c * count + i] = before + box[at + c * GROUP];
+    }
 }
 
 /* Preconditioned residual of S = a J + E, with J = S + D:
        (a D - (1 - a) S + shine E) / ((1 - a) + a q)
    The divisor is the share of its own light that a cell does not keep (approximate Lambda): the
-   residual is then about the error, in thin and thick cells alike. inout: D, then the residual. */
+   residual is then about the error, in thin and thick cells alike. */
 __kernel void residual(
-    __global real *inout, __global const real *listed,
+    __global real *out, __global const real *excess, __global const real *listed,
     __global const real *emission, __global const real *albedo, __global const real *coalbedo,
     __global const real *depth, const real mean_stretch, const real shine, const int count)
 {
@@ -71,27 +78,27 @@ __kernel void residual(
     const real kept = coalbedo[i] + a * mean_transmission(t, absorbed(t));
     for (int c = 0; c < COMPONENTS; ++c) {
         const int k = c * count + i;
-        const real lack = a * inout[k] - coalbedo[i] * listed[k] + shine * emission[k];
-        inout[k] = lack / kept;
+        const real lack = a * excess[k] - coalbedo[i] * listed[k] + shine * emission[k];
+        out[k] = lack / kept;
     }
 }
 
-/* S = a (S + D) + E: one plain order of scattering. inout: D, then S. */
+/* S = a (S + D) + E: one plain order of scattering. */
 __kernel void next_order(
-    __global real *inout, __global const real *listed,
+    __global real *out, __global const real *excess, __global const real *listed,
     __global const real *emission, __global const real *albedo, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
     for (int c = 0; c < COMPONENTS; ++c) {
         const int k = c * count + i;
-        inout[k] = albedo[i] * (listed[k] + inout[k]) + emission[k];
+        out[k] = albedo[i] * (listed[k] + excess[k]) + emission[k];
     }
 }
 
-/* Mean radiance S + D / (sum of the weights), as the camera sees it. inout: D, then the mean. */
+/* Mean radiance S + D / (sum of the weights), as the camera sees it. */
 __kernel void weighted_mean(
-    __global real *inout, __global const real *listed,
+    __global real *out, __global const real *excess, __global const real *listed,
     __global const real *shares, __global const real *shares_turned,
     __global const int *place, __global const int *turned, const int count)
 {
@@ -100,6 +107,6 @@ __kernel void weighted_mean(
     const real share = shares[place[i]] + shares_turned[turned[i]];
     for (int c = 0; c < COMPONENTS; ++c) {
         const int k = c * count + i;
-        inout[k] = listed[k] + (share > R(0) ? inout[k] / share : R(0));
+        out[k] = listed[k] + (share > R(0) ? excess[k] / share : R(0));
     }
 }

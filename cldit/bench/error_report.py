@@ -47,8 +47,8 @@ def error_part(scene: Scene, rows: Sequence[Row], truths: dict[str, Truth]) -> P
             f"{phase}: the reference is `path` with {truth.samples} samples a pixel in two "
             f"independent halves, good to {truth.noise_K:.3f} K RMS; that noise is taken off the "
             f"RMS by the product of the differences from either half, and is in the largest. "
-            f"{int(truth.visible.sum())} pixels before the background, of emissivity above 0.05, are "
-            "compared."
+            f"{int(truth.visible.sum())} pixels before the background, of emissivity above 0.05, "
+            "are compared."
         )
     text.append(
         "Where a part of the pixels was traced, the whole picture's core seconds are extrapolated: "

@@ -49,7 +49,8 @@ def clear(device: Device, buffer: Any, size: int) -> None:
     cl.enqueue_fill_buffer(device.queue, buffer, np.zeros(1, np.uint8), 0, size)
 
 
-def download(device: Device, buffer: Any, out: NDArray[Any]) -> NDArray[Any]:
-    """Copies the buffer into `out` and waits for it."""
-    cl.enqueue_copy(device.queue, out, buffer)
+def download(device: Device, buffer: Any, out: NDArray[Any], *, first: int = 0) -> NDArray[Any]:
+    """Copies as much of the buffer as `out` takes, from its number `first` on, and waits for it."""
+    if out.size:
+        cl.enqueue_copy(device.queue, out, buffer, src_offset=first * out.itemsize)
     return out

@@ -160,6 +160,8 @@ def build_octrees(
         fields["vapour_absorption"][faint] = 0.0
         fields["vapour_emission"][faint] = 0.0
     division = _Division.of(frame, touched, every, optical_depth_split)
+    if len(every) == 1:  # memory that a thread takes is not used again by others
+        return [division.fill(every[0])]
     with ThreadPoolExecutor(_TOGETHER) as pool:
         return list(pool.map(division.fill, every))
 

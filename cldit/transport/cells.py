@@ -108,9 +108,10 @@ class OpticalCells:
         the transport correction. compiled_in: what is to be compiled though nothing needs it, to
         see what that costs.
         """
-        fields = {name: values.astype(np.float64) for name, values in tree.fields.items()}
-        absorption = fields["vapour_absorption"] + fields["droplet_absorption"]
-        scattering = fields["droplet_scattering"] * scattered
+        fields = tree.fields
+        absorption = fields["vapour_absorption"].astype(np.float64)
+        absorption += fields["droplet_absorption"]
+        scattering = fields["droplet_scattering"].astype(np.float64) * scattered
         extinction = absorption + scattering
         safe = np.where(extinction > 0, extinction, 1.0)
         emitted = {
@@ -120,6 +121,8 @@ class OpticalCells:
         hottest = max(_hottest(fields, phase) for phase in ("vapour", "droplet"))
         largest = max(float(values.max(initial=0.0)) for values in emitted.values())
         scale = max(largest, _FAINTEST * hottest) or 1.0
+        for values in emitted.values():
+            values /= scale
         address = np.flatnonzero(scattering > 0)
         needs = Needs(
             vapour=tree.has_vapour,
@@ -132,7 +135,7 @@ class OpticalCells:
             needs=needs if compiled_in is None else needs.with_(compiled_in),
             scale=scale,
             depth=extinction * tree.frame.cell_m,
-            emitted={name: values / scale for name, values in emitted.items()},
+            emitted=emitted,
             address=address,
             albedo=scattering[address] / safe[address],
             coalbedo=absorption[address] / safe[address],
@@ -147,12 +150,14 @@ class OpticalCells:
     def thermal_source(self) -> NDArray[np.float64]:
         """Thermal source (C, N) of the scattering cells."""
         outside = np.zeros((self.needs.boundaries, len(self.address)))
-        return np.concatenate([outside, self.thermal_planes(np.float64)[:, self.address]])
+        return np.concatenate([outside, self.thermal_planes(np.float64, self.address)])
 
-    def thermal_planes(self, real: type[np.floating]) -> NDArray[np.floating]:
-        """Thermal source (E, P) of the components `needs.emitters`."""
-        planes = [self.emitted[name].astype(real) for name in self.needs.emitters]
-        return np.stack(planes) if planes else np.zeros((0, len(self.depth)), real)
+    def thermal_planes(
+        self, real: type[np.floating], at: NDArray[np.int64] | slice = slice(None)
+    ) -> NDArray[np.floating]:
+        """Thermal source (E, P) of the components `needs.emitters`; at: of which addresses."""
+        planes = [self.emitted[name][at].astype(real) for name in self.needs.emitters]
+        return np.stack(planes) if planes else np.zeros((0, len(self.depth[at])), real)
 
     def bounds(self) -> Box:
         """The smallest box of whole bricks around everything that is not empty space."""
@@ -205,8 +210,9 @@ class OpticalCells:
         return np.asarray((z * box.shape[1] + y) * box.shape[0] + x)
 
 
-def _hottest(fields: dict[str, NDArray[np.float64]], phase: str) -> float:
+def _hottest(fields: dict[str, NDArray[np.float32]], phase: str) -> float:
     """Largest black-body radiance of a phase: what it emits over what it absorbs (Kirchhoff)."""
-    emission, absorption = fields[f"{phase}_emission"], fields[f"{phase}_absorption"]
+    emission = fields[f"{phase}_emission"].astype(np.float64)
+    absorption = fields[f"{phase}_absorption"]
     radiance = np.divide(emission, absorption, out=np.zeros_like(emission), where=absorption > 0)
     return float(radiance.max(initial=0.0))

@@ -46,7 +46,7 @@ class Filled:
         is 1.
         """
         cells, needs = self.cells, self.cells.needs
-        thermal = cells.thermal_planes(real)[:, self.at].T
+        thermal = cells.thermal_planes(real, self.at).T
         first = 1 if thick is None else 2
         if not needs.scattering:
             return np.column_stack([cells.depth[self.at].astype(real), thermal])

@@ -36,7 +36,7 @@ _MOST_CHAINS = 1e8  # of a picture: some core-minutes
 _LONGEST = 32  # scatterings of a chain, after which the light is that of the sweeps
 _GROUP = 16
 _TILE = 12  # pixels along a tile's edge: some hundred tell their noise
-_NOISE = 0.35  # of the wanted error, which chains may leave
+_NOISE = 0.8  # of the wanted error, which chains may leave: other errors are larger
 _BRIGHT = 3.0  # noise before walls as bright as the hottest cell, over that before gdi's own
 _STRETCH = 8  # numbers of a stretch within a thick cell, as in gather.cl
 
@@ -112,21 +112,11 @@ class Gather:
         size = len(directions) * light.rim * (self._components - 1)
         self._programs = [build(part.device, "gather.cl", self._defines) for part in painter.parts]
         self._walks, self._fixed = [], []
-        for part, program in zip(painter.parts, self._programs, strict=True):
+        for part in painter.parts:
             one, kept = part.device, light.buffer
             if one is not self.device:
                 host = download(self.device, light.buffer, np.empty(size, real))
                 kept = upload(one, "light of the rim", host)
-            by_cell = zeros(one, "light of the rim", size, real)
-            program["by_cell"](
-                one.queue,
-                (light.rim, len(directions)),
-                None,
-                by_cell,
-                kept,
-                np.int32(light.rim),
-                np.int32(len(directions)),
-            )
             self._walks.append(
                 [
                     upload(one, "albedo", albedo),
@@ -140,7 +130,8 @@ class Gather:
                     upload(one, "phase function", steps.astype(real)),
                     upload(one, "places", thick.places),
                     upload(one, "thick cells", records),
-                    by_cell,
+                    kept,
+                    np.int32(light.rim),
                     upload(one, "directions", shared),
                     upload(one, "directions", np.minimum(starts, len(shared) - 1).astype(np.int32)),
                     upload(one, "directions", near),
@@ -172,10 +163,10 @@ class Gather:
         """(2, C + 1, N), the part from within last, from two independent sets of chains, for flat
         numbers of pixels, with across^2 rays through each.
 
-        seen (C, N): what else is seen; other: pixels that see no thick cell, but have a T_app: those
-        before the background, of emissivity above 0.05. Chains go on, in the tiles where they help
-        most, until their noise in T_app is _NOISE of accuracy_K, or max_samples, or _MOST_CHAINS
-        chains in all.
+        seen (C, N): what else is seen; other: pixels that see no thick cell, but have a T_app, as
+        those before the background do at emissivities above 0.05. Chains go on, in the tiles where
+        they help most, until their noise in T_app is _NOISE of accuracy_K, or max_samples, or
+        _MOST_CHAINS chains in all.
         """
         cells, scene, wanted = self._painter.cells, self._painter.scene, self._settings.accuracy_K
         start = time.perf_counter()

@@ -40,7 +40,7 @@ class Gradients:
     @classmethod
     def of(cls, cells: OpticalCells, box: Box) -> Gradients:
         depth = cells.depth[cells.address]
-        chosen = _diffusion_lengths(cells) < _FARTHEST
+        chosen = np.sqrt(3.0 * cells.coalbedo) * depth < _FARTHEST
         at = (cells.positions(cells.address) - np.asarray(box.low)).T + 2
         number = np.full(np.array(box.shape[::-1]) + 4, -1)
         number[tuple(at[::-1])] = np.where(chosen, np.arange(len(depth)), -1)
@@ -63,15 +63,12 @@ class Gradients:
         return np.stack([more[0] + more[1], more[2] + more[3], more[4] + more[5]])
 
 
-def matter(cells: OpticalCells) -> bool:
-    """Whether light diffuses through thick cells."""
-    thick = (cells.depth[cells.address] > _DEEP) & (cells.coalbedo < _RARELY)
-    return bool(np.any(thick & (_diffusion_lengths(cells) < _FAR)))
-
-
-def _diffusion_lengths(cells: OpticalCells) -> Floats:
-    """Edge (N,) of each cell in lengths on which diffusing light falls to 1 / e."""
-    return np.asarray(np.sqrt(3.0 * cells.coalbedo) * cells.depth[cells.address])
+def matter(cells: OpticalCells, *, scattered: float) -> bool:
+    """Whether light diffuses through thick cells, if this share of the scattering counts."""
+    counts = cells.coalbedo + scattered * cells.albedo
+    depth, coalbedo = counts * cells.depth[cells.address], cells.coalbedo / counts
+    far = np.sqrt(3.0 * coalbedo) * depth < _FAR
+    return bool(np.any((depth > _DEEP) & (coalbedo < _RARELY) & far))
 
 
 def _along(

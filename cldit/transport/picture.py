@@ -108,18 +108,19 @@ class Painter:
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
-        made = self.filled.records(listed, defect, self.thick, self.real)
-        records = [upload(part.device, "records", made) for part in self.parts]
+        records = self._records(listed, defect)
         every = np.arange(columns * rows)
         pixels = None if rays in (1, "adaptive") else every
         images = np.empty((0, 0, 0))
         if rays in (1, "adaptive"):
-            images = self._gathered(self._whole(records), every, 1, gather)
+            images, left = self._images(self._whole(records))
+            self._gather(images, left, every, 1, gather)
         if rays == "adaptive":  # all of a run's pictures alike
             whole = images[0, :-1].reshape(-1, rows, columns)
             pixels = steep(whole, self.cells, self.scene, accuracy_K=self.accuracy_K)
         if pixels is not None and len(pixels):
-            several = self._gathered(self._listed(records, pixels), pixels, _ACROSS[rays], gather)
+            several, left = self._images(self._listed(records, pixels))
+            self._gather(several, left, pixels, _ACROSS[rays], gather)
             if len(pixels) == len(every):
                 images = several
             else:
@@ -127,26 +128,34 @@ class Painter:
         planes = list(images.reshape(*images.shape[:2], rows, columns))
         return planes, 0 if pixels is None else len(pixels)
 
-    def _gathered(
+    def _records(self, listed: list[NDArray[np.floating] | None], defect: Floats) -> list[Any]:
+        """On each device."""
+        made = self.filled.records(listed, defect, self.thick, self.real)
+        return [upload(part.device, "records", made) for part in self.parts]
+
+    def _images(self, planes: list[NDArray[np.floating]]) -> tuple[Floats, NDArray[np.int64]]:
+        """Pictures (pictures, C + 1, N), from planes (N,) as kernels make them, and which of the
+        pixels have something left to gather."""
+        parts = len(self.cells.needs.components) + 1
+        images = np.stack(planes[: self.at_once * parts], dtype=np.float64)
+        left = np.flatnonzero(planes[-1]) if self.thick is not None else np.zeros(0, np.int64)
+        return images.reshape(self.at_once, parts, -1), left
+
+    def _gather(
         self,
-        planes: NDArray[np.floating],
+        images: Floats,
+        left: NDArray[np.int64],
         pixels: NDArray[np.int64],
         across: int,
         gather: Gathered | None,
-    ) -> Floats:
-        """Pictures (pictures, C + 1, N), from planes as kernels make them, of listed pixels."""
-        parts = len(self.cells.needs.components) + 1
-        images = planes[: self.at_once * parts].astype(np.float64)
-        images = images.reshape(self.at_once, parts, -1)
-        if gather is None:
-            return images
-        here = np.flatnonzero(planes[-1])
-        if len(here):
-            seen = images[:, :-1, here].mean(axis=0)
-            counts = (1 - images[0, 0] > VISIBLE) & self.view.before_background.flat[pixels]
-            other = int(np.count_nonzero(counts) - np.count_nonzero(counts[here]))
-            images[:, :, here] += gather(pixels[here], across, seen, other)
-        return images
+    ) -> None:
+        """Adds what is left of listed pixels to their pictures."""
+        if gather is None or not len(left):
+            return
+        seen = images[:, :-1, left].mean(axis=0)
+        counts = (1 - images[0, 0] > VISIBLE) & self.view.before_background.flat[pixels]
+        other = int(np.count_nonzero(counts) - np.count_nonzero(counts[left]))
+        images[:, :, left] += gather(pixels[left], across, seen, other)
 
     @property
     def _planes(self) -> int:
@@ -154,8 +163,8 @@ class Painter:
         parts = len(self.cells.needs.components) + 1
         return self.at_once * parts + (0 if self.thick is None else 1)
 
-    def _whole(self, records: list[Any]) -> NDArray[np.floating]:
-        """One ray through the middle of every pixel (planes, H W), each device its rows."""
+    def _whole(self, records: list[Any]) -> list[NDArray[np.floating]]:
+        """One ray through the middle of every pixel: planes (H W,), each device its rows."""
         columns, rows = self.view.pixels
         outs = []
         for part, some in zip(self.parts, records, strict=True):
@@ -172,17 +181,16 @@ class Painter:
                 )
                 part.device.queue.flush()  # the next device starts while this one works
             outs.append(out)
-        image = np.empty((self._planes, rows, columns), self.real)
+        planes = [np.empty(rows * columns, self.real) for _ in range(self._planes)]
         for part, out in zip(self.parts, outs, strict=True):
-            mine = slice(part.rows.start, part.rows.stop)
-            if len(part.rows) == rows:
-                download(part.device, out, image)
-            else:
-                image[:, mine] = download(part.device, out, np.empty_like(image))[:, mine]
-        return image.reshape(self._planes, -1)
+            mine = slice(part.rows.start * columns, part.rows.stop * columns)
+            for number, plane in enumerate(planes):
+                first = number * len(plane) + mine.start
+                download(part.device, out, plane[mine], first=first)
+        return planes
 
-    def _listed(self, records: list[Any], pixels: NDArray[np.int64]) -> NDArray[np.floating]:
-        """Means (planes, N) of several rays through the listed pixels."""
+    def _listed(self, records: list[Any], pixels: NDArray[np.int64]) -> list[NDArray[np.floating]]:
+        """Means, planes (N,), of several rays through the listed pixels."""
         outs = []
         divided = shares(self.parts[0].device, len(pixels))
         for part, some, (_, mine) in zip(self.parts, records, divided, strict=True):
@@ -207,4 +215,4 @@ class Painter:
             for part, (out, count) in zip(self.parts, outs, strict=True)
             if count
         ]
-        return np.concatenate(means, axis=1)
+        return list(np.concatenate(means, axis=1))

@@ -25,7 +25,7 @@ from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import Directions, about_camera, for_boundary
-from cldit.transport.gradients import matter
+from cldit.transport.gradients import Gradients, matter
 from cldit.transport.phase import PHASE_STEPS, ScatteringTable
 from cldit.transport.result import Settings
 from cldit.transport.solve import Solution, another_order, first_guess, solve
@@ -64,131 +64,161 @@ def scattered_light(
     report: Callable[[str], None] | None,
 ) -> Scattered:
     """seen: cells with all of their scattering; thick: whose light chains are to follow."""
+    if settings.order == 0:
+        return _of_order_0(seen, "USE_FLOAT64" in defines)
+    evenly = 1.0 if settings.phase is None else 1.0 - settings.phase.asymmetry
+    linear: dict[str, Define] = {"LINEAR": 1} if matter(seen, scattered=evenly) else {}
     work = _Work(
         seen,
         scene,
         view,
         device,
         settings,
-        {**defines, **sweep_defines(device)},
+        {**defines, **sweep_defines(device), **linear},
         build(device, "iterate.cl", defines),
     )
-    phase = settings.phase
-    solved = seen if phase is None else work.cells(1.0 - phase.asymmetry)
-    if matter(solved):
-        work = replace(work, defines={**work.defines, "LINEAR": 1})
-    plain = work.program({})
-    sweeper = work.sweeper(solved, plain)
-    counts = {"swept_cells": sweeper.box.cells, "scattering_cells": sweeper.count}
-    guess = first_guess(sweeper, solved.albedo)
-    if settings.order == 0:
-        first: NDArray[np.floating] = seen.thermal_source().astype(sweeper.real)
-        first[1] += seen.albedo
-        return Scattered(
-            halves=(first, first),
-            solution=Solution(guess, 0, 0.0, 0.0),
-            defect=np.zeros(sweeper.count),
-            ends=None,
-            programs=(plain, work.iterate),
-            counts={**counts, "sweeps": 0},
-        )
-    rng = np.random.default_rng(settings.seed)
-    if settings.order is None:
-        rays = work.rays(sweeper, settings.directions, rng)
-        solution = solve(sweeper, guess, rays, tolerance=settings.tolerance, report=report)
-    else:
-        solution = Solution(guess, settings.order, 0.0, 0.0)
-        for _ in range(settings.order - (1 if phase is None else 2)):
-            solution = work.another(sweeper, solution, solved, rng)
-    if phase is not None:
-        last = _by_moments(work, phase, sweeper, solved, solution, rng)
-    else:
-        if settings.order is None:
-            # The solver's few directions are forgotten, but for what is scattered twice more.
-            solution = work.another(sweeper, solution, solved, rng)
-        last = _Last(solved, solution, solution.source, ())
-    defect = sweeper.defect(last.solution.source, work.rays(sweeper, _CHECKED, rng))
-    if last.solution.lack is not None:
-        defect -= last.solution.lack[: solved.needs.boundaries].sum(axis=0)
     towards = work.towards(thick)
-    lit = sweeper if phase is None else work.sweeper(last.cells, towards)
-    halves, ends = _swept_to_camera(work, towards, lit, last, thick)
-    if ends is not None and sweeper.gradients is not None:
-        ends = replace(ends, across=tuple(sweeper.gradients(ends.source)))
-    sweeps = sweeper.sweeps + last.sweeps + (0 if lit is sweeper else lit.sweeps)
+    rng = np.random.default_rng(settings.seed)
+    if settings.phase is None:
+        last = _evenly(work, rng, report)
+    else:
+        last = _by_moments(work, settings.phase, towards, rng, report)
+    halves, ends = _swept_to_camera(work, towards, last, thick)
     return Scattered(
         halves=halves,
         solution=replace(last.solution, towards=np.mean(halves, axis=0)),
-        defect=defect,
+        defect=last.defect,
         ends=ends,
-        programs=(plain, work.iterate, *last.programs, towards),
-        counts={**counts, "sweeps": sweeps},
+        programs=(work.iterate, *last.programs, towards),
+        counts={**_counts(seen), "sweeps": last.earlier + last.sweeper.sweeps},
     )
+
+
+def _of_order_0(seen: OpticalCells, double: bool) -> Scattered:
+    """Nothing is swept: whatever is scattered comes from the wall."""
+    source: NDArray[np.floating] = seen.thermal_source()
+    source[1] += seen.albedo
+    source = source.astype(np.float64 if double else np.float32)
+    return Scattered(
+        halves=(source, source),
+        solution=Solution(source, 0, 0.0, 0.0),
+        defect=np.zeros(len(seen.address)),
+        ends=None,
+        programs=(),
+        counts={**_counts(seen), "sweeps": 0},
+    )
+
+
+def _counts(seen: OpticalCells) -> dict[str, int]:
+    return {"swept_cells": seen.box().cells, "scattering_cells": len(seen.address)}
 
 
 @dataclass(frozen=True)
 class _Last:
     """What the last sweeps start from.
 
-    cells: as they are swept then. solution: of the solver's medium. source (C, N), or (4 C, N)
-    where it has a first moment: of `cells`.
+    sweeper: that makes them; it holds the source. solution, defect: of the solver's medium, as in
+    `Scattered`; gradients: how its source changes across cells. earlier: sweeps, of another
+    sweeper.
     """
 
-    cells: OpticalCells
+    sweeper: Sweeper
     solution: Solution
-    source: NDArray[np.floating]
+    defect: Floats
+    gradients: Gradients | None
     programs: tuple[Program, ...]
-    sweeps: int = 0  # that it took, of other sweepers than the solver's
+    earlier: int = 0
+
+
+def _evenly(work: _Work, rng: np.random.Generator, report: Callable[[str], None] | None) -> _Last:
+    """Without a phase function: the solution, in the medium as it is."""
+    plain = work.program({})
+    sweeper = work.sweeper(work.seen, plain)
+    # The solver's few directions are forgotten, but for what is scattered twice more.
+    solution = work.solution(sweeper, rng, report, more=1)
+    solution, defect = work.checked(sweeper, solution)
+    sweeper.set_source(solution.source, shining=True)
+    return _Last(sweeper, solution, defect, sweeper.gradients, (plain,))
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """What is left of the solver, without its sweeper and cells: as large as the last sweeps'.
+
+    albedo (N,), thermal (C, N): of the solver's cells. The others as in `_Last`.
+    """
+
+    solution: Solution
+    albedo: Floats
+    thermal: NDArray[np.floating]
+    defect: Floats
+    gradients: Gradients | None
+    programs: tuple[Program, ...]
+    sweeps: int
+
+    @classmethod
+    def of(
+        cls,
+        work: _Work,
+        asymmetry: float,
+        rng: np.random.Generator,
+        report: Callable[[str], None] | None,
+    ) -> tuple[_Solved, NDArray[np.floating]]:
+        """And (4, C, N) the mean, and the first moment, of the light in the cells."""
+        plain = work.program({})
+        sweeper = work.sweeper(work.cells(1.0 - asymmetry), plain)
+        solution = work.solution(sweeper, rng, report, more=0)
+        programs = [plain]
+        light = np.zeros((4, sweeper.components, sweeper.count), sweeper.real)
+        light[0, 1] = 1.0  # order 1: as if it came from the wall, all round
+        if work.settings.order != 1:
+            programs.append(work.program({"FLUX": 1}))
+            sweeper.set_source(solution.source, shining=True)
+            sweeper.moments(programs[-1], work.rays(sweeper, work.few, rng), out=light)
+            solution = _one_more(solution, solution.source, sweeper)
+        solution, defect = work.checked(sweeper, solution)
+        done = cls(
+            solution,
+            sweeper.albedo,
+            sweeper.thermal,
+            defect,
+            sweeper.gradients,
+            tuple(programs),
+            sweeper.sweeps,
+        )
+        return done, light
 
 
 def _by_moments(
     work: _Work,
     phase: ScatteringTable,
-    sweeper: Sweeper,
-    solved: OpticalCells,
-    solution: Solution,
+    towards: Program,
     rng: np.random.Generator,
+    report: Callable[[str], None] | None,
 ) -> _Last:
     """From a solution by one moment to a source by two; see the head of this file."""
-    settings, half = work.settings, work.settings.final_directions // 2
-    cells = work.cells(1.0 - phase.forward)
-    if settings.order == 1:
-        light = np.zeros((4, sweeper.components, sweeper.count), sweeper.real)
-        light[0, 1] = 1.0  # as if it came from the wall, all round
-        return _Last(cells, solution, _sloped(cells, light, phase), ())
-    flux = work.program({"FLUX": 1})
-    programs, sweeps = [flux], 0
-    sweeper.set_source(solution.source, shining=True)
-    few = settings.directions if settings.order is None else half
-    light = sweeper.moments(flux, work.rays(sweeper, few, rng))
-    if settings.order is None:
+    solved, light = _Solved.of(work, phase.asymmetry, rng, report)
+    solution, programs = solved.solution, solved.programs
+    sweeper = work.sweeper(work.cells(1.0 - phase.forward), towards)
+    if work.settings.order is None:
         again = work.program({"FLUX": 1, "SLOPED": 1})
-        between = work.sweeper(cells, again)
-        for count in (*[few] * (_SCATTERINGS - 1), half // 2):
-            between.set_source(_sloped(cells, light, phase), shining=True)
-            light = between.moments(again, work.rays(between, count, rng))
-        programs.append(again)
-        sweeps = between.sweeps
-    return _Last(
-        cells,
-        replace(
-            solution,
-            source=solved.albedo * light[0] + sweeper.thermal,
-            lack=None if solution.lack is None else solution.lack * solved.albedo,
-        ),
-        _sloped(cells, light, phase),
-        tuple(programs),
-        sweeps,
-    )
+        programs = (*programs, again)
+        for count in (*[work.few] * (_SCATTERINGS - 1), work.half // 2):
+            sweeper.set_source(_sloped(sweeper, light, phase), shining=True)
+            sweeper.moments(again, work.rays(sweeper, count, rng), out=light)
+    sweeper.set_source(_sloped(sweeper, light, phase), shining=True)
+    if work.settings.order != 1:
+        solution = replace(solution, source=solved.albedo * light[0] + solved.thermal)
+    return _Last(sweeper, solution, solved.defect, solved.gradients, programs, solved.sweeps)
 
 
 def _swept_to_camera(
-    work: _Work, program: Program, sweeper: Sweeper, last: _Last, thick: ThickCells | None
+    work: _Work, program: Program, last: _Last, thick: ThickCells | None
 ) -> tuple[tuple[NDArray[np.floating], NDArray[np.floating]], Ends | None]:
     """Both halves of the last sweeps, (C, N) each, and what they leave for chains."""
-    settings, seen, view = work.settings, work.seen, work.view
+    settings, seen, view, sweeper = work.settings, work.seen, work.view, last.sweeper
     rng = np.random.default_rng([settings.seed, 1])  # alike whatever the order, to compare orders
-    half = settings.final_directions // 2
+    half = work.half
     sets = [work.to_camera(sweeper, half, rng) for _ in range(2)]
     table = np.zeros(1) if settings.phase is None else settings.phase.by_half_sine(PHASE_STEPS)
     place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
@@ -206,8 +236,8 @@ def _swept_to_camera(
                 real=sweeper.real,
             ),
             last.solution.source,
+            () if last.gradients is None else tuple(last.gradients(last.solution.source)),
         )
-    sweeper.set_source(last.source, shining=True)
     halves: list[NDArray[np.floating]] = []
     thermal = seen.thermal_source()
     for number, rays in enumerate(sets):
@@ -255,17 +285,51 @@ class _Work:
             self.device, cells, sweep, self.iterate, disc=self.view.disc, patches=self.view.patches
         )
 
-    def another(
+    @property
+    def half(self) -> int:
+        """Of the last directions."""
+        return self.settings.final_directions // 2
+
+    @property
+    def few(self) -> int:
+        """Directions of the sweeps between the solver's and the last."""
+        return self.settings.directions if self.settings.order is None else self.half
+
+    def solution(
         self,
         sweeper: Sweeper,
-        solution: Solution,
-        cells: OpticalCells,
         rng: np.random.Generator,
+        report: Callable[[str], None] | None,
+        *,
+        more: int,
     ) -> Solution:
-        """One scattering more, with half of the last directions."""
-        rays = self.rays(sweeper, self.settings.final_directions // 2, rng)
-        lack = None if solution.lack is None else solution.lack * cells.albedo
-        return replace(solution, source=another_order(sweeper, solution.source, rays), lack=lack)
+        """In the sweeper's cells; of a fixed order but for the last scattering, or two of them.
+
+        more: scatterings after the converged solution, each with half of the last directions; 0
+        leaves out two of a fixed order.
+        """
+        settings = self.settings
+        guess = first_guess(sweeper, sweeper.albedo)
+        if settings.order is None:
+            rays = self.rays(sweeper, settings.directions, rng)
+            solution = solve(sweeper, guess, rays, tolerance=settings.tolerance, report=report)
+        else:
+            solution = Solution(guess, settings.order, 0.0, 0.0)
+            more += settings.order - 2
+        for _ in range(more):
+            rays = self.rays(sweeper, self.half, rng)
+            source = another_order(sweeper, solution.source, rays)
+            solution = _one_more(solution, source, sweeper)
+        return solution
+
+    def checked(self, sweeper: Sweeper, solution: Solution) -> tuple[Solution, Floats]:
+        """The solution, and what sweeps and solver make or lose of a cavity's radiance of 1 (N,),
+        in which what it lacks has gone."""
+        rng = np.random.default_rng([self.settings.seed, 2])  # no other directions depend on it
+        defect = sweeper.defect(solution.source, self.rays(sweeper, _CHECKED, rng))
+        if solution.lack is not None:
+            defect -= solution.lack[: self.seen.needs.boundaries].sum(axis=0)
+        return replace(solution, lack=None), defect
 
     def rays(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> Rays:
         """Directions over the sphere."""
@@ -289,13 +353,19 @@ class _Work:
         return sweeper.rays(about_camera(count, rng, phase), rng.random((count, 2)))
 
 
-def _sloped(cells: OpticalCells, light: NDArray[Any], phase: ScatteringTable) -> NDArray[Any]:
-    """Source (4 C, N) of cells that scatter by a phase function of two moments.
+def _one_more(solution: Solution, source: NDArray[np.floating], sweeper: Sweeper) -> Solution:
+    """After one scattering more: the source, and what is left of what it lacked."""
+    lack = None if solution.lack is None else solution.lack * sweeper.albedo
+    return replace(solution, source=source, lack=lack)
+
+
+def _sloped(sweeper: Sweeper, light: NDArray[Any], phase: ScatteringTable) -> NDArray[Any]:
+    """Source (4 C, N) of a sweeper's cells that scatter by a phase function of two moments.
 
     light (4, C, N): mean, and first moment, of the light in them.
     """
     first = (phase.asymmetry - phase.forward) / (1.0 - phase.forward)
-    source = cells.albedo.astype(light.dtype) * light
-    source[0] += cells.thermal_source().astype(light.dtype)
+    source = sweeper.albedo.astype(light.dtype) * light
+    source[0] += sweeper.thermal
     source[1:] *= light.dtype.type(3.0 * first)
-    return np.asarray(source.reshape(-1, len(cells.address)))
+    return np.asarray(source.reshape(-1, sweeper.count))

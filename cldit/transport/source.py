@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
-from cldit.gpu.program import Define
+from cldit.gpu.program import Define, Program
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
@@ -24,6 +24,7 @@ from cldit.transport.gather import Gather
 from cldit.transport.picture import Painter
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.scattered import scattered_light
+from cldit.transport.solve import Solution
 from cldit.transport.thick import ThickCells
 from cldit.transport.view import View, check_boundary
 
@@ -40,11 +41,49 @@ def trace_source(
     report: Callable[[str], None] | None,
 ) -> Trace:
     """Weights by source iteration, in the precision that `settings` gives (not `auto`)."""
+    painted = _painted(cells, scene, device, settings, report)
+    images = painted.images
+    difference = None if len(images) < 2 else (images[0] - images[1]) / 2
+    mean = images[0] if len(images) < 2 else (images[0] + images[1]) / 2
+    return Trace(
+        weights=weights_of(mean, cells),
+        weights_difference=None if difference is None else weights_of(difference, cells),
+        programs=painted.programs,
+        solution=painted.solution,
+        seconds=painted.seconds,
+        counts=painted.counts,
+        precision="float64" if settings.precision == "float64" else "float32",
+        short=painted.short,
+        closure=Closure.of(
+            mean[: cells.needs.boundaries], mean[-1], bound=_CLOSED + 10 * settings.tolerance
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class _Painted:
+    """images (C + 1, H, W), by either half of the last sweep, or one; the others as in `Trace`."""
+
+    images: list[Floats]
+    programs: tuple[Program, ...]
+    solution: Solution | None
+    seconds: dict[str, float]
+    counts: dict[str, int]
+    short: str
+
+
+def _painted(
+    cells: OpticalCells,
+    scene: Scene,
+    device: Device,
+    settings: Settings,
+    report: Callable[[str], None] | None,
+) -> _Painted:
+    """The pictures; what made them, some hundred megabytes on the device, is let go of."""
     view = View.of(scene, cells)
     defines: dict[str, Define] = {**cells.needs.defines, **view.defines}
     if settings.precision == "float64":
         defines["USE_FLOAT64"] = 1
-    real = np.float64 if settings.precision == "float64" else np.float32
     thick = None
     if settings.gather and settings.order is None and cells.needs.scattering:
         thick = ThickCells.of(cells, cells.box(), deeper_than=settings.thick)
@@ -70,7 +109,6 @@ def trace_source(
         if thick is not None and light.ends is not None:
             cut = {**defines, "CUTOFF": float(settings.cutoff)}
             gather = Gather(painter, cells.box(), thick, light.ends, settings, cut)
-            light = replace(light, ends=None)  # some hundred megabytes, which gather has by cell
     programs = [painter.parts[0].program, *([] if light is None else light.programs)]
     counts = {} if light is None else dict(light.counts)
     start = time.perf_counter()
@@ -87,18 +125,11 @@ def trace_source(
         counts["samples"] = gather.samples
         seconds["gather"] = gather.seconds
         seconds["image"] -= gather.seconds + sum(p.build_s for p in gather.programs)
-    difference = None if len(images) < 2 else (images[0] - images[1]) / 2
-    mean = images[0] if len(images) < 2 else (images[0] + images[1]) / 2
-    return Trace(
-        weights=weights_of(mean, cells),
-        weights_difference=None if difference is None else weights_of(difference, cells),
+    return _Painted(
+        images=images,
         programs=tuple(programs),
         solution=None if light is None else light.solution,
         seconds={"compile": sum(program.build_s for program in programs), **seconds},
         counts=counts,
-        precision=real.__name__,
         short="" if gather is None else gather.short,
-        closure=Closure.of(
-            mean[: cells.needs.boundaries], mean[-1], bound=_CLOSED + 10 * settings.tolerance
-        ),
     )

@@ -40,8 +40,8 @@ def sweep_defines(device: Device) -> dict[str, int]:
 class _Order:
     """The box's groups of cells in one order, and the device's arrays of them.
 
-    place: of the scattering cells among the cells of all groups. source, excess: planes side by
-    side in each group; thermal, not on the device: the sources of what emits, (G, GROUP) each.
+    place: of the scattering cells among the cells of all groups. source: planes side by side in
+    each group; thermal, not on the device: the sources of what emits, (G, GROUP) each.
     """
 
     groups: Groups
@@ -50,7 +50,6 @@ class _Order:
     place: Any
     depth: Any
     source: Any
-    excess: Any
     thermal: list[NDArray[Any]]
     shape: tuple[int, int, int]  # of `source`
 
@@ -69,7 +68,6 @@ class _Order:
         def packed(values: NDArray[np.float64]) -> NDArray[Any]:
             return groups.packed(turned_too(cells.dense(box, values.astype(real)))[turned])
 
-        components = len(cells.needs.components)
         thermal = [packed(cells.emitted[name]) for name in cells.needs.emitters]
         x, y, z = (cells.positions(cells.address) - np.asarray(box.low)).T
         _, ny, nz = box.shape
@@ -81,7 +79,6 @@ class _Order:
             place=upload(device, "places", place),
             depth=upload(device, "optical depth", packed(cells.depth)),
             source=zeros(device, "source", planes * groups.cells, real),
-            excess=zeros(device, "excess", components * groups.cells, real),
             thermal=thermal,
             shape=(len(groups), planes, GROUP),
         )
@@ -114,8 +111,9 @@ def _slots(layout: Layout) -> int:
 class Sweeper:
     """The swept box on the device.
 
-    Holds optical depths, source and excess in groups of cells along x, and once more in groups
-    along y (turned), so that rays along x go through rows of memory as those along y and z do.
+    Holds optical depths and source in groups of cells along x, and once more in groups along y
+    (turned), so that rays along x go through rows of memory as those along y and z do. The excess
+    is found in one after the other, and listed.
     """
 
     def __init__(
@@ -156,7 +154,7 @@ class Sweeper:
             )
             for turned, groups in self.groups.items()
         }
-        self._excess = {turned: order.excess for turned, order in self._order.items()}
+        self._excess, self._listed = self._room(self.components)
         self._shining: bool | None = False  # what the cells that do not scatter hold
         self._lanes = device.info.largest_group
         each = max(
@@ -166,11 +164,11 @@ class Sweeper:
         most = device.info.largest_buffer_bytes // (each * np.dtype(real).itemsize)
         self._together = max(1, min(_TOGETHER, most))
         self._rays = zeros(device, "rays", self._together * each, real)
+        self.albedo = cells.albedo
         self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
-        self.gradients: Gradients | None = None
+        self.gradients = Gradients.of(cells, self.box) if self._planes > self._given else None
         self._across: list[Any] = []
-        if self._planes > self._given:
-            self.gradients = Gradients.of(cells, self.box)
+        if self.gradients is not None:
             self._across = [
                 upload(device, "neighbours", self.gradients.neighbours),
                 upload(device, "neighbours' weights", self.gradients.weights.astype(real)),
@@ -179,7 +177,7 @@ class Sweeper:
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
         self._depth = upload(device, "optical depth", cells.depth[cells.address].astype(real))
-        self._list = zeros(device, "list", self._planes * self.count, real)
+        self._list = zeros(device, "list", self.components * self.count, real)
         self._out = zeros(device, "answer", self.components * self.count, real)
         self.sweeps = 0
 
@@ -203,11 +201,25 @@ class Sweeper:
         self._put(listed)
 
     def _put(self, listed: NDArray[Any]) -> None:
-        cl.enqueue_copy(self.device.queue, self._list, np.ascontiguousarray(listed, self._real))
-        if self._across:
-            self._of_list("gradients", self._list, *self._across, np.int32(self._given))
         sources = [order.source for order in self._order.values()]
-        self._of_list("set_source", *sources, self._list, *self._places(), np.int32(self._planes))
+        planes = np.int32(self._planes)
+        for first in reversed(range(0, self._given, self.components)):  # S_0 last: it stays
+            some = np.ascontiguousarray(listed[first : first + self.components], self._real)
+            cl.enqueue_copy(self.device.queue, self._list, some)
+            self._of_list(
+                "set_source", *sources, self._list, *self._places(), np.int32(first), planes
+            )
+        if self._across:
+            given = np.int32(self._given)
+            self._of_list(
+                "set_gradients",
+                *sources,
+                self._list,
+                *self._places(),
+                *self._across,
+                given,
+                planes,
+            )
 
     def _places(self) -> list[Any]:
         return [order.place for order in self._order.values()]
@@ -218,14 +230,22 @@ class Sweeper:
             self.device.queue, (self.count,), None, *arguments, np.int32(self.count)
         )
 
-    def _answer(self, kernel: str | None = None, *arguments: Any) -> NDArray[Any]:
-        """(C, N) excess of the listed cells, or what a kernel makes of it."""
-        excess = [order.excess for order in self._order.values()]
-        planes = np.int32(self.components)
-        self._of_list("listed_excess", self._out, *excess, *self._places(), planes)
-        if kernel is not None:
-            self._of_list(kernel, self._out, self._list, *arguments)
-        return download(self.device, self._out, np.empty((self.components, self.count), self._real))
+    def _room(self, planes: int) -> tuple[Any, Any]:
+        """Room for so many planes of the excess in either order of cells, and in the list."""
+        most = max(groups.cells for groups in self.groups.values())
+        return (
+            zeros(self.device, "excess", planes * most, self._real),
+            zeros(self.device, "list", planes * self.count, self._real),
+        )
+
+    def _answer(self, kernel: str, *arguments: Any) -> NDArray[Any]:
+        """What a kernel makes of the source and the excess (C, N) of the listed cells."""
+        self._of_list(kernel, self._out, self._listed, self._list, *arguments)
+        return self._read(self._out)
+
+    def _read(self, listed: Any) -> NDArray[Any]:
+        """The first C planes of a list."""
+        return download(self.device, listed, np.empty((self.components, self.count), self._real))
 
     def rays(self, directions: Directions, starts: NDArray[np.float64]) -> Rays:
         """starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer."""
@@ -250,41 +270,51 @@ class Sweeper:
 
         camera: what directions count for towards it; None counts all alike.
         """
-        size = np.dtype(self._real).itemsize
-        for turned, order in self._order.items():
-            clear(self.device, order.excess, size * self.components * order.groups.cells)
-            if camera is not None:
-                clear(self.device, camera.shares[turned], size * order.groups.cells)
         kernel = self._sweep if camera is None else camera.kernel
-        for route, tables in rays.routes:
-            extra = [] if camera is None else self._towards(camera, route)
-            self._along(kernel, route, tables, shining, self._excess, extra)
-        self.sweeps += len(rays.directions)
+        self._along_all(kernel, rays, shining, self._excess, self._listed, self.components, camera)
 
-    def moments(self, program: Program, rays: Rays) -> NDArray[Any]:
-        """(4, C, N) mean of the light in the scattering cells, and of what it is more than that
+    def moments(self, program: Program, rays: Rays, *, out: NDArray[Any]) -> None:
+        """Finds the mean of the light in the scattering cells, and of what it is more than that
         times each component of the direction that it comes from: the first moment, which no set
-        of directions then finds in even light. program: sweep.cl with FLUX."""
+        of directions then finds in even light.
+
+        program: sweep.cl with FLUX. out (4, C, N): takes them.
+        """
         many = _MOMENTS * self.components
-        excess = {
-            turned: zeros(self.device, "flux", many * order.groups.cells, self._real)
-            for turned, order in self._order.items()
-        }
-        for route, tables in rays.routes:
-            self._along(program["sweep"], route, tables, True, excess)
-        self.sweeps += len(rays.directions)
-        out = zeros(self.device, "flux", many * self.count, self._real)
-        self._of_list("listed_excess", out, *excess.values(), *self._places(), np.int32(many))
-        found = download(
-            self.device, out, np.empty((_MOMENTS, self.components, self.count), self._real)
-        )
-        held = np.empty((self._planes, self.count), self._real)
-        listed = download(self.device, self._list, held)[: self.components]
+        excess, listed = self._room(many)
+        self._along_all(program["sweep"], rays, True, excess, listed, many)
+        download(self.device, listed, out)
         weight, back = rays.directions.weight, rays.directions.unit
         leaning = (weight @ back / weight.sum()).astype(self._real)
-        found[1:] -= leaning[:, None, None] * found[0]
-        found[0] += self._real(weight.sum()) * listed
-        return found
+        for moment, lean in zip(out[1:], leaning, strict=True):
+            moment -= lean * out[0]
+        out[0] += self._real(weight.sum()) * self._read(self._list)
+
+    def _along_all(
+        self,
+        kernel: Any,
+        rays: Rays,
+        shining: bool,
+        excess: Any,
+        listed: Any,
+        planes: int,
+        camera: ToCamera | None = None,
+    ) -> None:
+        """Sweeps every direction, those through one order of cells after those through the other,
+        which share the room for the excess; `listed` then has its planes for the scattering cells.
+        """
+        size = np.dtype(self._real).itemsize
+        for turned, order in self._order.items():
+            clear(self.device, excess, size * planes * order.groups.cells)
+            if camera is not None:
+                clear(self.device, camera.shares[turned], size * order.groups.cells)
+            for route, tables in rays.routes:
+                if route.layout.turned is turned:
+                    extra = [] if camera is None else self._towards(camera, route)
+                    self._along(kernel, route, tables, shining, excess, extra)
+            more, many = np.int32(turned), np.int32(planes)
+            self._of_list("listed_excess", listed, excess, order.place, more, many)
+        self.sweeps += len(rays.directions)
 
     def _towards(self, camera: ToCamera, route: Route) -> list[Any]:
         """What the kernel takes with TO_CAMERA, and with RIM."""
@@ -304,7 +334,7 @@ class Sweeper:
         route: Route,
         tables: list[Any],
         shining: bool,
-        excess: dict[bool, Any],
+        excess: Any,
         extra: Sequence[Any] = (),
     ) -> None:
         layout, real = route.layout, self._real
@@ -318,7 +348,7 @@ class Sweeper:
             order.begins,
             order.depth,
             order.source,
-            excess[layout.turned],
+            excess,
             np.int32(layout.number),
             *(np.int32(count) for count in layout.size),
             np.int32(layout.stride_v),
@@ -345,7 +375,7 @@ class Sweeper:
         parts = np.zeros((self.components, self.count), real)
         parts[:b] = listed[:b]
         for order in self._order.values():
-            source = np.zeros(order.shape, real)
+            source = np.zeros((len(order.groups), self.components, GROUP), real)
             source[:, b : b + 1] = 1.0
             cl.enqueue_copy(self.device.queue, order.source, source)
         self._shining = None
@@ -353,7 +383,7 @@ class Sweeper:
             parts[b] = 1.0 - listed[:b].sum(axis=0)
         self._put(parts)
         self.sweep(rays, shining=True)
-        total = self._answer().sum(axis=0, dtype=np.float64)
+        total = self._read(self._listed).sum(axis=0, dtype=np.float64)
         missing = parts.sum(axis=0, dtype=np.float64) - 1.0
         return np.asarray(total / rays.directions.weight.sum() + missing)
 

@@ -59,7 +59,7 @@ class ThickCells:
             [
                 cells.depth[address],
                 cells.albedo[self.listed],
-                cells.thermal_planes(np.float64)[:, address].T,
+                cells.thermal_planes(np.float64, address).T,
                 ends.source[:, self.listed].T,
                 *(plane[:, self.listed].T for plane in ends.across),
             ]

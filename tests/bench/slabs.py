@@ -1,7 +1,8 @@
 """Slabs against PythonicDISORT, as a table: `python tests/bench/slabs.py [--plain] [--phase g]`.
 
 A slab of 16 cells, or --layers (0.2 m cube, 128 cells an edge), before a background that fills the
-half space; the error is that of the weights of background and wall, in units of the boundary radiance.
+half space; the error is that of the weights of background and wall, in units of the boundary's
+radiance.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +21,7 @@ from cldit.transport.directions import Directions, isotropic
 from cldit.transport.filled import Filled
 from cldit.transport.gradients import Gradients
 from cldit.transport.patches import patch_rows, shifted
+from cldit.transport.phase import henyey_greenstein
 from cldit.transport.reference import march, sweep
 from cldit.transport.solve import first_guess
 from cldit.transport.sweep import Sweeper, sweep_defines
@@ -157,7 +159,8 @@ def test_first_moments_against_numpy(device: Device, vector: int) -> None:
     directions, starts = isotropic(12, rng), rng.random((12, 2))
     given = rng.uniform(-0.3, 1.0, (4, sweeper.components, sweeper.count))
     sweeper.set_source(given.reshape(-1, sweeper.count), shining=True)
-    got = sweeper.moments(program, sweeper.rays(directions, starts))
+    got = np.empty((4, sweeper.components, sweeper.count), sweeper.real)
+    sweeper.moments(program, sweeper.rays(directions, starts), out=got)
 
     box = sweeper.box
     planes = np.zeros((4, sweeper.components, len(cells.depth)))
@@ -201,7 +204,8 @@ def test_gradients_against_numpy(device: Device, vector: int, sloped: bool) -> N
     directions, starts = isotropic(12, rng), rng.random((12, 2))
     given = rng.uniform(-0.3, 1.0, (4 if sloped else 1, sweeper.components, sweeper.count))
     sweeper.set_source(given.reshape(-1, sweeper.count), shining=True)
-    got = sweeper.moments(program, sweeper.rays(directions, starts))
+    got = np.empty((4, sweeper.components, sweeper.count), sweeper.real)
+    sweeper.moments(program, sweeper.rays(directions, starts), out=got)
 
     box = sweeper.box
     across = Gradients.of(cells, box)
@@ -320,6 +324,46 @@ def test_sweeps_repeat_to_the_last_bit(device: Device) -> None:
         found.append(sweeper.next_order())
     for other in found[1:]:
         np.testing.assert_array_equal(other, found[0])
+
+
+def test_one_sweeper_at_a_time(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a phase function two media are swept, each of which fills its sweeper: the solver's is
+    gone, with all its buffers, before the other is made; and no room outlives its sweeps."""
+    alive: weakref.WeakSet[Sweeper] = weakref.WeakSet()
+    made = []
+    init = Sweeper.__init__
+
+    def counted(self: Sweeper, *given: Any, **named: Any) -> None:
+        made.append(len(alive))
+        alive.add(self)
+        init(self, *given, **named)
+
+    monkeypatch.setattr(Sweeper, "__init__", counted)
+    scene = parse_scene(
+        {
+            "name": "random",
+            "domain": {"edge_m": EDGE_M, "leaf_edge_m": EDGE_M / 15.9},
+            "spray": {"model": "none"},
+            "camera": {"distance_m": 0.3, "field_m": [0.15, 0.12], "pixels": [9, 7]},
+            "background": {"radius_m": 0.03},
+        }
+    )
+    settings = Settings(
+        directions=8,
+        final_directions=16,
+        tolerance=1e-3,
+        order=None,
+        cutoff=1e-4,
+        precision="float32",
+        seed=1,
+        phase=henyey_greenstein(0.8),
+        max_samples=64,
+        accuracy_K=10.0,
+        audit=False,
+    )
+    trace(random_tree(6), scene, device, settings)
+    assert made == [0, 0]
+    assert not alive
 
 
 def test_records_of_filled_cells() -> None:
