@@ -3,7 +3,7 @@
    Scattering cells are handled as a list, [component][cell]. The box holds everything twice, in
    groups along x and along y (the turned ones): `place` and `turned` say where a cell lies. */
 
-#include "attenuation.h"
+#include "real.h"
 #include "components.h"
 #include "groups.h"
 
@@ -63,23 +63,21 @@ __kernel void listed_excess(
 }
 
 /* Preconditioned residual of S = a J + E, with J = S + D:
-       (a D - (1 - a) S + shine E) / ((1 - a) + a q)
-   The divisor is the share of its own light that a cell does not keep (approximate Lambda): the
+       (a D - (1 - a) S + shine E) / lost
+   lost: share of its own light that a cell does not get back at once (approximate Lambda): the
    residual is then about the error, in thin and thick cells alike. */
 __kernel void residual(
     __global real *out, __global const real *excess, __global const real *listed,
     __global const real *emission, __global const real *albedo, __global const real *coalbedo,
-    __global const real *depth, const real mean_stretch, const real shine, const int count)
+    __global const real *lost, const real shine, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
-    const real a = albedo[i];
-    const real t = depth[i] * mean_stretch;
-    const real kept = coalbedo[i] + a * mean_transmission(t, absorbed(t));
     for (int c = 0; c < COMPONENTS; ++c) {
         const int k = c * count + i;
-        const real lack = a * excess[k] - coalbedo[i] * listed[k] + shine * emission[k];
-        out[k] = lack / kept;
+        const real lack =
+            albedo[i] * excess[k] - coalbedo[i] * listed[k] + shine * emission[k];
+        out[k] = lack / lost[i];
     }
 }
 

@@ -117,10 +117,11 @@ def bench_rays(case: Case, *, say: Say) -> tuple[list[Row], int]:
         camera = {"pixels": pixels, "field_m": field_m, "rays_per_pixel": rays}
         return case.seen(changed(case.scene, camera=camera))
 
-    solution = part(1).run(case.settings(audit=False))[0].solution
+    plain = part(1)
+    solution = plain.run(case.settings(audit=False))[0].solution
     towards = None if solution is None else solution.towards
     truth = _quarters(_Painted.of(part(64, finer=2), towards, accuracy_K=1.0).weights)
-    kelvin = part(1).temperature_K(truth)
+    kelvin = plain.temperature_K(truth)
     background = truth.background.astype(float)
     visible = (1 - background > VISIBLE_EMISSIVITY) & np.isfinite(kelvin)
     edge = at_edges(background)
@@ -130,7 +131,7 @@ def bench_rays(case: Case, *, say: Say) -> tuple[list[Row], int]:
     for rays, accuracy_K in ways:
         painted = _Painted.of(part(rays), towards, accuracy_K=accuracy_K)
         name = str(rays) if rays in EVEN else f"adaptive, {accuracy_K:g} K"
-        off = case.temperature_K(painted.weights) - kelvin
+        off = plain.temperature_K(painted.weights) - kelvin
         seen = visible & np.isfinite(off)
         found.append(
             Row(

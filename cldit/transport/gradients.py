@@ -20,8 +20,10 @@ Numbers = NDArray[np.int64]
 
 # It matters in cells of an optical depth from _DEEP on, in which less than _RARELY of what is met
 # is absorbed, and which are no deeper than _FAR lengths on which diffusing light falls to 1 / e.
-# The source is then linear in all cells that are no deeper than _FARTHEST.
-_DEEP, _RARELY, _FAR = 0.1, 0.1, 1.7
+# The source is then linear in all cells that are no deeper than _FARTHEST of these. Cells beyond
+# _DEEPEST keep one source: diffusion is then so slow beside what neighbours exchange where their
+# sources do not meet that the solver would not come to an end.
+_DEEP, _DEEPEST, _RARELY, _FAR = 0.1, 20.0, 0.1, 1.7
 _FARTHEST = 3.0
 _ALIKE = 2.0  # how much deeper a cell may be than those whose change is extrapolated to it
 
@@ -40,7 +42,7 @@ class Gradients:
     @classmethod
     def of(cls, cells: OpticalCells, box: Box) -> Gradients:
         depth = cells.depth[cells.address]
-        chosen = np.sqrt(3.0 * cells.coalbedo) * depth < _FARTHEST
+        chosen = (np.sqrt(3.0 * cells.coalbedo) * depth < _FARTHEST) & (depth < _DEEPEST)
         at = (cells.positions(cells.address) - np.asarray(box.low)).T + 2
         number = np.full(np.array(box.shape[::-1]) + 4, -1)
         number[tuple(at[::-1])] = np.where(chosen, np.arange(len(depth)), -1)
@@ -68,7 +70,7 @@ def matter(cells: OpticalCells, *, scattered: float) -> bool:
     counts = cells.coalbedo + scattered * cells.albedo
     depth, coalbedo = counts * cells.depth[cells.address], cells.coalbedo / counts
     far = np.sqrt(3.0 * coalbedo) * depth < _FAR
-    return bool(np.any((depth > _DEEP) & (coalbedo < _RARELY) & far))
+    return bool(np.any((depth > _DEEP) & (depth < _DEEPEST) & (coalbedo < _RARELY) & far))
 
 
 def _along(

@@ -343,7 +343,7 @@ class _Work:
             disc_radius=float(self.view.disc[3]) ** 0.5,
             enclosure=self.scene.background.shape == "enclosure",
         )
-        return sweeper.rays(directions, rng.random((count, 2)))
+        return sweeper.rays(directions.balanced(), rng.random((count, 2)))
 
     def to_camera(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> Rays:
         """Directions from which light is scattered to the camera."""

@@ -19,6 +19,7 @@ from cldit.transport.gradients import Gradients
 from cldit.transport.groups import GROUP, Groups, turned_too
 from cldit.transport.layout import Layout, layouts
 from cldit.transport.patches import NONE, shifted
+from cldit.transport.reference import mean_transmission
 from cldit.transport.routes import Route, routes
 from cldit.transport.towards import ToCamera
 
@@ -176,7 +177,9 @@ class Sweeper:
         self._emission = upload(device, "emission", self.thermal)
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
-        self._depth = upload(device, "optical depth", cells.depth[cells.address].astype(real))
+        escapes = mean_transmission(_MEAN_PATH * cells.depth[cells.address])
+        lost = cells.coalbedo + cells.albedo * escapes
+        self._lost = upload(device, "lost light", lost.astype(real))
         self._list = zeros(device, "list", self.components * self.count, real)
         self._out = zeros(device, "answer", self.components * self.count, real)
         self.sweeps = 0
@@ -410,8 +413,7 @@ class Sweeper:
             self._emission,
             self._albedo,
             self._coalbedo,
-            self._depth,
-            self._real(_MEAN_PATH),
+            self._lost,
             self._real(shining),
         )
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from cldit.transport.directions import isotropic
+from cldit.transport.directions import focused, isotropic
 from cldit.transport.sobol import DIMENSIONS, points
 from cldit.transport.thick import FACE, nearest
 from cldit.transport.way import Way
@@ -67,6 +67,18 @@ def test_depth_of_a_share(apply: Any) -> None:
     share[0] = 0.0
     got = apply("attenuation.h", "depth_of(a)", [share])
     np.testing.assert_allclose(got, -np.log1p(-share.astype(float)), rtol=3e-7, atol=0)
+
+
+def test_balanced_directions() -> None:
+    """They lean nowhere, count as much in all, and hardly otherwise than before."""
+    rng = np.random.default_rng(8)
+    axis = np.array([0.0, 1.0, 0.0])
+    uneven = focused(16, rng, axis=axis, half_angle_rad=0.5, share=0.25)
+    even = uneven.balanced()
+    assert np.abs(uneven.weight @ uneven.unit).max() > 1e-3
+    np.testing.assert_allclose(even.weight @ even.unit, 0.0, atol=1e-15)
+    assert even.weight.sum() == pytest.approx(1.0, abs=1e-14)
+    assert np.all(np.abs(even.weight / uneven.weight - 1) < 0.2)
 
 
 @pytest.mark.parametrize("backwards", [False, True])
