@@ -16,17 +16,15 @@ from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.directions import Directions
 from cldit.transport.gradients import Gradients
-from cldit.transport.groups import GROUP, Groups, turned_too
+from cldit.transport.groups import GROUP, Groups
 from cldit.transport.layout import Layout, layouts
+from cldit.transport.packed import PackedCells, Real
 from cldit.transport.patches import NONE, shifted
 from cldit.transport.reference import mean_transmission
 from cldit.transport.routes import Route, routes
 from cldit.transport.towards import ToCamera
 
 _MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
-
-Real = type[np.float32] | type[np.float64]
-
 
 _MOMENTS = 4  # of a source or of light: its mean, and the first moment's x, y, z
 _TOGETHER = 16  # directions: more take memory for rays, and gain nothing
@@ -35,61 +33,6 @@ _TOGETHER = 16  # directions: more take memory for rays, and gain nothing
 def sweep_defines(device: Device) -> dict[str, int]:
     """What the sweep kernel must know of the device when it is built."""
     return {"VECTOR": GROUP if device.is_cpu else 1}
-
-
-@dataclass(frozen=True)
-class _Order:
-    """The box's groups of cells in one order, and the device's arrays of them.
-
-    place: of the scattering cells among the cells of all groups. source: planes side by side in
-    each group; thermal, not on the device: the sources of what emits, (G, GROUP) each.
-    """
-
-    groups: Groups
-    first: Any
-    begins: Any
-    place: Any
-    depth: Any
-    source: Any
-    thermal: list[NDArray[Any]]
-    shape: tuple[int, int, int]  # of `source`
-
-    @classmethod
-    def of(
-        cls,
-        device: Device,
-        cells: OpticalCells,
-        box: Box,
-        groups: Groups,
-        real: Real,
-        *,
-        turned: bool,
-        planes: int,
-    ) -> _Order:
-        def packed(values: NDArray[np.float64]) -> NDArray[Any]:
-            return groups.packed(turned_too(cells.dense(box, values.astype(real)))[turned])
-
-        thermal = [packed(cells.emitted[name]) for name in cells.needs.emitters]
-        x, y, z = (cells.positions(cells.address) - np.asarray(box.low)).T
-        _, ny, nz = box.shape
-        place = groups.places(x * nz + z, y) if turned else groups.places(z * ny + y, x)
-        return cls(
-            groups=groups,
-            first=upload(device, "groups of rows", groups.first),
-            begins=upload(device, "groups", groups.along),
-            place=upload(device, "places", place),
-            depth=upload(device, "optical depth", packed(cells.depth)),
-            source=zeros(device, "source", planes * groups.cells, real),
-            thermal=thermal,
-            shape=(len(groups), planes, GROUP),
-        )
-
-    def shine(self, device: Device, boundaries: int, real: Real) -> None:
-        """Puts the source of what emits, and nothing else, into the box."""
-        source = np.zeros(self.shape, real)
-        for number, plane in enumerate(self.thermal, boundaries):
-            source[:, number] = plane
-        cl.enqueue_copy(device.queue, self.source, source)
 
 
 @dataclass(frozen=True)
@@ -150,7 +93,7 @@ class Sweeper:
             self._patches = [upload(device, "patches", moved.astype(real))]
         self.groups = Groups.both(cells, self.box)
         self._order = {
-            turned: _Order.of(
+            turned: PackedCells.of(
                 device, cells, self.box, groups, real, turned=turned, planes=self._planes
             )
             for turned, groups in self.groups.items()

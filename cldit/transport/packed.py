@@ -1,0 +1,72 @@
+"""The box of cells on the device, as sweeps along one order of its axes go through it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+from numpy.typing import NDArray
+
+from cldit.gpu.buffers import upload, zeros
+from cldit.gpu.device import Device
+from cldit.transport.cells import Box, OpticalCells
+from cldit.transport.groups import GROUP, Groups, turned_too
+
+Real = type[np.float32] | type[np.float64]
+
+
+@dataclass(frozen=True)
+class PackedCells:
+    """The box's groups of cells in one order, and the device's arrays of them.
+
+    place: of the scattering cells among the cells of all groups. source: planes side by side in
+    each group; thermal, not on the device: the sources of what emits, (G, GROUP) each.
+    """
+
+    groups: Groups
+    first: Any
+    begins: Any
+    place: Any
+    depth: Any
+    source: Any
+    thermal: list[NDArray[Any]]
+    shape: tuple[int, int, int]  # of `source`
+
+    @classmethod
+    def of(
+        cls,
+        device: Device,
+        cells: OpticalCells,
+        box: Box,
+        groups: Groups,
+        real: Real,
+        *,
+        turned: bool,
+        planes: int,
+    ) -> PackedCells:
+        def packed(values: NDArray[np.float64]) -> NDArray[Any]:
+            return groups.packed(turned_too(cells.dense(box, values.astype(real)))[turned])
+
+        thermal = [packed(cells.emitted[name]) for name in cells.needs.emitters]
+        x, y, z = (cells.positions(cells.address) - np.asarray(box.low)).T
+        _, ny, nz = box.shape
+        place = groups.places(x * nz + z, y) if turned else groups.places(z * ny + y, x)
+        return cls(
+            groups=groups,
+            first=upload(device, "groups of rows", groups.first),
+            begins=upload(device, "groups", groups.along),
+            place=upload(device, "places", place),
+            depth=upload(device, "optical depth", packed(cells.depth)),
+            source=zeros(device, "source", planes * groups.cells, real),
+            thermal=thermal,
+            shape=(len(groups), planes, GROUP),
+        )
+
+    def shine(self, device: Device, boundaries: int, real: Real) -> None:
+        """Puts the source of what emits, and nothing else, into the box."""
+        source = np.zeros(self.shape, real)
+        for number, plane in enumerate(self.thermal, boundaries):
+            source[:, number] = plane
+        cl.enqueue_copy(device.queue, self.source, source)
