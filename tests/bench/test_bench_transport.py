@@ -111,6 +111,17 @@ def test_temperatures_are_those_of_dit(case: Case, device: Device, tmp_path: Pat
     assert np.abs(mine - maps.apparent_temperature_K)[here].max() < 0.02
 
 
+def test_no_temperature_beside_the_background(case: Case) -> None:
+    """There the wall is seen with a weight of 1, which is no emissivity, and is always right."""
+    part = case.seen(changed(case.scene, background={"radius_m": 0.02}))
+    weights = part.run(part.settings(accuracy_K=3.0, audit=False))[0].weights
+    known = np.isfinite(part.temperature_K(weights))
+    beside = weights.wall > 0.999
+    assert 0.5 < beside.mean() < 0.95
+    assert not known[beside].any()
+    assert known[(weights.background > 0.05) & (weights.background < 0.9)].all()
+
+
 def test_what_is_compiled_in_by_force_changes_nothing(case: Case) -> None:
     """Vapour in droplets alone; and cell by cell through empty space counts more steps."""
     full = Kernels(case, compiled_in=Needs(vapour=True, droplets=False, scattering=False))
