@@ -3,8 +3,9 @@
 Rationale: with medium, walls and background at temperature T every line of sight sees B(T) (second
 law). The weights of background and wall and the emission, divided by B(T), then sum to one in every
 pixel; every error of the solver, of the last sweep or of the image shows in that sum.
-Expected: 1 to 1e-5 up to an optical depth of 100 a cell and an albedo of 0.999, and to 1e-3 up to
-1e6 and an albedo of 1, as single precision and the residual allow. Nothing is normalised.
+Expected: 1 to 3e-5, which the solver is asked for, up to an optical depth of 100 a cell and an
+albedo of 0.999, and to 1e-3 up to 1e6 and an albedo of 1, as single precision and the residual
+allow. Nothing is normalised.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ def cavity(
 @pytest.mark.parametrize("albedo", [0.0, 0.5, 0.999])
 @pytest.mark.parametrize("depth", [1e-6, 1e-3, 0.1, 1.0, 10.0, 100.0])
 def test_flat(run_block: Callable[..., Run], depth: float, albedo: float) -> None:
-    assert closure(cavity(run_block, depth=depth, albedo=albedo, vapour=0.3)) < 2e-5
+    assert closure(cavity(run_block, depth=depth, albedo=albedo, vapour=0.3)) < 3e-5
 
 
 @pytest.mark.parametrize("vapour", [0.0, 0.3])
@@ -105,7 +106,7 @@ def test_flat_with_a_phase_function(
 @pytest.mark.parametrize("cells", [1, 2, 4])
 def test_flat_in_few_cells(run_block: Callable[..., Run], cells: int) -> None:
     run = cavity(run_block, depth=2.0, albedo=0.9, vapour=0.2, cells=cells)
-    assert closure(run) < 1e-5
+    assert closure(run) < 3e-5
 
 
 def test_flat_all_round(run_block: Callable[..., Run]) -> None:
