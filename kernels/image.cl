@@ -6,6 +6,9 @@
    those from outside are nothing, and are not compiled in. PICTURES of as many sources are made at
    once: the way through the cells is the same.
 
+   With LINEAR the source of cells that scatter changes across them, as the light in them does that the
+   sweeps found: a cell is many pixels wide.
+
    With GATHER the source of thick cells is what they emit alone; what they scatter is gathered later
    (gather.cl), where the last plane says that there is any.
 
@@ -66,6 +69,10 @@ typedef struct {
     __global const int *span;      /* cells along the edge of each coarse leaf */
     __global const int *number;    /* of a stored cell's record; below 0 where it is empty */
     __global const real *records;
+#ifdef LINEAR
+    __global const real *changes;  /* of the sources across each cell along x, y, z: of the first */
+    int scattering;                /* so many records */
+#endif
     Grid grid;
     Boundary boundary;
 } Medium;
@@ -86,6 +93,25 @@ INLINE void add_source(real *sum, real taken, __global const real *record)
 #endif
 }
 
+#ifdef LINEAR
+/* What a cell's source is more in the middle of the ray's way through it than in the cell's. */
+INLINE void add_change(
+    real *sum, real taken, const Walk *walk, const Crossing *cell, __global const real *change)
+{
+    const real middle = R(0.5) * (walk->t + cell->next);
+    const real x = taken * (walk->px + middle * walk->dx - walk->x - R(0.5));
+    const real y = taken * (walk->py + middle * walk->dy - walk->y - R(0.5));
+    const real z = taken * (walk->pz + middle * walk->dz - walk->z - R(0.5));
+    for (int c = 0; c < COMPONENTS; ++c, ++change) {
+        const real more = x * change[0] + y * change[COMPONENTS] + z * change[2 * COMPONENTS];
+        for (int p = 0; p < PICTURES; ++p) {
+            sum[p * PARTS + c] += more;
+            if (c < BOUNDARIES) sum[p * PARTS + WITHIN] -= more;
+        }
+    }
+}
+#endif
+
 /* Adds what one ray brings to sum. */
 INLINE void look(real *sum, const Ray *ray, const Medium *m)
 {
@@ -100,6 +126,10 @@ INLINE void look(real *sum, const Ray *ray, const Medium *m)
             last = m->records + number * RECORD;
             const real taken = transmitted * absorbed(last[0] * walk_length(&walk, &cell));
             add_source(sum, taken, last);
+#ifdef LINEAR
+            if (number < m->scattering)
+                add_change(sum, taken, &walk, &cell, m->changes + number * (3 * COMPONENTS));
+#endif
             transmitted -= taken;
         }
         if (!walk_on(&walk, &cell, &m->grid)) break;
@@ -119,13 +149,20 @@ INLINE void look(real *sum, const Ray *ray, const Medium *m)
 }
 
 /* coarse: address of coarse leaf 0; low..high: cells outside these bounds are empty. */
+#ifdef LINEAR
+#define CHANGE_ARGUMENTS __global const real *changes, const int scattering,
+#define CHANGES changes, scattering,
+#else
+#define CHANGE_ARGUMENTS
+#define CHANGES
+#endif
 #define ARGUMENTS \
     __global const int *directory, __global const int *span, __global const int *number, \
-    __global const real *records, const int coarse, const int stored, \
+    __global const real *records, CHANGE_ARGUMENTS const int coarse, const int stored, \
     const int bricks, const int4 low, const int4 high, const int columns, const int rows, \
     const real4 middle, const real pitch_x, const real pitch_z, const real distance, \
     BOUNDARY_ARGUMENTS
-#define MEDIUM {directory, span, number, records, {coarse, bricks, low, high}, BOUNDARY}
+#define MEDIUM {directory, span, number, records, CHANGES {coarse, bricks, low, high}, BOUNDARY}
 
 /* planes, out: [plane][row][column]: of each picture the components and the part from within; then
    what is left to gather */

@@ -18,7 +18,8 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Filled:
-    """at (F,): addresses of the cells; number (P,) int32: of a stored cell among them, or -1."""
+    """at (F,): addresses of the cells, those that scatter first; number (P,) int32: of a stored
+    cell among them, or -1."""
 
     cells: OpticalCells
     at: NDArray[np.int64]
@@ -26,7 +27,9 @@ class Filled:
 
     @classmethod
     def of(cls, cells: OpticalCells) -> Filled:
-        at = np.flatnonzero(cells.depth > 0)
+        others = cells.depth > 0
+        others[cells.address] = False
+        at = np.concatenate([cells.address, np.flatnonzero(others)])
         number = np.full(len(cells.depth), -1, np.int32)
         number[at] = np.arange(len(at))
         return cls(cells, at, number)

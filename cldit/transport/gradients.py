@@ -73,6 +73,29 @@ def matter(cells: OpticalCells, *, scattered: float) -> bool:
     return bool(np.any((depth > _DEEP) & (depth < _DEEPEST) & (coalbedo < _RARELY) & far))
 
 
+def across_cells(
+    light: NDArray[np.floating], cells: OpticalCells, box: Box
+) -> NDArray[np.floating]:
+    """(3, C, N) change of the light (C, N) in the scattering cells across each of them along x, y,
+    z: half of what it is more in the one beside than in the other; where there is but one, all of
+    what it is more or less there. Nowhere so much that all of it would be less than nothing."""
+    at = (cells.positions(cells.address) - np.asarray(box.low)).T + 1
+    number = np.full(np.array(box.shape[::-1]) + 2, -1, np.int32)
+    every = np.arange(at.shape[1], dtype=np.int32)
+    number[tuple(at[::-1])] = every
+    changes = np.zeros((3, *light.shape), light.dtype)
+    for axis, change in enumerate(changes):
+        step = np.eye(3, dtype=int)[:, axis, None]
+        below, above = (number[tuple((at + k * step)[::-1])] for k in (-1, 1))
+        both = np.where((below >= 0) & (above >= 0), 0.5, 1.0).astype(light.dtype)
+        for there, sign in ((below, -1), (above, 1)):
+            change += sign * both * (light[:, np.where(there >= 0, there, every)] - light)
+    # By all of the light, whatever it is divided into.
+    total, most = light.sum(axis=0), np.abs(changes.sum(axis=1)).sum(axis=0)
+    changes *= np.divide(2 * total, most, out=np.ones_like(total), where=most > 2 * total)
+    return changes
+
+
 def _along(
     depth: Floats, below_2: Numbers, below: Numbers, above: Numbers, above_2: Numbers
 ) -> tuple[Numbers, Floats]:

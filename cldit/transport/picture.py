@@ -69,11 +69,14 @@ class Painter:
         accuracy_K: float,
         thick: NDArray[np.int64] | None = None,
         at_once: int = 1,
+        linear: bool = False,
     ) -> Painter:
-        """Builds the programs; raises as `trace`."""
+        """Builds the programs; raises as `trace`. linear: sources change across cells."""
         defines = {**defines, "PICTURES": at_once}
         if thick is not None:
             defines["GATHER"] = 1
+        if linear:
+            defines["LINEAR"] = 1
         real: type[np.floating] = np.float64 if "USE_FLOAT64" in defines else np.float32
         rays = scene.camera.rays_per_pixel
         if rays != 1:
@@ -99,16 +102,19 @@ class Painter:
         listed: list[NDArray[np.floating] | None],
         defect: Floats,
         gather: Gathered | None = None,
+        *,
+        across: NDArray[np.floating] | None = None,
     ) -> tuple[list[Floats], int]:
         """Weights (C + 1, H, W), the part from within last (see closure.py), one picture for each
         source (C, N) of the scattering cells, and the number of pixels with more than one ray.
 
         listed: `at_once` of them; None where nothing scatters. defect (N,): of the mean radiance in
         a cavity of radiance 1. gather: adds what thick cells scatter; needed if `thick` was given.
+        across (3, C, N): change of the sources across cells, alike for all; needed with `linear`.
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
-        records = self._records(listed, defect)
+        records = self._records(listed, defect, across)
         every = np.arange(columns * rows)
         pixels = None if rays in (1, "adaptive") else every
         images = np.empty((0, 0, 0))
@@ -128,10 +134,23 @@ class Painter:
         planes = list(images.reshape(*images.shape[:2], rows, columns))
         return planes, 0 if pixels is None else len(pixels)
 
-    def _records(self, listed: list[NDArray[np.floating] | None], defect: Floats) -> list[Any]:
-        """On each device."""
+    def _records(
+        self,
+        listed: list[NDArray[np.floating] | None],
+        defect: Floats,
+        across: NDArray[np.floating] | None,
+    ) -> list[list[Any]]:
+        """On each device: kernel arguments from `records` to before `coarse`."""
         made = self.filled.records(listed, defect, self.thick, self.real)
-        return [upload(part.device, "records", made) for part in self.parts]
+        records = [[upload(part.device, "records", made)] for part in self.parts]
+        if across is None:
+            return records
+        changes = across.reshape(-1, across.shape[2]).T.astype(self.real)
+        if self.thick is not None:
+            changes[self.thick] = 0.0
+        for part, some in zip(self.parts, records, strict=True):
+            some += [upload(part.device, "changes", changes), np.int32(len(changes))]
+        return records
 
     def _images(self, planes: list[NDArray[np.floating]]) -> tuple[Floats, NDArray[np.int64]]:
         """Pictures (pictures, C + 1, N), from planes (N,) as kernels make them, and which of the
@@ -163,7 +182,7 @@ class Painter:
         parts = len(self.cells.needs.components) + 1
         return self.at_once * parts + (0 if self.thick is None else 1)
 
-    def _whole(self, records: list[Any]) -> list[NDArray[np.floating]]:
+    def _whole(self, records: list[list[Any]]) -> list[NDArray[np.floating]]:
         """One ray through the middle of every pixel: planes (H W,), each device its rows."""
         columns, rows = self.view.pixels
         outs = []
@@ -175,7 +194,7 @@ class Painter:
                     *self.view.tiles(part.device, len(part.rows)),
                     out,
                     *part.tree,
-                    some,
+                    *some,
                     *part.arguments,
                     global_offset=(0, part.rows.start),
                 )
@@ -189,7 +208,9 @@ class Painter:
                 download(part.device, out, plane[mine], first=first)
         return planes
 
-    def _listed(self, records: list[Any], pixels: NDArray[np.int64]) -> list[NDArray[np.floating]]:
+    def _listed(
+        self, records: list[list[Any]], pixels: NDArray[np.int64]
+    ) -> list[NDArray[np.floating]]:
         """Means, planes (N,), of several rays through the listed pixels."""
         outs = []
         divided = shares(self.parts[0].device, len(pixels))
@@ -205,7 +226,7 @@ class Painter:
                     upload(part.device, "pixels", pixels[mine.start : mine.stop].astype(np.int32)),
                     np.int32(count),
                     *part.tree,
-                    some,
+                    *some,
                     *part.arguments,
                 )
                 part.device.queue.flush()

@@ -46,7 +46,7 @@ class Settings:
     phase: ScatteringTable | None = None
     gather: bool = True
     audit: bool = True
-    thick: float = 0.3
+    thick: float = 0.5
 
 
 @dataclass(frozen=True)

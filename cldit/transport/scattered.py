@@ -25,7 +25,7 @@ from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import Directions, about_camera, for_boundary
-from cldit.transport.gradients import Gradients, matter
+from cldit.transport.gradients import Gradients, across_cells, matter
 from cldit.transport.phase import PHASE_STEPS, ScatteringTable
 from cldit.transport.result import Settings
 from cldit.transport.solve import Solution, another_order, first_guess, solve
@@ -42,10 +42,12 @@ _CHECKED = 8  # directions on which the sweeps are checked for what they make or
 @dataclass(frozen=True)
 class Scattered:
     """halves: two independent estimates (C, N) of what the cells send to the camera, each of half
-    of the last directions. defect (N,): what the sweeps make or lose of a cavity's radiance of 1.
+    of the last directions. across (3, C, N): how that changes across cells; a fixed order has it
+    even, as the paper does. defect (N,): what the sweeps make or lose of a cavity's radiance of 1.
     """
 
     halves: tuple[NDArray[np.floating], NDArray[np.floating]]
+    across: NDArray[np.floating] | None
     solution: Solution
     defect: Floats
     ends: Ends | None
@@ -83,9 +85,10 @@ def scattered_light(
         last = _evenly(work, rng, report)
     else:
         last = _by_moments(work, settings.phase, towards, rng, report)
-    halves, ends = _swept_to_camera(work, towards, last, thick)
+    halves, across, ends = _swept_to_camera(work, towards, last, thick)
     return Scattered(
         halves=halves,
+        across=across,
         solution=replace(last.solution, towards=np.mean(halves, axis=0)),
         defect=last.defect,
         ends=ends,
@@ -101,6 +104,7 @@ def _of_order_0(seen: OpticalCells, double: bool) -> Scattered:
     source = source.astype(np.float64 if double else np.float32)
     return Scattered(
         halves=(source, source),
+        across=None,
         solution=Solution(source, 0, 0.0, 0.0),
         defect=np.zeros(len(seen.address)),
         ends=None,
@@ -214,8 +218,11 @@ def _by_moments(
 
 def _swept_to_camera(
     work: _Work, program: Program, last: _Last, thick: ThickCells | None
-) -> tuple[tuple[NDArray[np.floating], NDArray[np.floating]], Ends | None]:
-    """Both halves of the last sweeps, (C, N) each, and what they leave for chains."""
+) -> tuple[
+    tuple[NDArray[np.floating], NDArray[np.floating]], NDArray[np.floating] | None, Ends | None
+]:
+    """Both halves of the last sweeps, (C, N) each, their change across cells, (3, C, N), and what
+    they leave for chains."""
     settings, seen, view, sweeper = work.settings, work.seen, work.view, last.sweeper
     rng = np.random.default_rng([settings.seed, 1])  # alike whatever the order, to compare orders
     half = work.half
@@ -239,6 +246,7 @@ def _swept_to_camera(
             () if last.gradients is None else tuple(last.gradients(last.solution.source)),
         )
     halves: list[NDArray[np.floating]] = []
+    light = np.zeros((sweeper.components, sweeper.count), sweeper.real)
     thermal = seen.thermal_source()
     for number, rays in enumerate(sets):
         if ends is not None:
@@ -246,7 +254,12 @@ def _swept_to_camera(
         sweeper.sweep(rays, shining=True, camera=camera)
         mean = sweeper.weighted_mean(camera).astype(np.float64)
         halves.append((thermal + seen.albedo * mean).astype(sweeper.real))
-    return (halves[0], halves[1]), ends
+        light += (mean / 2).astype(sweeper.real)
+    across: NDArray[np.floating] | None = None
+    if settings.order is None:
+        across = across_cells(light, seen, sweeper.box)
+        across *= seen.albedo.astype(sweeper.real)
+    return (halves[0], halves[1]), across, ends
 
 
 @dataclass(frozen=True)

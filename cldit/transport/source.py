@@ -96,6 +96,7 @@ def _painted(
         accuracy_K=settings.accuracy_K,
         thick=None if thick is None else thick.listed,
         at_once=2 if cells.needs.scattering else 1,
+        linear=cells.needs.scattering and settings.order is None,
     )
     gather = None
     light = None
@@ -115,7 +116,7 @@ def _painted(
     images, refined = (
         painter.pictures([None], np.zeros(0), gather)
         if light is None
-        else painter.pictures(list(light.halves), light.defect, gather)
+        else painter.pictures(list(light.halves), light.defect, gather, across=light.across)
     )
     if scene.camera.rays_per_pixel != 1:
         counts["pixels_of_several_rays"] = refined

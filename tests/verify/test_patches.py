@@ -118,8 +118,8 @@ def test_thick_cells_see_the_patches(run_block: Callable[..., Run]) -> None:
     0.02 scatters by 0.14 from chain to chain: by 10 % of it over 64 chains, the fewest, in 81
     pixels; twice that."""
     patches = [window(), window("other", facing="+x", centre_m=[-0.1, 0, 0])]
-    gathered = block(run_block, patches, transport={"directions": 96})
-    truth = block(run_block, patches, transport={"method": "path", "max_samples": 1024})
+    gathered = block(run_block, patches, depth=0.7, transport={"directions": 96})
+    truth = block(run_block, patches, depth=0.7, transport={"method": "path", "max_samples": 1024})
     assert gathered.info.counts["samples"] >= 64
     np.testing.assert_allclose(total(gathered), 1.0, atol=2e-5)
     for name, image in gathered.weights.patches.items():

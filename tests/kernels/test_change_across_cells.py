@@ -1,0 +1,92 @@
+"""Sources that change across cells: how the picture sees them, and what they are taken from."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.gpu.device import Device
+from cldit.medium.frame import Frame
+from cldit.medium.octree import CellSource, Octree, build_octree
+from cldit.scene import parse_scene
+from cldit.transport.cells import OpticalCells
+from cldit.transport.gradients import across_cells
+from cldit.transport.picture import Painter
+from cldit.transport.view import View
+
+EDGE_M = 0.16
+CELLS = 16
+DEPTH = 0.1  # of a cell
+
+
+def block() -> Octree:
+    """Cells 4 to 11 of 16 along each axis, which scatter and absorb alike."""
+    frame = Frame(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=4)
+    place = np.argwhere(np.ones((8, 8, 8), bool)) + 4
+    lower = -EDGE_M / 2 + place * frame.cell_m
+    even = np.full(len(place), DEPTH / 2 / frame.cell_m)
+    source = CellSource(
+        lower_m=lower,
+        upper_m=lower + frame.cell_m,
+        vapour_absorption=0 * even,
+        vapour_emission=0 * even,
+        droplet_absorption=even,
+        droplet_scattering=even,
+        droplet_emission=0 * even,
+    )
+    return build_octree(frame, None, [source], optical_depth_split=1e-5)
+
+
+@pytest.fixture(scope="module")
+def cells() -> OpticalCells:
+    return OpticalCells.of(block())
+
+
+def test_a_source_that_is_linear_is_seen_so(device: Device, cells: OpticalCells) -> None:
+    """Along y, through cells whose source rises along x and z: each pixel sees it where it is."""
+    scene = parse_scene(
+        {
+            "name": "block",
+            "domain": {"edge_m": EDGE_M, "leaf_edge_m": EDGE_M / 15.9},
+            "spray": {"model": "none"},
+            "camera": {"model": "orthographic", "field_m": [0.078, 0.078], "pixels": [39, 39]},
+        }
+    )
+    view = View.of(scene, cells)
+    defines: dict[str, Any] = {**cells.needs.defines, **view.defines, "CUTOFF": 1e-6}
+    painter = Painter.of(cells, view, scene, device, defines, accuracy_K=1.0, linear=True)
+    rise = np.array([0.03, 0.0, -0.02])
+    at = cells.positions(cells.address) + 0.5 - CELLS / 2
+    parts = len(cells.needs.components)
+    source = np.zeros((parts, len(at)), np.float32)
+    source[1] = 0.4 + at @ rise
+    across = np.zeros((3, parts, len(at)), np.float32)
+    across[:, 1] = rise[:, None]
+    planes, _ = painter.pictures([source], np.zeros(len(at)), across=across)
+    cell_m = EDGE_M / CELLS
+    side = ((np.arange(39) + 0.5) / 39 - 0.5) * 0.078 / cell_m
+    expected = 0.4 + side[None, :] * rise[0] - side[:, None] * rise[2]
+    absorbed = -np.expm1(-8 * DEPTH)
+    straight = planes[0][0] + planes[0][1] - absorbed * expected  # what is seen through the block
+    np.testing.assert_allclose(straight, np.exp(-8 * DEPTH), atol=2e-6)
+    np.testing.assert_allclose(planes[0][-1], absorbed * (1 - expected), atol=2e-6)
+
+
+def test_change_of_light(cells: OpticalCells) -> None:
+    """Of light that is linear in space it is exact, at the edge of the medium too; of a cell alone
+    it is none; and it leaves no cell with less than no light."""
+    at = cells.positions(cells.address)
+    rise = np.array([0.03, -0.01, 0.02])
+    light = np.stack([0.5 + at @ rise, 0.1 + 0 * at[:, 0]])
+    found = across_cells(light, cells, cells.box())
+    np.testing.assert_allclose(found[:, 0], np.broadcast_to(rise[:, None], found[:, 0].shape))
+    assert not found[:, 1].any()
+    rng = np.random.default_rng(2)
+    steep = rng.exponential(size=(3, len(at))) ** 4
+    lowest = (
+        steep.sum(axis=0) - np.abs(across_cells(steep, cells, cells.box()).sum(axis=1)).sum(0) / 2
+    )
+    assert lowest.min() > -1e-12
+    assert (lowest < 1e-9).any()  # the bound is met
