@@ -73,7 +73,7 @@ def main() -> None:
                 run = cldit.simulate(cldit.parse_scene(scene), cache=Path(folder) / "cache")
                 streams = 32 if chosen.phase is None else 48
                 behind, front = disort(depth, albedo, moments, streams=streams)
-                middle = run.weights.background[3:6, 3:6].mean(), run.weights.wall[3:6, 3:6].mean()
+                middle = run.weights.background.mean(), run.weights.wall.mean()
                 print(
                     f"{depth:5g} {depth / chosen.layers:7.3g} {albedo:7g} "
                     f"{middle[0] - behind:+11.4f} {middle[1] - front:+7.4f}",
