@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
@@ -25,11 +26,11 @@ def block() -> Octree:
     """Cells 4 to 11 of 16 along each axis, which scatter and absorb alike."""
     frame = Frame(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=4)
     place = np.argwhere(np.ones((8, 8, 8), bool)) + 4
-    lower = -EDGE_M / 2 + place * frame.cell_m
+    lower: NDArray[np.float64] = np.asarray(-EDGE_M / 2 + place * frame.cell_m, np.float64)
     even = np.full(len(place), DEPTH / 2 / frame.cell_m)
     source = CellSource(
         lower_m=lower,
-        upper_m=lower + frame.cell_m,
+        upper_m=np.asarray(lower + frame.cell_m, np.float64),
         vapour_absorption=0 * even,
         vapour_emission=0 * even,
         droplet_absorption=even,
