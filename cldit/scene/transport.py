@@ -49,7 +49,8 @@ class Transport(Section):
     """Left out: isotropic with the preset `paper`, mie with `spectral` (isotropic where droplets
     are given as coefficients, or the method is `branching`)."""
     gather: bool = True
-    """`source`: follow what thick cells scatter, within them and from cell to cell."""
+    """`source`: light changes within cells; what thick ones scatter is followed, within
+    them and from cell to cell."""
     audit: bool = True
     """`source`: trace some pixels by `path` as well, to know the picture's error."""
     cutoff: Annotated[float, Within(0.0, 0.5)] = 1e-4

@@ -28,8 +28,9 @@ class Settings:
     the source (weights are 0..1).
     accuracy_K, max_samples: where `path` stops, RMS error of T_app or samples a pixel. order: most
     scatterings, None for all; beyond it the wall is seen. phase: None is isotropic.
-    gather: `source` follows what cells of an optical depth above `thick` scatter, until the noise
-    of that is about a third of accuracy_K, or with max_samples a pixel.
+    gather: in its picture `source` has light change within cells; what those of an optical depth
+    above `thick` scatter is followed, until its noise is 0.8 of accuracy_K, or with max_samples a
+    pixel. A fixed order has light even in cells, as the paper does.
     audit: `source` has some of its pixels traced by `path`, where it simplifies anything.
     """
 
@@ -47,6 +48,10 @@ class Settings:
     gather: bool = True
     audit: bool = True
     thick: float = 0.5
+
+    @property
+    def within_cells(self) -> bool:
+        return self.gather and self.order is None
 
 
 @dataclass(frozen=True)

@@ -42,8 +42,8 @@ _CHECKED = 8  # directions on which the sweeps are checked for what they make or
 @dataclass(frozen=True)
 class Scattered:
     """halves: two independent estimates (C, N) of what the cells send to the camera, each of half
-    of the last directions. across (3, C, N): how that changes across cells; a fixed order has it
-    even, as the paper does. defect (N,): what the sweeps make or lose of a cavity's radiance of 1.
+    of the last directions. across (3, C, N): how that changes across cells, where settings
+    want it. defect (N,): what the sweeps make or lose of a cavity's radiance of 1.
     """
 
     halves: tuple[NDArray[np.floating], NDArray[np.floating]]
@@ -256,7 +256,7 @@ def _swept_to_camera(
         halves.append((thermal + seen.albedo * mean).astype(sweeper.real))
         light += (mean / 2).astype(sweeper.real)
     across: NDArray[np.floating] | None = None
-    if settings.order is None:
+    if settings.within_cells:
         across = across_cells(light, seen, sweeper.box)
         across *= seen.albedo.astype(sweeper.real)
     return (halves[0], halves[1]), across, ends

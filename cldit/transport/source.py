@@ -85,7 +85,7 @@ def _painted(
     if settings.precision == "float64":
         defines["USE_FLOAT64"] = 1
     thick = None
-    if settings.gather and settings.order is None and cells.needs.scattering:
+    if settings.within_cells and cells.needs.scattering:
         thick = ThickCells.of(cells, cells.box(), deeper_than=settings.thick)
     painter = Painter.of(
         cells,
@@ -96,7 +96,7 @@ def _painted(
         accuracy_K=settings.accuracy_K,
         thick=None if thick is None else thick.listed,
         at_once=2 if cells.needs.scattering else 1,
-        linear=cells.needs.scattering and settings.order is None,
+        linear=cells.needs.scattering and settings.within_cells,
     )
     gather = None
     light = None
