@@ -86,8 +86,8 @@ def found(
     scatter nothing they are right.
     """
     emissivity = 1.0 - weights.background.reshape(-1).astype(np.float64)
-    visible = emissivity > VISIBLE
-    visible &= View.of(scene, cells).before_background.reshape(-1)
+    view = View.of(scene, cells)
+    visible = (emissivity > VISIBLE) & view.before_background.reshape(-1)
 
     def draw(scattered: Floats) -> Sampled:
         here = visible & (scattered > 0)
@@ -99,7 +99,7 @@ def found(
     more = max(0.1 / settings.accuracy_K, _PIXELS / max(count, 1))
     samples = int(np.clip(_SAMPLES * more, _FEWEST, _MOST))
     sparse = replace(settings, max_samples=samples, accuracy_K=0.0, seed=settings.seed + 1)
-    truth = trace_path(cells, scene, device, sparse, None, draw=draw)
+    truth = trace_path(cells, scene, device, sparse, None, draw=draw, view=view)
     seconds = truth.seconds["image"] + truth.seconds["scattering"]
     if truth.sampled is None or truth.weights_difference is None or not len(truth.sampled.pixels):
         return float("nan"), float("nan"), seconds

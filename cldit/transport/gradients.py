@@ -1,13 +1,16 @@
-"""Where light diffuses through thick cells: how the source changes across each of them.
+"""How the source, and the light, change across each scattering cell, from those beside it.
 
-One source a cell, the same all over it, lets light through thick cells that scatter nearly all of
-it too fast: between two such cells of optical depth t it carries 3 t / 4 times what diffusion does
-(Larsen, Morel and Miller, J. Comput. Phys. 69, 1987, on the step method). With a source that is
-linear in a cell, and goes over into its neighbours' as diffusion has it, sweeps keep that limit.
+In the picture light does: a cell is many pixels wide (`across_cells`). In the sweeps the source
+does where light diffuses through thick cells (`Gradients`). One source a cell, the same all over
+it, lets light through thick cells that scatter nearly all of it too fast: between two such cells of
+optical depth t it carries 3 t / 4 times what diffusion does (Larsen, Morel and Miller, J. Comput.
+Phys. 69, 1987, on the step method). With a source that is linear in a cell, and goes over into its
+neighbours' as diffusion has it, sweeps keep that limit.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +19,7 @@ from numpy.typing import NDArray
 from cldit.transport.cells import Box, OpticalCells
 
 Floats = NDArray[np.float64]
-Numbers = NDArray[np.int64]
+Numbers = NDArray[np.int32]
 
 # It matters in cells of an optical depth from _DEEP on, in which less than _RARELY of what is met
 # is absorbed, and which are no deeper than _FAR lengths on which diffusing light falls to 1 / e.
@@ -43,16 +46,9 @@ class Gradients:
     def of(cls, cells: OpticalCells, box: Box) -> Gradients:
         depth = cells.depth[cells.address]
         chosen = (np.sqrt(3.0 * cells.coalbedo) * depth < _FARTHEST) & (depth < _DEEPEST)
-        at = (cells.positions(cells.address) - np.asarray(box.low)).T + 2
-        number = np.full(np.array(box.shape[::-1]) + 4, -1)
-        number[tuple(at[::-1])] = np.where(chosen, np.arange(len(depth)), -1)
-        axes = []
-        for axis in range(3):
-            ways = [at + k * np.eye(3, dtype=int)[:, axis, None] for k in (-2, -1, 1, 2)]
-            beside = [np.where(chosen, number[tuple(way[::-1])], -1) for way in ways]
-            axes.append(_along(depth, *beside))
+        axes = [_along(depth, *beside) for beside in _beside(cells, box, (-2, -1, 1, 2), chosen)]
         return cls(
-            neighbours=np.concatenate([neighbours for neighbours, _ in axes]).astype(np.int32),
+            neighbours=np.concatenate([neighbours for neighbours, _ in axes]),
             weights=np.concatenate([weights for _, weights in axes]),
         )
 
@@ -79,14 +75,10 @@ def across_cells(
     """(3, C, N) change of the light (C, N) in the scattering cells across each of them along x, y,
     z: half of what it is more in the one beside than in the other; where there is but one, all of
     what it is more or less there. Nowhere so much that all of it would be less than nothing."""
-    at = (cells.positions(cells.address) - np.asarray(box.low)).T + 1
-    number = np.full(np.array(box.shape[::-1]) + 2, -1, np.int32)
-    every = np.arange(at.shape[1], dtype=np.int32)
-    number[tuple(at[::-1])] = every
+    every = np.arange(len(cells.address))
     changes = np.zeros((3, *light.shape), light.dtype)
-    for axis, change in enumerate(changes):
-        step = np.eye(3, dtype=int)[:, axis, None]
-        below, above = (number[tuple((at + k * step)[::-1])] for k in (-1, 1))
+    beside = _beside(cells, box, (-1, 1), np.ones(len(every), bool))
+    for change, (below, above) in zip(changes, beside, strict=True):
         both = np.where((below >= 0) & (above >= 0), 0.5, 1.0).astype(light.dtype)
         for there, sign in ((below, -1), (above, 1)):
             change += sign * both * (light[:, np.where(there >= 0, there, every)] - light)
@@ -94,6 +86,20 @@ def across_cells(
     total, most = light.sum(axis=0), np.abs(changes.sum(axis=1)).sum(axis=0)
     changes *= np.divide(2 * total, most, out=np.ones_like(total), where=most > 2 * total)
     return changes
+
+
+def _beside(
+    cells: OpticalCells, box: Box, steps: Sequence[int], chosen: NDArray[np.bool_]
+) -> Iterator[list[Numbers]]:
+    """For x, y and z, which of the chosen scattering cells (N,) lies so many steps from each of
+    them; -1: none."""
+    far = max(steps)
+    at = (cells.positions(cells.address) - np.asarray(box.low)).T + far
+    number = np.full(np.array(box.shape[::-1]) + 2 * far, -1, np.int32)
+    number[tuple(at[::-1])] = np.where(chosen, np.arange(len(chosen)), -1)
+    for axis in range(3):
+        ways = [at + step * np.eye(3, dtype=int)[:, axis, None] for step in steps]
+        yield [np.where(chosen, number[tuple(way[::-1])], -1) for way in ways]
 
 
 def _along(
@@ -117,4 +123,5 @@ def _along(
         weights[row] = np.where(alone, sign * extrapolated, weights[row])
         weights[1 - row] = np.where(further, -sign * depth / next_face, weights[1 - row])
         neighbours[1 - row] = np.where(further, far, neighbours[1 - row])
-    return np.where(neighbours >= 0, neighbours, np.arange(len(depth))), weights
+    every = np.arange(len(depth), dtype=np.int32)
+    return np.where(neighbours >= 0, neighbours, every), weights

@@ -128,13 +128,15 @@ def trace_path(
     report: Callable[[str], None] | None,
     *,
     draw: Callable[[Floats], Sampled] | None = None,
+    view: View | None = None,
 ) -> Trace:
     """Weights by path tracing; raises as `trace`.
 
+    view: of the scene, where the caller has it at hand, with what it has found out.
     draw: from what the line of sight of each pixel scatters (P,), the pixels to trace. The trace's
     pictures are then these pixels in one row, and its noise is told as if they were the picture.
     """
-    view = View.of(scene, cells)
+    view = View.of(scene, cells) if view is None else view
     check_boundary(scene, cells, view)
     real = np.float64 if settings.precision == "float64" else np.float32
     defines: dict[str, Define] = {

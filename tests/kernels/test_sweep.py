@@ -147,74 +147,28 @@ def test_sweep_against_numpy(
     np.testing.assert_allclose(got, expected, atol=1e-13 if float64 else 1e-6)
 
 
-@pytest.mark.parametrize("vector", [1, 8])
-def test_first_moments_against_numpy(device: Device, vector: int) -> None:
-    """Sources that are more in one direction than in others, and the first moment of the light."""
-    tree = random_tree(3)
-    cells = OpticalCells.of(tree)
+def moments(
+    device: Device, cells: OpticalCells, flags: dict[str, Any], *, vector: int
+) -> tuple[NDArray[np.floating], NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and first moment of the light (4, C, N), by twelve directions, of the kernel and of the
+    NumPy twin, from a source by chance, which is returned as well, (1 or 4, C, N)."""
     defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1, "VECTOR": vector}
-    program = build(device, "sweep.cl", {**defines, "SLOPED": 1, "FLUX": 1})
+    program = build(device, "sweep.cl", {**defines, **flags, "FLUX": 1})
     sweeper = Sweeper(device, cells, program, build(device, "iterate.cl", defines), disc=DISC)
     rng = np.random.default_rng(5)
     directions, starts = isotropic(12, rng), rng.random((12, 2))
-    given = rng.uniform(-0.3, 1.0, (4, sweeper.components, sweeper.count))
+    moments = 4 if "SLOPED" in flags else 1
+    given = rng.uniform(-0.3, 1.0, (moments, sweeper.components, sweeper.count))
     sweeper.set_source(given.reshape(-1, sweeper.count), shining=True)
     got = np.empty((4, sweeper.components, sweeper.count), sweeper.real)
     sweeper.moments(program, sweeper.rays(directions, starts), out=got)
 
     box = sweeper.box
-    planes = np.zeros((4, sweeper.components, len(cells.depth)))
-    planes[0] = source_planes(cells)
-    planes[:, :, cells.address] = given
-    dense = np.array([[cells.dense(box, plane) for plane in some] for some in planes])
-    expected = np.zeros_like(dense)
-    for unit, weight, start in zip(directions.unit, directions.weight, starts, strict=True):
-        light = weight * dense[0] + sweep(
-            cells.dense(box, cells.depth),
-            dense[0],
-            back=unit,
-            weight=float(weight),
-            start=start,
-            centre=DISC[:3] - box.low,
-            radius=4.0,
-            slope=dense[1:],
-        )
-        expected += np.multiply.outer([1.0, *unit], light)
-    leaning = directions.weight @ directions.unit
-    expected[1:] -= np.multiply.outer(leaning, expected[0])
-    place = cells.place(box, cells.address)
-    # As above: a ray's few roundings in each of at most 16 cells.
-    np.testing.assert_allclose(got, expected.reshape(4, len(dense[0]), -1)[:, :, place], atol=2e-6)
-
-
-@pytest.mark.parametrize("vector", [1, 8])
-@pytest.mark.parametrize("sloped", [False, True])
-def test_gradients_against_numpy(device: Device, vector: int, sloped: bool) -> None:
-    """Sources that change across their cells, with and without a first moment."""
-    tree = random_tree(3)
-    fields = {name: 8 * values for name, values in tree.fields.items()}
-    fields["droplet_absorption"] = fields["droplet_absorption"] / 1e3
-    fields["vapour_absorption"] = fields["vapour_absorption"] / 1e5
-    cells = OpticalCells.of(replace(tree, fields=fields))
-    defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1, "VECTOR": vector}
-    flags: dict[str, Any] = {"LINEAR": 1, "FLUX": 1, **({"SLOPED": 1} if sloped else {})}
-    program = build(device, "sweep.cl", {**defines, **flags})
-    sweeper = Sweeper(device, cells, program, build(device, "iterate.cl", defines), disc=DISC)
-    rng = np.random.default_rng(5)
-    directions, starts = isotropic(12, rng), rng.random((12, 2))
-    given = rng.uniform(-0.3, 1.0, (4 if sloped else 1, sweeper.components, sweeper.count))
-    sweeper.set_source(given.reshape(-1, sweeper.count), shining=True)
-    got = np.empty((4, sweeper.components, sweeper.count), sweeper.real)
-    sweeper.moments(program, sweeper.rays(directions, starts), out=got)
-
-    box = sweeper.box
-    across = Gradients.of(cells, box)
-    changes = across(given[0])
-    assert np.mean(np.any(changes != 0, axis=(0, 1))) > 0.2  # the test is of something
     planes = np.zeros((7, sweeper.components, len(cells.depth)))
     planes[0] = source_planes(cells)
-    planes[: len(given), :, cells.address] = given
-    planes[4:, :, cells.address] = changes
+    planes[:moments, :, cells.address] = given
+    if "LINEAR" in flags:
+        planes[4:, :, cells.address] = Gradients.of(cells, box)(given[0])
     dense = np.array([[cells.dense(box, plane) for plane in some] for some in planes])
     expected = np.zeros_like(dense[:4])
     for unit, weight, start in zip(directions.unit, directions.weight, starts, strict=True):
@@ -233,8 +187,33 @@ def test_gradients_against_numpy(device: Device, vector: int, sloped: bool) -> N
     leaning = directions.weight @ directions.unit
     expected[1:] -= np.multiply.outer(leaning, expected[0])
     place = cells.place(box, cells.address)
+    return got, expected.reshape(4, len(dense[0]), -1)[:, :, place], given
+
+
+@pytest.mark.parametrize("vector", [1, 8])
+def test_first_moments_against_numpy(device: Device, vector: int) -> None:
+    """Sources that are more in one direction than in others, and the first moment of the light."""
+    cells = OpticalCells.of(random_tree(3))
+    got, expected, _ = moments(device, cells, {"SLOPED": 1}, vector=vector)
+    # As above: a ray's few roundings in each of at most 16 cells.
+    np.testing.assert_allclose(got, expected, atol=2e-6)
+
+
+@pytest.mark.parametrize("vector", [1, 8])
+@pytest.mark.parametrize("sloped", [False, True])
+def test_gradients_against_numpy(device: Device, vector: int, sloped: bool) -> None:
+    """Sources that change across their cells, with and without a first moment."""
+    tree = random_tree(3)
+    fields = {name: 8 * values for name, values in tree.fields.items()}
+    fields["droplet_absorption"] = fields["droplet_absorption"] / 1e3
+    fields["vapour_absorption"] = fields["vapour_absorption"] / 1e5
+    cells = OpticalCells.of(replace(tree, fields=fields))
+    flags: dict[str, Any] = {"LINEAR": 1, **({"SLOPED": 1} if sloped else {})}
+    got, expected, given = moments(device, cells, flags, vector=vector)
+    changes = Gradients.of(cells, cells.box())(given[0])
+    assert np.mean(np.any(changes != 0, axis=(0, 1))) > 0.2  # the test is of something
     # A few roundings in each of at most 16 cells; `rising` is the difference of numbers next to 1.
-    np.testing.assert_allclose(got, expected.reshape(4, len(dense[0]), -1)[:, :, place], atol=4e-6)
+    np.testing.assert_allclose(got, expected, atol=4e-6)
 
 
 def test_sweep_of_one_row_is_exact(device: Device) -> None:
