@@ -133,8 +133,8 @@ def _spectral(run: Run) -> dict[str, str]:
 
 
 def _spray(run: Run) -> dict[str, str]:
-    inferred = {f"inferred {n}": text for n, text in enumerate(run.info.remarks, start=1)}
-    return human_figures(run.info.spray) | inferred
+    remarks = {f"remark {n}": text for n, text in enumerate(run.info.remarks, start=1)}
+    return human_figures(run.info.spray) | remarks
 
 
 def _trace(run: Run) -> dict[str, str]:

@@ -42,7 +42,7 @@ class RunInfo:
     versions: dict[str, str] = field(default_factory=dict)
     spectral: SpectralInfo | None = None  # how the filter was resolved
     closure: Closure | None = None  # how far the sum of weights is from 1
-    remarks: tuple[str, ...] = ()  # what was inferred from the spray's files
+    remarks: tuple[str, ...] = ()  # what was inferred, or is not as asked
     phase: str = ""  # how droplets were taken to scatter
 
     def to_json(self) -> str:

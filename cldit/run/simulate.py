@@ -15,18 +15,17 @@ from pathlib import Path
 import platformdirs
 
 from cldit.camera.sensor import SensorModel
-from cldit.dit.accuracy import temperature_error_K
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.dit.maps import Maps, Reason
 from cldit.errors import EvaluationError
 from cldit.gpu.device import Device, open_device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, build_octree
-from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.radiance.boundary import Boundary, Surroundings, picture
 from cldit.radiance.effective import effective_weights
 from cldit.radiance.weights import Weights
+from cldit.run.accuracy import StatedError
 from cldit.run.content import trace_content
 from cldit.run.folder import save_run, stored_run
 from cldit.run.medium import make_medium
@@ -102,6 +101,10 @@ def simulate(
     with stages.stage("evaluation"):
         sensor = _sensor(scene, chosen.quadrature, (result.spectral, reference))
         maps = _evaluate(scene, chosen.quadrature, result.spectral, reference, sensor)
+    stated = StatedError.of(scene, result, maps)
+    stages.remark((*result.unaudited, *result.short))
+    if stated is not None:
+        stages.remark(stated.remarks(scene.transport))
     from_paper = None
     if medium.paper is not None:
         with stages.stage("the paper's properties"):
@@ -116,10 +119,9 @@ def simulate(
         reference=reference,
         maps=maps,
         info=_info(
-            scene,
             device,
             result,
-            maps,
+            stated,
             stages,
             medium.notes,
             medium.properties.phase,
@@ -220,27 +222,15 @@ def _evaluate(
 
 
 def _info(
-    scene: Scene,
     device: Device,
     result: NodeTraces,
-    maps: Maps,
+    stated: StatedError | None,
     stages: Stages,
     notes: dict[str, float],
     phase: str,
     integration_time_s: float,
     spectral: SpectralInfo,
 ) -> RunInfo:
-    accuracy = None
-    if result.difference is not None:
-        # The two pictures share the source that was solved for; measured on `gdi` (see
-        # settings_for), what that hides adds about 30 % to their difference.
-        accuracy = 1.3 * temperature_error_K(
-            maps,
-            result.difference,
-            surroundings=Surroundings.from_scene(scene),
-            filter_um=scene_filter(scene),
-        )
-        accuracy = max(accuracy, result.audit_K)  # which sees what both pictures simplify
     last = result.traces[-1]  # all are compiled alike
     versions = {name: version(name) for name in _VERSIONS}
     versions["python"] = platform.python_version()
@@ -249,14 +239,14 @@ def _info(
         device=f"{device.info.index} {device.info.name} ({device.info.platform})",
         device_reason=device.reason,
         stages=tuple(stages.done),
-        accuracy_K=accuracy,
+        accuracy_K=None if stated is None else stated.error_K,
         spray=notes,
         phase=phase,
         counts=result.counts,
         defines={program.name: dict(program.defines) for program in last.programs},
         precision=last.precision,
         closure=result.closure,
-        remarks=(*stages.remarks, *result.unaudited, *result.short),
+        remarks=tuple(stages.remarks),
         integration_time_s=integration_time_s,
         spectral=spectral,
         versions=versions,
