@@ -69,6 +69,13 @@ INLINE REAL rising(REAL t, REAL share, REAL mean)
     return t < R(THIN) ? thin : (R(1) - R(0.5) * share - mean) / t;
 }
 
+/* The same, rising(t), over t. */
+INLINE REAL rising_over(REAL t, REAL rise)
+{
+    const REAL thin = R(0.08333333333333333) - t * R(0.041666666666666664);
+    return t < R(THIN) ? thin : rise / t;
+}
+
 /* Optical depth that absorbs this share of the light, -log(1 - share), to 3e-7 of it, for shares from
    0 to below 1; in line, as above: log(2^n m) with m next to 1, by the series of 2 artanh(f / (2 + f)),
    f = m - 1. Where n = 0, f is taken from the share, which loses nothing. */

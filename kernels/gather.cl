@@ -1,14 +1,17 @@
 /* What thick cells scatter towards the camera.
 
-   In the sweeps a cell has one source. Within a thick one the light varies, and what it sends back
-   to where it is lit from is far more than its mean. Where a line of sight meets thick cells, chains
-   follow what these scatter, by the phase function itself, from thick cell to thick cell; a flight
-   ends in the first other cell, one of the rim, of which the last sweep has stored the light that
-   leaves it in each of its directions, or at the boundary. No flight is longer than a few cells.
+   In the sweeps a cell has one source, or one that is linear in it. Within a thick one what it sends
+   back to where it is lit from is more than that tells. Where a line of sight meets thick cells,
+   flights start from places on it along the directions of the last sweep, by the phase function
+   itself. On its way through a region, thick cells and those around them, a flight scores what they
+   send along it, by the source that the last sweep had; it ends at the first face to another cell,
+   where that sweep has stored the light that comes in along each of its directions, or at the
+   boundary. No flight is longer than a few cells.
 
-   Of what a flight loses all that is scattered goes on, from one place; chains of little weight end
-   by Russian roulette, in which the cell's source stands for what is left, and after LONGEST
-   scatterings with that source alone: light that has been scattered so often in thick cells has
+   In deep cells, where no linear source will do, a flight collects what is scattered instead, and all
+   of that goes on from one place, in a chain: by the phase function itself, in the medium as it is.
+   Chains of little weight end by Russian roulette, in which the cell's source stands for what is left,
+   and after LONGEST flights with that source alone: light that has been scattered so often has
    forgotten where it came in. So every chain keeps its light to rounding. */
 
 #include "attenuation.h"
@@ -21,42 +24,43 @@
 #include "step.h"
 #include "walk.h"
 
-#ifndef CUTOFF
-#error "CUTOFF: transmission at which a ray ends"
-#endif
 #ifndef LONGEST
 #error "LONGEST: scatterings of a chain"
 #endif
-#ifdef PHASE_BINS
-#ifndef PHASE_STEPS
-#error "PHASE_STEPS: bins of the phase function, even in the sine of half the angle"
+#ifndef CUTOFF
+#error "CUTOFF: transmission at which a ray ends"
 #endif
-#endif
-
 /* Of a chain's sum: the components, and what it would bring from within a medium of radiance 1. */
 #define WITHIN COMPONENTS
 #define PARTS (COMPONENTS + 1)
-#define ROULETTE R(0.3) /* weight under which a chain may end */
 
-/* A thick cell's record: optical depth of its edge, albedo, what it emits, and its source; LINEAR: and
-   how that changes across the cell along x, y, z. */
+/* A cell's record: optical depth of its edge; albedo of a deep cell, 0 of others; what it emits, if it
+   is deep; and the source of the last sweep: S_0 of all components, SLOPED: the x, y, z of S_1, LINEAR:
+   and how it changes across the cell along these. */
 #define DEPTH 0
 #define ALBEDO 1
 #define EMISSION 2
 #define SOURCE (EMISSION + EMITTERS)
-#ifdef LINEAR
-#define RECORD (SOURCE + 4 * COMPONENTS)
+#define ROULETTE R(0.3) /* weight under which a chain may end */
+#ifdef SLOPED
+#define ACROSS_IT (SOURCE + 4 * COMPONENTS)
 #else
-#define RECORD (SOURCE + COMPONENTS)
+#define ACROSS_IT (SOURCE + COMPONENTS)
+#endif
+#ifdef LINEAR
+#define RECORD (ACROSS_IT + 3 * COMPONENTS)
+#else
+#define RECORD ACROSS_IT
 #endif
 
-/* What chains meet. All places are in cells from the cube's lower corner. */
+/* What flights meet. All places are in cells from the cube's lower corner. */
 typedef struct {
-    __global const int *places;    /* of the box that thick cells lie in: number in the rim; -2 -
-                                      number of a thick cell; -1 neither */
-    __global const real *thick;    /* records */
-    __global const real *light;    /* that leaves cells of the rim: [direction][cell][component] */
-    int rim;                       /* cells of it */
+    __global const int *places;    /* of the box that the cells lie in: their numbers; -1: others */
+    __global const int *faces;     /* of them to others: their numbers, six a cell, down and up along
+                                      x, y, z */
+    __global const real *cells;    /* records */
+    __global const real *light;    /* that comes through them: [direction][face][component] */
+    int rim;                       /* faces of one direction */
     __global const real4 *directions; /* where it comes from, and the share of directions up to here
                                          in what a cell scatters along +y */
     __global const int *start;     /* of the directions, the one at which the share k / count lies */
@@ -77,29 +81,47 @@ INLINE void score(real *sum, real weight, __global const real *light)
     sum[WITHIN] += weight * (R(1) - outside);
 }
 
-/* Adds the source of a thick cell, as it is at p. */
-INLINE void score_source(real *sum, real weight, __global const real *record, real3 p, int3 cell)
+/* Adds what a cell sends that a flight along d crosses from `at` over `length`, p being its start. */
+INLINE void score_cell(
+    real *sum, real weight, __global const real *record, real3 p, real3 d, const Step *s, real length,
+    real t, real share)
 {
-#ifdef LINEAR
-    const real x = p.x - cell.x - R(0.5), y = p.y - cell.y - R(0.5), z = p.z - cell.z - R(0.5);
-    real outside = R(0);
-    for (int c = 0; c < COMPONENTS; ++c) {
-        __global const real *source = record + SOURCE + c;
-        const real here = source[0] + x * source[COMPONENTS] + y * source[2 * COMPONENTS]
-            + z * source[3 * COMPONENTS];
-        sum[c] += weight * here;
-        if (c < BOUNDARIES) outside += here;
-    }
-    sum[WITHIN] += weight * (R(1) - outside);
-#else
-    score(sum, weight, record + SOURCE);
+    __global const real *source = record + SOURCE;
+    const real all = weight * share;
+#ifdef SLOPED
+    const real ox = all * d.x, oy = all * d.y, oz = all * d.z;
 #endif
+#ifdef LINEAR
+    /* Where it is seen: less deep in the cell than in the middle of the way. */
+    __global const real *change = record + ACROSS_IT;
+    const real middle = s->t + R(0.5) * length;
+    const real nearer = weight * t * rising(t, share, mean_transmission(t, share)) * length;
+    const real ax = all * (p.x + middle * d.x - s->x - R(0.5)) - nearer * d.x;
+    const real ay = all * (p.y + middle * d.y - s->y - R(0.5)) - nearer * d.y;
+    const real az = all * (p.z + middle * d.z - s->z - R(0.5)) - nearer * d.z;
+#endif
+    /* Loops that do one thing each become vector instructions. */
+    real light[COMPONENTS];
+    for (int c = 0; c < COMPONENTS; ++c) light[c] = all * source[c];
+#ifdef SLOPED
+    for (int c = 0; c < COMPONENTS; ++c)
+        light[c] += ox * source[c + COMPONENTS] + oy * source[c + 2 * COMPONENTS]
+            + oz * source[c + 3 * COMPONENTS];
+#endif
+#ifdef LINEAR
+    for (int c = 0; c < COMPONENTS; ++c)
+        light[c] += ax * change[c] + ay * change[c + COMPONENTS] + az * change[c + 2 * COMPONENTS];
+#endif
+    real outside = R(0);
+    for (int c = 0; c < COMPONENTS; ++c) sum[c] += light[c];
+    for (int c = 0; c < BOUNDARIES; ++c) outside += light[c];
+    sum[WITHIN] += all - outside;
 }
 
 /* One flight from p in `cell`, along d, the way back to where the light comes from; scores what it
-   brings. Of all that thick cells on its way scatter, `weight` becomes the sum and one place is
-   drawn: its record is returned, and p and `cell` are moved there; 0 if they scatter nothing. Light
-   scored and `weight` left make the `weight` that came in. */
+   brings. Of all that deep cells on its way scatter, `weight` becomes the sum and one place is drawn:
+   its record is returned, and p and `cell` are moved there; 0 if they scatter nothing. Light scored
+   and `weight` left make the `weight` that came in. */
 INLINE __global const real *flight(
     real *sum, real *weight, real3 *p, int3 *cell, real3 d, int number, real u, const Near *m)
 {
@@ -108,6 +130,7 @@ INLINE __global const real *flight(
     const real whole = *weight;
     real transmitted = R(1), scattered = R(0), at = R(0), share_there = R(0);
     Step s = step_from(*cell, from, d);
+    int inside = 0, face = 0;
     for (;;) {
         const int x = s.x - m->low.x, y = s.y - m->low.y, z = s.z - m->low.z;
         if (x < 0 || y < 0 || z < 0 || x >= m->shape.x || y >= m->shape.y || z >= m->shape.z) {
@@ -118,38 +141,47 @@ INLINE __global const real *flight(
             break;
         }
         const int place = m->places[(z * m->shape.y + y) * m->shape.x + x];
-        if (place >= 0) {
+        if (place < 0) { /* it came from one of the cells: there it began */
             score(sum, whole * transmitted,
-                  m->light + ((size_t)number * m->rim + place) * COMPONENTS);
+                  m->light + ((size_t)number * m->rim + m->faces[6 * inside + face]) * COMPONENTS);
             break;
         }
-        if (place < -1) {
-            __global const real *record = m->thick + (-2 - place) * RECORD;
-            const real share = absorbed(record[DEPTH] * (step_end(&s) - s.t));
+        inside = place;
+        __global const real *record = m->cells + (size_t)place * RECORD;
+        if (record[DEPTH] > R(0)) {
+            const real length = step_end(&s) - s.t;
+            const real t = record[DEPTH] * length;
+            const real share = absorbed(t);
             real taken = transmitted * share;
-            transmitted -= taken;
+            const real left = transmitted - taken;
             /* What is left in the end goes no further than the last cell. */
-            const int last = transmitted <= R(CUTOFF);
-            taken += last ? transmitted : R(0);
-            const real here = taken * record[ALBEDO];
-            for (int e = 0; e < EMITTERS; ++e)
-                sum[BOUNDARIES + e] += whole * taken * record[EMISSION + e];
-            sum[WITHIN] += whole * (taken - here);
-            scattered += here;
-            /* One number serves all draws: what is left of it after each is as random as before. */
-            const real chance = here > R(0) ? here / scattered : R(0);
-            if (u < chance) {
-                u = least(u / chance, R(0.9999999));
-                met = record;
-                at = s.t;
-                share_there = share;
-                *cell = (int3)(s.x, s.y, s.z);
+            const int last = left <= R(CUTOFF);
+            if (record[ALBEDO] > R(0)) {
+                taken += last ? left : R(0);
+                const real here = taken * record[ALBEDO];
+                for (int e = 0; e < EMITTERS; ++e)
+                    sum[BOUNDARIES + e] += whole * taken * record[EMISSION + e];
+                sum[WITHIN] += whole * (taken - here);
+                scattered += here;
+                /* One number serves all draws: what is left of it after each is as random as before. */
+                const real chance = here > R(0) ? here / scattered : R(0);
+                if (u < chance) {
+                    u = least(u / chance, R(0.9999999));
+                    met = record;
+                    at = s.t;
+                    share_there = share;
+                    *cell = (int3)(s.x, s.y, s.z);
+                } else {
+                    u = (u - chance) / (R(1) - chance);
+                }
             } else {
-                u = (u - chance) / (R(1) - chance);
+                score_cell(sum, whole * transmitted, record, from, d, &s, length, t, share);
+                if (last) score(sum, whole * left, record + SOURCE);
             }
             if (last) break;
+            transmitted = left;
         }
-        step_on(&s, d);
+        face = step_on(&s, d);
     }
     *weight = whole * scattered;
     if (met) *p = from + (at + length_at(u, share_there, met[DEPTH])) * d;
@@ -158,7 +190,7 @@ INLINE __global const real *flight(
 
 /* Weight of a direction for light scattered along `sight`: the directions are shared out as for a
    line of sight along +y. */
-#if defined(PHASE_BINS) && defined(CAMERA_PINHOLE)
+#if defined(PHASE_STEPS) && defined(CAMERA_PINHOLE)
 #define SHARES
 #endif
 INLINE real share_of(real4 direction, real3 sight, __global const real *steps)
@@ -214,15 +246,15 @@ INLINE void chain(
         /* Where it ends, and on average where it does not, the one source stands for what is left:
            no light is made or lost by chance. */
         if (event + 1 >= LONGEST) {
-            score_source(sum, weight, met, p, cell);
+            score(sum, weight, met + SOURCE);
             return;
         }
         if (weight < floor_) {
             if (unit(word.w) * floor_ >= weight) {
-                score_source(sum, weight, met, p, cell);
+                score(sum, weight, met + SOURCE);
                 return;
             }
-            score_source(sum, weight - floor_, met, p, cell);
+            score(sum, weight - floor_, met + SOURCE);
             weight = floor_;
         }
     }
@@ -304,8 +336,8 @@ __kernel void gather(
     __global const int *first,    /* in: of each ray's stretches, and their end */
     __global const real *stretches,
     __global const real *table, __global const real *steps,
-    __global const int *places, __global const real *thick, __global const real *light,
-    const int rim,
+    __global const int *places, __global const int *faces, __global const real *cells,
+    __global const real *light, const int rim,
     __global const real4 *directions, __global const int *start, __global const int *nearest,
     const int direction_count, const int4 box_low, const int4 box_shape,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
@@ -316,7 +348,7 @@ __kernel void gather(
     const int number = chosen[item];
     const Ray ray = ray_at(
         list[2 * number], list[2 * number + 1], columns, rows, middle, pitch_x, pitch_z, distance);
-    const Near near = {places, thick, light, rim, directions, start, nearest, direction_count, box_low,
+    const Near near = {places, faces, cells, light, rim, directions, start, nearest, direction_count, box_low,
                        box_shape, BOUNDARY};
     const real3 from = (real3)(ray.px, ray.py, ray.pz);
     const real3 sight = (real3)(ray.dx, ray.dy, ray.dz);

@@ -7,7 +7,7 @@
 #include "components.h"
 #include "groups.h"
 
-/* Both boxes' source, of so many planes a cell: those from `first` on, from the list. */
+/* Both boxes' planes, of so many a cell: those from `first` on, from the list. */
 __kernel void set_source(
     __global real *source, __global real *source_turned, __global const real *listed,
     __global const int *place, __global const int *turned, const int first, const int planes,
@@ -25,25 +25,24 @@ __kernel void set_source(
 }
 
 /* Change of the listed source across each cell along x, y, z, from neighbours' (see
-   cldit/transport/gradients.py), into both boxes' planes from `first` on. */
+   cldit/transport/gradients.py), into both boxes. */
 __kernel void set_gradients(
-    __global real *source, __global real *source_turned, __global const real *listed,
+    __global real *across, __global real *across_turned, __global const real *listed,
     __global const int *place, __global const int *turned,
-    __global const int *neighbours, __global const real *weights,
-    const int first, const int planes, const int count)
+    __global const int *neighbours, __global const real *weights, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
-    const int at = first_plane(place[i], planes) + first * GROUP;
-    const int also = first_plane(turned[i], planes) + first * GROUP;
+    const int at = first_plane(place[i], 3 * COMPONENTS);
+    const int also = first_plane(turned[i], 3 * COMPONENTS);
     for (int axis = 0; axis < 3; ++axis) {
         const int one = 2 * axis * count + i, other = one + count;
         for (int c = 0; c < COMPONENTS; ++c) {
             __global const real *plane = listed + c * count;
             const real change = weights[one] * (plane[neighbours[one]] - plane[i])
                 + weights[other] * (plane[neighbours[other]] - plane[i]);
-            source[at + (axis * COMPONENTS + c) * GROUP] = change;
-            source_turned[also + (axis * COMPONENTS + c) * GROUP] = change;
+            across[at + (axis * COMPONENTS + c) * GROUP] = change;
+            across_turned[also + (axis * COMPONENTS + c) * GROUP] = change;
         }
     }
 }

@@ -31,19 +31,26 @@ INLINE Step step_from(int3 cell, real3 p, real3 d)
 
 INLINE real step_end(const Step *s) { return least(s->tx, least(s->ty, s->tz)); }
 
-INLINE void step_on(Step *s, real3 d)
+/* Through which face the line goes on: 0 to 5, down and up along x, y, z. */
+INLINE int step_on(Step *s, real3 d)
 {
     s->t = step_end(s);
     if (s->tx <= s->ty && s->tx <= s->tz) {
-        s->x += d.x > R(0) ? 1 : -1;
+        const int up = d.x > R(0);
+        s->x += up ? 1 : -1;
         s->tx += s->dx;
-    } else if (s->ty <= s->tz) {
-        s->y += d.y > R(0) ? 1 : -1;
-        s->ty += s->dy;
-    } else {
-        s->z += d.z > R(0) ? 1 : -1;
-        s->tz += s->dz;
+        return up;
     }
+    if (s->ty <= s->tz) {
+        const int up = d.y > R(0);
+        s->y += up ? 1 : -1;
+        s->ty += s->dy;
+        return 2 + up;
+    }
+    const int up = d.z > R(0);
+    s->z += up ? 1 : -1;
+    s->tz += s->dz;
+    return 4 + up;
 }
 
 #endif

@@ -16,14 +16,16 @@
 
    TO_CAMERA, for the last sweep: light counts by how much of it the camera sees from there in the
    cell, and by the phase function where there is one (PHASE_STEPS).
+   ACROSS, with LINEAR: the excess is also found times the place in the cell, from its middle on; of
+   this lies how light changes across it. Neither counts what is linear in the source itself.
    FLUX: the excess is also found times each component of the direction that light comes from; of
    this lies the first moment of the light in a cell.
    SLOPED: a cell's source is more in one direction than in others, S = S_0 + S_1 . direction;
    the excess is then over S_0.
-   LINEAR: it changes across the cell, by G along x, y, z from side to side. What a ray meets then is
+   LINEAR: it changes across some cells, by G along x, y, z from side to side. What a ray meets then is
    less at its middle than S by what that lies off the cell's; over all rays this is nothing, and is
    left out of the excess, where it would only be noise.
-   RIM: the light that leaves the cells around thick ones is kept, for gather.cl. */
+   RIM: the light that comes into thick cells from others is kept, for gather.cl, by the face. */
 
 #include "boundary.h"
 #include "components.h"
@@ -59,23 +61,19 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 #define REAL lane_t
 #include "attenuation.h"
 
-/* Planes of a cell: of S, S_0 of all components, then the x, y and z of S_1, then of G; of D, those
-   of S_0 and S_1. */
+/* Planes of a cell: of S, S_0 of all components, then the x, y and z of S_1; of D likewise; of G, and
+   of the excess times the place in the cell, x, y and z. */
 #ifdef SLOPED
-#define EVEN_MOMENTS 4
+#define SOURCE_PLANES (4 * COMPONENTS)
 #else
-#define EVEN_MOMENTS 1
-#endif
-#ifdef LINEAR
-#define SOURCE_PLANES ((EVEN_MOMENTS + 3) * COMPONENTS)
-#else
-#define SOURCE_PLANES (EVEN_MOMENTS * COMPONENTS)
+#define SOURCE_PLANES COMPONENTS
 #endif
 #ifdef FLUX
 #define EXCESS_PLANES (4 * COMPONENTS)
 #else
 #define EXCESS_PLANES COMPONENTS
 #endif
+#define ACROSS_PLANES (3 * COMPONENTS)
 #define MOMENT(p, number) CELLS((p) + (number) * COMPONENTS * GROUP)
 #define MOMENT_OF(p, number) CELLS_OF((p) + (number) * COMPONENTS * GROUP)
 
@@ -129,7 +127,8 @@ INLINE real counts_for(
 __kernel void sweep(
     const int launch,
     __global const int *launches,  /* in: first step of each launch, and the end; [sense] */
-    __global const int *directions, /* in, per step: its direction */
+    __global const int2 *directions, /* in, per step: its direction; through which faces rays leave
+                                       their cells after it, a bit each */
     __global const int4 *shifts,   /* in, per step: how far rays have moved in u and (modulo nv) in v,
                                       and both since the step before: -1, 0 or 1; 2: they come in */
     __global const real4 *parts,   /* in, per step: its middle in the cells, x y z, 0 to 1; share of
@@ -141,11 +140,18 @@ __kernel void sweep(
     __global real *rays,           /* inout: I, [direction][row][component][slot] */
     const int slots,
     __global const int *groups,    /* in: first of a row's groups, and the end */
-    __global const int *begins,    /* in: u of a group's first cell; -1 - u: no cell of it scatters,
-                                      and nobody asks what it receives */
+    __global const int2 *begins,   /* in: u of a group's first cell; -1 - u: no cell of it scatters,
+                                      and nobody asks what it receives. LINEAR: number of the group
+                                      among those across whose cells sources change, from 1; or 0 */
     __global const real *depth,    /* in: optical depth of a cell's edge */
     __global const real *source,   /* in: S, a plane a component */
     __global real *excess,         /* inout: D, likewise */
+#ifdef LINEAR
+    __global const real *across,   /* in: G, of the groups that have it */
+#endif
+#ifdef ACROSS
+    __global real *excess_across,  /* inout: of these, the excess times the place in the cell */
+#endif
     const int layout,
     const int nu, const int nv, const int nl,
     const int stride_v, const int stride_l, /* of rows in `groups` */
@@ -157,11 +163,12 @@ __kernel void sweep(
     __global const real *phase, const real4 camera
 #endif
 #ifdef RIM
-    , __global real *light,        /* out: what leaves cells of the rim, [number][cell][component] */
+    , __global real *light,        /* out: what comes in through faces, [number][face][component] */
     const int earlier,             /* directions in it before these */
-    const int rim,                 /* cells of it */
-    __global const int *rim_rows,  /* in: first of a row's cells in rim_cells, [l][v], and the end */
-    __global const int2 *rim_cells /* in: u, and number in the rim */
+    const int rim,                 /* faces of one direction */
+    __global const int *rim_rows,  /* in: first of a row's faces in rim_faces, [l][v], and the end */
+    __global const int4 *rim_faces /* in: u of the cell before it; which of that cell's faces, as a
+                                      bit; number */
 #endif
     )
 {
@@ -187,7 +194,7 @@ __kernel void sweep(
         /* Rays that come in: all of the row where it enters the box, else one at its end. */
         const int enters = shift.w == 2 || (shift.w > 0 && v == 0) || (shift.w < 0 && v == nv - 1);
         if (nothing && !enters && shift.z == 0) continue;
-        const int k = directions[step];
+        const int k = directions[step].x;
         const int row = v < shift.y ? v - shift.y + nv : v - shift.y;
         /* Cell u's ray; a group may reach beyond its row: what lies there is empty, and no ray that
            counts. */
@@ -208,7 +215,7 @@ __kernel void sweep(
         const real weight = beams[k].y * part;
         for (int i = begin_units + lane; i < end_units; i += lanes) {
             const int cell = i * VECTOR;
-            const int begin = begins[cell / GROUP];
+            const int begin = begins[cell / GROUP].x;
             const int u = (begin < 0 ? -1 - begin : begin) + cell % GROUP;
             __global const real *s = source + first_plane(cell, SOURCE_PLANES);
             const lane_t t = CELLS_OF(depth + cell) * stretch;
@@ -233,7 +240,11 @@ __kernel void sweep(
             const lane_t mean = mean_transmission(t, share);
             const lane_t q = counts * mean;
 #ifdef LINEAR
-            const lane_t rise = rising(t, share, mean);
+            const int changes = begins[cell / GROUP].y;
+            const int changed =
+                first_plane((changes - 1) * GROUP + cell % GROUP, ACROSS_PLANES);
+            const lane_t rise = changes ? rising(t, share, mean) : (lane_t)R(0);
+            const real run = -beams[k].x * part;
 #endif
             __global real *d = excess + first_plane(cell, EXCESS_PLANES);
             for (int c = 0; c < COMPONENTS; ++c, s += GROUP, d += GROUP) {
@@ -249,18 +260,31 @@ __kernel void sweep(
                 lane_t more = (lane_t)R(0);
 #endif
                 lane_t leaves = intensity;
+                lane_t own = gap * q;
 #ifdef LINEAR
-                const lane_t along_x = MOMENT_OF(s, EVEN_MOMENTS);
-                const lane_t along_y = MOMENT_OF(s, EVEN_MOMENTS + 1);
-                const lane_t along_z = MOMENT_OF(s, EVEN_MOMENTS + 2);
-                gap -= (middle.x - R(0.5)) * along_x + (middle.y - R(0.5)) * along_y
-                    + (middle.z - R(0.5)) * along_z;
-                const lane_t bent = -beams[k].x * part * rise
-                    * (back.x * along_x + back.y * along_y + back.z * along_z);
-                more -= bent * counts;
-                leaves += bent * t;
+                if (changes) {
+                    __global const real *g = across + changed + c * GROUP;
+                    const lane_t along_x = MOMENT_OF(g, 0);
+                    const lane_t along_y = MOMENT_OF(g, 1);
+                    const lane_t along_z = MOMENT_OF(g, 2);
+                    gap -= (middle.x - R(0.5)) * along_x + (middle.y - R(0.5)) * along_y
+                        + (middle.z - R(0.5)) * along_z;
+                    const lane_t change =
+                        run * (back.x * along_x + back.y * along_y + back.z * along_z);
+                    const lane_t bent = change * rise;
+                    leaves += bent * t;
+                    own = gap * q - bent * counts;
+#ifdef ACROSS
+                    const lane_t late = run * counts
+                        * (gap * rise + change * (R(0.5) * rise + rising_over(t, rise)));
+                    __global real *e = excess_across + changed + c * GROUP;
+                    MOMENT(e, 0) += (middle.x - R(0.5)) * own - back.x * late;
+                    MOMENT(e, 1) += (middle.y - R(0.5)) * own - back.y * late;
+                    MOMENT(e, 2) += (middle.z - R(0.5)) * own - back.z * late;
 #endif
-                more += gap * q;
+                }
+#endif
+                more += own;
                 CELLS(d) += more;
 #ifdef FLUX
                 MOMENT(d, 1) += back.x * more;
@@ -273,10 +297,11 @@ __kernel void sweep(
         barrier(CLK_GLOBAL_MEM_FENCE);
 #ifdef RIM
         for (int i = first_rim + lane; i < end_rim; i += lanes) {
-            const int2 cell = rim_cells[i];
+            const int4 face = rim_faces[i];
+            if (!(face.y & directions[step].y)) continue;
             __global real *leaves = light
-                + ((size_t)(earlier + origins[k].y) * rim + cell.y) * COMPONENTS;
-            for (int c = 0; c < COMPONENTS; ++c) leaves[c] = crossing[c * slots + cell.x];
+                + ((size_t)(earlier + origins[k].y) * rim + face.z) * COMPONENTS;
+            for (int c = 0; c < COMPONENTS; ++c) leaves[c] = crossing[c * slots + face.x];
         }
         barrier(CLK_GLOBAL_MEM_FENCE);
 #endif

@@ -129,7 +129,11 @@ class Kernels:
         rng = np.random.default_rng(1)
         rays = sweeper.rays(isotropic(count, rng), rng.random((count, 2)))
         sweeper.set_source(first_guess(sweeper, self.cells.albedo), shining=True)
-        return quickest(
-            self.case,
-            lambda: sweeper.sweep(rays, shining=True, camera=camera),
-        )
+
+        def once() -> None:
+            if camera is None:
+                sweeper.sweep(rays, shining=True)
+            else:
+                sweeper.weighted_mean(camera, rays)
+
+        return quickest(self.case, once)

@@ -191,6 +191,13 @@ class OpticalCells:
         inside = np.stack([local % BRICK, local // BRICK % BRICK, local // BRICK**2], axis=1)
         return np.asarray(corner[slot] + inside)
 
+    def stored(self, position: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Address of finest cells (N, 3; x, y, z); -1 in coarse leaves."""
+        brick, local = np.divmod(position, BRICK)
+        slot = self.tree.directory[tuple(brick.T[::-1])].astype(np.int64)
+        x, y, z = local.T
+        return np.where(slot >= 0, slot * _BRICK_CELLS + (z * BRICK + y) * BRICK + x, -1)
+
     def dense(self, box: Box, values: NDArray[Any]) -> NDArray[Any]:
         """Values of stored cells in the box, [z, y, x]; coarse leaves in it are left at 0."""
         z, y, x = np.nonzero(self.tree.directory >= 0)

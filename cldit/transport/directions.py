@@ -32,6 +32,15 @@ class Directions:
     def __len__(self) -> int:
         return len(self.weight)
 
+    def halves(self) -> tuple[Directions, Directions]:
+        """Every other direction, and the others: of a set that runs evenly over the sphere either
+        integrates over it, and both together better than two sets by chance."""
+        one, other = (
+            Directions(unit=self.unit[first::2], weight=2 * self.weight[first::2])
+            for first in (0, 1)
+        )
+        return one, other
+
     def balanced(self) -> Directions:
         """The same directions, weighted so that they lean nowhere: sum of weight x unit = 0.
 

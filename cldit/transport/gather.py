@@ -1,9 +1,10 @@
-"""The picture of what thick cells scatter, by chains of scatterings among them.
+"""The picture of what thick cells scatter, by flights from them to where their light comes from.
 
-In the sweeps a cell has one source. Where it is thick the source varies within it, and what it
-sends back to where it is lit from is far more than its mean. Where a line of sight meets thick
-cells, chains follow what these scatter, by the phase function itself, until they leave them for
-cells whose light is known from the last sweep.
+Light varies within a thick cell, and what it sends back to where it is lit from is far more than
+its mean. Where a line of sight meets thick cells, a flight goes from a place on it, by the phase
+function itself, through these and the cells around them, and sums what they send there; its end is
+in light that is known from the last sweep. In cells so deep that no linear source describes them
+further flights follow, in a chain.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ Floats = NDArray[np.float64]
 
 _SAMPLES = 32  # of a pixel in the first round; a power of two, as in all rounds
 _MOST_CHAINS = 1e8  # of a picture: some core-minutes
-_LONGEST = 32  # scatterings of a chain, after which the light is that of the sweeps
+_LONGEST = 32  # flights of a chain, after which the light is that of the sweeps
 _GROUP = 16
 _TILE = 12  # pixels along a tile's edge: some hundred tell their noise
 _NOISE = 0.8  # of the wanted error, which chains may leave: other errors are larger
@@ -97,15 +98,16 @@ class Gather:
         phase = settings.phase
         table, steps = np.zeros(1), np.zeros(1)
         self._defines: dict[str, Define] = {**defines, "LONGEST": _LONGEST, "FACE": FACE}
-        if ends.across:
-            self._defines["LINEAR"] = 1
+        for flag in ("SLOPED", "LINEAR"):
+            if flag in ends.program.defines:
+                self._defines[flag] = 1
         if phase is not None:
             table, steps = phase.to_sample(), phase.by_half_sine(PHASE_STEPS)
             self._defines.update(PHASE_BINS=phase.bins, PHASE_STEPS=PHASE_STEPS)
         real = self._real
         albedo = np.zeros(len(cells.depth), real)
         albedo[cells.address[thick.listed]] = cells.albedo[thick.listed]
-        records = thick.records(cells, ends).astype(real)
+        records = ends.records.astype(real)
         shared = self._shares(directions, steps).astype(real)
         starts = np.searchsorted(shared[:, 3], np.arange(len(shared)) / len(shared), "right")
         near = nearest(directions)
@@ -129,6 +131,7 @@ class Gather:
                     upload(one, "phase function", table.astype(real)),
                     upload(one, "phase function", steps.astype(real)),
                     upload(one, "places", thick.places),
+                    upload(one, "faces", thick.faces),
                     upload(one, "thick cells", records),
                     kept,
                     np.int32(light.rim),

@@ -82,10 +82,15 @@ def across_cells(
         both = np.where((below >= 0) & (above >= 0), 0.5, 1.0).astype(light.dtype)
         for there, sign in ((below, -1), (above, 1)):
             change += sign * both * (light[:, np.where(there >= 0, there, every)] - light)
-    # By all of the light, whatever it is divided into.
+    limit(changes, light)
+    return changes
+
+
+def limit(changes: NDArray[np.floating], light: NDArray[np.floating]) -> None:
+    """Makes changes (3, C, N) across cells of a mean (C, N) no larger than leaves nowhere less than
+    nothing of the sum of its components."""
     total, most = light.sum(axis=0), np.abs(changes.sum(axis=1)).sum(axis=0)
     changes *= np.divide(2 * total, most, out=np.ones_like(total), where=most > 2 * total)
-    return changes
 
 
 def _beside(

@@ -22,7 +22,9 @@ class PackedCells:
     """The box's groups of cells in one order, and the device's arrays of them.
 
     place: of the scattering cells among the cells of all groups. source: planes side by side in
-    each group; thermal, not on the device: the sources of what emits, (G, GROUP) each.
+    each group; thermal, not on the device: the sources of what emits, (G, GROUP) each. changed,
+    across: place of those cells across which sources change among the cells of the groups that have
+    any, and what the changes are, of `across_size` numbers in all.
     """
 
     groups: Groups
@@ -33,6 +35,9 @@ class PackedCells:
     source: Any
     thermal: list[NDArray[Any]]
     shape: tuple[int, int, int]  # of `source`
+    changed: Any
+    across: Any
+    across_size: int
 
     @classmethod
     def of(
@@ -45,7 +50,10 @@ class PackedCells:
         *,
         turned: bool,
         planes: int,
+        changing: NDArray[np.intp],
     ) -> PackedCells:
+        """changing (M,): scattering cells across which sources change."""
+
         def packed(values: NDArray[np.float64]) -> NDArray[Any]:
             return groups.packed(turned_too(cells.dense(box, values.astype(real)))[turned])
 
@@ -53,15 +61,23 @@ class PackedCells:
         x, y, z = (cells.positions(cells.address) - np.asarray(box.low)).T
         _, ny, nz = box.shape
         place = groups.places(x * nz + z, y) if turned else groups.places(z * ny + y, x)
+        group, lane = np.divmod(place[changing], GROUP)
+        some, within = np.unique(group, return_inverse=True)
+        number = np.zeros(len(groups), np.int32)
+        number[some] = np.arange(1, len(some) + 1)
+        across_size = len(some) * GROUP * 3 * len(cells.needs.components)
         return cls(
             groups=groups,
             first=upload(device, "groups of rows", groups.first),
-            begins=upload(device, "groups", groups.along),
+            begins=upload(device, "groups", np.column_stack([groups.along, number])),
             place=upload(device, "places", place),
             depth=upload(device, "optical depth", packed(cells.depth)),
             source=zeros(device, "source", planes * groups.cells, real),
             thermal=thermal,
             shape=(len(groups), planes, GROUP),
+            changed=upload(device, "places", (within * GROUP + lane).astype(np.int32)),
+            across=zeros(device, "changes across cells", across_size, real),
+            across_size=across_size,
         )
 
     def shine(self, device: Device, boundaries: int, real: Real) -> None:

@@ -73,7 +73,8 @@ def sweep(
     slope: Floats | None = None,
     across: Floats | None = None,
 ) -> Floats:
-    """Excess (C, nz, ny, nx) that one direction's sweep gives; see kernels/sweep.cl.
+    """Excess that one direction's sweep gives, and that times the place in the cell along x, y, z,
+    from its middle on, unless `across` is None: (4, C, nz, ny, nx); see kernels/sweep.cl.
 
     Args:
         depth: (nz, ny, nx) optical depth of a cell's edge.
@@ -92,7 +93,7 @@ def sweep(
     s_all = (source + more).transpose(0, *(1 + axis for axis in order))
     g_all = changes.transpose(0, 1, *(2 + axis for axis in order))
     m_all = more.transpose(0, *(1 + axis for axis in order))
-    excess = np.zeros_like(s_all)
+    excess = np.zeros((4, *s_all.shape))
     nl, nv, nu = t_all.shape
     u_run, v_run, l_run = (-back[axis] for axis in axes)
     stretch = 1 / abs(l_run)
@@ -138,10 +139,49 @@ def sweep(
             gap = rays - s_all[:, layer] - np.tensordot(middle, g_all[:, :, layer], axes=1)
             part = gap * mean + m_all[:, layer]
             part -= np.divide(more_at_end, t, out=np.zeros_like(part), where=t > 0)
-            excess[:, layer] += weight * (high - low) * part
+            excess[0, :, layer] += weight * (high - low) * part
+            if across is not None:
+                parts = _across_cells(
+                    rays,
+                    t,
+                    s_all[:, layer],
+                    g_all[:, :, layer],
+                    middle=middle,
+                    way=-back * stretch * (high - low),
+                )
+                excess[1:, :, layer] += weight * (high - low) * parts
             rays = rays - gap * absorbed(t) + more_at_end
     back_order = np.argsort(order)
-    return np.asarray(excess.transpose(0, *(1 + axis for axis in back_order)))
+    return np.asarray(excess.transpose(0, 1, *(2 + axis for axis in back_order)))
+
+
+def _across_cells(
+    rays: Floats, depth: Floats, source: Floats, changes: Floats, *, middle: Floats, way: Floats
+) -> Floats:
+    """(3, C, nv, nu) mean, along rays that enter cells with some light, of what that is more than
+    the source, times the place from the cell's middle on, along x, y, z.
+
+    depth: of the way; source (C, ...), changes (3, C, ...): as in `sweep`; middle, way (3,): the
+    way's middle, from the cell's, and the way as a vector, in cells.
+    """
+    parts = np.zeros((3, *rays.shape))
+
+    def sent(at: float) -> Floats:
+        return np.asarray(source + np.tensordot(middle + way * (at - 0.5), changes, axes=1))
+
+    for place, share in zip(*_along_the_way(), strict=True):
+        light = rays * np.exp(-depth * place)
+        for before, part in zip(*_along_the_way(place), strict=True):
+            light = light + part * depth * sent(before) * np.exp(-depth * (place - before))
+        over = share * (light - sent(place))
+        parts += np.multiply.outer(middle + way * (place - 0.5), over)
+    return parts
+
+
+def _along_the_way(end: float = 1.0) -> tuple[Floats, Floats]:
+    """Places from 0 to `end`, and their weights: Gauss's, for smooth functions to rounding."""
+    place, weight = np.polynomial.legendre.leggauss(12)
+    return (place + 1) / 2 * end, weight / 2 * end
 
 
 def march(depth: Floats, source: Floats, *, point: Floats, toward: Floats) -> tuple[Floats, float]:

@@ -28,9 +28,9 @@ class Settings:
     the source (weights are 0..1).
     accuracy_K, max_samples: where `path` stops, RMS error of T_app or samples a pixel. order: most
     scatterings, None for all; beyond it the wall is seen. phase: None is isotropic.
-    gather: in its picture `source` has light change within cells; what those of an optical depth
-    above `thick` scatter is followed, until its noise is 0.8 of accuracy_K, or with max_samples a
-    pixel. A fixed order has light even in cells, as the paper does.
+    gather: `source` has light change within cells; what those of an optical depth above `thick`
+    scatter to the camera is found by flights, until its noise is 0.8 of accuracy_K, or with
+    max_samples a pixel. A fixed order has light even in cells, as the paper does.
     audit: `source` has some of its pixels traced by `path`, where it simplifies anything.
     """
 
@@ -58,10 +58,10 @@ class Settings:
 class Trace:
     """What came out of a trace, and how.
 
-    weights_difference: half the difference of two pictures that are independent of each other (of
-    the two halves of the last sweep, or of the samples); its RMS estimates the standard error of
-    the weights. standard_error: that of every pixel, from the scatter of its samples (`path` only).
-    Both are None where nothing scatters, and for `branching`, which does not know its error.
+    weights_difference: half the difference of two pictures, of either half of the last sweep or of
+    the samples; its RMS estimates the standard error of the weights. standard_error: that of every
+    pixel, from the scatter of its samples (`path` only). Both are None where nothing scatters, and
+    for `branching`, which does not know its error.
     audit_K: RMS error of T_app of `source` as a few pixels traced by `path` show it, one standard
     error added; None where the method simplifies nothing, or was not audited for the reason that
     `unaudited` gives.

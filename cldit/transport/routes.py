@@ -26,6 +26,8 @@ class Route:
     number (K,): of each direction in its set. launches (2, 2 layers + 1): where the steps of a
     sense's launches begin, and the end. direction (N,): 0 to K - 1. shifts (N, 4): as in `Way`.
     part (N,): share of the layer that is crossed; middle (N, 3): of the step in the cells, 0 to 1.
+    faces (N,): through which rays leave cells after the step, bits of the sides on which light
+    comes from there: down and up along u, v, l.
     back (K, 3): where light comes from. stretch (K,): path in a layer / cell edge. weight (K,).
     rightwards (K,): rays move to larger u.
     """
@@ -37,6 +39,7 @@ class Route:
     shifts: NDArray[np.int32]
     part: Floats
     middle: Floats
+    faces: NDArray[np.int32]
     back: Floats
     stretch: Floats
     weight: Floats
@@ -55,7 +58,7 @@ class Route:
         sense = (runs[:, 2] < 0).astype(int)
         _, nv, nl = layout.size
         inverse = np.argsort(layout.axes)
-        ways, launch = [], []
+        ways, launch, faces = [], [], []
         for i, k in enumerate(number):
             u, v = runs[i, :2] * stretch[i]
             way = Way.of(u, v, starts[k], layers=nl, backwards=bool(sense[i]))
@@ -64,6 +67,8 @@ class Route:
             opens = np.flatnonzero(np.diff(met, prepend=-1))  # a layer's first steps
             later = way.moved_v != np.repeat(way.moved_v[opens], np.bincount(met, minlength=nl))
             launch.append((sense[i] * nl + met) * 2 + later)
+            side = 2 * np.arange(3) + (runs[i] < 0)
+            faces.append((way.leaves << side[:, None]).sum(axis=0))
         launches = np.concatenate(launch)
         order = np.argsort(launches, kind="stable")
         begins = np.searchsorted(launches[order], np.arange(4 * nl + 1))
@@ -77,6 +82,7 @@ class Route:
             shifts=np.concatenate([way.shifts(nv) for way in ways])[order],
             part=np.concatenate([way.part for way in ways])[order],
             middle=np.concatenate([way.within for way in ways], axis=1).T[order][:, inverse],
+            faces=np.concatenate(faces)[order].astype(np.int32),
             back=back,
             stretch=stretch,
             weight=directions.weight[number],

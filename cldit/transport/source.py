@@ -1,9 +1,9 @@
 """Source iteration: the source function of every scattering cell, then one ray a pixel.
 
 The source is solved for by sweeping rays through the box of cells that the spray fills; one last
-sweep with many directions, and the picture, follow. The last sweep is done in two independent
-halves; from the difference of the two pictures the run knows how far it is from what more
-directions would give.
+sweep with many directions, and the picture, follow. The last sweep is done in two halves, each
+along every other direction; from the difference of the two pictures the run knows how far it is
+from what more directions would give, or less.
 """
 
 from __future__ import annotations

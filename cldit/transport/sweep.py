@@ -69,19 +69,22 @@ class Sweeper:
         *,
         disc: NDArray[np.float64],
         patches: NDArray[np.float64] = NONE,
+        changing: NDArray[np.bool_] | None = None,
     ) -> None:
         """disc, patches: as in `View`, in cells from the cube's lower corner. sweep: with SLOPED,
-        sources have a first moment; with LINEAR, they change across cells."""
+        sources have a first moment; with LINEAR, they change across cells: by what is given, in
+        those of which `changing` (N,) says so, or in all, as neighbours' sources have it."""
         self.device = device
         self.box: Box = cells.box()
         self.count = len(cells.address)
         self.components = len(cells.needs.components)
         self._boundaries = cells.needs.boundaries
-        self._sweep = sweep["sweep"]
+        self._sweep = sweep
         self._vector = int(sweep.defines["VECTOR"])
-        sloped = "SLOPED" in sweep.defines
-        self._given = self.components * (_MOMENTS if sloped else 1)
-        self._planes = self._given + (3 * self.components if "LINEAR" in sweep.defines else 0)
+        self._planes = self.components * (_MOMENTS if "SLOPED" in sweep.defines else 1)
+        linear = "LINEAR" in sweep.defines
+        some = np.ones(self.count, bool) if changing is None else changing
+        self.changing = np.flatnonzero(some & linear)
         self._kernels = iterate
         self._real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
         self._disc = disc.copy()
@@ -94,7 +97,14 @@ class Sweeper:
         self.groups = Groups.both(cells, self.box)
         self._order = {
             turned: PackedCells.of(
-                device, cells, self.box, groups, real, turned=turned, planes=self._planes
+                device,
+                cells,
+                self.box,
+                groups,
+                real,
+                turned=turned,
+                planes=self._planes,
+                changing=self.changing,
             )
             for turned, groups in self.groups.items()
         }
@@ -110,10 +120,10 @@ class Sweeper:
         self._rays = zeros(device, "rays", self._together * each, real)
         self.albedo = cells.albedo
         self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
-        self.gradients = Gradients.of(cells, self.box) if self._planes > self._given else None
-        self._across: list[Any] = []
+        self.gradients = Gradients.of(cells, self.box) if linear and changing is None else None
+        self._neighbours: list[Any] = []
         if self.gradients is not None:
-            self._across = [
+            self._neighbours = [
                 upload(device, "neighbours", self.gradients.neighbours),
                 upload(device, "neighbours' weights", self.gradients.weights.astype(real)),
             ]
@@ -131,10 +141,13 @@ class Sweeper:
     def real(self) -> Real:
         return self._real
 
-    def set_source(self, listed: NDArray[Any], *, shining: bool) -> None:
+    def set_source(
+        self, listed: NDArray[Any], *, shining: bool, changes: NDArray[Any] | None = None
+    ) -> None:
         """Puts the source (C, N) of the scattering cells into the box; (4 C, N) if it has a slope.
 
-        shining: with the thermal source of all other cells; else these are black.
+        shining: with the thermal source of all other cells; else these are black. changes
+        (3, C, M): of S_0 across the cells `changing`, unless they are as neighbours have it.
         """
         if self._shining is not shining:
             for order in self._order.values():
@@ -144,37 +157,38 @@ class Sweeper:
                     size = np.dtype(self._real).itemsize
                     clear(self.device, order.source, size * int(np.prod(order.shape)))
             self._shining = shining
-        self._put(listed)
+        if changes is not None:
+            self._put(changes.reshape(-1, len(self.changing)), *self._changed())
+        self._put_source(listed)
 
-    def _put(self, listed: NDArray[Any]) -> None:
-        sources = [order.source for order in self._order.values()]
-        planes = np.int32(self._planes)
-        for first in reversed(range(0, self._given, self.components)):  # S_0 last: it stays
-            some = np.ascontiguousarray(listed[first : first + self.components], self._real)
+    def _put_source(self, listed: NDArray[Any]) -> None:
+        self._put(listed, [order.source for order in self._order.values()], self._places())
+        if self._neighbours:
+            across, changed = self._changed()
+            self._of_list("set_gradients", *across, self._list, *changed, *self._neighbours)
+
+    def _put(self, planes: NDArray[Any], into: list[Any], places: list[Any]) -> None:
+        """Of the planes, C at a time; the first stay in the list."""
+        for first in reversed(range(0, len(planes), self.components)):
+            some = np.ascontiguousarray(planes[first : first + self.components], self._real)
             cl.enqueue_copy(self.device.queue, self._list, some)
-            self._of_list(
-                "set_source", *sources, self._list, *self._places(), np.int32(first), planes
-            )
-        if self._across:
-            given = np.int32(self._given)
-            self._of_list(
-                "set_gradients",
-                *sources,
-                self._list,
-                *self._places(),
-                *self._across,
-                given,
-                planes,
-            )
+            numbers = (np.int32(first), np.int32(len(planes)))
+            count = planes.shape[1]
+            self._of_list("set_source", *into, self._list, *places, *numbers, count=count)
 
     def _places(self) -> list[Any]:
         return [order.place for order in self._order.values()]
 
-    def _of_list(self, kernel: str, *arguments: Any) -> None:
-        """Runs a kernel over the scattering cells."""
-        self._kernels[kernel](
-            self.device.queue, (self.count,), None, *arguments, np.int32(self.count)
-        )
+    def _changed(self) -> tuple[list[Any], list[Any]]:
+        """The changes of either order, and where those of the cells `changing` lie."""
+        orders = self._order.values()
+        return [order.across for order in orders], [order.changed for order in orders]
+
+    def _of_list(self, kernel: str, *arguments: Any, count: int | None = None) -> None:
+        """Runs a kernel over the scattering cells, or so many."""
+        items = self.count if count is None else count
+        if items:
+            self._kernels[kernel](self.device.queue, (items,), None, *arguments, np.int32(items))
 
     def _room(self, planes: int) -> tuple[Any, Any]:
         """Room for so many planes of the excess in either order of cells, and in the list."""
@@ -201,7 +215,7 @@ class Sweeper:
             origin = np.where(route.rightwards, route.layout.size[2] + 1, 1)
             tables = [
                 route.launches,
-                route.direction,
+                np.column_stack([route.direction, route.faces]),
                 route.shifts,
                 np.column_stack([route.middle, route.part]).astype(self._real),
                 backs.astype(self._real),
@@ -211,56 +225,76 @@ class Sweeper:
             ready.append((route, [upload(self.device, "routes", table) for table in tables]))
         return Rays(directions, tuple(ready))
 
-    def sweep(self, rays: Rays, *, shining: bool, camera: ToCamera | None = None) -> None:
-        """Sweeps every direction; the excess D of the present source is then on the device.
+    def sweep(self, rays: Rays, *, shining: bool) -> None:
+        """Sweeps every direction; the excess D of the present source is then on the device."""
+        self._along_all(self._sweep, rays, shining, self._excess, self._listed, self.components)
 
-        camera: what directions count for towards it; None counts all alike.
-        """
-        kernel = self._sweep if camera is None else camera.kernel
-        self._along_all(kernel, rays, shining, self._excess, self._listed, self.components, camera)
-
-    def moments(self, program: Program, rays: Rays, *, out: NDArray[Any]) -> None:
+    def moments(self, program: Program, rays: Rays, *, out: NDArray[Any]) -> NDArray[Any] | None:
         """Finds the mean of the light in the scattering cells, and of what it is more than that
         times each component of the direction that it comes from: the first moment, which no set
         of directions then finds in even light.
 
-        program: sweep.cl with FLUX. out (4, C, N): takes them.
+        program: sweep.cl with or without FLUX. out (4 or 1, C, N): takes them. With ACROSS it
+        returns how much more the light changes across the cells `changing` than their source,
+        (3, C, M): light that changes by G has a twelfth of it for its mean times the place.
         """
-        many = _MOMENTS * self.components
+        many = self.components * (_MOMENTS if "FLUX" in program.defines else 1)
         excess, listed = self._room(many)
-        self._along_all(program["sweep"], rays, True, excess, listed, many)
-        download(self.device, listed, out)
+        across = self._along_all(program, rays, True, excess, listed, many)
+        download(self.device, listed, out[: many // self.components])
         weight, back = rays.directions.weight, rays.directions.unit
         leaning = (weight @ back / weight.sum()).astype(self._real)
-        for moment, lean in zip(out[1:], leaning, strict=True):
-            moment -= lean * out[0]
+        if many > self.components:
+            for moment, lean in zip(out[1:], leaning, strict=True):
+                moment -= lean * out[0]
         out[0] += self._real(weight.sum()) * self._read(self._list)
+        return None if across is None else across * self._real(12 / weight.sum())
 
     def _along_all(
         self,
-        kernel: Any,
+        program: Program,
         rays: Rays,
         shining: bool,
         excess: Any,
         listed: Any,
         planes: int,
         camera: ToCamera | None = None,
-    ) -> None:
+    ) -> NDArray[Any] | None:
         """Sweeps every direction, those through one order of cells after those through the other,
         which share the room for the excess; `listed` then has its planes for the scattering cells.
+        Returns what a program with ACROSS finds besides.
         """
         size = np.dtype(self._real).itemsize
+        across = self._room_across() if "ACROSS" in program.defines else ()
         for turned, order in self._order.items():
             clear(self.device, excess, size * planes * order.groups.cells)
+            if across:
+                clear(self.device, across[0], size * order.across_size)
             if camera is not None:
                 clear(self.device, camera.shares[turned], size * order.groups.cells)
+            changes = [order.across, *across[:1]] if "LINEAR" in program.defines else []
             for route, tables in rays.routes:
                 if route.layout.turned is turned:
                     extra = [] if camera is None else self._towards(camera, route)
-                    self._along(kernel, route, tables, shining, excess, extra)
-            more, many = np.int32(turned), np.int32(planes)
-            self._of_list("listed_excess", listed, excess, order.place, more, many)
+                    self._along(program, route, tables, shining, [excess, *changes], extra)
+            more = np.int32(turned)
+            self._of_list("listed_excess", listed, excess, order.place, more, np.int32(planes))
+            if across:
+                many, count = np.int32(3 * self.components), len(self.changing)
+                few = (across[1], across[0], order.changed, more, many)
+                self._of_list("listed_excess", *few, count=count)
         self.sweeps += len(rays.directions)
+        if not across:
+            return None
+        out = np.empty((3, self.components, len(self.changing)), self._real)
+        return download(self.device, across[1], out)
+
+    def _room_across(self) -> tuple[Any, Any]:
+        """As `_room`, for the excess times the place in cells across which sources change."""
+        most = max(order.across_size for order in self._order.values())
+        listed = 3 * self.components * len(self.changing)
+        real = self._real
+        return zeros(self.device, "excess", most, real), zeros(self.device, "list", listed, real)
 
     def _towards(self, camera: ToCamera, route: Route) -> list[Any]:
         """What the kernel takes with TO_CAMERA, and with RIM."""
@@ -276,14 +310,15 @@ class Sweeper:
 
     def _along(
         self,
-        kernel: Any,
+        program: Program,
         route: Route,
         tables: list[Any],
         shining: bool,
-        excess: Any,
+        excess: list[Any],
         extra: Sequence[Any] = (),
     ) -> None:
-        layout, real = route.layout, self._real
+        """excess: kernel arguments from that to before `layout`; extra: after the boundary's."""
+        kernel, layout, real = program["sweep"], route.layout, self._real
         order = self._order[layout.turned]
         kernel.set_args(
             np.int32(0),
@@ -294,7 +329,7 @@ class Sweeper:
             order.begins,
             order.depth,
             order.source,
-            excess,
+            *excess,
             np.int32(layout.number),
             *(np.int32(count) for count in layout.size),
             np.int32(layout.stride_v),
@@ -321,13 +356,13 @@ class Sweeper:
         parts = np.zeros((self.components, self.count), real)
         parts[:b] = listed[:b]
         for order in self._order.values():
-            source = np.zeros((len(order.groups), self.components, GROUP), real)
+            source = np.zeros(order.shape, real)
             source[:, b : b + 1] = 1.0
             cl.enqueue_copy(self.device.queue, order.source, source)
         self._shining = None
         if self.components > b:
             parts[b] = 1.0 - listed[:b].sum(axis=0)
-        self._put(parts)
+        self._put_source(parts)
         self.sweep(rays, shining=True)
         total = self._read(self._listed).sum(axis=0, dtype=np.float64)
         missing = parts.sum(axis=0, dtype=np.float64) - 1.0
@@ -345,8 +380,10 @@ class Sweeper:
             self.device, self.box, self._real, program, seen, self.groups, phase=phase, place=place
         )
 
-    def weighted_mean(self, camera: ToCamera) -> NDArray[Any]:
-        """Mean radiance (C, N) of the scattering cells after a sweep towards the camera."""
+    def weighted_mean(self, camera: ToCamera, rays: Rays) -> NDArray[Any]:
+        """Mean radiance (C, N) of the scattering cells, as the camera sees them."""
+        excess, listed, planes = self._excess, self._listed, self.components
+        self._along_all(camera.program, rays, True, excess, listed, planes, camera)
         return self._answer("weighted_mean", *camera.shares.values(), *self._places())
 
     def residual(self, *, shining: bool) -> NDArray[Any]:

@@ -1,4 +1,8 @@
-"""Thick cells, within which the light varies, and the rim of other cells around them."""
+"""Thick cells, and the region of these and of those beside them, through which flights go.
+
+What stands beside a thick cell, or beyond a gap between two, casts shadows that are smaller than a
+cell. So flights go on through the cells around thick ones, and end at the faces of this region.
+"""
 
 from __future__ import annotations
 
@@ -11,26 +15,37 @@ from scipy import ndimage
 
 from cldit.gpu.buffers import upload, zeros
 from cldit.gpu.device import Device
+from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.directions import Directions
 from cldit.transport.layout import Layout, layouts
 
 FACE = 64  # entries of the table of nearest directions along a side
-NEITHER = -1
+NONE, OUTSIDE = -1, -2
+_AROUND = 1  # so many cells around thick ones are of their region
+# Optical depth of a cell beyond which a source that is linear in it is not enough: its skin is a
+# small part of it.
+_DEEP = 1.5
 
 
 @dataclass(frozen=True)
 class ThickCells:
-    """Which cells of the swept box are thick.
+    """Which cells of the swept box are thick, and the region of these and of those around them.
 
-    listed (T,): which of the scattering cells they are. low (3,), places [z, y, x] int32: the part
-    of the box that holds them, from its lower corner, and what is there: number in the rim; -2 -
-    number of a thick cell; -1 of neither. rim: cells that share a face with a thick one.
+    listed (T,): which of the scattering cells are thick. at (R, 3), address (R,): of the region's
+    cells, in the box and among stored cells; -1: not stored. low (3,), places [z, y, x] int32: the
+    part of the box around the region, and number of its cell there; -1 of none. faces (R, 6) int32:
+    number of each cell's faces, down and up along x, y, z, to cells of the box that are not of the
+    region; -1 of others. Of two that no one direction goes through both may have one number.
+    rim: so many numbers.
     """
 
     listed: NDArray[np.int64]
+    at: NDArray[np.int64]
+    address: NDArray[np.int64]
     low: NDArray[np.int64]
     places: NDArray[np.int32]
+    faces: NDArray[np.int32]
     rim: int
 
     @classmethod
@@ -39,59 +54,99 @@ class ThickCells:
         listed = np.flatnonzero(cells.depth[cells.address] > deeper_than)
         if not len(listed):
             return None
-        at = cells.positions(cells.address[listed]) - np.asarray(box.low)
-        low = np.maximum(at.min(axis=0) - 1, 0)
-        high = np.minimum(at.max(axis=0) + 2, box.shape)
-        places = np.full((high - low)[::-1], NEITHER, np.int32)
-        x, y, z = (at - low).T
-        places[z, y, x] = -2 - np.arange(len(listed))
-        thick = places < NEITHER
-        around = ndimage.binary_dilation(thick) & ~thick
-        rim = int(np.count_nonzero(around))
-        places[around] = np.arange(rim)
-        return cls(listed, low, places, rim)
+        there = cells.positions(cells.address[listed]) - np.asarray(box.low)
+        low = np.maximum(there.min(axis=0) - _AROUND - 1, 0)
+        high = np.minimum(there.max(axis=0) + _AROUND + 2, box.shape)
+        thick = np.zeros((high - low)[::-1], bool)
+        thick[tuple((there - low).T[::-1])] = True
+        region = ndimage.binary_dilation(thick, iterations=_AROUND)
+        places = np.full(region.shape, NONE, np.int32)
+        places[region] = np.arange(np.count_nonzero(region))
+        at = np.argwhere(region)[:, ::-1]
+        around = np.pad(places, 1, constant_values=OUTSIDE)
+        faces = np.full((len(at), 6), NONE, np.int32)
+        rim = 0
+        for axis in range(3):
+            ends = []
+            for up in (0, 1):
+                beside = at.T + 1
+                beside[axis] += 2 * up - 1
+                ends_there = around[tuple(beside[::-1])] == NONE
+                ends.append(rim + int(np.count_nonzero(ends_there)))
+                faces[ends_there, 2 * axis + up] = np.arange(rim, ends[-1])
+            rim = max(ends)
+        at += low
+        address = cells.stored(at + np.asarray(box.low))
+        return cls(listed, at, address, low, places, faces, rim)
 
-    def records(self, cells: OpticalCells, ends: Ends) -> NDArray[np.float64]:
-        """(T, 2 + E + C): optical depth, albedo, emission, and the source of the sweeps; 3 C more
-        where that changes across cells."""
-        address = cells.address[self.listed]
-        return np.column_stack(
-            [
-                cells.depth[address],
-                cells.albedo[self.listed],
-                cells.thermal_planes(np.float64, address).T,
-                ends.source[:, self.listed].T,
-                *(plane[:, self.listed].T for plane in ends.across),
-            ]
-        )
+    def records(
+        self,
+        seen: OpticalCells,
+        cells: OpticalCells,
+        source: NDArray[np.floating],
+        changes: NDArray[np.floating] | None,
+        changing: NDArray[np.intp],
+    ) -> NDArray[np.float64]:
+        """(R, 2 + E + M C + 3 C) as in kernels/gather.cl: optical depth; albedo and emission of
+        deep cells, in which chains go on; the last sweep's source, and its changes.
+
+        seen, cells: the medium as it is, and as that sweep has it; source (M C, N): of its
+        scattering cells; changes (3, C, K): across those of them that `changing` (K,) lists, or
+        None. What is not stored is empty.
+        """
+        stored = self.address >= 0
+        address = self.address[stored]
+        number = np.full(len(cells.depth), NONE)
+        number[cells.address] = np.arange(len(cells.address))
+        number = number[address]
+        scatters = number >= 0
+        deep = scatters & (seen.depth[address] > _DEEP)
+        sent = np.zeros((len(source), len(address)))
+        first, emission = cells.needs.boundaries, cells.thermal_planes(np.float64, address)
+        sent[first : first + len(emission)] = emission
+        sent[:, scatters] = source[:, number[scatters]]
+        across = np.zeros((0, len(cells.address)))
+        if changes is not None:
+            across = np.zeros((changes.shape[0] * changes.shape[1], len(cells.address)))
+            across[:, changing] = changes.reshape(len(across), -1)
+        columns = [
+            np.where(deep, seen.depth[address], cells.depth[address]),
+            np.where(deep, seen.albedo[number], 0.0),
+            *np.where(deep, seen.thermal_planes(np.float64, address), 0.0),
+            *sent,
+            *np.where(scatters, across[:, number], 0.0),
+        ]
+        out = np.zeros((len(self.at), len(columns)))
+        out[stored] = np.column_stack(columns)
+        return out
 
 
 @dataclass(frozen=True)
 class Ends:
-    """What chains of scatterings within thick cells end in.
+    """What flights from thick cells meet, and end in.
 
-    directions, light: of the last sweeps. source (C, N): of the cells, as it was solved for;
-    across: how it changes across them along x, y, z, (C, N) each, where that was of account.
+    directions, light, program: of the last sweeps. records: see `ThickCells.records`.
     """
 
     directions: Directions
     light: RimLight
-    source: NDArray[np.floating]
-    across: tuple[NDArray[np.float64], ...] = ()
+    program: Program
+    records: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class RimLight:
-    """Light that leaves the cells of the rim, as sweeps store it: [direction][cell][component].
+    """Light that comes into the region from without, as sweeps store it:
+    [direction][face][component].
 
-    rows, cells: where a row of each layout finds them. first: number of the sweeps' first
+    rows, faces: where a row of each layout finds the faces. first: number of the sweeps' first
     direction.
     """
 
     buffer: Any
     rim: int
     rows: dict[int, Any]
-    cells: dict[int, Any]
+    faces: dict[int, Any]
     first: int = 0
 
     def after(self, directions: int) -> RimLight:
@@ -109,31 +164,32 @@ class RimLight:
         directions: int,
         real: type[np.floating],
     ) -> RimLight:
-        z, y, x = np.nonzero(thick.places >= 0)
-        number = thick.places[z, y, x]
-        at = (x + thick.low[0], y + thick.low[1], z + thick.low[2])
+        owner, side = np.nonzero(thick.faces >= 0)
+        number = thick.faces[owner, side]
+        at = thick.at[owner]  # and now of the cell that light comes from
+        at[np.arange(len(at)), side // 2] += 2 * (side % 2) - 1
         rows, listed = {}, {}
         for layout in layouts(box.shape).values():
-            along, across, up = (at[axis] for axis in layout.axes)
+            along, across, up = at[:, layout.axes].T
             _, nv, nl = layout.size
             row = up * nv + across
             order = np.argsort(row, kind="stable")
             starts = np.searchsorted(row[order], np.arange(nl * nv + 1))
-            rows[layout.number] = upload(device, "rows of the rim", starts.astype(np.int32))
-            listed[layout.number] = upload(
-                device, "rim", np.stack([along[order], number[order]], axis=1).astype(np.int32)
-            )
+            bit = 1 << (2 * np.argsort(layout.axes)[side // 2] + side % 2)
+            table = np.column_stack([along, bit, number, number])[order]
+            rows[layout.number] = upload(device, "rows of faces", starts.astype(np.int32))
+            listed[layout.number] = upload(device, "faces", table.astype(np.int32))
         size = directions * thick.rim * components
-        return cls(zeros(device, "light of the rim", size, real), thick.rim, rows, listed)
+        return cls(zeros(device, "light from without", size, real), thick.rim, rows, listed)
 
     def arguments(self, layout: Layout) -> list[Any]:
-        """Kernel arguments `light` to `rim_cells`."""
+        """Kernel arguments `light` to `rim_faces`."""
         return [
             self.buffer,
             np.int32(self.first),
             np.int32(self.rim),
             self.rows[layout.number],
-            self.cells[layout.number],
+            self.faces[layout.number],
         ]
 
 

@@ -27,7 +27,7 @@ class ToCamera:
 
     device: Device
     real: type[np.float32] | type[np.float64]
-    kernel: Any
+    program: Program
     phase: Any
     place: NDArray[np.float64]
     seen: dict[bool, Any]
@@ -53,7 +53,7 @@ class ToCamera:
         return cls(
             device=device,
             real=real,
-            kernel=program["sweep"],
+            program=program,
             phase=upload(device, "phase function", phase.astype(real)),
             place=place,
             seen={

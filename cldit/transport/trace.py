@@ -27,13 +27,17 @@ from cldit.transport.source import trace_source
 
 __all__ = ["Settings", "Trace", "settings_for", "trace"]
 
+# Optical depth from which cells are thick. With a phase function it is less: what is scattered to
+# the camera then comes from close to the line of sight behind them.
+_THICK, _THICK_BY_PHASE = 0.5, 0.25
+
 
 def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     """Directions and tolerance for the accuracy that the scene asks for.
 
     The last sweep, which makes the picture, has twice as many as `transport.directions`; the
-    solver makes do with a quarter of these, for one more sweep with all of them follows. With a
-    phase function there are twice as many: light then comes from few of them.
+    solver makes do with a quarter of these, for further sweeps with more of them follow. With a
+    phase function flights start in thinner cells: what lies behind a cell then matters within it.
 
     Args:
         mie: mean phase function of the droplets, where the scene's phase is `mie`, or is left out
@@ -45,9 +49,9 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     if isinstance(spec.phase, HenyeyGreenstein):
         phase = henyey_greenstein(spec.phase.henyey_greenstein)
     few = int(np.clip(8 * round(8 * finer), 16, 512))
-    directions = spec.directions or (few if phase is None else 2 * few)
+    directions = spec.directions or few
     return Settings(
-        directions=max(8, (spec.directions or few) // 4),
+        directions=max(8, directions // 4),
         final_directions=2 * directions,
         tolerance=float(np.clip(3e-5 / finer, 1e-6, 3e-4)),
         order=spec.order,
@@ -60,6 +64,7 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
         phase=phase,
         gather=spec.gather,
         audit=spec.audit,
+        thick=_THICK if phase is None else _THICK_BY_PHASE,
     )
 
 

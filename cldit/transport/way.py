@@ -18,7 +18,8 @@ class Way:
 
     part: share of its layer that a step crosses. layer: in which it is. moved_u, moved_v: cells by
     which rays have moved since they came in. within (3, N): where in its cell the step's middle
-    lies along u, v, l, 0 to 1.
+    lies along u, v, l, 0 to 1. leaves (3, N): along which of u, v, l rays go on into another cell
+    after the step; after a layer's last also along those on which no step of the layer has them do.
     """
 
     part: Floats
@@ -26,6 +27,7 @@ class Way:
     moved_u: NDArray[np.int64]
     moved_v: NDArray[np.int64]
     within: Floats
+    leaves: NDArray[np.bool_]
 
     @classmethod
     def of(
@@ -47,12 +49,20 @@ class Way:
         middle = at[:-1] + part / 2
         u, v = start[0] + slope_u * middle, start[1] + slope_v * middle
         layer, along = np.floor(middle).astype(np.int32), middle % 1
+        moved_u, moved_v = np.floor(u).astype(np.int64), np.floor(v).astype(np.int64)
+        last = np.diff(layer, append=layers) > 0
+        across = []
+        for moved in (moved_u, moved_v):
+            goes = ~last & (np.diff(moved, append=moved[-1]) != 0)
+            never = np.bincount(layer, goes, minlength=layers) == 0
+            across.append(goes | (last & never[layer]))
         return cls(
             part=part,
             layer=layers - 1 - layer if backwards else layer,
-            moved_u=np.floor(u).astype(np.int64),
-            moved_v=np.floor(v).astype(np.int64),
+            moved_u=moved_u,
+            moved_v=moved_v,
             within=np.stack([u % 1, v % 1, 1 - along if backwards else along]),
+            leaves=np.stack([*across, last]),
         )
 
     def shifts(self, rows: int) -> NDArray[np.int32]:

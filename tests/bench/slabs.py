@@ -2,7 +2,7 @@
 
 A slab of 16 cells, or --layers (0.2 m cube, 128 cells an edge), before a background that fills the
 half space; the error is that of the weights of background and wall, in units of the boundary's
-radiance.
+radiance. --phase mie: droplets of 9 um.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import importlib
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ import cldit
 from cldit.transport.phase import henyey_greenstein
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "verify"))
-disort = importlib.import_module("slab").disort
+slab = importlib.import_module("slab")
 
 EDGE, CELLS = 0.2, 128
 
@@ -28,18 +29,23 @@ def main() -> None:
     """Prints a row for each slab."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--plain", action="store_true", help="thick cells too have one source")
-    parser.add_argument("--phase", type=float, help="g of Henyey-Greenstein; isotropic without")
+    parser.add_argument("--phase", default="isotropic", help="g of Henyey-Greenstein, or mie")
     parser.add_argument("--depths", type=float, nargs="+", default=[0.01, 0.1, 1.0, 10.0, 100.0])
     parser.add_argument("--albedos", type=float, nargs="+", default=[0.0, 0.5, 0.9, 0.999])
     parser.add_argument("--accuracy", type=float, default=0.1)
     parser.add_argument("--layers", type=int, default=16)
     chosen = parser.parse_args()
     thickness = chosen.layers * EDGE / CELLS
-    moments, phase = np.ones(1), "isotropic"
-    if chosen.phase is not None:
-        moments = henyey_greenstein(chosen.phase).moments(48)
     print("depth  a cell  albedo  background  wall")
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, slab.droplets_of_9_um() as droplets:
+        phase: Any = chosen.phase
+        if phase == "isotropic":
+            moments = np.ones(1)
+        elif phase == "mie":
+            moments = droplets.moments(48)
+        else:
+            phase = {"henyey_greenstein": float(phase)}
+            moments = henyey_greenstein(float(chosen.phase)).moments(48)
         for depth in chosen.depths:
             for albedo in chosen.albedos:
                 file = Path(folder) / f"{depth}-{albedo}.npz"
@@ -53,7 +59,6 @@ def main() -> None:
                     droplet_scattering_per_m=albedo * depth / thickness * one,
                     droplet_temperature_K=400.0 * one,
                 )
-                asked = phase if chosen.phase is None else {"henyey_greenstein": chosen.phase}
                 scene = {
                     "name": "slab",
                     "spray": {"model": "grid", "file": str(file)},
@@ -65,14 +70,13 @@ def main() -> None:
                     },
                     "background": {"radius_m": 99.0, "temperatures_K": [400.0, 500.0]},
                     "transport": {
-                        "phase": asked,
+                        "phase": phase,
                         "gather": not chosen.plain,
                         "accuracy_K": chosen.accuracy,
                     },
                 }
                 run = cldit.simulate(cldit.parse_scene(scene), cache=Path(folder) / "cache")
-                streams = 32 if chosen.phase is None else 48
-                behind, front = disort(depth, albedo, moments, streams=streams)
+                behind, front = slab.disort(depth, albedo, moments, streams=48)
                 middle = run.weights.background.mean(), run.weights.wall.mean()
                 print(
                     f"{depth:5g} {depth / chosen.layers:7.3g} {albedo:7g} "

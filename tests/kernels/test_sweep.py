@@ -19,7 +19,6 @@ from cldit.scene.vessel import Patch
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import Directions, isotropic
 from cldit.transport.filled import Filled
-from cldit.transport.gradients import Gradients
 from cldit.transport.patches import patch_rows, shifted
 from cldit.transport.phase import henyey_greenstein
 from cldit.transport.reference import march, sweep
@@ -136,7 +135,7 @@ def test_sweep_against_numpy(
             centre=DISC[:3] - box.low,
             radius=4.0,
             patches=shifted(patches, -np.array(box.low, float)),
-        )
+        )[0]
     if windows:
         assert np.all(excess[2:4].reshape(2, -1).max(axis=1) > 0.01)  # both are seen
     place = cells.place(box, cells.address)
@@ -149,30 +148,41 @@ def test_sweep_against_numpy(
 
 def moments(
     device: Device, cells: OpticalCells, flags: dict[str, Any], *, vector: int
-) -> tuple[NDArray[np.floating], NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and first moment of the light (4, C, N), by twelve directions, of the kernel and of the
-    NumPy twin, from a source by chance, which is returned as well, (1 or 4, C, N)."""
+) -> dict[str, NDArray[np.floating]]:
+    """Of the kernel ("got") and of the NumPy twin ("expected") mean and first moment of the light
+    (4, C, N), by twelve directions, from a source by chance; "given": that source, (1 or 4, C, N),
+    "changes": how it changes across cells (3, C, M); "more": with ACROSS, how much more the
+    light does, and "expected more"."""
     defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1, "VECTOR": vector}
     program = build(device, "sweep.cl", {**defines, **flags, "FLUX": 1})
-    sweeper = Sweeper(device, cells, program, build(device, "iterate.cl", defines), disc=DISC)
     rng = np.random.default_rng(5)
+    changing = rng.random(len(cells.address)) < 0.3 if "ACROSS" in flags else None
+    iterate = build(device, "iterate.cl", defines)
+    sweeper = Sweeper(device, cells, program, iterate, disc=DISC, changing=changing)
     directions, starts = isotropic(12, rng), rng.random((12, 2))
     moments = 4 if "SLOPED" in flags else 1
     given = rng.uniform(-0.3, 1.0, (moments, sweeper.components, sweeper.count))
-    sweeper.set_source(given.reshape(-1, sweeper.count), shining=True)
+    changes = rng.uniform(-0.5, 0.5, (3, sweeper.components, len(sweeper.changing)))
+    sweeper.set_source(
+        given.reshape(-1, sweeper.count),
+        shining=True,
+        changes=None if changing is None else changes,
+    )
+    if sweeper.gradients is not None:
+        changes = sweeper.gradients(given[0])
     got = np.empty((4, sweeper.components, sweeper.count), sweeper.real)
-    sweeper.moments(program, sweeper.rays(directions, starts), out=got)
+    more = sweeper.moments(program, sweeper.rays(directions, starts), out=got)
 
     box = sweeper.box
     planes = np.zeros((7, sweeper.components, len(cells.depth)))
     planes[0] = source_planes(cells)
     planes[:moments, :, cells.address] = given
-    if "LINEAR" in flags:
-        planes[4:, :, cells.address] = Gradients.of(cells, box)(given[0])
+    planes[4:, :, cells.address[sweeper.changing]] = changes
     dense = np.array([[cells.dense(box, plane) for plane in some] for some in planes])
     expected = np.zeros_like(dense[:4])
+    across = np.zeros_like(dense[:3])
     for unit, weight, start in zip(directions.unit, directions.weight, starts, strict=True):
-        light = weight * dense[0] + sweep(
+        excess = sweep(
             cells.dense(box, cells.depth),
             dense[0],
             back=unit,
@@ -183,20 +193,31 @@ def moments(
             slope=dense[1:4],
             across=dense[4:],
         )
-        expected += np.multiply.outer([1.0, *unit], light)
-    leaning = directions.weight @ directions.unit
-    expected[1:] -= np.multiply.outer(leaning, expected[0])
+        expected += np.multiply.outer([1.0, *unit], weight * dense[0] + excess[0])
+        across += excess[1:]
+    total = directions.weight.sum()
+    expected[1:] -= np.multiply.outer(directions.weight @ directions.unit, expected[0])
     place = cells.place(box, cells.address)
-    return got, expected.reshape(4, len(dense[0]), -1)[:, :, place], given
+    found = {
+        "got": got,
+        "expected": expected.reshape(4, len(dense[0]), -1)[:, :, place],
+        "given": given,
+        "changes": changes,
+    }
+    if more is not None:
+        here = place[sweeper.changing]
+        found["more"] = more
+        found["expected more"] = 12 / total * across.reshape(3, len(dense[0]), -1)[:, :, here]
+    return found
 
 
 @pytest.mark.parametrize("vector", [1, 8])
 def test_first_moments_against_numpy(device: Device, vector: int) -> None:
     """Sources that are more in one direction than in others, and the first moment of the light."""
     cells = OpticalCells.of(random_tree(3))
-    got, expected, _ = moments(device, cells, {"SLOPED": 1}, vector=vector)
+    found = moments(device, cells, {"SLOPED": 1}, vector=vector)
     # As above: a ray's few roundings in each of at most 16 cells.
-    np.testing.assert_allclose(got, expected, atol=2e-6)
+    np.testing.assert_allclose(found["got"], found["expected"], atol=2e-6)
 
 
 @pytest.mark.parametrize("vector", [1, 8])
@@ -205,15 +226,42 @@ def test_gradients_against_numpy(device: Device, vector: int, sloped: bool) -> N
     """Sources that change across their cells, with and without a first moment."""
     tree = random_tree(3)
     fields = {name: 8 * values for name, values in tree.fields.items()}
+    every = OpticalCells.of(tree)
+    clear = every.positions(every.address)[:, 1] % 2 == 0  # whole groups of cells, of either order
+    fields["droplet_scattering"][every.address[clear]] = 0.0
     fields["droplet_absorption"] = fields["droplet_absorption"] / 1e3
     fields["vapour_absorption"] = fields["vapour_absorption"] / 1e5
     cells = OpticalCells.of(replace(tree, fields=fields))
     flags: dict[str, Any] = {"LINEAR": 1, **({"SLOPED": 1} if sloped else {})}
-    got, expected, given = moments(device, cells, flags, vector=vector)
-    changes = Gradients.of(cells, cells.box())(given[0])
-    assert np.mean(np.any(changes != 0, axis=(0, 1))) > 0.2  # the test is of something
+    found = moments(device, cells, flags, vector=vector)
+    assert np.mean(np.any(found["changes"] != 0, axis=(0, 1))) > 0.2  # the test is of something
     # A few roundings in each of at most 16 cells; `rising` is the difference of numbers next to 1.
-    np.testing.assert_allclose(got, expected, atol=4e-6)
+    np.testing.assert_allclose(found["got"], found["expected"], atol=4e-6)
+
+
+@pytest.mark.parametrize("vector", [1, 8])
+@pytest.mark.parametrize("deeper", [1e-3, 1.0, 30.0])
+def test_light_across_cells_against_numpy(device: Device, vector: int, deeper: float) -> None:
+    """How light changes across some cells, in thin and in thick ones, where sources change as well:
+    the twin integrates it along every ray."""
+    tree = random_tree(3)
+    cells = OpticalCells.of(
+        replace(tree, fields={name: deeper * values for name, values in tree.fields.items()})
+    )
+    found = moments(device, cells, {"LINEAR": 1, "SLOPED": 1, "ACROSS": 1}, vector=vector)
+    np.testing.assert_allclose(found["got"], found["expected"], atol=4e-6)
+    # Twelve times as much as the means; sources of 3 in all, where they have a slope.
+    np.testing.assert_allclose(found["more"], found["expected more"], atol=5e-5)
+
+
+def test_light_in_opaque_cells_changes_as_their_source(device: Device) -> None:
+    """It is that source, but for a skin of some 1e-5 of a cell, twelve times of which counts."""
+    tree = random_tree(3)
+    fields = {name: 1e6 * values for name, values in tree.fields.items()}
+    cells = OpticalCells.of(replace(tree, fields=fields))
+    found = moments(device, cells, {"LINEAR": 1, "ACROSS": 1}, vector=8)
+    assert np.abs(found["changes"]).max() > 0.3
+    assert np.abs(found["more"]).max() < 5e-4
 
 
 def test_sweep_of_one_row_is_exact(device: Device) -> None:

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from unittest import mock
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cldit.transport.phase import ScatteringTable, mie_table
+
 
 def disort(
-    depth: float, albedo: float, moments: NDArray[np.float64], *, streams: int = 32
+    depth: float,
+    albedo: float,
+    moments: NDArray[np.float64],
+    *,
+    streams: int = 32,
+    swept: int | None = None,
 ) -> tuple[float, float]:
     """Radiance along the normal out of the slab per unit radiance onto its back and its front.
 
@@ -17,13 +28,20 @@ def disort(
     polynomial is 1) is albedo / 2 sum over l of (2 l + 1) moment_l integral P_l u dmu.
 
     moments: Legendre moments of the phase function, the first being 1; those beyond `streams` must
-    be negligible.
+    be negligible. swept: moments that the light within keeps, by delta-M (Wiscombe 1977), so that
+    `moments` are those of the last scattering alone, as `source` has it with 2; None: all.
     """
     solver = pytest.importorskip("PythonicDISORT.pydisort")
     given = np.zeros((1, streams + 1))
     count = min(len(moments), streams + 1)
     given[0, :count] = moments[:count]
     given[0, 0] = 1.0  # not a rounding less, which the solver warns of
+    kept = given
+    ahead = 0.0  # share of what is scattered that counts as not scattered
+    if swept is not None:
+        ahead = float(given[0, swept])
+        kept = np.where(np.arange(streams + 1) < swept, (given - ahead) / (1.0 - ahead), 0.0)
+    thinner = 1.0 - albedo * ahead
     x, w = np.polynomial.legendre.leggauss(64)
     at, weight = (x + 1) * depth / 2, w * depth / 2
     node_weight = np.tile(np.polynomial.legendre.leggauss(streams // 2)[1] / 2, 2)
@@ -31,10 +49,10 @@ def disort(
     answers = []
     for behind, front in ((1.0, 0.0), (0.0, 1.0)):
         mu, *_, u0, _ = solver.pydisort(
-            np.array([depth]),
-            np.array([albedo]),
+            np.array([depth * thinner]),
+            np.array([albedo * (1.0 - ahead) / thinner]),
             streams,
-            given,
+            kept,
             0.5,
             0.0,
             0.0,
@@ -43,6 +61,17 @@ def disort(
         )
         polynomials = np.polynomial.legendre.legvander(mu, streams - 1)
         towards = polynomials @ ((2 * degrees + 1) * given[0, :streams]) / 2
-        source = np.array([albedo * float(np.sum(node_weight * towards * u0(t))) for t in at])
+        lit = [u0(t * thinner) for t in at]
+        source = np.array([albedo * float(np.sum(node_weight * towards * u)) for u in lit])
         answers.append(behind * np.exp(-depth) + float(np.sum(source * np.exp(-at) * weight)))
     return answers[0], answers[1]
+
+
+@contextmanager
+def droplets_of_9_um() -> Iterator[ScatteringTable]:
+    """Within, `transport.phase: mie` of a grid, which has coefficients and no diameters, means the
+    phase function of droplets of 9 um of n-heptane at 3.4 um, as `gdi` has it: g = 0.85. Its
+    moments end near 2 x = 17."""
+    phase = mie_table(np.array([9e-6]), np.ones(1), wavelength_um=3.4, n=1.338, k=0.0341)
+    with mock.patch("cldit.run.medium.mean_phase", lambda *_, **__: phase):
+        yield phase

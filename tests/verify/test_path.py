@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import scene_filter
 from cldit.run import Run
-from cldit.transport.phase import henyey_greenstein, mie_table
+from cldit.transport.phase import henyey_greenstein
 from cldit.transport.trace import Trace, trace
 
-from .slab import disort
+from .slab import disort, droplets_of_9_um
 
 EDGE = 0.2
 CELLS = 128
@@ -93,16 +93,9 @@ def _slab(run_block: Callable[..., Run], depth: float, albedo: float, g: float |
 
 
 @pytest.mark.parametrize(("depth", "albedo"), [(0.3, 0.5), (3.0, 0.9)])
-def test_mie_slab(
-    run_block: Callable[..., Run],
-    monkeypatch: pytest.MonkeyPatch,
-    depth: float,
-    albedo: float,
-) -> None:
-    """The phase function of droplets of 9 um at 3.4 um, whose moments end near 2 x = 17."""
-    phase = mie_table(np.array([9e-6]), np.ones(1), wavelength_um=3.4, n=1.338, k=0.0341)
-    monkeypatch.setattr("cldit.run.medium.mean_phase", lambda *_, **__: phase)
-    run = slab(run_block, depth, albedo, "mie")
+def test_mie_slab(run_block: Callable[..., Run], depth: float, albedo: float) -> None:
+    with droplets_of_9_um() as phase:
+        run = slab(run_block, depth, albedo, "mie")
     check(run, disort(depth, albedo, phase.moments(65), streams=64), depth, albedo)
 
 

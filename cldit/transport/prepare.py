@@ -1,0 +1,186 @@
+"""The source that the last sweeps start from: as the solver has it, or better.
+
+Cells have one source each while that is solved for. Without a phase function, and where cells are
+thin, the solution is all there is to know. Two things make more of it, by further sweeps:
+
+With a phase function the solver's droplets scatter evenly what they turn on average (transport
+correction: scattering x (1 - g)), which is right where light goes to and fro, and too little where
+it is scattered once or twice. So the last sweeps are of another medium: of the phase function its
+second moment f counts as no scattering at all, and the rest is even but for a first moment
+(delta-M: Joseph, Wiscombe, Weinman, J. Atmos. Sci. 33, 1976; Wiscombe, ibid. 34, 1977). The mean
+and the first moment of the light in each cell come from sweeps of the solution, and of what is
+scattered in the other medium a few times more.
+
+Across thick cells light changes. What it is times the place in the cell tells how much, and their
+source is then linear in them (linear discontinuous, in one sweep after the other: Larsen and Morel,
+J. Comput. Phys. 83, 1989).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.gpu.program import Program
+from cldit.transport.cells import OpticalCells
+from cldit.transport.gradients import limit
+from cldit.transport.phase import ScatteringTable
+from cldit.transport.solve import Solution
+from cldit.transport.sweep import Sweeper
+from cldit.transport.thick import ThickCells
+from cldit.transport.work import Work, one_more
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Last:
+    """What the last sweeps start from.
+
+    sweeper: that makes them; it holds the source. records: for flights, where cells are thick.
+    solution, defect: of the solver's medium, as in `Scattered`. earlier: sweeps, of another
+    sweeper.
+    """
+
+    sweeper: Sweeper
+    records: Floats | None
+    solution: Solution
+    defect: Floats
+    programs: tuple[Program, ...]
+    earlier: int = 0
+
+
+def evenly(
+    work: Work,
+    thick: ThickCells | None,
+    rng: np.random.Generator,
+    report: Callable[[str], None] | None,
+) -> Last:
+    """Without a phase function, and light even in cells: the solution, in the medium as it is."""
+    plain = work.program(work.solver)
+    sweeper = work.sweeper(work.seen, plain)
+    # The solver's few directions are forgotten, but for what is scattered twice more.
+    solution = work.solution(sweeper, rng, report, more=1)
+    solution, defect = work.checked(sweeper, solution)
+    sweeper.set_source(solution.source, shining=True)
+    records = _records(work, thick, work.seen, sweeper, _Light(solution.source, None))
+    return Last(sweeper, records, solution, defect, (plain,))
+
+
+@dataclass(frozen=True)
+class _Light:
+    """moments (M, C, N): mean of the light in the cells; with a phase function its first moment.
+    changes (3, C, K): across the cells `changing`, if any."""
+
+    moments: NDArray[np.floating]
+    changes: NDArray[np.floating] | None
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """What is left of the solver, without its sweeper and cells: as large as the last sweeps'.
+
+    albedo (N,), thermal (C, N): of the solver's cells. The others as in `Last`.
+    """
+
+    solution: Solution
+    albedo: Floats
+    thermal: NDArray[np.floating]
+    defect: Floats
+    programs: tuple[Program, ...]
+    sweeps: int
+
+    @classmethod
+    def of(
+        cls, work: Work, rng: np.random.Generator, report: Callable[[str], None] | None
+    ) -> tuple[_Solved, _Light]:
+        """And the light that the solution makes."""
+        phase, order = work.settings.phase, work.settings.order
+        plain = work.program(work.solver)
+        cells = work.seen if phase is None else work.cells(1.0 - phase.asymmetry)
+        sweeper = work.sweeper(cells, plain)
+        solution = work.solution(sweeper, rng, report, more=0)
+        programs = [plain]
+        shape = (1 if phase is None else 4, sweeper.components, sweeper.count)
+        light = np.zeros(shape, sweeper.real)
+        light[0, 1] = 1.0  # order 1: as if it came from the wall, all round
+        changes = None
+        if order != 1:
+            if phase is not None:
+                programs.append(work.program({**work.solver, "FLUX": 1}))
+            sweeper.set_source(solution.source, shining=True)
+            sweeper.moments(programs[-1], work.rays(sweeper, work.few, rng), out=light)
+            solution = one_more(solution, solution.source, sweeper)
+        if work.changing is not None:
+            changes = np.zeros((3, shape[1], np.count_nonzero(work.changing)), sweeper.real)
+            if sweeper.gradients is not None:
+                changes[:] = sweeper.gradients(light[0])[:, :, work.changing]
+        solution, defect = work.checked(sweeper, solution)
+        albedo, thermal, sweeps = sweeper.albedo, sweeper.thermal, sweeper.sweeps
+        solved = cls(solution, albedo, thermal, defect, tuple(programs), sweeps)
+        return solved, _Light(light, changes)
+
+
+def by_moments(
+    work: Work,
+    towards: Program,
+    thick: ThickCells | None,
+    rng: np.random.Generator,
+    report: Callable[[str], None] | None,
+) -> Last:
+    """From a solution by one moment to a source by more; see the head of this file."""
+    phase = work.settings.phase
+    solved, light = _Solved.of(work, rng, report)
+    solution, programs = solved.solution, solved.programs
+    cells = work.seen if phase is None else work.cells(1.0 - phase.forward)
+    sweeper = work.sweeper(cells, towards, work.changing)
+    if work.settings.order is None:
+        again = work.program(work.flags)
+        programs = (*programs, again)
+        counts = (work.half,) if phase is None else (work.few, work.few, work.half // 2)
+        for count in counts:
+            source = _source(sweeper, light, phase)
+            sweeper.set_source(source.moments, shining=True, changes=source.changes)
+            rays = work.rays(sweeper, count, rng)
+            more = sweeper.moments(again, rays, out=light.moments)
+            if more is not None and source.changes is not None:
+                light = replace(light, changes=source.changes + more)
+    if work.settings.order != 1:
+        source_there = solved.albedo * light.moments[0] + solved.thermal
+        solution = replace(solution, source=source_there.astype(sweeper.real))
+    source = _source(sweeper, light, phase)
+    sweeper.set_source(source.moments, shining=True, changes=source.changes)
+    records = _records(work, thick, cells, sweeper, source)
+    return Last(sweeper, records, solution, solved.defect, programs, solved.sweeps)
+
+
+def _records(
+    work: Work, thick: ThickCells | None, cells: OpticalCells, sweeper: Sweeper, source: _Light
+) -> Floats | None:
+    """What flights meet, in cells that send this source; None where none are thick."""
+    if thick is None:
+        return None
+    changes = source.changes
+    if changes is None and sweeper.gradients is not None:
+        changes = sweeper.gradients(source.moments[: sweeper.components])
+    return thick.records(work.seen, cells, source.moments, changes, sweeper.changing)
+
+
+def _source(sweeper: Sweeper, light: _Light, phase: ScatteringTable | None) -> _Light:
+    """Source of a sweeper's cells that scatter this light by a phase function of two moments;
+    moments: (M C, N), as sweeps take it."""
+    albedo = sweeper.albedo.astype(light.moments.dtype)
+    source = albedo * light.moments
+    source[0] += sweeper.thermal
+    if phase is not None:
+        first = (phase.asymmetry - phase.forward) / (1.0 - phase.forward)
+        source[1:] *= source.dtype.type(3.0 * first)
+    changes = None
+    if light.changes is not None:
+        some = sweeper.changing
+        changes = albedo[some] * light.changes
+        limit(changes, source[0][:, some])
+    return _Light(np.asarray(source.reshape(-1, sweeper.count)), changes)

@@ -1,0 +1,196 @@
+"""What one trace sweeps through: its media, its programs, its directions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.gpu.device import Device
+from cldit.gpu.program import Define, Program, build
+from cldit.scene.schema import Scene
+from cldit.transport.cells import OpticalCells
+from cldit.transport.directions import Directions, about_camera, for_boundary
+from cldit.transport.gradients import matter
+from cldit.transport.phase import PHASE_STEPS
+from cldit.transport.result import Settings
+from cldit.transport.solve import Solution, another_order, first_guess, solve
+from cldit.transport.sweep import Rays, Sweeper, sweep_defines
+from cldit.transport.thick import ThickCells
+from cldit.transport.view import View
+
+Floats = NDArray[np.float64]
+
+# Optical depth of cells across which sources change in the last sweeps: in others that is little
+# beside how much it depends on chance, with as many directions as there are.
+_CHANGING = 0.25
+_CHECKED = 8  # directions on which the sweeps are checked for what they make or lose
+
+
+@dataclass(frozen=True)
+class Work:
+    """One trace's.
+
+    seen: the medium as it is. solver: defines of the solver's sweeps, beside `defines`. changing
+    (N,): scattering cells across which the sources of the last sweeps change; None: there are none.
+    """
+
+    seen: OpticalCells
+    scene: Scene
+    view: View
+    device: Device
+    settings: Settings
+    defines: Mapping[str, Define]
+    iterate: Program
+    solver: Mapping[str, Define]
+    changing: NDArray[np.bool_] | None
+
+    @classmethod
+    def of(
+        cls,
+        seen: OpticalCells,
+        scene: Scene,
+        view: View,
+        device: Device,
+        settings: Settings,
+        defines: Mapping[str, Define],
+    ) -> Work:
+        evenly = 1.0 if settings.phase is None else 1.0 - settings.phase.asymmetry
+        changing = seen.depth[seen.address] > _CHANGING
+        return cls(
+            seen,
+            scene,
+            view,
+            device,
+            settings,
+            {**defines, **sweep_defines(device)},
+            build(device, "iterate.cl", defines),
+            {"LINEAR": 1} if matter(seen, scattered=evenly) else {},
+            changing if settings.within_cells and changing.any() else None,
+        )
+
+    def cells(self, scattered: float) -> OpticalCells:
+        """The medium of which this share of the scattering counts."""
+        cells = OpticalCells.of(
+            self.seen.tree, patches=self.seen.needs.patches, scattered=scattered
+        )
+        return cells.in_units_of(self.seen)
+
+    def program(self, flags: Mapping[str, Define]) -> Program:
+        return build(self.device, "sweep.cl", {**self.defines, **flags})
+
+    @property
+    def flags(self) -> dict[str, Define]:
+        """Of the sweeps after the solver: what their sources and the light they find have."""
+        flags = dict(self.solver)
+        if self.settings.phase is not None:
+            flags.update(SLOPED=1, FLUX=1)
+        if self.changing is not None:
+            flags.update(LINEAR=1, ACROSS=1)
+        return flags
+
+    def towards(self, thick: ThickCells | None) -> Program:
+        """The sweep to the camera."""
+        flags = {**self.flags, "TO_CAMERA": 1}
+        if self.settings.phase is not None:
+            flags["PHASE_STEPS"] = PHASE_STEPS
+            del flags["FLUX"]
+        flags.pop("ACROSS", None)
+        if thick is not None:
+            flags["RIM"] = 1
+        return self.program(flags)
+
+    def sweeper(
+        self, cells: OpticalCells, sweep: Program, changing: NDArray[np.bool_] | None = None
+    ) -> Sweeper:
+        return Sweeper(
+            self.device,
+            cells,
+            sweep,
+            self.iterate,
+            disc=self.view.disc,
+            patches=self.view.patches,
+            changing=changing,
+        )
+
+    @property
+    def half(self) -> int:
+        """Of the last directions."""
+        return self.settings.final_directions // 2
+
+    @property
+    def few(self) -> int:
+        """Directions of the sweeps between the solver's and the last."""
+        return self.settings.directions if self.settings.order is None else self.half
+
+    def solution(
+        self,
+        sweeper: Sweeper,
+        rng: np.random.Generator,
+        report: Callable[[str], None] | None,
+        *,
+        more: int,
+    ) -> Solution:
+        """In the sweeper's cells; of a fixed order but for the last scattering, or two of them.
+
+        more: scatterings after the converged solution, each with half of the last directions; 0
+        leaves out two of a fixed order.
+        """
+        settings = self.settings
+        guess = first_guess(sweeper, sweeper.albedo)
+        if settings.order is None:
+            rays = self.rays(sweeper, settings.directions, rng)
+            solution = solve(sweeper, guess, rays, tolerance=settings.tolerance, report=report)
+        else:
+            solution = Solution(guess, settings.order, 0.0, 0.0)
+            more += settings.order - 2
+        for _ in range(more):
+            rays = self.rays(sweeper, self.half, rng)
+            source = another_order(sweeper, solution.source, rays)
+            solution = one_more(solution, source, sweeper)
+        return solution
+
+    def checked(self, sweeper: Sweeper, solution: Solution) -> tuple[Solution, Floats]:
+        """The solution, and what sweeps and solver make or lose of a cavity's radiance of 1 (N,),
+        in which what it lacks has gone."""
+        rng = np.random.default_rng([self.settings.seed, 2])  # no other directions depend on it
+        defect = sweeper.defect(solution.source, self.rays(sweeper, _CHECKED, rng))
+        if solution.lack is not None:
+            defect -= solution.lack[: self.seen.needs.boundaries].sum(axis=0)
+        return replace(solution, lack=None), defect
+
+    def rays(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> Rays:
+        """Directions over the sphere."""
+        directions = self._over_sphere(sweeper, count, rng).balanced()
+        return sweeper.rays(directions, rng.random((count, 2)))
+
+    def to_camera(self, sweeper: Sweeper, rng: np.random.Generator) -> tuple[Rays, Rays]:
+        """Both halves of the directions from which light is scattered to the camera."""
+        phase, count = self.settings.phase, 2 * self.half
+        if phase is not None:
+            one, other = about_camera(count, rng, phase).halves()
+        else:
+            both = self._over_sphere(sweeper, count, rng).halves()
+            one, other = (each.balanced() for each in both)
+        starts = rng.random((count, 2))
+        return sweeper.rays(one, starts[: self.half]), sweeper.rays(other, starts[self.half :])
+
+    def _over_sphere(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> Directions:
+        low = np.asarray(sweeper.box.low, float)
+        return for_boundary(
+            count,
+            rng,
+            low=low,
+            high=low + sweeper.box.shape,
+            disc_centre=self.view.disc[:3],
+            disc_radius=float(self.view.disc[3]) ** 0.5,
+            enclosure=self.scene.background.shape == "enclosure",
+        )
+
+
+def one_more(solution: Solution, source: NDArray[np.floating], sweeper: Sweeper) -> Solution:
+    """After one scattering more: the source, and what is left of what it lacked."""
+    lack = None if solution.lack is None else solution.lack * sweeper.albedo
+    return replace(solution, source=source, lack=lack)
