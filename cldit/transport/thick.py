@@ -26,6 +26,9 @@ _AROUND = 1  # so many cells around thick ones are of their region
 # Optical depth of a cell beyond which a source that is linear in it is not enough: its skin is a
 # small part of it.
 _DEEP = 1.5
+# Albedo from which thick cells count as deep as well: what two moments of a phase function leave
+# out adds up where light is scattered often.
+_OFTEN = 0.9
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,7 @@ class ThickCells:
         number[cells.address] = np.arange(len(cells.address))
         number = number[address]
         scatters = number >= 0
-        deep = scatters & (seen.depth[address] > _DEEP)
+        deep = scatters & ((seen.depth[address] > _DEEP) | (seen.albedo[number] > _OFTEN))
         sent = np.zeros((len(source), len(address)))
         first, emission = cells.needs.boundaries, cells.thermal_planes(np.float64, address)
         sent[first : first + len(emission)] = emission
