@@ -25,14 +25,16 @@
 #include "walk.h"
 
 #ifndef LONGEST
-#error "LONGEST: scatterings of a chain"
+#error "LONGEST: flights of a chain"
 #endif
 #ifndef CUTOFF
 #error "CUTOFF: transmission at which a ray ends"
 #endif
+
 /* Of a chain's sum: the components, and what it would bring from within a medium of radiance 1. */
 #define WITHIN COMPONENTS
 #define PARTS (COMPONENTS + 1)
+#define ROULETTE R(0.3) /* weight under which a chain may end */
 
 /* A cell's record: optical depth of its edge; albedo of a deep cell, 0 of others; what it emits, if it
    is deep; and the source of the last sweep: S_0 of all components, SLOPED: the x, y, z of S_1, LINEAR:
@@ -41,7 +43,6 @@
 #define ALBEDO 1
 #define EMISSION 2
 #define SOURCE (EMISSION + EMITTERS)
-#define ROULETTE R(0.3) /* weight under which a chain may end */
 #ifdef SLOPED
 #define ACROSS_IT (SOURCE + 4 * COMPONENTS)
 #else
@@ -81,7 +82,8 @@ INLINE void score(real *sum, real weight, __global const real *light)
     sum[WITHIN] += weight * (R(1) - outside);
 }
 
-/* Adds what a cell sends that a flight along d crosses from `at` over `length`, p being its start. */
+/* Adds what the cell at `s` sends that a flight from p along d crosses over `length`, of optical depth
+   t, which takes out `share`. */
 INLINE void score_cell(
     real *sum, real weight, __global const real *record, real3 p, real3 d, const Step *s, real length,
     real t, real share)

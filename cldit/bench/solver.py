@@ -19,8 +19,9 @@ from cldit.errors import NotConvergedError
 from cldit.medium.octree import Octree
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import isotropic
+from cldit.transport.rays import Rays
 from cldit.transport.solve import another_order, first_guess, solve
-from cldit.transport.sweep import Rays, Sweeper
+from cldit.transport.sweep import Sweeper
 
 Array = NDArray[Any]
 Lack = Callable[[Array], Array]

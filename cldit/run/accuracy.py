@@ -17,7 +17,8 @@ from cldit.scene.transport import Transport
 class StatedError:
     """RMS errors of T_app.
 
-    halves_K: from the difference of two independent pictures; NaN where no pixel has a T_app.
+    halves_K: from the difference of two pictures, each of half of the directions or samples; NaN
+    where no pixel has a T_app.
     audit_K: from pixels that were traced by `path` as well, which sees what both pictures simplify;
     0 where none were.
     """

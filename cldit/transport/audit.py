@@ -41,7 +41,12 @@ _LONGEST = 50.0  # scatterings of a chain; beyond it the audit would cost more t
 
 
 def audited(
-    cells: OpticalCells, scene: Scene, device: Device, settings: Settings, result: Trace
+    cells: OpticalCells,
+    scene: Scene,
+    view: View,
+    device: Device,
+    settings: Settings,
+    result: Trace,
 ) -> Trace:
     """`result` with `audit_K`: its RMS error of T_app over pixels before the background, of
     emissivity above 0.05, as found in a sample of them, one standard error of that added.
@@ -68,7 +73,7 @@ def audited(
             unaudited=f"no audit by path tracing ({why}): the stated error is that of the "
             "directions alone; thick cells and the phase function may add to it",
         )
-    square, doubt, seconds = found(cells, scene, device, settings, result.weights)
+    square, doubt, seconds = found(cells, scene, view, device, settings, result.weights)
     if not np.isfinite(square):
         return result
     error = (max(square, 0.0) + doubt) ** 0.5
@@ -76,7 +81,12 @@ def audited(
 
 
 def found(
-    cells: OpticalCells, scene: Scene, device: Device, settings: Settings, weights: Weights
+    cells: OpticalCells,
+    scene: Scene,
+    view: View,
+    device: Device,
+    settings: Settings,
+    weights: Weights,
 ) -> tuple[float, float, float]:
     """Mean square error of T_app, K^2, of a picture, with its standard error, and the seconds it
     took; NaN where no pixel that counts scatters. It is without bias, and below 0 where noise has
@@ -86,7 +96,6 @@ def found(
     scatter nothing they are right.
     """
     emissivity = 1.0 - weights.background.reshape(-1).astype(np.float64)
-    view = View.of(scene, cells)
     visible = (emissivity > VISIBLE) & view.before_background.reshape(-1)
 
     def draw(scattered: Floats) -> Sampled:

@@ -138,7 +138,7 @@ def by_moments(
     cells = work.seen if phase is None else work.cells(1.0 - phase.forward)
     sweeper = work.sweeper(cells, towards, work.changing)
     if work.settings.order is None:
-        again = work.program(work.flags)
+        again = work.finding()
         programs = (*programs, again)
         counts = (work.half,) if phase is None else (work.few, work.few, work.half // 2)
         for count in counts:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import NotConvergedError, TransportError
-from cldit.transport.sweep import Rays, Sweeper
+from cldit.transport.rays import Rays
+from cldit.transport.sweep import Sweeper
 
 Array = NDArray[Any]
 Report = Callable[[str], None]

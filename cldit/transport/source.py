@@ -36,12 +36,13 @@ _CLOSED = 1e-3  # what single precision may lose in thick and nearly conservativ
 def trace_source(
     cells: OpticalCells,
     scene: Scene,
+    view: View,
     device: Device,
     settings: Settings,
     report: Callable[[str], None] | None,
 ) -> Trace:
     """Weights by source iteration, in the precision that `settings` gives (not `auto`)."""
-    painted = _painted(cells, scene, device, settings, report)
+    painted = _painted(cells, scene, view, device, settings, report)
     images = painted.images
     difference = None if len(images) < 2 else (images[0] - images[1]) / 2
     mean = images[0] if len(images) < 2 else (images[0] + images[1]) / 2
@@ -75,12 +76,12 @@ class _Painted:
 def _painted(
     cells: OpticalCells,
     scene: Scene,
+    view: View,
     device: Device,
     settings: Settings,
     report: Callable[[str], None] | None,
 ) -> _Painted:
     """The pictures; what made them, some hundred megabytes on the device, is let go of."""
-    view = View.of(scene, cells)
     defines: dict[str, Define] = {**cells.needs.defines, **view.defines}
     if settings.precision == "float64":
         defines["USE_FLOAT64"] = 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,8 +19,9 @@ from cldit.transport.groups import GROUP, Groups
 from cldit.transport.layout import Layout, layouts
 from cldit.transport.packed import PackedCells, Real
 from cldit.transport.patches import NONE, shifted
+from cldit.transport.rays import Rays
 from cldit.transport.reference import mean_transmission
-from cldit.transport.routes import Route, routes
+from cldit.transport.routes import Route
 from cldit.transport.towards import ToCamera
 
 _MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
@@ -33,17 +33,6 @@ _TOGETHER = 16  # directions: more take memory for rays, and gain nothing
 def sweep_defines(device: Device) -> dict[str, int]:
     """What the sweep kernel must know of the device when it is built."""
     return {"VECTOR": GROUP if device.is_cpu else 1}
-
-
-@dataclass(frozen=True)
-class Rays:
-    """A set of directions, ready to be swept along as often as is wanted.
-
-    routes: with what the kernel takes of each, from `launches` to `origins`.
-    """
-
-    directions: Directions
-    routes: tuple[tuple[Route, list[Any]], ...]
 
 
 def _slots(layout: Layout) -> int:
@@ -209,21 +198,9 @@ class Sweeper:
 
     def rays(self, directions: Directions, starts: NDArray[np.float64]) -> Rays:
         """starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer."""
-        ready = []
-        for route in routes(self.box, directions, starts, together=self._together):
-            backs = np.column_stack([route.back, np.zeros(len(route))])
-            origin = np.where(route.rightwards, route.layout.size[2] + 1, 1)
-            tables = [
-                route.launches,
-                np.column_stack([route.direction, route.faces]),
-                route.shifts,
-                np.column_stack([route.middle, route.part]).astype(self._real),
-                backs.astype(self._real),
-                np.column_stack([route.stretch, route.weight]).astype(self._real),
-                np.column_stack([origin, route.number]).astype(np.int32),
-            ]
-            ready.append((route, [upload(self.device, "routes", table) for table in tables]))
-        return Rays(directions, tuple(ready))
+        return Rays.of(
+            self.device, self.box, directions, starts, together=self._together, real=self._real
+        )
 
     def sweep(self, rays: Rays, *, shining: bool) -> None:
         """Sweeps every direction; the excess D of the present source is then on the device."""
@@ -243,8 +220,8 @@ class Sweeper:
         across = self._along_all(program, rays, True, excess, listed, many)
         download(self.device, listed, out[: many // self.components])
         weight, back = rays.directions.weight, rays.directions.unit
-        leaning = (weight @ back / weight.sum()).astype(self._real)
         if many > self.components:
+            leaning = (weight @ back / weight.sum()).astype(self._real)
             for moment, lean in zip(out[1:], leaning, strict=True):
                 moment -= lean * out[0]
         out[0] += self._real(weight.sum()) * self._read(self._list)

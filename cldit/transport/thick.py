@@ -108,16 +108,18 @@ class ThickCells:
         first, emission = cells.needs.boundaries, cells.thermal_planes(np.float64, address)
         sent[first : first + len(emission)] = emission
         sent[:, scatters] = source[:, number[scatters]]
-        across = np.zeros((0, len(cells.address)))
+        across = np.zeros((0, len(address)))
         if changes is not None:
-            across = np.zeros((changes.shape[0] * changes.shape[1], len(cells.address)))
-            across[:, changing] = changes.reshape(len(across), -1)
+            among = np.full(len(cells.address), NONE)
+            among[changing] = np.arange(len(changing))
+            among = np.where(scatters, among[number], NONE)
+            across = np.where(among >= 0, changes.reshape(-1, len(changing))[:, among], 0.0)
         columns = [
             np.where(deep, seen.depth[address], cells.depth[address]),
             np.where(deep, seen.albedo[number], 0.0),
             *np.where(deep, seen.thermal_planes(np.float64, address), 0.0),
             *sent,
-            *np.where(scatters, across[:, number], 0.0),
+            *across,
         ]
         out = np.zeros((len(self.at), len(columns)))
         out[stored] = np.column_stack(columns)
@@ -179,7 +181,7 @@ class RimLight:
             order = np.argsort(row, kind="stable")
             starts = np.searchsorted(row[order], np.arange(nl * nv + 1))
             bit = 1 << (2 * np.argsort(layout.axes)[side // 2] + side % 2)
-            table = np.column_stack([along, bit, number, number])[order]
+            table = np.column_stack([along, bit, number, number])[order]  # the last is not read
             rows[layout.number] = upload(device, "rows of faces", starts.astype(np.int32))
             listed[layout.number] = upload(device, "faces", table.astype(np.int32))
         size = directions * thick.rim * components

@@ -24,12 +24,13 @@ from cldit.transport.path import trace_path
 from cldit.transport.phase import ScatteringTable, henyey_greenstein
 from cldit.transport.result import Settings, Trace
 from cldit.transport.source import trace_source
+from cldit.transport.view import View
 
 __all__ = ["Settings", "Trace", "settings_for", "trace"]
 
-# Optical depth from which cells are thick. With a phase function it is less: what is scattered to
-# the camera then comes from close to the line of sight behind them.
-_THICK, _THICK_BY_PHASE = 0.5, 0.25
+# Optical depth from which cells are thick with a phase function, less than without: what is
+# scattered to the camera then comes from close to the line of sight behind them.
+_THICK_BY_PHASE = 0.25
 
 
 def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
@@ -64,7 +65,7 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
         phase=phase,
         gather=spec.gather,
         audit=spec.audit,
-        thick=_THICK if phase is None else _THICK_BY_PHASE,
+        thick=Settings.thick if phase is None else _THICK_BY_PHASE,
     )
 
 
@@ -100,13 +101,14 @@ def trace(
     if cells.needs.scattering and settings.method != "source":
         follow = trace_path if settings.method == "path" else trace_branching
         return follow(cells, scene, device, single, report)
+    view = View.of(scene, cells)
     try:
-        result = trace_source(cells, scene, device, single, report)
+        result = trace_source(cells, scene, view, device, single, report)
     except NotConvergedError:
         if settings.precision != "auto" or not device.info.float64:
             raise
         if report is not None:
             report("single precision does not resolve this source; again in double precision")
         single = replace(settings, precision="float64")
-        result = trace_source(cells, scene, device, single, report)
-    return audited(cells, scene, device, single, result)
+        result = trace_source(cells, scene, view, device, single, report)
+    return audited(cells, scene, view, device, single, result)

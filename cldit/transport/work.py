@@ -15,9 +15,10 @@ from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import Directions, about_camera, for_boundary
 from cldit.transport.gradients import matter
 from cldit.transport.phase import PHASE_STEPS
+from cldit.transport.rays import Rays
 from cldit.transport.result import Settings
 from cldit.transport.solve import Solution, another_order, first_guess, solve
-from cldit.transport.sweep import Rays, Sweeper, sweep_defines
+from cldit.transport.sweep import Sweeper, sweep_defines
 from cldit.transport.thick import ThickCells
 from cldit.transport.view import View
 
@@ -82,22 +83,29 @@ class Work:
         return build(self.device, "sweep.cl", {**self.defines, **flags})
 
     @property
-    def flags(self) -> dict[str, Define]:
-        """Of the sweeps after the solver: what their sources and the light they find have."""
+    def sources(self) -> dict[str, Define]:
+        """What the sources of the sweeps after the solver have."""
         flags = dict(self.solver)
         if self.settings.phase is not None:
-            flags.update(SLOPED=1, FLUX=1)
+            flags["SLOPED"] = 1
         if self.changing is not None:
-            flags.update(LINEAR=1, ACROSS=1)
+            flags["LINEAR"] = 1
         return flags
+
+    def finding(self) -> Program:
+        """The sweep that finds as much of the light as these sources need."""
+        flags = self.sources
+        if "SLOPED" in flags:
+            flags["FLUX"] = 1
+        if self.changing is not None:
+            flags["ACROSS"] = 1
+        return self.program(flags)
 
     def towards(self, thick: ThickCells | None) -> Program:
         """The sweep to the camera."""
-        flags = {**self.flags, "TO_CAMERA": 1}
+        flags = {**self.sources, "TO_CAMERA": 1}
         if self.settings.phase is not None:
             flags["PHASE_STEPS"] = PHASE_STEPS
-            del flags["FLUX"]
-        flags.pop("ACROSS", None)
         if thick is not None:
             flags["RIM"] = 1
         return self.program(flags)

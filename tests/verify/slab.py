@@ -2,15 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 from unittest import mock
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cldit.run import Run
 from cldit.transport.phase import ScatteringTable, mie_table
+
+EDGE = 0.2
+CAMERA = {"model": "orthographic", "pixels": [9, 9], "field_m": [0.01, 0.01]}
+BEHIND = {"radius_m": 99.0, "temperatures_K": [400.0, 500.0]}
+
+
+def run_slab(
+    run_block: Callable[..., Run],
+    depth: float,
+    albedo: float,
+    *,
+    layers: int,
+    cells: int = 128,
+    transport: dict[str, Any] | None = None,
+) -> Run:
+    """A slab of droplets across a cube of so many cells, before a background that fills the half
+    space behind."""
+    thickness = layers * EDGE / cells
+    return run_block(
+        {
+            "droplet_absorption_per_m": (1 - albedo) * depth / thickness,
+            "droplet_scattering_per_m": albedo * depth / thickness,
+            "droplet_temperature_K": 400.0,
+        },
+        size_m=(EDGE, thickness, EDGE),
+        domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / cells},
+        camera=CAMERA,
+        background=BEHIND,
+        transport=transport or {},
+    )
 
 
 def disort(

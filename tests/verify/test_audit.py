@@ -15,7 +15,6 @@ from cldit.transport.audit import found
 from cldit.transport.kelvin import error_K
 from cldit.transport.path import trace_path
 from cldit.transport.trace import Trace
-from cldit.transport.view import View
 
 EDGE = 0.04
 CELL = EDGE / 16
@@ -64,7 +63,7 @@ def test_unbiased(
     monkeypatch.setattr(audit, "_PIXELS", 60)
     transport = {"directions": 8, "gather": False, "phase": PHASE, "accuracy_K": 1.0}
     run_block(BLOCK, **SCENE, camera=camera(22), transport=transport)
-    cells, scene, device, settings, result = to_audit[0]  # the next is without spray
+    cells, scene, view, device, settings, result = to_audit[0]  # the next is without spray
     many = replace(settings, max_samples=512, accuracy_K=0.0, seed=77)
     truth = trace_path(cells, scene, device, many, None)
     assert truth.weights_difference is not None
@@ -87,7 +86,8 @@ def test_unbiased(
     )
     assert expected > 0.5
     answers = [
-        found(cells, scene, device, replace(settings, seed=seed), given)[:2] for seed in range(16)
+        found(cells, scene, view, device, replace(settings, seed=seed), given)[:2]
+        for seed in range(16)
     ]
     squares, doubts = np.array(answers).T
     scatter = float(squares.std(ddof=1))
@@ -95,7 +95,9 @@ def test_unbiased(
     # Of sixteen the scatter is good to 18 %, and of even steps it is less than of single draws.
     assert 0.6 * scatter < np.sqrt(np.mean(doubts**2)) < 2.0 * scatter
     wanted = replace(settings, audit=True)
-    stated = audit.audited(cells, scene, device, wanted, replace(result, weights=given)).audit_K
+    stated = audit.audited(
+        cells, scene, view, device, wanted, replace(result, weights=given)
+    ).audit_K
     assert stated == pytest.approx(np.sqrt(squares[1] + doubts[1]))  # of seed 1
 
 
@@ -121,7 +123,7 @@ def test_what_stands_before_the_background(
         patches=[patch],
         transport={"directions": 8, "gather": False},
     )
-    seen = View.of(to_audit[0][1], to_audit[0][0]).before_background
+    seen = to_audit[0][2].before_background
     np.testing.assert_array_equal(seen, run.reference.background > 0.5)
     assert 0.1 < seen.mean() < 0.95
 

@@ -19,9 +19,8 @@ from cldit.run import Run
 from cldit.transport.phase import henyey_greenstein
 from cldit.transport.trace import Trace, trace
 
-from .slab import disort, droplets_of_9_um
+from .slab import EDGE, disort, droplets_of_9_um, run_slab
 
-EDGE = 0.2
 CELLS = 128
 LAYERS = 2
 THICKNESS = LAYERS * EDGE / CELLS
@@ -31,24 +30,8 @@ T = 450.0
 def slab(
     run_block: Callable[..., Run], depth: float, albedo: float, phase: Any, **other: Any
 ) -> Run:
-    return run_block(
-        {
-            "droplet_absorption_per_m": (1 - albedo) * depth / THICKNESS,
-            "droplet_scattering_per_m": albedo * depth / THICKNESS,
-            "droplet_temperature_K": 400.0,
-        },
-        size_m=(EDGE, THICKNESS, EDGE),
-        domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / CELLS},
-        camera={"model": "orthographic", "pixels": [9, 9], "field_m": [0.01, 0.01]},
-        background={"radius_m": 99.0, "temperatures_K": [400.0, 500.0]},
-        transport={
-            "method": "path",
-            "phase": phase,
-            "accuracy_K": 1e-3,
-            "max_samples": 512,
-            **other,
-        },
-    )
+    asked = {"method": "path", "phase": phase, "accuracy_K": 1e-3, "max_samples": 512, **other}
+    return run_slab(run_block, depth, albedo, layers=LAYERS, transport=asked)
 
 
 def check(run: Run, expected: tuple[float, float], depth: float, albedo: float) -> None:

@@ -16,15 +16,12 @@ from cldit.optics.response import scene_filter
 from cldit.run import Run
 from cldit.transport.phase import henyey_greenstein
 
-from .slab import disort, droplets_of_9_um
+from .slab import BEHIND, CAMERA, EDGE, disort, droplets_of_9_um, run_slab
 
-EDGE = 0.2
 CELLS = 128
 LAYERS = 16
 THICKNESS = LAYERS * EDGE / CELLS
 DOMAIN = {"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / CELLS}
-CAMERA = {"model": "orthographic", "pixels": [9, 9], "field_m": [0.01, 0.01]}
-BEHIND = {"radius_m": 99.0, "temperatures_K": [400.0, 500.0]}
 
 
 @pytest.mark.parametrize("depth", [1e-4, 0.1, 1.0, 10.0])
@@ -62,17 +59,7 @@ def test_scattering_slab_against_disort(
     0.1 scatters by 0.3 from chain to chain: 4e-3 at most over all of them, in fact a third of that.
     Measured: at most 0.13 % at depth 10, 0.36 % at 0.1, where it is the number of directions.
     """
-    run = run_block(
-        {
-            "droplet_absorption_per_m": (1 - albedo) * depth / THICKNESS,
-            "droplet_scattering_per_m": albedo * depth / THICKNESS,
-            "droplet_temperature_K": 400.0,
-        },
-        size_m=(EDGE, THICKNESS, EDGE),
-        domain=DOMAIN,
-        camera=CAMERA,
-        background=BEHIND,
-    )
+    run = run_slab(run_block, depth, albedo, layers=LAYERS)
     behind, front = disort(depth, albedo, np.ones(1))
     assert run.weights.background.mean() == pytest.approx(behind, abs=5e-3)
     assert run.weights.wall.mean() == pytest.approx(front, abs=5e-3)
@@ -86,19 +73,7 @@ def test_diffusing_slab_against_disort(run_block: Callable[..., Run]) -> None:
     noise of 0.3 a chain over at least 64 chains in each of 81 pixels, 0.4 %. Sources that are even
     in each cell let through 0.9 % of the boundary's radiance too much.
     """
-    thickness = LAYERS * EDGE / 64
-    per_m = 40.0 / thickness
-    run = run_block(
-        {
-            "droplet_absorption_per_m": 0.001 * per_m,
-            "droplet_scattering_per_m": 0.999 * per_m,
-            "droplet_temperature_K": 400.0,
-        },
-        size_m=(EDGE, thickness, EDGE),
-        domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / 64},
-        camera=CAMERA,
-        background=BEHIND,
-    )
+    run = run_slab(run_block, 40.0, 0.999, layers=LAYERS, cells=64)
     behind, front = disort(40.0, 0.999, np.ones(1), streams=32)
     assert run.weights.background.mean() == pytest.approx(behind, abs=2e-3)
     assert run.weights.wall.mean() == pytest.approx(front, abs=6e-3)
@@ -115,18 +90,8 @@ def test_forward_scattering_slab_against_disort(
     `within` is 1.5 times what that costs, measured; isotropic scattering instead is off by 0.022,
     0.13 and 0.25, and no scattering at all by up to 0.48.
     """
-    run = run_block(
-        {
-            "droplet_absorption_per_m": (1 - albedo) * depth / THICKNESS,
-            "droplet_scattering_per_m": albedo * depth / THICKNESS,
-            "droplet_temperature_K": 400.0,
-        },
-        size_m=(EDGE, THICKNESS, EDGE),
-        domain=DOMAIN,
-        camera=CAMERA,
-        background=BEHIND,
-        transport={"phase": {"henyey_greenstein": 0.8}},
-    )
+    asked = {"phase": {"henyey_greenstein": 0.8}}
+    run = run_slab(run_block, depth, albedo, layers=LAYERS, transport=asked)
     behind, front = disort(depth, albedo, henyey_greenstein(0.8).moments(48), streams=48)
     assert run.weights.background[4, 4] == pytest.approx(behind, abs=within)
     assert run.weights.wall[4, 4] == pytest.approx(front, abs=within)
@@ -141,18 +106,7 @@ def test_mie_slab_against_disort(run_block: Callable[..., Run]) -> None:
     """
     depth, albedo = 1.0, 0.5
     with droplets_of_9_um() as phase:
-        run = run_block(
-            {
-                "droplet_absorption_per_m": (1 - albedo) * depth / THICKNESS,
-                "droplet_scattering_per_m": albedo * depth / THICKNESS,
-                "droplet_temperature_K": 400.0,
-            },
-            size_m=(EDGE, THICKNESS, EDGE),
-            domain=DOMAIN,
-            camera=CAMERA,
-            background=BEHIND,
-            transport={"phase": "mie"},
-        )
+        run = run_slab(run_block, depth, albedo, layers=LAYERS, transport={"phase": "mie"})
     moments = phase.moments(65)
     truth = disort(depth, albedo, moments, streams=64)
     swept = disort(depth, albedo, moments, streams=64, swept=2)

@@ -1,0 +1,53 @@
+"""A set of directions on the device, ready to be swept along as often as is wanted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.gpu.buffers import upload
+from cldit.gpu.device import Device
+from cldit.transport.cells import Box
+from cldit.transport.directions import Directions
+from cldit.transport.packed import Real
+from cldit.transport.routes import Route, routes
+
+
+@dataclass(frozen=True)
+class Rays:
+    """routes: with what kernels/sweep.cl takes of each, from `launches` to `origins`."""
+
+    directions: Directions
+    routes: tuple[tuple[Route, list[Any]], ...]
+
+    @classmethod
+    def of(
+        cls,
+        device: Device,
+        box: Box,
+        directions: Directions,
+        starts: NDArray[np.float64],
+        *,
+        together: int,
+        real: Real,
+    ) -> Rays:
+        """starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer;
+        together: so many directions at most go through a layer at once."""
+        ready = []
+        for route in routes(box, directions, starts, together=together):
+            backs = np.column_stack([route.back, np.zeros(len(route))])
+            origin = np.where(route.rightwards, route.layout.size[2] + 1, 1)
+            tables = [
+                route.launches,
+                np.column_stack([route.direction, route.faces]),
+                route.shifts,
+                np.column_stack([route.middle, route.part]).astype(real),
+                backs.astype(real),
+                np.column_stack([route.stretch, route.weight]).astype(real),
+                np.column_stack([origin, route.number]).astype(np.int32),
+            ]
+            ready.append((route, [upload(device, "routes", table) for table in tables]))
+        return cls(directions, tuple(ready))
