@@ -9,6 +9,7 @@ from typing import Any
 import pyopencl as cl
 
 from cldit.errors import DeviceError
+from cldit.gpu.pocl import known_to_pocl, name_processor
 
 _NO_DRIVER = (
     "no OpenCL platform was found; install a driver, or the embedded one that needs none: "
@@ -169,6 +170,8 @@ def split(device: Device, counts: Sequence[int]) -> Device:
 
 
 def _open(info: DeviceInfo, handle: Any, reason: str) -> Device:
+    if not known_to_pocl(handle.platform, handle):
+        name_processor(handle)  # where that fails, the first program that is built says what to do
     try:
         context = cl.Context([handle])
         queue = cl.CommandQueue(context)

@@ -17,6 +17,11 @@ from cldit.gpu.source import assemble
 
 Define = int | float | str
 
+_OLD_POCL = (
+    "\nThis PoCL is older than the processor. A later one (conda-forge has them) or another driver "
+    "for OpenCL will do; `cldit devices` lists what there is."
+)
+
 
 @dataclass(frozen=True)
 class Program:
@@ -56,7 +61,8 @@ def build(device: Device, name: str, defines: Mapping[str, Define]) -> Program:
             program = cl.Program(device.context, source).build(options=["-cl-std=CL1.2", *options])
             kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
     except cl.Error as error:
-        raise KernelError(f"kernels/{name} with {' '.join(options)}:\n{error}") from error
+        hint = _OLD_POCL if "unknown target CPU" in str(error) else ""
+        raise KernelError(f"kernels/{name} with {' '.join(options)}:\n{error}{hint}") from error
     return Program(
         name=name,
         defines=dict(defines),

@@ -1,0 +1,90 @@
+"""PoCL on processors that are newer than it.
+
+The PoCL that pip installs is of 2022, with LLVM 14. Where that does not know the processor (AMD's
+family 26, say) it calls it `generic`, a name that its own compiler then refuses: nothing can be
+built (github.com/pocl/pocl/issues/1049), and no setting of PoCL's helps. What such a processor can
+do is known, so it is given the name of an older one that can do no more.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import struct
+from pathlib import Path
+from typing import Any
+
+_PLATFORM = "Portable Computing Language"
+_UNKNOWN = "-generic"  # at the end of a device's version: PoCL's name of the processor
+_LOOKED_AT = 2048  # bytes of PoCL's record of a device, in which the name is pointed to
+_POINTER = struct.Struct("@P")
+
+# Instruction sets, as Linux names them, of processors that LLVM 14 knows: the best first.
+_KNOWN: tuple[tuple[bytes, frozenset[str]], ...] = (
+    (
+        b"skylake-avx512",
+        frozenset("avx512f avx512bw avx512cd avx512dq avx512vl avx2 fma bmi2 f16c adx".split()),
+    ),
+    (b"haswell", frozenset("avx2 fma bmi1 bmi2 f16c movbe".split())),
+    (b"sandybridge", frozenset("avx popcnt pclmulqdq sse4_2".split())),
+    (b"x86-64", frozenset({"sse2"})),
+)
+
+
+def like_processor(flags: frozenset[str]) -> bytes | None:
+    """The best processor known to LLVM 14 that has no instructions beyond `flags`."""
+    return next((name for name, needs in _KNOWN if needs <= flags), None)
+
+
+def known_to_pocl(platform: Any, device: Any) -> bool:
+    """Whether PoCL has a name for the device's processor, or the device is not PoCL's."""
+    return platform.name.strip() != _PLATFORM or not device.version.strip().endswith(_UNKNOWN)
+
+
+def name_processor(device: Any) -> bool:
+    """Gives PoCL's record of a device the name of an older processor; whether it could be done.
+
+    The name is found as the one pointer of the record to the text `generic`, and memory is read
+    through /proc, where a wrong address is an error and no crash.
+    """
+    name = like_processor(_flags(Path("/proc/cpuinfo")))
+    if name is None:
+        return False
+    try:
+        memory = os.open("/proc/self/mem", os.O_RDWR)
+    except OSError:
+        return False
+    try:
+        record = os.pread(memory, _LOOKED_AT, device.int_ptr)
+        places = [
+            at
+            for at in range(0, len(record), _POINTER.size)
+            if _text_at(memory, *_POINTER.unpack_from(record, at)) == b"generic"
+        ]
+        if len(places) != 1:
+            return False
+        text = ctypes.create_string_buffer(name)
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(text))  # PoCL reads it as long as it lives
+        os.pwrite(memory, _POINTER.pack(ctypes.addressof(text)), device.int_ptr + places[0])
+    except OSError:
+        return False
+    finally:
+        os.close(memory)
+    return True
+
+
+def _text_at(memory: int, address: int) -> bytes | None:
+    try:
+        return os.pread(memory, 8, address).split(b"\0")[0] if address > 0 else None
+    except (OSError, OverflowError):
+        return None  # no pointer, then
+
+
+def _flags(cpuinfo: Path) -> frozenset[str]:
+    """Instruction sets of an x86 processor, as Linux lists them; none on other systems."""
+    try:
+        lines = cpuinfo.read_text().splitlines()
+    except OSError:
+        return frozenset()
+    line = next((line for line in lines if line.startswith("flags")), "")
+    return frozenset(line.partition(":")[2].split())
