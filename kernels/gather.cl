@@ -54,11 +54,15 @@
 #define RECORD ACROSS_IT
 #endif
 
+/* Numbers that a cell has in the light kept by sweeps: of six faces, and of the light in it. */
+#define FACES 8
+#define OWN 6
+
 /* What flights meet. All places are in cells from the cube's lower corner. */
 typedef struct {
     __global const int *places;    /* of the box that the cells lie in: their numbers; -1: others */
-    __global const int *faces;     /* of them to others: their numbers, six a cell, down and up along
-                                      x, y, z */
+    __global const int *faces;     /* of them to others: their numbers, down and up along x, y, z;
+                                      and of the light in the cell itself; FACES a cell */
     __global const real *cells;    /* records */
     __global const real *light;    /* that comes through them: [direction][face][component] */
     int rim;                       /* faces of one direction */
@@ -145,7 +149,8 @@ INLINE __global const real *flight(
         const int place = m->places[(z * m->shape.y + y) * m->shape.x + x];
         if (place < 0) { /* it came from one of the cells: there it began */
             score(sum, whole * transmitted,
-                  m->light + ((size_t)number * m->rim + m->faces[6 * inside + face]) * COMPONENTS);
+                  m->light
+                      + ((size_t)number * m->rim + m->faces[FACES * inside + face]) * COMPONENTS);
             break;
         }
         inside = place;
@@ -213,7 +218,17 @@ typedef struct {
     uint4 shift0, shift1;
 } Chance;
 
-/* Follows one chain from p in a thick `cell`, where light is scattered along `sight`. */
+/* Light in a thick cell along a direction, as the last sweep had it. */
+INLINE __global const real *light_in(int3 cell, int number, const Near *m)
+{
+    const int x = cell.x - m->low.x, y = cell.y - m->low.y, z = cell.z - m->low.z;
+    const int place = m->places[(z * m->shape.y + y) * m->shape.x + x];
+    return m->light + ((size_t)number * m->rim + m->faces[FACES * place + OWN]) * COMPONENTS;
+}
+
+/* Follows one chain from p in a thick `cell`, where light is scattered along `sight`: what it brings
+   more than the light in that cell along its first direction, as the last sweep had it. That varies
+   far less; what all directions bring of it is known (`expected`). */
 INLINE void chain(
     real *sum, real weight, real3 p, int3 cell, real3 sight, uint4 counter, uint2 key,
     const Chance *chance, const Near *m, __global const real *table, __global const real *steps)
@@ -230,6 +245,7 @@ INLINE void chain(
             number = direction_at(unit(word.x), m->directions, m->start, m->count);
             d = m->directions[number].xyz;
             weight *= share_of(m->directions[number], sight, steps);
+            score(sum, -weight, light_in(cell, number, m));
         } else {
             if (event == 1) {
                 word.x = chance->point[3] ^ chance->shift1.x;
@@ -260,6 +276,40 @@ INLINE void chain(
             weight = floor_;
         }
     }
+}
+
+/* Light that each thick cell scatters towards the camera, of all directions, as the last sweep had it
+   in the cell: what chains bring on average, less what they bring more. */
+__kernel void expected(
+    __global real *means,         /* out: [cell][component] */
+    __global const int4 *cells,   /* in: of the cube; number of the light in it */
+    const int count,
+    __global const real *light, const int rim,
+    __global const real4 *directions, const int direction_count,
+    __global const real *steps, const real4 camera)
+{
+    const int item = get_global_id(0);
+    if (item >= count) return;
+    const int4 cell = cells[item];
+#ifdef SHARES
+    const real3 way = (real3)(
+        cell.x + R(0.5) - camera.x, cell.y + R(0.5) - camera.y, cell.z + R(0.5) - camera.z);
+    const real far = root(way.x * way.x + way.y * way.y + way.z * way.z);
+    const real3 sight = way / most(far, R(1e-6));
+#else
+    const real3 sight = (real3)(R(0), R(1), R(0));
+#endif
+    real sum[COMPONENTS];
+    for (int c = 0; c < COMPONENTS; ++c) sum[c] = R(0);
+    real all = R(0), before = R(0);
+    for (int k = 0; k < direction_count; ++k) {
+        const real share = (directions[k].w - before) * share_of(directions[k], sight, steps);
+        before = directions[k].w;
+        all += share;
+        __global const real *seen = light + ((size_t)k * rim + cell.w) * COMPONENTS;
+        for (int c = 0; c < COMPONENTS; ++c) sum[c] += share * seen[c];
+    }
+    for (int c = 0; c < COMPONENTS; ++c) means[item * COMPONENTS + c] = sum[c] / all;
 }
 
 /* A stretch of a line of sight within a thick cell: the cell; where on the line it begins and how

@@ -25,7 +25,8 @@
    LINEAR: it changes across some cells, by G along x, y, z from side to side. What a ray meets then is
    less at its middle than S by what that lies off the cell's; over all rays this is nothing, and is
    left out of the excess, where it would only be noise.
-   RIM: the light that comes into thick cells from others is kept, for gather.cl, by the face. */
+   RIM: the light that comes into thick cells from others is kept, for gather.cl, by the face; and
+   that in thick cells, as it leaves them, the mean over the steps. */
 
 #include "boundary.h"
 #include "components.h"
@@ -81,6 +82,8 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 #define LAYERS_Z 0 /* u = x, v = y, l = z */
 #define LAYERS_Y 1 /* u = x, v = z, l = y */
 #define LAYERS_X 2 /* u = y, v = z, l = x: the turned groups */
+
+#define OWN 64 /* no face of a cell */
 
 /* The component of the ray that comes into the box at cell (u, v, l), from `back`. */
 INLINE int seen_from(int u, int v, int l, int layout, real4 back, const Boundary *boundary)
@@ -168,7 +171,7 @@ __kernel void sweep(
     const int rim,                 /* faces of one direction */
     __global const int *rim_rows,  /* in: first of a row's faces in rim_faces, [l][v], and the end */
     __global const int4 *rim_faces /* in: u of the cell before it; which of that cell's faces, as a
-                                      bit; number */
+                                      bit, or OWN, the light in the cell; number */
 #endif
     )
 {
@@ -298,10 +301,14 @@ __kernel void sweep(
 #ifdef RIM
         for (int i = first_rim + lane; i < end_rim; i += lanes) {
             const int4 face = rim_faces[i];
-            if (!(face.y & directions[step].y)) continue;
+            const int own = face.y == OWN;
+            if (!own && !(face.y & directions[step].y)) continue;
             __global real *leaves = light
                 + ((size_t)(earlier + origins[k].y) * rim + face.z) * COMPONENTS;
-            for (int c = 0; c < COMPONENTS; ++c) leaves[c] = crossing[c * slots + face.x];
+            for (int c = 0; c < COMPONENTS; ++c) {
+                const real intensity = crossing[c * slots + face.x];
+                leaves[c] = own ? leaves[c] + part * intensity : intensity;
+            }
         }
         barrier(CLK_GLOBAL_MEM_FENCE);
 #endif

@@ -64,7 +64,7 @@ class Kernels:
         source = None
         if cells.needs.scattering:
             source = np.zeros((len(cells.needs.components), len(cells.address)), real)
-        records = filled.records([source], np.zeros(len(cells.address)), None, real)
+        records = filled.records([source], np.zeros(len(cells.address)), None, None, real)
         medium = [
             *upload_directory(device, cells),
             upload(device, "records' numbers", filled.number),

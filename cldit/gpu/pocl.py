@@ -9,6 +9,7 @@ do is known, so it is given the name of an older one that can do no more.
 from __future__ import annotations
 
 import ctypes
+import itertools
 import os
 import struct
 from pathlib import Path
@@ -44,8 +45,9 @@ def known_to_pocl(platform: Any, device: Any) -> bool:
 def name_processor(device: Any) -> bool:
     """Gives PoCL's record of a device the name of an older processor; whether it could be done.
 
-    The name is found as the one pointer of the record to the text `generic`, and memory is read
-    through /proc, where a wrong address is an error and no crash.
+    The name is found as a pointer to the text `generic` after one to the name of a platform, which
+    together with it are the end of the device's version. Memory is read through /proc, where a
+    wrong address is an error and no crash.
     """
     name = like_processor(_flags(Path("/proc/cpuinfo")))
     if name is None:
@@ -56,17 +58,18 @@ def name_processor(device: Any) -> bool:
         return False
     try:
         record = os.pread(memory, _LOOKED_AT, device.int_ptr)
-        places = [
-            at
-            for at in range(0, len(record), _POINTER.size)
-            if _text_at(memory, *_POINTER.unpack_from(record, at)) == b"generic"
-        ]
-        if len(places) != 1:
-            return False
+        texts = [_text_at(memory, address) for (address,) in _POINTER.iter_unpack(record)]
+        version = device.version.strip().encode()
+        place = next(
+            place
+            for place, (before, here) in enumerate(itertools.pairwise(texts), 1)
+            if here == b"generic" and before and version.endswith(b"-" + before + b"-generic")
+        )
         text = ctypes.create_string_buffer(name)
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(text))  # PoCL reads it as long as it lives
-        os.pwrite(memory, _POINTER.pack(ctypes.addressof(text)), device.int_ptr + places[0])
-    except OSError:
+        where = device.int_ptr + place * _POINTER.size
+        os.pwrite(memory, _POINTER.pack(ctypes.addressof(text)), where)
+    except (OSError, StopIteration):
         return False
     finally:
         os.close(memory)
@@ -75,7 +78,7 @@ def name_processor(device: Any) -> bool:
 
 def _text_at(memory: int, address: int) -> bytes | None:
     try:
-        return os.pread(memory, 8, address).split(b"\0")[0] if address > 0 else None
+        return os.pread(memory, 64, address).split(b"\0")[0] if address > 0 else None
     except (OSError, OverflowError):
         return None  # no pointer, then
 

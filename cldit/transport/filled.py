@@ -39,14 +39,14 @@ class Filled:
         listed: list[NDArray[np.floating] | None],
         defect: Floats,
         thick: NDArray[np.int64] | None,
+        expected: NDArray[np.floating] | None,
         real: type[np.floating],
     ) -> NDArray[np.floating]:
         """(F, R): optical depth of a cell's edge; with `thick`, albedo of thick cells, else 0; and
         for each picture its source, and the source of what is emitted at radiance 1.
 
-        listed, defect, thick: as in `Painter.pictures`. Thick cells only emit. Where nothing
-        scatters the source has emitters alone, and what is emitted at radiance 1 is not stored: it
-        is 1.
+        listed, defect, thick, expected: as in `Painter.pictures`. Where nothing scatters the source
+        has emitters alone, and what is emitted at radiance 1 is not stored: it is 1.
         """
         cells, needs = self.cells, self.cells.needs
         thermal = cells.thermal_planes(real, self.at).T
@@ -69,10 +69,10 @@ class Filled:
             value = np.empty((len(row), parts), real)
             value[:, :-1] = source.T
             value[:, -1] = 1.0 - source[: needs.boundaries].sum(axis=0, dtype=np.float64) + lost
-            if thick is not None:
-                # What the sweeps lose would be missing in the light that chains end in.
-                value[thick, : needs.boundaries] = 0.0
-                value[thick, needs.boundaries : -1] = thermal[row[thick]]
-                value[thick, -1] = (cells.coalbedo + lost)[thick]
+            if thick is not None and expected is not None:
+                sent = cells.albedo[thick] * expected
+                value[thick, :-1] = sent.T
+                value[thick, needs.boundaries : -1] += thermal[row[thick]]
+                value[thick, -1] = 1.0 - sent[: needs.boundaries].sum(axis=0) + lost[thick]
             mine[row] = value
         return out

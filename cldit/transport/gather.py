@@ -33,6 +33,7 @@ from cldit.transport.view import upload_tree
 Floats = NDArray[np.float64]
 
 _SAMPLES = 32  # of a pixel in the first round; a power of two, as in all rounds
+_GROWTH = 8  # of them at most, from one round to the next: their scatter is not known well
 _MOST_CHAINS = 1e8  # of a picture: some core-minutes
 _LONGEST = 32  # flights of a chain, after which the light is that of the sweeps
 _GROUP = 16
@@ -75,6 +76,25 @@ class _Chains:
             *self.fixed,
         )
         self.device.queue.flush()  # the next device starts while this one works
+
+
+def fewest(
+    energy: Floats, had: NDArray[np.int64], size: NDArray[np.int64], *, allowed: float
+) -> NDArray[np.int64]:
+    """Samples a pixel (T,) of each tile, more than it had in one at least, that bring the sum of
+    all tiles' energies to what is allowed, with as few in all as can be.
+
+    energy: sum of the squares of the errors of a tile's pixels, of which there are `size`, after
+    `had` samples each; it falls as 1 over their number. Then that is as the root of energy x had /
+    size. Powers of two, of which points of a low-discrepancy sequence are the most even.
+    """
+    spread = np.sqrt(energy * had / size)
+    ideal = spread * float(spread @ size) / allowed
+    power = np.exp2(np.round(np.log2(np.clip(ideal, 1.0, 2.0**40)))).astype(np.int64)
+    if not np.any(power > had):
+        worst = np.argmax(energy)
+        power[worst] = 2 * had[worst]
+    return power
 
 
 class Gather:
@@ -131,7 +151,7 @@ class Gather:
                     upload(one, "phase function", table.astype(real)),
                     upload(one, "phase function", steps.astype(real)),
                     upload(one, "places", thick.places),
-                    upload(one, "faces", thick.faces),
+                    upload(one, "faces", np.column_stack([thick.faces, thick.own, thick.own])),
                     upload(one, "thick cells", records),
                     kept,
                     np.int32(light.rim),
@@ -144,8 +164,38 @@ class Gather:
                     *part.arguments[5:],  # from `columns` on
                 ]
             )
+        self._own = thick.own[thick.own >= 0]  # in the order of the region's cells
+        self._at = thick.at[thick.own >= 0] + np.asarray(box.low)
         self.samples, self.seconds = 0, 0.0
         self.short = ""  # says so where chains stopped short of what was wanted
+
+    def expected(self) -> NDArray[np.floating]:
+        """(C, T) light that each thick cell scatters to the camera, as the last sweeps had it along
+        each direction; flights find what it is more."""
+        count, device = len(self._own), self.device
+        view = self._painter.view
+        camera = view.middle - np.array([0.0, view.distance, 0.0, 0.0])
+        fixed = self._fixed[0]
+        steps, kept, rim, directions, many = fixed[1], *fixed[5:8], fixed[10]
+        out = zeros(device, "expected light", count * (self._components - 1), self._real)
+        group = min(_GROUP, device.info.largest_group)
+        cells = np.column_stack([self._at, self._own]).astype(np.int32)
+        self._programs[0]["expected"](
+            device.queue,
+            (-(-count // group) * group,),
+            (group,),
+            out,
+            upload(device, "thick cells", cells),
+            np.int32(count),
+            kept,
+            rim,
+            directions,
+            many,
+            steps,
+            camera.astype(self._real),
+        )
+        means = download(device, out, np.empty((count, self._components - 1), self._real))
+        return np.asarray(means[np.argsort(self._own)].T)
 
     def _shares(self, directions: Directions, steps: Floats) -> Floats:
         """(K, 4) directions, and the share up to each in what is scattered along +y, by the phase
@@ -179,42 +229,39 @@ class Gather:
         samples = np.zeros(count, np.int64)  # of either half, in each of a pixel's rays
         tiles = self._tiles(pixels)
         before = self._painter.view.before_background.flat[pixels]
-        chosen, spent = np.arange(count), 0.0
         size = max(_SAMPLES // across**2, 1)
         while size > 1 and 2 * size * across**2 * count > _MOST_CHAINS / 4:
             size //= 2
+        wanted_of = np.full(count, size)
         while True:
             # Pixels that have had as many chains go on with the same points.
-            for had in np.unique(samples[chosen]):
-                mine, some = chosen[samples[chosen] == had], range(had, had + size)
+            for had, goal in np.unique(np.stack([samples, wanted_of], axis=1), axis=0):
+                mine = np.flatnonzero((samples == had) & (wanted_of == goal))
                 for half, total in enumerate(sums):
-                    total[:, mine] += size * self._means(chains, mine, across, some, half)
-            samples[chosen] += size
-            spent += 2.0 * size * across**2 * len(chosen)
+                    if goal > had:
+                        some = range(had, goal)
+                        found = self._means(chains, mine, across, some, half)
+                        total[:, mine] += (goal - had) * found
+            samples = wanted_of
             means = sums / samples
             mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
             # As if the walls were as bright as the hottest cell: the trace holds for all of them.
             kelvin = before * np.nan_to_num(
                 error_K(seen + mean[:-1], difference[:-1], cells, scene, outside=cells.scale)
             )
-            # In what a tile has of the sum of squares lies what it can gain.
-            energy = np.bincount(tiles, kelvin**2)
+            energy = np.bincount(tiles, kelvin**2).astype(np.float64)
             counted = before & (1 - (seen + mean[:-1])[0] > VISIBLE)
             visible = max(int(np.count_nonzero(counted)) + other, 1)
-            left = float(energy.sum()) / visible - (_NOISE * _BRIGHT * wanted) ** 2
-            if left <= 0:
+            allowed = visible * (_NOISE * _BRIGHT * wanted) ** 2
+            if energy.sum() <= allowed:
                 break
-            cost = np.maximum(np.bincount(tiles, samples), 1)
-            best = np.argsort(-energy / cost)
-            enough = np.searchsorted(np.cumsum(energy[best]) / 2, left * visible) + 1
-            chosen = np.flatnonzero(np.isin(tiles, best[:enough]))
-            # As many again as most have: a power of two of a sequence's points is the more even.
-            size = 1 << int(np.median(samples[chosen])).bit_length() - 1
-            again = 2.0 * size * across**2
-            if (
-                2 * across**2 * samples.max() + again > most
-                or spent + again * len(chosen) > _MOST_CHAINS
-            ):
+            size_of = np.bincount(tiles)
+            had_of = np.bincount(tiles, samples) // size_of
+            ideal = fewest(energy, had_of, size_of, allowed=allowed)[tiles]
+            limit = np.minimum(_GROWTH * samples, most // (2 * across**2))
+            wanted_of = np.maximum(np.minimum(ideal, limit), samples)
+            chains_in_all = 2.0 * across**2 * wanted_of.sum()
+            if np.array_equal(wanted_of, samples) or chains_in_all > _MOST_CHAINS:
                 noise_K = float(np.sqrt(energy.sum() / visible)) / _BRIGHT
                 self.short = (
                     f"chains in thick cells: stopped at {most} samples a pixel, or "

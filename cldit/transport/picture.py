@@ -104,6 +104,7 @@ class Painter:
         gather: Gathered | None = None,
         *,
         across: NDArray[np.floating] | None = None,
+        expected: NDArray[np.floating] | None = None,
     ) -> tuple[list[Floats], int]:
         """Weights (C + 1, H, W), the part from within last (see closure.py), one picture for each
         source (C, N) of the scattering cells, and the number of pixels with more than one ray.
@@ -111,10 +112,12 @@ class Painter:
         listed: `at_once` of them; None where nothing scatters. defect (N,): of the mean radiance in
         a cavity of radiance 1. gather: adds what thick cells scatter; needed if `thick` was given.
         across (3, C, N): change of the sources across cells, alike for all; needed with `linear`.
+        expected (C, T): light that thick cells scatter to the camera; `gather` says how much more
+        it is.
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
-        records = self._records(listed, defect, across)
+        records = self._records(listed, defect, across, expected)
         every = np.arange(columns * rows)
         pixels = None if rays in (1, "adaptive") else every
         images = np.empty((0, 0, 0))
@@ -139,9 +142,10 @@ class Painter:
         listed: list[NDArray[np.floating] | None],
         defect: Floats,
         across: NDArray[np.floating] | None,
+        expected: NDArray[np.floating] | None,
     ) -> list[list[Any]]:
         """On each device: kernel arguments from `records` to before `coarse`."""
-        made = self.filled.records(listed, defect, self.thick, self.real)
+        made = self.filled.records(listed, defect, self.thick, expected, self.real)
         records = [[upload(part.device, "records", made)] for part in self.parts]
         if across is None:
             return records

@@ -117,7 +117,13 @@ def _painted(
     images, refined = (
         painter.pictures([None], np.zeros(0), gather)
         if light is None
-        else painter.pictures(list(light.halves), light.defect, gather, across=light.across)
+        else painter.pictures(
+            list(light.halves),
+            light.defect,
+            gather,
+            across=light.across,
+            expected=None if gather is None else gather.expected(),
+        )
     )
     if scene.camera.rays_per_pixel != 1:
         counts["pixels_of_several_rays"] = refined

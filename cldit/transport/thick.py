@@ -22,6 +22,7 @@ from cldit.transport.layout import Layout, layouts
 
 FACE = 64  # entries of the table of nearest directions along a side
 NONE, OUTSIDE = -1, -2
+_OWN = 64  # in place of a face, as in sweep.cl
 _AROUND = 1  # so many cells around thick ones are of their region
 # Optical depth of a cell beyond which a source that is linear in it is not enough: its skin is a
 # small part of it.
@@ -39,7 +40,8 @@ class ThickCells:
     cells, in the box and among stored cells; -1: not stored. low (3,), places [z, y, x] int32: the
     part of the box around the region, and number of its cell there; -1 of none. faces (R, 6) int32:
     number of each cell's faces, down and up along x, y, z, to cells of the box that are not of the
-    region; -1 of others. Of two that no one direction goes through both may have one number.
+    region; -1 of others. Of two that no one direction goes through both may have one number. own
+    (R,) int32: number for the light in a thick cell itself, after those of the faces; -1 in others.
     rim: so many numbers.
     """
 
@@ -49,6 +51,7 @@ class ThickCells:
     low: NDArray[np.int64]
     places: NDArray[np.int32]
     faces: NDArray[np.int32]
+    own: NDArray[np.int32]
     rim: int
 
     @classmethod
@@ -78,9 +81,11 @@ class ThickCells:
                 ends.append(rim + int(np.count_nonzero(ends_there)))
                 faces[ends_there, 2 * axis + up] = np.arange(rim, ends[-1])
             rim = max(ends)
+        own = np.full(len(at), NONE, np.int32)
+        own[places[tuple((there - low).T[::-1])]] = rim + np.arange(len(listed))
         at += low
         address = cells.stored(at + np.asarray(box.low))
-        return cls(listed, at, address, low, places, faces, rim)
+        return cls(listed, at, address, low, places, faces, own, rim + len(listed))
 
     def records(
         self,
@@ -141,8 +146,8 @@ class Ends:
 
 @dataclass(frozen=True)
 class RimLight:
-    """Light that comes into the region from without, as sweeps store it:
-    [direction][face][component].
+    """Light that comes into the region from without, and that in thick cells, as sweeps store it:
+    [direction][face or cell][component].
 
     rows, faces: where a row of each layout finds the faces. first: number of the sweeps' first
     direction.
@@ -173,6 +178,9 @@ class RimLight:
         number = thick.faces[owner, side]
         at = thick.at[owner]  # and now of the cell that light comes from
         at[np.arange(len(at)), side // 2] += 2 * (side % 2) - 1
+        thick_ones = np.flatnonzero(thick.own >= 0)
+        at = np.concatenate([at, thick.at[thick_ones]])
+        number = np.concatenate([number, thick.own[thick_ones]])
         rows, listed = {}, {}
         for layout in layouts(box.shape).values():
             along, across, up = at[:, layout.axes].T
@@ -180,7 +188,8 @@ class RimLight:
             row = up * nv + across
             order = np.argsort(row, kind="stable")
             starts = np.searchsorted(row[order], np.arange(nl * nv + 1))
-            bit = 1 << (2 * np.argsort(layout.axes)[side // 2] + side % 2)
+            bit = np.full(len(at), _OWN)
+            bit[: len(side)] = 1 << (2 * np.argsort(layout.axes)[side // 2] + side % 2)
             table = np.column_stack([along, bit, number, number])[order]  # the last is not read
             rows[layout.number] = upload(device, "rows of faces", starts.astype(np.int32))
             listed[layout.number] = upload(device, "faces", table.astype(np.int32))

@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import qmc
 
 from cldit.transport.directions import focused, isotropic
+from cldit.transport.gather import fewest
 from cldit.transport.sobol import DIMENSIONS, points
 from cldit.transport.thick import FACE, nearest
 from cldit.transport.way import Way
@@ -128,3 +129,21 @@ def test_points_are_sobols() -> None:
     gray[index ^ (index >> 1)] = expected
     got = np.concatenate([points(0, 1), points(1, 2046), points(2047, 2049)])
     np.testing.assert_array_equal(got / 2.0**32, gray)
+
+
+def test_fewest_samples() -> None:
+    """No other shares of as many samples leave less, but for powers of two; and what is allowed is
+    nearly reached, or one tile goes on."""
+    rng = np.random.default_rng(2)
+    variance, size = rng.exponential(size=200) ** 4, rng.integers(1, 145, 200)
+    had = 1 << rng.integers(3, 8, 200)
+    got = fewest(variance * size / had, had, size, allowed=0.3)
+    assert np.all(np.log2(got) % 1 == 0)
+    left = (variance * size / got).sum()
+    assert 0.3 / 2 < left < 0.3 * 2
+    spent = (got * size).sum()
+    for other in (np.ones(200), variance, variance**0.25):
+        even = spent * other / (other * size).sum()
+        assert (variance * size / even).sum() > 1.1 * left
+    reached = fewest(np.array([1.0, 2.0]), np.array([64, 64]), np.array([9, 9]), allowed=2.9)
+    assert reached[1] == 128 and reached[0] <= 64

@@ -59,6 +59,13 @@ def test_faces_of_the_region() -> None:
         met = met[met >= 0]
         assert len(np.unique(met)) == len(met)
         assert met.max() < thick.rim
+    assert np.array_equal(
+        np.sort(thick.own[thick.own >= 0]), thick.rim - len(at) + np.arange(len(at))
+    )
+    assert {tuple(place) for place in thick.at[thick.own >= 0]} == at
+    order = np.argsort(thick.own)[-len(at) :]
+    np.testing.assert_array_equal(thick.address[order], cells.address[thick.listed])
+    assert thick.faces.max() < thick.rim - len(at)
     stored = thick.address >= 0
     np.testing.assert_array_equal(
         cells.positions(thick.address[stored]) - box.low, thick.at[stored]
