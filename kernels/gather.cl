@@ -10,14 +10,15 @@
 
    In deep cells, where no linear source will do, a flight collects what is scattered instead, and all
    of that goes on from one place, in a chain: by the phase function itself, in the medium as it is.
-   Chains of little weight end by Russian roulette, in which the cell's source stands for what is left,
-   and after LONGEST flights with that source alone: light that has been scattered so often has
-   forgotten where it came in. So every chain keeps its light to rounding. */
+   Chains of little weight end by Russian roulette, in which the light that sweeps found there stands
+   for what is left, and after LONGEST flights with that alone: light that has been scattered so often
+   has forgotten where it came in. So every chain keeps its light to rounding. */
 
 #include "attenuation.h"
 #include "boundary.h"
 #include "components.h"
 #include "directions.h"
+#include "moments.h"
 #include "phase.h"
 #include "random.h"
 #include "ray.h"
@@ -37,14 +38,15 @@
 #define ROULETTE R(0.3) /* weight under which a chain may end */
 
 /* A cell's record: optical depth of its edge; albedo of a deep cell, 0 of others; what it emits, if it
-   is deep; and the source of the last sweep: S_0 of all components, SLOPED: the x, y, z of S_1, LINEAR:
-   and how it changes across the cell along these. */
+   is deep; and the source of the last sweep: S_0 of all components, SLOPED: its moments (moments.h),
+   LINEAR: how S_0 changes across the cell along x, y, z. Of deep cells, the light that is scattered in
+   the same form, not yet times the albedo, and without what is emitted. */
 #define DEPTH 0
 #define ALBEDO 1
 #define EMISSION 2
 #define SOURCE (EMISSION + EMITTERS)
 #ifdef SLOPED
-#define ACROSS_IT (SOURCE + 4 * COMPONENTS)
+#define ACROSS_IT (SOURCE + (1 + MOMENTS) * COMPONENTS)
 #else
 #define ACROSS_IT (SOURCE + COMPONENTS)
 #endif
@@ -86,42 +88,50 @@ INLINE void score(real *sum, real weight, __global const real *light)
     sum[WITHIN] += weight * (R(1) - outside);
 }
 
+/* Adds what of a cell's source is seen along d: `all` of S_0 and its moments, and of how it changes
+   along x, y, z as much as the place lies off the cell's middle, times `all`. */
+INLINE void score_source(real *sum, real all, real3 place, real3 d, __global const real *record)
+{
+    __global const real *source = record + SOURCE;
+    /* Loops that do one thing each become vector instructions. */
+    real light[COMPONENTS];
+    for (int c = 0; c < COMPONENTS; ++c) light[c] = all * source[c];
+#ifdef SLOPED
+    const real sent[MOMENTS] = MOMENTS_SENT(d);
+    for (int m = 0; m < MOMENTS; ++m) {
+        const real counts = all * sent[m];
+        for (int c = 0; c < COMPONENTS; ++c) light[c] += counts * source[c + (1 + m) * COMPONENTS];
+    }
+#endif
+#ifdef LINEAR
+    __global const real *change = record + ACROSS_IT;
+    for (int c = 0; c < COMPONENTS; ++c)
+        light[c] += place.x * change[c] + place.y * change[c + COMPONENTS]
+            + place.z * change[c + 2 * COMPONENTS];
+#endif
+    real outside = R(0);
+    for (int c = 0; c < COMPONENTS; ++c) sum[c] += light[c];
+    for (int c = 0; c < BOUNDARIES; ++c) outside += light[c];
+    sum[WITHIN] += all - outside;
+}
+
 /* Adds what the cell at `s` sends that a flight from p along d crosses over `length`, of optical depth
    t, which takes out `share`. */
 INLINE void score_cell(
     real *sum, real weight, __global const real *record, real3 p, real3 d, const Step *s, real length,
     real t, real share)
 {
-    __global const real *source = record + SOURCE;
     const real all = weight * share;
-#ifdef SLOPED
-    const real ox = all * d.x, oy = all * d.y, oz = all * d.z;
-#endif
+    real3 place = (real3)(R(0));
 #ifdef LINEAR
     /* Where it is seen: less deep in the cell than in the middle of the way. */
-    __global const real *change = record + ACROSS_IT;
     const real middle = s->t + R(0.5) * length;
     const real nearer = weight * t * rising(t, share, mean_transmission(t, share)) * length;
-    const real ax = all * (p.x + middle * d.x - s->x - R(0.5)) - nearer * d.x;
-    const real ay = all * (p.y + middle * d.y - s->y - R(0.5)) - nearer * d.y;
-    const real az = all * (p.z + middle * d.z - s->z - R(0.5)) - nearer * d.z;
+    place.x = all * (p.x + middle * d.x - s->x - R(0.5)) - nearer * d.x;
+    place.y = all * (p.y + middle * d.y - s->y - R(0.5)) - nearer * d.y;
+    place.z = all * (p.z + middle * d.z - s->z - R(0.5)) - nearer * d.z;
 #endif
-    /* Loops that do one thing each become vector instructions. */
-    real light[COMPONENTS];
-    for (int c = 0; c < COMPONENTS; ++c) light[c] = all * source[c];
-#ifdef SLOPED
-    for (int c = 0; c < COMPONENTS; ++c)
-        light[c] += ox * source[c + COMPONENTS] + oy * source[c + 2 * COMPONENTS]
-            + oz * source[c + 3 * COMPONENTS];
-#endif
-#ifdef LINEAR
-    for (int c = 0; c < COMPONENTS; ++c)
-        light[c] += ax * change[c] + ay * change[c + COMPONENTS] + az * change[c + 2 * COMPONENTS];
-#endif
-    real outside = R(0);
-    for (int c = 0; c < COMPONENTS; ++c) sum[c] += light[c];
-    for (int c = 0; c < BOUNDARIES; ++c) outside += light[c];
-    sum[WITHIN] += all - outside;
+    score_source(sum, all, place, d, record);
 }
 
 /* One flight from p in `cell`, along d, the way back to where the light comes from; scores what it
@@ -261,20 +271,22 @@ INLINE void chain(
         }
         __global const real *met = flight(sum, &weight, &p, &cell, d, number, unit(word.z), m);
         if (!met || !(weight > R(0))) return;
-        /* Where it ends, and on average where it does not, the one source stands for what is left:
-           no light is made or lost by chance. */
-        if (event + 1 >= LONGEST) {
-            score(sum, weight, met + SOURCE);
-            return;
-        }
-        if (weight < floor_) {
-            if (unit(word.w) * floor_ >= weight) {
-                score(sum, weight, met + SOURCE);
-                return;
-            }
-            score(sum, weight - floor_, met + SOURCE);
+        /* Where it ends, and on average where it does not, light as the sweeps have it there stands
+           for what is left: no light is made or lost by chance. */
+        real known = R(0);
+        int ends = event + 1 >= LONGEST;
+        if (ends) {
+            known = weight;
+        } else if (weight < floor_) {
+            ends = unit(word.w) * floor_ >= weight;
+            known = ends ? weight : weight - floor_;
             weight = floor_;
         }
+        if (known != R(0)) {
+            const real3 place = p - (real3)(cell.x + R(0.5), cell.y + R(0.5), cell.z + R(0.5));
+            score_source(sum, known, known * place, d, met);
+        }
+        if (ends) return;
     }
 }
 

@@ -18,10 +18,10 @@
    cell, and by the phase function where there is one (PHASE_STEPS).
    ACROSS, with LINEAR: the excess is also found times the place in the cell, from its middle on; of
    this lies how light changes across it. Neither counts what is linear in the source itself.
-   FLUX: the excess is also found times each component of the direction that light comes from; of
-   this lies the first moment of the light in a cell.
-   SLOPED: a cell's source is more in one direction than in others, S = S_0 + S_1 . direction;
-   the excess is then over S_0.
+   FLUX: the excess is also found times what the direction that light comes from counts in its first
+   and second moments (moments.h); of this lie those of the light in a cell.
+   SLOPED: a cell's source is more in one direction than in others, by such moments of its own; the
+   excess is then over S_0, which is the same in all.
    LINEAR: it changes across some cells, by G along x, y, z from side to side. What a ray meets then is
    less at its middle than S by what that lies off the cell's; over all rays this is nothing, and is
    left out of the excess, where it would only be noise.
@@ -31,6 +31,7 @@
 #include "boundary.h"
 #include "components.h"
 #include "groups.h"
+#include "moments.h"
 
 #ifndef HAS_SCATTERING
 #error "the sweep is for scenes that scatter: define HAS_SCATTERING"
@@ -62,15 +63,15 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 #define REAL lane_t
 #include "attenuation.h"
 
-/* Planes of a cell: of S, S_0 of all components, then the x, y and z of S_1; of D likewise; of G, and
-   of the excess times the place in the cell, x, y and z. */
+/* Planes of a cell: of S, S_0 of all components, then its moments; of D likewise; of G, and of the
+   excess times the place in the cell, x, y and z. */
 #ifdef SLOPED
-#define SOURCE_PLANES (4 * COMPONENTS)
+#define SOURCE_PLANES ((1 + MOMENTS) * COMPONENTS)
 #else
 #define SOURCE_PLANES COMPONENTS
 #endif
 #ifdef FLUX
-#define EXCESS_PLANES (4 * COMPONENTS)
+#define EXCESS_PLANES ((1 + MOMENTS) * COMPONENTS)
 #else
 #define EXCESS_PLANES COMPONENTS
 #endif
@@ -163,6 +164,7 @@ __kernel void sweep(
 #ifdef TO_CAMERA
     , __global real *shares,       /* inout: sum of weights */
     __global const real *seen,     /* in: optical depth of a cell's edge as the camera sees it */
+    __global const real *even,     /* in: 1 over the mean transmission of that */
     __global const real *phase, const real4 camera
 #endif
 #ifdef RIM
@@ -216,6 +218,12 @@ __kernel void sweep(
         const real part = middle.w;
         const real stretch = beams[k].x * part;
         const real weight = beams[k].y * part;
+#ifdef SLOPED
+        const real sent[MOMENTS] = MOMENTS_SENT(back);
+#endif
+#ifdef FLUX
+        const real found[MOMENTS] = MOMENTS_FOUND(back);
+#endif
         for (int i = begin_units + lane; i < end_units; i += lanes) {
             const int cell = i * VECTOR;
             const int begin = begins[cell / GROUP].x;
@@ -234,7 +242,7 @@ __kernel void sweep(
                 continue;
             }
 #ifdef TO_CAMERA
-            const lane_t counts = seen_at(middle.y, CELLS_OF(seen + cell))
+            const lane_t counts = seen_at(middle.y, CELLS_OF(seen + cell), CELLS_OF(even + cell))
                 * (weight * counts_for(u, v, l, layout, back, camera, phase));
             CELLS(shares + cell) += counts;
 #else
@@ -254,8 +262,10 @@ __kernel void sweep(
                 __global real *ray = crossing + c * slots + u;
                 const lane_t intensity = RAYS(ray);
 #ifdef SLOPED
-                const lane_t slope = back.x * MOMENT_OF(s, 1) + back.y * MOMENT_OF(s, 2)
-                    + back.z * MOMENT_OF(s, 3);
+                const lane_t slope = sent[0] * MOMENT_OF(s, 1) + sent[1] * MOMENT_OF(s, 2)
+                    + sent[2] * MOMENT_OF(s, 3) + sent[3] * MOMENT_OF(s, 4)
+                    + sent[4] * MOMENT_OF(s, 5) + sent[5] * MOMENT_OF(s, 6)
+                    + sent[6] * MOMENT_OF(s, 7) + sent[7] * MOMENT_OF(s, 8);
                 lane_t gap = intensity - CELLS_OF(s) - slope;
                 lane_t more = slope * counts;
 #else
@@ -290,9 +300,7 @@ __kernel void sweep(
                 more += own;
                 CELLS(d) += more;
 #ifdef FLUX
-                MOMENT(d, 1) += back.x * more;
-                MOMENT(d, 2) += back.y * more;
-                MOMENT(d, 3) += back.z * more;
+                for (int m = 0; m < MOMENTS; ++m) MOMENT(d, 1 + m) += found[m] * more;
 #endif
                 RAYS(ray) = leaves - gap * share;
             }

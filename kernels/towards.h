@@ -2,18 +2,16 @@
    where in the cell the camera sees light come. Needs attenuation.h.
 
    The light that leaves a cell of optical depth `seen` towards the camera comes from the height y
-   (0 at the face that is nearer to it, 1 at the other) with density exp(-seen y) / mean. */
+   (0 at the face that is nearer to it, 1 at the other) with density exp(-seen y) / mean, the mean
+   being that of exp(-seen y), mean_transmission(seen). */
 #ifndef TOWARDS_H
 #define TOWARDS_H
 
 #include "attenuation.h"
 #include "phase.h"
 
-/* Light that crosses at the height y counts by this: 1 on average. */
-INLINE REAL seen_at(real y, REAL seen)
-{
-    return decay(y * seen) / mean_transmission(seen, absorbed(seen));
-}
+/* Light that crosses at the height y counts by this: 1 on average. even: 1 / mean. */
+INLINE REAL seen_at(real y, REAL seen, REAL even) { return decay(y * seen) * even; }
 
 #ifdef PHASE_STEPS
 

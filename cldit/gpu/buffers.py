@@ -35,12 +35,17 @@ def upload(device: Device, what: str, array: NDArray[Any]) -> Any:
     return cl.Buffer(device.context, flags, hostbuf=data)
 
 
-def zeros(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any:
-    """A device buffer of `count` zeros (at least one)."""
+def unset(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any:
+    """A device buffer of `count` numbers (at least one): any, until they are written."""
     size = max(1, count) * np.dtype(dtype).itemsize
     check_size(device, what, size)
-    buffer = cl.Buffer(device.context, cl.mem_flags.READ_WRITE, size)
-    clear(device, buffer, size)
+    return cl.Buffer(device.context, cl.mem_flags.READ_WRITE, size)
+
+
+def zeros(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any:
+    """A device buffer of `count` zeros (at least one)."""
+    buffer = unset(device, what, count, dtype)
+    clear(device, buffer, max(1, count) * np.dtype(dtype).itemsize)
     return buffer
 
 

@@ -35,10 +35,10 @@ Floats = NDArray[np.float64]
 _SAMPLES = 32  # of a pixel in the first round; a power of two, as in all rounds
 _GROWTH = 8  # of them at most, from one round to the next: their scatter is not known well
 _MOST_CHAINS = 1e8  # of a picture: some core-minutes
-_LONGEST = 32  # flights of a chain, after which the light is that of the sweeps
+_LONGEST = 128  # flights of a chain, after which the light is that of the sweeps
 _GROUP = 16
 _TILE = 12  # pixels along a tile's edge: some hundred tell their noise
-_NOISE = 0.8  # of the wanted error, which chains may leave: other errors are larger
+_NOISE = 0.55  # of the wanted error, which chains may leave: other errors are larger
 _BRIGHT = 3.0  # noise before walls as bright as the hottest cell, over that before gdi's own
 _STRETCH = 8  # numbers of a stretch within a thick cell, as in gather.cl
 

@@ -53,9 +53,9 @@ class ScatteringTable:
 
     @property
     def forward(self) -> float:
-        """Share of the scattering that counts as none in a delta-M expansion to the first moment:
-        the second moment, which is then right too (Wiscombe, J. Atmos. Sci. 34, 1977)."""
-        return max(float(self.moments(3)[2]), 0.0)
+        """Share of the scattering that counts as none in a delta-M expansion to the second moment:
+        the third moment, which is then right too (Wiscombe, J. Atmos. Sci. 34, 1977)."""
+        return max(float(self.moments(4)[3]), 0.0)
 
     def to_sample(self) -> Floats:
         """Cosines, cumulative shares, and the bins that the shares k / M lie in (3 M + 2,): as

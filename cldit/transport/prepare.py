@@ -6,10 +6,10 @@ thin, the solution is all there is to know. Two things make more of it, by furth
 With a phase function the solver's droplets scatter evenly what they turn on average (transport
 correction: scattering x (1 - g)), which is right where light goes to and fro, and too little where
 it is scattered once or twice. So the last sweeps are of another medium: of the phase function its
-second moment f counts as no scattering at all, and the rest is even but for a first moment
-(delta-M: Joseph, Wiscombe, Weinman, J. Atmos. Sci. 33, 1976; Wiscombe, ibid. 34, 1977). The mean
-and the first moment of the light in each cell come from sweeps of the solution, and of what is
-scattered in the other medium a few times more.
+third moment f counts as no scattering at all, and the rest is even but for a first and a second
+moment (delta-M: Joseph, Wiscombe, Weinman, J. Atmos. Sci. 33, 1976; Wiscombe, ibid. 34, 1977). The
+mean and the moments of the light in each cell come from sweeps of the solution, and of what is
+scattered in the other medium once more.
 
 Across thick cells light changes. What it is times the place in the cell tells how much, and their
 source is then linear in them (linear discontinuous, in one sweep after the other: Larsen and Morel,
@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from numpy.typing import NDArray
 from cldit.gpu.program import Program
 from cldit.transport.cells import OpticalCells
 from cldit.transport.gradients import limit
+from cldit.transport.moments import MOMENTS, scattered
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.solve import Solution
 from cldit.transport.sweep import Sweeper
@@ -72,7 +74,7 @@ def evenly(
 
 @dataclass(frozen=True)
 class _Light:
-    """moments (M, C, N): mean of the light in the cells; with a phase function its first moment.
+    """moments (M, C, N): mean of the light in the cells; with a phase function all of moments.py.
     changes (3, C, K): across the cells `changing`, if any."""
 
     moments: NDArray[np.floating]
@@ -83,7 +85,8 @@ class _Light:
 class _Solved:
     """What is left of the solver, without its sweeper and cells: as large as the last sweeps'.
 
-    albedo (N,), thermal (C, N): of the solver's cells. The others as in `Last`.
+    albedo (N,), thermal (C, N): of the solver's cells; room: for moments, if there are any. The
+    others as in `Last`.
     """
 
     solution: Solution
@@ -92,6 +95,7 @@ class _Solved:
     defect: Floats
     programs: tuple[Program, ...]
     sweeps: int
+    room: tuple[Any, ...]
 
     @classmethod
     def of(
@@ -104,15 +108,18 @@ class _Solved:
         sweeper = work.sweeper(cells, plain)
         solution = work.solution(sweeper, rng, report, more=0)
         programs = [plain]
-        shape = (1 if phase is None else 4, sweeper.components, sweeper.count)
+        shape = (1 if phase is None else MOMENTS, sweeper.components, sweeper.count)
         light = np.zeros(shape, sweeper.real)
         light[0, 1] = 1.0  # order 1: as if it came from the wall, all round
         changes = None
+        room: tuple[Any, ...] = ()
         if order != 1:
             if phase is not None:
+                room = sweeper.room(MOMENTS)
                 programs.append(work.program({**work.solver, "FLUX": 1}))
             sweeper.set_source(solution.source, shining=True)
-            sweeper.moments(programs[-1], work.rays(sweeper, work.few, rng), out=light)
+            rays = work.rays(sweeper, work.few, rng)
+            sweeper.moments(programs[-1], rays, out=light, room=room)
             solution = one_more(solution, solution.source, sweeper)
         if work.changing is not None:
             changes = np.zeros((3, shape[1], np.count_nonzero(work.changing)), sweeper.real)
@@ -120,7 +127,7 @@ class _Solved:
                 changes[:] = sweeper.gradients(light[0])[:, :, work.changing]
         solution, defect = work.checked(sweeper, solution)
         albedo, thermal, sweeps = sweeper.albedo, sweeper.thermal, sweeper.sweeps
-        solved = cls(solution, albedo, thermal, defect, tuple(programs), sweeps)
+        solved = cls(solution, albedo, thermal, defect, tuple(programs), sweeps, room)
         return solved, _Light(light, changes)
 
 
@@ -140,14 +147,12 @@ def by_moments(
     if work.settings.order is None:
         again = work.finding()
         programs = (*programs, again)
-        counts = (work.half,) if phase is None else (work.few, work.few, work.half // 2)
-        for count in counts:
-            source = _source(sweeper, light, phase)
-            sweeper.set_source(source.moments, shining=True, changes=source.changes)
-            rays = work.rays(sweeper, count, rng)
-            more = sweeper.moments(again, rays, out=light.moments)
-            if more is not None and source.changes is not None:
-                light = replace(light, changes=source.changes + more)
+        source = _source(sweeper, light, phase)
+        sweeper.set_source(source.moments, shining=True, changes=source.changes)
+        rays = work.rays(sweeper, work.half, rng)
+        more = sweeper.moments(again, rays, out=light.moments, room=solved.room)
+        if more is not None and source.changes is not None:
+            light = replace(light, changes=source.changes + more)
     if work.settings.order != 1:
         source_there = solved.albedo * light.moments[0] + solved.thermal
         solution = replace(solution, source=source_there.astype(sweeper.real))
@@ -170,14 +175,15 @@ def _records(
 
 
 def _source(sweeper: Sweeper, light: _Light, phase: ScatteringTable | None) -> _Light:
-    """Source of a sweeper's cells that scatter this light by a phase function of two moments;
+    """Source of a sweeper's cells that scatter this light by a phase function of three moments;
     moments: (M C, N), as sweeps take it."""
     albedo = sweeper.albedo.astype(light.moments.dtype)
     source = albedo * light.moments
     source[0] += sweeper.thermal
     if phase is not None:
-        first = (phase.asymmetry - phase.forward) / (1.0 - phase.forward)
-        source[1:] *= source.dtype.type(3.0 * first)
+        _, first, second = (phase.moments(3) - phase.forward) / (1.0 - phase.forward)
+        counts = scattered(float(first), float(second)).astype(source.dtype)
+        source[1:] *= counts[:, None, None]
     changes = None
     if light.changes is not None:
         some = sweeper.changing

@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.transport.moments import sent
 from cldit.transport.patches import NONE
 
 Floats = NDArray[np.float64]
@@ -81,11 +82,15 @@ def sweep(
         source: (C, nz, ny, nx), background first, wall second, then patches.
         back: (3,) unit vector to where the light comes from.
         start: (2,) where rays cross the cells of the first layer, 0 to 1.
-        slope: (3, C, nz, ny, nx), by which the source is more, times the components of `back`.
+        slope: (8, C, nz, ny, nx), the source's moments; see moments.py.
         across: (3, C, nz, ny, nx), by which it changes across a cell along x, y, z.
     """
     changes = np.zeros((3, *source.shape)) if across is None else across
-    more = np.zeros_like(source) if slope is None else np.tensordot(back, slope, axes=1)
+    more = (
+        np.zeros_like(source)
+        if slope is None
+        else np.tensordot(sent(back[None])[:, 0], slope, axes=1)
+    )
     main = int(np.argmax(np.abs(back)))
     axes = {0: (1, 2, 0), 1: (0, 2, 1), 2: (0, 1, 2)}[main]  # u, v, l as x, y, z
     order = [2 - axis for axis in (axes[2], axes[1], axes[0])]  # numpy axes of [l, v, u]
@@ -166,14 +171,14 @@ def _across_cells(
     """
     parts = np.zeros((3, *rays.shape))
 
-    def sent(at: float) -> Floats:
+    def source_at(at: float) -> Floats:
         return np.asarray(source + np.tensordot(middle + way * (at - 0.5), changes, axes=1))
 
     for place, share in zip(*_along_the_way(), strict=True):
         light = rays * np.exp(-depth * place)
         for before, part in zip(*_along_the_way(place), strict=True):
-            light = light + part * depth * sent(before) * np.exp(-depth * (place - before))
-        over = share * (light - sent(place))
+            light = light + part * depth * source_at(before) * np.exp(-depth * (place - before))
+        over = share * (light - source_at(place))
         parts += np.multiply.outer(middle + way * (place - 0.5), over)
     return parts
 

@@ -24,12 +24,12 @@ class Settings:
     """How a trace is carried out; `settings_for` derives it from the wanted accuracy.
 
     directions: of the sweeps that solve for the source; final_directions: of the two halves
-    together of the last sweep, twice those of the sweep before it; tolerance: RMS error allowed in
+    together of the last sweep, twice those of the one before it; tolerance: RMS error allowed in
     the source (weights are 0..1).
     accuracy_K, max_samples: where `path` stops, RMS error of T_app or samples a pixel. order: most
     scatterings, None for all; beyond it the wall is seen. phase: None is isotropic.
     gather: `source` has light change within cells; what those of an optical depth above `thick`
-    scatter to the camera is found by flights, until its noise is 0.8 of accuracy_K, or with
+    scatter to the camera is found by flights, until its noise is 0.55 of accuracy_K, or with
     max_samples a pixel. A fixed order has light even in cells, as the paper does.
     audit: `source` has some of its pixels traced by `path`, where it simplifies anything.
     """

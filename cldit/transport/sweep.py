@@ -9,7 +9,7 @@ import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
-from cldit.gpu.buffers import clear, download, upload, zeros
+from cldit.gpu.buffers import clear, download, unset, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
@@ -17,6 +17,7 @@ from cldit.transport.directions import Directions
 from cldit.transport.gradients import Gradients
 from cldit.transport.groups import GROUP, Groups
 from cldit.transport.layout import Layout, layouts
+from cldit.transport.moments import MOMENTS, found
 from cldit.transport.packed import PackedCells, Real
 from cldit.transport.patches import NONE, shifted
 from cldit.transport.rays import Rays
@@ -26,7 +27,6 @@ from cldit.transport.towards import ToCamera
 
 _MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
 
-_MOMENTS = 4  # of a source or of light: its mean, and the first moment's x, y, z
 _TOGETHER = 16  # directions: more take memory for rays, and gain nothing
 
 
@@ -70,7 +70,7 @@ class Sweeper:
         self._boundaries = cells.needs.boundaries
         self._sweep = sweep
         self._vector = int(sweep.defines["VECTOR"])
-        self._planes = self.components * (_MOMENTS if "SLOPED" in sweep.defines else 1)
+        self._planes = self.components * (MOMENTS if "SLOPED" in sweep.defines else 1)
         linear = "LINEAR" in sweep.defines
         some = np.ones(self.count, bool) if changing is None else changing
         self.changing = np.flatnonzero(some & linear)
@@ -97,7 +97,7 @@ class Sweeper:
             )
             for turned, groups in self.groups.items()
         }
-        self._excess, self._listed = self._room(self.components)
+        self._excess, self._listed = self.room(1)
         self._shining: bool | None = False  # what the cells that do not scatter hold
         self._lanes = device.info.largest_group
         each = max(
@@ -133,7 +133,7 @@ class Sweeper:
     def set_source(
         self, listed: NDArray[Any], *, shining: bool, changes: NDArray[Any] | None = None
     ) -> None:
-        """Puts the source (C, N) of the scattering cells into the box; (4 C, N) if it has a slope.
+        """Puts the source (C, N) of the scattering cells into the box; (9 C, N) if it has moments.
 
         shining: with the thermal source of all other cells; else these are black. changes
         (3, C, M): of S_0 across the cells `changing`, unless they are as neighbours have it.
@@ -179,12 +179,14 @@ class Sweeper:
         if items:
             self._kernels[kernel](self.device.queue, (items,), None, *arguments, np.int32(items))
 
-    def _room(self, planes: int) -> tuple[Any, Any]:
-        """Room for so many planes of the excess in either order of cells, and in the list."""
+    def room(self, moments: int) -> tuple[Any, ...]:
+        """Room for so many moments of the excess in either order of cells, which sweeps clear, and
+        in the list, which they write; as good for any other sweeper of this box."""
+        planes = moments * self.components
         most = max(groups.cells for groups in self.groups.values())
         return (
-            zeros(self.device, "excess", planes * most, self._real),
-            zeros(self.device, "list", planes * self.count, self._real),
+            unset(self.device, "excess", planes * most, self._real),
+            unset(self.device, "list", planes * self.count, self._real),
         )
 
     def _answer(self, kernel: str, *arguments: Any) -> NDArray[Any]:
@@ -206,24 +208,26 @@ class Sweeper:
         """Sweeps every direction; the excess D of the present source is then on the device."""
         self._along_all(self._sweep, rays, shining, self._excess, self._listed, self.components)
 
-    def moments(self, program: Program, rays: Rays, *, out: NDArray[Any]) -> NDArray[Any] | None:
+    def moments(
+        self, program: Program, rays: Rays, *, out: NDArray[Any], room: tuple[Any, ...] = ()
+    ) -> NDArray[Any] | None:
         """Finds the mean of the light in the scattering cells, and of what it is more than that
-        times each component of the direction that it comes from: the first moment, which no set
-        of directions then finds in even light.
+        the other moments (moments.py), which no set of directions then finds in even light.
 
-        program: sweep.cl with or without FLUX. out (4 or 1, C, N): takes them. With ACROSS it
-        returns how much more the light changes across the cells `changing` than their source,
-        (3, C, M): light that changes by G has a twelfth of it for its mean times the place.
+        program: sweep.cl with FLUX, and room for MOMENTS, or without. out (9 or 1, C, N): takes
+        them. With ACROSS it returns how much more the light changes across the cells `changing`
+        than their source, (3, C, M): light that changes by G has a twelfth of it for its mean times
+        the place.
         """
-        many = self.components * (_MOMENTS if "FLUX" in program.defines else 1)
-        excess, listed = self._room(many)
+        many = self.components * (MOMENTS if "FLUX" in program.defines else 1)
+        excess, listed = (self._excess, self._listed) if many == self.components else room
         across = self._along_all(program, rays, True, excess, listed, many)
         download(self.device, listed, out[: many // self.components])
-        weight, back = rays.directions.weight, rays.directions.unit
+        weight = rays.directions.weight
         if many > self.components:
-            leaning = (weight @ back / weight.sum()).astype(self._real)
+            leaning = found(rays.directions.unit) @ weight / weight.sum()
             for moment, lean in zip(out[1:], leaning, strict=True):
-                moment -= lean * out[0]
+                moment -= self._real(lean) * out[0]
         out[0] += self._real(weight.sum()) * self._read(self._list)
         return None if across is None else across * self._real(12 / weight.sum())
 
@@ -267,11 +271,11 @@ class Sweeper:
         return download(self.device, across[1], out)
 
     def _room_across(self) -> tuple[Any, Any]:
-        """As `_room`, for the excess times the place in cells across which sources change."""
+        """As `room`, for the excess times the place in cells across which sources change."""
         most = max(order.across_size for order in self._order.values())
         listed = 3 * self.components * len(self.changing)
         real = self._real
-        return zeros(self.device, "excess", most, real), zeros(self.device, "list", listed, real)
+        return unset(self.device, "excess", most, real), unset(self.device, "list", listed, real)
 
     def _towards(self, camera: ToCamera, route: Route) -> list[Any]:
         """What the kernel takes with TO_CAMERA, and with RIM."""
@@ -280,6 +284,7 @@ class Sweeper:
         return [
             camera.shares[route.layout.turned],
             camera.seen[route.layout.turned],
+            camera.even[route.layout.turned],
             camera.phase,
             place.astype(self._real),
             *([] if camera.light is None else camera.light.arguments(route.layout)),

@@ -27,9 +27,9 @@ _AROUND = 1  # so many cells around thick ones are of their region
 # Optical depth of a cell beyond which a source that is linear in it is not enough: its skin is a
 # small part of it.
 _DEEP = 1.5
-# Albedo from which thick cells count as deep as well: what two moments of a phase function leave
-# out adds up where light is scattered often.
-_OFTEN = 0.9
+# Albedo from which thick cells count as deep as well: what a source that is linear, with few
+# moments of a phase function, leaves out adds up where light is scattered often.
+_OFTEN = 0.8
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,8 @@ class ThickCells:
         changing: NDArray[np.intp],
     ) -> NDArray[np.float64]:
         """(R, 2 + E + M C + 3 C) as in kernels/gather.cl: optical depth; albedo and emission of
-        deep cells, in which chains go on; the last sweep's source, and its changes.
+        deep cells, in which chains go on; the last sweep's source, and its changes; of deep cells
+        these of what they scatter, over their albedo.
 
         seen, cells: the medium as it is, and as that sweep has it; source (M C, N): of its
         scattering cells; changes (3, C, K): across those of them that `changing` (K,) lists, or
@@ -119,12 +120,14 @@ class ThickCells:
             among[changing] = np.arange(len(changing))
             among = np.where(scatters, among[number], NONE)
             across = np.where(among >= 0, changes.reshape(-1, len(changing))[:, among], 0.0)
+        sent[first : first + len(emission), deep] -= emission[:, deep]
+        scattered = np.where(deep, cells.albedo[number], 1.0)
         columns = [
             np.where(deep, seen.depth[address], cells.depth[address]),
             np.where(deep, seen.albedo[number], 0.0),
             *np.where(deep, seen.thermal_planes(np.float64, address), 0.0),
-            *sent,
-            *across,
+            *(sent / scattered),
+            *(across / scattered),
         ]
         out = np.zeros((len(self.at), len(columns)))
         out[stored] = np.column_stack(columns)

@@ -36,9 +36,10 @@ _THICK_BY_PHASE = 0.25
 def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     """Directions and tolerance for the accuracy that the scene asks for.
 
-    The last sweep, which makes the picture, has twice as many as `transport.directions`; the
-    solver makes do with a quarter of these, for further sweeps with more of them follow. With a
-    phase function flights start in thinner cells: what lies behind a cell then matters within it.
+    The last sweep, which makes the picture, has twice as many as `transport.directions`, with a
+    phase function three times; the solver makes do with a quarter of these, for further sweeps
+    with more of them follow. With a phase function flights start in thinner cells: what lies behind
+    a cell then matters within it.
 
     Args:
         mie: mean phase function of the droplets, where the scene's phase is `mie`, or is left out
@@ -53,7 +54,7 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     directions = spec.directions or few
     return Settings(
         directions=max(8, directions // 4),
-        final_directions=2 * directions,
+        final_directions=(2 if phase is None else 3) * directions,
         tolerance=float(np.clip(3e-5 / finer, 1e-6, 3e-4)),
         order=spec.order,
         cutoff=spec.cutoff,

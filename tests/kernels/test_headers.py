@@ -169,7 +169,8 @@ def test_what_is_seen_at_a_height_is_1_on_average(apply: Any) -> None:
     nodes, weights = np.polynomial.legendre.leggauss(60)
     y = ((nodes + 1) / 2).astype(np.float32)
     for depth in (1e-4, 0.3, 4.0):
-        got = apply("towards.h", "seen_at(a, b)", [y, np.full_like(y, depth)])
+        even = 1 / mean_transmission(np.full(len(y), depth))
+        got = apply("towards.h", "seen_at(a, b, c)", [y, np.full_like(y, depth), even])
         assert np.sum(weights * got) / 2 == pytest.approx(1.0, abs=20 * ULP)
 
 

@@ -19,6 +19,7 @@ from cldit.scene.vessel import Patch
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import Directions, isotropic
 from cldit.transport.filled import Filled
+from cldit.transport.moments import MOMENTS, found
 from cldit.transport.patches import patch_rows, shifted
 from cldit.transport.phase import henyey_greenstein
 from cldit.transport.reference import march, sweep
@@ -149,8 +150,8 @@ def test_sweep_against_numpy(
 def moments(
     device: Device, cells: OpticalCells, flags: dict[str, Any], *, vector: int
 ) -> dict[str, NDArray[np.floating]]:
-    """Of the kernel ("got") and of the NumPy twin ("expected") mean and first moment of the light
-    (4, C, N), by twelve directions, from a source by chance; "given": that source, (1 or 4, C, N),
+    """Of the kernel ("got") and of the NumPy twin ("expected") moments of the light
+    (9, C, N), by twelve directions, from a source by chance; "given": that source, (1 or 9, C, N),
     "changes": how it changes across cells (3, C, M); "more": with ACROSS, how much more the
     light does, and "expected more"."""
     defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1, "VECTOR": vector}
@@ -160,7 +161,7 @@ def moments(
     iterate = build(device, "iterate.cl", defines)
     sweeper = Sweeper(device, cells, program, iterate, disc=DISC, changing=changing)
     directions, starts = isotropic(12, rng), rng.random((12, 2))
-    moments = 4 if "SLOPED" in flags else 1
+    moments = MOMENTS if "SLOPED" in flags else 1
     given = rng.uniform(-0.3, 1.0, (moments, sweeper.components, sweeper.count))
     changes = rng.uniform(-0.5, 0.5, (3, sweeper.components, len(sweeper.changing)))
     sweeper.set_source(
@@ -170,16 +171,17 @@ def moments(
     )
     if sweeper.gradients is not None:
         changes = sweeper.gradients(given[0])
-    got = np.empty((4, sweeper.components, sweeper.count), sweeper.real)
-    more = sweeper.moments(program, sweeper.rays(directions, starts), out=got)
+    got = np.empty((MOMENTS, sweeper.components, sweeper.count), sweeper.real)
+    rays, room = sweeper.rays(directions, starts), sweeper.room(MOMENTS)
+    more = sweeper.moments(program, rays, out=got, room=room)
 
     box = sweeper.box
-    planes = np.zeros((7, sweeper.components, len(cells.depth)))
+    planes = np.zeros((MOMENTS + 3, sweeper.components, len(cells.depth)))
     planes[0] = source_planes(cells)
     planes[:moments, :, cells.address] = given
-    planes[4:, :, cells.address[sweeper.changing]] = changes
+    planes[MOMENTS:, :, cells.address[sweeper.changing]] = changes
     dense = np.array([[cells.dense(box, plane) for plane in some] for some in planes])
-    expected = np.zeros_like(dense[:4])
+    expected = np.zeros_like(dense[:MOMENTS])
     across = np.zeros_like(dense[:3])
     for unit, weight, start in zip(directions.unit, directions.weight, starts, strict=True):
         excess = sweep(
@@ -190,40 +192,42 @@ def moments(
             start=start,
             centre=DISC[:3] - box.low,
             radius=4.0,
-            slope=dense[1:4],
-            across=dense[4:],
+            slope=dense[1:MOMENTS],
+            across=dense[MOMENTS:],
         )
-        expected += np.multiply.outer([1.0, *unit], weight * dense[0] + excess[0])
+        expected += np.multiply.outer(
+            [1.0, *found(unit[None])[:, 0]], weight * dense[0] + excess[0]
+        )
         across += excess[1:]
     total = directions.weight.sum()
-    expected[1:] -= np.multiply.outer(directions.weight @ directions.unit, expected[0])
+    expected[1:] -= np.multiply.outer(found(directions.unit) @ directions.weight, expected[0])
     place = cells.place(box, cells.address)
-    found = {
+    both = {
         "got": got,
-        "expected": expected.reshape(4, len(dense[0]), -1)[:, :, place],
+        "expected": expected.reshape(MOMENTS, len(dense[0]), -1)[:, :, place],
         "given": given,
         "changes": changes,
     }
     if more is not None:
         here = place[sweeper.changing]
-        found["more"] = more
-        found["expected more"] = 12 / total * across.reshape(3, len(dense[0]), -1)[:, :, here]
-    return found
+        both["more"] = more
+        both["expected more"] = 12 / total * across.reshape(3, len(dense[0]), -1)[:, :, here]
+    return both
 
 
 @pytest.mark.parametrize("vector", [1, 8])
-def test_first_moments_against_numpy(device: Device, vector: int) -> None:
-    """Sources that are more in one direction than in others, and the first moment of the light."""
+def test_moments_against_numpy(device: Device, vector: int) -> None:
+    """Sources that are more in one direction than in others, and the moments of the light."""
     cells = OpticalCells.of(random_tree(3))
-    found = moments(device, cells, {"SLOPED": 1}, vector=vector)
+    light = moments(device, cells, {"SLOPED": 1}, vector=vector)
     # As above: a ray's few roundings in each of at most 16 cells.
-    np.testing.assert_allclose(found["got"], found["expected"], atol=2e-6)
+    np.testing.assert_allclose(light["got"], light["expected"], atol=2e-6)
 
 
 @pytest.mark.parametrize("vector", [1, 8])
 @pytest.mark.parametrize("sloped", [False, True])
 def test_gradients_against_numpy(device: Device, vector: int, sloped: bool) -> None:
-    """Sources that change across their cells, with and without a first moment."""
+    """Sources that change across their cells, with and without moments."""
     tree = random_tree(3)
     fields = {name: 8 * values for name, values in tree.fields.items()}
     every = OpticalCells.of(tree)
@@ -233,10 +237,10 @@ def test_gradients_against_numpy(device: Device, vector: int, sloped: bool) -> N
     fields["vapour_absorption"] = fields["vapour_absorption"] / 1e5
     cells = OpticalCells.of(replace(tree, fields=fields))
     flags: dict[str, Any] = {"LINEAR": 1, **({"SLOPED": 1} if sloped else {})}
-    found = moments(device, cells, flags, vector=vector)
-    assert np.mean(np.any(found["changes"] != 0, axis=(0, 1))) > 0.2  # the test is of something
+    light = moments(device, cells, flags, vector=vector)
+    assert np.mean(np.any(light["changes"] != 0, axis=(0, 1))) > 0.2  # the test is of something
     # A few roundings in each of at most 16 cells; `rising` is the difference of numbers next to 1.
-    np.testing.assert_allclose(found["got"], found["expected"], atol=4e-6)
+    np.testing.assert_allclose(light["got"], light["expected"], atol=4e-6)
 
 
 @pytest.mark.parametrize("vector", [1, 8])
@@ -248,10 +252,10 @@ def test_light_across_cells_against_numpy(device: Device, vector: int, deeper: f
     cells = OpticalCells.of(
         replace(tree, fields={name: deeper * values for name, values in tree.fields.items()})
     )
-    found = moments(device, cells, {"LINEAR": 1, "SLOPED": 1, "ACROSS": 1}, vector=vector)
-    np.testing.assert_allclose(found["got"], found["expected"], atol=4e-6)
+    light = moments(device, cells, {"LINEAR": 1, "SLOPED": 1, "ACROSS": 1}, vector=vector)
+    np.testing.assert_allclose(light["got"], light["expected"], atol=4e-6)
     # Twelve times as much as the means; sources of 3 in all, where they have a slope.
-    np.testing.assert_allclose(found["more"], found["expected more"], atol=5e-5)
+    np.testing.assert_allclose(light["more"], light["expected more"], atol=5e-5)
 
 
 def test_light_in_opaque_cells_changes_as_their_source(device: Device) -> None:
@@ -259,9 +263,9 @@ def test_light_in_opaque_cells_changes_as_their_source(device: Device) -> None:
     tree = random_tree(3)
     fields = {name: 1e6 * values for name, values in tree.fields.items()}
     cells = OpticalCells.of(replace(tree, fields=fields))
-    found = moments(device, cells, {"LINEAR": 1, "ACROSS": 1}, vector=8)
-    assert np.abs(found["changes"]).max() > 0.3
-    assert np.abs(found["more"]).max() < 5e-4
+    light = moments(device, cells, {"LINEAR": 1, "ACROSS": 1}, vector=8)
+    assert np.abs(light["changes"]).max() > 0.3
+    assert np.abs(light["more"]).max() < 5e-4
 
 
 def test_sweep_of_one_row_is_exact(device: Device) -> None:
