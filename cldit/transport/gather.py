@@ -32,7 +32,7 @@ from cldit.transport.view import upload_tree
 
 Floats = NDArray[np.float64]
 
-_SAMPLES = 32  # of a pixel in the first round; a power of two, as in all rounds
+_SAMPLES = 16  # of a pixel in the first round; a power of two, as in all rounds
 _GROWTH = 8  # of them at most, from one round to the next: their scatter is not known well
 _MOST_CHAINS = 1e8  # of a picture: some core-minutes
 _LONGEST = 128  # flights of a chain, after which the light is that of the sweeps

@@ -149,7 +149,7 @@ def by_moments(
         programs = (*programs, again)
         source = _source(sweeper, light, phase)
         sweeper.set_source(source.moments, shining=True, changes=source.changes)
-        rays = work.rays(sweeper, work.half, rng)
+        rays = work.rays(sweeper, work.many, rng)
         more = sweeper.moments(again, rays, out=light.moments, room=solved.room)
         if more is not None and source.changes is not None:
             light = replace(light, changes=source.changes + more)

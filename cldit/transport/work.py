@@ -27,6 +27,7 @@ Floats = NDArray[np.float64]
 # Optical depth of cells across which sources change in the last sweeps: in others that is little
 # beside how much it depends on chance, with as many directions as there are.
 _CHANGING = 0.25
+_FORGETTING = 4  # times the solver's directions
 _CHECKED = 8  # directions on which the sweeps are checked for what they make or lose
 
 
@@ -130,8 +131,13 @@ class Work:
 
     @property
     def few(self) -> int:
-        """Directions of the sweeps between the solver's and the last."""
+        """Directions of the first sweep after the solver's."""
         return self.settings.directions if self.settings.order is None else self.half
+
+    @property
+    def many(self) -> int:
+        """Directions of the sweep before the last, which makes the source forget the few."""
+        return _FORGETTING * self.settings.directions
 
     def solution(
         self,
