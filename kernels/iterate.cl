@@ -1,27 +1,34 @@
 /* Between sweeps: sources into the box, and how far they are from the equation of transfer.
 
-   Scattering cells are handled as a list, [component][cell]. The box holds everything twice, in
-   groups along x and along y (the turned ones): `place` and `turned` say where a cell lies. */
+   Scattering cells are handled as a list, [component][cell]. The box is swept in groups along x and
+   in groups along y (the turned ones): `place` and `turned` say where a cell lies. */
 
 #include "real.h"
 #include "components.h"
 #include "groups.h"
 
-/* Both boxes' planes, of so many a cell: those from `first` on, from the list. */
-__kernel void set_source(
-    __global real *source, __global real *source_turned, __global const real *listed,
-    __global const int *place, __global const int *turned, const int first, const int planes,
+/* A box's source, of so many planes a cell: what its cells emit, [emitter][cell], and nothing else. */
+__kernel void emit(
+    __global real *source, __global const real *thermal, const int planes, const int emitters,
     const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
+    const int at = first_plane(i, planes);
+    for (int p = 0; p < planes; ++p) source[at + p * GROUP] = R(0);
+    for (int e = 0; e < emitters; ++e)
+        source[at + (BOUNDARIES + e) * GROUP] = thermal[e * count + i];
+}
+
+/* A box's planes, of so many a cell: those from `first` on, from the list. */
+__kernel void set_source(
+    __global real *source, __global const real *listed, __global const int *place,
+    const int first, const int planes, const int count)
+{
+    const int i = get_global_id(0);
+    if (i >= count) return;
     const int at = first_plane(place[i], planes) + first * GROUP;
-    const int also = first_plane(turned[i], planes) + first * GROUP;
-    for (int c = 0; c < COMPONENTS; ++c) {
-        const real value = listed[c * count + i];
-        source[at + c * GROUP] = value;
-        source_turned[also + c * GROUP] = value;
-    }
+    for (int c = 0; c < COMPONENTS; ++c) source[at + c * GROUP] = listed[c * count + i];
 }
 
 /* Change of the listed source across each cell along x, y, z, from neighbours' (see

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyopencl as cl
 from numpy.typing import NDArray
 
 from cldit.gpu.buffers import upload, zeros
@@ -21,10 +20,9 @@ Real = type[np.float32] | type[np.float64]
 class PackedCells:
     """The box's groups of cells in one order, and the device's arrays of them.
 
-    place: of the scattering cells among the cells of all groups. source: planes side by side in
-    each group; thermal, not on the device: the sources of what emits, (G, GROUP) each. changed,
-    across: place of those cells across which sources change among the cells of the groups that have
-    any, and what the changes are, of `across_size` numbers in all.
+    place: of the scattering cells among the cells of all groups. thermal: sources of what emits,
+    [emitter][cell]. changed, across: place of those cells across which sources change among the
+    cells of the groups that have any, and what the changes are, of `across_size` numbers in all.
     """
 
     groups: Groups
@@ -32,9 +30,7 @@ class PackedCells:
     begins: Any
     place: Any
     depth: Any
-    source: Any
-    thermal: list[NDArray[Any]]
-    shape: tuple[int, int, int]  # of `source`
+    thermal: Any
     changed: Any
     across: Any
     across_size: int
@@ -49,7 +45,6 @@ class PackedCells:
         real: Real,
         *,
         turned: bool,
-        planes: int,
         changing: NDArray[np.intp],
     ) -> PackedCells:
         """changing (M,): scattering cells across which sources change."""
@@ -57,7 +52,7 @@ class PackedCells:
         def packed(values: NDArray[np.float64]) -> NDArray[Any]:
             return groups.packed(turned_too(cells.dense(box, values.astype(real)))[turned])
 
-        thermal = [packed(cells.emitted[name]) for name in cells.needs.emitters]
+        thermal = np.array([packed(cells.emitted[name]) for name in cells.needs.emitters], real)
         x, y, z = (cells.positions(cells.address) - np.asarray(box.low)).T
         _, ny, nz = box.shape
         place = groups.places(x * nz + z, y) if turned else groups.places(z * ny + y, x)
@@ -72,17 +67,8 @@ class PackedCells:
             begins=upload(device, "groups", np.column_stack([groups.along, number])),
             place=upload(device, "places", place),
             depth=upload(device, "optical depth", packed(cells.depth)),
-            source=zeros(device, "source", planes * groups.cells, real),
-            thermal=thermal,
-            shape=(len(groups), planes, GROUP),
+            thermal=upload(device, "thermal sources", thermal),
             changed=upload(device, "places", (within * GROUP + lane).astype(np.int32)),
             across=zeros(device, "changes across cells", across_size, real),
             across_size=across_size,
         )
-
-    def shine(self, device: Device, boundaries: int, real: Real) -> None:
-        """Puts the source of what emits, and nothing else, into the box."""
-        source = np.zeros(self.shape, real)
-        for number, plane in enumerate(self.thermal, boundaries):
-            source[:, number] = plane
-        cl.enqueue_copy(device.queue, self.source, source)

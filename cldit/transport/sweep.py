@@ -44,9 +44,10 @@ def _slots(layout: Layout) -> int:
 class Sweeper:
     """The swept box on the device.
 
-    Holds optical depths and source in groups of cells along x, and once more in groups along y
-    (turned), so that rays along x go through rows of memory as those along y and z do. The excess
-    is found in one after the other, and listed.
+    Holds optical depths in groups of cells along x, and once more in groups along y (turned), so
+    that rays along x go through rows of memory as those along y and z do. The source is put into
+    the one and then into the other, from the list of scattering cells, and the excess found there
+    and listed.
     """
 
     def __init__(
@@ -92,20 +93,22 @@ class Sweeper:
                 groups,
                 real,
                 turned=turned,
-                planes=self._planes,
                 changing=self.changing,
             )
             for turned, groups in self.groups.items()
         }
         self._excess, self._listed = self.room(1)
-        self._shining: bool | None = False  # what the cells that do not scatter hold
+        most = max(groups.cells for groups in self.groups.values())
+        self._source = unset(device, "source", self._planes * most, real)
+        self._given: NDArray[Any] = np.zeros((self._planes, self.count), real)
+        self._shining = False
         self._lanes = device.info.largest_group
         each = max(
             layout.size[1] * self.components * _slots(layout)
             for layout in layouts(self.box.shape).values()
         )
-        most = device.info.largest_buffer_bytes // (each * np.dtype(real).itemsize)
-        self._together = max(1, min(_TOGETHER, most))
+        fit = device.info.largest_buffer_bytes // (each * np.dtype(real).itemsize)
+        self._together = max(1, min(_TOGETHER, fit))
         self._rays = zeros(device, "rays", self._together * each, real)
         self.albedo = cells.albedo
         self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
@@ -136,42 +139,42 @@ class Sweeper:
         """Puts the source (C, N) of the scattering cells into the box; (9 C, N) if it has moments.
 
         shining: with the thermal source of all other cells; else these are black. changes
-        (3, C, M): of S_0 across the cells `changing`, unless they are as neighbours have it.
+        (3, C, M): of S_0 across the cells `changing`, unless they are as neighbours have it. Every
+        sweep reads `listed` anew.
         """
-        if self._shining is not shining:
-            for order in self._order.values():
-                if shining:
-                    order.shine(self.device, self._boundaries, self._real)
-                else:
-                    size = np.dtype(self._real).itemsize
-                    clear(self.device, order.source, size * int(np.prod(order.shape)))
-            self._shining = shining
+        self._given, self._shining = listed, shining
+        orders = self._order.values()
         if changes is not None:
-            self._put(changes.reshape(-1, len(self.changing)), *self._changed())
-        self._put_source(listed)
-
-    def _put_source(self, listed: NDArray[Any]) -> None:
-        self._put(listed, [order.source for order in self._order.values()], self._places())
+            for order in orders:
+                self._put(changes.reshape(-1, len(self.changing)), order.across, order.changed)
         if self._neighbours:
-            across, changed = self._changed()
+            self._to_list(listed[: self.components])
+            across, changed = zip(*((order.across, order.changed) for order in orders), strict=True)
             self._of_list("set_gradients", *across, self._list, *changed, *self._neighbours)
 
-    def _put(self, planes: NDArray[Any], into: list[Any], places: list[Any]) -> None:
+    def _fill(self, order: PackedCells, *, cavity: bool) -> None:
+        """Puts the present source into the box, in one order of its cells. cavity: all cells emit
+        1 besides."""
+        count, emitters = order.groups.cells, self.components - self._boundaries
+        thermal = order.thermal
+        if cavity and emitters:
+            ones = np.zeros((emitters, count), self._real)
+            ones[0] = 1.0
+            thermal = upload(self.device, "thermal sources", ones)
+        numbers = (np.int32(self._planes), np.int32(emitters if self._shining else 0))
+        self._of_list("emit", self._source, thermal, *numbers, count=count)
+        self._put(self._given, self._source, order.place)
+
+    def _put(self, planes: NDArray[Any], into: Any, place: Any) -> None:
         """Of the planes, C at a time; the first stay in the list."""
         for first in reversed(range(0, len(planes), self.components)):
-            some = np.ascontiguousarray(planes[first : first + self.components], self._real)
-            cl.enqueue_copy(self.device.queue, self._list, some)
+            self._to_list(planes[first : first + self.components])
             numbers = (np.int32(first), np.int32(len(planes)))
             count = planes.shape[1]
-            self._of_list("set_source", *into, self._list, *places, *numbers, count=count)
+            self._of_list("set_source", into, self._list, place, *numbers, count=count)
 
-    def _places(self) -> list[Any]:
-        return [order.place for order in self._order.values()]
-
-    def _changed(self) -> tuple[list[Any], list[Any]]:
-        """The changes of either order, and where those of the cells `changing` lie."""
-        orders = self._order.values()
-        return [order.across for order in orders], [order.changed for order in orders]
+    def _to_list(self, planes: NDArray[Any]) -> None:
+        cl.enqueue_copy(self.device.queue, self._list, np.ascontiguousarray(planes, self._real))
 
     def _of_list(self, kernel: str, *arguments: Any, count: int | None = None) -> None:
         """Runs a kernel over the scattering cells, or so many."""
@@ -204,9 +207,10 @@ class Sweeper:
             self.device, self.box, directions, starts, together=self._together, real=self._real
         )
 
-    def sweep(self, rays: Rays, *, shining: bool) -> None:
+    def sweep(self, rays: Rays, *, shining: bool, cavity: bool = False) -> None:
         """Sweeps every direction; the excess D of the present source is then on the device."""
-        self._along_all(self._sweep, rays, shining, self._excess, self._listed, self.components)
+        room = (self._excess, self._listed, self.components)
+        self._along_all(self._sweep, rays, shining, *room, cavity=cavity)
 
     def moments(
         self, program: Program, rays: Rays, *, out: NDArray[Any], room: tuple[Any, ...] = ()
@@ -240,6 +244,8 @@ class Sweeper:
         listed: Any,
         planes: int,
         camera: ToCamera | None = None,
+        *,
+        cavity: bool = False,
     ) -> NDArray[Any] | None:
         """Sweeps every direction, those through one order of cells after those through the other,
         which share the room for the excess; `listed` then has its planes for the scattering cells.
@@ -248,6 +254,7 @@ class Sweeper:
         size = np.dtype(self._real).itemsize
         across = self._room_across() if "ACROSS" in program.defines else ()
         for turned, order in self._order.items():
+            self._fill(order, cavity=cavity)
             clear(self.device, excess, size * planes * order.groups.cells)
             if across:
                 clear(self.device, across[0], size * order.across_size)
@@ -310,7 +317,7 @@ class Sweeper:
             order.first,
             order.begins,
             order.depth,
-            order.source,
+            self._source,
             *excess,
             np.int32(layout.number),
             *(np.int32(count) for count in layout.size),
@@ -337,15 +344,10 @@ class Sweeper:
         b, real = self._boundaries, self._real
         parts = np.zeros((self.components, self.count), real)
         parts[:b] = listed[:b]
-        for order in self._order.values():
-            source = np.zeros(order.shape, real)
-            source[:, b : b + 1] = 1.0
-            cl.enqueue_copy(self.device.queue, order.source, source)
-        self._shining = None
         if self.components > b:
             parts[b] = 1.0 - listed[:b].sum(axis=0)
-        self._put_source(parts)
-        self.sweep(rays, shining=True)
+        self.set_source(parts, shining=True)
+        self.sweep(rays, shining=True, cavity=True)
         total = self._read(self._listed).sum(axis=0, dtype=np.float64)
         missing = parts.sum(axis=0, dtype=np.float64) - 1.0
         return np.asarray(total / rays.directions.weight.sum() + missing)
@@ -366,7 +368,8 @@ class Sweeper:
         """Mean radiance (C, N) of the scattering cells, as the camera sees them."""
         excess, listed, planes = self._excess, self._listed, self.components
         self._along_all(camera.program, rays, True, excess, listed, planes, camera)
-        return self._answer("weighted_mean", *camera.shares.values(), *self._places())
+        places = [order.place for order in self._order.values()]
+        return self._answer("weighted_mean", *camera.shares.values(), *places)
 
     def residual(self, *, shining: bool) -> NDArray[Any]:
         """Preconditioned residual (C, N) of the present source and its excess."""
