@@ -13,6 +13,7 @@ import pyopencl as cl
 
 from cldit.errors import KernelError
 from cldit.gpu.device import Device
+from cldit.gpu.freed import give_back_freed
 from cldit.gpu.source import assemble
 
 Define = int | float | str
@@ -63,6 +64,7 @@ def build(device: Device, name: str, defines: Mapping[str, Define]) -> Program:
     except cl.Error as error:
         hint = _OLD_POCL if "unknown target CPU" in str(error) else ""
         raise KernelError(f"kernels/{name} with {' '.join(options)}:\n{error}{hint}") from error
+    give_back_freed()
     return Program(
         name=name,
         defines=dict(defines),

@@ -38,7 +38,7 @@ _MOST_CHAINS = 1e8  # of a picture: some core-minutes
 _LONGEST = 128  # flights of a chain, after which the light is that of the sweeps
 _GROUP = 16
 _TILE = 12  # pixels along a tile's edge: some hundred tell their noise
-_NOISE = 0.55  # of the wanted error, which chains may leave: other errors are larger
+_NOISE = 0.5  # of the wanted error, which chains may leave: other errors are larger
 _BRIGHT = 3.0  # noise before walls as bright as the hottest cell, over that before gdi's own
 _STRETCH = 8  # numbers of a stretch within a thick cell, as in gather.cl
 

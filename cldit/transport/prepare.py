@@ -48,7 +48,7 @@ class Last:
     """
 
     sweeper: Sweeper
-    records: Floats | None
+    records: NDArray[np.floating] | None
     solution: Solution
     defect: Floats
     programs: tuple[Program, ...]
@@ -164,7 +164,7 @@ def by_moments(
 
 def _records(
     work: Work, thick: ThickCells | None, cells: OpticalCells, sweeper: Sweeper, source: _Light
-) -> Floats | None:
+) -> NDArray[np.floating] | None:
     """What flights meet, in cells that send this source; None where none are thick."""
     if thick is None:
         return None

@@ -65,15 +65,23 @@ def scattered_light(
         last = evenly(work, thick, rng, report)
     else:
         last = by_moments(work, towards, thick, rng, report)
-    halves, across, ends = _swept_to_camera(work, towards, last, thick)
+    halves, light, ends = _swept_to_camera(work, towards, last, thick)
+    solution = replace(last.solution, towards=np.mean(halves, axis=0))
+    defect, programs = last.defect, (work.iterate, *last.programs, towards)
+    sweeps = last.earlier + last.sweeper.sweeps
+    del last  # with what the sweeper has on the device
+    across: NDArray[np.floating] | None = None
+    if settings.within_cells:
+        across = across_cells(light, seen, seen.box())
+        across *= seen.albedo.astype(light.dtype)
     return Scattered(
         halves=halves,
         across=across,
-        solution=replace(last.solution, towards=np.mean(halves, axis=0)),
-        defect=last.defect,
+        solution=solution,
+        defect=defect,
         ends=ends,
-        programs=(work.iterate, *last.programs, towards),
-        counts={**_counts(seen), "sweeps": last.earlier + last.sweeper.sweeps},
+        programs=programs,
+        counts={**_counts(seen), "sweeps": sweeps},
     )
 
 
@@ -99,11 +107,9 @@ def _counts(seen: OpticalCells) -> dict[str, int]:
 
 def _swept_to_camera(
     work: Work, program: Program, last: Last, thick: ThickCells | None
-) -> tuple[
-    tuple[NDArray[np.floating], NDArray[np.floating]], NDArray[np.floating] | None, Ends | None
-]:
-    """Both halves of the last sweeps, (C, N) each, their change across cells, (3, C, N), and what
-    they leave for flights."""
+) -> tuple[tuple[NDArray[np.floating], NDArray[np.floating]], NDArray[np.floating], Ends | None]:
+    """Both halves of the last sweeps, (C, N) each, the mean of the light that they found, (C, N),
+    and what they leave for flights."""
     settings, seen, view, sweeper = work.settings, work.seen, work.view, last.sweeper
     rng = np.random.default_rng([settings.seed, 1])  # alike whatever the order, to compare orders
     half = work.half
@@ -135,8 +141,4 @@ def _swept_to_camera(
         mean = sweeper.weighted_mean(camera, rays).astype(np.float64)
         halves.append((thermal + seen.albedo * mean).astype(sweeper.real))
         light += (mean / 2).astype(sweeper.real)
-    across: NDArray[np.floating] | None = None
-    if settings.within_cells:
-        across = across_cells(light, seen, sweeper.box)
-        across *= seen.albedo.astype(sweeper.real)
-    return (halves[0], halves[1]), across, ends
+    return (halves[0], halves[1]), light, ends

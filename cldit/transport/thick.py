@@ -94,7 +94,7 @@ class ThickCells:
         source: NDArray[np.floating],
         changes: NDArray[np.floating] | None,
         changing: NDArray[np.intp],
-    ) -> NDArray[np.float64]:
+    ) -> NDArray[np.floating]:
         """(R, 2 + E + M C + 3 C) as in kernels/gather.cl: optical depth; albedo and emission of
         deep cells, in which chains go on; the last sweep's source, and its changes; of deep cells
         these of what they scatter, over their albedo.
@@ -110,27 +110,28 @@ class ThickCells:
         number = number[address]
         scatters = number >= 0
         deep = scatters & ((seen.depth[address] > _DEEP) | (seen.albedo[number] > _OFTEN))
-        sent = np.zeros((len(source), len(address)))
-        first, emission = cells.needs.boundaries, cells.thermal_planes(np.float64, address)
+        real = source.dtype.type
+        sent = np.zeros((len(source), len(address)), real)
+        first, emission = cells.needs.boundaries, cells.thermal_planes(real, address)
         sent[first : first + len(emission)] = emission
         sent[:, scatters] = source[:, number[scatters]]
-        across = np.zeros((0, len(address)))
+        across = np.zeros((0, len(address)), real)
         if changes is not None:
             among = np.full(len(cells.address), NONE)
             among[changing] = np.arange(len(changing))
             among = np.where(scatters, among[number], NONE)
-            across = np.where(among >= 0, changes.reshape(-1, len(changing))[:, among], 0.0)
+            across = changes.reshape(-1, len(changing))[:, among] * (among >= 0).astype(real)
         sent[first : first + len(emission), deep] -= emission[:, deep]
-        scattered = np.where(deep, cells.albedo[number], 1.0)
+        scattered = np.where(deep, cells.albedo[number], 1.0).astype(real)
         columns = [
             np.where(deep, seen.depth[address], cells.depth[address]),
             np.where(deep, seen.albedo[number], 0.0),
-            *np.where(deep, seen.thermal_planes(np.float64, address), 0.0),
-            *(sent / scattered),
-            *(across / scattered),
+            *np.where(deep, seen.thermal_planes(real, address), 0.0),
+            *(plane / scattered for planes in (sent, across) for plane in planes),
         ]
-        out = np.zeros((len(self.at), len(columns)))
-        out[stored] = np.column_stack(columns)
+        out = np.zeros((len(self.at), len(columns)), real)
+        for number_of, column in enumerate(columns):
+            out[stored, number_of] = column
         return out
 
 
@@ -144,7 +145,7 @@ class Ends:
     directions: Directions
     light: RimLight
     program: Program
-    records: NDArray[np.float64]
+    records: NDArray[np.floating]
 
 
 @dataclass(frozen=True)
