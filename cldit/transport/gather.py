@@ -146,16 +146,18 @@ class Gather:
                     *part.arguments,
                 ]
             )
+            by_angle = upload(one, "phase function", steps.astype(real))
+            last = [kept, np.int32(light.rim), upload(one, "directions", shared)]
+            if one is self.device:
+                self._last = [*last, np.int32(len(directions)), by_angle]
             self._fixed.append(
                 [
                     upload(one, "phase function", table.astype(real)),
-                    upload(one, "phase function", steps.astype(real)),
+                    by_angle,
                     upload(one, "places", thick.places),
                     upload(one, "faces", np.column_stack([thick.faces, thick.own, thick.own])),
                     upload(one, "thick cells", records),
-                    kept,
-                    np.int32(light.rim),
-                    upload(one, "directions", shared),
+                    *last,
                     upload(one, "directions", np.minimum(starts, len(shared) - 1).astype(np.int32)),
                     upload(one, "directions", near),
                     np.int32(len(directions)),
@@ -175,8 +177,6 @@ class Gather:
         count, device = len(self._own), self.device
         view = self._painter.view
         camera = view.middle - np.array([0.0, view.distance, 0.0, 0.0])
-        fixed = self._fixed[0]
-        steps, kept, rim, directions, many = fixed[1], *fixed[5:8], fixed[10]
         out = zeros(device, "expected light", count * (self._components - 1), self._real)
         group = min(_GROUP, device.info.largest_group)
         cells = np.column_stack([self._at, self._own]).astype(np.int32)
@@ -187,11 +187,7 @@ class Gather:
             out,
             upload(device, "thick cells", cells),
             np.int32(count),
-            kept,
-            rim,
-            directions,
-            many,
-            steps,
+            *self._last,
             camera.astype(self._real),
         )
         means = download(device, out, np.empty((count, self._components - 1), self._real))

@@ -62,7 +62,7 @@ class Sweeper:
         changing: NDArray[np.bool_] | None = None,
     ) -> None:
         """disc, patches: as in `View`, in cells from the cube's lower corner. sweep: with SLOPED,
-        sources have a first moment; with LINEAR, they change across cells: by what is given, in
+        sources have moments; with LINEAR, they change across cells: by what is given, in
         those of which `changing` (N,) says so, or in all, as neighbours' sources have it."""
         self.device = device
         self.box: Box = cells.box()

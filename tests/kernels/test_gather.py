@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
+from cldit.gpu.buffers import download, upload, zeros
+from cldit.gpu.device import Device
+from cldit.gpu.program import build
 from cldit.transport.directions import focused, isotropic
 from cldit.transport.gather import fewest
 from cldit.transport.sobol import DIMENSIONS, points
@@ -129,6 +132,49 @@ def test_points_are_sobols() -> None:
     gray[index ^ (index >> 1)] = expected
     got = np.concatenate([points(0, 1), points(1, 2046), points(2047, 2049)])
     np.testing.assert_array_equal(got / 2.0**32, gray)
+
+
+def test_expected_light(device: Device) -> None:
+    """Means over the directions by their shares, for each cell as the camera sees it: by the phase
+    function for the angle there, not for a line of sight along +y."""
+    rng = np.random.default_rng(7)
+    directions, cells, steps = isotropic(24, rng), 5, 64
+    defines = {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1, "CUTOFF": 1e-4, "LONGEST": 4, "FACE": FACE}
+    defines |= {"HAS_DROPLETS": 1, "HAS_SCATTERING": 1, "PHASE_STEPS": steps, "PHASE_BINS": 16}
+    program = build(device, "gather.cl", defines)
+    at = rng.integers(0, 30, (cells, 3))
+    own = np.array([7, 3, 8, 4, 5])
+    light = rng.random((24, 9, 3)).astype(np.float32)  # background, walls, droplets
+    phase = rng.random(steps).astype(np.float32) + 0.1
+    share = rng.random(24)
+    table = np.column_stack([directions.unit, np.cumsum(share) / share.sum()]).astype(np.float32)
+    camera = np.array([12.0, -40.0, 9.0, 0.0], np.float32)
+    out = zeros(device, "means", cells * 3, np.float32)
+    program["expected"](
+        device.queue,
+        (cells,),
+        None,
+        out,
+        upload(device, "cells", np.column_stack([at, own]).astype(np.int32)),
+        np.int32(cells),
+        upload(device, "light", light),
+        np.int32(9),
+        upload(device, "directions", table),
+        np.int32(24),
+        upload(device, "phase", phase),
+        camera,
+    )
+    got = download(device, out, np.empty((cells, 3), np.float32))
+
+    def counts(cosine: Any) -> Any:
+        return phase[np.minimum((np.sqrt((1 - cosine) / 2) * steps).astype(int), steps - 1)]
+
+    sight = at + 0.5 - camera[:3]
+    sight /= np.linalg.norm(sight, axis=1)[:, None]
+    weight = share * counts(sight @ directions.unit.T) / counts(directions.unit[:, 1])
+    weight /= weight.sum(axis=1)[:, None]
+    # An angle next to the border of a bin may fall into the other.
+    np.testing.assert_allclose(got, np.einsum("nk,knc->nc", weight, light[:, own]), rtol=1e-4)
 
 
 def test_fewest_samples() -> None:

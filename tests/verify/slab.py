@@ -61,7 +61,7 @@ def disort(
 
     moments: Legendre moments of the phase function, the first being 1; those beyond `streams` must
     be negligible. swept: moments that the light within keeps, by delta-M (Wiscombe 1977), so that
-    `moments` are those of the last scattering alone, as `source` has it with 2; None: all.
+    `moments` are those of the last scattering alone, as `source` has it with 3; None: all.
     """
     solver = pytest.importorskip("PythonicDISORT.pydisort")
     given = np.zeros((1, streams + 1))
