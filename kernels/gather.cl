@@ -228,12 +228,11 @@ typedef struct {
     uint4 shift0, shift1;
 } Chance;
 
-/* Light in a thick cell along a direction, as the last sweep had it. */
-INLINE __global const real *light_in(int3 cell, int number, const Near *m)
+/* Number of the light that the last sweep had in a thick cell; -1: it was not kept. */
+INLINE int own_number(int3 cell, const Near *m)
 {
     const int x = cell.x - m->low.x, y = cell.y - m->low.y, z = cell.z - m->low.z;
-    const int place = m->places[(z * m->shape.y + y) * m->shape.x + x];
-    return m->light + ((size_t)number * m->rim + m->faces[FACES * place + OWN]) * COMPONENTS;
+    return m->faces[FACES * m->places[(z * m->shape.y + y) * m->shape.x + x] + OWN];
 }
 
 /* Follows one chain from p in a thick `cell`, where light is scattered along `sight`: what it brings
@@ -255,7 +254,9 @@ INLINE void chain(
             number = direction_at(unit(word.x), m->directions, m->start, m->count);
             d = m->directions[number].xyz;
             weight *= share_of(m->directions[number], sight, steps);
-            score(sum, -weight, light_in(cell, number, m));
+            const int own = own_number(cell, m);
+            if (own >= 0)
+                score(sum, -weight, m->light + ((size_t)number * m->rim + own) * COMPONENTS);
         } else {
             if (event == 1) {
                 word.x = chance->point[3] ^ chance->shift1.x;

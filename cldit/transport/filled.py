@@ -69,10 +69,15 @@ class Filled:
             value = np.empty((len(row), parts), real)
             value[:, :-1] = source.T
             value[:, -1] = 1.0 - source[: needs.boundaries].sum(axis=0, dtype=np.float64) + lost
-            if thick is not None and expected is not None:
-                sent = cells.albedo[thick] * expected
-                value[thick, :-1] = sent.T
+            if thick is not None:
+                # Flights find what is scattered, or what it is more than what was expected.
+                value[thick, :-1] = 0.0
+                value[thick, -1] = (cells.coalbedo + lost)[thick]
+                if expected is not None:
+                    sent = cells.albedo[thick] * expected
+                    value[thick, :-1] = sent.T
+                    outside = sent[: needs.boundaries].sum(axis=0)
+                    value[thick, -1] += cells.albedo[thick] - outside
                 value[thick, needs.boundaries : -1] += thermal[row[thick]]
-                value[thick, -1] = 1.0 - sent[: needs.boundaries].sum(axis=0) + lost[thick]
             mine[row] = value
         return out

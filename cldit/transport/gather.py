@@ -171,10 +171,12 @@ class Gather:
         self.samples, self.seconds = 0, 0.0
         self.short = ""  # says so where chains stopped short of what was wanted
 
-    def expected(self) -> NDArray[np.floating]:
+    def expected(self) -> NDArray[np.floating] | None:
         """(C, T) light that each thick cell scatters to the camera, as the last sweeps had it along
-        each direction; flights find what it is more."""
+        each direction; flights find what it is more. None where it was not kept."""
         count, device = len(self._own), self.device
+        if not count:
+            return None
         view = self._painter.view
         camera = view.middle - np.array([0.0, view.distance, 0.0, 0.0])
         out = zeros(device, "expected light", count * (self._components - 1), self._real)

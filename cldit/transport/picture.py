@@ -112,8 +112,8 @@ class Painter:
         listed: `at_once` of them; None where nothing scatters. defect (N,): of the mean radiance in
         a cavity of radiance 1. gather: adds what thick cells scatter; needed if `thick` was given.
         across (3, C, N): change of the sources across cells, alike for all; needed with `linear`.
-        expected (C, T): light that thick cells scatter to the camera; `gather` says how much more
-        it is.
+        expected (C, T): light that thick cells scatter to the camera, where `gather` says how much
+        more it is.
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel

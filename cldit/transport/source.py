@@ -87,7 +87,13 @@ def _painted(
         defines["USE_FLOAT64"] = 1
     thick = None
     if settings.within_cells and cells.needs.scattering:
-        thick = ThickCells.of(cells, cells.box(), deeper_than=settings.thick)
+        size = 8 if settings.precision == "float64" else 4
+        thick = ThickCells.of(
+            cells,
+            cells.box(),
+            deeper_than=settings.thick,
+            light_bytes=settings.final_directions * len(cells.needs.components) * size,
+        )
     painter = Painter.of(
         cells,
         view,

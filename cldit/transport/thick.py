@@ -23,6 +23,7 @@ from cldit.transport.layout import Layout, layouts
 FACE = 64  # entries of the table of nearest directions along a side
 NONE, OUTSIDE = -1, -2
 _OWN = 64  # in place of a face, as in sweep.cl
+_MOST_LIGHT = 2**29  # bytes of the light in all thick cells that the last sweeps may keep
 _AROUND = 1  # so many cells around thick ones are of their region
 # Optical depth of a cell beyond which a source that is linear in it is not enough: its skin is a
 # small part of it.
@@ -55,8 +56,14 @@ class ThickCells:
     rim: int
 
     @classmethod
-    def of(cls, cells: OpticalCells, box: Box, *, deeper_than: float) -> ThickCells | None:
-        """Scattering cells of an optical depth above `deeper_than`; None where there are none."""
+    def of(
+        cls, cells: OpticalCells, box: Box, *, deeper_than: float, light_bytes: int = 0
+    ) -> ThickCells | None:
+        """Scattering cells of an optical depth above `deeper_than`; None where there are none.
+
+        light_bytes: that the light in one cell takes, along all directions of the last sweeps.
+        Where it takes too much in all none has a number, and flights find all that is scattered.
+        """
         listed = np.flatnonzero(cells.depth[cells.address] > deeper_than)
         if not len(listed):
             return None
@@ -82,10 +89,12 @@ class ThickCells:
                 faces[ends_there, 2 * axis + up] = np.arange(rim, ends[-1])
             rim = max(ends)
         own = np.full(len(at), NONE, np.int32)
-        own[places[tuple((there - low).T[::-1])]] = rim + np.arange(len(listed))
+        if light_bytes * len(listed) <= _MOST_LIGHT:
+            own[places[tuple((there - low).T[::-1])]] = rim + np.arange(len(listed))
+            rim += len(listed)
         at += low
         address = cells.stored(at + np.asarray(box.low))
-        return cls(listed, at, address, low, places, faces, own, rim + len(listed))
+        return cls(listed, at, address, low, places, faces, own, rim)
 
     def records(
         self,
