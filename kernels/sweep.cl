@@ -188,10 +188,10 @@ __kernel void sweep(
     const int end_units = groups[place + 1] * (GROUP / VECTOR);
 #ifdef RIM
     const int first_rim = rim_rows[l * nv + v], end_rim = rim_rows[l * nv + v + 1];
-#else
-    const int first_rim = 0, end_rim = 0;
-#endif
     const int nothing = begin_units == end_units && first_rim == end_rim;
+#else
+    const int nothing = begin_units == end_units;
+#endif
     const int last_step = launches[sense * (2 * nl + 1) + launch + 1];
 
     for (int step = launches[sense * (2 * nl + 1) + launch]; step < last_step; ++step) {
