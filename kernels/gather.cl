@@ -450,8 +450,12 @@ __kernel void gather(
         const real part = most(R(0), least((goal - before) / (one[UP_TO] - before), R(1)));
         const real along =
             one[AT] + least(length_at(part, one[SHARE], one[DENSITY]), one[LENGTH]);
-        chain(sum, even, from + along * sight, (int3)((int)one[0], (int)one[1], (int)one[2]), sight,
+        /* Summed apart: of a long chain the parts are far less than the sum of all. */
+        real of_chain[PARTS];
+        for (int c = 0; c < PARTS; ++c) of_chain[c] = R(0);
+        chain(of_chain, even, from + along * sight, (int3)((int)one[0], (int)one[1], (int)one[2]), sight,
               (uint4)(numbers[number], from_point + k, 0, half_), key, &chance, &near, table, steps);
+        for (int c = 0; c < PARTS; ++c) sum[c] += of_chain[c];
     }
     for (int c = 0; c < PARTS; ++c) means[c * count + item] = sum[c];
 }

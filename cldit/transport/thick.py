@@ -31,8 +31,6 @@ _DEEP = 1.5
 # Albedo from which thick cells count as deep as well: what a source that is linear, with few
 # moments of a phase function, leaves out adds up where light is scattered often.
 _OFTEN = 0.8
-# Optical depth of a cell beyond which how its light changes is noise of the solver.
-_OPAQUE = 20.0
 
 
 @dataclass(frozen=True)
@@ -132,7 +130,6 @@ class ThickCells:
             among[changing] = np.arange(len(changing))
             among = np.where(scatters, among[number], NONE)
             across = changes.reshape(-1, len(changing))[:, among] * (among >= 0).astype(real)
-            across[:, seen.depth[address] > _OPAQUE] = 0.0
         sent[first : first + len(emission), deep] -= emission[:, deep]
         scattered = np.where(deep, cells.albedo[number], 1.0).astype(real)
         columns = [
