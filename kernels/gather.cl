@@ -70,6 +70,7 @@ typedef struct {
     int rim;                       /* faces of one direction */
     __global const real4 *directions; /* where it comes from, and the share of directions up to here
                                          in what a cell scatters along +y */
+    __global const int *number;    /* of the directions, in `light` */
     __global const int *start;     /* of the directions, the one at which the share k / count lies */
     __global const int *nearest;   /* of the directions: see direction_near */
     int count;                     /* of directions */
@@ -251,9 +252,10 @@ INLINE void chain(
             word.x = chance->point[1] ^ chance->shift0.x;
             word.z = chance->point[2] ^ chance->shift0.y;
             word.w = chance->point[6] ^ chance->shift0.z;
-            number = direction_at(unit(word.x), m->directions, m->start, m->count);
-            d = m->directions[number].xyz;
-            weight *= share_of(m->directions[number], sight, steps);
+            const int drawn = direction_at(unit(word.x), m->directions, m->start, m->count);
+            d = m->directions[drawn].xyz;
+            weight *= share_of(m->directions[drawn], sight, steps);
+            number = m->number[drawn];
             const int own = own_number(cell, m);
             if (own >= 0)
                 score(sum, -weight, m->light + ((size_t)number * m->rim + own) * COMPONENTS);
@@ -298,7 +300,7 @@ __kernel void expected(
     __global const int4 *cells,   /* in: of the cube; number of the light in it */
     const int count,
     __global const real *light, const int rim,
-    __global const real4 *directions, const int direction_count,
+    __global const real4 *directions, __global const int *numbers, const int direction_count,
     __global const real *steps, const real4 camera)
 {
     const int item = get_global_id(0);
@@ -319,7 +321,7 @@ __kernel void expected(
         const real share = (directions[k].w - before) * share_of(directions[k], sight, steps);
         before = directions[k].w;
         all += share;
-        __global const real *seen = light + ((size_t)k * rim + cell.w) * COMPONENTS;
+        __global const real *seen = light + ((size_t)numbers[k] * rim + cell.w) * COMPONENTS;
         for (int c = 0; c < COMPONENTS; ++c) sum[c] += share * seen[c];
     }
     for (int c = 0; c < COMPONENTS; ++c) means[item * COMPONENTS + c] = sum[c] / all;
@@ -403,8 +405,8 @@ __kernel void gather(
     __global const real *table, __global const real *steps,
     __global const int *places, __global const int *faces, __global const real *cells,
     __global const real *light, const int rim,
-    __global const real4 *directions, __global const int *start, __global const int *nearest,
-    const int direction_count, const int4 box_low, const int4 box_shape,
+    __global const real4 *directions, __global const int *number_of, __global const int *start,
+    __global const int *nearest, const int direction_count, const int4 box_low, const int4 box_shape,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
     const real distance, BOUNDARY_ARGUMENTS)
 {
@@ -413,7 +415,7 @@ __kernel void gather(
     const int number = chosen[item];
     const Ray ray = ray_at(
         list[2 * number], list[2 * number + 1], columns, rows, middle, pitch_x, pitch_z, distance);
-    const Near near = {places, faces, cells, light, rim, directions, start, nearest, direction_count, box_low,
+    const Near near = {places, faces, cells, light, rim, directions, number_of, start, nearest, direction_count, box_low,
                        box_shape, BOUNDARY};
     const real3 from = (real3)(ray.px, ray.py, ray.pz);
     const real3 sight = (real3)(ray.dx, ray.dy, ray.dz);

@@ -64,8 +64,13 @@ def evenly(
     """Without a phase function, and light even in cells: the solution, in the medium as it is."""
     plain = work.program(work.solver)
     sweeper = work.sweeper(work.seen, plain)
-    # The solver's few directions are forgotten, but for what is scattered twice more.
-    solution = work.solution(sweeper, rng, report, more=1)
+    if work.settings.order is None:
+        solution, few = work.solution(sweeper, rng, report)
+        sweeper.set_source(solution.source, shining=True)
+        sweeper.sweep(work.rays(sweeper, work.half, rng), shining=True)
+        solution, _ = work.corrected(sweeper, solution, few, report)
+    else:
+        solution = work.scattered(sweeper, rng, work.settings.order - 1)
     solution, defect = work.checked(sweeper, solution)
     sweeper.set_source(solution.source, shining=True)
     records = _records(work, thick, work.seen, sweeper, _Light(solution.source, None))
@@ -106,7 +111,10 @@ class _Solved:
         plain = work.program(work.solver)
         cells = work.seen if phase is None else work.cells(1.0 - phase.asymmetry)
         sweeper = work.sweeper(cells, plain)
-        solution = work.solution(sweeper, rng, report, more=0)
+        if order is None:
+            solution, few = work.solution(sweeper, rng, report)
+        else:
+            solution, few = work.scattered(sweeper, rng, order - 2), None
         programs = [plain]
         shape = (1 if phase is None else MOMENTS, sweeper.components, sweeper.count)
         light = np.zeros(shape, sweeper.real)
@@ -118,8 +126,12 @@ class _Solved:
                 room = sweeper.room(MOMENTS)
                 programs.append(work.program({**work.solver, "FLUX": 1}))
             sweeper.set_source(solution.source, shining=True)
-            rays = work.rays(sweeper, work.few, rng)
+            rays = work.rays(sweeper, work.half if few is None else work.more, rng)
             sweeper.moments(programs[-1], rays, out=light, room=room)
+            if few is not None:
+                listed = room[1] if room else None
+                solution, more = work.corrected(sweeper, solution, few, report, listed=listed)
+                light[0] += more
             solution = one_more(solution, solution.source, sweeper)
         if work.changing is not None:
             changes = np.zeros((3, shape[1], np.count_nonzero(work.changing)), sweeper.real)
@@ -149,7 +161,7 @@ def by_moments(
         programs = (*programs, again)
         source = _source(sweeper, light, phase)
         sweeper.set_source(source.moments, shining=True, changes=source.changes)
-        rays = work.rays(sweeper, work.many, rng)
+        rays = work.rays(sweeper, work.most, rng)
         more = sweeper.moments(again, rays, out=light.moments, room=solved.room)
         if more is not None and source.changes is not None:
             light = replace(light, changes=source.changes + more)

@@ -123,8 +123,8 @@ class Sweeper:
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
         escapes = mean_transmission(_MEAN_PATH * cells.depth[cells.address])
-        lost = cells.coalbedo + cells.albedo * escapes
-        self._lost = upload(device, "lost light", lost.astype(real))
+        self.lost = (cells.coalbedo + cells.albedo * escapes).astype(real)
+        self._lost = upload(device, "lost light", self.lost)
         self._list = zeros(device, "list", self.components * self.count, real)
         self._out = zeros(device, "answer", self.components * self.count, real)
         self.sweeps = 0
@@ -371,16 +371,21 @@ class Sweeper:
         places = [order.place for order in self._order.values()]
         return self._answer("weighted_mean", *camera.shares.values(), *places)
 
-    def residual(self, *, shining: bool) -> NDArray[Any]:
-        """Preconditioned residual (C, N) of the present source and its excess."""
-        return self._answer(
+    def residual(self, *, shining: bool, listed: Any = None) -> NDArray[Any]:
+        """Preconditioned residual (C, N) of the present source and its excess; listed: of `room`,
+        where that has taken the excess."""
+        self._of_list(
             "residual",
+            self._out,
+            self._listed if listed is None else listed,
+            self._list,
             self._emission,
             self._albedo,
             self._coalbedo,
             self._lost,
             self._real(shining),
         )
+        return self._read(self._out)
 
     def next_order(self) -> NDArray[Any]:
         """The source a (S + D) + E, (C, N), of one scattering more."""

@@ -53,7 +53,7 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     few = int(np.clip(8 * round(8 * finer), 16, 512))
     directions = spec.directions or few
     return Settings(
-        directions=max(8, directions // 4),
+        directions=max(8, directions // 2),
         final_directions=(2 if phase is None else 3) * directions,
         tolerance=float(np.clip(3e-5 / finer, 1e-6, 3e-4)),
         order=spec.order,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from cldit.transport.gradients import matter
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.rays import Rays
 from cldit.transport.result import Settings
-from cldit.transport.solve import Solution, another_order, first_guess, solve
+from cldit.transport.solve import Solution, another_order, corrected, first_guess, solve
 from cldit.transport.sweep import Sweeper, sweep_defines
 from cldit.transport.thick import ThickCells
 from cldit.transport.view import View
@@ -27,7 +28,10 @@ Floats = NDArray[np.float64]
 # Optical depth of cells across which sources change in the last sweeps: in others that is little
 # beside how much it depends on chance, with as many directions as there are.
 _CHANGING = 0.25
-_FORGETTING = 4  # times the solver's directions
+# Directions of the solver, and of the sweep before the last, over those which correct it.
+_SOLVED, _FORGETTING = 1 / 8, 2
+_FEWEST = 8
+_LOOSELY = 30  # times the tolerance: what more directions show to be lacking is more
 _CHECKED = 8  # directions on which the sweeps are checked for what they make or lose
 
 
@@ -130,41 +134,47 @@ class Work:
         return self.settings.final_directions // 2
 
     @property
-    def few(self) -> int:
-        """Directions of the first sweep after the solver's."""
-        return self.settings.directions if self.settings.order is None else self.half
+    def more(self) -> int:
+        """Directions that correct the solution."""
+        return self.settings.directions
 
     @property
-    def many(self) -> int:
-        """Directions of the sweep before the last, which makes the source forget the few."""
-        return _FORGETTING * self.settings.directions
+    def most(self) -> int:
+        """Directions of the sweep before the last, which makes the source forget those."""
+        return _FORGETTING * self.more
 
     def solution(
         self,
         sweeper: Sweeper,
         rng: np.random.Generator,
         report: Callable[[str], None] | None,
-        *,
-        more: int,
-    ) -> Solution:
-        """In the sweeper's cells; of a fixed order but for the last scattering, or two of them.
-
-        more: scatterings after the converged solution, each with half of the last directions; 0
-        leaves out two of a fixed order.
-        """
-        settings = self.settings
+    ) -> tuple[Solution, Rays]:
+        """Along few directions, and these."""
+        few = self.rays(sweeper, max(_FEWEST, round(_SOLVED * self.more)), rng)
         guess = first_guess(sweeper, sweeper.albedo)
-        if settings.order is None:
-            rays = self.rays(sweeper, settings.directions, rng)
-            solution = solve(sweeper, guess, rays, tolerance=settings.tolerance, report=report)
-        else:
-            solution = Solution(guess, settings.order, 0.0, 0.0)
-            more += settings.order - 2
-        for _ in range(more):
-            rays = self.rays(sweeper, self.half, rng)
-            source = another_order(sweeper, solution.source, rays)
-            solution = one_more(solution, source, sweeper)
-        return solution
+        loosely = _LOOSELY * self.settings.tolerance
+        return solve(sweeper, guess, few, tolerance=loosely, report=report), few
+
+    def corrected(
+        self,
+        sweeper: Sweeper,
+        solution: Solution,
+        few: Rays,
+        report: Callable[[str], None] | None,
+        listed: Any = None,
+    ) -> tuple[Solution, NDArray[Any]]:
+        """See `solve.corrected`."""
+        tolerance = self.settings.tolerance
+        return corrected(
+            sweeper, solution, few, tolerance=tolerance, report=report, listed=listed
+        )
+
+    def scattered(self, sweeper: Sweeper, rng: np.random.Generator, times: int) -> Solution:
+        """So many times, in the sweeper's cells, along half of the last directions each."""
+        source = first_guess(sweeper, sweeper.albedo)
+        for _ in range(times):
+            source = another_order(sweeper, source, self.rays(sweeper, self.half, rng))
+        return Solution(source, max(times, 0), 0.0, 0.0)
 
     def checked(self, sweeper: Sweeper, solution: Solution) -> tuple[Solution, Floats]:
         """The solution, and what sweeps and solver make or lose of a cavity's radiance of 1 (N,),
