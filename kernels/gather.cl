@@ -69,8 +69,8 @@ typedef struct {
     __global const real *light;    /* that comes through them: [direction][face][component] */
     int rim;                       /* faces of one direction */
     __global const real4 *directions; /* where it comes from, and the share of directions up to here
-                                         in what a cell scatters along +y */
-    __global const int *number;    /* of the directions, in `light` */
+                                         in what a cell scatters along +y; neighbours are close by */
+    __global const int *number_of; /* of the directions: theirs in `light` */
     __global const int *start;     /* of the directions, the one at which the share k / count lies */
     __global const int *nearest;   /* of the directions: see direction_near */
     int count;                     /* of directions */
@@ -255,7 +255,7 @@ INLINE void chain(
             const int drawn = direction_at(unit(word.x), m->directions, m->start, m->count);
             d = m->directions[drawn].xyz;
             weight *= share_of(m->directions[drawn], sight, steps);
-            number = m->number[drawn];
+            number = m->number_of[drawn];
             const int own = own_number(cell, m);
             if (own >= 0)
                 score(sum, -weight, m->light + ((size_t)number * m->rim + own) * COMPONENTS);
@@ -300,7 +300,7 @@ __kernel void expected(
     __global const int4 *cells,   /* in: of the cube; number of the light in it */
     const int count,
     __global const real *light, const int rim,
-    __global const real4 *directions, __global const int *numbers, const int direction_count,
+    __global const real4 *directions, __global const int *number_of, const int direction_count,
     __global const real *steps, const real4 camera)
 {
     const int item = get_global_id(0);
@@ -321,7 +321,7 @@ __kernel void expected(
         const real share = (directions[k].w - before) * share_of(directions[k], sight, steps);
         before = directions[k].w;
         all += share;
-        __global const real *seen = light + ((size_t)numbers[k] * rim + cell.w) * COMPONENTS;
+        __global const real *seen = light + ((size_t)number_of[k] * rim + cell.w) * COMPONENTS;
         for (int c = 0; c < COMPONENTS; ++c) sum[c] += share * seen[c];
     }
     for (int c = 0; c < COMPONENTS; ++c) means[item * COMPONENTS + c] = sum[c] / all;
@@ -415,8 +415,8 @@ __kernel void gather(
     const int number = chosen[item];
     const Ray ray = ray_at(
         list[2 * number], list[2 * number + 1], columns, rows, middle, pitch_x, pitch_z, distance);
-    const Near near = {places, faces, cells, light, rim, directions, number_of, start, nearest, direction_count, box_low,
-                       box_shape, BOUNDARY};
+    const Near near = {places, faces, cells, light, rim, directions, number_of, start, nearest,
+                       direction_count, box_low, box_shape, BOUNDARY};
     const real3 from = (real3)(ray.px, ray.py, ray.pz);
     const real3 sight = (real3)(ray.dx, ray.dy, ray.dz);
     Chance chance;

@@ -12,6 +12,7 @@ from cldit.transport.phase import ScatteringTable
 
 Floats = NDArray[np.float64]
 _GOLDEN = (1 + 5**0.5) / 2
+_CURVE_BITS = 10  # of either coordinate on the square that a curve fills
 
 
 @dataclass(frozen=True)
@@ -147,3 +148,34 @@ def for_boundary(
     if solid > 0.25 or count < 8:
         return isotropic(count, rng)
     return focused(count, rng, axis=axis, half_angle_rad=half, share=float(np.sqrt(solid)))
+
+
+def unfolded(unit: Floats) -> Floats:
+    """(2, N) in -1..1: the sphere on an octahedron, unfolded to a square, as in
+    kernels/directions.h (Cigolle et al., J. Computer Graphics Techniques 3, 2014)."""
+    x, y, z = (unit / np.abs(unit).sum(axis=1, keepdims=True)).T
+    below = z < 0
+    return np.stack(
+        [
+            np.where(below, (1 - np.abs(y)) * np.copysign(1.0, x), x),
+            np.where(below, (1 - np.abs(x)) * np.copysign(1.0, y), y),
+        ]
+    )
+
+
+def along_curve(unit: Floats) -> NDArray[np.int32]:
+    """The order (N,) of unit vectors along a curve that fills the sphere, on which neighbours are
+    close by: then even samples of the order are even over the sphere, in patches.
+
+    Hilbert's curve, on the unfolded sphere (Sagan, Space-Filling Curves, 1994, ch. 2).
+    """
+    side = 1 << _CURVE_BITS
+    i, j = np.clip((unfolded(unit) + 1) * (side / 2), 0, side - 1).astype(np.int64)
+    place = np.zeros(len(unit), np.int64)
+    for bit in reversed(range(_CURVE_BITS)):
+        right, up = i >> bit & 1, j >> bit & 1
+        place += (3 * right ^ up) << 2 * bit
+        mirrored = (up == 0) & (right == 1)
+        i, j = np.where(mirrored, side - 1 - i, i), np.where(mirrored, side - 1 - j, j)
+        i, j = np.where(up == 0, j, i), np.where(up == 0, i, j)
+    return np.argsort(place, kind="stable").astype(np.int32)

@@ -21,7 +21,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
 from cldit.gpu.share import shares
 from cldit.transport.cells import Box
-from cldit.transport.directions import Directions
+from cldit.transport.directions import Directions, along_curve
 from cldit.transport.kelvin import VISIBLE, error_K
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.picture import Painter
@@ -97,26 +97,6 @@ def fewest(
     return power
 
 
-SORT = 1
-def along_curve(unit):
-    x, y, z = (unit / np.abs(unit).sum(axis=1, keepdims=True)).T
-    u = np.where(z < 0, (1 - np.abs(y)) * np.copysign(1.0, x), x)
-    v = np.where(z < 0, (1 - np.abs(x)) * np.copysign(1.0, y), y)
-    n = 1024
-    i = np.clip(((u + 1) / 2 * n).astype(int), 0, n - 1)
-    j = np.clip(((v + 1) / 2 * n).astype(int), 0, n - 1)
-    d = np.zeros(len(i), int)
-    s = n // 2
-    while s:
-        rx = (i & s > 0).astype(int); ry = (j & s > 0).astype(int)
-        d += s * s * ((3 * rx) ^ ry)
-        flip = (ry == 0) & (rx == 1)
-        i = np.where(flip, n - 1 - i, i); j = np.where(flip, n - 1 - j, j)
-        i, j = np.where(ry == 0, j, i), np.where(ry == 0, i, j)
-        s //= 2
-    return np.argsort(d, kind="stable")
-
-
 class Gather:
     """Adds to pictures what thick cells scatter, batch by batch."""
 
@@ -148,9 +128,9 @@ class Gather:
         albedo = np.zeros(len(cells.depth), real)
         albedo[cells.address[thick.listed]] = cells.albedo[thick.listed]
         records = ends.records.astype(real)
-        order = along_curve(directions.unit) if SORT else np.arange(len(directions))
-        ordered = Directions(directions.unit[order], directions.weight[order])
-        shared = self._shares(ordered, steps).astype(real)
+        order = along_curve(directions.unit)
+        drawn = Directions(directions.unit[order], directions.weight[order])
+        shared = self._shares(drawn, steps).astype(real)
         starts = np.searchsorted(shared[:, 3], np.arange(len(shared)) / len(shared), "right")
         near = nearest(directions)
         size = len(directions) * light.rim * (self._components - 1)
@@ -169,7 +149,12 @@ class Gather:
                 ]
             )
             by_angle = upload(one, "phase function", steps.astype(real))
-            last = [kept, np.int32(light.rim), upload(one, "directions", shared), upload(one, "numbers", order.astype(np.int32))]
+            last = [
+                kept,
+                np.int32(light.rim),
+                upload(one, "directions", shared),
+                upload(one, "directions", order),
+            ]
             if one is self.device:
                 self._last = [*last, np.int32(len(directions)), by_angle]
             self._fixed.append(

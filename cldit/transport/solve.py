@@ -1,6 +1,6 @@
 """The scattered source: a fixed number of orders, or GMRES to a residual.
 
-GMRES makes do with few directions. How far its solution is from that of more shows in a single sweep
+GMRES makes do with few directions. How far its solution is from that of more shows in one sweep
 along these; and as the few tell well how light goes on from one cell to others, GMRES then solves
 for what is lacking (defect correction: Stetter, Numer. Math. 29, 1978). What is left is of second
 order in what the two sets differ by.

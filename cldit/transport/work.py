@@ -165,9 +165,7 @@ class Work:
     ) -> tuple[Solution, NDArray[Any]]:
         """See `solve.corrected`."""
         tolerance = self.settings.tolerance
-        return corrected(
-            sweeper, solution, few, tolerance=tolerance, report=report, listed=listed
-        )
+        return corrected(sweeper, solution, few, tolerance=tolerance, report=report, listed=listed)
 
     def scattered(self, sweeper: Sweeper, rng: np.random.Generator, times: int) -> Solution:
         """So many times, in the sweeper's cells, along half of the last directions each."""

@@ -136,7 +136,8 @@ def test_points_are_sobols() -> None:
 
 def test_expected_light(device: Device) -> None:
     """Means over the directions by their shares, for each cell as the camera sees it: by the phase
-    function for the angle there, not for a line of sight along +y."""
+    function for the angle there, not for a line of sight along +y. The light of directions is kept
+    in another order than theirs."""
     rng = np.random.default_rng(7)
     directions, cells, steps = isotropic(24, rng), 5, 64
     defines = {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1, "CUTOFF": 1e-4, "LONGEST": 4, "FACE": FACE}
@@ -146,7 +147,7 @@ def test_expected_light(device: Device) -> None:
     own = np.array([7, 3, 8, 4, 5])
     light = rng.random((24, 9, 3)).astype(np.float32)  # background, walls, droplets
     phase = rng.random(steps).astype(np.float32) + 0.1
-    share = rng.random(24)
+    share, number = rng.random(24), rng.permutation(24)
     table = np.column_stack([directions.unit, np.cumsum(share) / share.sum()]).astype(np.float32)
     camera = np.array([12.0, -40.0, 9.0, 0.0], np.float32)
     out = zeros(device, "means", cells * 3, np.float32)
@@ -160,6 +161,7 @@ def test_expected_light(device: Device) -> None:
         upload(device, "light", light),
         np.int32(9),
         upload(device, "directions", table),
+        upload(device, "directions", number.astype(np.int32)),
         np.int32(24),
         upload(device, "phase", phase),
         camera,
@@ -174,7 +176,9 @@ def test_expected_light(device: Device) -> None:
     weight = share * counts(sight @ directions.unit.T) / counts(directions.unit[:, 1])
     weight /= weight.sum(axis=1)[:, None]
     # An angle next to the border of a bin may fall into the other.
-    np.testing.assert_allclose(got, np.einsum("nk,knc->nc", weight, light[:, own]), rtol=1e-4)
+    np.testing.assert_allclose(
+        got, np.einsum("nk,knc->nc", weight, light[number][:, own]), rtol=1e-4
+    )
 
 
 def test_fewest_samples() -> None:

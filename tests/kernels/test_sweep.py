@@ -1,8 +1,7 @@
-"""The sweep and the image kernels as wholes, against the NumPy reference of the same physics."""
+"""The sweep kernel as a whole, against the NumPy reference of the same physics."""
 
 from __future__ import annotations
 
-import weakref
 from dataclasses import replace
 from typing import Any
 
@@ -10,54 +9,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cldit.gpu.buffers import download
 from cldit.gpu.device import Device
 from cldit.gpu.program import build
-from cldit.medium.frame import Frame
-from cldit.medium.octree import CellSource, Octree, build_octree
-from cldit.scene import parse_scene
 from cldit.scene.vessel import Patch
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import Directions, isotropic
-from cldit.transport.filled import Filled
 from cldit.transport.moments import MOMENTS, found
 from cldit.transport.patches import patch_rows, shifted
-from cldit.transport.phase import henyey_greenstein
-from cldit.transport.reference import march, sweep
+from cldit.transport.reference import sweep
 from cldit.transport.solve import first_guess
 from cldit.transport.sweep import Sweeper, sweep_defines
-from cldit.transport.thick import RimLight, ThickCells
-from cldit.transport.trace import Settings, trace
 
-EDGE_M = 0.16
-DISC = np.array([8.0, 17.0, 9.0, 16.0])
-
-
-def random_tree(seed: int, *, cells: int = 16, scattering: float = 1.0) -> Octree:
-    """A block of random coefficients in part of the cube, with empty cells among them."""
-    rng = np.random.default_rng(seed)
-    frame = Frame(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=cells.bit_length() - 1)
-    filled = rng.random((cells // 2, cells - 3, cells // 2)) < 0.7
-    place = np.argwhere(filled) + np.array([3, 1, 5])
-    lower = -EDGE_M / 2 + place * frame.cell_m
-    values = rng.uniform(0.0, 0.6, (5, len(place))) / frame.cell_m
-    return build_octree(
-        frame,
-        None,
-        [
-            CellSource(
-                lower_m=lower,
-                upper_m=lower + frame.cell_m,
-                vapour_absorption=values[0],
-                vapour_emission=values[0] * rng.random(len(place)),
-                droplet_absorption=values[2],
-                droplet_scattering=scattering * values[3],
-                droplet_emission=values[2] * rng.random(len(place)),
-            )
-        ],
-        optical_depth_split=1e-5,
-    )
-
+from .medium import DISC, random_tree, source_planes, sweeper_of
 
 WINDOWS = (
     Patch(name="window", centre_m=(-0.1, 0, 0), facing="+x", radius_m=0.05, temperature_K=295),
@@ -70,24 +33,6 @@ WINDOWS = (
         temperature_K=400,
     ),
 )
-
-
-def source_planes(cells: OpticalCells) -> NDArray[np.float64]:
-    """Thermal source (C, P) of all stored cells; what comes from outside begins in none."""
-    outside = np.zeros((cells.needs.boundaries, len(cells.depth)))
-    return np.concatenate([outside, cells.thermal_planes(np.float64)])
-
-
-def sweeper_of(device: Device, cells: OpticalCells, defines: dict[str, Any]) -> Sweeper:
-    """The tree's box on the device, compiled with these beside what the cells need."""
-    common = {**cells.needs.defines, **defines}
-    return Sweeper(
-        device,
-        cells,
-        build(device, "sweep.cl", {**common, **sweep_defines(device)}),
-        build(device, "iterate.cl", common),
-        disc=DISC,
-    )
 
 
 @pytest.mark.parametrize("windows", [(), WINDOWS])
@@ -286,62 +231,6 @@ def test_sweep_of_one_row_is_exact(device: Device) -> None:
     np.testing.assert_allclose(mean / cells.albedo, expected.reshape(-1)[place], rtol=2e-6)
 
 
-@pytest.mark.parametrize("model", ["pinhole", "orthographic"])
-def test_image_against_numpy(device: Device, model: str) -> None:
-    """Order 0 of a random medium, ray by ray, against independently computed cell crossings."""
-    tree = random_tree(6)
-    scene = parse_scene(
-        {
-            "name": "random",
-            "domain": {"edge_m": EDGE_M, "leaf_edge_m": EDGE_M / 15.9},
-            "spray": {"model": "none"},
-            "camera": {
-                "model": model,
-                "distance_m": 0.3,
-                "field_m": [0.15, 0.12],
-                "pixels": [9, 7],
-            },
-            "background": {"radius_m": 0.03},
-        }
-    )
-    settings = Settings(
-        directions=8,
-        final_directions=16,
-        tolerance=1e-3,
-        order=0,
-        cutoff=0.0,
-        precision="float32",
-        seed=1,
-    )
-    got = trace(tree, scene, device, settings)
-    cells = OpticalCells.of(tree)
-    planes = source_planes(cells)
-    planes[1, cells.address] += cells.albedo
-    whole = type(cells.box())(low=(0, 0, 0), shape=(16, 16, 16))
-    source = np.stack([cells.dense(whole, plane) for plane in planes])
-    depth = cells.dense(whole, cells.depth)
-    cell = tree.frame.cell_m
-    for row in range(7):
-        for column in range(9):
-            x = (column + 0.5 - 4.5) * 0.15 / 9
-            z = (3.5 - row - 0.5) * 0.12 / 7
-            point = np.array([x, 0.0, z]) / cell + 8.0
-            toward = np.array([x, 0.3, z]) if model == "pinhole" else np.array([0.0, 1.0, 0.0])
-            toward = toward / np.linalg.norm(toward)
-            light, left = march(depth, source, point=point, toward=toward)
-            hit = point + (16.0 - point[1]) / toward[1] * toward
-            on_disc = np.hypot(hit[0] - 8, hit[2] - 8) <= 3.0
-            expected = light + left * np.array([on_disc, not on_disc, 0, 0])
-            values = [
-                got.weights.background[row, column],
-                got.weights.wall[row, column],
-                got.weights.vapour[row, column] / cells.scale,
-                got.weights.liquid[row, column] / cells.scale,
-            ]
-            # 16 cells, each placed to 1e-6 of its edge and rounded a few times.
-            np.testing.assert_allclose(values, expected, atol=3e-6)
-
-
 def test_sweeps_repeat_to_the_last_bit(device: Device) -> None:
     """Work-groups that add to the same cells never run at the same time: many slanted directions,
     over and over, always give the same sums."""
@@ -357,107 +246,3 @@ def test_sweeps_repeat_to_the_last_bit(device: Device) -> None:
         found.append(sweeper.next_order())
     for other in found[1:]:
         np.testing.assert_array_equal(other, found[0])
-
-
-def test_one_sweeper_at_a_time(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a phase function two media are swept, each of which fills its sweeper: the solver's is
-    gone, with all its buffers, before the other is made; and no room outlives its sweeps."""
-    alive: weakref.WeakSet[Sweeper] = weakref.WeakSet()
-    made = []
-    init = Sweeper.__init__
-
-    def counted(self: Sweeper, *given: Any, **named: Any) -> None:
-        made.append(len(alive))
-        alive.add(self)
-        init(self, *given, **named)
-
-    monkeypatch.setattr(Sweeper, "__init__", counted)
-    scene = parse_scene(
-        {
-            "name": "random",
-            "domain": {"edge_m": EDGE_M, "leaf_edge_m": EDGE_M / 15.9},
-            "spray": {"model": "none"},
-            "camera": {"distance_m": 0.3, "field_m": [0.15, 0.12], "pixels": [9, 7]},
-            "background": {"radius_m": 0.03},
-        }
-    )
-    settings = Settings(
-        directions=8,
-        final_directions=16,
-        tolerance=1e-3,
-        order=None,
-        cutoff=1e-4,
-        precision="float32",
-        seed=1,
-        phase=henyey_greenstein(0.8),
-        max_samples=64,
-        accuracy_K=10.0,
-        audit=False,
-    )
-    trace(random_tree(6), scene, device, settings)
-    assert made == [0, 0]
-    assert not alive
-
-
-def test_light_kept_in_thick_cells(device: Device) -> None:
-    """In a medium that takes nothing out every cell sees what is outside, along every direction: as
-    the mean over a layer's steps, whose shares make 1, whichever they are."""
-    tree = random_tree(3)
-    clear = replace(tree, fields={name: 1e-9 * values for name, values in tree.fields.items()})
-    cells = OpticalCells.of(clear)
-    thick = ThickCells.of(cells, cells.box(), deeper_than=6e-10)
-    assert thick is not None
-    flags = {**cells.needs.defines, "BOUNDARY_DISC": 1, "CAMERA_ORTHOGRAPHIC": 1}
-    flags |= {"TO_CAMERA": 1, "RIM": 1}
-    sweeper = sweeper_of(device, cells, flags)
-    program = build(device, "sweep.cl", {**flags, **sweep_defines(device)})
-    rng = np.random.default_rng(2)
-    rays = sweeper.rays(isotropic(14, rng), rng.random((14, 2)))
-    light = RimLight.of(
-        device,
-        thick,
-        sweeper.box,
-        components=sweeper.components,
-        directions=14,
-        real=np.float32,
-    )
-    camera = sweeper.to_camera(program, cells, np.zeros(1), np.zeros(3))
-    sweeper.set_source(np.zeros_like(sweeper.thermal), shining=False)
-    mean = sweeper.weighted_mean(replace(camera, light=light), rays)
-    shape = (14, thick.rim, sweeper.components)
-    kept = download(device, light.buffer, np.empty(shape, np.float32))
-    own = thick.own[thick.own >= 0]
-    np.testing.assert_allclose(kept[:, own].sum(axis=2), 1.0, rtol=3e-7)
-    assert 0.01 < kept[:, own, 0].mean() < 0.5  # some of it is the background's
-    of_each = np.einsum("k,kno->no", rays.directions.weight, kept[:, own])
-    order = np.argsort(own)
-    np.testing.assert_allclose(of_each[order].T, mean[:, thick.listed], atol=1e-5)
-
-
-def test_records_of_filled_cells() -> None:
-    """Sources of both pictures lie where the kernel looks for them; thick cells scatter the light
-    that is expected in them; and in every cell what comes from outside and what is emitted at
-    radiance 1 make 1."""
-    medium = OpticalCells.of(random_tree(8))
-    rng = np.random.default_rng(6)
-    filled = Filled.of(medium)
-    assert np.array_equal(np.flatnonzero(filled.number >= 0), np.flatnonzero(medium.depth > 0))
-    cells, count = len(medium.address), len(medium.needs.components)
-    listed = [rng.random((count, cells)) / 8 for _ in range(2)]
-    thick = np.flatnonzero(rng.random(cells) < 0.3)
-    expected = rng.random((count, len(thick))) / 8
-    records = filled.records(list(listed), np.zeros(cells), thick, expected, np.float64)
-    assert records.shape == (len(filled.at), 2 + 2 * (count + 1))
-    np.testing.assert_array_equal(records[:, 0], medium.depth[filled.at])
-    row = filled.number[medium.address]
-    plain = np.setdiff1d(np.arange(cells), thick)
-    np.testing.assert_array_equal(records[row[thick], 1], medium.albedo[thick])
-    assert not records[row[plain], 1].any()
-    for picture, source in enumerate(listed):
-        mine = records[:, 2 + picture * (count + 1) : 2 + (picture + 1) * (count + 1)]
-        np.testing.assert_array_equal(mine[row[plain], :-1], source[:, plain].T)
-        sent = medium.albedo[thick] * expected
-        sent[2:] += medium.thermal_planes(np.float64)[:, medium.address[thick]]
-        np.testing.assert_array_equal(mine[row[thick], :-1], sent.T)
-        whole = mine[:, :2].sum(axis=1) + mine[:, -1]
-        np.testing.assert_allclose(whole, 1.0, rtol=1e-12)

@@ -1,0 +1,87 @@
+"""The source that is solved for, and what it takes on the device."""
+
+from __future__ import annotations
+
+import weakref
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cldit.gpu.device import Device
+from cldit.transport.cells import OpticalCells
+from cldit.transport.directions import isotropic
+from cldit.transport.phase import henyey_greenstein
+from cldit.transport.solve import corrected, first_guess, solve
+from cldit.transport.sweep import Sweeper
+from cldit.transport.trace import Settings, trace
+
+from .medium import random_tree, scene_of, sweeper_of
+
+
+def _rms(values: NDArray[np.floating]) -> float:
+    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64))))
+
+
+@pytest.mark.parametrize("deeper", [1.0, 30.0])
+def test_correction_along_more_directions(device: Device, deeper: float) -> None:
+    """What few directions solve for, corrected by one sweep along many, is the solution along the
+    many but for the second order of how far both are apart; so it is closer than one scattering
+    more along the many brings it, and that is closer than it was. The light is that of the
+    source."""
+    tree = random_tree(3, scattering=deeper)
+    cells = OpticalCells.of(tree)
+    sweeper = sweeper_of(device, cells, {"BOUNDARY_DISC": 1})
+    rng = np.random.default_rng(4)
+    few, many = (
+        sweeper.rays(isotropic(count, rng).balanced(), rng.random((count, 2))) for count in (8, 128)
+    )
+    guess = first_guess(sweeper, cells.albedo)
+    truth = solve(sweeper, guess, many, tolerance=1e-6).source
+    rough = solve(sweeper, guess, few, tolerance=1e-6)
+    sweeper.set_source(rough.source, shining=True)
+    sweeper.sweep(many, shining=True)
+    light = (sweeper.next_order() - sweeper.thermal) / cells.albedo
+    better, more = corrected(sweeper, rough, few, tolerance=1e-6)
+    first = _rms(rough.source - truth)
+    again = _rms(cells.albedo * light + sweeper.thermal - truth)
+    assert _rms(better.source - truth) < 0.5 * again < 0.5 * first
+    assert first > 1e-3  # or there was nothing to correct
+    sent = cells.albedo * (light + more) + sweeper.thermal
+    # To what GMRES leaves, half of 1e-6, times the share that it is divided by, at most 1.
+    assert _rms(sent - better.source) < 1e-6
+    assert better.passes > rough.passes
+    assert better.residual < 1e-6
+
+
+def test_one_sweeper_at_a_time(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a phase function two media are swept, each of which fills its sweeper: the solver's is
+    gone, with all its buffers, before the other is made; and no room outlives its sweeps."""
+    alive: weakref.WeakSet[Sweeper] = weakref.WeakSet()
+    made = []
+    init = Sweeper.__init__
+
+    def counted(self: Sweeper, *given: Any, **named: Any) -> None:
+        made.append(len(alive))
+        alive.add(self)
+        init(self, *given, **named)
+
+    monkeypatch.setattr(Sweeper, "__init__", counted)
+    scene = scene_of()
+    settings = Settings(
+        directions=8,
+        final_directions=16,
+        tolerance=1e-3,
+        order=None,
+        cutoff=1e-4,
+        precision="float32",
+        seed=1,
+        phase=henyey_greenstein(0.8),
+        max_samples=64,
+        accuracy_K=10.0,
+        audit=False,
+    )
+    trace(random_tree(6), scene, device, settings)
+    assert made == [0, 0]
+    assert not alive
