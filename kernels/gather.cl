@@ -14,197 +14,17 @@
    for what is left, and after LONGEST flights with that alone: light that has been scattered so often
    has forgotten where it came in. So every chain keeps its light to rounding. */
 
-#include "attenuation.h"
-#include "boundary.h"
-#include "components.h"
 #include "directions.h"
-#include "moments.h"
+#include "flight.h"
 #include "phase.h"
 #include "random.h"
 #include "ray.h"
-#include "step.h"
 #include "walk.h"
 
 #ifndef LONGEST
 #error "LONGEST: flights of a chain"
 #endif
-#ifndef CUTOFF
-#error "CUTOFF: transmission at which a ray ends"
-#endif
-
-/* Of a chain's sum: the components, and what it would bring from within a medium of radiance 1. */
-#define WITHIN COMPONENTS
-#define PARTS (COMPONENTS + 1)
 #define ROULETTE R(0.3) /* weight under which a chain may end */
-
-/* A cell's record: optical depth of its edge; albedo of a deep cell, 0 of others; what it emits, if it
-   is deep; and the source of the last sweep: S_0 of all components, SLOPED: its moments (moments.h),
-   LINEAR: how S_0 changes across the cell along x, y, z. Of deep cells, the light that is scattered in
-   the same form, not yet times the albedo, and without what is emitted. */
-#define DEPTH 0
-#define ALBEDO 1
-#define EMISSION 2
-#define SOURCE (EMISSION + EMITTERS)
-#ifdef SLOPED
-#define ACROSS_IT (SOURCE + (1 + MOMENTS) * COMPONENTS)
-#else
-#define ACROSS_IT (SOURCE + COMPONENTS)
-#endif
-#ifdef LINEAR
-#define RECORD (ACROSS_IT + 3 * COMPONENTS)
-#else
-#define RECORD ACROSS_IT
-#endif
-
-/* Numbers that a cell has in the light kept by sweeps: of six faces, and of the light in it. */
-#define FACES 8
-#define OWN 6
-
-/* What flights meet. All places are in cells from the cube's lower corner. */
-typedef struct {
-    __global const int *places;    /* of the box that the cells lie in: their numbers; -1: others */
-    __global const int *faces;     /* of them to others: their numbers, down and up along x, y, z;
-                                      and of the light in the cell itself; FACES a cell */
-    __global const real *cells;    /* records */
-    __global const real *light;    /* that comes through them: [direction][face][component] */
-    int rim;                       /* faces of one direction */
-    __global const real4 *directions; /* where it comes from, and the share of directions up to here
-                                         in what a cell scatters along +y; neighbours are close by */
-    __global const int *number_of; /* of the directions: theirs in `light` */
-    __global const int *start;     /* of the directions, the one at which the share k / count lies */
-    __global const int *nearest;   /* of the directions: see direction_near */
-    int count;                     /* of directions */
-    int4 low, shape;               /* the box */
-    Boundary boundary;
-} Near;
-
-/* Adds light of known components, and what of it is from within. */
-INLINE void score(real *sum, real weight, __global const real *light)
-{
-    real outside = R(0);
-    for (int c = 0; c < COMPONENTS; ++c) {
-        sum[c] += weight * light[c];
-        if (c < BOUNDARIES) outside += light[c];
-    }
-    sum[WITHIN] += weight * (R(1) - outside);
-}
-
-/* Adds what of a cell's source is seen along d: `all` of S_0 and its moments, and of how it changes
-   along x, y, z as much as the place lies off the cell's middle, times `all`. */
-INLINE void score_source(real *sum, real all, real3 place, real3 d, __global const real *record)
-{
-    __global const real *source = record + SOURCE;
-    /* Loops that do one thing each become vector instructions. */
-    real light[COMPONENTS];
-    for (int c = 0; c < COMPONENTS; ++c) light[c] = all * source[c];
-#ifdef SLOPED
-    const real sent[MOMENTS] = MOMENTS_SENT(d);
-    for (int m = 0; m < MOMENTS; ++m) {
-        const real counts = all * sent[m];
-        for (int c = 0; c < COMPONENTS; ++c) light[c] += counts * source[c + (1 + m) * COMPONENTS];
-    }
-#endif
-#ifdef LINEAR
-    __global const real *change = record + ACROSS_IT;
-    for (int c = 0; c < COMPONENTS; ++c)
-        light[c] += place.x * change[c] + place.y * change[c + COMPONENTS]
-            + place.z * change[c + 2 * COMPONENTS];
-#endif
-    real outside = R(0);
-    for (int c = 0; c < COMPONENTS; ++c) sum[c] += light[c];
-    for (int c = 0; c < BOUNDARIES; ++c) outside += light[c];
-    sum[WITHIN] += all - outside;
-}
-
-/* Adds what the cell at `s` sends that a flight from p along d crosses over `length`, of optical depth
-   t, which takes out `share`. */
-INLINE void score_cell(
-    real *sum, real weight, __global const real *record, real3 p, real3 d, const Step *s, real length,
-    real t, real share)
-{
-    const real all = weight * share;
-    real3 place = (real3)(R(0));
-#ifdef LINEAR
-    /* Where it is seen: less deep in the cell than in the middle of the way. */
-    const real middle = s->t + R(0.5) * length;
-    const real nearer = weight * t * rising(t, share, mean_transmission(t, share)) * length;
-    place.x = all * (p.x + middle * d.x - s->x - R(0.5)) - nearer * d.x;
-    place.y = all * (p.y + middle * d.y - s->y - R(0.5)) - nearer * d.y;
-    place.z = all * (p.z + middle * d.z - s->z - R(0.5)) - nearer * d.z;
-#endif
-    score_source(sum, all, place, d, record);
-}
-
-/* One flight from p in `cell`, along d, the way back to where the light comes from; scores what it
-   brings. Of all that deep cells on its way scatter, `weight` becomes the sum and one place is drawn:
-   its record is returned, and p and `cell` are moved there; 0 if they scatter nothing. Light scored
-   and `weight` left make the `weight` that came in. */
-INLINE __global const real *flight(
-    real *sum, real *weight, real3 *p, int3 *cell, real3 d, int number, real u, const Near *m)
-{
-    __global const real *met = 0;
-    const real3 from = *p;
-    const real whole = *weight;
-    real transmitted = R(1), scattered = R(0), at = R(0), share_there = R(0);
-    Step s = step_from(*cell, from, d);
-    int inside = 0, face = 0;
-    for (;;) {
-        const int x = s.x - m->low.x, y = s.y - m->low.y, z = s.z - m->low.z;
-        if (x < 0 || y < 0 || z < 0 || x >= m->shape.x || y >= m->shape.y || z >= m->shape.z) {
-            const int seen = boundary_seen(
-                from.x, from.y, from.z, d.x, d.y, d.z, R(0), &m->boundary);
-            for (int c = 0; c < BOUNDARIES; ++c)
-                sum[c] += c == seen ? whole * transmitted : R(0);
-            break;
-        }
-        const int place = m->places[(z * m->shape.y + y) * m->shape.x + x];
-        if (place < 0) { /* it came from one of the cells: there it began */
-            score(sum, whole * transmitted,
-                  m->light
-                      + ((size_t)number * m->rim + m->faces[FACES * inside + face]) * COMPONENTS);
-            break;
-        }
-        inside = place;
-        __global const real *record = m->cells + (size_t)place * RECORD;
-        if (record[DEPTH] > R(0)) {
-            const real length = step_end(&s) - s.t;
-            const real t = record[DEPTH] * length;
-            const real share = absorbed(t);
-            real taken = transmitted * share;
-            const real left = transmitted - taken;
-            /* What is left in the end goes no further than the last cell. */
-            const int last = left <= R(CUTOFF);
-            if (record[ALBEDO] > R(0)) {
-                taken += last ? left : R(0);
-                const real here = taken * record[ALBEDO];
-                for (int e = 0; e < EMITTERS; ++e)
-                    sum[BOUNDARIES + e] += whole * taken * record[EMISSION + e];
-                sum[WITHIN] += whole * (taken - here);
-                scattered += here;
-                /* One number serves all draws: what is left of it after each is as random as before. */
-                const real chance = here > R(0) ? here / scattered : R(0);
-                if (u < chance) {
-                    u = least(u / chance, R(0.9999999));
-                    met = record;
-                    at = s.t;
-                    share_there = share;
-                    *cell = (int3)(s.x, s.y, s.z);
-                } else {
-                    u = (u - chance) / (R(1) - chance);
-                }
-            } else {
-                score_cell(sum, whole * transmitted, record, from, d, &s, length, t, share);
-                if (last) score(sum, whole * left, record + SOURCE);
-            }
-            if (last) break;
-            transmitted = left;
-        }
-        face = step_on(&s, d);
-    }
-    *weight = whole * scattered;
-    if (met) *p = from + (at + length_at(u, share_there, met[DEPTH])) * d;
-    return met;
-}
 
 /* Weight of a direction for light scattered along `sight`: the directions are shared out as for a
    line of sight along +y. */
@@ -228,13 +48,6 @@ typedef struct {
     __global const uint *point;
     uint4 shift0, shift1;
 } Chance;
-
-/* Number of the light that the last sweep had in a thick cell; -1: it was not kept. */
-INLINE int own_number(int3 cell, const Near *m)
-{
-    const int x = cell.x - m->low.x, y = cell.y - m->low.y, z = cell.z - m->low.z;
-    return m->faces[FACES * m->places[(z * m->shape.y + y) * m->shape.x + x] + OWN];
-}
 
 /* Follows one chain from p in a thick `cell`, where light is scattered along `sight`: what it brings
    more than the light in that cell along its first direction, as the last sweep had it. That varies

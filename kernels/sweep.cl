@@ -84,7 +84,7 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 #define LAYERS_Y 1 /* u = x, v = z, l = y */
 #define LAYERS_X 2 /* u = y, v = z, l = x: the turned groups */
 
-#define OWN 64 /* no face of a cell */
+#define NO_FACE 64 /* in place of a face: all of the cell */
 
 /* The component of the ray that comes into the box at cell (u, v, l), from `back`. */
 INLINE int seen_from(int u, int v, int l, int layout, real4 back, const Boundary *boundary)
@@ -173,7 +173,7 @@ __kernel void sweep(
     const int rim,                 /* faces of one direction */
     __global const int *rim_rows,  /* in: first of a row's faces in rim_faces, [l][v], and the end */
     __global const int4 *rim_faces /* in: u of the cell before it; which of that cell's faces, as a
-                                      bit, or OWN, the light in the cell; number */
+                                      bit, or NO_FACE, the light in the cell; number */
 #endif
     )
 {
@@ -309,7 +309,7 @@ __kernel void sweep(
 #ifdef RIM
         for (int i = first_rim + lane; i < end_rim; i += lanes) {
             const int4 face = rim_faces[i];
-            const int own = face.y == OWN;
+            const int own = face.y == NO_FACE;
             if (!own && !(face.y & directions[step].y)) continue;
             __global real *leaves = light
                 + ((size_t)(earlier + origins[k].y) * rim + face.z) * COMPONENTS;

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.gpu.buffers import download, upload, zeros
+from cldit.gpu.buffers import download, unset, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
 from cldit.gpu.share import shares
@@ -186,7 +186,7 @@ class Gather:
             return None
         view = self._painter.view
         camera = view.middle - np.array([0.0, view.distance, 0.0, 0.0])
-        out = zeros(device, "expected light", count * (self._components - 1), self._real)
+        out = unset(device, "expected light", count * (self._components - 1), self._real)
         group = min(_GROUP, device.info.largest_group)
         cells = np.column_stack([self._at, self._own]).astype(np.int32)
         self._programs[0]["expected"](

@@ -23,8 +23,8 @@ Method = Literal["source", "path", "branching"]
 class Settings:
     """How a trace is carried out; `settings_for` derives it from the wanted accuracy.
 
-    directions: of the sweeps that solve for the source; final_directions: of the two halves
-    together of the last sweep, twice those of the one before it; tolerance: RMS error allowed in
+    directions: of the sweep that corrects the source, which is solved for with fewer (work.py);
+    final_directions: of the two halves together of the last sweep; tolerance: RMS error allowed in
     the source (weights are 0..1).
     accuracy_K, max_samples: where `path` stops, RMS error of T_app or samples a pixel. order: most
     scatterings, None for all; beyond it the wall is seen. phase: None is isotropic.

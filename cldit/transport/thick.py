@@ -22,7 +22,7 @@ from cldit.transport.layout import Layout, layouts
 
 FACE = 64  # entries of the table of nearest directions along a side
 NONE, OUTSIDE = -1, -2
-_OWN = 64  # in place of a face, as in sweep.cl
+_NO_FACE = 64  # in place of a face, as in sweep.cl
 _MOST_LIGHT = 2**29  # bytes of the light in all thick cells that the last sweeps may keep
 _AROUND = 1  # so many cells around thick ones are of their region
 # Optical depth of a cell beyond which a source that is linear in it is not enough: its skin is a
@@ -104,7 +104,7 @@ class ThickCells:
         changes: NDArray[np.floating] | None,
         changing: NDArray[np.intp],
     ) -> NDArray[np.floating]:
-        """(R, 2 + E + M C + 3 C) as in kernels/gather.cl: optical depth; albedo and emission of
+        """(R, 2 + E + M C + 3 C) as in kernels/record.h: optical depth; albedo and emission of
         deep cells, in which chains go on; the last sweep's source, and its changes; of deep cells
         these of what they scatter, over their albedo.
 
@@ -201,7 +201,7 @@ class RimLight:
             row = up * nv + across
             order = np.argsort(row, kind="stable")
             starts = np.searchsorted(row[order], np.arange(nl * nv + 1))
-            bit = np.full(len(at), _OWN)
+            bit = np.full(len(at), _NO_FACE)
             bit[: len(side)] = 1 << (2 * np.argsort(layout.axes)[side // 2] + side % 2)
             table = np.column_stack([along, bit, number, number])[order]  # the last is not read
             rows[layout.number] = upload(device, "rows of faces", starts.astype(np.int32))
@@ -221,7 +221,7 @@ class RimLight:
 
 
 def nearest(directions: Directions) -> NDArray[np.int32]:
-    """(FACE, FACE) number of the nearest direction for each entry of kernels/gather.cl's table."""
+    """(FACE, FACE) number of the nearest direction for each entry of kernels/directions.h's table."""
     middle = (np.arange(FACE) + 0.5) * 2 / FACE - 1
     v, u = np.meshgrid(middle, middle, indexing="ij")
     z = 1 - np.abs(u) - np.abs(v)

@@ -37,8 +37,7 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     """Directions and tolerance for the accuracy that the scene asks for.
 
     The last sweep, which makes the picture, has twice as many as `transport.directions`, with a
-    phase function three times; the solver makes do with a quarter of these, for further sweeps
-    with more of them follow. With a phase function flights start in thinner cells: what lies behind
+    phase function three times; the solution is corrected by half of these. With a phase function flights start in thinner cells: what lies behind
     a cell then matters within it.
 
     Args:
