@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.gpu.buffers import download, upload, zeros
+from cldit.gpu.buffers import download, unset, upload
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
 from cldit.gpu.share import shares
@@ -191,7 +191,7 @@ class Painter:
         columns, rows = self.view.pixels
         outs = []
         for part, some in zip(self.parts, records, strict=True):
-            out = zeros(part.device, "picture", self._planes * rows * columns, self.real)
+            out = unset(part.device, "picture", self._planes * rows * columns, self.real)
             if part.rows:
                 part.program["image"](
                     part.device.queue,
@@ -220,7 +220,7 @@ class Painter:
         divided = shares(self.parts[0].device, len(pixels))
         for part, some, (_, mine) in zip(self.parts, records, divided, strict=True):
             count, group = len(mine), min(_GROUP, part.device.info.largest_group)
-            out = zeros(part.device, "picture", self._planes * count, self.real)
+            out = unset(part.device, "picture", self._planes * count, self.real)
             if count:
                 part.program["refine"](
                     part.device.queue,

@@ -221,7 +221,7 @@ class RimLight:
 
 
 def nearest(directions: Directions) -> NDArray[np.int32]:
-    """(FACE, FACE) number of the nearest direction for each entry of kernels/directions.h's table."""
+    """(FACE, FACE) number of the nearest direction for each entry of directions.h's table."""
     middle = (np.arange(FACE) + 0.5) * 2 / FACE - 1
     v, u = np.meshgrid(middle, middle, indexing="ij")
     z = 1 - np.abs(u) - np.abs(v)
