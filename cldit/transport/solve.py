@@ -9,7 +9,7 @@ order in what the two sets differ by.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -98,15 +98,19 @@ def solve(
         if now == 0.0 or (passes > 1 and now * gain <= tolerance):
             return Solution(source, passes, now, now * gain, lack)
         if passes >= _MAX_PASSES or now > 0.5 * before:
-            raise NotConvergedError(
-                f"scattering does not converge below an error of {now * gain:.1e} "
-                f"({passes} passes), asked for is {tolerance:.1e}; allow a larger "
-                "transport.accuracy_K, or set transport.precision: float64"
-            )
+            raise _stuck(now * gain, passes, tolerance)
         before = now
         cycle = _krylov(sweeper, lack, rays, tolerance)
         passes, gain = passes + cycle.passes, cycle.gain
         source = source + cycle.step
+
+
+def _stuck(error: float, passes: int, tolerance: float) -> NotConvergedError:
+    return NotConvergedError(
+        f"scattering does not converge below an error of {error:.1e} ({passes} passes), asked for "
+        f"is {tolerance:.1e}; allow a larger transport.accuracy_K, or set transport.precision: "
+        "float64"
+    )
 
 
 def corrected(
@@ -123,27 +127,28 @@ def corrected(
 
     The sweeper has swept the solution along them, into `listed` (see `Sweeper.residual`); rays:
     those that it was solved with.
+
+    Raises:
+        NotConvergedError: as `solve`.
     """
     lack = sweeper.residual(shining=True, listed=listed)
-    before = float(_rms(lack).max())
-    cycle = _krylov(sweeper, lack, rays, tolerance)
-    now, passes = float(_rms(cycle.left).max()), solution.passes + cycle.passes
-    if report is not None:
-        report(f"pass {passes}: residual along more directions {before:.1e}, and now {now:.1e}")
+    left, step, passes = lack, np.zeros_like(lack), solution.passes
+    now = float(_rms(lack).max())
+    error = now
+    while now > 0.0 and (error > tolerance or left is lack):
+        before, cycle = now, _krylov(sweeper, left, rays, tolerance)
+        step, left, passes = step + cycle.step, cycle.left, passes + cycle.passes
+        now = float(_rms(left).max())
+        error = now * cycle.gain
+        if report is not None:
+            report(f"pass {passes}, corrected: residual {now:.1e}, error {error:.1e}")
+        if not np.isfinite(now) or (error > tolerance and now > 0.5 * before):
+            raise _stuck(error, passes, tolerance)
     # What the step scatters, less what it is of its own: the residual not preconditioned.
     least = np.finfo(lack.dtype).tiny
-    more = (cycle.step - lack * sweeper.lost) / np.maximum(sweeper.albedo, least).astype(lack.dtype)
-    return (
-        replace(
-            solution,
-            source=solution.source + cycle.step,
-            passes=passes,
-            residual=now,
-            error=now * cycle.gain,
-            lack=cycle.left,
-        ),
-        more,
-    )
+    more = (step - lack * sweeper.lost) / np.maximum(sweeper.albedo, least).astype(lack.dtype)
+    source = solution.source + step
+    return Solution(source, passes, now, error, left), more
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,6 @@ _CHANGING = 0.25
 # Directions of the solver, and of the sweep before the last, over those which correct it.
 _SOLVED, _FORGETTING = 1 / 8, 2
 _FEWEST = 8
-_LOOSELY = 30  # times the tolerance: what more directions show to be lacking is more
 _CHECKED = 8  # directions on which the sweeps are checked for what they make or lose
 
 
@@ -151,9 +150,8 @@ class Work:
     ) -> tuple[Solution, Rays]:
         """Along few directions, and these."""
         few = self.rays(sweeper, max(_FEWEST, round(_SOLVED * self.more)), rng)
-        guess = first_guess(sweeper, sweeper.albedo)
-        loosely = _LOOSELY * self.settings.tolerance
-        return solve(sweeper, guess, few, tolerance=loosely, report=report), few
+        guess, tolerance = first_guess(sweeper, sweeper.albedo), self.settings.tolerance
+        return solve(sweeper, guess, few, tolerance=tolerance, report=report), few
 
     def corrected(
         self,
