@@ -5,6 +5,9 @@
 #include "boundary.h"
 #include "record.h"
 
+#ifndef PENDING
+#error "PENDING: reads of kept light that are made together"
+#endif
 #ifndef CUTOFF
 #error "CUTOFF: transmission at which a ray ends"
 #endif
@@ -31,6 +34,28 @@ typedef struct {
     Boundary boundary;
 } Near;
 
+/* Kept light that is still to be scored, and the sum of what was. Flights end anywhere in some hundred
+   megabytes of it: one by one, a fifth of their time would be waiting for memory. */
+typedef struct {
+    __global const real *light[PENDING];
+    real weight[PENDING];
+    int count;
+    real sum[PARTS];
+} Ends;
+
+INLINE void score_pending(Ends *ends)
+{
+    for (int k = 0; k < ends->count; ++k) score(ends->sum, ends->weight[k], ends->light[k]);
+    ends->count = 0;
+}
+
+INLINE void score_later(Ends *ends, real weight, __global const real *light)
+{
+    ends->weight[ends->count] = weight;
+    ends->light[ends->count] = light;
+    if (++ends->count == PENDING) score_pending(ends);
+}
+
 /* Number of the light that the last sweep had in a thick cell; -1: it was not kept. */
 INLINE int own_number(int3 cell, const Near *m)
 {
@@ -39,11 +64,12 @@ INLINE int own_number(int3 cell, const Near *m)
 }
 
 /* One flight from p in `cell`, along d, the way back to where the light comes from; scores what it
-   brings. Of all that deep cells on its way scatter, `weight` becomes the sum and one place is drawn:
-   its record is returned, and p and `cell` are moved there; 0 if they scatter nothing. Light scored
-   and `weight` left make the `weight` that came in. */
+   brings, kept light in `ends`. Of all that deep cells on its way scatter, `weight` becomes the sum and
+   one place is drawn: its record is returned, and p and `cell` are moved there; 0 if they scatter
+   nothing. Light scored and `weight` left make the `weight` that came in. */
 INLINE __global const real *flight(
-    real *sum, real *weight, real3 *p, int3 *cell, real3 d, int number, real u, const Near *m)
+    real *sum, Ends *ends, real *weight, real3 *p, int3 *cell, real3 d, int number, real u,
+    const Near *m)
 {
     __global const real *met = 0;
     const real3 from = *p;
@@ -62,9 +88,8 @@ INLINE __global const real *flight(
         }
         const int place = m->places[(z * m->shape.y + y) * m->shape.x + x];
         if (place < 0) { /* it came from one of the cells: there it began */
-            score(sum, whole * transmitted,
-                  m->light
-                      + ((size_t)number * m->rim + m->faces[FACES * inside + face]) * COMPONENTS);
+            const size_t end = (size_t)number * m->rim + m->faces[FACES * inside + face];
+            score_later(ends, whole * transmitted, m->light + end * COMPONENTS);
             break;
         }
         inside = place;

@@ -53,7 +53,7 @@ typedef struct {
    more than the light in that cell along its first direction, as the last sweep had it. That varies
    far less; what all directions bring of it is known (`expected`). */
 INLINE void chain(
-    real *sum, real weight, real3 p, int3 cell, real3 sight, uint4 counter, uint2 key,
+    real *sum, Ends *ends, real weight, real3 p, int3 cell, real3 sight, uint4 counter, uint2 key,
     const Chance *chance, const Near *m, __global const real *table, __global const real *steps)
 {
     const real floor_ = ROULETTE * weight;
@@ -71,7 +71,7 @@ INLINE void chain(
             number = m->number_of[drawn];
             const int own = own_number(cell, m);
             if (own >= 0)
-                score(sum, -weight, m->light + ((size_t)number * m->rim + own) * COMPONENTS);
+                score_later(ends, -weight, m->light + ((size_t)number * m->rim + own) * COMPONENTS);
         } else {
             if (event == 1) {
                 word.x = chance->point[3] ^ chance->shift1.x;
@@ -85,7 +85,7 @@ INLINE void chain(
             d = turned(d, phase_cosine(unit(word.x), table), unit(word.y));
             number = m->nearest[direction_near(d)];
         }
-        __global const real *met = flight(sum, &weight, &p, &cell, d, number, unit(word.z), m);
+        __global const real *met = flight(sum, ends, &weight, &p, &cell, d, number, unit(word.z), m);
         if (!met || !(weight > R(0))) return;
         /* Where it ends, and on average where it does not, light as the sweeps have it there stands
            for what is left: no light is made or lost by chance. */
@@ -236,7 +236,9 @@ __kernel void gather(
     chance.shift0 = philox((uint4)(numbers[number], 0, 0xFFFFFFFFu, half_), key);
     chance.shift1 = philox((uint4)(numbers[number], 1, 0xFFFFFFFFu, half_), key);
     real sum[PARTS];
-    for (int c = 0; c < PARTS; ++c) sum[c] = R(0);
+    Ends ends;
+    ends.count = 0;
+    for (int c = 0; c < PARTS; ++c) sum[c] = ends.sum[c] = R(0);
     /* Its weight may have been all rounding: then there is no stretch, and nothing to gather. */
     const int stretch_count = first[number + 1] - first[number];
     __global const real *stretch = stretches + (size_t)first[number] * STRETCH;
@@ -268,9 +270,11 @@ __kernel void gather(
         /* Summed apart: of a long chain the parts are far less than the sum of all. */
         real of_chain[PARTS];
         for (int c = 0; c < PARTS; ++c) of_chain[c] = R(0);
-        chain(of_chain, even, from + along * sight, (int3)((int)one[0], (int)one[1], (int)one[2]), sight,
+        chain(of_chain, &ends, even, from + along * sight,
+              (int3)((int)one[0], (int)one[1], (int)one[2]), sight,
               (uint4)(numbers[number], from_point + k, 0, half_), key, &chance, &near, table, steps);
         for (int c = 0; c < PARTS; ++c) sum[c] += of_chain[c];
     }
-    for (int c = 0; c < PARTS; ++c) means[c * count + item] = sum[c];
+    score_pending(&ends);
+    for (int c = 0; c < PARTS; ++c) means[c * count + item] = sum[c] + ends.sum[c];
 }

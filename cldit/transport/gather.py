@@ -40,6 +40,7 @@ _GROUP = 16
 _TILE = 12  # pixels along a tile's edge: some hundred tell their noise
 _NOISE = 0.5  # of the wanted error, which chains may leave: other errors are larger
 _BRIGHT = 3.0  # noise before walls as bright as the hottest cell, over that before gdi's own
+_PENDING = 8  # reads of kept light made together; GPUs have other flights to wait with
 _STRETCH = 8  # numbers of a stretch within a thick cell, as in gather.cl
 
 
@@ -134,7 +135,14 @@ class Gather:
         starts = np.searchsorted(shared[:, 3], np.arange(len(shared)) / len(shared), "right")
         near = nearest(directions)
         size = len(directions) * light.rim * (self._components - 1)
-        self._programs = [build(part.device, "gather.cl", self._defines) for part in painter.parts]
+        self._programs = [
+            build(
+                part.device,
+                "gather.cl",
+                {**self._defines, "PENDING": _PENDING if part.device.is_cpu else 1},
+            )
+            for part in painter.parts
+        ]
         self._walks, self._fixed = [], []
         for part in painter.parts:
             one, kept = part.device, light.buffer

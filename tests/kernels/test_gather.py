@@ -24,6 +24,7 @@ DEFINES = f"""
 #define CAMERA_ORTHOGRAPHIC 1
 #define CUTOFF 1e-4
 #define LONGEST 4
+#define PENDING 2
 #define FACE {FACE}
 """
 
@@ -140,7 +141,14 @@ def test_expected_light(device: Device) -> None:
     in another order than theirs."""
     rng = np.random.default_rng(7)
     directions, cells, steps = isotropic(24, rng), 5, 64
-    defines = {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1, "CUTOFF": 1e-4, "LONGEST": 4, "FACE": FACE}
+    defines = {
+        "BOUNDARY_DISC": 1,
+        "CAMERA_PINHOLE": 1,
+        "CUTOFF": 1e-4,
+        "LONGEST": 4,
+        "PENDING": 2,
+        "FACE": FACE,
+    }
     defines |= {"HAS_DROPLETS": 1, "HAS_SCATTERING": 1, "PHASE_STEPS": steps, "PHASE_BINS": 16}
     program = build(device, "gather.cl", defines)
     at = rng.integers(0, 30, (cells, 3))
