@@ -167,11 +167,12 @@ class Work:
         return corrected(sweeper, solution, few, tolerance=tolerance, report=report, listed=listed)
 
     def scattered(self, sweeper: Sweeper, rng: np.random.Generator, times: int) -> Solution:
-        """So many times, in the sweeper's cells, along half of the last directions each."""
+        """Of a fixed order: so many times, in the sweeper's cells, along half of the last
+        directions each."""
         source = first_guess(sweeper, sweeper.albedo)
         for _ in range(times):
             source = another_order(sweeper, source, self.rays(sweeper, self.half, rng))
-        return Solution(source, max(times, 0), 0.0, 0.0)
+        return Solution(source, self.settings.order or 0, 0.0, 0.0)
 
     def checked(self, sweeper: Sweeper, solution: Solution) -> tuple[Solution, Floats]:
         """The solution, and what sweeps and solver make or lose of a cavity's radiance of 1 (N,),
