@@ -67,6 +67,14 @@ def _rms(values: Array) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(np.mean(wide * wide, axis=1)))
 
 
+def _worst(lack: Array) -> float:
+    """RMS of a residual (C, N), of its worst component; TransportError where it is not finite."""
+    worst = float(_rms(lack).max())
+    if not np.isfinite(worst):
+        raise TransportError("the scattered source is not finite")
+    return worst
+
+
 def solve(
     sweeper: Sweeper, guess: Array, rays: Rays, *, tolerance: float, report: Report | None = None
 ) -> Solution:
@@ -90,9 +98,7 @@ def solve(
         sweeper.sweep(rays, shining=True)
         passes += 1
         lack = sweeper.residual(shining=True)
-        now = float(_rms(lack).max())
-        if not np.isfinite(now):
-            raise TransportError("the scattered source is not finite")
+        now = _worst(lack)
         if report is not None:
             report(f"pass {passes}: residual {now:.1e}, error {now * gain:.1e}")
         if now == 0.0 or (passes > 1 and now * gain <= tolerance):
@@ -129,20 +135,19 @@ def corrected(
     those that it was solved with.
 
     Raises:
-        NotConvergedError: as `solve`.
+        NotConvergedError, TransportError: as `solve`.
     """
     lack = sweeper.residual(shining=True, listed=listed)
     left, step, passes = lack, np.zeros_like(lack), solution.passes
-    now = float(_rms(lack).max())
-    error = now
+    error = now = _worst(lack)
     while now > 0.0 and (error > tolerance or left is lack):
         before, cycle = now, _krylov(sweeper, left, rays, tolerance)
         step, left, passes = step + cycle.step, cycle.left, passes + cycle.passes
-        now = float(_rms(left).max())
+        now = _worst(left)
         error = now * cycle.gain
         if report is not None:
             report(f"pass {passes}, corrected: residual {now:.1e}, error {error:.1e}")
-        if not np.isfinite(now) or (error > tolerance and now > 0.5 * before):
+        if error > tolerance and now > 0.5 * before:
             raise _stuck(error, passes, tolerance)
     # What the step scatters, less what it is of its own: the residual not preconditioned.
     least = np.finfo(lack.dtype).tiny

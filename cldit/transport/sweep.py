@@ -192,9 +192,10 @@ class Sweeper:
             unset(self.device, "list", planes * self.count, self._real),
         )
 
-    def _answer(self, kernel: str, *arguments: Any) -> NDArray[Any]:
+    def _answer(self, kernel: str, *arguments: Any, listed: Any = None) -> NDArray[Any]:
         """What a kernel makes of the source and the excess (C, N) of the listed cells."""
-        self._of_list(kernel, self._out, self._listed, self._list, *arguments)
+        excess = self._listed if listed is None else listed
+        self._of_list(kernel, self._out, excess, self._list, *arguments)
         return self._read(self._out)
 
     def _read(self, listed: Any) -> NDArray[Any]:
@@ -374,18 +375,15 @@ class Sweeper:
     def residual(self, *, shining: bool, listed: Any = None) -> NDArray[Any]:
         """Preconditioned residual (C, N) of the present source and its excess; listed: of `room`,
         where that has taken the excess."""
-        self._of_list(
+        return self._answer(
             "residual",
-            self._out,
-            self._listed if listed is None else listed,
-            self._list,
             self._emission,
             self._albedo,
             self._coalbedo,
             self._lost,
             self._real(shining),
+            listed=listed,
         )
-        return self._read(self._out)
 
     def next_order(self) -> NDArray[Any]:
         """The source a (S + D) + E, (C, N), of one scattering more."""
