@@ -68,6 +68,27 @@ def halved(scene: Scene) -> Scene:
     )
 
 
+def one_pixel(scene: Scene) -> Scene:
+    """The scene with the one pixel in the corner: what a trace costs without a picture."""
+    size = [edge / n for edge, n in zip(scene.camera.field_m, scene.camera.pixels, strict=True)]
+    x, y, z = scene.target_m
+    return scene.model_copy(
+        update={
+            "camera": scene.camera.model_copy(
+                update={
+                    "pixels": (1, 1),
+                    "field_m": tuple(size),
+                    "target_m": (
+                        x - scene.camera.field_m[0] / 2 + size[0] / 2,
+                        y,
+                        z + scene.camera.field_m[1] / 2 - size[1] / 2,
+                    ),
+                }
+            )
+        }
+    )
+
+
 @dataclass(frozen=True)
 class Lattice:
     """Every n-th pixel of a picture, in the middle of its block: `every` across and down, odd.

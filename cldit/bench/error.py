@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.bench import ACCURACIES_K
-from cldit.bench.case import BenchError, Case, Cost, Lattice, Say
+from cldit.bench.case import BenchError, Case, Cost, Lattice, Say, one_pixel
 from cldit.dit.accuracy import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
 from cldit.transport.trace import Settings
@@ -37,14 +37,16 @@ class Truth:
     samples: int
 
     @classmethod
-    def of(cls, case: Case, *, samples: int, phase: Any) -> Truth:
-        """By path tracing, whatever the scene's method is.
+    def of(cls, case: Case, *, samples: int, phase: Any, order: int | None = None) -> Truth:
+        """By path tracing, whatever the scene's method is; of this order, if there is one.
 
         Raises:
             BenchError: nothing in the picture can be compared.
         """
         first, second = (
-            case.run(path_settings(case, samples // 2, phase=phase, seed=seed))[0].weights
+            case.run(path_settings(case, samples // 2, phase=phase, order=order, seed=seed))[
+                0
+            ].weights
             for seed in _REFERENCE_SEEDS
         )
         kelvin = case.temperature_K(first), case.temperature_K(second)
@@ -66,6 +68,12 @@ class Truth:
         products = ((image - pair[0]) * (image - pair[1]))[self.visible]
         return float(np.sqrt(max(float(np.nanmean(products)), 0.0)))
 
+    def common(self, one: Floats, other: Floats) -> float:
+        """RMS of what two independent images of T_app have wrong alike."""
+        a, b = self.kelvin
+        products = ((one - a) * (other - b) + (one - b) * (other - a))[self.visible] / 2
+        return float(np.sqrt(max(float(np.nanmean(products)), 0.0)))
+
     def most(self, image: Floats, pair: tuple[Floats, Floats]) -> float:
         """Largest difference from the mean of the halves, their noise included."""
         return float(np.nanmax(np.abs(image - (pair[0] + pair[1]) / 2)[self.visible]))
@@ -76,7 +84,9 @@ class Row:
     """One way of tracing.
 
     traced: share of the picture's pixels that were traced. picture_core_s: for all of them, linear
-    in the pixels but for what does not depend on them. rms_*, max_*: against the truth.
+    in the pixels but for what does not depend on them. rms_*, max_*: against the truth, of all
+    orders. of_order_K: RMS against `path` of the same order; left_K: what is left of that however
+    often the run is repeated, where that was found.
     stated_K: the error that the trace itself estimates, where it does.
     """
 
@@ -95,16 +105,22 @@ class Row:
     rms_wall: float
     max_wall: float
     stated_K: float | None = None
+    of_order_K: float | None = None
+    left_K: float | None = None
 
 
-def path_settings(case: Case, samples: int, *, phase: Any, seed: int = 11) -> Settings:
+def path_settings(
+    case: Case, samples: int, *, phase: Any, order: int | None = None, seed: int = 11
+) -> Settings:
     """So many samples in every pixel, whatever their error."""
-    settings = case.settings(method="path", phase=phase, max_samples=max(samples, 128), seed=seed)
+    settings = case.settings(
+        method="path", phase=phase, order=order, max_samples=max(samples, 128), seed=seed
+    )
     return replace(settings, accuracy_K=0.0)
 
 
 @dataclass(frozen=True)
-class _Bench:
+class Compared:
     """The whole picture, and the part of it that is compared, with its truth."""
 
     case: Case
@@ -168,20 +184,18 @@ def bench_error(
     accuracies_K: Sequence[float] = ACCURACIES_K,
     samples: Sequence[int] = SAMPLES,
     reference_samples: int = REFERENCE_SAMPLES,
-    branching_every: tuple[int, int, int] = (5, 5, 25),
 ) -> tuple[list[Row], Truth]:
-    """`source` to several accuracies, `path` with several numbers of samples, and, if the phase
-    function is isotropic, `branching` at orders 0 to 2 beside `source` at the same orders.
+    """`source` to several accuracies, and `path` with several numbers of samples.
 
-    `source` makes the whole picture; it is compared on the lattice's pixels. `path` and `branching`
-    trace those alone. branching_every: spacing of the pixels of orders 0, 1, 2.
+    `source` makes the whole picture; it is compared on the lattice's pixels. `path` traces those
+    alone.
     """
     part = case.seen(lattice.of(case.scene))
-    empty = case.seen(_one_pixel(case))
+    empty = case.seen(one_pixel(case.scene))
     say(f"{phase}: reference, {reference_samples} samples in {lattice.share(case.scene):.3g} of it")
     truth = Truth.of(part, samples=reference_samples, phase=phase)
     say(f"{phase}: reference is good to {truth.noise_K:.3f} K")
-    bench = _Bench(case, lattice, truth, phase)
+    bench = Compared(case, lattice, truth, phase)
     rows: list[Row] = []
 
     def add(row: Row) -> None:
@@ -224,101 +238,4 @@ def bench_error(
                 stated=result.weights_difference,
             )
         )
-    if phase == "isotropic":
-        _orders(bench, branching_every, add)
     return rows, truth
-
-
-def _orders(bench: _Bench, every: tuple[int, int, int], add: Any) -> None:
-    case, scene = bench.case, bench.case.scene
-    empty = case.seen(_one_pixel(case))
-    for order in range(3):
-        result, cost = case.run(case.settings(phase="isotropic", order=order))
-        add(
-            bench.row(
-                "source",
-                f"source, order {order}",
-                bench.lattice.pick(scene, result.weights),
-                cost,
-                picture_core_s=cost.core_s,
-                traced=1.0,
-                order=order,
-            )
-        )
-    for order, spacing in enumerate(every):
-        lattice = Lattice((spacing, spacing))
-        settings = case.settings(method="branching", phase="isotropic", order=order)
-        fixed = empty.run(settings)[1].core_s
-        part = case.seen(lattice.of(scene))
-        share = lattice.share(scene)
-        result, cost = part.run(settings)
-        # Its error is that of order 0..2 seen on its own pixels.
-        truth = bench.truth
-        if lattice != bench.lattice:
-            truth = Truth.of(part, samples=truth.samples, phase="isotropic")
-        add(
-            _Bench(case, lattice, truth, bench.phase).row(
-                "branching",
-                f"branching, order {order}",
-                result.weights,
-                cost,
-                picture_core_s=fixed + max(cost.core_s - fixed, 0.0) / share,
-                traced=share,
-                order=order,
-            )
-        )
-
-
-def _one_pixel(case: Case) -> Any:
-    """The scene with the one pixel in the corner: what a trace costs without a picture."""
-    scene = case.scene
-    size = [edge / n for edge, n in zip(scene.camera.field_m, scene.camera.pixels, strict=True)]
-    x, y, z = scene.target_m
-    return scene.model_copy(
-        update={
-            "camera": scene.camera.model_copy(
-                update={
-                    "pixels": (1, 1),
-                    "field_m": tuple(size),
-                    "target_m": (
-                        x - scene.camera.field_m[0] / 2 + size[0] / 2,
-                        y,
-                        z + scene.camera.field_m[1] / 2 - size[1] / 2,
-                    ),
-                }
-            )
-        }
-    )
-
-
-@dataclass(frozen=True)
-class Ratio:
-    """How many times the core seconds of one way another takes: `times`, to the same `error_K`
-    where there is one, else to the same order."""
-
-    what: str
-    times: float
-    error_K: float | None
-
-
-def ratios(rows: Sequence[Row]) -> list[Ratio]:
-    """`path` to the error of each `source`; `branching` to `source` of its order.
-
-    The error of `path` falls with the root of its samples, so its core seconds x error^2 is one
-    number, the mean of that of its rows; the seconds to any error follow.
-    """
-    out = []
-    for phase in dict.fromkeys(row.phase for row in rows):
-        these = [row for row in rows if row.phase == phase]
-        paths = [row for row in these if row.method == "path"]
-        effort = float(np.mean([row.picture_core_s * row.rms_K**2 for row in paths] or [np.nan]))
-        for row in these:
-            if row.method.startswith("source") and row.order is None:
-                times = effort / max(row.rms_K, 1e-9) ** 2 / row.picture_core_s
-                out.append(Ratio(f"path / {row.label}, {phase}", times, row.rms_K))
-        for row in these:
-            if row.method == "branching":
-                same = next(r for r in these if r.method == "source" and r.order == row.order)
-                what = f"branching / source, order {row.order}"
-                out.append(Ratio(what, row.picture_core_s / same.picture_core_s, None))
-    return out

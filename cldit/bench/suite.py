@@ -13,6 +13,7 @@ from cldit.bench.floor import floor
 from cldit.bench.growth import growth
 from cldit.bench.leave_out import leave_out
 from cldit.bench.memory import memory
+from cldit.bench.orders import bench_orders
 from cldit.bench.peers import peers
 from cldit.bench.rays import rays
 from cldit.bench.report import Part
@@ -61,6 +62,8 @@ def error(bench: Bench) -> Part:
             accuracies_K=bench.accuracies_K,
         )
         rows += some
+        if phase == "isotropic":
+            rows += bench_orders(case, truths[phase], lattice=bench.lattice, say=bench.say)
         bench.save(error_part(bench.scene, rows, truths))
     return error_part(bench.scene, rows, truths)
 

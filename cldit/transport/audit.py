@@ -55,11 +55,11 @@ def audited(
     those that `path` cannot follow say why in `unaudited`.
     """
     deepest = float(cells.depth[cells.address].max(initial=0.0))
-    if not cells.needs.scattering or settings.order is not None:
+    if not cells.needs.scattering or settings.order == 0:
         return result
     if settings.phase is None and deepest <= settings.thick:
         return result
-    often = scatterings(cells, deepest)
+    often = scatterings(cells, deepest, settings.order)
     why = ""
     if not settings.audit:
         why = "not wanted"
@@ -124,12 +124,13 @@ def found(
     return total / count, doubt / count, seconds
 
 
-def scatterings(cells: OpticalCells, deepest: float) -> float:
-    """A bound for the mean number of scatterings of a chain: what absorption allows, and what the
-    way out does (in a convex body light that enters evenly travels 4 V / S in the mean, whatever
-    the scattering: Bardsley and Dubi 1981)."""
+def scatterings(cells: OpticalCells, deepest: float, order: int | None) -> float:
+    """A bound for the mean number of scatterings of a chain: the order, what absorption allows, and
+    what the way out does (in a convex body light that enters evenly travels 4 V / S in the mean,
+    whatever the scattering: Bardsley and Dubi 1981)."""
     across = deepest * max(cells.box().shape)
-    return min(1.0 / max(float(cells.coalbedo.min()), 1e-300), max(across, 1.0))
+    most = np.inf if order is None else float(order)
+    return min(most, 1.0 / max(float(cells.coalbedo.min()), 1e-300), max(across, 1.0))
 
 
 def _planes(weights: Weights, cells: OpticalCells) -> Floats:

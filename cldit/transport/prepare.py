@@ -114,7 +114,8 @@ class _Solved:
         if order is None:
             solution, few = work.solution(sweeper, rng, report)
         else:
-            solution, few = work.scattered(sweeper, rng, order - 2), None
+            times = order - (3 if work.settings.swept_again else 2)
+            solution, few = work.scattered(sweeper, rng, times), None
         programs = [plain]
         shape = (1 if phase is None else MOMENTS, sweeper.components, sweeper.count)
         light = np.zeros(shape, sweeper.real)
@@ -156,7 +157,7 @@ def by_moments(
     solution, programs = solved.solution, solved.programs
     cells = work.seen if phase is None else work.cells(1.0 - phase.forward)
     sweeper = work.sweeper(cells, towards, work.changing)
-    if work.settings.order is None:
+    if work.settings.swept_again:
         again = work.finding()
         programs = (*programs, again)
         source = _source(sweeper, light, phase)
@@ -183,7 +184,8 @@ def _records(
     changes = source.changes
     if changes is None and sweeper.gradients is not None:
         changes = sweeper.gradients(source.moments[: sweeper.components])
-    return thick.records(work.seen, cells, source.moments, changes, sweeper.changing)
+    chains = work.settings.order is None
+    return thick.records(work.seen, cells, source.moments, changes, sweeper.changing, chains=chains)
 
 
 def _source(sweeper: Sweeper, light: _Light, phase: ScatteringTable | None) -> _Light:

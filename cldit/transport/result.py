@@ -30,7 +30,7 @@ class Settings:
     scatterings, None for all; beyond it the wall is seen. phase: None is isotropic.
     gather: `source` has light change within cells; what those of an optical depth above `thick`
     scatter to the camera is found by flights, until its noise is half of accuracy_K, or with
-    max_samples a pixel. A fixed order has light even in cells, as the paper does.
+    max_samples a pixel. Without it light is even in cells, as the paper has it.
     audit: `source` has some of its pixels traced by `path`, where it simplifies anything.
     """
 
@@ -51,7 +51,14 @@ class Settings:
 
     @property
     def within_cells(self) -> bool:
-        return self.gather and self.order is None
+        """Order 0 knows nothing of the light in them."""
+        return self.gather and self.order != 0
+
+    @property
+    def swept_again(self) -> bool:
+        """Between the solver's sweeps and the last, for sources that change across cells; orders 1
+        and 2 have no sweep for it, and begin with light that is even."""
+        return self.order is None or self.order > 2
 
 
 @dataclass(frozen=True)

@@ -103,6 +103,8 @@ class ThickCells:
         source: NDArray[np.floating],
         changes: NDArray[np.floating] | None,
         changing: NDArray[np.intp],
+        *,
+        chains: bool,
     ) -> NDArray[np.floating]:
         """(R, 2 + E + M C + 3 C) as in kernels/record.h: optical depth; albedo and emission of
         deep cells, in which chains go on; the last sweep's source, and its changes; of deep cells
@@ -110,7 +112,8 @@ class ThickCells:
 
         seen, cells: the medium as it is, and as that sweep has it; source (M C, N): of its
         scattering cells; changes (3, C, K): across those of them that `changing` (K,) lists, or
-        None. What is not stored is empty.
+        None. chains: else none is deep, for each flight of a chain is an order more. What is not
+        stored is empty.
         """
         stored = self.address >= 0
         address = self.address[stored]
@@ -119,6 +122,7 @@ class ThickCells:
         number = number[address]
         scatters = number >= 0
         deep = scatters & ((seen.depth[address] > _DEEP) | (seen.albedo[number] > _OFTEN))
+        deep &= chains
         real = source.dtype.type
         sent = np.zeros((len(source), len(address)), real)
         first, emission = cells.needs.boundaries, cells.thermal_planes(real, address)

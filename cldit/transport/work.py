@@ -64,6 +64,7 @@ class Work:
     ) -> Work:
         evenly = 1.0 if settings.phase is None else 1.0 - settings.phase.asymmetry
         changing = seen.depth[seen.address] > _CHANGING
+        wanted = settings.within_cells and settings.swept_again
         return cls(
             seen,
             scene,
@@ -73,7 +74,7 @@ class Work:
             {**defines, **sweep_defines(device)},
             build(device, "iterate.cl", defines),
             {"LINEAR": 1} if matter(seen, scattered=evenly) else {},
-            changing if settings.within_cells and changing.any() else None,
+            changing if wanted and changing.any() else None,
         )
 
     def cells(self, scattered: float) -> OpticalCells:

@@ -10,10 +10,12 @@ import pytest
 
 import cldit
 from cldit.bench.case import BenchError, Case, Lattice, changed
-from cldit.bench.error import Row, bench_error, ratios
+from cldit.bench.error import Row, bench_error
 from cldit.bench.error_report import error_part
 from cldit.bench.floor import floor
 from cldit.bench.kernels import Kernels
+from cldit.bench.orders import bench_orders
+from cldit.bench.ratios import ratios
 from cldit.bench.report import write_part
 from cldit.gpu.device import Device
 from cldit.run import simulate
@@ -37,24 +39,28 @@ def case(small: Scene, device: Device, tmp_path_factory: pytest.TempPathFactory)
 def test_all_methods_against_the_reference(case: Case, tmp_path: Path) -> None:
     """Errors fall with accuracy, samples and order; branching and source agree on order 0."""
     lines: list[str] = []
+    every = Lattice((1, 1))
     rows, truth = bench_error(
         case,
         phase="isotropic",
-        lattice=Lattice((1, 1)),
+        lattice=every,
         say=lines.append,
         accuracies_K=(3.0, 0.3),
         samples=(128, 512),
         reference_samples=1024,
-        branching_every=(1, 1, 9),
     )
+    rows += bench_orders(case, truth, lattice=every, say=lines.append, every=9)
     assert truth.noise_K > 0
     by = {row.label: row for row in rows}
     assert by["path, 512 samples"].rms_K < by["path, 128 samples"].rms_K
     # 128 samples have twice the error of 512: to 30 %, for there are some 100 pixels to know it by.
     assert 1.3 < by["path, 128 samples"].rms_K / by["path, 512 samples"].rms_K < 2.9
-    assert by["source, order 2"].rms_K < by["source, order 0"].rms_K
+    assert by["source, order 2, 0.1 K"].rms_K < by["source, order 0"].rms_K
     assert by["branching, order 0"].rms_K == pytest.approx(by["source, order 0"].rms_K, rel=0.01)
     assert by["branching, order 2"].traced < 0.02
+    for order in (1, 2):
+        fine = by[f"source, order {order}, 0.1 K"]
+        assert fine.of_order_K is not None and fine.of_order_K < 0.5 * fine.rms_K
     assert by["source, 0.3 K"].rms_K < by["source, order 0"].rms_K
     part = error_part(case.scene, rows, {"isotropic": truth})
     page = write_part(part, tmp_path, command="cldit bench", device=case.device)
@@ -63,20 +69,33 @@ def test_all_methods_against_the_reference(case: Case, tmp_path: Path) -> None:
     assert "extrapolated" in page.read_text(encoding="utf-8")
 
 
-def _row(method: str, core_s: float, rms_K: float, order: int | None = None) -> Row:
+def _row(
+    method: str, core_s: float, rms_K: float, order: int | None = None, left_K: float | None = None
+) -> Row:
     return Row(
         method, f"{method} {core_s}", "isotropic", order, 1.0, core_s, core_s, core_s, rms_K,
-        rms_K, 0.0, 0.0, 0.0, 0.0,
+        rms_K, 0.0, 0.0, 0.0, 0.0, of_order_K=rms_K, left_K=left_K,
     )  # fmt: skip
 
 
 def test_ratios_are_at_equal_error() -> None:
     """Path at 0.2 K in 10 s takes 40 s to 0.1 K: 20 times what source takes 2 s for."""
     rows = [_row("source", 2.0, 0.1), _row("path", 10.0, 0.2), _row("path", 40.0, 0.1)]
-    rows += [_row("source", 1.0, 5.0, 1), _row("branching", 70.0, 5.0, 1)]
     found = {ratio.what: ratio.times for ratio in ratios(rows)}
     assert found["path / source 2.0, isotropic"] == pytest.approx(20.0)
-    assert found["branching / source, order 1"] == pytest.approx(70.0)
+
+
+@pytest.mark.parametrize(("error_K", "runs"), [(5.0, 1.0), (4.0, 16 / 7), (3.0, None), (1.0, None)])
+def test_branching_gets_no_better_than_what_it_simplifies(
+    error_K: float, runs: float | None
+) -> None:
+    """Of 5 K, 3 K stay: the noise of 4 K is sqrt(7) K after 16 / 7 runs, and never none."""
+    rows = [_row("source", 1.0, error_K, 1), _row("branching", 70.0, 5.0, 1, left_K=3.0)]
+    once, equal = ratios(rows)
+    assert once.times == pytest.approx(70.0)
+    assert once.error_K is None
+    assert equal.error_K == error_K
+    assert equal.times == (None if runs is None else pytest.approx(70.0 * runs))
 
 
 @pytest.mark.parametrize("every", [1, 3, 5])

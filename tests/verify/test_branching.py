@@ -48,7 +48,8 @@ def test_orders_are_those_of_source_iteration(
     Noise is that of two independent runs of each; an estimate from 36 pixels is good to 24 %, and
     pixels that look through the same cells share it. 2e-4: what the cut-off of 1e-4 takes away.
     """
-    ours = [block(run_block, pixels=pixels, order=order, directions=512, seed=s) for s in (1, 2)]
+    even: dict[str, Any] = {"gather": False, "directions": 512}
+    ours = [block(run_block, pixels=pixels, order=order, **even, seed=s) for s in (1, 2)]
     papers = [
         block(run_block, pixels=pixels, order=order, method="branching", seed=s) for s in (1, 2)
     ]

@@ -164,13 +164,15 @@ def test_orders_are_those_of_source_iteration(
         assert abs(np.mean(difference)) < 4 * np.sqrt(noise / a.size) + 5e-4
 
 
-@pytest.mark.parametrize("g", [None, 0.8])
-def test_gathering_sees_inside_cells(run_block: Callable[..., Run], g: float | None) -> None:
+@pytest.mark.parametrize(("g", "order"), [(None, None), (0.8, None), (None, 1), (None, 3)])
+def test_gathering_sees_inside_cells(
+    run_block: Callable[..., Run], g: float | None, order: int | None
+) -> None:
     """Cells of an optical depth of 1, all of them thick: every chain stays within what `path`
     follows as well, by the same phase function; nothing but noise is left between the two, and what
     a finite set of directions does alike in every pixel (with 32 of them 2.7e-3 was seen)."""
     phase = "isotropic" if g is None else {"henyey_greenstein": g}
-    common: dict[str, Any] = {"depth": 16.0, "albedo": 0.6, "phase": phase}
+    common: dict[str, Any] = {"depth": 16.0, "albedo": 0.6, "phase": phase, "order": order}
     noisy: dict[str, Any] = {"accuracy_K": 1e-3, "max_samples": 256}
     path = [cube(run_block, **common, **noisy, method="path", seed=s) for s in (1, 2)]
     gathered = [

@@ -1,0 +1,101 @@
+"""Fixed orders: `source` and the paper's `branching`, each against `path` of the same order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cldit.bench.case import Case, Lattice, Say, one_pixel
+from cldit.bench.error import Compared, Row, Truth
+
+SOURCE_K = (1.0, 0.1)  # what `source` is asked for
+EVERY = 25  # pixels of `branching` at order 2, of which one costs what a picture of `source` does
+_PHASE = "isotropic"  # `branching` knows no other
+_SEEDS = (1, 2)
+
+
+def bench_orders(
+    case: Case, truth: Truth, *, lattice: Lattice, say: Say, every: int = EVERY
+) -> list[Row]:
+    """Orders 0 to 2, isotropic. truth: of all orders, on the lattice's pixels.
+
+    `source` makes the whole picture, with light that changes within cells and with light that is
+    even in them, as `branching` has it.
+    """
+    compared = Compared(case, lattice, truth, _PHASE)
+    rows: list[Row] = []
+
+    def add(row: Row) -> None:
+        rows.append(row)
+        say(f"{row.label}: {row.picture_core_s:.4g} core-s, {row.of_order_K:.3f} K RMS")
+
+    for order in range(3):
+        own = _truth(compared, order)
+        ways: list[tuple[str, str, dict[str, Any]]] = [("source", f"source, order {order}", {})]
+        if order:
+            ways = [
+                ("source", f"source, order {order}, {k:g} K", {"accuracy_K": k}) for k in SOURCE_K
+            ]
+            plain = {"accuracy_K": SOURCE_K[0], "gather": False}
+            label = f"source, order {order}, no gather, {SOURCE_K[0]:g} K"
+            ways.append(("source, no gather", label, plain))
+        for method, label, transport in ways:
+            settings = case.settings(phase=_PHASE, order=order, audit=False, **transport)
+            result, cost = case.run(settings)
+            weights = lattice.pick(case.scene, result.weights)
+            row = compared.row(
+                method,
+                label,
+                weights,
+                cost,
+                picture_core_s=cost.core_s,
+                traced=1.0,
+                order=order,
+            )
+            kelvin = compared.part.temperature_K(weights)
+            add(replace(row, of_order_K=own.rms(kelvin, own.kelvin)))
+        if order < 2:
+            add(_branching(compared, order, own))
+        else:
+            fewer = _spaced(compared, every)
+            add(_branching(fewer, order, _truth(fewer, order)))
+    return rows
+
+
+def _truth(compared: Compared, order: int) -> Truth:
+    samples = compared.truth.samples
+    return Truth.of(compared.part, samples=samples, phase=_PHASE, order=order)
+
+
+def _spaced(compared: Compared, every: int) -> Compared:
+    """The same of other pixels."""
+    lattice = Lattice((every, every))
+    part = compared.case.seen(lattice.of(compared.case.scene))
+    truth = Truth.of(part, samples=compared.truth.samples, phase=_PHASE)
+    return replace(compared, lattice=lattice, truth=truth)
+
+
+def _branching(compared: Compared, order: int, own: Truth) -> Row:
+    """Run twice, to tell its noise from what it simplifies."""
+    case, part = compared.case, compared.part
+    settings = part.settings(method="branching", phase=_PHASE, order=order)
+    empty = case.seen(one_pixel(case.scene))
+    empty.run(settings)  # builds
+    fixed = empty.run(settings)[1].core_s
+    runs = [part.run(replace(settings, seed=seed)) for seed in _SEEDS]
+    share = compared.lattice.share(case.scene)
+    result, cost = runs[0]
+    row = compared.row(
+        "branching",
+        f"branching, order {order}",
+        result.weights,
+        cost,
+        picture_core_s=fixed + max(cost.core_s - fixed, 0.0) / share,
+        traced=share,
+        order=order,
+    )
+    kelvin = [part.temperature_K(run.weights) for run, _ in runs]
+    squares = [own.rms(image, own.kelvin) ** 2 for image in kelvin]
+    return replace(row, of_order_K=float(np.mean(squares)) ** 0.5, left_K=own.common(*kelvin))
