@@ -37,7 +37,7 @@ _HEAD = (
 
 
 _ORDER_HEAD = (
-    "isotropic: order",
+    "way, order",
     "pixels traced",
     "core-s, whole picture",
     "T_app RMS, K",
@@ -55,6 +55,9 @@ def error_part(scene: Scene, rows: Sequence[Row], truths: dict[str, Truth]) -> P
     for phase, truth in truths.items():
         lines = [_line(row) for row in rows if row.phase == phase and row.order is None]
         tables.append(Table.of((f"{phase}: {_HEAD[0]}", *_HEAD[1:]), lines))
+        lines = [_order_line(row) for row in rows if row.phase == phase and row.order is not None]
+        if lines:
+            tables.append(Table.of((f"{phase}: {_ORDER_HEAD[0]}", *_ORDER_HEAD[1:]), lines))
         text.append(
             f"{phase}: the reference is `path` with {truth.samples} samples a pixel in two "
             f"independent halves, good to {truth.noise_K:.3f} K RMS; that noise is taken off the "
@@ -66,9 +69,7 @@ def error_part(scene: Scene, rows: Sequence[Row], truths: dict[str, Truth]) -> P
         "Where a part of the pixels was traced, the whole picture's core seconds are extrapolated: "
         "what a picture of one empty pixel costs, and the rest times pixels over pixels traced."
     )
-    orders = [row for row in rows if row.order is not None]
-    if orders:
-        tables.append(Table.of(_ORDER_HEAD, [_order_line(row) for row in orders]))
+    if any(row.order is not None for row in rows):
         text.append(
             "Runs of a fixed order are compared with `path` of that order, too. `branching` was "
             "run twice: what both have wrong alike is left however often it is repeated, and the "

@@ -12,24 +12,24 @@ from cldit.bench.error import Compared, Row, Truth
 
 SOURCE_K = (1.0, 0.1)  # what `source` is asked for
 EVERY = 25  # pixels of `branching` at order 2, of which one costs what a picture of `source` does
-_PHASE = "isotropic"  # `branching` knows no other
 _SEEDS = (1, 2)
 
 
 def bench_orders(
-    case: Case, truth: Truth, *, lattice: Lattice, say: Say, every: int = EVERY
+    case: Case, truth: Truth, *, phase: str, lattice: Lattice, say: Say, every: int = EVERY
 ) -> list[Row]:
-    """Orders 0 to 2, isotropic. truth: of all orders, on the lattice's pixels.
+    """Orders 0 to 2; of `branching` if the phase function is isotropic, for it knows no other.
 
     `source` makes the whole picture, with light that changes within cells and with light that is
-    even in them, as `branching` has it.
+    even in them, as `branching` has it. truth: of all orders, on the lattice's pixels. every:
+    spacing of the pixels that `branching` traces at order 2.
     """
-    compared = Compared(case, lattice, truth, _PHASE)
+    compared = Compared(case, lattice, truth, phase)
     rows: list[Row] = []
 
     def add(row: Row) -> None:
         rows.append(row)
-        say(f"{row.label}: {row.picture_core_s:.4g} core-s, {row.of_order_K:.3f} K RMS")
+        say(f"{phase}: {row.label}: {row.picture_core_s:.4g} core-s, {row.of_order_K:.3f} K RMS")
 
     for order in range(3):
         own = _truth(compared, order)
@@ -42,7 +42,7 @@ def bench_orders(
             label = f"source, order {order}, no gather, {SOURCE_K[0]:g} K"
             ways.append(("source, no gather", label, plain))
         for method, label, transport in ways:
-            settings = case.settings(phase=_PHASE, order=order, audit=False, **transport)
+            settings = case.settings(phase=phase, order=order, audit=False, **transport)
             result, cost = case.run(settings)
             weights = lattice.pick(case.scene, result.weights)
             row = compared.row(
@@ -56,6 +56,8 @@ def bench_orders(
             )
             kelvin = compared.part.temperature_K(weights)
             add(replace(row, of_order_K=own.rms(kelvin, own.kelvin)))
+        if phase != "isotropic":
+            continue
         if order < 2:
             add(_branching(compared, order, own))
         else:
@@ -66,21 +68,21 @@ def bench_orders(
 
 def _truth(compared: Compared, order: int) -> Truth:
     samples = compared.truth.samples
-    return Truth.of(compared.part, samples=samples, phase=_PHASE, order=order)
+    return Truth.of(compared.part, samples=samples, phase=compared.phase, order=order)
 
 
 def _spaced(compared: Compared, every: int) -> Compared:
     """The same of other pixels."""
     lattice = Lattice((every, every))
     part = compared.case.seen(lattice.of(compared.case.scene))
-    truth = Truth.of(part, samples=compared.truth.samples, phase=_PHASE)
+    truth = Truth.of(part, samples=compared.truth.samples, phase=compared.phase)
     return replace(compared, lattice=lattice, truth=truth)
 
 
 def _branching(compared: Compared, order: int, own: Truth) -> Row:
     """Run twice, to tell its noise from what it simplifies."""
     case, part = compared.case, compared.part
-    settings = part.settings(method="branching", phase=_PHASE, order=order)
+    settings = part.settings(method="branching", phase=compared.phase, order=order)
     empty = case.seen(one_pixel(case.scene))
     empty.run(settings)  # builds
     fixed = empty.run(settings)[1].core_s

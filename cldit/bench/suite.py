@@ -62,8 +62,7 @@ def error(bench: Bench) -> Part:
             accuracies_K=bench.accuracies_K,
         )
         rows += some
-        if phase == "isotropic":
-            rows += bench_orders(case, truths[phase], lattice=bench.lattice, say=bench.say)
+        rows += bench_orders(case, truths[phase], phase=phase, lattice=bench.lattice, say=bench.say)
         bench.save(error_part(bench.scene, rows, truths))
     return error_part(bench.scene, rows, truths)
 

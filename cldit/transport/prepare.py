@@ -29,7 +29,6 @@ from cldit.gpu.program import Program
 from cldit.transport.cells import OpticalCells
 from cldit.transport.gradients import limit
 from cldit.transport.moments import MOMENTS, scattered
-from cldit.transport.phase import ScatteringTable
 from cldit.transport.solve import Solution
 from cldit.transport.sweep import Sweeper
 from cldit.transport.thick import ThickCells
@@ -107,33 +106,31 @@ class _Solved:
         cls, work: Work, rng: np.random.Generator, report: Callable[[str], None] | None
     ) -> tuple[_Solved, _Light]:
         """And the light that the solution makes."""
-        phase, order = work.settings.phase, work.settings.order
+        settings, phase = work.settings, work.settings.phase
         plain = work.program(work.solver)
-        cells = work.seen if phase is None else work.cells(1.0 - phase.asymmetry)
-        sweeper = work.sweeper(cells, plain)
-        if order is None:
-            solution, few = work.solution(sweeper, rng, report)
-        else:
-            times = order - (3 if work.settings.swept_again else 2)
-            solution, few = work.scattered(sweeper, rng, times), None
+        every = settings.order is None
+        even = phase.asymmetry if every and phase is not None else 0.0
+        sweeper = work.sweeper(work.cells(1.0 - even), plain)
         programs = [plain]
         shape = (1 if phase is None else MOMENTS, sweeper.components, sweeper.count)
         light = np.zeros(shape, sweeper.real)
-        light[0, 1] = 1.0  # order 1: as if it came from the wall, all round
         changes = None
         room: tuple[Any, ...] = ()
-        if order != 1:
+        if phase is not None and settings.order != 1:
+            room = sweeper.room(MOMENTS)
+        if every:
+            solution, few = work.solution(sweeper, rng, report)
             if phase is not None:
-                room = sweeper.room(MOMENTS)
                 programs.append(work.program({**work.solver, "FLUX": 1}))
             sweeper.set_source(solution.source, shining=True)
-            rays = work.rays(sweeper, work.half if few is None else work.more, rng)
-            sweeper.moments(programs[-1], rays, out=light, room=room)
-            if few is not None:
-                listed = room[1] if room else None
-                solution, more = work.corrected(sweeper, solution, few, report, listed=listed)
-                light[0] += more
+            sweeper.moments(programs[-1], work.rays(sweeper, work.more, rng), out=light, room=room)
+            listed = room[1] if room else None
+            solution, more = work.corrected(sweeper, solution, few, report, listed=listed)
+            light[0] += more
             solution = one_more(solution, solution.source, sweeper)
+        else:
+            solution = work.scattered(sweeper, rng, 0)
+            light[0, 1] = 1.0  # as if it came from the wall, all round
         if work.changing is not None:
             changes = np.zeros((3, shape[1], np.count_nonzero(work.changing)), sweeper.real)
             if sweeper.gradients is not None:
@@ -152,24 +149,23 @@ def by_moments(
     report: Callable[[str], None] | None,
 ) -> Last:
     """From a solution by one moment to a source by more; see the head of this file."""
-    phase = work.settings.phase
     solved, light = _Solved.of(work, rng, report)
     solution, programs = solved.solution, solved.programs
-    cells = work.seen if phase is None else work.cells(1.0 - phase.forward)
+    cells = work.cells(1.0 - work.forward)
     sweeper = work.sweeper(cells, towards, work.changing)
-    if work.settings.swept_again:
-        again = work.finding()
-        programs = (*programs, again)
-        source = _source(sweeper, light, phase)
+    times = 1 if work.settings.order is None else work.settings.order - 1
+    again = [work.finding()] if times else []
+    programs = (*programs, *again)
+    for program in times * again:
+        source = _source(work, sweeper, light)
         sweeper.set_source(source.moments, shining=True, changes=source.changes)
         rays = work.rays(sweeper, work.most, rng)
-        more = sweeper.moments(again, rays, out=light.moments, room=solved.room)
+        more = sweeper.moments(program, rays, out=light.moments, room=solved.room)
         if more is not None and source.changes is not None:
             light = replace(light, changes=source.changes + more)
-    if work.settings.order != 1:
-        source_there = solved.albedo * light.moments[0] + solved.thermal
-        solution = replace(solution, source=source_there.astype(sweeper.real))
-    source = _source(sweeper, light, phase)
+    source_there = solved.albedo * light.moments[0] + solved.thermal
+    solution = replace(solution, source=source_there.astype(sweeper.real))
+    source = _source(work, sweeper, light)
     sweeper.set_source(source.moments, shining=True, changes=source.changes)
     records = _records(work, thick, cells, sweeper, source)
     return Last(sweeper, records, solution, solved.defect, programs, solved.sweeps)
@@ -188,14 +184,15 @@ def _records(
     return thick.records(work.seen, cells, source.moments, changes, sweeper.changing, chains=chains)
 
 
-def _source(sweeper: Sweeper, light: _Light, phase: ScatteringTable | None) -> _Light:
+def _source(work: Work, sweeper: Sweeper, light: _Light) -> _Light:
     """Source of a sweeper's cells that scatter this light by a phase function of three moments;
     moments: (M C, N), as sweeps take it."""
     albedo = sweeper.albedo.astype(light.moments.dtype)
     source = albedo * light.moments
     source[0] += sweeper.thermal
-    if phase is not None:
-        _, first, second = (phase.moments(3) - phase.forward) / (1.0 - phase.forward)
+    if work.settings.phase is not None:
+        moments = work.settings.phase.moments(3)
+        _, first, second = (moments - work.forward) / (1.0 - work.forward)
         counts = scattered(float(first), float(second)).astype(source.dtype)
         source[1:] *= counts[:, None, None]
     changes = None

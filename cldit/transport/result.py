@@ -55,9 +55,9 @@ class Settings:
         return self.gather and self.order != 0
 
     @property
-    def swept_again(self) -> bool:
-        """Between the solver's sweeps and the last, for sources that change across cells; orders 1
-        and 2 have no sweep for it, and begin with light that is even."""
+    def linear_sources(self) -> bool:
+        """Of the last sweeps. Orders 1 and 2 are no better for it: most of their light comes from
+        the boundaries."""
         return self.order is None or self.order > 2
 
 

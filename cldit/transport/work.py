@@ -64,7 +64,7 @@ class Work:
     ) -> Work:
         evenly = 1.0 if settings.phase is None else 1.0 - settings.phase.asymmetry
         changing = seen.depth[seen.address] > _CHANGING
-        wanted = settings.within_cells and settings.swept_again
+        wanted = settings.within_cells and settings.linear_sources
         return cls(
             seen,
             scene,
@@ -79,6 +79,8 @@ class Work:
 
     def cells(self, scattered: float) -> OpticalCells:
         """The medium of which this share of the scattering counts."""
+        if scattered == 1.0:
+            return self.seen
         cells = OpticalCells.of(
             self.seen.tree, patches=self.seen.needs.patches, scattered=scattered
         )
@@ -127,6 +129,13 @@ class Work:
             patches=self.view.patches,
             changing=changing,
         )
+
+    @property
+    def forward(self) -> float:
+        """Share of the scattering that the last sweeps count as none: what goes nearly straight on
+        (delta-M). At a fixed order it is one scattering as any other."""
+        phase = self.settings.phase
+        return 0.0 if phase is None or self.settings.order is not None else phase.forward
 
     @property
     def half(self) -> int:
