@@ -20,6 +20,8 @@ _STYLES = {
     "path": ("s", "tab:orange"),
     "branching": ("^", "tab:red"),
 }
+# Where labels stand beside the points, in points: to the left where others stand on the right.
+_LABELS = {"source": (-5, -8), "source, no gather": (-6, 3), "path": (4, 4), "branching": (4, 4)}
 _HEAD = (
     "way",
     "pixels traced",
@@ -163,7 +165,8 @@ def _figure(scene: Scene, rows: Sequence[Row], found: Sequence[Ratio]) -> Figure
                         row.label.rpartition(", ")[2] if whole else str(row.order),
                         (row.picture_core_s, max(row.rms_K, 1e-3)),
                         textcoords="offset points",
-                        xytext=(4, 4),
+                        xytext=_LABELS[method],
+                        ha="left" if _LABELS[method][0] > 0 else "right",
                         fontsize=7,
                         color=colour,
                     )
@@ -172,7 +175,7 @@ def _figure(scene: Scene, rows: Sequence[Row], found: Sequence[Ratio]) -> Figure
         axis.set_xlabel(f"core seconds for {columns} x {height} pixels")
         axis.grid(True, which="both", alpha=0.25)
         axis.legend(fontsize=7.5)
-        axis.margins(x=0.14, y=0.1)
+        axis.margins(x=0.2, y=0.1)
     axes[0].set_ylabel("RMS error of the apparent temperature / K")
     figure.suptitle(f"{scene.name}: what accuracy costs", fontsize=11)
     return figure

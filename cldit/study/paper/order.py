@@ -28,8 +28,6 @@ def study(lab: Lab) -> Page:
         values: dict[str, Any] = {"spray.time_s": time_ms * 1e-3}
         # The spray of 0.95 ms is that of the other studies, and named after it.
         name = "gdi" if time_ms == 0.95 else f"gdi-{time_ms:g}ms"
-        # Truncated orders do not gather within thick cells: what they are held against must not.
-        values["transport.gather"] = False
         every[time_ms] = lab.run(lab.gdi(f"{name}-all-orders", values))
         for order in _ORDERS:
             scene = lab.gdi(f"{name}-order-{order}", {**values, "transport.order": order})
@@ -178,7 +176,5 @@ def _text(rows: list[Row]) -> str:
         f"{', '.join(str(order) for order in _ORDERS)} leave, RMS over the spray, "
         f"{'; '.join(told(time_ms) for time_ms in _TIMES_MS)}. Below the nozzle the rate at which "
         "fuel is injected makes the plumes opaque by droplets alone: light is scattered until it "
-        "is absorbed, and each order counts for the droplets' albedo of the one before. All of "
-        "these pictures take one source in each cell, however thick, so that nothing but the order "
-        "differs."
+        "is absorbed, and each order counts for the droplets' albedo of the one before."
     )
