@@ -87,17 +87,7 @@ def simulate(
     settings = node_settings(scene, chosen.quadrature, medium.properties.phases)
     result = trace_nodes(medium.trees, chosen.quadrature, scene, device, settings, report=progress)
     reference = trace(_nothing(frame), scene, device, grey).weights
-    steps = ("compile", "scattering", "image", *(["gather"] if "gather" in result.seconds else []))
-    for name in steps:
-        note = "" if name in result.seconds else "left out: nothing scatters"
-        passes = [one.solution.passes for one in result.traces if one.solution is not None]
-        if name == "scattering" and passes:
-            note = f"{result.counts['sweeps']} sweeps; {sum(passes)} passes"
-        if name == ("gather" if "gather" in steps else "scattering") and "samples" in result.counts:
-            note = f"{result.counts['samples']} samples a pixel"
-        if name == "scattering" and "scattered_rays" in result.counts:
-            note = f"{result.counts['scattered_rays']} rays started by scattering"
-        stages.done.append(Stage(name, result.seconds.get(name, 0.0), note))
+    stages.done += _traced(result, scene.transport.order)
     with stages.stage("evaluation"):
         sensor = _sensor(scene, chosen.quadrature, (result.spectral, reference))
         maps = _evaluate(scene, chosen.quadrature, result.spectral, reference, sensor)
@@ -219,6 +209,32 @@ def _evaluate(
         shots=scene.plan.shots,
         references=scene.plan.references,
     )
+
+
+def _traced(result: NodeTraces, order: int | None) -> list[Stage]:
+    """What the traces did, step by step, and how long it took."""
+    counts = result.counts
+    passes = [one.solution.passes for one in result.traces if one.solution is not None]
+    samples = f"{counts['samples']} samples a pixel" if "samples" in counts else ""
+    notes = {"audit": "of some pixels, by path tracing", "gather": samples}
+    scattering = []
+    if order is not None:
+        scattering.append(f"up to order {order}, beyond it the wall is seen")
+    if passes:
+        scattering.append(f"{counts['sweeps']} sweeps; {sum(passes)} passes")
+    if "gather" not in result.seconds and samples:
+        scattering.append(samples)
+    if "scattered_rays" in counts:
+        scattering.append(f"{counts['scattered_rays']} rays started by scattering")
+    notes["scattering"] = "; ".join(scattering)
+    usual = ("compile", "scattering", "image")
+    steps = [*usual, *(name for name in ("gather", "audit") if name in result.seconds)]
+    return [
+        Stage(name, result.seconds[name], notes.get(name, ""))
+        if name in result.seconds
+        else Stage(name, 0.0, "left out: nothing scatters")
+        for name in steps
+    ]
 
 
 def _info(
