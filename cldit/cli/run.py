@@ -26,7 +26,7 @@ from cldit.scene import Scene, load_scene, parse_scene
     help="Take the spray from a CFD result, or from what `cldit import` wrote.",
 )
 @click.option("--time", "time_s", type=SECOND, help="Time of the CFD result, s; the last one.")
-@click.option("--order", type=int, help="Scattering orders, beyond which the wall is seen; all if left out.")
+@click.option("--order", type=int, help="Most scatterings, beyond which the wall is seen; or all.")
 @click.option(
     "--method",
     type=click.Choice(["source", "path", "branching"]),
