@@ -12,7 +12,7 @@ from cldit.run.spectral import NodeTraces
 from cldit.scene import Scene
 from cldit.scene.transport import Transport
 
-# Where no audit tells what two pictures share, as the source that was solved for. On `gdi`, asked
+# Where no audit tells what two pictures of `source` share, as what was solved for. On `gdi`, asked
 # for 0.05 to 0.3 K, errors were 0.9 to 1.6 times what the pictures differ by.
 _SHARED = 1.3
 
@@ -22,7 +22,7 @@ class StatedError:
     """RMS errors of T_app.
 
     halves_K: from the difference of two pictures, each of half of the directions or samples; NaN
-    where no pixel has a T_app. Without an audit, what they share is allowed for.
+    where no pixel has a T_app. What pictures of `source` share is allowed for, if not audited.
     audit_K: from pixels that were traced by `path` as well, which sees what both pictures simplify;
     0 where none were.
     """
@@ -41,7 +41,8 @@ class StatedError:
             surroundings=Surroundings.from_scene(scene),
             filter_um=scene_filter(scene),
         )
-        return cls(halves if result.audit_K else _SHARED * halves, result.audit_K)
+        alone = scene.transport.method == "source" and not result.audit_K
+        return cls(_SHARED * halves if alone else halves, result.audit_K)
 
     @property
     def error_K(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -29,6 +30,22 @@ def test_more_than_asked(halves: float, audit: float, asked: dict[str, Any], sai
     (text,) = StatedError(halves, audit).remarks(Transport(accuracy_K=0.1, **asked))
     assert text.startswith("stated error 0.24 K RMS, more than transport.accuracy_K: 0.1 asks for:")
     assert said in text
+
+
+@pytest.mark.parametrize(
+    ("method", "audit", "halves"), [("source", 0.0, 0.13), ("source", 0.2, 0.1), ("path", 0.0, 0.1)]
+)
+def test_what_two_pictures_share(
+    method: str, audit: float, halves: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Is allowed for where no audit sees it; samples of `path` share nothing."""
+    monkeypatch.setattr("cldit.run.accuracy.temperature_error_K", lambda *_, **__: 0.1)
+    data = load_scene("droplets-only").model_dump(mode="json")
+    data["transport"]["method"] = method
+    result: Any = SimpleNamespace(difference=True, audit_K=audit)
+    maps: Any = None
+    stated = StatedError.of(parse_scene(data), result, maps)
+    assert stated == StatedError(pytest.approx(halves), audit)
 
 
 @pytest.mark.parametrize(
