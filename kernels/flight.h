@@ -41,6 +41,9 @@ typedef struct {
     real weight[PENDING];
     int count;
     real sum[PARTS];
+#ifdef COUNTED
+    int crossed; /* cells, by all flights */
+#endif
 } Ends;
 
 INLINE void score_pending(Ends *ends)
@@ -93,6 +96,9 @@ INLINE __global const real *flight(
             break;
         }
         inside = place;
+#ifdef COUNTED
+        ++ends->crossed;
+#endif
         __global const real *record = m->cells + (size_t)place * RECORD;
         if (record[DEPTH] > R(0)) {
             const real length = step_end(&s) - s.t;

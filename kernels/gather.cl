@@ -12,7 +12,9 @@
    of that goes on from one place, in a chain: by the phase function itself, in the medium as it is.
    Chains of little weight end by Russian roulette, in which the light that sweeps found there stands
    for what is left, and after LONGEST flights with that alone: light that has been scattered so often
-   has forgotten where it came in. So every chain keeps its light to rounding. */
+   has forgotten where it came in. So every chain keeps its light to rounding.
+
+   COUNTED: the part from within is left out; how many cells flights crossed stands there. */
 
 #include "directions.h"
 #include "flight.h"
@@ -238,6 +240,9 @@ __kernel void gather(
     real sum[PARTS];
     Ends ends;
     ends.count = 0;
+#ifdef COUNTED
+    ends.crossed = 0;
+#endif
     for (int c = 0; c < PARTS; ++c) sum[c] = ends.sum[c] = R(0);
     /* Its weight may have been all rounding: then there is no stretch, and nothing to gather. */
     const int stretch_count = first[number + 1] - first[number];
@@ -277,4 +282,7 @@ __kernel void gather(
     }
     score_pending(&ends);
     for (int c = 0; c < PARTS; ++c) means[c * count + item] = sum[c] + ends.sum[c];
+#ifdef COUNTED
+    means[WITHIN * count + item] = ends.crossed;
+#endif
 }

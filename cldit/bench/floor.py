@@ -28,6 +28,10 @@ SWEEP_COMPONENT = 5  # gap, two multiplications and additions
 IMAGE_STEP = 30  # walk_ahead: sides, and distances to them; walk_on: six bounds; index sums
 IMAGE_CELL = 10  # absorbed and what is still transmitted
 IMAGE_SOURCE = 2
+FLIGHT_STEP = 15  # place in the region: three bounds, index sums; the nearest side, and on
+FLIGHT_CELL = 55  # decay, absorbed, mean_transmission, rising; where it is seen, along three axes
+FLIGHT_SOURCE = 8  # of a component: S_0 and three changes, each times what counts of it
+_FLIGHTS = 64  # of a pixel
 
 
 @dataclass(frozen=True)
@@ -98,13 +102,14 @@ class Line:
 
 
 def floor(case: Case, *, directions: int = 12) -> Part:
-    """The sweep (with and without vectors), and the image kernel and its walk alone."""
+    """The sweep (with and without vectors), the image kernel and its walk alone, and flights."""
     machine = Machine.of(case)
     kernels = Kernels(case)
     lines = []
     if kernels.cells.needs.scattering:
         lines += _sweeps(machine, kernels, directions)
     lines += _images(machine, kernels)
+    lines += _flights(machine, kernels)
     table = Table.of(
         ("kernel", "work", "GB", "Gflop", "Gexp", "floor, core-s", "taken, core-s", "times"),
         [
@@ -138,7 +143,9 @@ def floor(case: Case, *, directions: int = 12) -> Part:
             "step depends on the one before (which cell comes next, then its brick, then its "
             "depth), so it waits for conversions and dependent loads and not for bandwidth, and "
             "neighbouring pixels branch differently, so nothing is done eight at a time; the walk "
-            "alone, with no light, takes most of it.",
+            "alone, with no light, takes most of it. *Flights*: the same, for they go their own "
+            "ways; and each begins in another cell and ends in another line of the kept light, "
+            "which is larger than the cache.",
         ),
     )
 
@@ -197,6 +204,19 @@ def _images(machine: Machine, kernels: Kernels) -> list[Line]:
         flops=IMAGE_STEP * total + (IMAGE_CELL + IMAGE_SOURCE * sources) * through,
         exps=through,
     )
+    lines = [image]
+    if needs.scattering:
+        # Changes are of droplets' cells alone, and are not counted.
+        trace = Line.of(
+            machine,
+            "image, as traces make it",
+            work + ", two pictures, sources that change across cells",
+            kernels.image(pictures=2, linear=True).core_s,
+            moved=walked + _REAL_BYTES * (record + sources) * through + 2 * out,
+            flops=IMAGE_STEP * total + (IMAGE_CELL + 2 * IMAGE_SOURCE * sources) * through,
+            exps=through,
+        )
+        lines.append(trace)
     alone = Line.of(
         machine,
         "image, its walk alone",
@@ -206,4 +226,25 @@ def _images(machine: Machine, kernels: Kernels) -> list[Line]:
         flops=IMAGE_STEP * total,
         exps=0.0,
     )
-    return [image, alone]
+    return [*lines, alone]
+
+
+def _flights(machine: Machine, kernels: Kernels) -> list[Line]:
+    flown = kernels.flights(_FLIGHTS)
+    if flown is None:
+        return []
+    components = len(kernels.cells.needs.components)
+    # What is met is read once, and the light at each end; all else stays in the cache.
+    moved = _REAL_BYTES * (flown.region * flown.record + flown.flights * components)
+    cell = FLIGHT_STEP + FLIGHT_CELL + FLIGHT_SOURCE * components
+    line = Line.of(
+        machine,
+        "flights",
+        f"{flown.pixels} pixels, {flown.flights / 1e6:.2f} M flights through "
+        f"{flown.crossed / flown.flights:.1f} cells each",
+        flown.cost.core_s,
+        moved=moved,
+        flops=cell * flown.crossed,
+        exps=0.0,
+    )
+    return [line]

@@ -18,9 +18,12 @@ from cldit.transport.directions import isotropic
 from cldit.transport.filled import Filled
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.solve import first_guess
+from cldit.transport.source import prepared
 from cldit.transport.sweep import Sweeper, sweep_defines
 from cldit.transport.towards import ToCamera
 from cldit.transport.view import View, upload_directory, upload_tree
+
+Floats = NDArray[np.float64]
 
 _ROUNDS = 3
 _PHASE_STEPS = 1024
@@ -31,6 +34,19 @@ def quickest(case: Case, launch: Callable[[], Any], *, rounds: int = _ROUNDS) ->
     launch()
     costs = [clocked(case.device, launch)[1] for _ in range(rounds)]
     return Cost(min(c.core_s for c in costs), min(c.wall_s for c in costs))
+
+
+@dataclass(frozen=True)
+class Flights:
+    """From so many pixels, crossing so many cells in all, through a region of `region` cells of
+    `record` numbers each."""
+
+    pixels: int
+    flights: int
+    crossed: float
+    region: int
+    record: int
+    cost: Cost
 
 
 @dataclass(frozen=True)
@@ -53,29 +69,66 @@ class Kernels:
     def _defines(self) -> dict[str, Define]:
         return {**self.cells.needs.defines, **self.view.defines, **(self.defines or {})}
 
-    def image(self) -> Cost:
-        """One picture from sources that are there."""
+    def image(self, *, pictures: int = 1, linear: bool = False) -> Cost:
+        """So many pictures from sources that are there; linear: in each cell."""
         device, cells, real = self.case.device, self.cells, np.float32
-        cutoff = float(self.case.settings().cutoff)
-        program = build(device, "image.cl", {**self._defines(), "CUTOFF": cutoff, "PICTURES": 1})
+        defines: dict[str, Define] = {**self._defines(), "PICTURES": pictures}
+        defines["CUTOFF"] = float(self.case.settings().cutoff)
+        if linear:
+            defines["LINEAR"] = 1
+        program = build(device, "image.cl", defines)
         columns, rows = self.view.pixels
-        out = zeros(device, "picture", (len(cells.needs.components) + 1) * rows * columns, real)
+        planes = pictures * (len(cells.needs.components) + 1)
+        out = zeros(device, "picture", planes * rows * columns, real)
         filled = Filled.of(cells)
         source = None
         if cells.needs.scattering:
             source = np.zeros((len(cells.needs.components), len(cells.address)), real)
-        records = filled.records([source], np.zeros(len(cells.address)), None, None, real)
+        listed = [source] * pictures
+        records = filled.records(listed, np.zeros(len(cells.address)), None, None, real)
         medium = [
             *upload_directory(device, cells),
             upload(device, "records' numbers", filled.number),
             upload(device, "records", records),
         ]
+        if linear:
+            changes = np.zeros((len(cells.address), 3 * len(cells.needs.components)), real)
+            medium += [upload(device, "changes", changes), np.int32(len(changes))]
         arguments = self.view.arguments(device, cells, real)
         kernel = program["image"]
         return quickest(
             self.case,
             lambda: kernel(device.queue, *self.view.tiles(device), out, *medium, *arguments),
         )
+
+    def flights(self, count: int) -> Flights | None:
+        """So many from each pixel that sees thick cells, through the light that a trace has solved
+        for; None where there are none."""
+        case, cells, view = self.case, self.cells, self.view
+        settings = case.settings()
+        made = prepared(cells, case.scene, view, case.device, settings, None, {"COUNTED": 1})
+        gather = made.gather
+        if gather is None or made.light is None or made.light.ends is None:
+            return None
+        found: list[NDArray[np.int64]] = []
+
+        def meet(pixels: NDArray[np.int64], _: int, seen: Floats, __: int) -> Floats:
+            found.append(pixels)
+            return np.zeros((made.painter.at_once, len(seen) + 1, len(pixels)))
+
+        made.pictures(meet)
+        pixels = np.concatenate([np.zeros(0, np.int64), *found])
+        if not len(pixels):
+            return None
+        chains, every = gather.chains(pixels, 1), np.arange(len(pixels))
+
+        def fly() -> Floats:
+            return gather.means(chains, every, 1, range(count), 0)
+
+        crossed = float(fly()[-1].sum())
+        region, record = made.light.ends.records.shape
+        flights = count * len(pixels)
+        return Flights(len(pixels), flights, crossed, region, record, quickest(case, fly))
 
     def steps(self) -> tuple[NDArray[np.int64], Cost]:
         """Steps of every line of sight, and those of them through something, (2, H, W)."""

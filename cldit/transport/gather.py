@@ -45,7 +45,7 @@ _STRETCH = 8  # numbers of a stretch within a thick cell, as in gather.cl
 
 
 @dataclass(frozen=True)
-class _Chains:
+class Chains:
     """One device, and what chains from given rays need there.
 
     rays: kernel arguments `list` to `stretches`; fixed: those from `table` on.
@@ -237,7 +237,7 @@ class Gather:
         cells, scene, wanted = self._painter.cells, self._painter.scene, self._settings.accuracy_K
         start = time.perf_counter()
         count, most = len(pixels), self._settings.max_samples
-        chains = self._chains(pixels, across)
+        chains = self.chains(pixels, across)
         sums = np.zeros((2, self._components, count))
         samples = np.zeros(count, np.int64)  # of either half, in each of a pixel's rays
         tiles = self._tiles(pixels)
@@ -253,7 +253,7 @@ class Gather:
                 for half, total in enumerate(sums):
                     if goal > had:
                         some = range(had, goal)
-                        found = self._means(chains, mine, across, some, half)
+                        found = self.means(chains, mine, across, some, half)
                         total[:, mine] += (goal - had) * found
             samples = wanted_of
             means = sums / samples
@@ -298,7 +298,7 @@ class Gather:
         """All that were built."""
         return self._programs
 
-    def _chains(self, pixels: NDArray[np.int64], across: int) -> list[_Chains]:
+    def chains(self, pixels: NDArray[np.int64], across: int) -> list[Chains]:
         """For each device, the stretches of thick cells on across^2 rays through each pixel."""
         row, column = np.divmod(pixels, self._painter.view.pixels[0])
         place = (np.arange(across) + 0.5) / across
@@ -334,12 +334,12 @@ class Gather:
                     first = upload(one, "stretches", np.array([0, *ends], np.int32))
                     stretches = zeros(one, "stretches", _STRETCH * int(ends[-1]), self._real)
             uploaded = upload(one, "rays", numbers.astype(np.uint32))
-            out.append(_Chains(one, program, [listed, uploaded, first, stretches], fixed))
+            out.append(Chains(one, program, [listed, uploaded, first, stretches], fixed))
         return out
 
-    def _means(
+    def means(
         self,
-        chains: list[_Chains],
+        chains: list[Chains],
         chosen: NDArray[np.int64],
         across: int,
         some: range,

@@ -9,7 +9,7 @@ from what more directions would give, or less.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,9 +21,9 @@ from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
 from cldit.transport.gather import Gather
-from cldit.transport.picture import Painter
+from cldit.transport.picture import Gathered, Painter
 from cldit.transport.result import Settings, Trace, weights_of
-from cldit.transport.scattered import scattered_light
+from cldit.transport.scattered import Scattered, scattered_light
 from cldit.transport.solve import Solution
 from cldit.transport.thick import ThickCells
 from cldit.transport.view import View, check_boundary
@@ -73,20 +73,47 @@ class _Painted:
     short: str
 
 
-def _painted(
+@dataclass(frozen=True)
+class Prepared:
+    """All that pictures are made of. light: None, where nothing scatters; gather: where no cell is
+    thick. seconds: that scattering took."""
+
+    painter: Painter
+    light: Scattered | None
+    gather: Gather | None
+    seconds: dict[str, float]
+
+    def pictures(self, gather: Gathered | None) -> tuple[list[Floats], int]:
+        """See `Painter.pictures`."""
+        light = self.light
+        if light is None:
+            return self.painter.pictures([None], np.zeros(0), gather)
+        return self.painter.pictures(
+            list(light.halves),
+            light.defect,
+            gather,
+            across=light.across,
+            expected=None if self.gather is None else self.gather.expected(),
+        )
+
+
+def prepared(
     cells: OpticalCells,
     scene: Scene,
     view: View,
     device: Device,
     settings: Settings,
     report: Callable[[str], None] | None,
-) -> _Painted:
-    """The pictures; what made them, some hundred megabytes on the device, is let go of."""
+    flags: Mapping[str, Define] | None = None,
+) -> Prepared:
+    """Sweeps, and builds what is to follow; raises as `trace`. flags: of flights."""
     defines: dict[str, Define] = {**cells.needs.defines, **view.defines}
     if settings.precision == "float64":
         defines["USE_FLOAT64"] = 1
+    cut = {**defines, "CUTOFF": float(settings.cutoff)}
+    scatters = cells.needs.scattering
     thick = None
-    if settings.within_cells and cells.needs.scattering:
+    if settings.within_cells and scatters:
         size = 8 if settings.precision == "float64" else 4
         thick = ThickCells.of(
             cells,
@@ -99,38 +126,40 @@ def _painted(
         view,
         scene,
         device,
-        {**defines, "CUTOFF": float(settings.cutoff)},
+        cut,
         accuracy_K=settings.accuracy_K,
         thick=None if thick is None else thick.listed,
-        at_once=2 if cells.needs.scattering else 1,
-        linear=cells.needs.scattering and settings.within_cells,
+        at_once=2 if scatters else 1,
+        linear=scatters and settings.within_cells,
     )
+    if not scatters:
+        return Prepared(painter, None, None, {})
+    check_boundary(scene, cells, view)
+    start = time.perf_counter()
+    light = scattered_light(cells, thick, scene, view, device, settings, defines, report)
+    took = time.perf_counter() - start - sum(program.build_s for program in light.programs)
     gather = None
-    light = None
-    seconds = {}
-    if cells.needs.scattering:
-        check_boundary(scene, cells, view)
-        start = time.perf_counter()
-        light = scattered_light(cells, thick, scene, view, device, settings, defines, report)
-        seconds["scattering"] = time.perf_counter() - start
-        seconds["scattering"] -= sum(program.build_s for program in light.programs)
-        if thick is not None and light.ends is not None:
-            cut = {**defines, "CUTOFF": float(settings.cutoff)}
-            gather = Gather(painter, cells.box(), thick, light.ends, settings, cut)
-    programs = [painter.parts[0].program, *([] if light is None else light.programs)]
+    if thick is not None and light.ends is not None:
+        flown = {**cut, **(flags or {})}
+        gather = Gather(painter, cells.box(), thick, light.ends, settings, flown)
+    return Prepared(painter, light, gather, {"scattering": took})
+
+
+def _painted(
+    cells: OpticalCells,
+    scene: Scene,
+    view: View,
+    device: Device,
+    settings: Settings,
+    report: Callable[[str], None] | None,
+) -> _Painted:
+    """The pictures; what made them, some hundred megabytes on the device, is let go of."""
+    made = prepared(cells, scene, view, device, settings, report)
+    light, gather, seconds = made.light, made.gather, dict(made.seconds)
+    programs = [made.painter.parts[0].program, *([] if light is None else light.programs)]
     counts = {} if light is None else dict(light.counts)
     start = time.perf_counter()
-    images, refined = (
-        painter.pictures([None], np.zeros(0), gather)
-        if light is None
-        else painter.pictures(
-            list(light.halves),
-            light.defect,
-            gather,
-            across=light.across,
-            expected=None if gather is None else gather.expected(),
-        )
-    )
+    images, refined = made.pictures(gather)
     if scene.camera.rays_per_pixel != 1:
         counts["pixels_of_several_rays"] = refined
     seconds["image"] = time.perf_counter() - start
