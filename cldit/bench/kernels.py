@@ -17,6 +17,7 @@ from cldit.transport.cells import Needs, OpticalCells
 from cldit.transport.directions import isotropic
 from cldit.transport.filled import Filled
 from cldit.transport.phase import ScatteringTable
+from cldit.transport.picture import Reals
 from cldit.transport.solve import first_guess
 from cldit.transport.source import prepared
 from cldit.transport.sweep import Sweeper, sweep_defines
@@ -112,7 +113,7 @@ class Kernels:
             return None
         found: list[NDArray[np.int64]] = []
 
-        def meet(pixels: NDArray[np.int64], _: int, seen: Floats, __: int) -> Floats:
+        def meet(pixels: NDArray[np.int64], _: int, seen: Reals, __: int) -> Floats:
             found.append(pixels)
             return np.zeros((made.painter.at_once, len(seen) + 1, len(pixels)))
 

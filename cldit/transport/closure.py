@@ -45,8 +45,8 @@ class Closure:
     @classmethod
     def of(
         cls,
-        outside: Floats,
-        within: Floats,
+        outside: NDArray[np.floating],
+        within: NDArray[np.floating],
         *,
         bound: float,
         noise: float = 0.0,
@@ -60,7 +60,7 @@ class Closure:
         Raises:
             TransportError: the sum is not finite, or further than the bound from 1.
         """
-        left = outside.sum(axis=0) + within - 1.0
+        left = outside.sum(axis=0, dtype=np.float64) + within - 1.0
         known = np.isfinite(left)
         at = int(np.argmax(np.where(known, np.abs(left), np.inf)))
         row, column = divmod(at, left.shape[1])

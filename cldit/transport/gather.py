@@ -223,7 +223,7 @@ class Gather:
         self,
         pixels: NDArray[np.int64],
         across: int,
-        seen: Floats,
+        seen: NDArray[np.floating],
         other: int,
     ) -> Floats:
         """(2, C + 1, N), the part from within last, from two independent sets of chains, for flat

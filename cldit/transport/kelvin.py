@@ -35,8 +35,8 @@ def _radiances(cells: OpticalCells, scene: Scene) -> Floats:
 
 
 def error_K(
-    mean: Floats,
-    difference: Floats,
+    mean: NDArray[np.floating],
+    difference: NDArray[np.floating],
     cells: OpticalCells,
     scene: Scene,
     *,
@@ -67,7 +67,7 @@ def error_K(
 
 
 def steep(
-    image: Floats, cells: OpticalCells, scene: Scene, *, accuracy_K: float
+    image: NDArray[np.floating], cells: OpticalCells, scene: Scene, *, accuracy_K: float
 ) -> NDArray[np.int64]:
     """Pixels (N,), flat, in which one ray cannot stand for the pixel's area, and those beside them.
 

@@ -20,9 +20,10 @@ from cldit.transport.kelvin import VISIBLE, steep
 from cldit.transport.view import View, upload_directory
 
 Floats = NDArray[np.float64]
+Reals = NDArray[np.floating]  # of the device's precision
 # From pixels (N,), rays across each, what else they see (C, N), and the number of other pixels that
 # have a T_app: what to add to each picture, (pictures, C + 1, N).
-Gathered = Callable[[NDArray[np.int64], int, Floats, int], Floats]
+Gathered = Callable[[NDArray[np.int64], int, Reals, int], Floats]
 
 _ACROSS = {1: 1, 4: 2, 16: 4, 64: 8, "adaptive": 4}
 _GROUP = 64
@@ -105,7 +106,7 @@ class Painter:
         *,
         across: NDArray[np.floating] | None = None,
         expected: NDArray[np.floating] | None = None,
-    ) -> tuple[list[Floats], int]:
+    ) -> tuple[list[Reals], int]:
         """Weights (C + 1, H, W), the part from within last (see closure.py), one picture for each
         source (C, N) of the scattering cells, and the number of pixels with more than one ray.
 
@@ -120,7 +121,7 @@ class Painter:
         records = self._records(listed, defect, across, expected)
         every = np.arange(columns * rows)
         pixels = None if rays in (1, "adaptive") else every
-        images = np.empty((0, 0, 0))
+        images: Reals = np.empty((0, 0, 0))
         if rays in (1, "adaptive"):
             images, left = self._images(self._whole(records))
             self._gather(images, left, every, 1, gather)
@@ -156,17 +157,16 @@ class Painter:
             some += [upload(part.device, "changes", changes), np.int32(len(changes))]
         return records
 
-    def _images(self, planes: list[NDArray[np.floating]]) -> tuple[Floats, NDArray[np.int64]]:
-        """Pictures (pictures, C + 1, N), from planes (N,) as kernels make them, and which of the
+    def _images(self, planes: Reals) -> tuple[Reals, NDArray[np.int64]]:
+        """Pictures (pictures, C + 1, N), of planes (P, N) as kernels make them, and which of the
         pixels have something left to gather."""
         parts = len(self.cells.needs.components) + 1
-        images = np.stack(planes[: self.at_once * parts], dtype=np.float64)
         left = np.flatnonzero(planes[-1]) if self.thick is not None else np.zeros(0, np.int64)
-        return images.reshape(self.at_once, parts, -1), left
+        return planes[: self.at_once * parts].reshape(self.at_once, parts, -1), left
 
     def _gather(
         self,
-        images: Floats,
+        images: Reals,
         left: NDArray[np.int64],
         pixels: NDArray[np.int64],
         across: int,
@@ -186,8 +186,8 @@ class Painter:
         parts = len(self.cells.needs.components) + 1
         return self.at_once * parts + (0 if self.thick is None else 1)
 
-    def _whole(self, records: list[list[Any]]) -> list[NDArray[np.floating]]:
-        """One ray through the middle of every pixel: planes (H W,), each device its rows."""
+    def _whole(self, records: list[list[Any]]) -> Reals:
+        """One ray through the middle of every pixel: planes (P, H W), each device its rows."""
         columns, rows = self.view.pixels
         outs = []
         for part, some in zip(self.parts, records, strict=True):
@@ -204,18 +204,16 @@ class Painter:
                 )
                 part.device.queue.flush()  # the next device starts while this one works
             outs.append(out)
-        planes = [np.empty(rows * columns, self.real) for _ in range(self._planes)]
+        planes = np.empty((self._planes, rows * columns), self.real)
         for part, out in zip(self.parts, outs, strict=True):
             mine = slice(part.rows.start * columns, part.rows.stop * columns)
             for number, plane in enumerate(planes):
-                first = number * len(plane) + mine.start
+                first = number * plane.size + mine.start
                 download(part.device, out, plane[mine], first=first)
         return planes
 
-    def _listed(
-        self, records: list[list[Any]], pixels: NDArray[np.int64]
-    ) -> list[NDArray[np.floating]]:
-        """Means, planes (N,), of several rays through the listed pixels."""
+    def _listed(self, records: list[list[Any]], pixels: NDArray[np.int64]) -> Reals:
+        """Means, planes (P, N), of several rays through the listed pixels."""
         outs = []
         divided = shares(self.parts[0].device, len(pixels))
         for part, some, (_, mine) in zip(self.parts, records, divided, strict=True):
@@ -240,4 +238,4 @@ class Painter:
             for part, (out, count) in zip(self.parts, outs, strict=True)
             if count
         ]
-        return list(np.concatenate(means, axis=1))
+        return np.concatenate(means, axis=1)

@@ -90,7 +90,7 @@ class Trace:
     closure: Closure | None = None  # None where flights gather a solved source, or none fly
 
 
-def weights_of(image: NDArray[np.float64], cells: OpticalCells) -> Weights:
+def weights_of(image: NDArray[np.floating], cells: OpticalCells) -> Weights:
     """Weights from planes (C or more, H, W) in the order of `cells.needs.components`."""
     planes = dict(zip(cells.needs.components, image, strict=False))
     nothing = np.zeros(image.shape[1:], np.float32)

@@ -21,7 +21,7 @@ from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
 from cldit.transport.gather import Gather
-from cldit.transport.picture import Gathered, Painter
+from cldit.transport.picture import Gathered, Painter, Reals
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.scattered import Scattered, scattered_light
 from cldit.transport.solve import Solution
@@ -65,7 +65,7 @@ def trace_source(
 class _Painted:
     """images (C + 1, H, W), by either half of the last sweep, or one; the others as in `Trace`."""
 
-    images: list[Floats]
+    images: list[Reals]
     programs: tuple[Program, ...]
     solution: Solution | None
     seconds: dict[str, float]
@@ -83,7 +83,7 @@ class Prepared:
     gather: Gather | None
     seconds: dict[str, float]
 
-    def pictures(self, gather: Gathered | None) -> tuple[list[Floats], int]:
+    def pictures(self, gather: Gathered | None) -> tuple[list[Reals], int]:
         """See `Painter.pictures`."""
         light = self.light
         if light is None:
