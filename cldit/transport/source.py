@@ -121,7 +121,15 @@ def prepared(
             deeper_than=settings.thick,
             light_bytes=settings.final_directions * len(cells.needs.components) * size,
         )
-    painter = Painter.of(
+    light = None
+    seconds = {}
+    if scatters:
+        check_boundary(scene, cells, view)
+        start = time.perf_counter()
+        light = scattered_light(cells, thick, scene, view, device, settings, defines, report)
+        seconds["scattering"] = time.perf_counter() - start
+        seconds["scattering"] -= sum(program.build_s for program in light.programs)
+    painter = Painter.of(  # no sooner: sweeps take the most memory
         cells,
         view,
         scene,
@@ -132,17 +140,11 @@ def prepared(
         at_once=2 if scatters else 1,
         linear=scatters and settings.within_cells,
     )
-    if not scatters:
-        return Prepared(painter, None, None, {})
-    check_boundary(scene, cells, view)
-    start = time.perf_counter()
-    light = scattered_light(cells, thick, scene, view, device, settings, defines, report)
-    took = time.perf_counter() - start - sum(program.build_s for program in light.programs)
     gather = None
-    if thick is not None and light.ends is not None:
+    if thick is not None and light is not None and light.ends is not None:
         flown = {**cut, **(flags or {})}
         gather = Gather(painter, cells.box(), thick, light.ends, settings, flown)
-    return Prepared(painter, light, gather, {"scattering": took})
+    return Prepared(painter, light, gather, seconds)
 
 
 def _painted(
