@@ -11,7 +11,7 @@ from cldit.bench.case import Case, Lattice, Say, one_pixel
 from cldit.bench.error import Compared, Row, Truth
 
 SOURCE_K = (1.0, 0.1)  # what `source` is asked for
-EVERY = 25  # pixels of `branching` at order 2, of which one costs what a picture of `source` does
+EVERY = 25  # spacing of the pixels of `branching` at order 2, whose whole picture takes an hour
 _SEEDS = (1, 2)
 
 
@@ -26,44 +26,44 @@ def bench_orders(
     """
     compared = Compared(case, lattice, truth, phase)
     rows: list[Row] = []
-
-    def add(row: Row) -> None:
-        rows.append(row)
-        say(f"{phase}: {row.label}: {row.picture_core_s:.4g} core-s, {row.of_order_K:.3f} K RMS")
-
     for order in range(3):
         own = _truth(compared, order)
-        ways: list[tuple[str, str, dict[str, Any]]] = [("source", f"source, order {order}", {})]
-        if order:
-            ways = [
-                ("source", f"source, order {order}, {k:g} K", {"accuracy_K": k}) for k in SOURCE_K
-            ]
-            plain = {"accuracy_K": SOURCE_K[0], "gather": False}
-            label = f"source, order {order}, no gather, {SOURCE_K[0]:g} K"
-            ways.append(("source, no gather", label, plain))
-        for method, label, transport in ways:
-            settings = case.settings(phase=phase, order=order, audit=False, **transport)
-            result, cost = case.run(settings)
-            weights = lattice.pick(case.scene, result.weights)
-            row = compared.row(
-                method,
-                label,
-                weights,
-                cost,
-                picture_core_s=cost.core_s,
-                traced=1.0,
-                order=order,
-            )
-            kelvin = compared.part.temperature_K(weights)
-            add(replace(row, of_order_K=own.rms(kelvin, own.kelvin)))
-        if phase != "isotropic":
-            continue
-        if order < 2:
-            add(_branching(compared, order, own))
-        else:
-            fewer = _spaced(compared, every)
-            add(_branching(fewer, order, _truth(fewer, order)))
+        found = [_source(compared, own, order, *way) for way in _ways(order)]
+        if phase == "isotropic":
+            fewer = compared if order < 2 else _spaced(compared, every)
+            found.append(_branching(fewer, own if order < 2 else _truth(fewer, order), order))
+        for row in found:
+            cost = f"{row.picture_core_s:.4g} core-s, {row.of_order_K:.3f} K RMS"
+            say(f"{phase}: {row.label}: {cost}")
+        rows += found
     return rows
+
+
+def _ways(order: int) -> list[tuple[str, str, dict[str, Any]]]:
+    """Method, label and keys of the scene's `transport`: at order 0 all are one."""
+    label = f"source, order {order}"
+    if not order:
+        return [("source", label, {})]
+    ways: list[tuple[str, str, dict[str, Any]]] = [
+        ("source", f"{label}, {kelvin:g} K", {"accuracy_K": kelvin}) for kelvin in SOURCE_K
+    ]
+    kelvin = SOURCE_K[0]
+    even = {"accuracy_K": kelvin, "gather": False}
+    return [*ways, ("source, no gather", f"{label}, no gather, {kelvin:g} K", even)]
+
+
+def _source(
+    compared: Compared, own: Truth, order: int, method: str, label: str, transport: dict[str, Any]
+) -> Row:
+    case = compared.case
+    settings = case.settings(phase=compared.phase, order=order, audit=False, **transport)
+    result, cost = case.run(settings)
+    weights = compared.lattice.pick(case.scene, result.weights)
+    row = compared.row(
+        method, label, weights, cost, picture_core_s=cost.core_s, traced=1.0, order=order
+    )
+    kelvin = compared.part.temperature_K(weights)
+    return replace(row, of_order_K=own.rms(kelvin, own.kelvin))
 
 
 def _truth(compared: Compared, order: int) -> Truth:
@@ -79,7 +79,7 @@ def _spaced(compared: Compared, every: int) -> Compared:
     return replace(compared, lattice=lattice, truth=truth)
 
 
-def _branching(compared: Compared, order: int, own: Truth) -> Row:
+def _branching(compared: Compared, own: Truth, order: int) -> Row:
     """Run twice, to tell its noise from what it simplifies."""
     case, part = compared.case, compared.part
     settings = part.settings(method="branching", phase=compared.phase, order=order)
