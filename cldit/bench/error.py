@@ -43,12 +43,8 @@ class Truth:
         Raises:
             BenchError: nothing in the picture can be compared.
         """
-        first, second = (
-            case.run(path_settings(case, samples // 2, phase=phase, order=order, seed=seed))[
-                0
-            ].weights
-            for seed in _REFERENCE_SEEDS
-        )
+        half = path_settings(case, samples // 2, phase=phase, order=order)
+        first, second = (case.run(replace(half, seed=seed))[0].weights for seed in _REFERENCE_SEEDS)
         kelvin = case.temperature_K(first), case.temperature_K(second)
         emissivity = 1.0 - (first.background.astype(float) + second.background) / 2
         visible = (emissivity > VISIBLE_EMISSIVITY) & np.isfinite(kelvin[0] + kelvin[1])
@@ -65,14 +61,16 @@ class Truth:
 
         With independent halves the mean of (x - a)(x - b) holds nothing of their noise.
         """
-        products = ((image - pair[0]) * (image - pair[1]))[self.visible]
-        return float(np.sqrt(max(float(np.nanmean(products)), 0.0)))
+        return self._root((image - pair[0]) * (image - pair[1]))
 
     def common(self, one: Floats, other: Floats) -> float:
         """RMS of what two independent images of T_app have wrong alike."""
         a, b = self.kelvin
-        products = ((one - a) * (other - b) + (one - b) * (other - a))[self.visible] / 2
-        return float(np.sqrt(max(float(np.nanmean(products)), 0.0)))
+        return self._root(((one - a) * (other - b) + (one - b) * (other - a)) / 2)
+
+    def _root(self, products: Floats) -> float:
+        """Of their mean over the visible pixels, which noise may have below 0."""
+        return float(np.sqrt(max(float(np.nanmean(products[self.visible])), 0.0)))
 
     def most(self, image: Floats, pair: tuple[Floats, Floats]) -> float:
         """Largest difference from the mean of the halves, their noise included."""
@@ -139,12 +137,16 @@ class Compared:
         weights: Weights,
         cost: Cost,
         *,
-        picture_core_s: float,
-        traced: float,
+        fixed_core_s: float | None = None,
         order: int | None = None,
         stated: Weights | None = None,
     ) -> Row:
-        truth = self.truth
+        """weights: of the part. fixed_core_s: what a trace costs without a picture, where the part
+        alone was traced; None: the whole picture was."""
+        truth, traced, picture_core_s = self.truth, 1.0, cost.core_s
+        if fixed_core_s is not None:
+            traced = self.lattice.share(self.case.scene)
+            picture_core_s = fixed_core_s + max(cost.core_s - fixed_core_s, 0.0) / traced
         kelvin = self.part.temperature_K(weights)
         one, other = truth.halves
         background = one.background.astype(float), other.background.astype(float)
@@ -214,12 +216,9 @@ def bench_error(
                 label,
                 lattice.pick(case.scene, result.weights),
                 cost,
-                picture_core_s=cost.core_s,
-                traced=1.0,
                 stated=None if difference is None else lattice.pick(case.scene, difference),
             )
         )
-    share = lattice.share(case.scene)
     ways = [
         ("path", f"path, {count} samples", path_settings(case, count, phase=phase))
         for count in samples
@@ -233,8 +232,7 @@ def bench_error(
                 label,
                 result.weights,
                 cost,
-                picture_core_s=fixed + max(cost.core_s - fixed, 0.0) / share,
-                traced=share,
+                fixed_core_s=fixed,
                 stated=result.weights_difference,
             )
         )

@@ -36,8 +36,6 @@ _HEAD = (
     "largest",
     "stated, K",
 )
-
-
 _ORDER_HEAD = (
     "way, order",
     "pixels traced",

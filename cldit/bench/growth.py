@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -178,22 +179,22 @@ def _wavelengths(half: Scene, base: Case, cache: Path) -> Growth:
     """The least of several rounds, in each of which all take their turn."""
     settings = _settings(base)
     least: dict[int, float] = {}
-    for number in range(1 + _ROUNDS):
-        for count in (1, 3, 10) if number else (1,):  # the first builds
-            optics = {"preset": "spectral", "wavelengths": count, "compare_paper": False}
-            scene = changed(half, optics=optics)
 
-            def work(scene: Scene = scene) -> int:
-                medium = make_medium(scene, Stages(None), cache)
-                trees = list(medium.trees)
-                nodes = medium.properties.chosen.quadrature
-                each = [settings] * len(trees)
-                trace_nodes(trees, nodes, scene, base.device, each, report=None)
-                return len(medium.trees)
+    def work(count: int) -> int:
+        optics = {"preset": "spectral", "wavelengths": count, "compare_paper": False}
+        scene = changed(half, optics=optics)
+        medium = make_medium(scene, Stages(None), cache)
+        trees = list(medium.trees)
+        nodes = medium.properties.chosen.quadrature
+        each = [settings] * len(trees)
+        trace_nodes(trees, nodes, scene, base.device, each, report=None)
+        return len(trees)
 
-            traced, cost = clocked(base.device, work)
-            if number:
-                least[traced] = min(cost.core_s, least.get(traced, np.inf))
+    work(1)  # builds
+    for _ in range(_ROUNDS):
+        for count in (1, 3, 10):
+            traced, cost = clocked(base.device, partial(work, count))
+            least[traced] = min(cost.core_s, least.get(traced, np.inf))
     points = tuple(Point(float(traced), core_s) for traced, core_s in least.items())
     return Growth("wavelengths", "spray, optics, octree and traces", points)
 

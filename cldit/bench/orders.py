@@ -30,8 +30,11 @@ def bench_orders(
         own = _truth(compared, order)
         found = [_source(compared, own, order, *way) for way in _ways(order)]
         if phase == "isotropic":
-            fewer = compared if order < 2 else _spaced(compared, every)
-            found.append(_branching(fewer, own if order < 2 else _truth(fewer, order), order))
+            traced = compared
+            if order == 2:
+                traced = _spaced(compared, every)
+                own = _truth(traced, order)
+            found.append(_branching(traced, own, order))
         for row in found:
             cost = f"{row.picture_core_s:.4g} core-s, {row.of_order_K:.3f} K RMS"
             say(f"{phase}: {row.label}: {cost}")
@@ -59,9 +62,7 @@ def _source(
     settings = case.settings(phase=compared.phase, order=order, audit=False, **transport)
     result, cost = case.run(settings)
     weights = compared.lattice.pick(case.scene, result.weights)
-    row = compared.row(
-        method, label, weights, cost, picture_core_s=cost.core_s, traced=1.0, order=order
-    )
+    row = compared.row(method, label, weights, cost, order=order)
     kelvin = compared.part.temperature_K(weights)
     return replace(row, of_order_K=own.rms(kelvin, own.kelvin))
 
@@ -87,15 +88,13 @@ def _branching(compared: Compared, own: Truth, order: int) -> Row:
     empty.run(settings)  # builds
     fixed = empty.run(settings)[1].core_s
     runs = [part.run(replace(settings, seed=seed)) for seed in _SEEDS]
-    share = compared.lattice.share(case.scene)
     result, cost = runs[0]
     row = compared.row(
         "branching",
         f"branching, order {order}",
         result.weights,
         cost,
-        picture_core_s=fixed + max(cost.core_s - fixed, 0.0) / share,
-        traced=share,
+        fixed_core_s=fixed,
         order=order,
     )
     kelvin = [part.temperature_K(run.weights) for run, _ in runs]

@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 
 from cldit.errors import TransportError
 
-Floats = NDArray[np.float64]
-
 _FEW = 10  # pixels that do not tell their noise
 
 

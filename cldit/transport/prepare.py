@@ -154,15 +154,16 @@ def by_moments(
     cells = work.cells(1.0 - work.forward)
     sweeper = work.sweeper(cells, towards, work.changing)
     times = 1 if work.settings.order is None else work.settings.order - 1
-    again = [work.finding()] if times else []
-    programs = (*programs, *again)
-    for program in times * again:
-        source = _source(work, sweeper, light)
-        sweeper.set_source(source.moments, shining=True, changes=source.changes)
-        rays = work.rays(sweeper, work.most, rng)
-        more = sweeper.moments(program, rays, out=light.moments, room=solved.room)
-        if more is not None and source.changes is not None:
-            light = replace(light, changes=source.changes + more)
+    if times:
+        again = work.finding()
+        programs = (*programs, again)
+        for _ in range(times):
+            source = _source(work, sweeper, light)
+            sweeper.set_source(source.moments, shining=True, changes=source.changes)
+            rays = work.rays(sweeper, work.most, rng)
+            more = sweeper.moments(again, rays, out=light.moments, room=solved.room)
+            if more is not None and source.changes is not None:
+                light = replace(light, changes=source.changes + more)
     source_there = solved.albedo * light.moments[0] + solved.thermal
     solution = replace(solution, source=source_there.astype(sweeper.real))
     source = _source(work, sweeper, light)

@@ -58,7 +58,7 @@ class Settings:
     def linear_sources(self) -> bool:
         """Of the last sweeps. Orders 1 and 2 are no better for it: most of their light comes from
         the boundaries."""
-        return self.order is None or self.order > 2
+        return self.within_cells and (self.order is None or self.order > 2)
 
 
 @dataclass(frozen=True)

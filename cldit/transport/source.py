@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
-from cldit.gpu.program import Define, Program
+from cldit.gpu.program import Define
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
@@ -24,7 +24,6 @@ from cldit.transport.gather import Gather
 from cldit.transport.picture import Gathered, Painter, Reals
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.scattered import Scattered, scattered_light
-from cldit.transport.solve import Solution
 from cldit.transport.thick import ThickCells
 from cldit.transport.view import View, check_boundary
 
@@ -42,35 +41,39 @@ def trace_source(
     report: Callable[[str], None] | None,
 ) -> Trace:
     """Weights by source iteration, in the precision that `settings` gives (not `auto`)."""
-    painted = _painted(cells, scene, view, device, settings, report)
-    images = painted.images
+    made = prepared(cells, scene, view, device, settings, report)
+    light, gather, seconds = made.light, made.gather, dict(made.seconds)
+    programs = [made.painter.parts[0].program, *([] if light is None else light.programs)]
+    counts = {} if light is None else dict(light.counts)
+    solution = None if light is None else light.solution
+    short = ""
+    start = time.perf_counter()
+    images, refined = made.pictures(gather)
+    if scene.camera.rays_per_pixel != 1:
+        counts["pixels_of_several_rays"] = refined
+    seconds["image"] = time.perf_counter() - start
+    if gather is not None:
+        programs += gather.programs
+        counts["samples"] = gather.samples
+        seconds["gather"] = gather.seconds
+        seconds["image"] -= gather.seconds + sum(p.build_s for p in gather.programs)
+        short = gather.short
+    del made, light, gather  # some hundred megabytes on the device
     difference = None if len(images) < 2 else (images[0] - images[1]) / 2
     mean = images[0] if len(images) < 2 else (images[0] + images[1]) / 2
     return Trace(
         weights=weights_of(mean, cells),
         weights_difference=None if difference is None else weights_of(difference, cells),
-        programs=painted.programs,
-        solution=painted.solution,
-        seconds=painted.seconds,
-        counts=painted.counts,
+        programs=tuple(programs),
+        solution=solution,
+        seconds={"compile": sum(program.build_s for program in programs), **seconds},
+        counts=counts,
         precision="float64" if settings.precision == "float64" else "float32",
-        short=painted.short,
+        short=short,
         closure=Closure.of(
             mean[: cells.needs.boundaries], mean[-1], bound=_CLOSED + 10 * settings.tolerance
         ),
     )
-
-
-@dataclass(frozen=True)
-class _Painted:
-    """images (C + 1, H, W), by either half of the last sweep, or one; the others as in `Trace`."""
-
-    images: list[Reals]
-    programs: tuple[Program, ...]
-    solution: Solution | None
-    seconds: dict[str, float]
-    counts: dict[str, int]
-    short: str
 
 
 @dataclass(frozen=True)
@@ -145,36 +148,3 @@ def prepared(
         flown = {**cut, **(flags or {})}
         gather = Gather(painter, cells.box(), thick, light.ends, settings, flown)
     return Prepared(painter, light, gather, seconds)
-
-
-def _painted(
-    cells: OpticalCells,
-    scene: Scene,
-    view: View,
-    device: Device,
-    settings: Settings,
-    report: Callable[[str], None] | None,
-) -> _Painted:
-    """The pictures; what made them, some hundred megabytes on the device, is let go of."""
-    made = prepared(cells, scene, view, device, settings, report)
-    light, gather, seconds = made.light, made.gather, dict(made.seconds)
-    programs = [made.painter.parts[0].program, *([] if light is None else light.programs)]
-    counts = {} if light is None else dict(light.counts)
-    start = time.perf_counter()
-    images, refined = made.pictures(gather)
-    if scene.camera.rays_per_pixel != 1:
-        counts["pixels_of_several_rays"] = refined
-    seconds["image"] = time.perf_counter() - start
-    if gather is not None:
-        programs += gather.programs
-        counts["samples"] = gather.samples
-        seconds["gather"] = gather.seconds
-        seconds["image"] -= gather.seconds + sum(p.build_s for p in gather.programs)
-    return _Painted(
-        images=images,
-        programs=tuple(programs),
-        solution=None if light is None else light.solution,
-        seconds={"compile": sum(program.build_s for program in programs), **seconds},
-        counts=counts,
-        short="" if gather is None else gather.short,
-    )

@@ -64,7 +64,6 @@ class Work:
     ) -> Work:
         evenly = 1.0 if settings.phase is None else 1.0 - settings.phase.asymmetry
         changing = seen.depth[seen.address] > _CHANGING
-        wanted = settings.within_cells and settings.linear_sources
         return cls(
             seen,
             scene,
@@ -74,7 +73,7 @@ class Work:
             {**defines, **sweep_defines(device)},
             build(device, "iterate.cl", defines),
             {"LINEAR": 1} if matter(seen, scattered=evenly) else {},
-            changing if wanted and changing.any() else None,
+            changing if settings.linear_sources and changing.any() else None,
         )
 
     def cells(self, scattered: float) -> OpticalCells:
