@@ -188,7 +188,7 @@ def _wavelengths(half: Scene, base: Case, cache: Path) -> Growth:
         nodes = medium.properties.chosen.quadrature
         each = [settings] * len(trees)
         trace_nodes(trees, nodes, scene, base.device, each, report=None)
-        return len(trees)
+        return len(medium.trees)  # those of the list are let go of as they are traced
 
     work(1)  # builds
     for _ in range(_ROUNDS):
