@@ -91,15 +91,16 @@ def trace_branching(
     if report is not None:
         report(f"{count} rays started by scattering")
     planes = image.astype(np.float64)
+    # What is left of a ray at the cut-off is lost, on the line of sight and on later ones.
+    closure = Closure.of(
+        planes[: cells.needs.boundaries],
+        planes[-1],
+        bound=1e-4 + settings.cutoff * (settings.order + 1),
+        noise=0.02,
+    )
     return Trace(
         weights=weights_of(planes, cells),
-        # What is left of a ray at the cut-off is lost, on the line of sight and on later ones.
-        closure=Closure.of(
-            planes[: cells.needs.boundaries],
-            planes[-1],
-            bound=1e-4 + settings.cutoff * (settings.order + 1),
-            noise=0.02,
-        ),
+        closure=closure,
         weights_difference=None,
         programs=tuple(programs),
         solution=None,

@@ -48,7 +48,8 @@ def trace_source(
     solution = None if light is None else light.solution
     short = ""
     start = time.perf_counter()
-    images, refined = made.pictures(gather)
+    with np.errstate(over="ignore", invalid="ignore"):  # of a broken picture; closure tells it
+        images, refined = made.pictures(gather)
     if scene.camera.rays_per_pixel != 1:
         counts["pixels_of_several_rays"] = refined
     seconds["image"] = time.perf_counter() - start
@@ -59,8 +60,12 @@ def trace_source(
         seconds["image"] -= gather.seconds + sum(p.build_s for p in gather.programs)
         short = gather.short
     del made, light, gather  # some hundred megabytes on the device
+    with np.errstate(over="ignore", invalid="ignore"):
+        mean = images[0] if len(images) < 2 else (images[0] + images[1]) / 2
+        closure = Closure.of(
+            mean[: cells.needs.boundaries], mean[-1], bound=_CLOSED + 10 * settings.tolerance
+        )
     difference = None if len(images) < 2 else (images[0] - images[1]) / 2
-    mean = images[0] if len(images) < 2 else (images[0] + images[1]) / 2
     return Trace(
         weights=weights_of(mean, cells),
         weights_difference=None if difference is None else weights_of(difference, cells),
@@ -70,9 +75,7 @@ def trace_source(
         counts=counts,
         precision="float64" if settings.precision == "float64" else "float32",
         short=short,
-        closure=Closure.of(
-            mean[: cells.needs.boundaries], mean[-1], bound=_CLOSED + 10 * settings.tolerance
-        ),
+        closure=closure,
     )
 
 

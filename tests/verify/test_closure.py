@@ -123,7 +123,11 @@ def test_path_closes_but_for_noise(
          "RAYS(ray) = R(0.995) * (leaves - gap * share);", {}),
         ("sweep.cl", "c == seen ? inflow", "c == seen && c != WALL ? inflow", {}),
         ("image.cl", "transmitted -= taken;", "transmitted -= R(0.99) * taken;", {}),
-        ("image.cl", "real sum[PLANES];", "real sum[PLANES]; if (row == 7) return;", {}),
+        # What a row that was never written may hold.
+        *(
+            ("image.cl", "+ pixel] = sum[c];", f"+ pixel] = row == 7 ? {left} : sum[c];", {})
+            for left in ("R(0)", "R(3e38)", "R(INFINITY)", "R(NAN)")
+        ),
         ("path.cl", "weight *= albedo;", "weight *= R(0.95) * albedo;", {"method": "path"}),
         ("branching.cl", "b.transmitted -= taken;", "b.transmitted -= R(1.1) * taken;",
          {"method": "branching", "order": 1}),
