@@ -53,10 +53,13 @@ class Directions:
         return Directions(unit=self.unit, weight=self.weight * (ways @ share))
 
 
-def _band(count: int, low: float, high: float, turn: float) -> Floats:
-    """Fibonacci points between two heights of the unit sphere's z axis, turned about it."""
-    step = np.arange(count) + 0.5
-    z = low + (high - low) * step / count
+def _band(count: int, low: float, high: float, turn: float, lean: float = 0.0) -> Floats:
+    """Fibonacci points between two heights of the unit sphere's z axis, turned about it; at z they
+    are as dense as 1 - lean x z, |lean| < 1."""
+    ends = np.array([low, high])
+    first, last = ends - lean / 2 * ends**2  # of the integral of the density
+    share = first + (last - first) * (np.arange(count) + 0.5) / count
+    z = 2 * share / (1 + np.sqrt(1 - 2 * lean * share))
     angle = 2 * np.pi * (np.arange(count) / _GOLDEN + turn)
     r = np.sqrt(np.maximum(0.0, 1 - z * z))
     return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
@@ -85,9 +88,16 @@ def isotropic(count: int, rng: np.random.Generator) -> Directions:
 
 
 def focused(
-    count: int, rng: np.random.Generator, *, axis: Floats, half_angle_rad: float, share: float
+    count: int,
+    rng: np.random.Generator,
+    *,
+    axis: Floats,
+    half_angle_rad: float,
+    share: float,
+    lean: float = 0.0,
 ) -> Directions:
-    """Two strata: `share` of the directions in the cone about `axis`, the rest around it.
+    """Two strata: `share` of the directions in the cone about `axis`, the rest around it, which are
+    as dense as 1 - lean x the cosine to the axis.
 
     Weights are those of the strata's solid angles, so smooth functions are integrated as well as
     before, and what is only seen within the cone is sampled more finely.
@@ -96,10 +106,12 @@ def focused(
     solid = (1 - edge) / 2
     inside = int(np.clip(round(share * count), 1, count - 1))
     turn = rng.random(2)
-    parts = [_band(inside, edge, 1.0, turn[0]), _band(count - inside, -1.0, edge, turn[1])]
-    weight = np.concatenate(
-        [np.full(inside, solid / inside), np.full(count - inside, (1 - solid) / (count - inside))]
-    )
+    parts = [
+        _band(inside, edge, 1.0, turn[0]),
+        _band(count - inside, -1.0, edge, turn[1], lean),
+    ]
+    around = 1 / (1 - lean * parts[1][:, 2])
+    weight = np.concatenate([np.full(inside, solid / inside), (1 - solid) * around / around.sum()])
     frame = _frame_about(axis / np.linalg.norm(axis))
     return Directions(unit=np.concatenate(parts) @ frame.T, weight=weight)
 
@@ -131,11 +143,15 @@ def for_boundary(
     disc_centre: Floats,
     disc_radius: float,
     enclosure: bool,
+    lean: float = 0.0,
 ) -> Directions:
     """Directions for a box low..high before a disc (all lengths in one unit).
 
     The cone holds every direction in which some point of the box sees some of the disc; where that
-    is most of a half space, or the background is all round, plain directions serve as well.
+    is most of a half space, or the background is all round, plain directions serve as well. Light
+    has edges, so n directions over a share s of the sphere find it with an error of s / n^0.75:
+    with odds of (odds of s)^0.8 for the cone the sum of squares, of cone and rest, is least. lean:
+    as in `focused`.
     """
     middle = (low + high) / 2
     axis = disc_centre - middle
@@ -147,7 +163,9 @@ def for_boundary(
     solid = (1 - np.cos(half)) / 2
     if solid > 0.25 or count < 8:
         return isotropic(count, rng)
-    return focused(count, rng, axis=axis, half_angle_rad=half, share=float(np.sqrt(solid)))
+    odds = (solid / (1 - solid)) ** 0.8
+    share = odds / (1 + odds)
+    return focused(count, rng, axis=axis, half_angle_rad=half, share=share, lean=lean)
 
 
 def unfolded(unit: Floats) -> Floats:

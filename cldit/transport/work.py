@@ -31,6 +31,9 @@ _CHANGING = 0.25
 # Directions of the solver, and of the sweep before the last, over those which correct it.
 _SOLVED, _FORGETTING = 1 / 8, 2
 _FEWEST = 16  # with 8, slabs err by 0.1 %: the second order of what these miss
+# By how much the last directions without a phase function are denser on the camera's side, from
+# which most of what it sees of thick cells is lit: least error on `gdi`, between 0.4 and 0.9.
+_LEAN = 0.6
 _CHECKED = 8  # directions on which the sweeps are checked for what they make or lose
 
 
@@ -203,12 +206,14 @@ class Work:
         if phase is not None:
             one, other = about_camera(count, rng, phase).halves()
         else:
-            both = self._over_sphere(sweeper, count, rng).halves()
+            both = self._over_sphere(sweeper, count, rng, _LEAN).halves()
             one, other = (each.balanced() for each in both)
         starts = rng.random((count, 2))
         return sweeper.rays(one, starts[: self.half]), sweeper.rays(other, starts[self.half :])
 
-    def _over_sphere(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> Directions:
+    def _over_sphere(
+        self, sweeper: Sweeper, count: int, rng: np.random.Generator, lean: float = 0.0
+    ) -> Directions:
         low = np.asarray(sweeper.box.low, float)
         return for_boundary(
             count,
@@ -218,6 +223,7 @@ class Work:
             disc_centre=self.view.disc[:3],
             disc_radius=float(self.view.disc[3]) ** 0.5,
             enclosure=self.scene.background.shape == "enclosure",
+            lean=lean,
         )
 
 
