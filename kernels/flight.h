@@ -1,4 +1,5 @@
-/* One flight through thick cells and those around them, back to where light comes from. */
+/* Flights through thick cells and those around them, back to where light comes from; VECTOR of them
+   at once, cell by cell. */
 #ifndef FLIGHT_H
 #define FLIGHT_H
 
@@ -12,17 +13,21 @@
 #error "CUTOFF: transmission at which a ray ends"
 #endif
 
-/* Numbers that a cell has in the light kept by sweeps: of six faces, and of the light in it. */
-#define FACES 8
+/* What lies beside a cell of the region: down and up along x, y and z the number of the next cell, or
+   BOUNDARY_THERE, or where the region ends its face, KEPT - number in the light that sweeps kept; then
+   the number of the light in the cell itself, -1 where it was not kept. */
+#define SIDES 8
 #define OWN 6
+#define BOUNDARY_THERE (-1)
+#define KEPT (-2)
 
-/* What flights meet. All places are in cells from the cube's lower corner. */
+/* What flights meet. */
 typedef struct {
     __global const int *places;    /* of the box that the cells lie in: their numbers; -1: others */
-    __global const int *faces;     /* of them to others: their numbers, down and up along x, y, z;
-                                      and of the light in the cell itself; FACES a cell */
+    __global const int4 *at;       /* of the cells: where they are in the cube */
+    __global const int *beside;    /* SIDES a cell */
     __global const real *cells;    /* records */
-    __global const real *light;    /* that comes through them: [direction][face][component] */
+    __global const real *light;    /* that comes through faces: [direction][face][component] */
     int rim;                       /* faces of one direction */
     __global const real4 *directions; /* where it comes from, and the share of directions up to here
                                          in what a cell scatters along +y; neighbours are close by */
@@ -54,90 +59,197 @@ INLINE void score_pending(Ends *ends)
 
 INLINE void score_later(Ends *ends, real weight, __global const real *light)
 {
+    SOON_READ(light);
     ends->weight[ends->count] = weight;
     ends->light[ends->count] = light;
     if (++ends->count == PENDING) score_pending(ends);
 }
 
-/* Number of the light that the last sweep had in a thick cell; -1: it was not kept. */
-INLINE int own_number(int3 cell, const Near *m)
+/* Number, in the region, of a cell that is given by its place in the cube. */
+INLINE int number_in(int3 cell, const Near *m)
 {
     const int x = cell.x - m->low.x, y = cell.y - m->low.y, z = cell.z - m->low.z;
-    return m->faces[FACES * m->places[(z * m->shape.y + y) * m->shape.x + x] + OWN];
+    return m->places[(z * m->shape.y + y) * m->shape.x + x];
 }
 
-/* One flight from p in `cell`, along d, the way back to where the light comes from; scores what it
-   brings, kept light in `ends`. Of all that deep cells on its way scatter, `weight` becomes the sum and
-   one place is drawn: its record is returned, and p and `cell` are moved there; 0 if they scatter
-   nothing. Light scored and `weight` left make the `weight` that came in. */
-INLINE __global const real *flight(
-    real *sum, Ends *ends, real *weight, real3 *p, int3 *cell, real3 d, int number, real u,
-    const Near *m)
+/* Flights, one a lane. Lengths are in cells from where each began. */
+typedef struct {
+    lane_t tx, ty, tz;    /* where it meets the far sides of its cell */
+    lane_t dx, dy, dz;    /* how far it is from side to side */
+    lane_t ax, ay, az;    /* how far it gets along x, y, z in a length of 1 */
+    lane_i ux, uy, uz;    /* mask: upwards */
+    lane_t t;             /* where it is */
+    lane_t weight, floor; /* what is left of it; with how much it ends */
+    lane_t scattered;     /* what deep cells on the way have scattered */
+    lane_t u;             /* chance: serves all draws of one of these, and of a place in it */
+    lane_t x, y, z, share; /* of the one drawn: where in it the flight comes in; what it takes out */
+    lane_i met;           /* its number, -1: none */
+    lane_i cell;          /* number */
+    lane_i flies;         /* mask */
+    real3 way[VECTOR];    /* where light comes from */
+} Flights;
+
+/* How one ended: with what is left of it at `beside` of its cell, or within that. */
+typedef struct {
+    lane_i ended;  /* mask */
+    lane_i within; /* mask: nothing is left */
+    lane_i beside;
+} Ended;
+
+INLINE Flights no_flights(void)
 {
-    __global const real *met = 0;
-    const real3 from = *p;
-    const real whole = *weight;
-    real transmitted = R(1), scattered = R(0), at = R(0), share_there = R(0);
-    Step s = step_from(*cell, from, d);
-    int inside = 0, face = 0;
-    for (;;) {
-        const int x = s.x - m->low.x, y = s.y - m->low.y, z = s.z - m->low.z;
-        if (x < 0 || y < 0 || z < 0 || x >= m->shape.x || y >= m->shape.y || z >= m->shape.z) {
-            const int seen = boundary_seen(
-                from.x, from.y, from.z, d.x, d.y, d.z, R(0), &m->boundary);
-            for (int c = 0; c < BOUNDARIES; ++c)
-                sum[c] += c == seen ? whole * transmitted : R(0);
-            break;
-        }
-        const int place = m->places[(z * m->shape.y + y) * m->shape.x + x];
-        if (place < 0) { /* it came from one of the cells: there it began */
-            const size_t end = (size_t)number * m->rim + m->faces[FACES * inside + face];
-            score_later(ends, whole * transmitted, m->light + end * COMPONENTS);
-            break;
-        }
-        inside = place;
+    Flights f;
+    f.tx = f.ty = f.tz = (lane_t)R(1);
+    f.dx = f.dy = f.dz = f.ax = f.ay = f.az = (lane_t)R(0);
+    f.ux = f.uy = f.uz = f.met = f.cell = f.flies = (lane_i)0;
+    f.t = f.weight = f.floor = f.scattered = f.u = f.x = f.y = f.z = f.share = (lane_t)R(0);
+    return f;
+}
+
+/* Where a line from `place` in a cell, 0 to 1, meets its far side, at what it gets along this axis; one
+   that runs along it, never. */
+INLINE real to_side(real place, real slope, real *across, real *gets)
+{
+    const real part = most(slope > R(0) ? R(1) - place : place, R(0));
+    if (slope == R(0)) {
+        *across = R(0);
+        *gets = part * R(1e-30);
+        return R(1e30);
+    }
+    *gets = size_of(slope);
+    *across = R(1) / *gets;
+    return part * *across;
+}
+
+/* Begins a flight from p in a cell, 0 to 1 along x, y, z. */
+INLINE void set_off(Flights *f, int lane, int cell, real3 p, real3 d, real weight, real u)
+{
+    real across, gets;
+    LANE(f->tx, lane) = to_side(p.x, d.x, &across, &gets);
+    LANE(f->dx, lane) = across;
+    LANE(f->ax, lane) = gets;
+    LANE_I(f->ux, lane) = -(d.x > R(0));
+    LANE(f->ty, lane) = to_side(p.y, d.y, &across, &gets);
+    LANE(f->dy, lane) = across;
+    LANE(f->ay, lane) = gets;
+    LANE_I(f->uy, lane) = -(d.y > R(0));
+    LANE(f->tz, lane) = to_side(p.z, d.z, &across, &gets);
+    LANE(f->dz, lane) = across;
+    LANE(f->az, lane) = gets;
+    LANE_I(f->uz, lane) = -(d.z > R(0));
+    LANE(f->t, lane) = R(0);
+    LANE(f->weight, lane) = weight;
+    LANE(f->floor, lane) = weight * R(CUTOFF);
+    LANE(f->scattered, lane) = R(0);
+    LANE(f->u, lane) = u;
+    LANE_I(f->met, lane) = -1;
+    LANE_I(f->cell, lane) = cell;
+    LANE_I(f->flies, lane) = -1;
+    f->way[lane] = d;
+}
+
+/* Place in the cell, along one axis, a way before the far side. */
+#define PLACE(left, gets, up) ((up) ? R(1) - (left) * (gets) : (left) * (gets))
+
+/* Crosses a cell with each flight, and scores what it sends. Of all that deep cells on a flight's way
+   scatter, `scattered` becomes the sum and one place is drawn. Light scored, what is left and
+   `scattered` make the weight that a flight began with. */
+INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
+{
+    const lane_i record = f->cell * RECORD;
+    const lane_t depth = from_table(m->cells + DEPTH, record);
+    const lane_t albedo = from_table(m->cells + ALBEDO, record);
+    const lane_t end = lower(f->tx, lower(f->ty, f->tz));
+    const lane_t length = end - f->t;
+    const lane_t t = depth * length;
+    const lane_t share = absorbed(t);
+    lane_t taken = f->weight * share;
+    const lane_t left = f->weight - taken;
+    Ended e;
+    /* What is left in the end goes no further than the last cell. */
+    e.within = left <= f->floor;
+    taken = e.within ? f->weight : taken;
+    lane_t x = taken, y = taken, z = taken;
+#ifdef LINEAR
+    /* Where it is seen: less deep in the cell than in the middle of the way. */
+    const lane_t middle = f->t + R(0.5) * length;
+    const lane_t nearer = f->weight * t * rising(t, share, mean_transmission(t, share)) * length;
+    x = taken * (R(0.5) - (f->tx - middle) * f->ax) - nearer * f->ax;
+    y = taken * (R(0.5) - (f->ty - middle) * f->ay) - nearer * f->ay;
+    z = taken * (R(0.5) - (f->tz - middle) * f->az) - nearer * f->az;
+    x = f->ux ? x : -x;
+    y = f->uy ? y : -y;
+    z = f->uz ? z : -z;
+#endif
+    Light sent = no_light();
+    real all = R(0);
+    for (int lane = 0; lane < VECTOR; ++lane) {
+        if (!LANE_I(f->flies, lane)) continue;
 #ifdef COUNTED
         ++ends->crossed;
 #endif
-        __global const real *record = m->cells + (size_t)place * RECORD;
-        if (record[DEPTH] > R(0)) {
-            const real length = step_end(&s) - s.t;
-            const real t = record[DEPTH] * length;
-            const real share = absorbed(t);
-            real taken = transmitted * share;
-            const real left = transmitted - taken;
-            /* What is left in the end goes no further than the last cell. */
-            const int last = left <= R(CUTOFF);
-            if (record[ALBEDO] > R(0)) {
-                taken += last ? left : R(0);
-                const real here = taken * record[ALBEDO];
-                for (int e = 0; e < EMITTERS; ++e)
-                    sum[BOUNDARIES + e] += whole * taken * record[EMISSION + e];
-                sum[WITHIN] += whole * (taken - here);
-                scattered += here;
-                /* One number serves all draws: what is left of it after each is as random as before. */
-                const real chance = here > R(0) ? here / scattered : R(0);
-                if (u < chance) {
-                    u = least(u / chance, R(0.9999999));
-                    met = record;
-                    at = s.t;
-                    share_there = share;
-                    *cell = (int3)(s.x, s.y, s.z);
-                } else {
-                    u = (u - chance) / (R(1) - chance);
-                }
-            } else {
-                score_cell(sum, whole * transmitted, record, from, d, &s, length, t, share);
-                if (last) score(sum, whole * left, record + SOURCE);
-            }
-            if (last) break;
-            transmitted = left;
+        __global const real *it = m->cells + (size_t)LANE_I(record, lane);
+        const real here = LANE(taken, lane);
+        if (LANE(albedo, lane) > R(0)) {
+            add_emission(&sent, here, it);
+            all += here * (R(1) - LANE(albedo, lane));
+        } else {
+            const real3 off = (real3)(LANE(x, lane), LANE(y, lane), LANE(z, lane));
+            add_source(&sent, here, off, f->way[lane], it);
+            all += here;
         }
-        face = step_on(&s, d);
     }
-    *weight = whole * scattered;
-    if (met) *p = from + (at + length_at(u, share_there, met[DEPTH])) * d;
-    return met;
+    score_light(sum, all, &sent);
+    const lane_i deep = albedo > R(0);
+    if (any_of(deep)) {
+        const lane_t here = deep ? taken * albedo : (lane_t)R(0);
+        f->scattered += here;
+        const lane_t chance = here > R(0) ? here / f->scattered : (lane_t)R(0);
+        const lane_i drawn = f->u < chance;
+        /* What is left of a chance after a draw is as random as before. */
+        f->u = drawn ? lower(f->u / chance, (lane_t)R(0.9999999))
+            : (f->u - chance) / (R(1) - chance);
+        f->met = drawn ? f->cell : f->met;
+        f->share = drawn ? share : f->share;
+        f->x = drawn ? PLACE(f->tx - f->t, f->ax, f->ux) : f->x;
+        f->y = drawn ? PLACE(f->ty - f->t, f->ay, f->uy) : f->y;
+        f->z = drawn ? PLACE(f->tz - f->t, f->az, f->uz) : f->z;
+    }
+    const lane_i along_x = (f->tx <= f->ty) & (f->tx <= f->tz);
+    const lane_i along_y = (f->ty <= f->tz) & !along_x;
+    const lane_i side = along_x ? -f->ux : along_y ? 2 - f->uy : 4 - f->uz;
+    e.beside = from_numbers(m->beside, f->cell * SIDES + side);
+    e.ended = f->flies & (e.within | (e.beside < 0));
+    const lane_i goes = f->flies & !e.ended;
+    f->tx += (goes & along_x) ? f->dx : (lane_t)R(0);
+    f->ty += (goes & along_y) ? f->dy : (lane_t)R(0);
+    f->tz += (goes & !along_x & !along_y) ? f->dz : (lane_t)R(0);
+    f->cell = goes ? e.beside : f->cell;
+    f->t = end;
+    f->weight = left;
+    return e;
+}
+
+/* Scores what is left of a flight that ended. */
+INLINE void arrive(
+    real *sum, Ends *ends, const Flights *f, int lane, const Ended *e, int number, const Near *m)
+{
+    if (LANE_I(e->within, lane)) return;
+    const real weight = LANE(f->weight, lane);
+    const int beside = LANE_I(e->beside, lane);
+    if (beside != BOUNDARY_THERE) {
+        score_later(ends, weight, m->light + ((size_t)number * m->rim + (KEPT - beside)) * COMPONENTS);
+        return;
+    }
+    const int4 cell = m->at[LANE_I(f->cell, lane)];
+    const real3 d = f->way[lane];
+    const real t = LANE(f->t, lane);
+    const real x = PLACE(LANE(f->tx, lane) - t, LANE(f->ax, lane), d.x > R(0));
+    const real y = PLACE(LANE(f->ty, lane) - t, LANE(f->ay, lane), d.y > R(0));
+    const real z = PLACE(LANE(f->tz, lane) - t, LANE(f->az, lane), d.z > R(0));
+    const int seen = boundary_seen(
+        cell.x + x, cell.y + y, cell.z + z, d.x, d.y, d.z, R(0), &m->boundary);
+    for (int c = 0; c < BOUNDARIES; ++c) sum[c] += c == seen ? weight : R(0);
 }
 
 #endif

@@ -16,6 +16,8 @@
 
    COUNTED: the part from within is left out; how many cells flights crossed stands there. */
 
+#include "lanes.h"
+
 #include "directions.h"
 #include "flight.h"
 #include "phase.h"
@@ -43,69 +45,91 @@ INLINE real share_of(real4 direction, real3 sight, __global const real *steps)
 #endif
 }
 
-/* Chance of a chain's first two scatterings: a point of a low-discrepancy set, shifted. The first
-   dimension is the place along the line of sight. */
+/* Words of a point of a low-discrepancy set, of which those for a chain's first two scatterings are
+   shifted. The first dimension is the place along the line of sight. */
 #define DIMENSIONS 8
-typedef struct {
-    __global const uint *point;
-    uint4 shift0, shift1;
-} Chance;
 
-/* Follows one chain from p in a thick `cell`, where light is scattered along `sight`: what it brings
-   more than the light in that cell along its first direction, as the last sweep had it. That varies
-   far less; what all directions bring of it is known (`expected`). */
-INLINE void chain(
-    real *sum, Ends *ends, real weight, real3 p, int3 cell, real3 sight, uint4 counter, uint2 key,
-    const Chance *chance, const Near *m, __global const real *table, __global const real *steps)
+/* A chain, in one lane: its point, and its scatterings so far; of its flight the number of the direction
+   whose light it is to end in, and the chance that it is the last where its weight is below `floor`. */
+typedef struct {
+    uint point, event;
+    int number;
+    uint chance;
+    real floor;
+} Chain;
+
+/* What a pixel's chains have in common. */
+typedef struct {
+    real3 sight;                  /* along which light is scattered to the camera */
+    __global const uint *points;  /* DIMENSIONS words each */
+    uint4 shift0, shift1;
+    uint first;                   /* number of the first point */
+    uint pixel, half_;
+    uint2 key;
+} Chances;
+
+/* Begins a chain at p in a thick `cell`. It brings what is more than the light in that cell along its
+   first direction, as the last sweep had it. That varies far less; what all directions bring of it is
+   known (`expected`). */
+INLINE void begin(
+    Flights *f, Ends *ends, int lane, Chain *chain, uint point, int cell, real3 p, real weight,
+    const Chances *chance, const Near *m, __global const real *steps)
 {
-    const real floor_ = ROULETTE * weight;
-    real3 d = sight;
-    for (uint event = 0; ; ++event) {
-        uint4 word;
-        int number;
-        if (event == 0) {
-            word.x = chance->point[1] ^ chance->shift0.x;
-            word.z = chance->point[2] ^ chance->shift0.y;
-            word.w = chance->point[6] ^ chance->shift0.z;
-            const int drawn = direction_at(unit(word.x), m->directions, m->start, m->count);
-            d = m->directions[drawn].xyz;
-            weight *= share_of(m->directions[drawn], sight, steps);
-            number = m->number_of[drawn];
-            const int own = own_number(cell, m);
-            if (own >= 0)
-                score_later(ends, -weight, m->light + ((size_t)number * m->rim + own) * COMPONENTS);
-        } else {
-            if (event == 1) {
-                word.x = chance->point[3] ^ chance->shift1.x;
-                word.y = chance->point[4] ^ chance->shift1.y;
-                word.z = chance->point[5] ^ chance->shift1.z;
-                word.w = chance->point[7] ^ chance->shift1.w;
-            } else {
-                counter.z = event;
-                word = philox(counter, key);
-            }
-            d = turned(d, phase_cosine(unit(word.x), table), unit(word.y));
-            number = m->nearest[direction_near(d)];
-        }
-        __global const real *met = flight(sum, ends, &weight, &p, &cell, d, number, unit(word.z), m);
-        if (!met || !(weight > R(0))) return;
-        /* Where it ends, and on average where it does not, light as the sweeps have it there stands
-           for what is left: no light is made or lost by chance. */
-        real known = R(0);
-        int ends = event + 1 >= LONGEST;
-        if (ends) {
-            known = weight;
-        } else if (weight < floor_) {
-            ends = unit(word.w) * floor_ >= weight;
-            known = ends ? weight : weight - floor_;
-            weight = floor_;
-        }
-        if (known != R(0)) {
-            const real3 place = p - (real3)(cell.x + R(0.5), cell.y + R(0.5), cell.z + R(0.5));
-            score_source(sum, known, known * place, d, met);
-        }
-        if (ends) return;
+    __global const uint *word = chance->points + point * DIMENSIONS;
+    const int drawn =
+        direction_at(unit(word[1] ^ chance->shift0.x), m->directions, m->start, m->count);
+    const real4 d = m->directions[drawn];
+    const int number = m->number_of[drawn];
+    weight *= share_of(d, chance->sight, steps);
+    const int own = m->beside[SIDES * cell + OWN];
+    if (own >= 0) score_later(ends, -weight, m->light + ((size_t)number * m->rim + own) * COMPONENTS);
+    chain->point = point;
+    chain->event = 0;
+    chain->number = number;
+    chain->chance = word[6] ^ chance->shift0.z;
+    chain->floor = ROULETTE * weight;
+    set_off(f, lane, cell, p, d.xyz, weight, unit(word[2] ^ chance->shift0.y));
+}
+
+/* Goes on from the place that was drawn on a flight, if any; 0: the chain has ended. */
+INLINE int goes_on(
+    real *sum, Flights *f, int lane, Chain *chain, const Chances *chance, const Near *m,
+    __global const real *table)
+{
+    const int cell = LANE_I(f->met, lane);
+    real weight = LANE(f->scattered, lane);
+    if (cell < 0 || !(weight > R(0))) return 0;
+    __global const real *record = m->cells + (size_t)cell * RECORD;
+    const real3 d = f->way[lane];
+    const real3 p = (real3)(LANE(f->x, lane), LANE(f->y, lane), LANE(f->z, lane))
+        + length_at(LANE(f->u, lane), LANE(f->share, lane), record[DEPTH]) * d;
+    /* Where it ends, and on average where it does not, light as the sweeps have it there stands for
+       what is left: no light is made or lost by chance. */
+    real known = R(0);
+    int last = ++chain->event >= LONGEST;
+    if (last) {
+        known = weight;
+    } else if (weight < chain->floor) {
+        last = unit(chain->chance) * chain->floor >= weight;
+        known = last ? weight : weight - chain->floor;
+        weight = chain->floor;
     }
+    if (known != R(0)) {
+        Light light = no_light();
+        add_source(&light, known, known * (p - R(0.5)), d, record);
+        score_light(sum, known, &light);
+    }
+    if (last) return 0;
+    __global const uint *word = chance->points + chain->point * DIMENSIONS;
+    const uint4 counter =
+        (uint4)(chance->pixel, chance->first + chain->point, chain->event, chance->half_);
+    const uint4 words = chain->event == 1
+        ? (uint4)(word[3], word[4], word[5], word[7]) ^ chance->shift1 : philox(counter, chance->key);
+    const real3 on = turned(d, phase_cosine(unit(words.x), table), unit(words.y));
+    chain->number = m->nearest[direction_near(on)];
+    chain->chance = words.w;
+    set_off(f, lane, cell, p, on, weight, unit(words.z));
+    return 1;
 }
 
 /* Light that each thick cell scatters towards the camera, of all directions, as the last sweep had it
@@ -179,7 +203,8 @@ __kernel void meet(
         const Crossing cell = walk_ahead(&walk, &grid, directory, span);
         const real density = depth[cell.address];
         if (density > R(0)) {
-            const real share = absorbed(density * walk_length(&walk, &cell));
+            const lane_t shares = absorbed((lane_t)(density * walk_length(&walk, &cell)));
+            const real share = LANE(shares, 0);
             real taken = transmitted * share;
             transmitted -= taken;
             if (transmitted <= R(CUTOFF)) taken += transmitted; /* as in image.cl */
@@ -218,8 +243,8 @@ __kernel void gather(
     __global const int *first,    /* in: of each ray's stretches, and their end */
     __global const real *stretches,
     __global const real *table, __global const real *steps,
-    __global const int *places, __global const int *faces, __global const real *cells,
-    __global const real *light, const int rim,
+    __global const int *places, __global const int4 *at, __global const int *beside,
+    __global const real *cells, __global const real *light, const int rim,
     __global const real4 *directions, __global const int *number_of, __global const int *start,
     __global const int *nearest, const int direction_count, const int4 box_low, const int4 box_shape,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
@@ -230,20 +255,22 @@ __kernel void gather(
     const int number = chosen[item];
     const Ray ray = ray_at(
         list[2 * number], list[2 * number + 1], columns, rows, middle, pitch_x, pitch_z, distance);
-    const Near near = {places, faces, cells, light, rim, directions, number_of, start, nearest,
+    const Near near = {places, at, beside, cells, light, rim, directions, number_of, start, nearest,
                        direction_count, box_low, box_shape, BOUNDARY};
     const real3 from = (real3)(ray.px, ray.py, ray.pz);
     const real3 sight = (real3)(ray.dx, ray.dy, ray.dz);
-    Chance chance;
-    chance.shift0 = philox((uint4)(numbers[number], 0, 0xFFFFFFFFu, half_), key);
-    chance.shift1 = philox((uint4)(numbers[number], 1, 0xFFFFFFFFu, half_), key);
-    real sum[PARTS];
+    const uint pixel = numbers[number];
+    const Chances chance = {
+        sight, points, philox((uint4)(pixel, 0, 0xFFFFFFFFu, half_), key),
+        philox((uint4)(pixel, 1, 0xFFFFFFFFu, half_), key), from_point, pixel, half_, key};
+    /* Summed apart: of a long chain the parts are far less than the sum of all. */
+    real sum[PARTS], all_of_it[PARTS];
     Ends ends;
     ends.count = 0;
 #ifdef COUNTED
     ends.crossed = 0;
 #endif
-    for (int c = 0; c < PARTS; ++c) sum[c] = ends.sum[c] = R(0);
+    for (int c = 0; c < PARTS; ++c) sum[c] = all_of_it[c] = ends.sum[c] = R(0);
     /* Its weight may have been all rounding: then there is no stretch, and nothing to gather. */
     const int stretch_count = first[number + 1] - first[number];
     __global const real *stretch = stretches + (size_t)first[number] * STRETCH;
@@ -262,26 +289,45 @@ __kernel void gather(
     const real even = all / samples;
 #endif
     const int stretch_last = stretch_count - 1;
-    for (uint k = 0; k < samples && all > R(0); ++k) {
-        chance.point = points + k * DIMENSIONS;
-        const real goal = unit(chance.point[0] ^ chance.shift0.w) * all;
-        int met = 0;
-        while (met < stretch_last && goal >= stretch[met * STRETCH + UP_TO]) ++met;
-        __global const real *one = stretch + met * STRETCH;
-        const real before = met > 0 ? one[UP_TO - STRETCH] : R(0);
-        const real part = most(R(0), least((goal - before) / (one[UP_TO] - before), R(1)));
-        const real along =
-            one[AT] + least(length_at(part, one[SHARE], one[DENSITY]), one[LENGTH]);
-        /* Summed apart: of a long chain the parts are far less than the sum of all. */
-        real of_chain[PARTS];
-        for (int c = 0; c < PARTS; ++c) of_chain[c] = R(0);
-        chain(of_chain, &ends, even, from + along * sight,
-              (int3)((int)one[0], (int)one[1], (int)one[2]), sight,
-              (uint4)(numbers[number], from_point + k, 0, half_), key, &chance, &near, table, steps);
-        for (int c = 0; c < PARTS; ++c) sum[c] += of_chain[c];
+    Flights f = no_flights();
+    Chain chains[VECTOR];
+    int idle[VECTOR];
+    for (int lane = 0; lane < VECTOR; ++lane) idle[lane] = 1;
+    uint begun = all > R(0) ? 0 : samples;
+    for (;;) {
+        for (int lane = 0; lane < VECTOR && begun < samples; ++lane) {
+            if (!idle[lane]) continue;
+            idle[lane] = 0;
+            const real goal = unit(points[begun * DIMENSIONS] ^ chance.shift0.w) * all;
+            int met = 0;
+            while (met < stretch_last && goal >= stretch[met * STRETCH + UP_TO]) ++met;
+            __global const real *one = stretch + met * STRETCH;
+            const real before = met > 0 ? one[UP_TO - STRETCH] : R(0);
+            const real part = most(R(0), least((goal - before) / (one[UP_TO] - before), R(1)));
+            const real along =
+                one[AT] + least(length_at(part, one[SHARE], one[DENSITY]), one[LENGTH]);
+            const real3 corner = (real3)(one[0], one[1], one[2]);
+            const int cell =
+                number_in((int3)((int)corner.x, (int)corner.y, (int)corner.z), &near);
+            begin(&f, &ends, lane, &chains[lane], begun++, cell, from + along * sight - corner, even,
+                  &chance, &near, steps);
+        }
+        if (!any_of(f.flies)) break;
+        const Ended e = cross(sum, &ends, &f, &near);
+        if (!any_of(e.ended)) continue;
+        for (int lane = 0; lane < VECTOR; ++lane) {
+            if (!LANE_I(e.ended, lane)) continue;
+            LANE_I(f.flies, lane) = 0;
+            arrive(sum, &ends, &f, lane, &e, chains[lane].number, &near);
+            idle[lane] = !goes_on(sum, &f, lane, &chains[lane], &chance, &near, table);
+        }
+        for (int c = 0; c < PARTS; ++c) {
+            all_of_it[c] += sum[c];
+            sum[c] = R(0);
+        }
     }
     score_pending(&ends);
-    for (int c = 0; c < PARTS; ++c) means[c * count + item] = sum[c] + ends.sum[c];
+    for (int c = 0; c < PARTS; ++c) means[c * count + item] = all_of_it[c] + ends.sum[c];
 #ifdef COUNTED
     means[WITHIN * count + item] = ends.crossed;
 #endif

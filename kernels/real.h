@@ -31,6 +31,12 @@ INLINE real root(real x) { return __builtin_sqrt(x); }
 #else
 INLINE real root(real x) { return __builtin_sqrtf(x); }
 #endif
+/* Has memory fetched that is to be read a little later, where a work-item has no others to wait with. */
+#if defined(__x86_64__) || defined(__aarch64__)
+#define SOON_READ(p) __builtin_prefetch(p)
+#else
+#define SOON_READ(p)
+#endif
 INLINE int smaller(int a, int b) { return a < b ? a : b; }
 INLINE int larger(int a, int b) { return a > b ? a : b; }
 INLINE int within(int x, int low, int high) { return x < low ? low : x > high ? high : x; }

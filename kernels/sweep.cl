@@ -31,27 +31,11 @@
 #include "boundary.h"
 #include "components.h"
 #include "groups.h"
+#include "lanes.h"
 #include "moments.h"
 
 #ifndef HAS_SCATTERING
 #error "the sweep is for scenes that scatter: define HAS_SCATTERING"
-#endif
-
-/* Cells that a work-item takes at once: 8 on CPUs, in vector registers; 1 on GPUs. */
-#if VECTOR == 8
-#ifdef USE_FLOAT64
-typedef double8 lane_t;
-#else
-typedef float8 lane_t;
-#define AS_INT as_int8
-#define AS_FLOAT as_float8
-#endif
-#elif VECTOR == 1
-typedef real lane_t;
-#define AS_INT as_int
-#define AS_FLOAT as_float
-#else
-#error "VECTOR: 1 or 8"
 #endif
 
 /* Groups of cells are aligned; rays may begin anywhere. Not vload8, which PoCL calls as a function. */
@@ -60,7 +44,6 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 #define CELLS_OF(p) (*(__global const lane_t *)(p))
 #define RAYS(p) (*(__global ray_t *)(p))
 
-#define REAL lane_t
 #include "attenuation.h"
 
 /* Planes of a cell: of S, S_0 of all components, then its moments; of D likewise; of G, and of the

@@ -16,11 +16,12 @@ from cldit.gpu.program import Define, build
 from cldit.transport.cells import Needs, OpticalCells
 from cldit.transport.directions import isotropic
 from cldit.transport.filled import Filled
+from cldit.transport.groups import lanes
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.picture import Reals
 from cldit.transport.solve import first_guess
 from cldit.transport.source import prepared
-from cldit.transport.sweep import Sweeper, sweep_defines
+from cldit.transport.sweep import Sweeper
 from cldit.transport.towards import ToCamera
 from cldit.transport.view import View, upload_directory, upload_tree
 
@@ -156,7 +157,7 @@ class Kernels:
         """
         device, cells = self.case.device, self.cells
         defines = self._defines()
-        specialised: dict[str, Define] = {**defines, **sweep_defines(device)}
+        specialised: dict[str, Define] = {**defines, **lanes(device)}
         if vector is not None:
             specialised["VECTOR"] = vector
         sweeper = Sweeper(

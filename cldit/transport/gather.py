@@ -22,6 +22,7 @@ from cldit.gpu.program import Define, Program, build
 from cldit.gpu.share import shares
 from cldit.transport.cells import Box
 from cldit.transport.directions import Directions, along_curve
+from cldit.transport.groups import lanes
 from cldit.transport.kelvin import VISIBLE, error_K
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.picture import Painter
@@ -139,10 +140,17 @@ class Gather:
             build(
                 part.device,
                 "gather.cl",
-                {**self._defines, "PENDING": _PENDING if part.device.is_cpu else 1},
+                {
+                    **self._defines,
+                    **lanes(part.device),
+                    "PENDING": _PENDING if part.device.is_cpu else 1,
+                },
             )
             for part in painter.parts
         ]
+        beside = thick.beside
+        at = np.column_stack([thick.at + np.asarray(box.low), np.zeros(len(thick.at), int)])
+        at = at.astype(np.int32)
         self._walks, self._fixed = [], []
         for part in painter.parts:
             one, kept = part.device, light.buffer
@@ -170,7 +178,8 @@ class Gather:
                     upload(one, "phase function", table.astype(real)),
                     by_angle,
                     upload(one, "places", thick.places),
-                    upload(one, "faces", np.column_stack([thick.faces, thick.own, thick.own])),
+                    upload(one, "cells' places", at),
+                    upload(one, "faces", beside),
                     upload(one, "thick cells", records),
                     *last,
                     upload(one, "directions", np.minimum(starts, len(shared) - 1).astype(np.int32)),

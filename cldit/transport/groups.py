@@ -8,9 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.gpu.device import Device
 from cldit.transport.cells import Box, OpticalCells
 
 GROUP = 8  # cells of a group, as in kernels/groups.h
+
+
+def lanes(device: Device) -> dict[str, int]:
+    """How many cells of a group, or flights, a work-item takes at once (kernels/lanes.h)."""
+    return {"VECTOR": GROUP if device.is_cpu else 1}
 
 
 @dataclass(frozen=True)

@@ -30,11 +30,6 @@ _MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
 _TOGETHER = 16  # directions: more take memory for rays, and gain nothing
 
 
-def sweep_defines(device: Device) -> dict[str, int]:
-    """What the sweep kernel must know of the device when it is built."""
-    return {"VECTOR": GROUP if device.is_cpu else 1}
-
-
 def _slots(layout: Layout) -> int:
     """For a row of rays: those that are in the box, in whole groups, and those that come in."""
     nu, _, nl = layout.size

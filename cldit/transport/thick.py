@@ -22,6 +22,7 @@ from cldit.transport.layout import Layout, layouts
 
 FACE = 64  # entries of the table of nearest directions along a side
 NONE, OUTSIDE = -1, -2
+_KEPT = -2  # less the number of a face, as in flight.h
 _NO_FACE = 64  # in place of a face, as in sweep.cl
 _MOST_LIGHT = 2**29  # bytes of the light in all thick cells that the last sweeps may keep
 _AROUND = 1  # so many cells around thick ones are of their region
@@ -96,6 +97,23 @@ class ThickCells:
         address = cells.stored(at + np.asarray(box.low))
         return cls(listed, at, address, low, places, faces, own, rim)
 
+    @property
+    def beside(self) -> NDArray[np.int32]:
+        """(R, 8) int32, as kernels/flight.h has it: what lies beside each of the region's cells."""
+        around = np.pad(self.places, 1, constant_values=OUTSIDE)
+        out = np.full((len(self.at), 8), NONE, np.int32)
+        inside = (self.at - self.low).T + 1
+        for axis in range(3):
+            for up in (0, 1):
+                there = inside.copy()
+                there[axis] += 2 * up - 1
+                side = 2 * axis + up
+                number = around[tuple(there[::-1])]
+                kept = _KEPT - self.faces[:, side]
+                out[:, side] = np.where(self.faces[:, side] >= 0, kept, np.maximum(number, NONE))
+        out[:, 6] = self.own
+        return out
+
     def records(
         self,
         seen: OpticalCells,
@@ -106,9 +124,9 @@ class ThickCells:
         *,
         chains: bool,
     ) -> NDArray[np.floating]:
-        """(R, 2 + E + M C + 3 C) as in kernels/record.h: optical depth; albedo and emission of
-        deep cells, in which chains go on; the last sweep's source, and its changes; of deep cells
-        these of what they scatter, over their albedo.
+        """Records as in kernels/record.h, one a row: optical depth; albedo and emission of deep
+        cells, in which chains go on; the last sweep's source, and its changes; of deep cells these
+        of what they scatter, over their albedo.
 
         seen, cells: the medium as it is, and as that sweep has it; source (M C, N): of its
         scattering cells; changes (3, C, K): across those of them that `changing` (K,) lists, or
@@ -136,15 +154,17 @@ class ThickCells:
             across = changes.reshape(-1, len(changing))[:, among] * (among >= 0).astype(real)
         sent[first : first + len(emission), deep] -= emission[:, deep]
         scattered = np.where(deep, cells.albedo[number], 1.0).astype(real)
-        columns = [
-            np.where(deep, seen.depth[address], cells.depth[address]),
-            np.where(deep, seen.albedo[number], 0.0),
-            *np.where(deep, seen.thermal_planes(real, address), 0.0),
-            *(plane / scattered for planes in (sent, across) for plane in planes),
-        ]
-        out = np.zeros((len(self.at), len(columns)), real)
-        for number_of, column in enumerate(columns):
-            out[stored, number_of] = column
+        emitted = np.zeros((len(cells.needs.components), len(address)), real)
+        emitted[first : first + len(emission), deep] = seen.thermal_planes(real, address)[:, deep]
+        planes = [emitted, *(sent / scattered).reshape(-1, len(emitted), len(address))]
+        planes.extend((across / scattered).reshape(-1, len(emitted), len(address)))
+        fours = -(-len(emitted) // 4) * 4
+        out = np.zeros((len(self.at), 4 + fours * len(planes)), real)
+        out[stored, 0] = np.where(deep, seen.depth[address], cells.depth[address])
+        out[stored, 1] = np.where(deep, seen.albedo[number], 0.0)
+        for place, plane in enumerate(planes):
+            begin = 4 + place * fours
+            out[stored, begin : begin + len(plane)] = plane.T
         return out
 
 

@@ -15,11 +15,12 @@ from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import Directions, about_camera, for_boundary
 from cldit.transport.gradients import matter
+from cldit.transport.groups import lanes
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.rays import Rays
 from cldit.transport.result import Settings
 from cldit.transport.solve import Solution, another_order, corrected, first_guess, solve
-from cldit.transport.sweep import Sweeper, sweep_defines
+from cldit.transport.sweep import Sweeper
 from cldit.transport.thick import ThickCells
 from cldit.transport.view import View
 
@@ -73,7 +74,7 @@ class Work:
             view,
             device,
             settings,
-            {**defines, **sweep_defines(device)},
+            {**defines, **lanes(device)},
             build(device, "iterate.cl", defines),
             {"LINEAR": 1} if matter(seen, scattered=evenly) else {},
             changing if settings.linear_sources and changing.any() else None,

@@ -13,7 +13,8 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.scene import Scene, parse_scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.sweep import Sweeper, sweep_defines
+from cldit.transport.groups import lanes
+from cldit.transport.sweep import Sweeper
 
 EDGE_M = 0.16
 DISC = np.array([8.0, 17.0, 9.0, 16.0])
@@ -57,7 +58,7 @@ def sweeper_of(device: Device, cells: OpticalCells, defines: dict[str, Any]) -> 
     return Sweeper(
         device,
         cells,
-        build(device, "sweep.cl", {**common, **sweep_defines(device)}),
+        build(device, "sweep.cl", {**common, **lanes(device)}),
         build(device, "iterate.cl", common),
         disc=DISC,
     )

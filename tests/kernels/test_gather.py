@@ -25,6 +25,7 @@ DEFINES = f"""
 #define CUTOFF 1e-4
 #define LONGEST 4
 #define PENDING 2
+#define VECTOR 8
 #define FACE {FACE}
 """
 
@@ -148,6 +149,7 @@ def test_expected_light(device: Device) -> None:
         "LONGEST": 4,
         "PENDING": 2,
         "FACE": FACE,
+        "VECTOR": 1,
     }
     defines |= {"HAS_DROPLETS": 1, "HAS_SCATTERING": 1, "PHASE_STEPS": steps, "PHASE_BINS": 16}
     program = build(device, "gather.cl", defines)

@@ -11,7 +11,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import build
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import isotropic
-from cldit.transport.sweep import sweep_defines
+from cldit.transport.groups import lanes
 from cldit.transport.thick import RimLight, ThickCells
 
 from .medium import random_tree, sweeper_of
@@ -28,7 +28,7 @@ def test_light_kept_in_thick_cells(device: Device) -> None:
     flags = {**cells.needs.defines, "BOUNDARY_DISC": 1, "CAMERA_ORTHOGRAPHIC": 1}
     flags |= {"TO_CAMERA": 1, "RIM": 1}
     sweeper = sweeper_of(device, cells, flags)
-    program = build(device, "sweep.cl", {**flags, **sweep_defines(device)})
+    program = build(device, "sweep.cl", {**flags, **lanes(device)})
     rng = np.random.default_rng(2)
     rays = sweeper.rays(isotropic(14, rng), rng.random((14, 2)))
     light = RimLight.of(

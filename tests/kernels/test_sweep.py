@@ -14,11 +14,12 @@ from cldit.gpu.program import build
 from cldit.scene.vessel import Patch
 from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import Directions, isotropic
+from cldit.transport.groups import lanes
 from cldit.transport.moments import MOMENTS, found
 from cldit.transport.patches import patch_rows, shifted
 from cldit.transport.reference import sweep
 from cldit.transport.solve import first_guess
-from cldit.transport.sweep import Sweeper, sweep_defines
+from cldit.transport.sweep import Sweeper
 
 from .medium import DISC, random_tree, source_planes, sweeper_of
 
@@ -50,7 +51,7 @@ def test_sweep_against_numpy(
     defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1}
     if float64:
         defines["USE_FLOAT64"] = 1
-    sized = {**defines, **sweep_defines(device), "VECTOR": vector}
+    sized = {**defines, **lanes(device), "VECTOR": vector}
     sweeper = Sweeper(
         device,
         cells,

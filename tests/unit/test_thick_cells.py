@@ -54,6 +54,14 @@ def test_faces_of_the_region() -> None:
             near = place + step
             there = np.all(near >= 0) and np.all(near < box.shape)
             assert (number >= 0) == (there and tuple(near) not in inside)
+    number_of = {tuple(place): number for number, place in enumerate(thick.at)}
+    for place, faces, next_ in zip(thick.at, thick.faces, thick.beside, strict=True):
+        for side in range(6):  # the next cell; else a face; else the side of the box
+            near = place.copy()
+            near[side // 2] += 2 * (side % 2) - 1
+            face = -2 - faces[side] if faces[side] >= 0 else -1
+            assert next_[side] == number_of.get(tuple(near), face)
+    np.testing.assert_array_equal(thick.beside[:, 6], thick.own)
     for signs in np.ndindex(2, 2, 2):
         met = thick.faces[:, [2 * axis + up for axis, up in enumerate(signs)]]
         met = met[met >= 0]

@@ -1,0 +1,57 @@
+/* Numbers that a work-item takes at once: 8 on CPUs, in vector registers; 1 on GPUs.
+
+   Comparisons make masks: of a vector's lanes -1 and 0, of a number 1 and 0. What is kept as a mask
+   is -1 or 0 in both. */
+#ifndef LANES_H
+#define LANES_H
+
+#include "real.h"
+
+#if VECTOR == 8
+#ifdef USE_FLOAT64
+typedef double8 lane_t;
+typedef long8 lane_i;
+typedef long lane_int;
+#else
+typedef float8 lane_t;
+typedef int8 lane_i;
+typedef int lane_int;
+#define AS_INT as_int8
+#define AS_FLOAT as_float8
+#endif
+#elif VECTOR == 1
+typedef real lane_t;
+typedef int lane_i;
+typedef int lane_int;
+#define AS_INT as_int
+#define AS_FLOAT as_float
+#else
+#error "VECTOR: 1 or 8"
+#endif
+
+#define REAL lane_t
+
+/* One lane, to read or to write. */
+#define LANE(v, lane) (((real *)&(v))[lane])
+#define LANE_I(v, lane) (((lane_int *)&(v))[lane])
+
+INLINE lane_t lower(lane_t a, lane_t b) { return a < b ? a : b; }
+
+/* Whether a mask is set in any lane; and each lane's number from a table. */
+#if VECTOR == 8
+INLINE int any_of(lane_i m)
+{
+    return (m.s0 | m.s1 | m.s2 | m.s3 | m.s4 | m.s5 | m.s6 | m.s7) != 0;
+}
+#define FROM(table, at) \
+    (table)[(at).s0], (table)[(at).s1], (table)[(at).s2], (table)[(at).s3], \
+    (table)[(at).s4], (table)[(at).s5], (table)[(at).s6], (table)[(at).s7]
+INLINE lane_t from_table(__global const real *table, lane_i at) { return (lane_t)(FROM(table, at)); }
+INLINE lane_i from_numbers(__global const int *table, lane_i at) { return (lane_i)(FROM(table, at)); }
+#else
+INLINE int any_of(lane_i m) { return m != 0; }
+INLINE lane_t from_table(__global const real *table, lane_i at) { return table[at]; }
+INLINE lane_i from_numbers(__global const int *table, lane_i at) { return table[at]; }
+#endif
+
+#endif
