@@ -26,6 +26,7 @@ typedef struct {
     __global const int *places;    /* of the box that the cells lie in: their numbers; -1: others */
     __global const int4 *at;       /* of the cells: where they are in the cube */
     __global const int *beside;    /* SIDES a cell */
+    __global const real *depth;    /* of the cells: optical depth of their edges, below 0: deep */
     __global const real *cells;    /* records */
     __global const real *light;    /* that comes through faces: [direction][face][component] */
     int rim;                       /* faces of one direction */
@@ -156,9 +157,9 @@ INLINE void set_off(Flights *f, int lane, int cell, real3 p, real3 d, real weigh
    `scattered` make the weight that a flight began with. */
 INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
 {
-    const lane_i record = f->cell * RECORD;
-    const lane_t depth = from_table(m->cells + DEPTH, record);
-    const lane_t albedo = from_table(m->cells + ALBEDO, record);
+    const lane_t depth_there = from_table(m->depth, f->cell);
+    const lane_i deep = depth_there < R(0);
+    const lane_t depth = deep ? -depth_there : depth_there;
     const lane_t end = lower(f->tx, lower(f->ty, f->tz));
     const lane_t length = end - f->t;
     const lane_t t = depth * length;
@@ -188,11 +189,11 @@ INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
 #ifdef COUNTED
         ++ends->crossed;
 #endif
-        __global const real *it = m->cells + (size_t)LANE_I(record, lane);
+        __global const real *it = m->cells + (size_t)LANE_I(f->cell, lane) * RECORD;
         const real here = LANE(taken, lane);
-        if (LANE(albedo, lane) > R(0)) {
+        if (LANE_I(deep, lane)) {
             add_emission(&sent, here, it);
-            all += here * (R(1) - LANE(albedo, lane));
+            all += here * (R(1) - it[ALBEDO]);
         } else {
             const real3 off = (real3)(LANE(x, lane), LANE(y, lane), LANE(z, lane));
             add_source(&sent, here, off, f->way[lane], it);
@@ -200,8 +201,8 @@ INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
         }
     }
     score_light(sum, all, &sent);
-    const lane_i deep = albedo > R(0);
     if (any_of(deep)) {
+        const lane_t albedo = from_table(m->cells + ALBEDO, f->cell * RECORD);
         const lane_t here = deep ? taken * albedo : (lane_t)R(0);
         f->scattered += here;
         const lane_t chance = here > R(0) ? here / f->scattered : (lane_t)R(0);
@@ -225,6 +226,10 @@ INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
     f->ty += (goes & along_y) ? f->dy : (lane_t)R(0);
     f->tz += (goes & !along_x & !along_y) ? f->dz : (lane_t)R(0);
     f->cell = goes ? e.beside : f->cell;
+    for (int lane = 0; lane < VECTOR; ++lane) {
+        __global const real *soon = m->cells + (size_t)LANE_I(f->cell, lane) * RECORD;
+        for (int k = 0; k < RECORD; k += LINE) SOON_READ(soon + k);
+    }
     f->t = end;
     f->weight = left;
     return e;

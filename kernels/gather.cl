@@ -244,7 +244,8 @@ __kernel void gather(
     __global const real *stretches,
     __global const real *table, __global const real *steps,
     __global const int *places, __global const int4 *at, __global const int *beside,
-    __global const real *cells, __global const real *light, const int rim,
+    __global const real *near_depth, __global const real *cells,
+    __global const real *light, const int rim,
     __global const real4 *directions, __global const int *number_of, __global const int *start,
     __global const int *nearest, const int direction_count, const int4 box_low, const int4 box_shape,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
@@ -255,7 +256,7 @@ __kernel void gather(
     const int number = chosen[item];
     const Ray ray = ray_at(
         list[2 * number], list[2 * number + 1], columns, rows, middle, pitch_x, pitch_z, distance);
-    const Near near = {places, at, beside, cells, light, rim, directions, number_of, start, nearest,
+    const Near near = {places, at, beside, near_depth, cells, light, rim, directions, number_of, start, nearest,
                        direction_count, box_low, box_shape, BOUNDARY};
     const real3 from = (real3)(ray.px, ray.py, ray.pz);
     const real3 sight = (real3)(ray.dx, ray.dy, ray.dz);

@@ -31,7 +31,9 @@ INLINE real root(real x) { return __builtin_sqrt(x); }
 #else
 INLINE real root(real x) { return __builtin_sqrtf(x); }
 #endif
-/* Has memory fetched that is to be read a little later, where a work-item has no others to wait with. */
+/* Has memory fetched that is to be read a little later, where a work-item has no others to wait with;
+   LINE: numbers that come with one. */
+#define LINE (64 / (int)sizeof(real))
 #if defined(__x86_64__) || defined(__aarch64__)
 #define SOON_READ(p) __builtin_prefetch(p)
 #else

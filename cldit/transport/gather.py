@@ -130,6 +130,7 @@ class Gather:
         albedo = np.zeros(len(cells.depth), real)
         albedo[cells.address[thick.listed]] = cells.albedo[thick.listed]
         records = ends.records.astype(real)
+        depth = np.where(records[:, 1] > 0, -records[:, 0], records[:, 0])
         order = along_curve(directions.unit)
         drawn = Directions(directions.unit[order], directions.weight[order])
         shared = self._shares(drawn, steps).astype(real)
@@ -180,6 +181,7 @@ class Gather:
                     upload(one, "places", thick.places),
                     upload(one, "cells' places", at),
                     upload(one, "faces", beside),
+                    upload(one, "thick cells", depth),
                     upload(one, "thick cells", records),
                     *last,
                     upload(one, "directions", np.minimum(starts, len(shared) - 1).astype(np.int32)),
@@ -250,6 +252,7 @@ class Gather:
         sums = np.zeros((2, self._components, count))
         samples = np.zeros(count, np.int64)  # of either half, in each of a pixel's rays
         tiles = self._tiles(pixels)
+        near = np.argsort(tiles, kind="stable")  # one tile's chains meet the same cells
         before = self._painter.view.before_background.flat[pixels]
         size = max(_SAMPLES // across**2, 1)
         while size > 1 and 2 * size * across**2 * count > _MOST_CHAINS / 4:
@@ -258,7 +261,7 @@ class Gather:
         while True:
             # Pixels that have had as many chains go on with the same points.
             for had, goal in np.unique(np.stack([samples, wanted_of], axis=1), axis=0):
-                mine = np.flatnonzero((samples == had) & (wanted_of == goal))
+                mine = near[(samples[near] == had) & (wanted_of[near] == goal)]
                 for half, total in enumerate(sums):
                     if goal > had:
                         some = range(had, goal)

@@ -25,10 +25,10 @@ CUTOFF = 1e-3
 KERNEL = """
 __kernel void fly(
     __global float *sums, __global float *ends_, __global const float *lines, const int rim,
-    __global const int4 *at, __global const int *beside, __global const float *cells,
-    __global const float *light)
+    __global const int4 *at, __global const int *beside, __global const float *depth,
+    __global const float *cells, __global const float *light)
 {
-    const Near near = {0, at, beside, cells, light, rim, 0, 0, 0, 0, 0, (int4)(0), (int4)(0),
+    const Near near = {0, at, beside, depth, cells, light, rim, 0, 0, 0, 0, 0, (int4)(0), (int4)(0),
                        {(float4)(2.0f, 9.0f, 2.0f, 6.0f)}};
     float sum[PARTS];
     Ends ends;
@@ -50,8 +50,8 @@ __kernel void fly(
             const int met = LANE_I(f.met, lane);
             end[0] = LANE(f.scattered, lane);
             end[1] = met;
-            const float depth = met < 0 ? 1.0f : cells[met * RECORD];
-            const float on = length_at(LANE(f.u, lane), LANE(f.share, lane), depth);
+            const float deep = met < 0 ? 1.0f : -depth[met];
+            const float on = length_at(LANE(f.u, lane), LANE(f.share, lane), deep);
             end[2] = LANE(f.x, lane) + on * f.way[lane].x;
             end[3] = LANE(f.y, lane) + on * f.way[lane].y;
             end[4] = LANE(f.z, lane) + on * f.way[lane].z;
@@ -171,6 +171,7 @@ def _flown(
     defines += f"#define CUTOFF {cutoff}f\n#define PENDING 3\n#define VECTOR {vector}\n"
     source = f"{defines}\n{assemble('lanes.h')}\n{assemble('flight.h')}\n{KERNEL}"
     program = cl.Program(device.context, source).build(options=["-cl-std=CL1.2"])
+    depth = region.records[:, 0] * np.where(region.records[:, 1] > 0, -1, 1)
     sums = zeros(device, "sums", count // vector * (COMPONENTS + 1), np.float32)
     ends = zeros(device, "ends", count * 5, np.float32)
     at = np.column_stack([region.at, np.zeros(len(region.at), int)]).astype(np.int32)
@@ -184,6 +185,7 @@ def _flown(
         np.int32(region.rim),
         upload(device, "at", at),
         upload(device, "beside", region.beside),
+        upload(device, "depth", depth.astype(np.float32)),
         upload(device, "cells", region.records.astype(np.float32)),
         upload(device, "light", region.light.astype(np.float32)),
     )
