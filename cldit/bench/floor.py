@@ -28,7 +28,7 @@ SWEEP_COMPONENT = 5  # gap, two multiplications and additions
 IMAGE_STEP = 30  # walk_ahead: sides, and distances to them; walk_on: six bounds; index sums
 IMAGE_CELL = 10  # absorbed and what is still transmitted
 IMAGE_SOURCE = 2
-FLIGHT_STEP = 15  # place in the region: three bounds, index sums; the nearest side, and on
+FLIGHT_STEP = 15  # the nearest side, what lies beside it, and on
 FLIGHT_CELL = 55  # decay, absorbed, mean_transmission, rising; where it is seen, along three axes
 FLIGHT_SOURCE = 8  # of a component: S_0 and three changes, each times what counts of it
 _FLIGHTS = 64  # of a pixel
@@ -102,7 +102,7 @@ class Line:
 
 
 def floor(case: Case, *, directions: int = 12) -> Part:
-    """The sweep (with and without vectors), the image kernel and its walk alone, and flights."""
+    """The sweep and flights, with and without vectors; the image kernel, and its walk alone."""
     machine = Machine.of(case)
     kernels = Kernels(case)
     lines = []
@@ -143,9 +143,11 @@ def floor(case: Case, *, directions: int = 12) -> Part:
             "step depends on the one before (which cell comes next, then its brick, then its "
             "depth), so it waits for conversions and dependent loads and not for bandwidth, and "
             "neighbouring pixels branch differently, so nothing is done eight at a time; the walk "
-            "alone, with no light, takes most of it. *Flights*: the same, for they go their own "
-            "ways; and each begins in another cell and ends in another line of the kept light, "
-            "which is larger than the cache.",
+            "alone, with no light, takes most of it. *Flights*: eight cells at once wait for each "
+            "other's loads, which come from eight places, and are put together one by one, as is "
+            "what each cell sends; flights begin and end one by one, each in another cell and in "
+            "another line of the kept light, which is larger than the cache. One at a time "
+            "shows what vectors give.",
         ),
     )
 
@@ -230,21 +232,23 @@ def _images(machine: Machine, kernels: Kernels) -> list[Line]:
 
 
 def _flights(machine: Machine, kernels: Kernels) -> list[Line]:
-    flown = kernels.flights(_FLIGHTS)
-    if flown is None:
+    flown, alone = kernels.flights(_FLIGHTS), kernels.flights(_FLIGHTS, vector=1)
+    if flown is None or alone is None:
         return []
     components = len(kernels.cells.needs.components)
     # What is met is read once, and the light at each end; all else stays in the cache.
     moved = _REAL_BYTES * (flown.region * flown.record + flown.flights * components)
     cell = FLIGHT_STEP + FLIGHT_CELL + FLIGHT_SOURCE * components
-    line = Line.of(
-        machine,
-        "flights",
-        f"{flown.pixels} pixels, {flown.flights / 1e6:.2f} M flights through "
-        f"{flown.crossed / flown.flights:.1f} cells each",
-        flown.cost.core_s,
-        moved=moved,
-        flops=cell * flown.crossed,
-        exps=0.0,
-    )
-    return [line]
+    return [
+        Line.of(
+            machine,
+            name,
+            f"{each.pixels} pixels, {each.flights / 1e6:.2f} M flights through "
+            f"{each.crossed / each.flights:.1f} cells each",
+            each.cost.core_s,
+            moved=moved,
+            flops=cell * each.crossed,
+            exps=0.0,
+        )
+        for name, each in (("flights", flown), ("flights, one at a time", alone))
+    ]

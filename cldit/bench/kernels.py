@@ -103,12 +103,15 @@ class Kernels:
             lambda: kernel(device.queue, *self.view.tiles(device), out, *medium, *arguments),
         )
 
-    def flights(self, count: int) -> Flights | None:
+    def flights(self, count: int, *, vector: int | None = None) -> Flights | None:
         """So many from each pixel that sees thick cells, through the light that a trace has solved
-        for; None where there are none."""
+        for; None where there are none. vector: flights at once; None is what a trace takes."""
         case, cells, view = self.case, self.cells, self.view
         settings = case.settings()
-        made = prepared(cells, case.scene, view, case.device, settings, None, {"COUNTED": 1})
+        flags: dict[str, Define] = {"COUNTED": 1}
+        if vector is not None:
+            flags["VECTOR"] = vector
+        made = prepared(cells, case.scene, view, case.device, settings, None, flags)
         gather = made.gather
         if gather is None or made.light is None or made.light.ends is None:
             return None

@@ -142,16 +142,16 @@ class Gather:
                 part.device,
                 "gather.cl",
                 {
-                    **self._defines,
                     **lanes(part.device),
+                    **self._defines,
                     "PENDING": _PENDING if part.device.is_cpu else 1,
                 },
             )
             for part in painter.parts
         ]
         beside = thick.beside
-        at = np.column_stack([thick.at + np.asarray(box.low), np.zeros(len(thick.at), int)])
-        at = at.astype(np.int32)
+        at = np.zeros((len(thick.at), 4), np.int32)
+        at[:, :3] = thick.at + np.asarray(box.low)
         self._walks, self._fixed = [], []
         for part in painter.parts:
             one, kept = part.device, light.buffer
