@@ -226,6 +226,7 @@ INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
     f->ty += (goes & along_y) ? f->dy : (lane_t)R(0);
     f->tz += (goes & !along_x & !along_y) ? f->dz : (lane_t)R(0);
     f->cell = goes ? e.beside : f->cell;
+    /* The depth alone is waited for; what the cells send is read after much else. */
     for (int lane = 0; lane < VECTOR; ++lane) {
         __global const real *soon = m->cells + (size_t)LANE_I(f->cell, lane) * RECORD;
         for (int k = 0; k < RECORD; k += LINE) SOON_READ(soon + k);

@@ -243,9 +243,9 @@ __kernel void gather(
     __global const int *first,    /* in: of each ray's stretches, and their end */
     __global const real *stretches,
     __global const real *table, __global const real *steps,
-    __global const int *places, __global const int4 *at, __global const int *beside,
-    __global const real *near_depth, __global const real *cells,
-    __global const real *light, const int rim,
+    __global const int *places,   /* in: from here to `box_shape`, see Near */
+    __global const int4 *at, __global const int *beside, __global const real *near_depth,
+    __global const real *cells, __global const real *light, const int rim,
     __global const real4 *directions, __global const int *number_of, __global const int *start,
     __global const int *nearest, const int direction_count, const int4 box_low, const int4 box_shape,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
@@ -256,8 +256,8 @@ __kernel void gather(
     const int number = chosen[item];
     const Ray ray = ray_at(
         list[2 * number], list[2 * number + 1], columns, rows, middle, pitch_x, pitch_z, distance);
-    const Near near = {places, at, beside, near_depth, cells, light, rim, directions, number_of, start, nearest,
-                       direction_count, box_low, box_shape, BOUNDARY};
+    const Near near = {places, at, beside, near_depth, cells, light, rim, directions, number_of,
+                       start, nearest, direction_count, box_low, box_shape, BOUNDARY};
     const real3 from = (real3)(ray.px, ray.py, ray.pz);
     const real3 sight = (real3)(ray.dx, ray.dy, ray.dz);
     const uint pixel = numbers[number];
@@ -265,13 +265,13 @@ __kernel void gather(
         sight, points, philox((uint4)(pixel, 0, 0xFFFFFFFFu, half_), key),
         philox((uint4)(pixel, 1, 0xFFFFFFFFu, half_), key), from_point, pixel, half_, key};
     /* Summed apart: of a long chain the parts are far less than the sum of all. */
-    real sum[PARTS], all_of_it[PARTS];
+    real sum[PARTS], total[PARTS];
     Ends ends;
     ends.count = 0;
 #ifdef COUNTED
     ends.crossed = 0;
 #endif
-    for (int c = 0; c < PARTS; ++c) sum[c] = all_of_it[c] = ends.sum[c] = R(0);
+    for (int c = 0; c < PARTS; ++c) sum[c] = total[c] = ends.sum[c] = R(0);
     /* Its weight may have been all rounding: then there is no stretch, and nothing to gather. */
     const int stretch_count = first[number + 1] - first[number];
     __global const real *stretch = stretches + (size_t)first[number] * STRETCH;
@@ -323,12 +323,12 @@ __kernel void gather(
             idle[lane] = !goes_on(sum, &f, lane, &chains[lane], &chance, &near, table);
         }
         for (int c = 0; c < PARTS; ++c) {
-            all_of_it[c] += sum[c];
+            total[c] += sum[c];
             sum[c] = R(0);
         }
     }
     score_pending(&ends);
-    for (int c = 0; c < PARTS; ++c) means[c * count + item] = all_of_it[c] + ends.sum[c];
+    for (int c = 0; c < PARTS; ++c) means[c * count + item] = total[c] + ends.sum[c];
 #ifdef COUNTED
     means[WITHIN * count + item] = ends.crossed;
 #endif

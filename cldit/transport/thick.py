@@ -23,6 +23,7 @@ from cldit.transport.layout import Layout, layouts
 FACE = 64  # entries of the table of nearest directions along a side
 NONE, OUTSIDE = -1, -2
 _KEPT = -2  # less the number of a face, as in flight.h
+_HEAD = 4  # numbers of a record before its planes, which are in fours, as in record.h
 _NO_FACE = 64  # in place of a face, as in sweep.cl
 _MOST_LIGHT = 2**29  # bytes of the light in all thick cells that the last sweeps may keep
 _AROUND = 1  # so many cells around thick ones are of their region
@@ -159,11 +160,11 @@ class ThickCells:
         planes = [emitted, *(sent / scattered).reshape(-1, len(emitted), len(address))]
         planes.extend((across / scattered).reshape(-1, len(emitted), len(address)))
         fours = -(-len(emitted) // 4) * 4
-        out = np.zeros((len(self.at), 4 + fours * len(planes)), real)
+        out = np.zeros((len(self.at), _HEAD + fours * len(planes)), real)
         out[stored, 0] = np.where(deep, seen.depth[address], cells.depth[address])
         out[stored, 1] = np.where(deep, seen.albedo[number], 0.0)
         for place, plane in enumerate(planes):
-            begin = 4 + place * fours
+            begin = _HEAD + place * fours
             out[stored, begin : begin + len(plane)] = plane.T
         return out
 
