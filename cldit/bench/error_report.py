@@ -20,8 +20,10 @@ _STYLES = {
     "path": ("s", "tab:orange"),
     "branching": ("^", "tab:red"),
 }
-# Where labels stand beside the points, in points: to the left where others stand on the right.
+# Where labels stand beside the points, in points: to the left where others stand on the right; on
+# the other side of one that is close to the next.
 _LABELS = {"source": (-5, -8), "source, no gather": (-6, 3), "path": (4, 4), "branching": (4, 4)}
+_CLOSE = 1.4
 _HEAD = (
     "way",
     "pixels traced",
@@ -133,6 +135,12 @@ def _line(row: Row) -> list[str]:
     ]
 
 
+def _close(row: Row, later: Row) -> bool:
+    """Whether labels of both would stand in each other's way."""
+    ratios = (later.picture_core_s / row.picture_core_s, later.rms_K / max(row.rms_K, 1e-3))
+    return all(1 / _CLOSE < ratio < _CLOSE for ratio in ratios)
+
+
 def _figure(scene: Scene, rows: Sequence[Row], found: Sequence[Ratio]) -> Figure:
     phases = list(dict.fromkeys(row.phase for row in rows))
     figure = figure_of(1.0 + 4.4 * len(phases), 4.6)
@@ -158,13 +166,16 @@ def _figure(scene: Scene, rows: Sequence[Row], found: Sequence[Ratio]) -> Figure
                     linestyle="-" if whole else ":",
                     label=method + ("" if whole else ", orders 0, 1, 2"),
                 )
-                for row in line:
+                for row, later in zip(line, [*line[1:], None], strict=True):
+                    right, up = _LABELS[method]
+                    if later is not None and _close(row, later):
+                        right, up = -right, -up
                     axis.annotate(
                         row.label.rpartition(", ")[2] if whole else str(row.order),
                         (row.picture_core_s, max(row.rms_K, 1e-3)),
                         textcoords="offset points",
-                        xytext=_LABELS[method],
-                        ha="left" if _LABELS[method][0] > 0 else "right",
+                        xytext=(right, up),
+                        ha="left" if right > 0 else "right",
                         fontsize=7,
                         color=colour,
                     )
