@@ -107,37 +107,27 @@ INLINE Flights no_flights(void)
     return f;
 }
 
-/* Where a line from `place` in a cell, 0 to 1, meets its far side, at what it gets along this axis; one
-   that runs along it, never. */
-INLINE real to_side(real place, real slope, real *across, real *gets)
+/* One axis of a line from `place` in a cell, 0 to 1; the far side of one that runs along it is never
+   met. */
+INLINE void set_axis(
+    lane_t *meets, lane_t *across, lane_t *gets, lane_i *up, int lane, real place, real slope)
 {
     const real part = most(slope > R(0) ? R(1) - place : place, R(0));
-    if (slope == R(0)) {
-        *across = R(0);
-        *gets = part * R(1e-30);
-        return R(1e30);
-    }
-    *gets = size_of(slope);
-    *across = R(1) / *gets;
-    return part * *across;
+    const int along_it = slope == R(0);
+    const real size = along_it ? part * R(1e-30) : size_of(slope);
+    const real side = along_it ? R(0) : R(1) / size;
+    LANE(*meets, lane) = along_it ? R(1e30) : part * side;
+    LANE(*across, lane) = side;
+    LANE(*gets, lane) = size;
+    LANE_I(*up, lane) = -(slope > R(0));
 }
 
 /* Begins a flight from p in a cell, 0 to 1 along x, y, z. */
 INLINE void set_off(Flights *f, int lane, int cell, real3 p, real3 d, real weight, real u)
 {
-    real across, gets;
-    LANE(f->tx, lane) = to_side(p.x, d.x, &across, &gets);
-    LANE(f->dx, lane) = across;
-    LANE(f->ax, lane) = gets;
-    LANE_I(f->ux, lane) = -(d.x > R(0));
-    LANE(f->ty, lane) = to_side(p.y, d.y, &across, &gets);
-    LANE(f->dy, lane) = across;
-    LANE(f->ay, lane) = gets;
-    LANE_I(f->uy, lane) = -(d.y > R(0));
-    LANE(f->tz, lane) = to_side(p.z, d.z, &across, &gets);
-    LANE(f->dz, lane) = across;
-    LANE(f->az, lane) = gets;
-    LANE_I(f->uz, lane) = -(d.z > R(0));
+    set_axis(&f->tx, &f->dx, &f->ax, &f->ux, lane, p.x, d.x);
+    set_axis(&f->ty, &f->dy, &f->ay, &f->uy, lane, p.y, d.y);
+    set_axis(&f->tz, &f->dz, &f->az, &f->uz, lane, p.z, d.z);
     LANE(f->t, lane) = R(0);
     LANE(f->weight, lane) = weight;
     LANE(f->floor, lane) = weight * R(CUTOFF);
@@ -184,6 +174,7 @@ INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
 #endif
     Light sent = no_light();
     real all = R(0);
+    lane_t albedo = (lane_t)R(0); /* of deep cells that are crossed */
     for (int lane = 0; lane < VECTOR; ++lane) {
         if (!LANE_I(f->flies, lane)) continue;
 #ifdef COUNTED
@@ -193,6 +184,7 @@ INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
         const real here = LANE(taken, lane);
         if (LANE_I(deep, lane)) {
             add_emission(&sent, here, it);
+            LANE(albedo, lane) = it[ALBEDO];
             all += here * (R(1) - it[ALBEDO]);
         } else {
             const real3 off = (real3)(LANE(x, lane), LANE(y, lane), LANE(z, lane));
@@ -202,8 +194,7 @@ INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
     }
     score_light(sum, all, &sent);
     if (any_of(deep)) {
-        const lane_t albedo = from_table(m->cells + ALBEDO, f->cell * RECORD);
-        const lane_t here = deep ? taken * albedo : (lane_t)R(0);
+        const lane_t here = taken * albedo;
         f->scattered += here;
         const lane_t chance = here > R(0) ? here / f->scattered : (lane_t)R(0);
         const lane_i drawn = f->u < chance;

@@ -135,9 +135,14 @@ def _line(row: Row) -> list[str]:
     ]
 
 
+def _shown_K(row: Row) -> float:
+    """Its error in the picture, whose axis is logarithmic."""
+    return max(row.rms_K, 1e-3)
+
+
 def _close(row: Row, later: Row) -> bool:
     """Whether labels of both would stand in each other's way."""
-    ratios = (later.picture_core_s / row.picture_core_s, later.rms_K / max(row.rms_K, 1e-3))
+    ratios = (later.picture_core_s / row.picture_core_s, _shown_K(later) / _shown_K(row))
     return all(1 / _CLOSE < ratio < _CLOSE for ratio in ratios)
 
 
@@ -159,7 +164,7 @@ def _figure(scene: Scene, rows: Sequence[Row], found: Sequence[Ratio]) -> Figure
                 filled = whole or method == "branching"
                 axis.loglog(
                     [row.picture_core_s for row in line],
-                    [max(row.rms_K, 1e-3) for row in line],
+                    [_shown_K(row) for row in line],
                     marker=marker,
                     color=colour,
                     markerfacecolor=colour if filled else "white",
@@ -172,7 +177,7 @@ def _figure(scene: Scene, rows: Sequence[Row], found: Sequence[Ratio]) -> Figure
                         right, up = -right, -up
                     axis.annotate(
                         row.label.rpartition(", ")[2] if whole else str(row.order),
-                        (row.picture_core_s, max(row.rms_K, 1e-3)),
+                        (row.picture_core_s, _shown_K(row)),
                         textcoords="offset points",
                         xytext=(right, up),
                         ha="left" if right > 0 else "right",

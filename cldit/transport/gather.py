@@ -130,7 +130,6 @@ class Gather:
         albedo = np.zeros(len(cells.depth), real)
         albedo[cells.address[thick.listed]] = cells.albedo[thick.listed]
         records = ends.records.astype(real)
-        depth = np.where(records[:, 1] > 0, -records[:, 0], records[:, 0])
         order = along_curve(directions.unit)
         drawn = Directions(directions.unit[order], directions.weight[order])
         shared = self._shares(drawn, steps).astype(real)
@@ -149,7 +148,6 @@ class Gather:
             )
             for part in painter.parts
         ]
-        beside = thick.beside
         at = np.zeros((len(thick.at), 4), np.int32)
         at[:, :3] = thick.at + np.asarray(box.low)
         self._walks, self._fixed = [], []
@@ -180,8 +178,8 @@ class Gather:
                     by_angle,
                     upload(one, "places", thick.places),
                     upload(one, "cells' places", at),
-                    upload(one, "faces", beside),
-                    upload(one, "thick cells", depth),
+                    upload(one, "faces", thick.beside),
+                    upload(one, "thick cells", ends.depth.astype(real)),
                     upload(one, "thick cells", records),
                     *last,
                     upload(one, "directions", np.minimum(starts, len(shared) - 1).astype(np.int32)),

@@ -41,11 +41,8 @@ class ThickCells:
 
     listed (T,): which of the scattering cells are thick. at (R, 3), address (R,): of the region's
     cells, in the box and among stored cells; -1: not stored. low (3,), places [z, y, x] int32: the
-    part of the box around the region, and number of its cell there; -1 of none. faces (R, 6) int32:
-    number of each cell's faces, down and up along x, y, z, to cells of the box that are not of the
-    region; -1 of others. Of two that no one direction goes through both may have one number. own
-    (R,) int32: number for the light in a thick cell itself, after those of the faces; -1 in others.
-    rim: so many numbers.
+    part of the box around the region, and number of its cell there; -1 of none. beside (R, 8)
+    int32: what lies beside each cell, as kernels/flight.h has it. rim: so many numbers of light.
     """
 
     listed: NDArray[np.int64]
@@ -53,8 +50,7 @@ class ThickCells:
     address: NDArray[np.int64]
     low: NDArray[np.int64]
     places: NDArray[np.int32]
-    faces: NDArray[np.int32]
-    own: NDArray[np.int32]
+    beside: NDArray[np.int32]
     rim: int
 
     @classmethod
@@ -79,41 +75,39 @@ class ThickCells:
         places[region] = np.arange(np.count_nonzero(region))
         at = np.argwhere(region)[:, ::-1]
         around = np.pad(places, 1, constant_values=OUTSIDE)
-        faces = np.full((len(at), 6), NONE, np.int32)
+        beside = np.full((len(at), 8), NONE, np.int32)
         rim = 0
         for axis in range(3):
             ends = []
             for up in (0, 1):
-                beside = at.T + 1
-                beside[axis] += 2 * up - 1
-                ends_there = around[tuple(beside[::-1])] == NONE
+                near = at.T + 1
+                near[axis] += 2 * up - 1
+                number = around[tuple(near[::-1])]
+                ends_there = number == NONE
                 ends.append(rim + int(np.count_nonzero(ends_there)))
-                faces[ends_there, 2 * axis + up] = np.arange(rim, ends[-1])
+                number = np.where(number == OUTSIDE, NONE, number)
+                number[ends_there] = _KEPT - np.arange(rim, ends[-1])
+                beside[:, 2 * axis + up] = number
             rim = max(ends)
-        own = np.full(len(at), NONE, np.int32)
         if light_bytes * len(listed) <= _MOST_LIGHT:
-            own[places[tuple((there - low).T[::-1])]] = rim + np.arange(len(listed))
+            owner = places[tuple((there - low).T[::-1])]
+            beside[owner, 6] = rim + np.arange(len(listed))
             rim += len(listed)
         at += low
         address = cells.stored(at + np.asarray(box.low))
-        return cls(listed, at, address, low, places, faces, own, rim)
+        return cls(listed, at, address, low, places, beside, rim)
 
     @property
-    def beside(self) -> NDArray[np.int32]:
-        """(R, 8) int32, as kernels/flight.h has it: what lies beside each of the region's cells."""
-        around = np.pad(self.places, 1, constant_values=OUTSIDE)
-        out = np.full((len(self.at), 8), NONE, np.int32)
-        inside = (self.at - self.low).T + 1
-        for axis in range(3):
-            for up in (0, 1):
-                there = inside.copy()
-                there[axis] += 2 * up - 1
-                side = 2 * axis + up
-                number = around[tuple(there[::-1])]
-                kept = _KEPT - self.faces[:, side]
-                out[:, side] = np.where(self.faces[:, side] >= 0, kept, np.maximum(number, NONE))
-        out[:, 6] = self.own
-        return out
+    def faces(self) -> NDArray[np.int32]:
+        """(R, 6) number of each cell's faces to cells of the box that are not of the region; -1 of
+        others. Of two that no one direction goes through both may have one number."""
+        sides = self.beside[:, :6]
+        return np.where(sides <= _KEPT, _KEPT - sides, NONE)
+
+    @property
+    def own(self) -> NDArray[np.int32]:
+        """(R,) number for the light in a thick cell itself, after those of faces; -1 in others."""
+        return self.beside[:, 6]
 
     def records(
         self,
@@ -180,6 +174,12 @@ class Ends:
     light: RimLight
     program: Program
     records: NDArray[np.floating]
+
+    @property
+    def depth(self) -> NDArray[np.floating]:
+        """(R,) optical depth of the cells' edges, times -1 of deep ones, as in flight.h."""
+        depth, albedo = self.records[:, :2].T
+        return np.asarray(np.where(albedo > 0, -depth, depth))
 
 
 @dataclass(frozen=True)
