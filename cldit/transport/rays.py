@@ -18,7 +18,7 @@ from cldit.transport.routes import Route, routes
 
 @dataclass(frozen=True)
 class Rays:
-    """routes: with what kernels/sweep.cl takes of each, from `launches` to `origins`."""
+    """routes: with what kernels/sweep.cl takes of each, from `stages` to `origins`."""
 
     directions: Directions
     routes: tuple[tuple[Route, list[Any]], ...]
@@ -41,7 +41,7 @@ class Rays:
             backs = np.column_stack([route.back, np.zeros(len(route))])
             origin = np.where(route.rightwards, route.layout.size[2] + 1, 1)
             tables = [
-                route.launches,
+                route.stages,
                 np.column_stack([route.direction, route.faces]),
                 route.shifts,
                 np.column_stack([route.middle, route.part]).astype(real),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +19,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Route:
-    """K directions whose layers lie alike; N steps of all of them, in the order of launches.
+    """K directions whose layers lie alike; N steps of all of them, in the order of stages.
 
-    A launch crosses, along every direction, the part of one layer before (even launches) or after
-    (odd ones) rays go from row to row; half of the directions (sense 1) meet the last layer first.
+    A stage crosses, along every direction, the part of one layer before (even stages) or after (odd
+    ones) rays go from row to row; half of the directions (sense 1) meet the last layer first.
 
-    number (K,): of each direction in its set. launches (2, 2 layers + 1): where the steps of a
-    sense's launches begin, and the end. direction (N,): 0 to K - 1. shifts (N, 4): as in `Way`.
+    number (K,): of each direction in its set. stages (2, 2 layers + 1): where the steps of a
+    sense's stages begin, and the end. launches (M, 2): the first of the stages that can be gone
+    through at once, and the end. direction (N,): 0 to K - 1. shifts (N, 4): as in `Way`.
     part (N,): share of the layer that is crossed; middle (N, 3): of the step in the cells, 0 to 1.
     faces (N,): through which rays leave cells after the step, bits of the sides on which light
     comes from there: down and up along u, v, l.
@@ -34,6 +36,7 @@ class Route:
 
     layout: Layout
     number: NDArray[np.int32]
+    stages: NDArray[np.int32]
     launches: NDArray[np.int32]
     direction: NDArray[np.int32]
     shifts: NDArray[np.int32]
@@ -58,7 +61,7 @@ class Route:
         sense = (runs[:, 2] < 0).astype(int)
         _, nv, nl = layout.size
         inverse = np.argsort(layout.axes)
-        ways, launch, faces = [], [], []
+        ways, stage, faces = [], [], []
         for i, k in enumerate(number):
             u, v = runs[i, :2] * stretch[i]
             way = Way.of(u, v, starts[k], layers=nl, backwards=bool(sense[i]))
@@ -66,20 +69,23 @@ class Route:
             met = nl - 1 - way.layer if sense[i] else way.layer
             opens = np.flatnonzero(np.diff(met, prepend=-1))  # a layer's first steps
             later = way.moved_v != np.repeat(way.moved_v[opens], np.bincount(met, minlength=nl))
-            launch.append((sense[i] * nl + met) * 2 + later)
+            stage.append((sense[i] * nl + met) * 2 + later)
             side = 2 * np.arange(3) + (runs[i] < 0)
             faces.append((way.leaves << side[:, None]).sum(axis=0))
-        launches = np.concatenate(launch)
-        order = np.argsort(launches, kind="stable")
-        begins = np.searchsorted(launches[order], np.arange(4 * nl + 1))
+        stages = np.concatenate(stage)
+        order = np.argsort(stages, kind="stable")
+        begins = np.searchsorted(stages[order], np.arange(4 * nl + 1))
+        begins = np.stack([begins[: 2 * nl + 1], begins[2 * nl :]])
+        shifts = np.concatenate([way.shifts(nv) for way in ways])
         return cls(
             layout=layout,
             number=number.astype(np.int32),
-            launches=np.stack([begins[: 2 * nl + 1], begins[2 * nl :]]).astype(np.int32),
+            stages=begins.astype(np.int32),
+            launches=_launches(np.any(np.diff(begins) > 0, axis=0)),
             direction=np.repeat(
                 np.arange(len(number), dtype=np.int32), [len(way.part) for way in ways]
             )[order],
-            shifts=np.concatenate([way.shifts(nv) for way in ways])[order],
+            shifts=shifts[order],
             part=np.concatenate([way.part for way in ways])[order],
             middle=np.concatenate([way.within for way in ways], axis=1).T[order][:, inverse],
             faces=np.concatenate(faces)[order].astype(np.int32),
@@ -88,6 +94,23 @@ class Route:
             weight=directions.weight[number],
             rightwards=runs[:, 0] > 0,
         )
+
+
+def _launches(steps: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """(M, 2), see `Route`; steps (2 layers,): which of the stages have any.
+
+    The stage after rays go from row to row, in a layer, and that before they do, in the next, go
+    together: on a way as long as a layer no ray does so twice. Not where both senses would meet in
+    a layer.
+    """
+    layers = len(steps) // 2
+    out = []
+    for layer in range(layers + 1):
+        first, end = max(2 * layer - 1, 0), min(2 * layer + 1, 2 * layers)
+        meet = end - first == 2 and abs(2 * layer - layers) <= 1
+        cuts = (first, first + 1, end) if meet else (first, end)
+        out += [each for each in pairwise(cuts) if steps[slice(*each)].any()]
+    return np.array(out, np.int32).reshape(-1, 2)
 
 
 def routes(box: Box, directions: Directions, starts: Floats, *, together: int) -> Iterator[Route]:

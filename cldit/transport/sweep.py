@@ -27,7 +27,7 @@ from cldit.transport.towards import ToCamera
 
 _MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
 
-_TOGETHER = 16  # directions: more take memory for rays, and gain nothing
+_TOGETHER = 32  # directions: more take memory for rays, and gain nothing
 
 
 def _slots(layout: Layout) -> int:
@@ -307,6 +307,7 @@ class Sweeper:
         order = self._order[layout.turned]
         kernel.set_args(
             np.int32(0),
+            np.int32(0),
             *tables,
             self._rays,
             np.int32(_slots(layout)),
@@ -325,8 +326,9 @@ class Sweeper:
             *extra,
         )
         lanes = 1 if self._vector > 1 else min(order.groups.widest, self._lanes)
-        for launch in np.flatnonzero(np.diff(route.launches).any(axis=0)):
-            kernel.set_arg(0, np.int32(launch))
+        for first, end in route.launches:
+            kernel.set_arg(0, first)
+            kernel.set_arg(1, end)
             cl.enqueue_nd_range_kernel(
                 self.device.queue, kernel, (lanes * layout.size[1], 2), (lanes, 1)
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -93,6 +94,34 @@ def test_sweep_against_numpy(
     # Twelve rays through at most 16 cells, each a few roundings; a ray that crosses a cell boundary
     # within rounding (none at this seed) would differ by far more.
     np.testing.assert_allclose(got, expected, atol=1e-13 if float64 else 1e-6)
+
+
+def test_rays_that_change_rows_at_the_ends_of_layers(device: Device) -> None:
+    """Along the cube's diagonals, from corner to corner of cells (tolerance: as above)."""
+    cells = OpticalCells.of(random_tree(3))
+    sweeper = sweeper_of(device, cells, {"BOUNDARY_DISC": 1})
+    corners = np.array(list(product((-1.0, 1.0), repeat=3))) / 3**0.5
+    rays = sweeper.rays(Directions(corners, np.full(8, 1 / 8)), np.zeros((8, 2)))
+    source = source_planes(cells)
+    source[:, cells.address] = first_guess(sweeper, cells.albedo)
+    sweeper.set_source(source[:, cells.address], shining=True)
+    sweeper.sweep(rays, shining=True)
+    got = sweeper.next_order()
+    dense = np.stack([cells.dense(sweeper.box, plane) for plane in source])
+    place = cells.place(sweeper.box, cells.address)
+    mean = dense.reshape(len(dense), -1)[:, place]
+    for unit in corners:
+        excess = sweep(
+            cells.dense(sweeper.box, cells.depth),
+            dense,
+            back=unit,
+            weight=1 / 8,
+            start=np.zeros(2),
+            centre=DISC[:3] - sweeper.box.low,
+            radius=4.0,
+        )[0]
+        mean += excess.reshape(len(dense), -1)[:, place]
+    np.testing.assert_allclose(got, cells.albedo * mean + sweeper.thermal, atol=1e-6)
 
 
 def moments(
