@@ -9,8 +9,8 @@
 #ifndef PENDING
 #error "PENDING: reads of kept light that are made together"
 #endif
-#ifndef CUTOFF
-#error "CUTOFF: transmission at which a ray ends"
+#ifndef LEAST
+#error "LEAST: transmission at which a flight ends"
 #endif
 
 /* What lies beside a cell of the region: down and up along x, y and z the number of the next cell, or
@@ -130,7 +130,7 @@ INLINE void set_off(Flights *f, int lane, int cell, real3 p, real3 d, real weigh
     set_axis(&f->tz, &f->dz, &f->az, &f->uz, lane, p.z, d.z);
     LANE(f->t, lane) = R(0);
     LANE(f->weight, lane) = weight;
-    LANE(f->floor, lane) = weight * R(CUTOFF);
+    LANE(f->floor, lane) = weight * R(LEAST);
     LANE(f->scattered, lane) = R(0);
     LANE(f->u, lane) = u;
     LANE_I(f->met, lane) = -1;

@@ -25,6 +25,9 @@
 #include "ray.h"
 #include "walk.h"
 
+#ifndef CUTOFF
+#error "CUTOFF: transmission at which a ray ends"
+#endif
 #ifndef LONGEST
 #error "LONGEST: flights of a chain"
 #endif

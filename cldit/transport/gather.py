@@ -36,6 +36,9 @@ Floats = NDArray[np.float64]
 _SAMPLES = 16  # of a pixel in the first round; a power of two, as in all rounds
 _GROWTH = 8  # of them at most, from one round to the next: their scatter is not known well
 _MOST_CHAINS = 1e8  # of a picture: some core-minutes
+# Transmission at which flights end, for each kelvin of the wanted error. For what is left the last
+# cell's source stands: on `gdi` that errs by a tenth of what is wanted, where cells are thick.
+_LEAST = 0.1
 _LONGEST = 128  # flights of a chain, after which the light is that of the sweeps
 _GROUP = 16
 _TILE = 12  # pixels along a tile's edge: some hundred tell their noise
@@ -119,7 +122,13 @@ class Gather:
         self._components = len(cells.needs.components) + 1
         phase = settings.phase
         table, steps = np.zeros(1), np.zeros(1)
-        self._defines: dict[str, Define] = {**defines, "LONGEST": _LONGEST, "FACE": FACE}
+        least = max(settings.cutoff, _LEAST * min(settings.accuracy_K, 0.1))
+        self._defines: dict[str, Define] = {
+            **defines,
+            "LEAST": float(least),
+            "LONGEST": _LONGEST,
+            "FACE": FACE,
+        }
         for flag in ("SLOPED", "LINEAR"):
             if flag in ends.program.defines:
                 self._defines[flag] = 1

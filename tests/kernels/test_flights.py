@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 
 COMPONENTS, EMITTERS = 3, 1  # background, walls, droplets
 SHAPE = (4, 3, 5)  # of the region, x y z
-CUTOFF = 1e-3
+LEAST = 1e-3
 
 # One flight in each lane, until none flies; then what they brought in all, and how each ended.
 KERNEL = """
@@ -117,7 +117,7 @@ class _Region:
             length, axis = to.min(), int(np.argmin(to))
             kappa = self.depth[cell]
             taken = left * -np.expm1(-kappa * length)
-            last = left - taken <= CUTOFF * weight
+            last = left - taken <= LEAST * weight
             if self.albedo[cell] > 0:
                 taken = left if last else taken
                 light[:COMPONENTS] += taken * self.emission[cell]
@@ -168,7 +168,7 @@ def _flown(
     """Sums (N / vector, C + 1); and of each flight (N, 5) what is scattered, and where."""
     count = len(lines)
     defines = "".join(f"#define {flag} 1\n" for flag in ("HAS_DROPLETS", "BOUNDARY_DISC", *flags))
-    defines += f"#define CUTOFF {cutoff}f\n#define PENDING 3\n#define VECTOR {vector}\n"
+    defines += f"#define LEAST {cutoff}f\n#define PENDING 3\n#define VECTOR {vector}\n"
     source = f"{defines}\n{assemble('lanes.h')}\n{assemble('flight.h')}\n{KERNEL}"
     program = cl.Program(device.context, source).build(options=["-cl-std=CL1.2"])
     depth = region.records[:, 0] * np.where(region.records[:, 1] > 0, -1, 1)
@@ -209,7 +209,7 @@ def test_flights(device: Device, flags: tuple[str, ...], vector: int) -> None:
     cells = rng.integers(0, len(region.at), count)
     lines = np.column_stack([cells, rng.random((count, 3)), d, rng.random((count, 2))])
     lines = lines.astype(np.float32).astype(float)
-    got, ended = _flown(device, region, lines, vector=vector, cutoff=CUTOFF, flags=flags)
+    got, ended = _flown(device, region, lines, vector=vector, cutoff=LEAST, flags=flags)
     wanted = np.zeros((count, COMPONENTS + 1))
     for k, line in enumerate(lines):
         wanted[k], scattered, deep = region.fly(line, k % vector)

@@ -23,6 +23,7 @@ DEFINES = f"""
 #define BOUNDARY_ENCLOSURE 1
 #define CAMERA_ORTHOGRAPHIC 1
 #define CUTOFF 1e-4
+#define LEAST 1e-4
 #define LONGEST 4
 #define PENDING 2
 #define VECTOR 8
@@ -146,6 +147,7 @@ def test_expected_light(device: Device) -> None:
         "BOUNDARY_DISC": 1,
         "CAMERA_PINHOLE": 1,
         "CUTOFF": 1e-4,
+        "LEAST": 1e-4,
         "LONGEST": 4,
         "PENDING": 2,
         "FACE": FACE,
