@@ -29,7 +29,7 @@ class Settings:
     accuracy_K, max_samples: where `path` stops, RMS error of T_app or samples a pixel. order: most
     scatterings, None for all; beyond it the wall is seen. phase: None is isotropic.
     gather: `source` has light change within cells; what those of an optical depth above `thick`
-    scatter to the camera is found by flights, until its noise is half of accuracy_K, or with
+    scatter to the camera is found by flights, until its noise is below half of accuracy_K, or with
     max_samples a pixel. Without it light is even in cells, as the paper has it.
     audit: `source` has some of its pixels traced by `path`, where it simplifies anything.
     """
