@@ -79,7 +79,13 @@ def _worst(lack: Array) -> float:
 
 
 def solve(
-    sweeper: Sweeper, guess: Array, rays: Rays, *, tolerance: float, report: Report | None = None
+    sweeper: Sweeper,
+    guess: Array,
+    rays: Rays,
+    *,
+    tolerance: float,
+    report: Report | None = None,
+    confirmed: bool = True,
 ) -> Solution:
     """GMRES with restarts on the preconditioned equation of transfer.
 
@@ -89,6 +95,7 @@ def solve(
     Args:
         guess: (C, N) to start from.
         tolerance: RMS error allowed in the source of any component.
+        confirmed: by one pass more, which sees rounding too; else by what GMRES makes of its own.
 
     Raises:
         NotConvergedError: the tolerance cannot be met (rounding, or too many passes).
@@ -112,6 +119,8 @@ def solve(
         cycle = _krylov(sweeper, lack, rays, tolerance)
         passes, gain = passes + cycle.passes, cycle.gain
         source = source + cycle.step
+        if not confirmed and (left := _worst(cycle.left)) * gain <= tolerance:
+            return Solution(source, passes, left, left * gain, cycle.left)
 
 
 def _stuck(error: float, passes: int, tolerance: float) -> NotConvergedError:
