@@ -87,10 +87,11 @@ class _Light:
 
 @dataclass(frozen=True)
 class _Solved:
-    """What is left of the solver, without its sweeper and cells: as large as the last sweeps'.
+    """What is left of the solver; without its sweeper, as large as the last sweeps', unless that
+    serves them too.
 
-    albedo (N,), thermal (C, N): of the solver's cells; room: for moments, if there are any. The
-    others as in `Last`.
+    albedo (N,), thermal (C, N): of the solver's cells; room: for moments, if there are any;
+    sweeps: of a sweeper that is gone. The others as in `Last`.
     """
 
     solution: Solution
@@ -100,6 +101,7 @@ class _Solved:
     programs: tuple[Program, ...]
     sweeps: int
     room: tuple[Any, ...]
+    sweeper: Sweeper | None
 
     @classmethod
     def of(
@@ -110,7 +112,8 @@ class _Solved:
         plain = work.program(work.solver)
         every = settings.order is None
         even = phase.asymmetry if every and phase is not None else 0.0
-        sweeper = work.sweeper(work.cells(1.0 - even), plain)
+        serves = phase is None and "LINEAR" not in work.solver  # all sweeps are of one medium
+        sweeper = work.sweeper(work.cells(1.0 - even), plain, work.changing if serves else None)
         programs = [plain]
         shape = (1 if phase is None else MOMENTS, sweeper.components, sweeper.count)
         light = np.zeros(shape, sweeper.real)
@@ -136,8 +139,16 @@ class _Solved:
             if sweeper.gradients is not None:
                 changes[:] = sweeper.gradients(light[0])[:, :, work.changing]
         solution, defect = work.checked(sweeper, solution)
-        albedo, thermal, sweeps = sweeper.albedo, sweeper.thermal, sweeper.sweeps
-        solved = cls(solution, albedo, thermal, defect, tuple(programs), sweeps, room)
+        solved = cls(
+            solution=solution,
+            albedo=sweeper.albedo,
+            thermal=sweeper.thermal,
+            defect=defect,
+            programs=tuple(programs),
+            sweeps=0 if serves else sweeper.sweeps,
+            room=room,
+            sweeper=sweeper if serves else None,
+        )
         return solved, _Light(light, changes)
 
 
@@ -152,7 +163,7 @@ def by_moments(
     solved, light = _Solved.of(work, rng, report)
     solution, programs = solved.solution, solved.programs
     cells = work.cells(1.0 - work.forward)
-    sweeper = work.sweeper(cells, towards, work.changing)
+    sweeper = solved.sweeper or work.sweeper(cells, towards, work.changing)
     times = 1 if work.settings.order is None else work.settings.order - 1
     if times:
         again = work.finding()

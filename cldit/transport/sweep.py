@@ -57,8 +57,9 @@ class Sweeper:
         changing: NDArray[np.bool_] | None = None,
     ) -> None:
         """disc, patches: as in `View`, in cells from the cube's lower corner. sweep: with SLOPED,
-        sources have moments; with LINEAR, they change across cells: by what is given, in
-        those of which `changing` (N,) says so, or in all, as neighbours' sources have it."""
+        sources have moments; with LINEAR, they change across cells as neighbours' sources have it.
+        changing (N,): in programs with LINEAR they change across these instead, by what is
+        given."""
         self.device = device
         self.box: Box = cells.box()
         self.count = len(cells.address)
@@ -68,8 +69,9 @@ class Sweeper:
         self._vector = int(sweep.defines["VECTOR"])
         self._planes = self.components * (MOMENTS if "SLOPED" in sweep.defines else 1)
         linear = "LINEAR" in sweep.defines
-        some = np.ones(self.count, bool) if changing is None else changing
-        self.changing = np.flatnonzero(some & linear)
+        self.changing = np.flatnonzero(
+            np.full(self.count, linear) if changing is None else changing
+        )
         self._kernels = iterate
         self._real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
         self._disc = disc.copy()

@@ -32,8 +32,8 @@ _CHANGING = 0.25
 # Directions of the solver, and of the sweep before the last, over those which correct it.
 _SOLVED, _FORGETTING = 1 / 8, 2
 _FEWEST = 16  # with 8, slabs err by 0.1 %: the second order of what these miss
-# RMS error of what is solved along so few, before it is corrected: they differ from more by no less,
-# and GMRES goes on from there.
+# RMS error of what is solved along so few, before it is corrected: they differ from more by no
+# less, and GMRES goes on from there.
 _ROUGH = 1e-2
 # By how much the last directions without a phase function are denser on the camera's side, from
 # which most of what it sees of thick cells is lit: least error on `gdi`, between 0.4 and 0.9.
