@@ -136,7 +136,7 @@ def floor(case: Case, *, directions: int = 12) -> Part:
             f"copied (read and written), {machine.flops_per_s / 1e9:.1f} Gflop in single "
             f"precision, {machine.exps_per_s / 1e9:.2f} G exponentials. The floor is the larger "
             "of the time that the counted bytes and that the counted operations take.",
-            "What is left, as far as it is known. *Sweep*: every layer is a launch or two, each "
+            "What is left, as far as it is known. *Sweep*: every layer is a launch, each "
             "of some ten microseconds; every step of a direction looks up where its rays are, for "
             "each row, also of a few cells; rays lie in the cache, but not as vectors do, for they "
             "go from cell to cell. One cell at a time shows what vectors give. *Image*: every "

@@ -26,7 +26,7 @@ from cldit.transport.sweep import Sweeper
 Array = NDArray[Any]
 Lack = Callable[[Array], Array]
 
-WANTED = 1e-4  # RMS error of the source of the worst component: what 0.3 K asks for
+WANTED = 1e-4  # RMS error of the source of the worst component: what 1 K asks for
 EXACT = 1e-8  # of the answer that the others are held to
 MOST = 60  # passes of those that have no end of their own
 DEPTH = 5  # steps that Anderson remembers

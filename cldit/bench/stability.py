@@ -30,7 +30,7 @@ EDGE_M = 0.2
 CELLS = 16
 _T_K = 450.0
 _POISON_BYTES = 64 << 20
-_SOLVED = 3e-5  # what the solver is asked for at 0.1 K, in the source of each part of the light
+_SOLVED = 3e-5  # three parts of the light, each to the 1e-5 that the solver is asked for at 0.1 K
 
 
 @dataclass(frozen=True)
