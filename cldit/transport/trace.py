@@ -36,9 +36,9 @@ _THICK_BY_PHASE = 0.22
 def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     """Directions and tolerance for the accuracy that the scene asks for.
 
-    The last sweep, which makes the picture, has twice as many as `transport.directions`, with a
-    phase function three times; the solution is corrected by half of these. Flights start in cells
-    the thinner, the finer the picture is to be; that they do at 0.1 K is fine enough for less.
+    The last sweep, which makes the picture, has three times as many as `transport.directions`; the
+    solution is corrected by half of these. Flights start in cells the thinner, the finer the
+    picture is to be; that they do at 0.1 K is fine enough for less.
 
     Args:
         mie: mean phase function of the droplets, where the scene's phase is `mie`, or is left out
@@ -53,7 +53,7 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     directions = spec.directions or few
     return Settings(
         directions=max(8, directions // 2),
-        final_directions=(2 if phase is None else 3) * directions,
+        final_directions=3 * directions,
         tolerance=float(np.clip(1e-5 / finer, 1e-6, 1e-4)),
         order=spec.order,
         cutoff=spec.cutoff,
