@@ -9,6 +9,7 @@ further flights follow, in a chain.
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -24,7 +25,7 @@ from cldit.transport.cells import Box
 from cldit.transport.directions import Directions, along_curve
 from cldit.transport.groups import lanes
 from cldit.transport.kelvin import VISIBLE, error_K
-from cldit.transport.phase import PHASE_STEPS
+from cldit.transport.phase import PHASE_STEPS, ScatteringTable
 from cldit.transport.picture import Painter
 from cldit.transport.result import Settings
 from cldit.transport.sobol import points
@@ -39,10 +40,12 @@ _MOST_CHAINS = 1e8  # of a picture: some core-minutes
 # Transmission at which flights end, for each kelvin of the wanted error. For what is left the last
 # cell's source stands: on `gdi` that errs by a tenth of what is wanted, where cells are thick.
 _LEAST = 0.1
-_LONGEST = 128  # flights of a chain, after which the light is that of the sweeps
+# Flights of a chain after which its light is that of the sweeps: whatever is left; and where half
+# of it is lost, if scattering is even. On `gdi` two err more where it is deep, four no less.
+_LONGEST, _ENOUGH = 128, 3.0
 _GROUP = 16
 _TILE = 12  # pixels along a tile's edge: some hundred tell their noise
-_NOISE = 0.45  # of the wanted error, which chains may leave: other errors are larger
+_NOISE = 0.5  # of the wanted error, which chains may leave: other errors are larger
 _BRIGHT = 3.0  # noise before walls as bright as the hottest cell, over that before gdi's own
 _PENDING = 8  # reads of kept light made together; GPUs have other flights to wait with
 _STRETCH = 8  # numbers of a stretch within a thick cell, as in gather.cl
@@ -102,6 +105,12 @@ def fewest(
     return power
 
 
+def _enough(phase: ScatteringTable | None) -> int:
+    """Flights that turn light as much as `_ENOUGH` do that scatter evenly."""
+    turned = 1.0 if phase is None else 1.0 - max(phase.asymmetry, 0.0)
+    return math.ceil(min(_ENOUGH / max(turned, 1e-9), _LONGEST))
+
+
 class Gather:
     """Adds to pictures what thick cells scatter, batch by batch."""
 
@@ -127,6 +136,7 @@ class Gather:
             **defines,
             "LEAST": float(least),
             "LONGEST": _LONGEST,
+            "ENOUGH": _enough(phase),
             "FACE": FACE,
         }
         for flag in ("SLOPED", "LINEAR"):

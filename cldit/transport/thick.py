@@ -29,7 +29,7 @@ _MOST_LIGHT = 2**29  # bytes of the light in all thick cells that the last sweep
 _AROUND = 1  # so many cells around thick ones are of their region
 # Optical depth of a cell beyond which a source that is linear in it is not enough: its skin is a
 # small part of it.
-_DEEP = 2.0
+_DEEP = 1.3
 # Albedo from which thick cells count as deep as well: what a source that is linear, with few
 # moments of a phase function, leaves out adds up where light is scattered often.
 _OFTEN = 0.8
