@@ -9,7 +9,6 @@ further flights follow, in a chain.
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +24,7 @@ from cldit.transport.cells import Box
 from cldit.transport.directions import Directions, along_curve
 from cldit.transport.groups import lanes
 from cldit.transport.kelvin import VISIBLE, error_K
-from cldit.transport.phase import PHASE_STEPS, ScatteringTable
+from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.picture import Painter
 from cldit.transport.result import Settings
 from cldit.transport.sobol import points
@@ -38,11 +37,9 @@ _SAMPLES = 16  # of a pixel in the first round; a power of two, as in all rounds
 _GROWTH = 8  # of them at most, from one round to the next: their scatter is not known well
 _MOST_CHAINS = 1e8  # of a picture: some core-minutes
 # Transmission at which flights end, for each kelvin of the wanted error. For what is left the last
-# cell's source stands: on `gdi` that errs by a tenth of what is wanted, where cells are thick.
-_LEAST = 0.1
-# Flights of a chain after which its light is that of the sweeps: whatever is left; and where half
-# of it is lost, if scattering is even. On `gdi` two err more where it is deep, four no less.
-_LONGEST, _ENOUGH = 128, 3.0
+# cell's source stands. With 0.1 a slab of depth 10 (g = 0.8) errs by 0.002, with this by 0.0008.
+_LEAST = 0.03
+_LONGEST = 128  # flights of a chain, after which the light is that of the sweeps
 _GROUP = 16
 _TILE = 12  # pixels along a tile's edge: some hundred tell their noise
 _NOISE = 0.5  # of the wanted error, which chains may leave: other errors are larger
@@ -105,12 +102,6 @@ def fewest(
     return power
 
 
-def _enough(phase: ScatteringTable | None) -> int:
-    """Flights that turn light as much as `_ENOUGH` do that scatter evenly."""
-    turned = 1.0 if phase is None else 1.0 - max(phase.asymmetry, 0.0)
-    return math.ceil(min(_ENOUGH / max(turned, 1e-9), _LONGEST))
-
-
 class Gather:
     """Adds to pictures what thick cells scatter, batch by batch."""
 
@@ -136,7 +127,6 @@ class Gather:
             **defines,
             "LEAST": float(least),
             "LONGEST": _LONGEST,
-            "ENOUGH": _enough(phase),
             "FACE": FACE,
         }
         for flag in ("SLOPED", "LINEAR"):

@@ -25,7 +25,6 @@ DEFINES = f"""
 #define CUTOFF 1e-4
 #define LEAST 1e-4
 #define LONGEST 4
-#define ENOUGH 4
 #define PENDING 2
 #define VECTOR 8
 #define FACE {FACE}
@@ -150,7 +149,6 @@ def test_expected_light(device: Device) -> None:
         "CUTOFF": 1e-4,
         "LEAST": 1e-4,
         "LONGEST": 4,
-        "ENOUGH": 4,
         "PENDING": 2,
         "FACE": FACE,
         "VECTOR": 1,
