@@ -189,7 +189,7 @@ def _figure(scene: Scene, rows: Sequence[Row], found: Sequence[Ratio]) -> Figure
         axis.set_xlabel(f"core seconds for {columns} x {height} pixels")
         axis.grid(True, which="both", alpha=0.25)
         axis.legend(fontsize=7.5)
-        axis.margins(x=0.2, y=0.1)
+        axis.margins(x=0.25, y=0.1)
     axes[0].set_ylabel("RMS error of the apparent temperature / K")
     figure.suptitle(f"{scene.name}: what accuracy costs", fontsize=11)
     return figure
