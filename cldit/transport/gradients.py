@@ -79,7 +79,7 @@ def across_cells(
 
     The share of a cell in the difference goes by the root of its optical depth: by the depth
     itself, where light diffuses; by none, where cells are alike in all but where they lie. On `gdi`
-    the root errs least, by 0.7 of what half the difference does.
+    the root errs least.
     """
     every = np.arange(len(cells.address))
     changes = np.zeros((3, *light.shape), light.dtype)

@@ -22,12 +22,13 @@ CELLS = 16
 DEPTH = 0.1  # of a cell
 
 
-def block() -> Octree:
-    """Cells 4 to 11 of 16 along each axis, which scatter and absorb alike."""
+def block(shape: tuple[int, int, int] = (8, 8, 8), times: float = 1.0) -> Octree:
+    """Cells of 16 along each axis, from 4 on, 11 the last, which scatter and absorb alike; the
+    optical depth of each along x is so many times that of the one before."""
     frame = Frame(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=4)
-    place = np.argwhere(np.ones((8, 8, 8), bool)) + 4
+    place = np.argwhere(np.ones(shape, bool)) + 4
     lower: NDArray[np.float64] = np.asarray(-EDGE_M / 2 + place * frame.cell_m, np.float64)
-    even = np.full(len(place), DEPTH / 2 / frame.cell_m)
+    even = DEPTH / 2 / frame.cell_m * times ** (place[:, 0] - 4.0)
     source = CellSource(
         lower_m=lower,
         upper_m=np.asarray(lower + frame.cell_m, np.float64),
@@ -91,3 +92,17 @@ def test_change_of_light(cells: OpticalCells) -> None:
     )
     assert lowest.min() > -1e-12
     assert (lowest < 1e-9).any()  # the bound is met
+
+
+def test_change_between_unequal_cells() -> None:
+    """Two cells, one nine times as deep: at the face between them light is the same from either
+    side, and a quarter of the difference away from the thinner one's mean; it changes as much on
+    their other sides."""
+    two = OpticalCells.of(block((2, 1, 1), times=9.0))
+    thin, deep = np.argsort(two.depth[two.address])
+    light = np.zeros((1, 2))
+    light[0, thin], light[0, deep] = 0.5, 0.7
+    along_x = across_cells(light, two, two.box())[0, 0]
+    assert light[0, thin] + along_x[thin] / 2 == pytest.approx(0.55, abs=1e-7)
+    assert light[0, deep] - along_x[deep] / 2 == pytest.approx(0.55, abs=1e-7)
+    assert not across_cells(light, two, two.box())[1:].any()
