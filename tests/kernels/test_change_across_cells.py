@@ -28,7 +28,8 @@ def block(shape: tuple[int, int, int] = (8, 8, 8), times: float = 1.0) -> Octree
     frame = Frame(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=4)
     place = np.argwhere(np.ones(shape, bool)) + 4
     lower: NDArray[np.float64] = np.asarray(-EDGE_M / 2 + place * frame.cell_m, np.float64)
-    even = DEPTH / 2 / frame.cell_m * times ** (place[:, 0] - 4.0)
+    along = np.asarray(times ** (place[:, 0] - 4.0), np.float64)
+    even = DEPTH / 2 / frame.cell_m * along
     source = CellSource(
         lower_m=lower,
         upper_m=np.asarray(lower + frame.cell_m, np.float64),
