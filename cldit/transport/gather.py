@@ -37,7 +37,7 @@ _SAMPLES = 16  # of a pixel in the first round; a power of two, as in all rounds
 _GROWTH = 8  # of them at most, from one round to the next: their scatter is not known well
 _MOST_CHAINS = 1e8  # of a picture: some core-minutes
 # Transmission at which flights end, for each kelvin of the wanted error. For what is left the last
-# cell's source stands. With 0.1 a slab of depth 10 (g = 0.8) errs by 0.002, with this by 0.0008.
+# cell's source stands. At 0.05 K a slab of depth 10, g = 0.8, errs by 0.0008; with 0.1 by 0.002.
 _LEAST = 0.03
 _LONGEST = 128  # flights of a chain, after which the light is that of the sweeps
 _GROUP = 16

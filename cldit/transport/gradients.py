@@ -86,10 +86,10 @@ def across_cells(
     root = np.sqrt(cells.depth[cells.address]).astype(light.dtype)
     beside = _beside(cells, box, (-1, 1), np.ones(len(every), bool))
     for change, (below, above) in zip(changes, beside, strict=True):
-        alone = np.where((below >= 0) & (above >= 0), 1, 2).astype(light.dtype)
+        sides = np.where((below >= 0) & (above >= 0), 1, 2).astype(light.dtype)
         for there, sign in ((below, -1), (above, 1)):
             near = np.where(there >= 0, there, every)
-            change += sign * alone * root / (root + root[near]) * (light[:, near] - light)
+            change += sign * sides * root / (root + root[near]) * (light[:, near] - light)
     limit(changes, light)
     return changes
 

@@ -27,8 +27,7 @@ _HEAD = 4  # numbers of a record before its planes, which are in fours, as in re
 _NO_FACE = 64  # in place of a face, as in sweep.cl
 _MOST_LIGHT = 2**29  # bytes of the light in all thick cells that the last sweeps may keep
 _AROUND = 1  # so many cells around thick ones are of their region
-# Optical depth of a cell beyond which a source that is linear in it is not enough: its skin is a
-# small part of it.
+# Optical depth of a cell beyond which a source that is linear in it is not enough.
 _DEEP = 1.3
 # Albedo from which thick cells count as deep as well: what a source that is linear, with few
 # moments of a phase function, leaves out adds up where light is scattered often.

@@ -23,13 +23,12 @@ DEPTH = 0.1  # of a cell
 
 
 def block(shape: tuple[int, int, int] = (8, 8, 8), times: float = 1.0) -> Octree:
-    """Cells of 16 along each axis, from 4 on, 11 the last, which scatter and absorb alike; the
-    optical depth of each along x is so many times that of the one before."""
+    """So many cells, from the fifth of 16 on along each axis, that scatter and absorb alike; along
+    x each is so many times as deep as the one before."""
     frame = Frame(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=4)
     place = np.argwhere(np.ones(shape, bool)) + 4
     lower: NDArray[np.float64] = np.asarray(-EDGE_M / 2 + place * frame.cell_m, np.float64)
-    along = np.asarray(times ** (place[:, 0] - 4.0), np.float64)
-    even = DEPTH / 2 / frame.cell_m * along
+    even = np.asarray(DEPTH / 2 / frame.cell_m * times ** (place[:, 0] - 4.0), np.float64)
     source = CellSource(
         lower_m=lower,
         upper_m=np.asarray(lower + frame.cell_m, np.float64),
