@@ -16,8 +16,9 @@
 
    TO_CAMERA, for the last sweep: light counts by how much of it the camera sees from there in the
    cell, and by the phase function where there is one (PHASE_STEPS).
-   ACROSS, with LINEAR: the excess is also found times the place in the cell, from its middle on; of
-   this lies how light changes across it. Neither counts what is linear in the source itself.
+   ACROSS, with LINEAR: the excess is also found times the lever of where in the cell it is; of this
+   lies how light changes across it, as evenly as it is there, wherever the camera sees it from. Neither
+   counts what is linear in the source itself.
    FLUX: the excess is also found times what the direction that light comes from counts in its first
    and second moments (moments.h); of this lie those of the light in a cell.
    SLOPED: a cell's source is more in one direction than in others, by such moments of its own; the
@@ -47,7 +48,7 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 #include "attenuation.h"
 
 /* Planes of a cell: of S, S_0 of all components, then its moments; of D likewise; of G, and of the
-   excess times the place in the cell, x, y and z. */
+   excess times the lever, x, y and z. */
 #ifdef SLOPED
 #define SOURCE_PLANES ((1 + MOMENTS) * COMPONENTS)
 #else
@@ -138,7 +139,9 @@ __kernel void sweep(
     __global const real *across,   /* in: G, of the groups that have it */
 #endif
 #ifdef ACROSS
-    __global real *excess_across,  /* inout: of these, the excess times the place in the cell */
+    __global real *excess_across,  /* inout: of these, the excess times the lever */
+    __global const real4 *levers,  /* in, per step: as in cldit/transport/way.py, x y z */
+    __global const real4 *leans,   /* in, per direction: by how much that falls along the ray */
 #endif
     const int layout,
     const int nu, const int nv, const int nl,
@@ -204,6 +207,10 @@ __kernel void sweep(
             const real part = middle.w;
             const real stretch = beams[k].x * part;
             const real weight = beams[k].y * part;
+#ifdef ACROSS
+            const real4 lever = levers[step];
+            const real4 lean = leans[k];
+#endif
 #ifdef SLOPED
             const real sent[MOMENTS] = MOMENTS_SENT(back);
 #endif
@@ -228,11 +235,12 @@ __kernel void sweep(
                     continue;
                 }
 #ifdef TO_CAMERA
-                const lane_t counts = seen_at(middle.y, CELLS_OF(seen + cell), CELLS_OF(even + cell))
-                    * (weight * counts_for(u, v, l, layout, back, camera, phase));
+                const real evenly = weight * counts_for(u, v, l, layout, back, camera, phase);
+                const lane_t counts =
+                    seen_at(middle.y, CELLS_OF(seen + cell), CELLS_OF(even + cell)) * evenly;
                 CELLS(shares + cell) += counts;
 #else
-                const real counts = weight;
+                const real counts = weight, evenly = weight;
 #endif
                 const lane_t mean = mean_transmission(t, share);
                 const lane_t q = counts * mean;
@@ -274,12 +282,13 @@ __kernel void sweep(
                         leaves += bent * t;
                         own = gap * q - bent * counts;
 #ifdef ACROSS
-                        const lane_t late = run * counts
+                        const lane_t here = (gap * mean - bent) * evenly;
+                        const lane_t late = run * evenly
                             * (gap * rise + change * (R(0.5) * rise + rising_over(t, rise)));
                         __global real *e = excess_across + changed + c * GROUP;
-                        MOMENT(e, 0) += (middle.x - R(0.5)) * own - back.x * late;
-                        MOMENT(e, 1) += (middle.y - R(0.5)) * own - back.y * late;
-                        MOMENT(e, 2) += (middle.z - R(0.5)) * own - back.z * late;
+                        MOMENT(e, 0) += lever.x * here - lean.x * late;
+                        MOMENT(e, 1) += lever.y * here - lean.y * late;
+                        MOMENT(e, 2) += lever.z * here - lean.z * late;
 #endif
                     }
 #endif

@@ -70,12 +70,16 @@ def matter(cells: OpticalCells, *, scattered: float) -> bool:
 
 
 def across_cells(
-    light: NDArray[np.floating], cells: OpticalCells, box: Box
+    light: NDArray[np.floating],
+    cells: OpticalCells,
+    box: Box,
+    known: tuple[NDArray[np.intp], NDArray[np.floating]] | None = None,
 ) -> NDArray[np.floating]:
     """(3, C, N) change of the light (C, N) in the scattering cells across each of them along x, y,
     z, from what it is at the faces to those beside it: between both means, nearer to that of the
     thinner one, in which light changes less. Where there is but one beside it, it changes as much
-    on the other side. Nowhere so much that all of it would be less than nothing.
+    on the other side. known: cells (M,) and the change (3, C, M) that was found across them.
+    Nowhere so much that all of it would be less than nothing.
 
     The share of a cell in the difference goes by the root of its optical depth: by the depth
     itself, where light diffuses; by none, where cells are alike in all but where they lie. On `gdi`
@@ -90,6 +94,8 @@ def across_cells(
         for there, sign in ((below, -1), (above, 1)):
             near = np.where(there >= 0, there, every)
             change += sign * sides * root / (root + root[near]) * (light[:, near] - light)
+    if known is not None:
+        changes[:, :, known[0]] = known[1]
     limit(changes, light)
     return changes
 

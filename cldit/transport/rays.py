@@ -18,10 +18,11 @@ from cldit.transport.routes import Route, routes
 
 @dataclass(frozen=True)
 class Rays:
-    """routes: with what kernels/sweep.cl takes of each, from `stages` to `origins`."""
+    """routes: with what kernels/sweep.cl takes of each, from `stages` to `origins`, and then with
+    ACROSS."""
 
     directions: Directions
-    routes: tuple[tuple[Route, list[Any]], ...]
+    routes: tuple[tuple[Route, list[Any], list[Any]], ...]
 
     @classmethod
     def of(
@@ -38,16 +39,26 @@ class Rays:
         together: so many directions at most go through a layer at once."""
         ready = []
         for route in routes(box, directions, starts, together=together):
-            backs = np.column_stack([route.back, np.zeros(len(route))])
+            nothing = np.zeros((len(route), 1))
             origin = np.where(route.rightwards, route.layout.size[2] + 1, 1)
             tables = [
                 route.stages,
                 np.column_stack([route.direction, route.faces]),
                 route.shifts,
                 np.column_stack([route.middle, route.part]).astype(real),
-                backs.astype(real),
+                np.column_stack([route.back, nothing]).astype(real),
                 np.column_stack([route.stretch, route.weight]).astype(real),
                 np.column_stack([origin, route.number]).astype(np.int32),
             ]
-            ready.append((route, [upload(device, "routes", table) for table in tables]))
+            across = [
+                np.column_stack([route.lever, route.part]).astype(real),
+                np.column_stack([route.gain * route.back, nothing]).astype(real),
+            ]
+            ready.append(
+                (
+                    route,
+                    [upload(device, "routes", table) for table in tables],
+                    [upload(device, "routes", table) for table in across],
+                )
+            )
         return cls(directions, tuple(ready))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cldit.transport.moments import sent
 from cldit.transport.patches import NONE
+from cldit.transport.way import shown
 
 Floats = NDArray[np.float64]
 
@@ -74,8 +75,8 @@ def sweep(
     slope: Floats | None = None,
     across: Floats | None = None,
 ) -> Floats:
-    """Excess that one direction's sweep gives, and that times the place in the cell along x, y, z,
-    from its middle on, unless `across` is None: (4, C, nz, ny, nx); see kernels/sweep.cl.
+    """Excess that one direction's sweep gives, and that times the lever along x, y, z (see
+    cldit/transport/way.py), unless `across` is None: (4, C, nz, ny, nx); see kernels/sweep.cl.
 
     Args:
         depth: (nz, ny, nx) optical depth of a cell's edge.
@@ -115,9 +116,9 @@ def sweep(
             if slope != 0:
                 side = np.floor(place) + (1 if slope > 0 else 0)
                 cuts.append(min((side - place) / slope, 1.0))
-        for low, high in itertools.pairwise(sorted(cuts)):
-            if high - low < 1e-9:
-                continue
+        steps = [(low, high) for low, high in itertools.pairwise(sorted(cuts)) if high - low > 1e-9]
+        level = sum((high - low) * ((entry + (low + high) / 2 * run) % 1) for low, high in steps)
+        for low, high in steps:
             shift = np.floor(entry + (low + high) / 2 * run).astype(int)
             moved = shift - before
             before = shift
@@ -146,6 +147,9 @@ def sweep(
             part -= np.divide(more_at_end, t, out=np.zeros_like(part), where=t > 0)
             excess[0, :, layer] += weight * (high - low) * part
             if across is not None:
+                mean_place, gain = np.zeros(3), np.ones(3)
+                mean_place[list(axes[:2])] = level - 0.5
+                gain[list(axes[:2])] = 1 / shown(run)
                 parts = _across_cells(
                     rays,
                     t,
@@ -153,6 +157,8 @@ def sweep(
                     g_all[:, :, layer],
                     middle=middle,
                     way=-back * stretch * (high - low),
+                    mean_place=mean_place,
+                    gain=gain,
                 )
                 excess[1:, :, layer] += weight * (high - low) * parts
             rays = rays - gap * absorbed(t) + more_at_end
@@ -161,13 +167,22 @@ def sweep(
 
 
 def _across_cells(
-    rays: Floats, depth: Floats, source: Floats, changes: Floats, *, middle: Floats, way: Floats
+    rays: Floats,
+    depth: Floats,
+    source: Floats,
+    changes: Floats,
+    *,
+    middle: Floats,
+    way: Floats,
+    mean_place: Floats,
+    gain: Floats,
 ) -> Floats:
     """(3, C, nv, nu) mean, along rays that enter cells with some light, of what that is more than
-    the source, times the place from the cell's middle on, along x, y, z.
+    the source, times the lever along x, y, z.
 
     depth: of the way; source (C, ...), changes (3, C, ...): as in `sweep`; middle, way (3,): the
-    way's middle, from the cell's, and the way as a vector, in cells.
+    way's middle, from the cell's, and the way as a vector, in cells. A lever is the place less
+    `mean_place`, both from the cell's middle on, times `gain`.
     """
     parts = np.zeros((3, *rays.shape))
 
@@ -179,7 +194,8 @@ def _across_cells(
         for before, part in zip(*_along_the_way(place), strict=True):
             light = light + part * depth * source_at(before) * np.exp(-depth * (place - before))
         over = share * (light - source_at(place))
-        parts += np.multiply.outer(middle + way * (place - 0.5), over)
+        lever = gain * (middle + way * (place - 0.5) - mean_place)
+        parts += np.multiply.outer(lever, over)
     return parts
 
 

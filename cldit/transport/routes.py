@@ -28,6 +28,7 @@ class Route:
     sense's stages begin, and the end. launches (M, 2): the first of the stages that can be gone
     through at once, and the end. direction (N,): 0 to K - 1. shifts (N, 4): as in `Way`.
     part (N,): share of the layer that is crossed; middle (N, 3): of the step in the cells, 0 to 1.
+    lever (N, 3), gain (K, 3): as in `Way`, along x, y, z.
     faces (N,): through which rays leave cells after the step, bits of the sides on which light
     comes from there: down and up along u, v, l.
     back (K, 3): where light comes from. stretch (K,): path in a layer / cell edge. weight (K,).
@@ -42,6 +43,8 @@ class Route:
     shifts: NDArray[np.int32]
     part: Floats
     middle: Floats
+    lever: Floats
+    gain: Floats
     faces: NDArray[np.int32]
     back: Floats
     stretch: Floats
@@ -88,6 +91,8 @@ class Route:
             shifts=shifts[order],
             part=np.concatenate([way.part for way in ways])[order],
             middle=np.concatenate([way.within for way in ways], axis=1).T[order][:, inverse],
+            lever=np.concatenate([way.lever for way in ways], axis=1).T[order][:, inverse],
+            gain=np.stack([way.gain for way in ways])[:, inverse],
             faces=np.concatenate(faces)[order].astype(np.int32),
             back=back,
             stretch=stretch,

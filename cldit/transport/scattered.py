@@ -65,21 +65,21 @@ def scattered_light(
         last = evenly(work, thick, rng, report)
     else:
         last = by_moments(work, towards, thick, rng, report)
-    halves, light, ends = _swept_to_camera(work, towards, last, thick)
-    solution = replace(last.solution, towards=np.mean(halves, axis=0))
+    swept = _swept_to_camera(work, towards, last, thick)
+    solution = replace(last.solution, towards=np.mean(swept.halves, axis=0))
     defect, programs = last.defect, (work.iterate, *last.programs, towards)
     sweeps = last.earlier + last.sweeper.sweeps
     del last  # with what the sweeper has on the device
     across: NDArray[np.floating] | None = None
     if settings.within_cells:
-        across = across_cells(light, seen, seen.box())
-        across *= seen.albedo.astype(light.dtype)
+        across = across_cells(swept.light, seen, seen.box(), swept.changes)
+        across *= seen.albedo.astype(across.dtype)
     return Scattered(
-        halves=halves,
+        halves=swept.halves,
         across=across,
         solution=solution,
         defect=defect,
-        ends=ends,
+        ends=swept.ends,
         programs=programs,
         counts={**_counts(seen), "sweeps": sweeps},
     )
@@ -105,11 +105,20 @@ def _counts(seen: OpticalCells) -> dict[str, int]:
     return {"swept_cells": seen.box().cells, "scattering_cells": len(seen.address)}
 
 
-def _swept_to_camera(
-    work: Work, program: Program, last: Last, thick: ThickCells | None
-) -> tuple[tuple[NDArray[np.floating], NDArray[np.floating]], NDArray[np.floating], Ends | None]:
-    """Both halves of the last sweeps, (C, N) each, the mean of the light that they found, (C, N),
-    and what they leave for flights."""
+@dataclass(frozen=True)
+class _Swept:
+    """halves: as in `Scattered`; light (C, N): what they found, as the camera sees it; changes:
+    cells (M,) and how that changes across them (3, C, M), if they looked for it; ends: what they
+    leave for flights."""
+
+    halves: tuple[NDArray[np.floating], NDArray[np.floating]]
+    light: NDArray[np.floating]
+    changes: tuple[NDArray[np.intp], NDArray[np.floating]] | None
+    ends: Ends | None
+
+
+def _swept_to_camera(work: Work, program: Program, last: Last, thick: ThickCells | None) -> _Swept:
+    """The last sweeps, in two halves."""
     settings, seen, view, sweeper = work.settings, work.seen, work.view, last.sweeper
     rng = np.random.default_rng([settings.seed, 1])  # alike whatever the order, to compare orders
     half = work.half
@@ -133,12 +142,16 @@ def _swept_to_camera(
             last.records,
         )
     halves: list[NDArray[np.floating]] = []
+    changes: list[NDArray[np.floating]] = []
     light = np.zeros((sweeper.components, sweeper.count), sweeper.real)
     thermal = seen.thermal_source()
     for number, rays in enumerate(sets):
         if ends is not None:
             camera = replace(camera, light=ends.light.after(number * half))
-        mean = sweeper.weighted_mean(camera, rays).astype(np.float64)
+        found, across = sweeper.weighted_mean(camera, rays)
+        mean = found.astype(np.float64)
+        changes += [] if across is None else [across]
         halves.append((thermal + seen.albedo * mean).astype(sweeper.real))
         light += (mean / 2).astype(sweeper.real)
-    return (halves[0], halves[1]), light, ends
+    known = (sweeper.changing, np.mean(changes, axis=0)) if changes else None
+    return _Swept((halves[0], halves[1]), light, known, ends)

@@ -25,6 +25,8 @@ from cldit.transport.reference import mean_transmission
 from cldit.transport.routes import Route
 from cldit.transport.towards import ToCamera
 
+# Light that changes by 1 across a cell has, times the place in it, 1 over this for its mean.
+_FLAT = 12
 _MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
 
 _TOGETHER = 32  # directions: more take memory for rays, and gain nothing
@@ -99,6 +101,7 @@ class Sweeper:
         self._source = unset(device, "source", self._planes * most, real)
         self._given: NDArray[Any] = np.zeros((self._planes, self.count), real)
         self._shining = False
+        self._changes: NDArray[Any] | None = None
         self._lanes = device.info.largest_group
         each = max(
             layout.size[1] * self.components * _slots(layout)
@@ -139,7 +142,7 @@ class Sweeper:
         (3, C, M): of S_0 across the cells `changing`, unless they are as neighbours have it. Every
         sweep reads `listed` anew.
         """
-        self._given, self._shining = listed, shining
+        self._given, self._shining, self._changes = listed, shining, changes
         orders = self._order.values()
         if changes is not None:
             for order in orders:
@@ -218,8 +221,7 @@ class Sweeper:
 
         program: sweep.cl with FLUX, and room for MOMENTS, or without. out (9 or 1, C, N): takes
         them. With ACROSS it returns how much more the light changes across the cells `changing`
-        than their source, (3, C, M): light that changes by G has a twelfth of it for its mean times
-        the place.
+        than their source, (3, C, M).
         """
         many = self.components * (MOMENTS if "FLUX" in program.defines else 1)
         excess, listed = (self._excess, self._listed) if many == self.components else room
@@ -231,7 +233,7 @@ class Sweeper:
             for moment, lean in zip(out[1:], leaning, strict=True):
                 moment -= self._real(lean) * out[0]
         out[0] += self._real(weight.sum()) * self._read(self._list)
-        return None if across is None else across * self._real(12 / weight.sum())
+        return None if across is None else across * self._real(_FLAT / weight.sum())
 
     def _along_all(
         self,
@@ -259,10 +261,11 @@ class Sweeper:
             if camera is not None:
                 clear(self.device, camera.shares[turned], size * order.groups.cells)
             changes = [order.across, *across[:1]] if "LINEAR" in program.defines else []
-            for route, tables in rays.routes:
+            for route, tables, levers in rays.routes:
                 if route.layout.turned is turned:
                     extra = [] if camera is None else self._towards(camera, route)
-                    self._along(program, route, tables, shining, [excess, *changes], extra)
+                    room = [excess, *changes, *(levers if across else [])]
+                    self._along(program, route, tables, shining, room, extra)
             more = np.int32(turned)
             self._of_list("listed_excess", listed, excess, order.place, more, np.int32(planes))
             if across:
@@ -364,12 +367,23 @@ class Sweeper:
             self.device, self.box, self._real, program, seen, self.groups, phase=phase, place=place
         )
 
-    def weighted_mean(self, camera: ToCamera, rays: Rays) -> NDArray[Any]:
-        """Mean radiance (C, N) of the scattering cells, as the camera sees them."""
+    def weighted_mean(
+        self, camera: ToCamera, rays: Rays
+    ) -> tuple[NDArray[Any], NDArray[Any] | None]:
+        """Mean radiance (C, N) of the scattering cells, as the camera sees them, and, with ACROSS,
+        how that changes across the cells `changing`, (3, C, M)."""
         excess, listed, planes = self._excess, self._listed, self.components
-        self._along_all(camera.program, rays, True, excess, listed, planes, camera)
+        across = self._along_all(camera.program, rays, True, excess, listed, planes, camera)
         places = [order.place for order in self._order.values()]
-        return self._answer("weighted_mean", *camera.shares.values(), *places)
+        mean = self._answer("weighted_mean", *camera.shares.values(), *places)
+        if across is None:
+            return mean, None
+        for turned, order in self._order.items():
+            more = (np.int32(turned), np.int32(1))
+            self._of_list("listed_excess", self._out, camera.shares[turned], order.place, *more)
+        shares = download(self.device, self._out, np.empty(self.count, self._real))[self.changing]
+        across *= np.divide(_FLAT, shares, out=np.zeros_like(shares), where=shares > 0)
+        return mean, across if self._changes is None else self._changes + across
 
     def residual(self, *, shining: bool, listed: Any = None) -> NDArray[Any]:
         """Preconditioned residual (C, N) of the present source and its excess; listed: of `room`,

@@ -32,6 +32,9 @@ _DEEP = 1.3
 # Albedo from which thick cells count as deep as well: what a source that is linear, with few
 # moments of a phase function, leaves out adds up where light is scattered often.
 _OFTEN = 0.8
+# As well, albedo^2 x optical depth, about what is scattered twice in the cell: isotropic slabs of
+# 0.75 to 1.25 a cell err by half a hundredth of it without chains.
+_TWICE = 0.4
 
 
 @dataclass(frozen=True)
@@ -133,7 +136,9 @@ class ThickCells:
         number[cells.address] = np.arange(len(cells.address))
         number = number[address]
         scatters = number >= 0
-        deep = scatters & ((seen.depth[address] > _DEEP) | (seen.albedo[number] > _OFTEN))
+        depth, albedo = seen.depth[address], seen.albedo[number]
+        deep = (depth > _DEEP) | (albedo > _OFTEN) | (albedo**2 * depth > _TWICE)
+        deep &= scatters
         deep &= chains
         real = source.dtype.type
         sent = np.zeros((len(source), len(address)), real)

@@ -10,6 +10,19 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _SHORTEST = 1e-6  # of a layer: what a ray crosses in less is left to the step beside it
+# Less than this of how light changes does not count for more, in `shown`: it is chance.
+_SHOWS = 0.5
+
+
+def shown(slope: Floats) -> Floats:
+    """Part of how light changes across cells that shows between places of a layer's rays in their
+    cells and the mean of these places, on average over where rays start.
+
+    slope: cells that rays move a layer, -1 to 1. That mean varies by (1 - |slope|)^2 / 12, of the
+    1/12 of all places in a cell. The part is taken for a half where it is less.
+    """
+    rest = 1.0 - np.minimum(np.abs(slope), 1.0)
+    return np.maximum(1.0 - rest**2, _SHOWS)
 
 
 @dataclass(frozen=True)
@@ -20,6 +33,11 @@ class Way:
     which rays have moved since they came in. within (3, N): where in its cell the step's middle
     lies along u, v, l, 0 to 1. leaves (3, N): along which of u, v, l rays go on into another cell
     after the step; after a layer's last also along those on which no step of the layer has them do.
+
+    lever (3, N): the place `within`, from the mean of the layer's steps on, times gain (3,): 1 over
+    what is `shown` of a change along u and v. All cells of a layer are crossed alike. So light
+    times the place, summed over directions, tells on which side of every cell rays happen to lie,
+    and how bright these are; times the lever it tells how light changes, and nothing of that.
     """
 
     part: Floats
@@ -28,6 +46,8 @@ class Way:
     moved_v: NDArray[np.int64]
     within: Floats
     leaves: NDArray[np.bool_]
+    lever: Floats
+    gain: Floats
 
     @classmethod
     def of(
@@ -56,13 +76,20 @@ class Way:
             goes = ~last & (np.diff(moved, append=moved[-1]) != 0)
             never = np.bincount(layer, goes, minlength=layers) == 0
             across.append(goes | (last & never[layer]))
+        within = np.stack([u % 1, v % 1, 1 - along if backwards else along])
+        mean = np.full(within.shape, 0.5)
+        for level, place in zip(mean[:2], within[:2], strict=True):
+            level[:] = np.bincount(layer, part * place, minlength=layers)[layer]
+        gain = np.array([*(1.0 / shown(np.array([slope_u, slope_v]))), 1.0])
         return cls(
             part=part,
             layer=layers - 1 - layer if backwards else layer,
             moved_u=moved_u,
             moved_v=moved_v,
-            within=np.stack([u % 1, v % 1, 1 - along if backwards else along]),
+            within=within,
             leaves=np.stack([*across, last]),
+            lever=gain[:, None] * (within - mean),
+            gain=gain,
         )
 
     def shifts(self, rows: int) -> NDArray[np.int32]:

@@ -94,6 +94,18 @@ def test_change_of_light(cells: OpticalCells) -> None:
     assert (lowest < 1e-9).any()  # the bound is met
 
 
+def test_change_that_was_found(cells: OpticalCells) -> None:
+    """Stands in place of what neighbours tell, but nowhere for less than no light."""
+    light = np.full((1, len(cells.address)), 0.1)
+    which = np.array([3, 7])
+    found = np.zeros((3, 1, 2))
+    found[:, 0] = np.array([[0.05, 0.5], [0.0, 0.5], [-0.1, 1.0]])
+    changes = across_cells(light, cells, cells.box(), (which, found))
+    np.testing.assert_allclose(changes[:, :, 3], found[:, :, 0])
+    np.testing.assert_allclose(changes[:, :, 7], 0.1 * found[:, :, 1])  # 2 in all, of 0.2
+    assert not np.delete(changes, which, axis=2).any()
+
+
 def test_change_between_unequal_cells() -> None:
     """Two cells, one nine times as deep: at the face between them light is the same from either
     side, and a quarter of the difference away from the thinner one's mean; it changes as much on

@@ -103,6 +103,27 @@ def test_steps_of_a_way(slopes: tuple[float, float], backwards: bool) -> None:
     assert np.all((way.within >= 0) & (way.within <= 1))
 
 
+@pytest.mark.parametrize("slope", [-1.0, -0.6, 0.31, 0.9])
+def test_levers_of_a_way(slope: float) -> None:
+    """In no layer does even light count; light that is linear along any axis counts as much, on
+    average over where rays start, as if they went evenly through all of the cell; less where they
+    hardly move, and little of it shows."""
+    starts = (np.arange(400) + 0.5) / 400
+    found = np.zeros((3, 3))
+    for u, v in zip(starts, np.random.default_rng(2).permutation(starts), strict=True):
+        way = Way.of(slope, 0.73 * slope, np.array([u, v]), layers=1, backwards=False)
+        np.testing.assert_allclose(way.lever @ way.part, 0.0, atol=1e-6)
+        along = np.array([slope, 0.73 * slope, 1.0])[:, None] * way.part  # of each step
+        steps = np.einsum("is,js,s->ij", way.lever, way.within - 0.5, way.part)
+        inside = np.einsum("is,js,s->ij", way.gain[:, None] * along, along, way.part) / 12
+        found += (steps + inside) / len(starts)
+    moved = np.abs([slope, 0.73 * slope, 1.0])
+    expected = np.minimum(2 * (1 - (1 - moved) ** 2), 1.0) / 12
+    # Midpoints of 400 places: a kink each; v goes with u by chance, as 1 / root of so many.
+    np.testing.assert_allclose(np.diag(found), expected, rtol=2e-3)
+    np.testing.assert_allclose(found - np.diag(np.diag(found)), 0.0, atol=0.01)
+
+
 @pytest.mark.parametrize("count", [1, 7, 64])
 def test_direction_at_a_share(apply: Any, count: int) -> None:
     """The first direction whose cumulative share is above u, wherever the search starts."""

@@ -235,6 +235,33 @@ def test_light_across_cells_against_numpy(device: Device, vector: int, deeper: f
     np.testing.assert_allclose(light["more"], light["expected more"], atol=5e-5)
 
 
+def test_light_to_the_camera_changes_as_the_light_does(device: Device) -> None:
+    """In cells that hide nothing from the camera, so that all of the light counts alike."""
+    tree = random_tree(3)
+    cells = OpticalCells.of(tree)
+    fields = {name: 1e-9 * values for name, values in tree.fields.items()}
+    clear = OpticalCells.of(replace(tree, fields=fields))
+    defines = {**cells.needs.defines, "BOUNDARY_DISC": 1, **lanes(device), "LINEAR": 1, "ACROSS": 1}
+    program = build(device, "sweep.cl", defines)
+    flags = {"TO_CAMERA": 1, "CAMERA_ORTHOGRAPHIC": 1}
+    rng = np.random.default_rng(5)
+    changing = rng.random(len(cells.address)) < 0.3
+    iterate = build(device, "iterate.cl", defines)
+    sweeper = Sweeper(device, cells, program, iterate, disc=DISC, changing=changing)
+    given = rng.uniform(0.0, 1.0, (sweeper.components, sweeper.count))
+    changes = rng.uniform(-0.5, 0.5, (3, sweeper.components, len(sweeper.changing)))
+    sweeper.set_source(given, shining=True, changes=changes)
+    rays = sweeper.rays(isotropic(12, rng), rng.random((12, 2)))
+    light = np.empty((1, *given.shape), np.float32)
+    more = sweeper.moments(program, rays, out=light)
+    assert more is not None
+    towards = build(device, "sweep.cl", {**defines, **flags})
+    camera = sweeper.to_camera(towards, clear, np.zeros(1), np.zeros(3))
+    mean, found = sweeper.weighted_mean(camera, rays)
+    np.testing.assert_allclose(mean, light[0], atol=2e-6)  # a few roundings of 12 rays
+    np.testing.assert_allclose(found, changes + more, atol=5e-5)  # twelve times as much
+
+
 def test_light_in_opaque_cells_changes_as_their_source(device: Device) -> None:
     """It is that source, but for a skin of some 1e-5 of a cell, twelve times of which counts."""
     tree = random_tree(3)
