@@ -264,8 +264,8 @@ class Sweeper:
             for route, tables, levers in rays.routes:
                 if route.layout.turned is turned:
                     extra = [] if camera is None else self._towards(camera, route)
-                    room = [excess, *changes, *(levers if across else [])]
-                    self._along(program, route, tables, shining, room, extra)
+                    arguments = [excess, *changes, *(levers if across else [])]
+                    self._along(program, route, tables, shining, arguments, extra)
             more = np.int32(turned)
             self._of_list("listed_excess", listed, excess, order.place, more, np.int32(planes))
             if across:
