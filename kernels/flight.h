@@ -28,8 +28,7 @@ typedef struct {
     __global const int *beside;    /* SIDES a cell */
     __global const real *depth;    /* of the cells: optical depth of their edges, below 0: deep */
     __global const real *cells;    /* records */
-    __global const real *light;    /* that comes through faces: [direction][face][component] */
-    int rim;                       /* faces of one direction */
+    __global const real *light;    /* that comes through faces: [face][direction][component] */
     __global const real4 *directions; /* where it comes from, and the share of directions up to here
                                          in what a cell scatters along +y; neighbours are close by */
     __global const int *number_of; /* of the directions: theirs in `light` */
@@ -235,7 +234,7 @@ INLINE void arrive(
     const real weight = LANE(f->weight, lane);
     const int beside = LANE_I(e->beside, lane);
     if (beside != BOUNDARY_THERE) {
-        score_later(ends, weight, m->light + ((size_t)number * m->rim + (KEPT - beside)) * COMPONENTS);
+        score_later(ends, weight, m->light + ((size_t)(KEPT - beside) * m->count + number) * COMPONENTS);
         return;
     }
     const int4 cell = m->at[LANE_I(f->cell, lane)];

@@ -88,7 +88,7 @@ INLINE void begin(
     const int number = m->number_of[drawn];
     weight *= share_of(d, chance->sight, steps);
     const int own = m->beside[SIDES * cell + OWN];
-    if (own >= 0) score_later(ends, -weight, m->light + ((size_t)number * m->rim + own) * COMPONENTS);
+    if (own >= 0) score_later(ends, -weight, m->light + ((size_t)own * m->count + number) * COMPONENTS);
     chain->point = point;
     chain->event = 0;
     chain->number = number;
@@ -144,8 +144,8 @@ __kernel void expected(
     __global real *means,         /* out: [cell][component] */
     __global const int4 *cells,   /* in: of the cube; number of the light in it */
     const int count,
-    __global const real *light, const int rim,
-    __global const real4 *directions, __global const int *number_of, const int direction_count,
+    __global const real *light, __global const real4 *directions,
+    __global const int *number_of, const int direction_count,
     __global const real *steps, const real4 camera)
 {
     const int item = get_global_id(0);
@@ -166,7 +166,7 @@ __kernel void expected(
         const real share = (directions[k].w - before) * share_of(directions[k], sight, steps);
         before = directions[k].w;
         all += share;
-        __global const real *seen = light + ((size_t)number_of[k] * rim + cell.w) * COMPONENTS;
+        __global const real *seen = light + ((size_t)cell.w * direction_count + number_of[k]) * COMPONENTS;
         for (int c = 0; c < COMPONENTS; ++c) sum[c] += share * seen[c];
     }
     for (int c = 0; c < COMPONENTS; ++c) means[item * COMPONENTS + c] = sum[c] / all;
@@ -251,7 +251,7 @@ __kernel void gather(
     __global const real *table, __global const real *steps,
     __global const int *places,   /* in: from here to `box_shape`, see Near */
     __global const int4 *at, __global const int *beside, __global const real *near_depth,
-    __global const real *cells, __global const real *light, const int rim,
+    __global const real *cells, __global const real *light,
     __global const real4 *directions, __global const int *number_of, __global const int *start,
     __global const int *nearest, const int direction_count, const int4 box_low, const int4 box_shape,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
@@ -262,7 +262,7 @@ __kernel void gather(
     const int number = chosen[item];
     const Ray ray = ray_at(
         list[2 * number], list[2 * number + 1], columns, rows, middle, pitch_x, pitch_z, distance);
-    const Near near = {places, at, beside, near_depth, cells, light, rim, directions, number_of,
+    const Near near = {places, at, beside, near_depth, cells, light, directions, number_of,
                        start, nearest, direction_count, box_low, box_shape, BOUNDARY};
     const real3 from = (real3)(ray.px, ray.py, ray.pz);
     const real3 sight = (real3)(ray.dx, ray.dy, ray.dz);

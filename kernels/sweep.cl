@@ -155,9 +155,9 @@ __kernel void sweep(
     __global const real *phase, const real4 camera
 #endif
 #ifdef RIM
-    , __global real *light,        /* out: what comes in through faces, [number][face][component] */
+    , __global real *light,        /* out: what comes in through faces, [face][number][component] */
     const int earlier,             /* directions in it before these */
-    const int rim,                 /* faces of one direction */
+    const int all,                 /* directions in it */
     __global const int *rim_rows,  /* in: first of a row's faces in rim_faces, [l][v], and the end */
     __global const int4 *rim_faces /* in: u of the cell before it; which of that cell's faces, as a
                                       bit, or NO_FACE, the light in the cell; number */
@@ -307,7 +307,7 @@ __kernel void sweep(
                 const int own = face.y == NO_FACE;
                 if (!own && !(face.y & directions[step].y)) continue;
                 __global real *leaves = light
-                    + ((size_t)(earlier + origins[k].y) * rim + face.z) * COMPONENTS;
+                    + ((size_t)face.z * all + earlier + origins[k].y) * COMPONENTS;
                 for (int c = 0; c < COMPONENTS; ++c) {
                     const real intensity = crossing[c * slots + face.x];
                     leaves[c] = own ? leaves[c] + part * intensity : intensity;

@@ -42,6 +42,12 @@ class Directions:
         )
         return one, other
 
+    def by_axis(self) -> Directions:
+        """The same, in the order of the axis that each lies closest to: those that sweeps go along
+        together then stand together."""
+        order = np.argsort(np.argmax(np.abs(self.unit), axis=1), kind="stable")
+        return Directions(unit=self.unit[order], weight=self.weight[order])
+
     def balanced(self) -> Directions:
         """The same directions, weighted so that they lean nowhere: sum of weight x unit = 0.
 

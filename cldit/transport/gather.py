@@ -144,7 +144,7 @@ class Gather:
         shared = self._shares(drawn, steps).astype(real)
         starts = np.searchsorted(shared[:, 3], np.arange(len(shared)) / len(shared), "right")
         near = nearest(directions)
-        size = len(directions) * light.rim * (self._components - 1)
+        size = light.rim * light.directions * (self._components - 1)
         self._programs = [
             build(
                 part.device,
@@ -175,7 +175,6 @@ class Gather:
             by_angle = upload(one, "phase function", steps.astype(real))
             last = [
                 kept,
-                np.int32(light.rim),
                 upload(one, "directions", shared),
                 upload(one, "directions", order),
             ]

@@ -189,14 +189,15 @@ class Ends:
 @dataclass(frozen=True)
 class RimLight:
     """Light that comes into the region from without, and that in thick cells, as sweeps store it:
-    [direction][face or cell][component].
+    [face or cell][direction][component], so that flights of one tile meet few pages of it.
 
-    rows, faces: where a row of each layout finds the faces. first: number of the sweeps' first
-    direction.
+    rim, directions: how many there are. rows, faces: where a row of each layout finds the faces.
+    first: number of the sweeps' first direction.
     """
 
     buffer: Any
     rim: int
+    directions: int
     rows: dict[int, Any]
     faces: dict[int, Any]
     first: int = 0
@@ -236,14 +237,15 @@ class RimLight:
             rows[layout.number] = upload(device, "rows of faces", starts.astype(np.int32))
             listed[layout.number] = upload(device, "faces", table.astype(np.int32))
         size = directions * thick.rim * components
-        return cls(zeros(device, "light from without", size, real), thick.rim, rows, listed)
+        kept = zeros(device, "light from without", size, real)
+        return cls(kept, thick.rim, directions, rows, listed)
 
     def arguments(self, layout: Layout) -> list[Any]:
         """Kernel arguments `light` to `rim_faces`."""
         return [
             self.buffer,
             np.int32(self.first),
-            np.int32(self.rim),
+            np.int32(self.directions),
             self.rows[layout.number],
             self.faces[layout.number],
         ]

@@ -214,10 +214,10 @@ class Work:
         """Both halves of the directions from which light is scattered to the camera."""
         phase, count = self.settings.phase, 2 * self.half
         if phase is not None:
-            one, other = about_camera(count, rng, phase).halves()
+            one, other = (half.by_axis() for half in about_camera(count, rng, phase).halves())
         else:
             both = self._over_sphere(sweeper, count, rng, _LEAN).halves()
-            one, other = (each.balanced() for each in both)
+            one, other = (half.by_axis().balanced() for half in both)
         starts = rng.random((count, 2))
         return sweeper.rays(one, starts[: self.half]), sweeper.rays(other, starts[self.half :])
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
+from cldit.gpu.program import OPTIONS
 from cldit.gpu.source import assemble
 
 Floats = NDArray[np.float32]
@@ -46,7 +47,7 @@ def _apply(
         f"{defines}\n{assemble(header)}\n__kernel void apply(__global float *out{arguments})\n"
         f"{{ const int i = get_global_id(0); {loads} {setup} out[i] = {expression}; }}\n"
     )
-    program = cl.Program(device.context, source).build(options=["-cl-std=CL1.2"])
+    program = cl.Program(device.context, source).build(options=list(OPTIONS))
     count = len(inputs[0])
     out = zeros(device, "out", count, np.float32)
     buffers: list[Any] = [upload(device, "in", array.astype(np.float32)) for array in inputs]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
+from cldit.gpu.program import OPTIONS
 from cldit.gpu.source import assemble
 from cldit.transport.moments import MOMENTS
 
@@ -24,11 +25,11 @@ LEAST = 1e-3
 # One flight in each lane, until none flies; then what they brought in all, and how each ended.
 KERNEL = """
 __kernel void fly(
-    __global float *sums, __global float *ends_, __global const float *lines, const int rim,
+    __global float *sums, __global float *ends_, __global const float *lines,
     __global const int4 *at, __global const int *beside, __global const float *depth,
     __global const float *cells, __global const float *light)
 {
-    const Near near = {0, at, beside, depth, cells, light, rim, 0, 0, 0, 0, 0, (int4)(0), (int4)(0),
+    const Near near = {0, at, beside, depth, cells, light, 0, 0, 0, 0, 2, (int4)(0), (int4)(0),
                        {(float4)(2.0f, 9.0f, 2.0f, 6.0f)}};
     float sum[PARTS];
     Ends ends;
@@ -95,7 +96,7 @@ class _Region:
         self.emission[:, : COMPONENTS - EMITTERS] = 0.0
         self.source = rng.random((count, planes, COMPONENTS))
         self.across = rng.normal(size=(count, 3, COMPONENTS)) * linear
-        self.light = rng.random((2, self.rim, COMPONENTS))
+        self.light = rng.random((self.rim, 2, COMPONENTS))
         fours = np.zeros((count, 1 + planes + 3 * linear, 4))
         fours[:, 0, :COMPONENTS] = self.emission
         fours[:, 1 : 1 + planes, :COMPONENTS] = self.source
@@ -143,7 +144,7 @@ class _Region:
             up = int(d[axis] > 0)
             next_ = self.beside[cell, 2 * axis + up]
             if next_ <= -2:
-                kept = self.light[lane % 2, -2 - next_]
+                kept = self.light[-2 - next_, lane % 2]
                 light[:COMPONENTS] += left * kept
                 light[COMPONENTS] += left * (1 - kept[: COMPONENTS - EMITTERS].sum())
                 return light, scattered, deep
@@ -170,7 +171,7 @@ def _flown(
     defines = "".join(f"#define {flag} 1\n" for flag in ("HAS_DROPLETS", "BOUNDARY_DISC", *flags))
     defines += f"#define LEAST {cutoff}f\n#define PENDING 3\n#define VECTOR {vector}\n"
     source = f"{defines}\n{assemble('lanes.h')}\n{assemble('flight.h')}\n{KERNEL}"
-    program = cl.Program(device.context, source).build(options=["-cl-std=CL1.2"])
+    program = cl.Program(device.context, source).build(options=list(OPTIONS))
     depth = region.records[:, 0] * np.where(region.records[:, 1] > 0, -1, 1)
     sums = zeros(device, "sums", count // vector * (COMPONENTS + 1), np.float32)
     ends = zeros(device, "ends", count * 5, np.float32)
@@ -182,7 +183,6 @@ def _flown(
         sums,
         ends,
         upload(device, "lines", lines.astype(np.float32)),
-        np.int32(region.rim),
         upload(device, "at", at),
         upload(device, "beside", region.beside),
         upload(device, "depth", depth.astype(np.float32)),

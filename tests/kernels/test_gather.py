@@ -178,7 +178,7 @@ def test_expected_light(device: Device) -> None:
     program = build(device, "gather.cl", defines)
     at = rng.integers(0, 30, (cells, 3))
     own = np.array([7, 3, 8, 4, 5])
-    light = rng.random((24, 9, 3)).astype(np.float32)  # background, walls, droplets
+    light = rng.random((9, 24, 3)).astype(np.float32)  # background, walls, droplets
     phase = rng.random(steps).astype(np.float32) + 0.1
     share, number = rng.random(24), rng.permutation(24)
     table = np.column_stack([directions.unit, np.cumsum(share) / share.sum()]).astype(np.float32)
@@ -192,7 +192,6 @@ def test_expected_light(device: Device) -> None:
         upload(device, "cells", np.column_stack([at, own]).astype(np.int32)),
         np.int32(cells),
         upload(device, "light", light),
-        np.int32(9),
         upload(device, "directions", table),
         upload(device, "directions", number.astype(np.int32)),
         np.int32(24),
@@ -209,9 +208,8 @@ def test_expected_light(device: Device) -> None:
     weight = share * counts(sight @ directions.unit.T) / counts(directions.unit[:, 1])
     weight /= weight.sum(axis=1)[:, None]
     # An angle next to the border of a bin may fall into the other.
-    np.testing.assert_allclose(
-        got, np.einsum("nk,knc->nc", weight, light[number][:, own]), rtol=1e-4
-    )
+    expected = np.einsum("nk,nkc->nc", weight, light[own][:, number])
+    np.testing.assert_allclose(got, expected, rtol=1e-4)
 
 
 def test_fewest_samples() -> None:

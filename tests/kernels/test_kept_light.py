@@ -42,11 +42,11 @@ def test_light_kept_in_thick_cells(device: Device) -> None:
     camera = sweeper.to_camera(program, cells, np.zeros(1), np.zeros(3))
     sweeper.set_source(np.zeros_like(sweeper.thermal), shining=False)
     mean, _ = sweeper.weighted_mean(replace(camera, light=light), rays)
-    shape = (14, thick.rim, sweeper.components)
+    shape = (thick.rim, 14, sweeper.components)
     kept = download(device, light.buffer, np.empty(shape, np.float32))
     own = thick.own[thick.own >= 0]
-    np.testing.assert_allclose(kept[:, own].sum(axis=2), 1.0, rtol=3e-7)
-    assert 0.01 < kept[:, own, 0].mean() < 0.5  # some of it is the background's
-    of_each = np.einsum("k,kno->no", rays.directions.weight, kept[:, own])
+    np.testing.assert_allclose(kept[own].sum(axis=2), 1.0, rtol=3e-7)
+    assert 0.01 < kept[own, :, 0].mean() < 0.5  # some of it is the background's
+    of_each = np.einsum("k,nko->no", rays.directions.weight, kept[own])
     order = np.argsort(own)
     np.testing.assert_allclose(of_each[order].T, mean[:, thick.listed], atol=1e-5)
