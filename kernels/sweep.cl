@@ -4,8 +4,8 @@
    Rays run along directions whose largest component is along the layer axis. For each direction, each
    layer of nu x nv cells is crossed by nu x nv parallel rays, all at the same place in their cells;
    where one goes from a cell into the next, all do. A layer is crossed in one to three steps between
-   these places, and in every step each cell is crossed by one ray and each ray crosses one cell. A ray
-   that leaves the box sideways comes in again on the opposite side with what is seen there.
+   these places, and in every step each cell is crossed by one ray and each ray crosses one cell. Where
+   rays leave a row sideways, others come in on its opposite side with what is seen there.
 
    Of a row only the groups of cells that hold something are gone through (groups.h).
 
@@ -105,29 +105,29 @@ INLINE real counts_for(
 }
 #endif
 
-/* A stage crosses the part of a layer before (or after) rays go from row to row, along all directions;
-   those that meet the last layer first are in another layer, as group 1 of the second dimension. One
-   launch goes through stages between which no ray changes its row. A work-group has one row of cells,
-   which stay at hand for all directions.
+/* A work-group crosses a tile of rows and layers along each direction of a quadrant, as
+   cldit/transport/tiles.py has it; of a layer first the part before rays go from row to row, in all
+   rows, and then that after.
 
-   A ray keeps its slot; the cell u finds the ray that crosses it at slot u - moved + origin, so that
-   rays shift along the row at no cost, those that come in take the next unused slot, and every access
-   to a row is contiguous. */
+   A ray keeps its slot and its row of rays; the cell u finds the ray that crosses it at slot u - moved +
+   origin, so that rays shift along the row at no cost, those that come in take the next unused slot,
+   and every access to a row is contiguous. */
 __kernel void sweep(
-    const int first_stage, const int end_stage,
-    __global const int *stages,    /* in: first step of each stage, and the end; [sense] */
-    __global const int2 *directions, /* in, per step: its direction; through which faces rays leave
-                                       their cells after it, a bit each */
-    __global const int4 *shifts,   /* in, per step: how far rays have moved in u and (modulo nv) in v,
-                                      and both since the step before: -1, 0 or 1; 2: they come in */
+    const int first_tile,
+    __global const int4 *tiles,    /* two each, see tiles.py */
+    __global const int *begins_at, /* in, [direction][part of a layer]: its first step, and the end */
+    __global const int *sides,     /* in, per step: through which faces rays leave their cells after
+                                      it, a bit each */
+    __global const int4 *shifts,   /* in, per step: cells by which rays have moved in u and v, and both
+                                      since the step before: -1, 0 or 1; 2: they come in */
     __global const real4 *parts,   /* in, per step: its middle in the cells, x y z, 0 to 1; share of
                                       the layer that it crosses */
     __global const real4 *backs,   /* in, per direction: where its rays come from, x y z */
     __global const real2 *beams,   /* in, per direction: path in a layer / cell edge, and its weight */
-    __global const int2 *origins,  /* in, per direction: slot of cell 0 before rays have moved, and its
-                                      number among all */
-    __global real *rays,           /* inout: I, [direction][row][component][slot] */
-    const int slots,
+    __global const int4 *origins,  /* in, per direction: slot of cell 0 and row of rays of row 0 before
+                                      rays have moved, and its number among all */
+    __global real *rays,           /* inout: I, [direction][row of rays][component][slot] */
+    const int slots, const int ray_rows,
     __global const int *groups,    /* in: first of a row's groups, and the end */
     __global const int2 *begins,   /* in: u of a group's first cell; -1 - u: no cell of it scatters,
                                       and nobody asks what it receives. LINEAR: number of the group
@@ -167,154 +167,164 @@ __kernel void sweep(
     const Boundary boundary = BOUNDARY;
     const int lane = get_local_id(0);
     const int lanes = get_local_size(0);
-    const int v = get_group_id(0);
-    const int sense = get_group_id(1);
+    const int4 tile = tiles[2 * (first_tile + get_group_id(0))];
+    const int4 along = tiles[2 * (first_tile + get_group_id(0)) + 1];
+    const int sense = along.z;
 
-    for (int stage = first_stage; stage < end_stage; ++stage) {
-        const int l = sense ? nl - 1 - stage / 2 : stage / 2;
-        const int place = l * stride_l + v * stride_v;
-        const int begin_units = groups[place] * (GROUP / VECTOR);
-        const int end_units = groups[place + 1] * (GROUP / VECTOR);
-#ifdef RIM
-        const int first_rim = rim_rows[l * nv + v], end_rim = rim_rows[l * nv + v + 1];
-        const int nothing = begin_units == end_units && first_rim == end_rim;
-#else
-        const int nothing = begin_units == end_units;
-#endif
-        const int last_step = stages[sense * (2 * nl + 1) + stage + 1];
-
-        for (int step = stages[sense * (2 * nl + 1) + stage]; step < last_step; ++step) {
-            const int4 shift = shifts[step];
-            /* Rays that come in: all of the row where it enters the box, else one at its end. */
-            const int enters = shift.w == 2 || (shift.w > 0 && v == 0) || (shift.w < 0 && v == nv - 1);
-            if (nothing && !enters && shift.z == 0) continue;
-            const int k = directions[step].x;
-            const int row = v < shift.y ? v - shift.y + nv : v - shift.y;
-            /* Cell u's ray; a group may reach beyond its row: what lies there is empty, and no ray that
-               counts. */
-            __global real *crossing =
-                rays + (size_t)(k * nv + row) * (COMPONENTS * slots) + origins[k].x - shift.x;
-            const real4 back = backs[k];
-            const int first = !enters && shift.z < 0 ? nu - 1 : 0;
-            const int last = enters || shift.z < 0 ? nu - 1 : shift.z > 0 ? 0 : -1;
-            for (int u = first + lane; u <= last; u += lanes) {
-                const int seen = seen_from(u, v, l, layout, back, &boundary);
-                for (int c = 0; c < COMPONENTS; ++c) crossing[c * slots + u] = c == seen ? inflow : R(0);
-            }
-            barrier(CLK_GLOBAL_MEM_FENCE);
-
-            const real4 middle = parts[step];
-            const real part = middle.w;
-            const real stretch = beams[k].x * part;
-            const real weight = beams[k].y * part;
+    for (int k = along.x; k < along.y; ++k) {
+        const real4 back = backs[k];
+        const int4 origin = origins[k];
 #ifdef ACROSS
-            const real4 lever = levers[step];
-            const real4 lean = leans[k];
+        const real4 lean = leans[k];
 #endif
 #ifdef SLOPED
-            const real sent[MOMENTS] = MOMENTS_SENT(back);
+        const real sent[MOMENTS] = MOMENTS_SENT(back);
 #endif
 #ifdef FLUX
-            const real found[MOMENTS] = MOMENTS_FOUND(back);
+        const real found[MOMENTS] = MOMENTS_FOUND(back);
 #endif
-            for (int i = begin_units + lane; i < end_units; i += lanes) {
-                const int cell = i * VECTOR;
-                const int begin = begins[cell / GROUP].x;
-                const int u = (begin < 0 ? -1 - begin : begin) + cell % GROUP;
-                __global const real *s = source + first_plane(cell, SOURCE_PLANES);
-                const lane_t t = CELLS_OF(depth + cell) * stretch;
-                const lane_t share = absorbed(t);
-                if (begin < 0) {
-                    for (int c = 0; c < COMPONENTS; ++c) {
+        /* All rows of a part of a layer, then of the next. */
+        for (int visit = 2 * tile.z, number = 0; visit < 2 * (tile.z + tile.w);
+             number = number + 1 < tile.y ? number + 1 : 0, visit += number == 0) {
+            const int first_step = begins_at[k * (2 * nl + 1) + visit];
+            const int end_step = begins_at[k * (2 * nl + 1) + visit + 1];
+            const int l = sense ? nl - 1 - visit / 2 : visit / 2;
+            const int v = tile.x + number * along.w;
+            const int place = l * stride_l + v * stride_v;
+            const int begin_units = groups[place] * (GROUP / VECTOR);
+            const int end_units = groups[place + 1] * (GROUP / VECTOR);
+#ifdef RIM
+            const int first_rim = rim_rows[l * nv + v], end_rim = rim_rows[l * nv + v + 1];
+            const int nothing = begin_units == end_units && first_rim == end_rim;
+#else
+            const int nothing = begin_units == end_units;
+#endif
+            for (int step = first_step; step < end_step; ++step) {
+                const int4 shift = shifts[step];
+                /* Rays that come in: all of the row where it enters the box, else one at its end. */
+                const int enters =
+                    shift.w == 2 || (shift.w > 0 && v == 0) || (shift.w < 0 && v == nv - 1);
+                if (nothing && !enters && shift.z == 0) continue;
+                const int row = k * ray_rows + origin.y + v - shift.y;
+                /* Cell u's ray; a group may reach beyond its row: what lies there is empty, and no ray
+                   that counts. */
+                __global real *crossing =
+                    rays + (size_t)row * (COMPONENTS * slots) + origin.x - shift.x;
+                const int first = !enters && shift.z < 0 ? nu - 1 : 0;
+                const int last = enters || shift.z < 0 ? nu - 1 : shift.z > 0 ? 0 : -1;
+                for (int u = first + lane; u <= last; u += lanes) {
+                    const int seen = seen_from(u, v, l, layout, back, &boundary);
+                    for (int c = 0; c < COMPONENTS; ++c)
+                        crossing[c * slots + u] = c == seen ? inflow : R(0);
+                }
+                barrier(CLK_GLOBAL_MEM_FENCE);
+
+                const real4 middle = parts[step];
+                const real part = middle.w;
+                const real stretch = beams[k].x * part;
+                const real weight = beams[k].y * part;
+#ifdef ACROSS
+                const real4 lever = levers[step];
+#endif
+                for (int i = begin_units + lane; i < end_units; i += lanes) {
+                    const int cell = i * VECTOR;
+                    const int begin = begins[cell / GROUP].x;
+                    const int u = (begin < 0 ? -1 - begin : begin) + cell % GROUP;
+                    __global const real *s = source + first_plane(cell, SOURCE_PLANES);
+                    const lane_t t = CELLS_OF(depth + cell) * stretch;
+                    const lane_t share = absorbed(t);
+                    if (begin < 0) {
+                        for (int c = 0; c < COMPONENTS; ++c) {
+                            __global real *ray = crossing + c * slots + u;
+                            const lane_t intensity = RAYS(ray);
+                            lane_t gap = intensity;
+                            if (c >= BOUNDARIES) gap -= CELLS_OF(s + c * GROUP);
+                            RAYS(ray) = intensity - gap * share;
+                        }
+                        continue;
+                    }
+#ifdef TO_CAMERA
+                    const real evenly = weight * counts_for(u, v, l, layout, back, camera, phase);
+                    const lane_t counts =
+                        seen_at(middle.y, CELLS_OF(seen + cell), CELLS_OF(even + cell)) * evenly;
+                    CELLS(shares + cell) += counts;
+#else
+                    const real counts = weight, evenly = weight;
+#endif
+                    const lane_t mean = mean_transmission(t, share);
+                    const lane_t q = counts * mean;
+#ifdef LINEAR
+                    const int changes = begins[cell / GROUP].y;
+                    const int changed =
+                        first_plane((changes - 1) * GROUP + cell % GROUP, ACROSS_PLANES);
+                    const lane_t rise = changes ? rising(t, share, mean) : (lane_t)R(0);
+                    const real run = -beams[k].x * part;
+#endif
+                    __global real *d = excess + first_plane(cell, EXCESS_PLANES);
+                    for (int c = 0; c < COMPONENTS; ++c, s += GROUP, d += GROUP) {
                         __global real *ray = crossing + c * slots + u;
                         const lane_t intensity = RAYS(ray);
-                        lane_t gap = intensity;
-                        if (c >= BOUNDARIES) gap -= CELLS_OF(s + c * GROUP);
-                        RAYS(ray) = intensity - gap * share;
-                    }
-                    continue;
-                }
-#ifdef TO_CAMERA
-                const real evenly = weight * counts_for(u, v, l, layout, back, camera, phase);
-                const lane_t counts =
-                    seen_at(middle.y, CELLS_OF(seen + cell), CELLS_OF(even + cell)) * evenly;
-                CELLS(shares + cell) += counts;
-#else
-                const real counts = weight, evenly = weight;
-#endif
-                const lane_t mean = mean_transmission(t, share);
-                const lane_t q = counts * mean;
-#ifdef LINEAR
-                const int changes = begins[cell / GROUP].y;
-                const int changed =
-                    first_plane((changes - 1) * GROUP + cell % GROUP, ACROSS_PLANES);
-                const lane_t rise = changes ? rising(t, share, mean) : (lane_t)R(0);
-                const real run = -beams[k].x * part;
-#endif
-                __global real *d = excess + first_plane(cell, EXCESS_PLANES);
-                for (int c = 0; c < COMPONENTS; ++c, s += GROUP, d += GROUP) {
-                    __global real *ray = crossing + c * slots + u;
-                    const lane_t intensity = RAYS(ray);
 #ifdef SLOPED
-                    const lane_t slope = sent[0] * MOMENT_OF(s, 1) + sent[1] * MOMENT_OF(s, 2)
-                        + sent[2] * MOMENT_OF(s, 3) + sent[3] * MOMENT_OF(s, 4)
-                        + sent[4] * MOMENT_OF(s, 5) + sent[5] * MOMENT_OF(s, 6)
-                        + sent[6] * MOMENT_OF(s, 7) + sent[7] * MOMENT_OF(s, 8);
-                    lane_t gap = intensity - CELLS_OF(s) - slope;
-                    lane_t more = slope * counts;
+                        const lane_t slope = sent[0] * MOMENT_OF(s, 1) + sent[1] * MOMENT_OF(s, 2)
+                            + sent[2] * MOMENT_OF(s, 3) + sent[3] * MOMENT_OF(s, 4)
+                            + sent[4] * MOMENT_OF(s, 5) + sent[5] * MOMENT_OF(s, 6)
+                            + sent[6] * MOMENT_OF(s, 7) + sent[7] * MOMENT_OF(s, 8);
+                        lane_t gap = intensity - CELLS_OF(s) - slope;
+                        lane_t more = slope * counts;
 #else
-                    lane_t gap = intensity - CELLS_OF(s);
-                    lane_t more = (lane_t)R(0);
+                        lane_t gap = intensity - CELLS_OF(s);
+                        lane_t more = (lane_t)R(0);
 #endif
-                    lane_t leaves = intensity;
-                    lane_t own = gap * q;
+                        lane_t leaves = intensity;
+                        lane_t own = gap * q;
 #ifdef LINEAR
-                    if (changes) {
-                        __global const real *g = across + changed + c * GROUP;
-                        const lane_t along_x = MOMENT_OF(g, 0);
-                        const lane_t along_y = MOMENT_OF(g, 1);
-                        const lane_t along_z = MOMENT_OF(g, 2);
-                        gap -= (middle.x - R(0.5)) * along_x + (middle.y - R(0.5)) * along_y
-                            + (middle.z - R(0.5)) * along_z;
-                        const lane_t change =
-                            run * (back.x * along_x + back.y * along_y + back.z * along_z);
-                        const lane_t bent = change * rise;
-                        leaves += bent * t;
-                        own = gap * q - bent * counts;
+                        if (changes) {
+                            __global const real *g = across + changed + c * GROUP;
+                            const lane_t along_x = MOMENT_OF(g, 0);
+                            const lane_t along_y = MOMENT_OF(g, 1);
+                            const lane_t along_z = MOMENT_OF(g, 2);
+                            gap -= (middle.x - R(0.5)) * along_x + (middle.y - R(0.5)) * along_y
+                                + (middle.z - R(0.5)) * along_z;
+                            const lane_t change =
+                                run * (back.x * along_x + back.y * along_y + back.z * along_z);
+                            const lane_t bent = change * rise;
+                            leaves += bent * t;
+                            own = gap * q - bent * counts;
 #ifdef ACROSS
-                        const lane_t here = (gap * mean - bent) * evenly;
-                        const lane_t late = run * evenly
-                            * (gap * rise + change * (R(0.5) * rise + rising_over(t, rise)));
-                        __global real *e = excess_across + changed + c * GROUP;
-                        MOMENT(e, 0) += lever.x * here - lean.x * late;
-                        MOMENT(e, 1) += lever.y * here - lean.y * late;
-                        MOMENT(e, 2) += lever.z * here - lean.z * late;
+                            const lane_t here = (gap * mean - bent) * evenly;
+                            const lane_t late = run * evenly
+                                * (gap * rise + change * (R(0.5) * rise + rising_over(t, rise)));
+                            __global real *e = excess_across + changed + c * GROUP;
+                            MOMENT(e, 0) += lever.x * here - lean.x * late;
+                            MOMENT(e, 1) += lever.y * here - lean.y * late;
+                            MOMENT(e, 2) += lever.z * here - lean.z * late;
 #endif
-                    }
+                        }
 #endif
-                    more += own;
-                    CELLS(d) += more;
+                        more += own;
+                        CELLS(d) += more;
 #ifdef FLUX
-                    for (int m = 0; m < MOMENTS; ++m) MOMENT(d, 1 + m) += found[m] * more;
+                        for (int m = 0; m < MOMENTS; ++m) MOMENT(d, 1 + m) += found[m] * more;
 #endif
-                    RAYS(ray) = leaves - gap * share;
+                        RAYS(ray) = leaves - gap * share;
+                    }
                 }
-            }
-            barrier(CLK_GLOBAL_MEM_FENCE);
+                barrier(CLK_GLOBAL_MEM_FENCE);
 #ifdef RIM
-            for (int i = first_rim + lane; i < end_rim; i += lanes) {
-                const int4 face = rim_faces[i];
-                const int own = face.y == NO_FACE;
-                if (!own && !(face.y & directions[step].y)) continue;
-                __global real *leaves = light
-                    + ((size_t)face.z * all + earlier + origins[k].y) * COMPONENTS;
-                for (int c = 0; c < COMPONENTS; ++c) {
-                    const real intensity = crossing[c * slots + face.x];
-                    leaves[c] = own ? leaves[c] + part * intensity : intensity;
+                for (int i = first_rim + lane; i < end_rim; i += lanes) {
+                    const int4 face = rim_faces[i];
+                    const int own = face.y == NO_FACE;
+                    if (!own && !(face.y & sides[step])) continue;
+                    __global real *leaves = light
+                        + ((size_t)face.z * all + earlier + origin.z) * COMPONENTS;
+                    for (int c = 0; c < COMPONENTS; ++c) {
+                        const real intensity = crossing[c * slots + face.x];
+                        leaves[c] = own ? leaves[c] + part * intensity : intensity;
+                    }
                 }
-            }
-            barrier(CLK_GLOBAL_MEM_FENCE);
+                barrier(CLK_GLOBAL_MEM_FENCE);
 #endif
+            }
         }
     }
 }

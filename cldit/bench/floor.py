@@ -101,7 +101,7 @@ class Line:
         return cls(kernel, work, moved, flops, exps, floor_s, core_s)
 
 
-def floor(case: Case, *, directions: int = 12) -> Part:
+def floor(case: Case, *, directions: int = 96) -> Part:
     """The sweep and flights, with and without vectors; the image kernel, and its walk alone."""
     machine = Machine.of(case)
     kernels = Kernels(case)
@@ -136,10 +136,11 @@ def floor(case: Case, *, directions: int = 12) -> Part:
             f"copied (read and written), {machine.flops_per_s / 1e9:.1f} Gflop in single "
             f"precision, {machine.exps_per_s / 1e9:.2f} G exponentials. The floor is the larger "
             "of the time that the counted bytes and that the counted operations take.",
-            "What is left, as far as it is known. *Sweep*: every layer is a launch, each "
-            "of some ten microseconds; every step of a direction looks up where its rays are, for "
-            "each row, also of a few cells; rays lie in the cache, but not as vectors do, for they "
-            "go from cell to cell. One cell at a time shows what vectors give. *Image*: every "
+            "What is left, as far as it is known. *Sweep*: every step of a direction looks up "
+            "where its rays are, for each row, also of a few cells; a tile's rays and cells lie in "
+            "the cache, but rays not as vectors do, for they go from cell to cell; filling the "
+            "source and listing the excess are part of it. One cell at a time shows what vectors "
+            "give, and tiles, of which it then has none. *Image*: every "
             "step depends on the one before (which cell comes next, then its brick, then its "
             "depth), so it waits for conversions and dependent loads and not for bandwidth, and "
             "neighbouring pixels branch differently, so nothing is done eight at a time; the walk "
@@ -167,12 +168,12 @@ def _sweeps(machine: Machine, kernels: Kernels, directions: int) -> list[Line]:
 
     lit, computed = wide(scatters), wide(cells.depth > 0)
     emitters = len(cells.needs.emitters)
-    # For all directions of an axis together (at most 16), twice a layer and sense: depth, S, and D
+    # For all directions of a quadrant of an axis (at most 32 of an axis together): depth, S, and D
     # read and written, of cells in groups that scatter; elsewhere depth and S of what is emitted.
     # Not the rays, which stay in the cache.
     passes = directions * STEPS
     cells_once = (1 + 3 * components) * lit + (1 + emitters) * (computed - lit)
-    moved = 3 * 2 * 2 * _REAL_BYTES * cells_once
+    moved = 3 * 4 * _REAL_BYTES * cells_once
     flops = passes * (computed * SWEEP_CELL + SWEEP_COMPONENT * components * computed)
     work = f"{directions} directions, {box.cells / 1e6:.2f} M cells, {computed / 1e6:.2f} M filled"
     lines = []

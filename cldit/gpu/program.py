@@ -19,7 +19,7 @@ from cldit.gpu.source import assemble
 Define = int | float | str
 
 # Light that goes deep into a spray dies away into denormal numbers, with which CPUs are a hundred
-# times slower: sweeps of `gdi` took a sixth of their time more.
+# times slower: scattering took a sixth of its time more in `gdi`.
 OPTIONS = ("-cl-std=CL1.2", "-cl-denorms-are-zero")
 
 _OLD_POCL = (

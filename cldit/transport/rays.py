@@ -18,7 +18,7 @@ from cldit.transport.routes import Route, routes
 
 @dataclass(frozen=True)
 class Rays:
-    """routes: with what kernels/sweep.cl takes of each, from `stages` to `origins`, and then with
+    """routes: with what kernels/sweep.cl takes of each, from `tiles` to `origins`, and then with
     ACROSS."""
 
     directions: Directions
@@ -33,22 +33,25 @@ class Rays:
         starts: NDArray[np.float64],
         *,
         together: int,
+        edge: int,
         real: Real,
     ) -> Rays:
         """starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer;
-        together: so many directions at most go through a layer at once."""
+        together: so many directions at most go through the box at once, by tiles of this edge."""
         ready = []
-        for route in routes(box, directions, starts, together=together):
+        for route in routes(box, directions, starts, together=together, edge=edge):
             nothing = np.zeros((len(route), 1))
-            origin = np.where(route.rightwards, route.layout.size[2] + 1, 1)
+            most = route.layout.size[2] + 1  # that rays move
+            origin = np.where([route.rightwards, route.upwards], most, 1)
             tables = [
-                route.stages,
-                np.column_stack([route.direction, route.faces]),
+                route.tiles,
+                route.begins,
+                route.faces,
                 route.shifts,
                 np.column_stack([route.middle, route.part]).astype(real),
                 np.column_stack([route.back, nothing]).astype(real),
                 np.column_stack([route.stretch, route.weight]).astype(real),
-                np.column_stack([origin, route.number]).astype(np.int32),
+                np.column_stack([*origin, route.number, nothing]).astype(np.int32),
             ]
             across = [
                 np.column_stack([route.lever, route.part]).astype(real),

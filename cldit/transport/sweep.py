@@ -29,13 +29,22 @@ from cldit.transport.towards import ToCamera
 _FLAT = 12
 _MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
 
-_TOGETHER = 32  # directions: more take memory for rays, and gain nothing
+_TOGETHER = 32  # directions: more take memory for rays
+# Rows and layers of a tile, at most, which a CPU's core has at hand; and so many tiles on average,
+# at least, for each of its cores in a launch.
+_EDGE = 16
+_TILES = 4
 
 
 def _slots(layout: Layout) -> int:
     """For a row of rays: those that are in the box, in whole groups, and those that come in."""
     nu, _, nl = layout.size
     return -(-nu // GROUP) * GROUP + nl + 4
+
+
+def _rows(layout: Layout) -> int:
+    """Of rays: those that are in the box, and those that come in."""
+    return layout.size[1] + layout.size[2] + 2
 
 
 class Sweeper:
@@ -104,11 +113,12 @@ class Sweeper:
         self._changes: NDArray[Any] | None = None
         self._lanes = device.info.largest_group
         each = max(
-            layout.size[1] * self.components * _slots(layout)
+            _rows(layout) * self.components * _slots(layout)
             for layout in layouts(self.box.shape).values()
         )
         fit = device.info.largest_buffer_bytes // (each * np.dtype(real).itemsize)
         self._together = max(1, min(_TOGETHER, fit))
+        self._edge = 1 if self._vector == 1 else self._tile_edge()
         self._rays = zeros(device, "rays", self._together * each, real)
         self.albedo = cells.albedo
         self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
@@ -128,6 +138,12 @@ class Sweeper:
         self._list = zeros(device, "list", self.components * self.count, real)
         self._out = zeros(device, "answer", self.components * self.count, real)
         self.sweeps = 0
+
+    def _tile_edge(self) -> int:
+        """The same however a device is divided, as sums are then the same to the last bit."""
+        cores = sum(each.info.compute_units for each in (self.device, *self.device.others))
+        # n x n tiles go in 2 n launches, from four corners.
+        return max(1, min(_EDGE, 2 * max(self.box.shape) // (_TILES * cores)))
 
     @property
     def real(self) -> Real:
@@ -205,7 +221,13 @@ class Sweeper:
     def rays(self, directions: Directions, starts: NDArray[np.float64]) -> Rays:
         """starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer."""
         return Rays.of(
-            self.device, self.box, directions, starts, together=self._together, real=self._real
+            self.device,
+            self.box,
+            directions,
+            starts,
+            together=self._together,
+            edge=self._edge,
+            real=self._real,
         )
 
     def sweep(self, rays: Rays, *, shining: bool, cavity: bool = False) -> None:
@@ -312,10 +334,10 @@ class Sweeper:
         order = self._order[layout.turned]
         kernel.set_args(
             np.int32(0),
-            np.int32(0),
             *tables,
             self._rays,
             np.int32(_slots(layout)),
+            np.int32(_rows(layout)),
             order.first,
             order.begins,
             order.depth,
@@ -333,9 +355,8 @@ class Sweeper:
         lanes = 1 if self._vector > 1 else min(order.groups.widest, self._lanes)
         for first, end in route.launches:
             kernel.set_arg(0, first)
-            kernel.set_arg(1, end)
             cl.enqueue_nd_range_kernel(
-                self.device.queue, kernel, (lanes * layout.size[1], 2), (lanes, 1)
+                self.device.queue, kernel, (lanes * int(end - first),), (lanes,)
             )
 
     def defect(self, listed: NDArray[Any], rays: Rays) -> NDArray[np.float64]:

@@ -92,10 +92,10 @@ class Way:
             gain=gain,
         )
 
-    def shifts(self, rows: int) -> NDArray[np.int32]:
-        """(N, 4): moved in u, in v modulo rows, and both since the step before; there 2 where rays
-        come into the box."""
+    def shifts(self) -> NDArray[np.int32]:
+        """(N, 4): moved in u, in v, and both since the step before; there 2 where rays come into
+        the box."""
         moved = np.stack([self.moved_u, self.moved_v], axis=1)
         since = np.diff(moved, axis=0, prepend=moved[:1])
         since[0] = 2
-        return np.column_stack([moved[:, 0], moved[:, 1] % rows, since]).astype(np.int32)
+        return np.column_stack([moved, since]).astype(np.int32)
