@@ -34,6 +34,8 @@ typedef struct {
     __global const int *number_of; /* of the directions: theirs in `light` */
     __global const int *start;     /* of the directions, the one at which the share k / count lies */
     __global const int *nearest;   /* of the directions: see direction_near */
+    __global const real *means;    /* of the light kept in thick cells: [cell][component] */
+    int first_own;                 /* number in `light` of the first of these */
     int count;                     /* of directions */
     int4 low, shape;               /* the box */
     Boundary boundary;

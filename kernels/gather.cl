@@ -12,7 +12,9 @@
    of that goes on from one place, in a chain: by the phase function itself, in the medium as it is.
    Chains end by Russian roulette, in which the light that sweeps found there stands for what is left;
    after LONGEST flights they end in that alone: light that has been scattered so often has forgotten
-   where it came in. So every chain keeps its light to rounding.
+   where it came in. So every chain keeps its light to rounding. Without a phase function a chain's
+   further flights, as its first, bring what is more than the light in their cell along their
+   direction, one of the last sweep's; what all directions bring of it is known.
 
    COUNTED: the part from within is left out; how many cells flights crossed stands there. */
 
@@ -99,7 +101,7 @@ INLINE void begin(
 
 /* Goes on from the place that was drawn on a flight, if any; 0: the chain has ended. */
 INLINE int goes_on(
-    real *sum, Flights *f, int lane, Chain *chain, const Chances *chance, const Near *m,
+    real *sum, Ends *ends, Flights *f, int lane, Chain *chain, const Chances *chance, const Near *m,
     __global const real *table)
 {
     const int cell = LANE_I(f->met, lane);
@@ -131,8 +133,20 @@ INLINE int goes_on(
         (uint4)(chance->pixel, chance->first + chain->point, chain->event, chance->half_);
     const uint4 words = chain->event == 1
         ? (uint4)(word[3], word[4], word[5], word[7]) ^ chance->shift1 : philox(counter, chance->key);
+#ifdef PHASE_BINS
     const real3 on = turned(d, phase_cosine(unit(words.x), table), unit(words.y));
     chain->number = m->nearest[direction_near(on)];
+#else
+    const int drawn = direction_at(unit(words.x), m->directions, m->start, m->count);
+    const real3 on = m->directions[drawn].xyz;
+    chain->number = m->number_of[drawn];
+    const int own = m->beside[SIDES * cell + OWN];
+    if (own >= 0) {
+        score(sum, weight, m->means + (own - m->first_own) * COMPONENTS);
+        score_later(
+            ends, -weight, m->light + ((size_t)own * m->count + chain->number) * COMPONENTS);
+    }
+#endif
     chain->chance = words.w;
     set_off(f, lane, cell, p, on, weight, unit(words.z));
     return 1;
@@ -253,7 +267,8 @@ __kernel void gather(
     __global const int4 *at, __global const int *beside, __global const real *near_depth,
     __global const real *cells, __global const real *light,
     __global const real4 *directions, __global const int *number_of, __global const int *start,
-    __global const int *nearest, const int direction_count, const int4 box_low, const int4 box_shape,
+    __global const int *nearest, __global const real *light_means, const int first_own,
+    const int direction_count, const int4 box_low, const int4 box_shape,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
     const real distance, BOUNDARY_ARGUMENTS)
 {
@@ -263,7 +278,8 @@ __kernel void gather(
     const Ray ray = ray_at(
         list[2 * number], list[2 * number + 1], columns, rows, middle, pitch_x, pitch_z, distance);
     const Near near = {places, at, beside, near_depth, cells, light, directions, number_of,
-                       start, nearest, direction_count, box_low, box_shape, BOUNDARY};
+                       start, nearest, light_means, first_own, direction_count, box_low, box_shape,
+                       BOUNDARY};
     const real3 from = (real3)(ray.px, ray.py, ray.pz);
     const real3 sight = (real3)(ray.dx, ray.dy, ray.dz);
     const uint pixel = numbers[number];
@@ -326,7 +342,7 @@ __kernel void gather(
             if (!LANE_I(e.ended, lane)) continue;
             LANE_I(f.flies, lane) = 0;
             arrive(sum, &ends, &f, lane, &e, chains[lane].number, &near);
-            idle[lane] = !goes_on(sum, &f, lane, &chains[lane], &chance, &near, table);
+            idle[lane] = !goes_on(sum, &ends, &f, lane, &chains[lane], &chance, &near, table);
         }
         for (int c = 0; c < PARTS; ++c) {
             total[c] += sum[c];

@@ -103,7 +103,11 @@ def fewest(
 
 
 class Gather:
-    """Adds to pictures what thick cells scatter, batch by batch."""
+    """Adds to pictures what thick cells scatter, batch by batch.
+
+    expected: (C, T) light that each thick cell scatters to the camera, as the last sweeps had it
+    along each direction; flights find what it is more. None where it was not kept.
+    """
 
     def __init__(
         self,
@@ -159,6 +163,8 @@ class Gather:
         ]
         at = np.zeros((len(thick.at), 4), np.int32)
         at[:, :3] = thick.at + np.asarray(box.low)
+        self._own = thick.own[thick.own >= 0]  # in the order of the region's cells
+        self._at = thick.at[thick.own >= 0] + np.asarray(box.low)
         self._walks, self._fixed = [], []
         for part in painter.parts:
             one, kept = part.device, light.buffer
@@ -180,6 +186,8 @@ class Gather:
             ]
             if one is self.device:
                 self._last = [*last, np.int32(len(directions)), by_angle]
+                self.expected = self._expected()
+                means = np.zeros((1, 1)) if self.expected is None else self.expected.T
             self._fixed.append(
                 [
                     upload(one, "phase function", table.astype(real)),
@@ -192,20 +200,19 @@ class Gather:
                     *last,
                     upload(one, "directions", np.minimum(starts, len(shared) - 1).astype(np.int32)),
                     upload(one, "directions", near),
+                    upload(one, "expected light", means.astype(real)),
+                    np.int32(light.rim - len(self._own)),
                     np.int32(len(directions)),
                     np.array([*(box.low + thick.low), 0], np.int32),
                     np.array([*thick.places.shape[::-1], 0], np.int32),
                     *part.arguments[5:],  # from `columns` on
                 ]
             )
-        self._own = thick.own[thick.own >= 0]  # in the order of the region's cells
-        self._at = thick.at[thick.own >= 0] + np.asarray(box.low)
         self.samples, self.seconds = 0, 0.0
         self.short = ""  # says so where chains stopped short of what was wanted
 
-    def expected(self) -> NDArray[np.floating] | None:
-        """(C, T) light that each thick cell scatters to the camera, as the last sweeps had it along
-        each direction; flights find what it is more. None where it was not kept."""
+    def _expected(self) -> NDArray[np.floating] | None:
+        """`expected`, of what was kept on the first device."""
         count, device = len(self._own), self.device
         if not count:
             return None

@@ -99,7 +99,7 @@ class Prepared:
             light.defect,
             gather,
             across=light.across,
-            expected=None if self.gather is None else self.gather.expected(),
+            expected=None if self.gather is None else self.gather.expected,
         )
 
 

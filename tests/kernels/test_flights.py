@@ -29,8 +29,8 @@ __kernel void fly(
     __global const int4 *at, __global const int *beside, __global const float *depth,
     __global const float *cells, __global const float *light)
 {
-    const Near near = {0, at, beside, depth, cells, light, 0, 0, 0, 0, 2, (int4)(0), (int4)(0),
-                       {(float4)(2.0f, 9.0f, 2.0f, 6.0f)}};
+    const Near near = {0, at, beside, depth, cells, light, 0, 0, 0, 0, 0, 0, 2, (int4)(0),
+                       (int4)(0), {(float4)(2.0f, 9.0f, 2.0f, 6.0f)}};
     float sum[PARTS];
     Ends ends;
     ends.count = 0;

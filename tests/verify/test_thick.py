@@ -103,12 +103,13 @@ def test_gaps_between_thick_cells(run_block: Callable[..., Run], phase: Any) -> 
     assert np.sqrt(np.mean(error[:, seen].astype(float) ** 2)) > 2.5 * np.sqrt(np.mean(rms**2))
 
 
+@pytest.mark.parametrize("phase", [PHASE, "isotropic"])
 def test_flights_without_light_kept_in_cells(
-    run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+    run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, phase: Any
 ) -> None:
     """Where there is no room for it, flights find all of what is scattered: the same but for noise,
     0.01 a pixel, and more of it."""
-    transport = {"accuracy_K": 1e-3, "max_samples": 512, "directions": 64, "phase": PHASE}
+    transport = {"accuracy_K": 1e-3, "max_samples": 512, "directions": 64, "phase": phase}
     kept = run_block(BLOCK, **SCENE, transport=transport)
     monkeypatch.setattr("cldit.transport.thick._MOST_LIGHT", 0)
     found = run_block(BLOCK, **SCENE, transport=transport)
@@ -162,14 +163,15 @@ def test_chains_that_stop_short_say_so(
     assert short(accuracy_K=1e-3, max_samples=10**6)
 
 
+@pytest.mark.parametrize("phase", [PHASE, "isotropic"])
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_flights_one_by_one(
-    run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, precision: str
+    run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, precision: str, phase: Any
 ) -> None:
     """As on GPUs, and eight at once: the same chains, whose sums differ by rounding alone. In
     single precision that turns a chance here and there, and a chain with it: of 128 in a pixel,
     which bring up to 1, one counts 0.008; nearly all pixels have none."""
-    changes = {"accuracy_K": 1.0, "max_samples": 128, "phase": PHASE, "precision": precision}
+    changes = {"accuracy_K": 1.0, "max_samples": 128, "phase": phase, "precision": precision}
     eight = run_block(BLOCK, **SCENE, transport=changes)
     monkeypatch.setattr("cldit.transport.gather.lanes", lambda _: {"VECTOR": 1})
     one = run_block(BLOCK, **SCENE, transport=changes)
