@@ -140,7 +140,7 @@ __kernel void sweep(
 #endif
 #ifdef ACROSS
     __global real *excess_across,  /* inout: of these, the excess times the lever */
-    __global const real4 *levers,  /* in, per step: as in cldit/transport/way.py, x y z */
+    __global const real4 *levers,  /* in, per step: as in cldit/transport/ways.py, x y z */
     __global const real4 *leans,   /* in, per direction: by how much that falls along the ray */
 #endif
     const int layout,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cldit.transport.moments import sent
 from cldit.transport.patches import NONE
-from cldit.transport.way import shown
+from cldit.transport.ways import shown
 
 Floats = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ def sweep(
     across: Floats | None = None,
 ) -> Floats:
     """Excess that one direction's sweep gives, and that times the lever along x, y, z (see
-    cldit/transport/way.py), unless `across` is None: (4, C, nz, ny, nx); see kernels/sweep.cl.
+    cldit/transport/ways.py), unless `across` is None: (4, C, nz, ny, nx); see kernels/sweep.cl.
 
     Args:
         depth: (nz, ny, nx) optical depth of a cell's edge.

@@ -12,7 +12,7 @@ from cldit.transport.cells import Box
 from cldit.transport.directions import Directions
 from cldit.transport.layout import Layout, layouts
 from cldit.transport.tiles import tiles
-from cldit.transport.way import Way
+from cldit.transport.ways import Ways
 
 Floats = NDArray[np.float64]
 
@@ -24,8 +24,8 @@ class Route:
     number (K,): of each direction in its set. tiles, launches: the order in which the box is gone
     through (tiles.py). begins (K, 2 layers + 1): where the steps of each layer begin, as rays
     meet them, those before (even) and after (odd) rays go from row to row, and the end. shifts
-    (N, 4): as in `Way`. part (N,): share of the layer that is crossed; middle (N, 3): of the step
-    in the cells, 0 to 1. lever (N, 3), gain (K, 3): as in `Way`, along x, y, z.
+    (N, 4): as in `Ways`. part (N,): share of the layer that is crossed; middle (N, 3): of the step
+    in the cells, 0 to 1. lever (N, 3), gain (K, 3): as in `Ways`, along x, y, z.
     faces (N,): through which rays leave cells after the step, bits of the sides on which light
     comes from there: down and up along u, v, l.
     back (K, 3): where light comes from. stretch (K,): path in a layer / cell edge. weight (K,).
@@ -72,32 +72,29 @@ class Route:
         _, nv, nl = layout.size
         stretch = 1 / np.abs(runs[:, 2])
         inverse = np.argsort(layout.axes)
-        ways, begins, faces, count = [], [], [], 0
-        for (u, v), run, start in zip(
-            runs[:, :2] * stretch[:, None], runs, starts[number], strict=True
-        ):
-            way = Way.of(u, v, start, layers=nl, backwards=run[2] < 0)
-            ways.append(way)
-            met = nl - 1 - way.layer if run[2] < 0 else way.layer
-            opens = np.flatnonzero(np.diff(met, prepend=-1))  # a layer's first
-            later = way.moved_v != np.repeat(way.moved_v[opens], np.bincount(met, minlength=nl))
-            begins.append(count + np.searchsorted(2 * met + later, np.arange(2 * nl + 1)))
-            count += len(met)
-            side = 2 * np.arange(3) + (run < 0)
-            faces.append((way.leaves << side[:, None]).sum(axis=0))
+        count = len(runs)
+        ways = Ways.of(
+            runs[:, :2] * stretch[:, None], starts[number], layers=nl, backwards=runs[:, 2] < 0
+        )
+        layer = ways.way * nl + ways.met  # of all ways
+        opens = np.flatnonzero(np.diff(layer, prepend=-1))
+        moved = ways.moved[:, 1]
+        later = moved != np.repeat(moved[opens], np.bincount(layer, minlength=count * nl))
+        begins = np.searchsorted(2 * layer + later, np.arange(2 * count * nl)).reshape(count, -1)
+        side = 2 * np.arange(3) + (runs < 0)
         table, launches = tiles(nv, nl, np.column_stack([ends[:-1], ends[1:]]), edge)
         return cls(
             layout=layout,
             number=number.astype(np.int32),
             tiles=table,
             launches=launches,
-            begins=np.array(begins, np.int32),
-            shifts=np.concatenate([way.shifts() for way in ways]),
-            part=np.concatenate([way.part for way in ways]),
-            middle=np.concatenate([way.within for way in ways], axis=1).T[:, inverse],
-            lever=np.concatenate([way.lever for way in ways], axis=1).T[:, inverse],
-            gain=np.stack([way.gain for way in ways])[:, inverse],
-            faces=np.concatenate(faces).astype(np.int32),
+            begins=np.column_stack([begins, [*begins[1:, 0], len(layer)]]).astype(np.int32),
+            shifts=ways.shifts(),
+            part=ways.part,
+            middle=ways.within[:, inverse],
+            lever=ways.lever[:, inverse],
+            gain=ways.gain[:, inverse],
+            faces=(ways.leaves << side[ways.way]).sum(axis=1).astype(np.int32),
             back=directions.unit[number],
             stretch=stretch,
             weight=directions.weight[number],

@@ -20,6 +20,7 @@ from cldit.transport.reference import boundary_seen
 
 Floats = NDArray[np.float64]
 _TILE = 8
+_AT_ONCE = 2**14  # pixels whose lines of sight are followed together
 
 
 @dataclass(frozen=True)
@@ -75,12 +76,14 @@ class View:
         centre, radius = self.disc[:3], float(self.disc[3]) ** 0.5
         if "BOUNDARY_ENCLOSURE" in self.defines:  # behind every patch, wherever one looks
             centre, radius = np.array([0.0, 1e12, 0.0]), np.inf
-        plane = np.zeros((columns, 3))  # where lines of sight cross the target plane
-        plane[:, 0] = (np.arange(columns) + 0.5 - 0.5 * columns) * self.pitch[0]
+        right = (np.arange(columns) + 0.5 - 0.5 * columns) * self.pitch[0]
+        above = (0.5 * rows - np.arange(rows) - 0.5) * self.pitch[1]
         away = np.array([0.0, self.distance, 0.0])
         out = np.zeros((rows, columns), bool)
-        for row in range(rows):  # one at a time, for memory
-            plane[:, 2] = (0.5 * rows - row - 0.5) * self.pitch[1]
+        for some in np.array_split(np.arange(rows), -(-out.size // _AT_ONCE)):  # for memory
+            x, z = np.meshgrid(right, above[some])
+            # Where lines of sight cross the target plane.
+            plane = np.stack([x, np.zeros_like(x), z], axis=2).reshape(-1, 3)
             toward = plane + away if "CAMERA_PINHOLE" in self.defines else 0.0 * plane + away
             toward /= np.linalg.norm(toward, axis=1, keepdims=True)
             start = -self.distance / toward[:, 1:2]
@@ -91,7 +94,7 @@ class View:
                 radius=radius,
                 patches=self.patches,
             )
-            out[row] = seen == 0
+            out[some] = (seen == 0).reshape(x.shape)
         return out
 
     def arguments(self, device: Device, cells: OpticalCells, real: type[np.floating]) -> list[Any]:

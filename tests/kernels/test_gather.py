@@ -15,7 +15,7 @@ from cldit.transport.directions import focused, isotropic
 from cldit.transport.gather import fewest
 from cldit.transport.sobol import DIMENSIONS, points
 from cldit.transport.thick import FACE, nearest
-from cldit.transport.way import Way
+from cldit.transport.ways import Ways
 
 DEFINES = f"""
 #define HAS_DROPLETS 1
@@ -91,16 +91,28 @@ def test_balanced_directions() -> None:
 @pytest.mark.parametrize("backwards", [False, True])
 @pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.37, -0.81), (-1.0, 1.0), (1e-9, 0.5)])
 def test_steps_of_a_way(slopes: tuple[float, float], backwards: bool) -> None:
-    """Every layer is crossed whole, in steps that each lie in one cell."""
+    """Every layer is crossed whole, in steps that each lie in one cell; each way of several is as
+    it is alone."""
     start = np.array([0.21, 0.64])
-    way = Way.of(*slopes, start, layers=40, backwards=backwards)
-    np.testing.assert_allclose(np.bincount(way.layer, way.part), 1.0, atol=1e-5)
-    end = np.cumsum(way.part)
-    for slope, first, moved in zip(slopes, start, (way.moved_u, way.moved_v), strict=True):
-        for along in (end - 0.999 * way.part, end - 0.001 * way.part):
-            np.testing.assert_array_equal(np.floor(first + slope * along), moved)
-    assert np.all(np.abs(np.diff(way.moved_u)) <= 1) and np.all(np.abs(np.diff(way.moved_v)) <= 1)
-    assert np.all((way.within >= 0) & (way.within <= 1))
+    others = np.array([[0.9, 0.4], [0.0, -0.3]])
+    several = Ways.of(
+        np.array([others[0], slopes, others[1]]),
+        np.array([others[0], start, others[0]]),
+        layers=40,
+        backwards=np.array([True, backwards, False]),
+    )
+    ways = Ways.of(np.array([slopes]), start[None], layers=40, backwards=np.array([backwards]))
+    for name in ("part", "met", "moved", "within", "leaves", "lever"):
+        here = getattr(several, name)[several.way == 1]
+        np.testing.assert_array_equal(here, getattr(ways, name))
+    np.testing.assert_array_equal(several.shifts()[several.way == 1], ways.shifts())
+    np.testing.assert_allclose(np.bincount(ways.met, ways.part), 1.0, atol=1e-5)
+    end = np.cumsum(ways.part)[:, None]
+    for share in (0.999, 0.001):
+        along = end - share * ways.part[:, None]
+        np.testing.assert_array_equal(np.floor(start + np.array(slopes) * along), ways.moved)
+    assert np.all(np.abs(np.diff(ways.moved, axis=0)) <= 1)
+    assert np.all((ways.within >= 0) & (ways.within <= 1))
 
 
 @pytest.mark.parametrize("slope", [-1.0, -0.6, 0.31, 0.9])
@@ -110,12 +122,16 @@ def test_levers_of_a_way(slope: float) -> None:
     hardly move, and little of it shows."""
     starts = (np.arange(400) + 0.5) / 400
     found = np.zeros((3, 3))
-    for u, v in zip(starts, np.random.default_rng(2).permutation(starts), strict=True):
-        way = Way.of(slope, 0.73 * slope, np.array([u, v]), layers=1, backwards=False)
-        np.testing.assert_allclose(way.lever @ way.part, 0.0, atol=1e-6)
-        along = np.array([slope, 0.73 * slope, 1.0])[:, None] * way.part  # of each step
-        steps = np.einsum("is,js,s->ij", way.lever, way.within - 0.5, way.part)
-        inside = np.einsum("is,js,s->ij", way.gain[:, None] * along, along, way.part) / 12
+    places = np.column_stack([starts, np.random.default_rng(2).permutation(starts)])
+    slopes = np.tile([slope, 0.73 * slope], (len(starts), 1))
+    ways = Ways.of(slopes, places, layers=1, backwards=np.zeros(len(starts), bool))
+    for number in range(len(starts)):
+        its = ways.way == number
+        lever, part, within = ways.lever[its], ways.part[its], ways.within[its]
+        np.testing.assert_allclose(part @ lever, 0.0, atol=1e-6)
+        along = np.array([slope, 0.73 * slope, 1.0]) * part[:, None]  # of each step
+        steps = np.einsum("si,sj,s->ij", lever, within - 0.5, part)
+        inside = np.einsum("si,sj,s->ij", ways.gain[number] * along, along, part) / 12
         found += (steps + inside) / len(starts)
     moved = np.abs([slope, 0.73 * slope, 1.0])
     expected = np.minimum(2 * (1 - (1 - moved) ** 2), 1.0) / 12

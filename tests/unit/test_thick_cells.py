@@ -9,7 +9,7 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, build_octree
 from cldit.transport.cells import OpticalCells
 from cldit.transport.thick import ThickCells
-from cldit.transport.way import Way
+from cldit.transport.ways import Ways
 
 
 def scattered_cells(seed: int) -> OpticalCells:
@@ -90,12 +90,13 @@ def test_no_thick_cell() -> None:
 def test_where_rays_leave_cells(slopes: tuple[float, float], backwards: bool) -> None:
     """Of each layer's steps the last leaves along l, and along u and v at least one does: where
     rays go into the next cell, if they do."""
-    way = Way.of(*slopes, np.array([0.21, 0.64]), layers=40, backwards=backwards)
-    last = np.diff(way.layer, append=-9) != 0
-    np.testing.assert_array_equal(way.leaves[2], last)
-    for moved, leaves in zip((way.moved_u, way.moved_v), way.leaves[:2], strict=True):
+    start = np.array([[0.21, 0.64]])
+    ways = Ways.of(np.array([slopes]), start, layers=40, backwards=np.array([backwards]))
+    last = np.diff(ways.met, append=-9) != 0
+    np.testing.assert_array_equal(ways.leaves[:, 2], last)
+    for moved, leaves in zip(ways.moved.T, ways.leaves.T[:2], strict=True):
         goes = np.diff(moved, append=moved[-1]) != 0
         np.testing.assert_array_equal(leaves[~last], goes[~last])
         assert np.all(
-            np.bincount(way.layer, leaves) == np.maximum(np.bincount(way.layer, goes & ~last), 1)
+            np.bincount(ways.met, leaves) == np.maximum(np.bincount(ways.met, goes & ~last), 1)
         )

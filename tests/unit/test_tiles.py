@@ -11,7 +11,7 @@ from cldit.transport.directions import Directions, isotropic
 from cldit.transport.layout import layouts
 from cldit.transport.routes import Route
 from cldit.transport.tiles import tiles
-from cldit.transport.way import Way
+from cldit.transport.ways import Ways
 
 QUADRANTS = np.array([[0, 3], [3, 4], [4, 4], [4, 9]])
 
@@ -71,13 +71,16 @@ def test_steps_of_directions(shape: tuple[int, int, int]) -> None:
             for k in range(first, end):
                 run = -unit[route.number[k]][list(layout.axes)]
                 assert (run[2] < 0) == sense and run[1] * step >= 0
-                start, (u, v) = starts[route.number[k]], run[:2] / abs(run[2])
-                way = Way.of(u, v, start, layers=layout.size[2], backwards=bool(sense))
+                ways = Ways.of(
+                    run[None, :2] / abs(run[2]),
+                    starts[route.number[k], None],
+                    layers=layout.size[2],
+                    backwards=np.array([bool(sense)]),
+                )
                 its = slice(route.begins[k, 0], route.begins[k, -1])
-                np.testing.assert_array_equal(route.shifts[its], way.shifts())
-                met = layout.size[2] - 1 - way.layer if sense else way.layer
+                np.testing.assert_array_equal(route.shifts[its], ways.shifts())
                 for part, (one, other) in enumerate(pairwise(route.begins[k] - its.start)):
-                    assert np.all(met[one:other] == part // 2)
-                    moved = way.shifts()[one:other, 3]
+                    assert np.all(ways.met[one:other] == part // 2)
+                    moved = ways.shifts()[one:other, 3]
                     assert not np.any(moved[1:] % 2) and np.all(np.isin(moved[:1], (0, step, 2)))
                     assert part % 2 == 0 or one == other or moved[0] == step
