@@ -12,53 +12,55 @@
 #endif
 
 /* Absorbed share, 1 - exp(-t), and mean transmission, (1 - exp(-t)) / t: what a ray's intensity
-   falls to on average while it crosses the cell (1 at t = 0, 1/t for large t).
-
-   In single precision the series below THIN keeps the relative error under 2e-7, where the
-   difference of two near-equal numbers would lose it. */
+   falls to on average while it crosses the cell (1 at t = 0, 1/t for large t). */
 #ifdef USE_FLOAT64
 
 INLINE REAL decay(REAL t) { return exp(-t); }
 
 INLINE REAL absorbed(REAL t) { return -expm1(-t); }
 
-/* share: absorbed(t), which the caller has at hand. */
-INLINE REAL mean_transmission(REAL t, REAL share)
-{
-    return t > (REAL)0.0 ? share / t : (REAL)1.0;
-}
-
-#define THIN 1e-4
+#define THIN 1e-4 /* for `rising` */
 
 #else
 
 #define THIN 0.05f
 
-INLINE REAL thin_mean(REAL t)
-{
-    return 1.0f - t * (0.5f - t * (0.16666667f - t * 0.041666667f));
-}
-
-/* exp(-t) to 2e-7 of it, for t >= 0, in line (PoCL calls exp, which empties the vector registers):
-   2^n exp(r), n being the whole number next to -t / ln 2, r = -t - n ln 2 by Cody and Waite's two
-   parts of ln 2, and exp(r) by Taylor's series. Adding 1.5 x 2^23 rounds, and leaves n in the last
-   bits. */
-INLINE REAL decay(REAL t)
+/* exp(-t) as 2^n, the result, and exp(r) - 1, for t >= 0, in line (PoCL calls exp, which empties the
+   vector registers): n is the whole number next to -t / ln 2, r = -t - n ln 2 by Cody and Waite's two
+   parts of ln 2, and exp(r) - 1 by Taylor's series, in pairs that do not wait for each other. Adding
+   1.5 x 2^23 rounds, and leaves n in the last bits. */
+INLINE REAL power_of_two(REAL t, REAL *rest)
 {
     const REAL x = t > 87.0f ? (REAL)-87.0f : -t;
     const REAL shifted = x * 1.44269504f + 12582912.0f;
     const REAL n = shifted - 12582912.0f;
     const REAL r = (x - n * 0.693145752f) - n * 1.42860677e-6f;
-    const REAL p = 1.0f + r * (1.0f + r * (0.5f + r * (0.166666667f + r * (0.0416666667f
-        + r * (8.33333333e-3f + r * 1.38888889e-3f)))));
-    return AS_FLOAT(AS_INT(p) + (AS_INT(shifted) << 23));
+    const REAL square = r * r;
+    *rest = r + square * ((0.5f + r * 0.166666667f)
+        + square * ((0.0416666667f + r * 8.33333333e-3f) + square * 1.38888889e-3f));
+    return AS_FLOAT((AS_INT(shifted) << 23) + 0x3F800000);
 }
 
-INLINE REAL absorbed(REAL t) { return t < THIN ? t * thin_mean(t) : 1.0f - decay(t); }
+/* exp(-t), to 2e-7 of it. */
+INLINE REAL decay(REAL t)
+{
+    REAL rest;
+    const REAL two = power_of_two(t, &rest);
+    return two + two * rest;
+}
 
-INLINE REAL mean_transmission(REAL t, REAL share) { return t < THIN ? thin_mean(t) : share / t; }
+/* To 2e-7 of it: in thin cells 2^n is 1, and the rest is all of it. */
+INLINE REAL absorbed(REAL t)
+{
+    REAL rest;
+    const REAL two = power_of_two(t, &rest);
+    return (1.0f - two) - two * rest;
+}
 
 #endif
+
+/* share: absorbed(t), which the caller has at hand. */
+INLINE REAL mean_transmission(REAL t, REAL share) { return t > R(0) ? share / t : (REAL)R(1); }
 
 /* A source that rises by 1 on the way, evenly, brings so much more than its mean would to the
    intensity at the end, over t: ((1 + exp(-t)) / 2 - (1 - exp(-t)) / t) / t. share: absorbed(t);
