@@ -141,8 +141,8 @@ INLINE int goes_on(
     const real3 on = m->directions[drawn].xyz;
     chain->number = m->number_of[drawn];
     const int own = m->beside[SIDES * cell + OWN];
-    if (own >= 0) {
-        score(sum, weight, m->means + (own - m->first_own) * COMPONENTS);
+    if (own >= 0) { /* one beside the other, as a long chain brings much more of either than of both */
+        score(ends->sum, weight, m->means + (own - m->first_own) * COMPONENTS);
         score_later(
             ends, -weight, m->light + ((size_t)own * m->count + chain->number) * COMPONENTS);
     }
@@ -173,17 +173,19 @@ __kernel void expected(
 #else
     const real3 sight = (real3)(R(0), R(1), R(0));
 #endif
-    real sum[COMPONENTS];
-    for (int c = 0; c < COMPONENTS; ++c) sum[c] = R(0);
+    /* What is more than along the first, for its rounding would count once for each flight of a chain. */
+    __global const real *lit = light + (size_t)cell.w * direction_count * COMPONENTS;
+    real more[COMPONENTS];
+    for (int c = 0; c < COMPONENTS; ++c) more[c] = R(0);
     real all = R(0), before = R(0);
     for (int k = 0; k < direction_count; ++k) {
         const real share = (directions[k].w - before) * share_of(directions[k], sight, steps);
         before = directions[k].w;
         all += share;
-        __global const real *seen = light + ((size_t)cell.w * direction_count + number_of[k]) * COMPONENTS;
-        for (int c = 0; c < COMPONENTS; ++c) sum[c] += share * seen[c];
+        __global const real *seen = lit + number_of[k] * COMPONENTS;
+        for (int c = 0; c < COMPONENTS; ++c) more[c] += share * (seen[c] - lit[c]);
     }
-    for (int c = 0; c < COMPONENTS; ++c) means[item * COMPONENTS + c] = sum[c] / all;
+    for (int c = 0; c < COMPONENTS; ++c) means[item * COMPONENTS + c] = lit[c] + more[c] / all;
 }
 
 /* A stretch of a line of sight within a thick cell: the cell; where on the line it begins and how

@@ -54,7 +54,7 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     return Settings(
         directions=max(8, directions // 2),
         final_directions=3 * directions,
-        tolerance=float(np.clip(2e-4 / finer, 1e-6, 1e-4)),
+        tolerance=float(np.clip(1e-5 / finer, 1e-6, 1e-4)),
         order=spec.order,
         cutoff=spec.cutoff,
         precision=spec.precision,
