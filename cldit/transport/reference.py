@@ -13,6 +13,11 @@ from cldit.transport.ways import shown
 
 Floats = NDArray[np.float64]
 
+# Places from 0 to 1 along a way, and their weights: for smooth functions exact to rounding.
+_GAUSS = tuple(
+    values / 2 for values in np.polynomial.legendre.leggauss(12) + np.array([[1.0], [0.0]])
+)
+
 
 def absorbed(depth: Floats) -> Floats:
     """1 - exp(-t)."""
@@ -184,25 +189,17 @@ def _across_cells(
     way's middle, from the cell's, and the way as a vector, in cells. A lever is the place less
     `mean_place`, both from the cell's middle on, times `gain`.
     """
+    middle_source = source + np.tensordot(middle, changes, axes=1)
+    rise = np.tensordot(way, changes, axes=1)
     parts = np.zeros((3, *rays.shape))
-
-    def source_at(at: float) -> Floats:
-        return np.asarray(source + np.tensordot(middle + way * (at - 0.5), changes, axes=1))
-
-    for place, share in zip(*_along_the_way(), strict=True):
-        light = rays * np.exp(-depth * place)
-        for before, part in zip(*_along_the_way(place), strict=True):
-            light = light + part * depth * source_at(before) * np.exp(-depth * (place - before))
-        over = share * (light - source_at(place))
+    for place, share in zip(*_GAUSS, strict=True):
+        before, weight = (place * numbers[:, None, None, None] for numbers in _GAUSS)
+        sent = (middle_source + (before - 0.5) * rise) * np.exp(-depth * (place - before))
+        light = rays * np.exp(-depth * place) + depth * np.sum(weight * sent, axis=0)
+        over = share * (light - (middle_source + (place - 0.5) * rise))
         lever = gain * (middle + way * (place - 0.5) - mean_place)
         parts += np.multiply.outer(lever, over)
     return parts
-
-
-def _along_the_way(end: float = 1.0) -> tuple[Floats, Floats]:
-    """Places from 0 to `end`, and their weights: Gauss's, for smooth functions to rounding."""
-    place, weight = np.polynomial.legendre.leggauss(12)
-    return (place + 1) / 2 * end, weight / 2 * end
 
 
 def march(depth: Floats, source: Floats, *, point: Floats, toward: Floats) -> tuple[Floats, float]:
