@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pyopencl as cl
@@ -43,7 +43,8 @@ class DeviceInfo:
 class Device:
     """A chosen device with its context and queue; `reason` says why it was chosen.
 
-    others: further devices that pictures are shared with.
+    others: further devices that pictures are shared with. built: programs in this context, by their
+    source and options: even one that the driver has on disk takes a twentieth of a second to load.
     """
 
     info: DeviceInfo
@@ -51,6 +52,7 @@ class Device:
     context: Any
     queue: Any
     others: tuple[Device, ...] = ()
+    built: dict[tuple[str, ...], Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def is_cpu(self) -> bool:

@@ -32,7 +32,8 @@ _OLD_POCL = (
 class Program:
     """A built program; `defines` are exactly what the compiler was given.
 
-    build_s, build_core_s: wall seconds and CPU seconds of this process that building took.
+    build_s, build_core_s: wall seconds and CPU seconds of this process that building took; next to
+    nothing, where this device has built the same before.
     """
 
     name: str
@@ -63,12 +64,16 @@ def build(device: Device, name: str, defines: Mapping[str, Define]) -> Program:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", cl.CompilerWarning)  # PoCL reports its own headers
-            program = cl.Program(device.context, source).build(options=[*OPTIONS, *options])
+            program = device.built.get((source, *options))
+            if program is None:
+                program = cl.Program(device.context, source).build(options=[*OPTIONS, *options])
+                device.built[source, *options] = program
+                give_back_freed()
+            # Arguments that are set stay with a kernel: each program has its own.
             kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
     except cl.Error as error:
         hint = _OLD_POCL if "unknown target CPU" in str(error) else ""
         raise KernelError(f"kernels/{name} with {' '.join(options)}:\n{error}{hint}") from error
-    give_back_freed()
     return Program(
         name=name,
         defines=dict(defines),

@@ -58,3 +58,13 @@ def test_compiler_errors_name_the_kernel_file(
     monkeypatch.setattr(source, "read_source", broken)
     with pytest.raises(KernelError, match=r"kernels/real\.h:3"):
         build(device, "count.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1})
+
+
+def test_what_was_built_is_built_once_a_device(device: Device) -> None:
+    defines = {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1}
+    first, again = build(device, "count.cl", defines), build(device, "count.cl", defines)
+    other = build(device, "count.cl", {**defines, "HAS_VAPOUR": 1})
+    made = [program["count"].program for program in (first, again, other)]
+    assert made[0] == made[1] != made[2]
+    assert first["count"] != again["count"]  # arguments set for one are not the other's
+    assert again.defines == defines
