@@ -18,7 +18,8 @@
    cell, and by the phase function where there is one (PHASE_STEPS).
    ACROSS, with LINEAR: the excess is also found times the lever of where in the cell it is; of this
    lies how light changes across it, as evenly as it is there, wherever the camera sees it from. Neither
-   counts what is linear in the source itself.
+   counts what is linear in the source itself. TO_CAMERA then finds the excess itself so, too, but for a
+   phase function, which makes it uneven.
    FLUX: the excess is also found times what the direction that light comes from counts in its first
    and second moments (moments.h); of this lie those of the light in a cell.
    SLOPED: a cell's source is more in one direction than in others, by such moments of its own; the
@@ -60,6 +61,12 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 #define EXCESS_PLANES COMPONENTS
 #endif
 #define ACROSS_PLANES (3 * COMPONENTS)
+#if defined(TO_CAMERA) && !defined(PHASE_STEPS)
+#define MEAN_TOO
+#define FOUND_PLANES (4 * COMPONENTS)
+#else
+#define FOUND_PLANES (3 * COMPONENTS)
+#endif
 #define MOMENT(p, number) CELLS((p) + (number) * COMPONENTS * GROUP)
 #define MOMENT_OF(p, number) CELLS_OF((p) + (number) * COMPONENTS * GROUP)
 
@@ -106,8 +113,8 @@ INLINE real counts_for(
 #endif
 
 /* A work-group crosses a tile of rows and layers along each direction of a quadrant, as
-   cldit/transport/tiles.py has it; of a layer first the part before rays go from row to row, in all
-   rows, and then that after.
+   cldit/transport/tiles.py has it, from row to row as rays go: so those that come into a row within a
+   layer have crossed the row before, and a row's cells are at hand for all steps of its layer.
 
    A ray keeps its slot and its row of rays; the cell u finds the ray that crosses it at slot u - moved +
    origin, so that rays shift along the row at no cost, those that come in take the next unused slot,
@@ -115,7 +122,7 @@ INLINE real counts_for(
 __kernel void sweep(
     const int first_tile,
     __global const int4 *tiles,    /* two each, see tiles.py */
-    __global const int *begins_at, /* in, [direction][part of a layer]: its first step, and the end */
+    __global const int *begins_at, /* in, [direction][layer]: its first step, and the end */
     __global const int *sides,     /* in, per step: through which faces rays leave their cells after
                                       it, a bit each */
     __global const int4 *shifts,   /* in, per step: cells by which rays have moved in u and v, and both
@@ -139,7 +146,7 @@ __kernel void sweep(
     __global const real *across,   /* in: G, of the groups that have it */
 #endif
 #ifdef ACROSS
-    __global real *excess_across,  /* inout: of these, the excess times the lever */
+    __global real *excess_across,  /* inout: of these, the excess times the lever; MEAN_TOO: and itself */
     __global const real4 *levers,  /* in, per step: as in cldit/transport/ways.py, x y z */
     __global const real4 *leans,   /* in, per direction: by how much that falls along the ray */
 #endif
@@ -183,12 +190,12 @@ __kernel void sweep(
 #ifdef FLUX
         const real found[MOMENTS] = MOMENTS_FOUND(back);
 #endif
-        /* All rows of a part of a layer, then of the next. */
-        for (int visit = 2 * tile.z, number = 0; visit < 2 * (tile.z + tile.w);
-             number = number + 1 < tile.y ? number + 1 : 0, visit += number == 0) {
-            const int first_step = begins_at[k * (2 * nl + 1) + visit];
-            const int end_step = begins_at[k * (2 * nl + 1) + visit + 1];
-            const int l = sense ? nl - 1 - visit / 2 : visit / 2;
+        /* All rows of a layer, then of the next. */
+        for (int met = tile.z, number = 0; met < tile.z + tile.w;
+             number = number + 1 < tile.y ? number + 1 : 0, met += number == 0) {
+            const int first_step = begins_at[k * (nl + 1) + met];
+            const int end_step = begins_at[k * (nl + 1) + met + 1];
+            const int l = sense ? nl - 1 - met : met;
             const int v = tile.x + number * along.w;
             const int place = l * stride_l + v * stride_v;
             const int begin_units = groups[place] * (GROUP / VECTOR);
@@ -257,6 +264,10 @@ __kernel void sweep(
                     const int changes = begins[cell / GROUP].y;
                     const int changed =
                         first_plane((changes - 1) * GROUP + cell % GROUP, ACROSS_PLANES);
+#ifdef ACROSS
+                    const int finds =
+                        first_plane((changes - 1) * GROUP + cell % GROUP, FOUND_PLANES);
+#endif
                     const lane_t rise = changes ? rising(t, share, mean) : (lane_t)R(0);
                     const real run = -beams[k].x * part;
 #endif
@@ -294,10 +305,13 @@ __kernel void sweep(
                             const lane_t here = (gap * mean - bent) * evenly;
                             const lane_t late = run * evenly
                                 * (gap * rise + change * (R(0.5) * rise + rising_over(t, rise)));
-                            __global real *e = excess_across + changed + c * GROUP;
+                            __global real *e = excess_across + finds + c * GROUP;
                             MOMENT(e, 0) += lever.x * here - lean.x * late;
                             MOMENT(e, 1) += lever.y * here - lean.y * late;
                             MOMENT(e, 2) += lever.z * here - lean.z * late;
+#ifdef MEAN_TOO
+                            MOMENT(e, 3) += here;
+#endif
 #endif
                         }
 #endif

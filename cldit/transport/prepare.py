@@ -36,18 +36,23 @@ from cldit.transport.work import Work, one_more
 
 Floats = NDArray[np.float64]
 
+# With a phase function the last sweeps see how light changes across cells of no larger optical
+# depth: of deeper ones the camera sees too little.
+_SEEN_THROUGH = 4.0
+
 
 @dataclass(frozen=True)
 class Last:
     """What the last sweeps start from.
 
-    sweeper: that makes them; it holds the source. records: for flights, where cells are thick.
-    solution, defect: of the solver's medium, as in `Scattered`. earlier: sweeps, of another
-    sweeper.
+    sweeper: that makes them; it holds the source. cells, source: the medium that they sweep, and
+    what it sends, as they take it. solution, defect: of the solver's medium, as in `Scattered`.
+    earlier: sweeps, of another sweeper.
     """
 
     sweeper: Sweeper
-    records: NDArray[np.floating] | None
+    cells: OpticalCells
+    source: Light
     solution: Solution
     defect: Floats
     programs: tuple[Program, ...]
@@ -56,7 +61,6 @@ class Last:
 
 def evenly(
     work: Work,
-    thick: ThickCells | None,
     rng: np.random.Generator,
     report: Callable[[str], None] | None,
 ) -> Last:
@@ -72,12 +76,12 @@ def evenly(
         solution = work.scattered(sweeper, rng, work.settings.order - 1)
     solution, defect = work.checked(sweeper, solution)
     sweeper.set_source(solution.source, shining=True)
-    records = _records(work, thick, work.seen, sweeper, _Light(solution.source, None))
-    return Last(sweeper, records, solution, defect, (plain,))
+    source = Light(solution.source, None)
+    return Last(sweeper, work.seen, source, solution, defect, (plain,))
 
 
 @dataclass(frozen=True)
-class _Light:
+class Light:
     """moments (M, C, N): mean of the light in the cells; with a phase function all of moments.py.
     changes (3, C, K): across the cells `changing`, if any."""
 
@@ -106,7 +110,7 @@ class _Solved:
     @classmethod
     def of(
         cls, work: Work, rng: np.random.Generator, report: Callable[[str], None] | None
-    ) -> tuple[_Solved, _Light]:
+    ) -> tuple[_Solved, Light]:
         """And the light that the solution makes."""
         settings, phase = work.settings, work.settings.phase
         plain = work.program(work.solver)
@@ -149,13 +153,12 @@ class _Solved:
             room=room,
             sweeper=sweeper if serves else None,
         )
-        return solved, _Light(light, changes)
+        return solved, Light(light, changes)
 
 
 def by_moments(
     work: Work,
     towards: Program,
-    thick: ThickCells | None,
     rng: np.random.Generator,
     report: Callable[[str], None] | None,
 ) -> Last:
@@ -179,24 +182,68 @@ def by_moments(
     solution = replace(solution, source=source_there.astype(sweeper.real))
     source = _source(work, sweeper, light)
     sweeper.set_source(source.moments, shining=True, changes=source.changes)
-    records = _records(work, thick, cells, sweeper, source)
-    return Last(sweeper, records, solution, solved.defect, programs, solved.sweeps)
+    return Last(sweeper, cells, source, solution, solved.defect, programs, solved.sweeps)
 
 
-def _records(
-    work: Work, thick: ThickCells | None, cells: OpticalCells, sweeper: Sweeper, source: _Light
-) -> NDArray[np.floating] | None:
-    """What flights meet, in cells that send this source; None where none are thick."""
-    if thick is None:
-        return None
-    changes = source.changes
-    if changes is None and sweeper.gradients is not None:
-        changes = sweeper.gradients(source.moments[: sweeper.components])
-    chains = work.settings.order is None
-    return thick.records(work.seen, cells, source.moments, changes, sweeper.changing, chains=chains)
+def records(
+    work: Work,
+    thick: ThickCells,
+    last: Last,
+    *,
+    changes: NDArray[np.floating] | None,
+    excess: NDArray[np.floating] | None,
+) -> NDArray[np.floating]:
+    """What flights meet: the cells' sources, as the last sweeps took them or as these found them.
+
+    changes (3, C, K), excess (C, K): how light changes across the cells `changing`, and what it is
+    more than their source, if the last sweeps found that. It is from more directions than the
+    sources that they took, and one pass nearer to the end: what light changes across a cell is
+    also made by how the source does. It would be an order more where that is fixed.
+    """
+    sweeper, source, order = last.sweeper, last.source, work.settings.order
+    if order is None and changes is not None:
+        source = _found(work, sweeper, source, changes, excess)
+    known = source.changes
+    if known is None and sweeper.gradients is not None:
+        known = sweeper.gradients(source.moments[: sweeper.components])
+    deep = work.settings.deep if order is None else None
+    return thick.records(work.seen, last.cells, source.moments, known, sweeper.changing, deep=deep)
 
 
-def _source(work: Work, sweeper: Sweeper, light: _Light) -> _Light:
+def _found(
+    work: Work,
+    sweeper: Sweeper,
+    source: Light,
+    changes: NDArray[np.floating],
+    excess: NDArray[np.floating] | None,
+) -> Light:
+    """The source of cells in which the last sweeps found this light. Its mean, too, without a phase
+    function: with one they know only what goes to the camera."""
+    some, moments, known = sweeper.changing, source.moments, source.changes
+    if excess is not None:
+        moments = moments.copy()
+        light = moments[:, some] + excess
+        albedo = sweeper.albedo[some].astype(light.dtype)
+        moments[:, some] = albedo * light + sweeper.thermal[:, some]
+    found = _limited(sweeper, changes, moments)
+    if excess is None and known is not None:
+        depth = work.seen.depth[work.seen.address[some]]
+        found = np.where(depth < _SEEN_THROUGH, found, known)
+    return Light(moments, found)
+
+
+def _limited(
+    sweeper: Sweeper, changes: NDArray[np.floating], source: NDArray[np.floating]
+) -> NDArray[np.floating]:
+    """Changes (3, C, K) of the source, of those of the light, across the cells `changing`; source:
+    (C or more, N)."""
+    some = sweeper.changing
+    sent = sweeper.albedo.astype(changes.dtype)[some] * changes
+    limit(sent, source[: sweeper.components, some])
+    return np.asarray(sent)
+
+
+def _source(work: Work, sweeper: Sweeper, light: Light) -> Light:
     """Source of a sweeper's cells that scatter this light by a phase function of three moments;
     moments: (M C, N), as sweeps take it."""
     albedo = sweeper.albedo.astype(light.moments.dtype)
@@ -209,7 +256,5 @@ def _source(work: Work, sweeper: Sweeper, light: _Light) -> _Light:
         source[1:] *= counts[:, None, None]
     changes = None
     if light.changes is not None:
-        some = sweeper.changing
-        changes = albedo[some] * light.changes
-        limit(changes, source[0][:, some])
-    return _Light(np.asarray(source.reshape(-1, sweeper.count)), changes)
+        changes = _limited(sweeper, light.changes, source[0])
+    return Light(np.asarray(source.reshape(-1, sweeper.count)), changes)

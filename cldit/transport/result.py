@@ -30,7 +30,8 @@ class Settings:
     scatterings, None for all; beyond it the wall is seen. phase: None is isotropic.
     gather: `source` has light change within cells; what those of an optical depth above `thick`
     scatter to the camera is found by flights, until its noise is below half of accuracy_K, or with
-    max_samples a pixel. Without it light is even in cells, as the paper has it.
+    max_samples a pixel. Without it light is even in cells, as the paper has it. deep: optical depth
+    of cells in which the sweeps' sources, linear in them, do not suffice for that.
     audit: `source` has some of its pixels traced by `path`, where it simplifies anything.
     """
 
@@ -48,6 +49,7 @@ class Settings:
     gather: bool = True
     audit: bool = True
     thick: float = 0.5
+    deep: float = 2.0
 
     @property
     def within_cells(self) -> bool:

@@ -22,10 +22,10 @@ class Route:
     """K directions whose layers lie alike, by quadrants; N steps, of one direction after the other.
 
     number (K,): of each direction in its set. tiles, launches: the order in which the box is gone
-    through (tiles.py). begins (K, 2 layers + 1): where the steps of each layer begin, as rays
-    meet them, those before (even) and after (odd) rays go from row to row, and the end. shifts
-    (N, 4): as in `Ways`. part (N,): share of the layer that is crossed; middle (N, 3): of the step
-    in the cells, 0 to 1. lever (N, 3), gain (K, 3): as in `Ways`, along x, y, z.
+    through (tiles.py). begins (K, layers + 1): where the steps of each layer begin, as rays meet
+    them, and the end. shifts (N, 4): as in `Ways`. part (N,): share of the layer that is crossed;
+    middle (N, 3): of the step in the cells, 0 to 1. lever (N, 3), gain (K, 3): as in `Ways`, along
+    x, y, z.
     faces (N,): through which rays leave cells after the step, bits of the sides on which light
     comes from there: down and up along u, v, l.
     back (K, 3): where light comes from. stretch (K,): path in a layer / cell edge. weight (K,).
@@ -77,10 +77,7 @@ class Route:
             runs[:, :2] * stretch[:, None], starts[number], layers=nl, backwards=runs[:, 2] < 0
         )
         layer = ways.way * nl + ways.met  # of all ways
-        opens = np.flatnonzero(np.diff(layer, prepend=-1))
-        moved = ways.moved[:, 1]
-        later = moved != np.repeat(moved[opens], np.bincount(layer, minlength=count * nl))
-        begins = np.searchsorted(2 * layer + later, np.arange(2 * count * nl)).reshape(count, -1)
+        begins = np.searchsorted(layer, np.arange(count * nl)).reshape(count, -1)
         side = 2 * np.arange(3) + (runs < 0)
         table, launches = tiles(nv, nl, np.column_stack([ends[:-1], ends[1:]]), edge)
         return cls(

@@ -19,7 +19,7 @@ from cldit.transport.cells import OpticalCells
 from cldit.transport.directions import Directions
 from cldit.transport.gradients import across_cells
 from cldit.transport.phase import PHASE_STEPS
-from cldit.transport.prepare import Last, by_moments, evenly
+from cldit.transport.prepare import Last, by_moments, evenly, records
 from cldit.transport.result import Settings
 from cldit.transport.solve import Solution
 from cldit.transport.thick import Ends, RimLight, ThickCells
@@ -62,9 +62,9 @@ def scattered_light(
     towards = work.towards(thick)
     rng = np.random.default_rng(settings.seed)
     if settings.phase is None and work.changing is None:
-        last = evenly(work, thick, rng, report)
+        last = evenly(work, rng, report)
     else:
-        last = by_moments(work, towards, thick, rng, report)
+        last = by_moments(work, towards, rng, report)
     swept = _swept_to_camera(work, towards, last, thick)
     solution = replace(last.solution, towards=np.mean(swept.halves, axis=0))
     defect, programs = last.defect, (work.iterate, *last.programs, towards)
@@ -126,32 +126,36 @@ def _swept_to_camera(work: Work, program: Program, last: Last, thick: ThickCells
     table = np.zeros(1) if settings.phase is None else settings.phase.by_half_sine(PHASE_STEPS)
     place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
     camera = sweeper.to_camera(program, seen, table, place)
-    ends = None
-    if thick is not None and last.records is not None:
-        ends = Ends(
-            Directions.joined([rays.directions for rays in sets]),
-            RimLight.of(
-                work.device,
-                thick,
-                sweeper.box,
-                components=sweeper.components,
-                directions=2 * half,
-                real=sweeper.real,
-            ),
-            program,
-            last.records,
+    kept = None
+    if thick is not None:
+        kept = RimLight.of(
+            work.device,
+            thick,
+            sweeper.box,
+            components=sweeper.components,
+            directions=2 * half,
+            real=sweeper.real,
         )
     halves: list[NDArray[np.floating]] = []
     changes: list[NDArray[np.floating]] = []
+    excess: list[NDArray[np.floating]] = []
     light = np.zeros((sweeper.components, sweeper.count), sweeper.real)
     thermal = seen.thermal_source()
     for number, rays in enumerate(sets):
-        if ends is not None:
-            camera = replace(camera, light=ends.light.after(number * half))
-        found, across = sweeper.weighted_mean(camera, rays)
+        if kept is not None:
+            camera = replace(camera, light=kept.after(number * half))
+        found, change, more = sweeper.weighted_mean(camera, rays)
         mean = found.astype(np.float64)
-        changes += [] if across is None else [across]
+        changes += [] if change is None else [change]
+        excess += [] if more is None else [more]
         halves.append((thermal + seen.albedo * mean).astype(sweeper.real))
         light += (mean / 2).astype(sweeper.real)
-    known = (sweeper.changing, np.mean(changes, axis=0)) if changes else None
+    across = np.mean(changes, axis=0) if changes else None
+    known = None if across is None else (sweeper.changing, across)
+    ends = None
+    if thick is not None and kept is not None:
+        directions = Directions.joined([rays.directions for rays in sets])
+        more = np.mean(excess, axis=0) if excess else None
+        met = records(work, thick, last, changes=across, excess=more)
+        ends = Ends(directions, kept, program, met)
     return _Swept((halves[0], halves[1]), light, known, ends)

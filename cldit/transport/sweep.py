@@ -47,6 +47,15 @@ def _rows(layout: Layout) -> int:
     return layout.size[1] + layout.size[2] + 2
 
 
+def _finds(program: Program) -> int:
+    """How much it finds across cells in which sources change: the excess times the lever along x, y
+    and z, and the excess itself (kernels/sweep.cl MEAN_TOO)."""
+    if "ACROSS" not in program.defines:
+        return 0
+    even = "TO_CAMERA" in program.defines and "PHASE_STEPS" not in program.defines
+    return 4 if even else 3
+
+
 class Sweeper:
     """The swept box on the device.
 
@@ -274,12 +283,13 @@ class Sweeper:
         Returns what a program with ACROSS finds besides.
         """
         size = np.dtype(self._real).itemsize
-        across = self._room_across() if "ACROSS" in program.defines else ()
+        finds = _finds(program)
+        across = self._room_across(finds) if finds else ()
         for turned, order in self._order.items():
             self._fill(order, cavity=cavity)
             clear(self.device, excess, size * planes * order.groups.cells)
             if across:
-                clear(self.device, across[0], size * order.across_size)
+                clear(self.device, across[0], size * finds * order.across_size // 3)
             if camera is not None:
                 clear(self.device, camera.shares[turned], size * order.groups.cells)
             changes = [order.across, *across[:1]] if "LINEAR" in program.defines else []
@@ -291,19 +301,19 @@ class Sweeper:
             more = np.int32(turned)
             self._of_list("listed_excess", listed, excess, order.place, more, np.int32(planes))
             if across:
-                many, count = np.int32(3 * self.components), len(self.changing)
+                many, count = np.int32(finds * self.components), len(self.changing)
                 few = (across[1], across[0], order.changed, more, many)
                 self._of_list("listed_excess", *few, count=count)
         self.sweeps += len(rays.directions)
         if not across:
             return None
-        out = np.empty((3, self.components, len(self.changing)), self._real)
+        out = np.empty((finds, self.components, len(self.changing)), self._real)
         return download(self.device, across[1], out)
 
-    def _room_across(self) -> tuple[Any, Any]:
-        """As `room`, for the excess times the place in cells across which sources change."""
-        most = max(order.across_size for order in self._order.values())
-        listed = 3 * self.components * len(self.changing)
+    def _room_across(self, finds: int) -> tuple[Any, Any]:
+        """As `room`, for so much of the excess in cells across which sources change."""
+        most = finds * max(order.across_size for order in self._order.values()) // 3
+        listed = finds * self.components * len(self.changing)
         real = self._real
         return unset(self.device, "excess", most, real), unset(self.device, "list", listed, real)
 
@@ -390,21 +400,30 @@ class Sweeper:
 
     def weighted_mean(
         self, camera: ToCamera, rays: Rays
-    ) -> tuple[NDArray[Any], NDArray[Any] | None]:
-        """Mean radiance (C, N) of the scattering cells, as the camera sees them, and, with ACROSS,
-        how that changes across the cells `changing`, (3, C, M)."""
+    ) -> tuple[NDArray[Any], NDArray[Any] | None, NDArray[Any] | None]:
+        """Mean radiance (C, N) of the scattering cells, as the camera sees them. With ACROSS, how
+        that changes across the cells `changing`, (3, C, M), and without a phase function what it
+        is more than the source in them, wherever they are seen, (C, M)."""
         excess, listed, planes = self._excess, self._listed, self.components
         across = self._along_all(camera.program, rays, True, excess, listed, planes, camera)
         places = [order.place for order in self._order.values()]
         mean = self._answer("weighted_mean", *camera.shares.values(), *places)
         if across is None:
-            return mean, None
-        for turned, order in self._order.items():
-            more = (np.int32(turned), np.int32(1))
-            self._of_list("listed_excess", self._out, camera.shares[turned], order.place, *more)
-        shares = download(self.device, self._out, np.empty(self.count, self._real))[self.changing]
-        across *= np.divide(_FLAT, shares, out=np.zeros_like(shares), where=shares > 0)
-        return mean, across if self._changes is None else self._changes + across
+            return mean, None, None
+        if _finds(camera.program) > 3:
+            share: Any = self._real(1 / rays.directions.weight.sum())
+        else:
+            for turned, order in self._order.items():
+                more = (np.int32(turned), np.int32(1))
+                counted = (self._out, camera.shares[turned], order.place, *more)
+                self._of_list("listed_excess", *counted)
+            shares = download(self.device, self._out, np.empty(self.count, self._real))
+            shares = shares[self.changing]
+            share = np.divide(1, shares, out=np.zeros_like(shares), where=shares > 0)
+        changes = self._real(_FLAT) * share * across[:3]
+        if self._changes is not None:
+            changes += self._changes
+        return mean, changes, share * across[3] if len(across) > 3 else None
 
     def residual(self, *, shining: bool, listed: Any = None) -> NDArray[Any]:
         """Preconditioned residual (C, N) of the present source and its excess; listed: of `room`,

@@ -27,14 +27,12 @@ _HEAD = 4  # numbers of a record before its planes, which are in fours, as in re
 _NO_FACE = 64  # in place of a face, as in sweep.cl
 _MOST_LIGHT = 2**29  # bytes of the light in all thick cells that the last sweeps may keep
 _AROUND = 1  # so many cells around thick ones are of their region
-# Optical depth of a cell beyond which a source that is linear in it is not enough.
-_DEEP = 1.3
 # Albedo from which thick cells count as deep as well: what a source that is linear, with few
 # moments of a phase function, leaves out adds up where light is scattered often.
 _OFTEN = 0.8
-# As well, albedo^2 x optical depth, about what is scattered twice in the cell: isotropic slabs of
-# 0.75 to 1.25 a cell err by half a hundredth of it without chains.
-_TWICE = 0.4
+# As well, albedo^2 x optical depth, about what is scattered twice in the cell, over the depth of
+# deep cells: isotropic slabs of 0.75 to 1.25 a cell err by half a hundredth of it without chains.
+_TWICE = 0.3
 
 
 @dataclass(frozen=True)
@@ -119,7 +117,7 @@ class ThickCells:
         changes: NDArray[np.floating] | None,
         changing: NDArray[np.intp],
         *,
-        chains: bool,
+        deep: float | None,
     ) -> NDArray[np.floating]:
         """Records as in kernels/record.h, one a row: optical depth; albedo and emission of deep
         cells, in which chains go on; the last sweep's source, and its changes; of deep cells these
@@ -127,7 +125,8 @@ class ThickCells:
 
         seen, cells: the medium as it is, and as that sweep has it; source (M C, N): of its
         scattering cells; changes (3, C, K): across those of them that `changing` (K,) lists, or
-        None. chains: else none is deep, for each flight of a chain is an order more. What is not
+        None. deep: optical depth of a cell beyond which a source that is linear in it is not
+        enough; None: no cell is deep, for each flight of a chain is an order more. What is not
         stored is empty.
         """
         stored = self.address >= 0
@@ -137,9 +136,11 @@ class ThickCells:
         number = number[address]
         scatters = number >= 0
         depth, albedo = seen.depth[address], seen.albedo[number]
-        deep = (depth > _DEEP) | (albedo > _OFTEN) | (albedo**2 * depth > _TWICE)
-        deep &= scatters
-        deep &= chains
+        if deep is None:
+            chains = np.zeros(len(depth), np.bool_)
+        else:
+            chains = (depth > deep) | (albedo > _OFTEN) | (albedo**2 * depth > _TWICE * deep)
+            chains &= scatters
         real = source.dtype.type
         sent = np.zeros((len(source), len(address)), real)
         first, emission = cells.needs.boundaries, cells.thermal_planes(real, address)
@@ -151,16 +152,16 @@ class ThickCells:
             among[changing] = np.arange(len(changing))
             among = np.where(scatters, among[number], NONE)
             across = changes.reshape(-1, len(changing))[:, among] * (among >= 0).astype(real)
-        sent[first : first + len(emission), deep] -= emission[:, deep]
-        scattered = np.where(deep, cells.albedo[number], 1.0).astype(real)
+        sent[first : first + len(emission), chains] -= emission[:, chains]
+        scattered = np.where(chains, cells.albedo[number], 1.0).astype(real)
         emitted = np.zeros((len(cells.needs.components), len(address)), real)
-        emitted[first : first + len(emission), deep] = seen.thermal_planes(real, address)[:, deep]
+        emitted[first : first + len(emission)] = chains * seen.thermal_planes(real, address)
         planes = [emitted, *(sent / scattered).reshape(-1, len(emitted), len(address))]
         planes.extend((across / scattered).reshape(-1, len(emitted), len(address)))
         fours = -(-len(emitted) // 4) * 4
         out = np.zeros((len(self.at), _HEAD + fours * len(planes)), real)
-        out[stored, 0] = np.where(deep, seen.depth[address], cells.depth[address])
-        out[stored, 1] = np.where(deep, seen.albedo[number], 0.0)
+        out[stored, 0] = np.where(chains, seen.depth[address], cells.depth[address])
+        out[stored, 1] = np.where(chains, seen.albedo[number], 0.0)
         for place, plane in enumerate(planes):
             begin = _HEAD + place * fours
             out[stored, begin : begin + len(plane)] = plane.T

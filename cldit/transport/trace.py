@@ -31,6 +31,8 @@ __all__ = ["Settings", "Trace", "settings_for", "trace"]
 # Optical depth from which cells are thick with a phase function, less than without: what is
 # scattered to the camera then comes from close to the line of sight behind them.
 _THICK_BY_PHASE = 0.22
+# Up to this accuracy `Settings.deep` is what deep cells are; less makes do with deeper ones.
+_DEEP_K = 0.05
 
 
 def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
@@ -65,6 +67,7 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
         phase=phase,
         gather=spec.gather,
         audit=spec.audit,
+        deep=Settings.deep * float(np.clip(spec.accuracy_K / _DEEP_K, 1.0, 3.0)) ** (2 / 3),
         thick=(Settings.thick if phase is None else _THICK_BY_PHASE) / max(finer, 1.0) ** (1 / 3),
     )
 

@@ -41,7 +41,7 @@ def test_light_kept_in_thick_cells(device: Device) -> None:
     )
     camera = sweeper.to_camera(program, cells, np.zeros(1), np.zeros(3))
     sweeper.set_source(np.zeros_like(sweeper.thermal), shining=False)
-    mean, _ = sweeper.weighted_mean(replace(camera, light=light), rays)
+    mean, *_ = sweeper.weighted_mean(replace(camera, light=light), rays)
     shape = (thick.rim, 14, sweeper.components)
     kept = download(device, light.buffer, np.empty(shape, np.float32))
     own = thick.own[thick.own >= 0]

@@ -99,6 +99,32 @@ def disort(
     return answers[0], answers[1]
 
 
+def mean_radiance(
+    depth: float, albedo: float, at: NDArray[np.float64], *, streams: int = 32
+) -> NDArray[np.float64]:
+    """(2, *at.shape): mean radiance at optical depths from the front of a slab that scatters
+    evenly, per unit radiance onto its back and its front, by PythonicDISORT."""
+    solver = pytest.importorskip("PythonicDISORT.pydisort")
+    even = np.zeros((1, streams + 1))
+    even[0, 0] = 1.0
+    weight = np.tile(np.polynomial.legendre.leggauss(streams // 2)[1] / 4, 2)
+    means = []
+    for behind, front in ((1.0, 0.0), (0.0, 1.0)):
+        *_, u0, _ = solver.pydisort(
+            np.array([depth]),
+            np.array([albedo]),
+            streams,
+            even,
+            0.5,
+            0.0,
+            0.0,
+            b_pos=behind,
+            b_neg=front,
+        )
+        means.append([weight @ u0(t) for t in at.reshape(-1)])
+    return np.array(means).reshape(2, *at.shape)
+
+
 @contextmanager
 def droplets_of_9_um() -> Iterator[ScatteringTable]:
     """Within, `transport.phase: mie` of a grid, which has coefficients and no diameters, means the
