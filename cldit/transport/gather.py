@@ -273,7 +273,8 @@ class Gather:
         wanted_of = np.full(count, size)
         while True:
             # Pixels that have had as many chains go on with the same points.
-            for had, goal in np.unique(np.stack([samples, wanted_of], axis=1), axis=0):
+            for pair in np.unique(samples << 32 | wanted_of):
+                had, goal = divmod(int(pair), 1 << 32)
                 mine = near[(samples[near] == had) & (wanted_of[near] == goal)]
                 for half, total in enumerate(sums):
                     if goal > had:

@@ -167,14 +167,17 @@ def by_moments(
     solution, programs = solved.solution, solved.programs
     cells = work.cells(1.0 - work.forward)
     sweeper = solved.sweeper or work.sweeper(cells, towards, work.changing)
-    times = 1 if work.settings.order is None else work.settings.order - 1
+    order = work.settings.order
+    times, count = (
+        (work.passes, work.most // work.passes) if order is None else (order - 1, work.most)
+    )
     if times:
         again = work.finding()
         programs = (*programs, again)
         for _ in range(times):
             source = _source(work, sweeper, light)
             sweeper.set_source(source.moments, shining=True, changes=source.changes)
-            rays = work.rays(sweeper, work.most, rng)
+            rays = work.rays(sweeper, count, rng)
             more = sweeper.moments(again, rays, out=light.moments, room=solved.room)
             if more is not None and source.changes is not None:
                 light = replace(light, changes=source.changes + more)

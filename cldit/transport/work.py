@@ -43,6 +43,7 @@ _ROUGH = 1e-2
 # By how much the last directions without a phase function are denser on the camera's side, from
 # which most of what it sees of thick cells is lit: least error on `gdi`, between 0.4 and 0.9.
 _LEAN = 0.6
+_TWO_PASSES = 128  # directions from which two passes share them: with less each, `gdi` errs by more
 _CHECKED = 8  # directions on which the sweeps are checked for what they make or lose
 
 
@@ -163,8 +164,14 @@ class Work:
 
     @property
     def most(self) -> int:
-        """Directions of the sweep before the last, which makes the source forget those."""
+        """Directions of the sweeps before the last, which make the source forget those."""
         return _FORGETTING * self.more
+
+    @property
+    def passes(self) -> int:
+        """In which these go: in two, where half of them suffice, light across cells is nearer to
+        what sources that change bring (slabs of 0.75 a cell err by a quarter less)."""
+        return 2 if self.settings.phase is None and self.most >= _TWO_PASSES else 1
 
     def solution(
         self,
