@@ -22,7 +22,8 @@ class PackedCells:
 
     place: of the scattering cells among the cells of all groups. thermal: sources of what emits,
     [emitter][cell]. changed, across: place of those cells across which sources change among the
-    cells of the groups that have any, and what the changes are, of `across_size` numbers in all.
+    cells of the groups that have any, and what the changes are, along x, y and z `across_size`
+    numbers each.
     """
 
     groups: Groups
@@ -60,7 +61,7 @@ class PackedCells:
         some, within = np.unique(group, return_inverse=True)
         number = np.zeros(len(groups), np.int32)
         number[some] = np.arange(1, len(some) + 1)
-        across_size = len(some) * GROUP * 3 * len(cells.needs.components)
+        across_size = len(some) * GROUP * len(cells.needs.components)
         return cls(
             groups=groups,
             first=upload(device, "groups of rows", groups.first),
@@ -69,6 +70,6 @@ class PackedCells:
             depth=upload(device, "optical depth", packed(cells.depth)),
             thermal=upload(device, "thermal sources", thermal),
             changed=upload(device, "places", (within * GROUP + lane).astype(np.int32)),
-            across=zeros(device, "changes across cells", across_size, real),
+            across=zeros(device, "changes across cells", 3 * across_size, real),
             across_size=across_size,
         )

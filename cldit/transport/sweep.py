@@ -289,7 +289,7 @@ class Sweeper:
             self._fill(order, cavity=cavity)
             clear(self.device, excess, size * planes * order.groups.cells)
             if across:
-                clear(self.device, across[0], size * finds * order.across_size // 3)
+                clear(self.device, across[0], size * finds * order.across_size)
             if camera is not None:
                 clear(self.device, camera.shares[turned], size * order.groups.cells)
             changes = [order.across, *across[:1]] if "LINEAR" in program.defines else []
@@ -312,7 +312,7 @@ class Sweeper:
 
     def _room_across(self, finds: int) -> tuple[Any, Any]:
         """As `room`, for so much of the excess in cells across which sources change."""
-        most = finds * max(order.across_size for order in self._order.values()) // 3
+        most = finds * max(order.across_size for order in self._order.values())
         listed = finds * self.components * len(self.changing)
         real = self._real
         return unset(self.device, "excess", most, real), unset(self.device, "list", listed, real)

@@ -45,6 +45,27 @@ def run_slab(
     )
 
 
+def _lit(
+    depth: float, albedo: float, moments: NDArray[np.float64]
+) -> Iterator[tuple[float, NDArray[np.float64], Callable[[float], NDArray[np.float64]]]]:
+    """A slab lit from behind, and from the front: radiance from behind, cosines of the streams, and
+    the radiance along them at an optical depth. moments: (1, streams + 1)."""
+    solver = pytest.importorskip("PythonicDISORT.pydisort")
+    for behind in (1.0, 0.0):
+        mu, *_, u0, _ = solver.pydisort(
+            np.array([depth]),
+            np.array([albedo]),
+            moments.shape[1] - 1,
+            moments,
+            0.5,
+            0.0,
+            0.0,
+            b_pos=behind,
+            b_neg=1.0 - behind,
+        )
+        yield behind, mu, u0
+
+
 def disort(
     depth: float,
     albedo: float,
@@ -63,7 +84,6 @@ def disort(
     be negligible. swept: moments that the light within keeps, by delta-M (Wiscombe 1977), so that
     `moments` are those of the last scattering alone, as `source` has it with 3; None: all.
     """
-    solver = pytest.importorskip("PythonicDISORT.pydisort")
     given = np.zeros((1, streams + 1))
     count = min(len(moments), streams + 1)
     given[0, :count] = moments[:count]
@@ -79,18 +99,7 @@ def disort(
     node_weight = np.tile(np.polynomial.legendre.leggauss(streams // 2)[1] / 2, 2)
     degrees = np.arange(streams)
     answers = []
-    for behind, front in ((1.0, 0.0), (0.0, 1.0)):
-        mu, *_, u0, _ = solver.pydisort(
-            np.array([depth * thinner]),
-            np.array([albedo * (1.0 - ahead) / thinner]),
-            streams,
-            kept,
-            0.5,
-            0.0,
-            0.0,
-            b_pos=behind,
-            b_neg=front,
-        )
+    for behind, mu, u0 in _lit(depth * thinner, albedo * (1.0 - ahead) / thinner, kept):
         polynomials = np.polynomial.legendre.legvander(mu, streams - 1)
         towards = polynomials @ ((2 * degrees + 1) * given[0, :streams]) / 2
         lit = [u0(t * thinner) for t in at]
@@ -104,24 +113,10 @@ def mean_radiance(
 ) -> NDArray[np.float64]:
     """(2, *at.shape): mean radiance at optical depths from the front of a slab that scatters
     evenly, per unit radiance onto its back and its front, by PythonicDISORT."""
-    solver = pytest.importorskip("PythonicDISORT.pydisort")
     even = np.zeros((1, streams + 1))
     even[0, 0] = 1.0
     weight = np.tile(np.polynomial.legendre.leggauss(streams // 2)[1] / 4, 2)
-    means = []
-    for behind, front in ((1.0, 0.0), (0.0, 1.0)):
-        *_, u0, _ = solver.pydisort(
-            np.array([depth]),
-            np.array([albedo]),
-            streams,
-            even,
-            0.5,
-            0.0,
-            0.0,
-            b_pos=behind,
-            b_neg=front,
-        )
-        means.append([weight @ u0(t) for t in at.reshape(-1)])
+    means = [[weight @ u0(t) for t in at.reshape(-1)] for _, _, u0 in _lit(depth, albedo, even)]
     return np.array(means).reshape(2, *at.shape)
 
 
