@@ -38,6 +38,7 @@ typedef struct { real4 of[FOURS]; } Light;
 INLINE Light no_light(void)
 {
     Light light;
+#pragma unroll
     for (int k = 0; k < FOURS; ++k) light.of[k] = (real4)(R(0));
     return light;
 }
@@ -46,6 +47,7 @@ INLINE Light no_light(void)
 INLINE void score(real *sum, real weight, __global const real *light)
 {
     real outside = R(0);
+#pragma unroll
     for (int c = 0; c < COMPONENTS; ++c) {
         sum[c] += weight * light[c];
         if (c < BOUNDARIES) outside += light[c];
@@ -56,6 +58,7 @@ INLINE void score(real *sum, real weight, __global const real *light)
 /* Adds light, `all` of which is from within but for what is from the boundary. */
 INLINE void score_light(real *sum, real all, const Light *light)
 {
+#pragma unroll
     for (int c = 0; c < COMPONENTS; ++c) {
         const real part = ((const real *)light->of)[c];
         sum[c] += part;
@@ -71,9 +74,11 @@ INLINE void add_source(Light *light, real all, real3 place, real3 d, __global co
 #ifdef SLOPED
     const real sent[MOMENTS] = MOMENTS_SENT(d);
 #endif
+#pragma unroll
     for (int k = 0; k < FOURS; ++k) {
         real4 seen = FOUR(record + SOURCE, k);
 #ifdef SLOPED
+#pragma unroll
         for (int m = 0; m < MOMENTS; ++m) seen += sent[m] * FOUR(record + SOURCE, k + (1 + m) * FOURS);
 #endif
         seen *= all;
@@ -87,6 +92,7 @@ INLINE void add_source(Light *light, real all, real3 place, real3 d, __global co
 
 INLINE void add_emission(Light *light, real all, __global const real *record)
 {
+#pragma unroll
     for (int k = 0; k < FOURS; ++k) light->of[k] += all * FOUR(record + EMISSION, k);
 }
 

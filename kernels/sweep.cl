@@ -221,6 +221,7 @@ __kernel void sweep(
                 const int last = enters || shift.z < 0 ? nu - 1 : shift.z > 0 ? 0 : -1;
                 for (int u = first + lane; u <= last; u += lanes) {
                     const int seen = seen_from(u, v, l, layout, back, &boundary);
+#pragma unroll
                     for (int c = 0; c < COMPONENTS; ++c)
                         crossing[c * slots + u] = c == seen ? inflow : R(0);
                 }
@@ -241,6 +242,7 @@ __kernel void sweep(
                     const lane_t t = CELLS_OF(depth + cell) * stretch;
                     const lane_t share = absorbed(t);
                     if (begin < 0) {
+#pragma unroll
                         for (int c = 0; c < COMPONENTS; ++c) {
                             __global real *ray = crossing + c * slots + u;
                             const lane_t intensity = RAYS(ray);
@@ -272,6 +274,7 @@ __kernel void sweep(
                     const real run = -beams[k].x * part;
 #endif
                     __global real *d = excess + first_plane(cell, EXCESS_PLANES);
+#pragma unroll
                     for (int c = 0; c < COMPONENTS; ++c, s += GROUP, d += GROUP) {
                         __global real *ray = crossing + c * slots + u;
                         const lane_t intensity = RAYS(ray);
@@ -318,6 +321,7 @@ __kernel void sweep(
                         more += own;
                         CELLS(d) += more;
 #ifdef FLUX
+#pragma unroll
                         for (int m = 0; m < MOMENTS; ++m) MOMENT(d, 1 + m) += found[m] * more;
 #endif
                         RAYS(ray) = leaves - gap * share;
@@ -331,6 +335,7 @@ __kernel void sweep(
                     if (!own && !(face.y & sides[step])) continue;
                     __global real *leaves = light
                         + ((size_t)face.z * all + earlier + origin.z) * COMPONENTS;
+#pragma unroll
                     for (int c = 0; c < COMPONENTS; ++c) {
                         const real intensity = crossing[c * slots + face.x];
                         leaves[c] = own ? leaves[c] + part * intensity : intensity;
