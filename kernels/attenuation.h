@@ -7,41 +7,60 @@
 /* The type that the functions work on: one number, or a vector of them. */
 #ifndef REAL
 #define REAL real
+#ifdef USE_FLOAT64
+#define AS_INT as_long
+#define AS_FLOAT as_double
+#else
 #define AS_INT as_int
 #define AS_FLOAT as_float
+#endif
 #endif
 
 /* Absorbed share, 1 - exp(-t), and mean transmission, (1 - exp(-t)) / t: what a ray's intensity
    falls to on average while it crosses the cell (1 at t = 0, 1/t for large t). */
-#ifdef USE_FLOAT64
-
-INLINE REAL decay(REAL t) { return exp(-t); }
-
-INLINE REAL absorbed(REAL t) { return -expm1(-t); }
-
-#define THIN 1e-4 /* for `rising` */
-
-#else
-
-#define THIN 0.05f
 
 /* exp(-t) as 2^n, the result, and exp(r) - 1, for t >= 0, in line (PoCL calls exp, which empties the
-   vector registers): n is the whole number next to -t / ln 2, r = -t - n ln 2 by Cody and Waite's two
-   parts of ln 2, and exp(r) - 1 by Taylor's series, in pairs that do not wait for each other. Adding
-   1.5 x 2^23 rounds, and leaves n in the last bits. */
+   vector registers, and PoCL 3.0 cannot build expm1 of double8 where there is no AVX-512): n is the
+   whole number next to -t / ln 2, r = -t - n ln 2 by Cody and Waite's two parts of ln 2, and exp(r) - 1
+   by Taylor's series. Adding 1.5 x 2^23, or 2^52, rounds, and leaves n in the last bits. */
+#ifdef USE_FLOAT64
+#define THIN 1e-4 /* for `rising` */
+INLINE REAL power_of_two(REAL t, REAL *rest)
+{
+    const REAL x = t > 708.0 ? (REAL)-708.0 : -t;
+    const REAL shifted = x * 1.4426950408889634 + 6755399441055744.0;
+    const REAL n = shifted - 6755399441055744.0;
+    const REAL r = (x - n * 6.93147180369123816e-1) - n * 1.90821492927058770e-10;
+    REAL sum = (REAL)(1.0 / 6227020800); /* 13!: the next term is 4e-18 */
+    sum = 1.0 / 479001600 + r * sum;
+    sum = 1.0 / 39916800 + r * sum;
+    sum = 1.0 / 3628800 + r * sum;
+    sum = 1.0 / 362880 + r * sum;
+    sum = 1.0 / 40320 + r * sum;
+    sum = 1.0 / 5040 + r * sum;
+    sum = 1.0 / 720 + r * sum;
+    sum = 1.0 / 120 + r * sum;
+    sum = 1.0 / 24 + r * sum;
+    sum = 1.0 / 6 + r * sum;
+    *rest = r + r * r * (0.5 + r * sum);
+    return AS_FLOAT((AS_INT(shifted) << 52) + 0x3FF0000000000000L);
+}
+#else
+#define THIN 0.05f
 INLINE REAL power_of_two(REAL t, REAL *rest)
 {
     const REAL x = t > 87.0f ? (REAL)-87.0f : -t;
     const REAL shifted = x * 1.44269504f + 12582912.0f;
     const REAL n = shifted - 12582912.0f;
     const REAL r = (x - n * 0.693145752f) - n * 1.42860677e-6f;
-    const REAL square = r * r;
+    const REAL square = r * r; /* in pairs that do not wait for each other */
     *rest = r + square * ((0.5f + r * 0.166666667f)
         + square * ((0.0416666667f + r * 8.33333333e-3f) + square * 1.38888889e-3f));
     return AS_FLOAT((AS_INT(shifted) << 23) + 0x3F800000);
 }
+#endif
 
-/* exp(-t), to 2e-7 of it. */
+/* exp(-t), to 2e-7 of it; in double precision to 4e-16. */
 INLINE REAL decay(REAL t)
 {
     REAL rest;
@@ -49,15 +68,13 @@ INLINE REAL decay(REAL t)
     return two + two * rest;
 }
 
-/* To 2e-7 of it: in thin cells 2^n is 1, and the rest is all of it. */
+/* As exactly: in thin cells 2^n is 1, and the rest is all of it. */
 INLINE REAL absorbed(REAL t)
 {
     REAL rest;
     const REAL two = power_of_two(t, &rest);
-    return (1.0f - two) - two * rest;
+    return (R(1) - two) - two * rest;
 }
-
-#endif
 
 /* share: absorbed(t), which the caller has at hand. */
 INLINE REAL mean_transmission(REAL t, REAL share) { return t > R(0) ? share / t : (REAL)R(1); }

@@ -176,8 +176,7 @@ INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
     Light sent = no_light();
     real all = R(0);
     lane_t albedo = (lane_t)R(0); /* of deep cells that are crossed */
-#pragma unroll
-    for (int lane = 0; lane < VECTOR; ++lane) {
+    UNROLL for (int lane = 0; lane < VECTOR; ++lane) {
         if (!LANE_I(f->flies, lane)) continue;
 #ifdef COUNTED
         ++ends->crossed;
@@ -220,11 +219,9 @@ INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
     f->tz += (goes & !along_x & !along_y) ? f->dz : (lane_t)R(0);
     f->cell = goes ? e.beside : f->cell;
     /* The depth alone is waited for; what the cells send is read after much else. */
-#pragma unroll
-    for (int lane = 0; lane < VECTOR; ++lane) {
+    UNROLL for (int lane = 0; lane < VECTOR; ++lane) {
         __global const real *soon = m->cells + (size_t)LANE_I(f->cell, lane) * RECORD;
-#pragma unroll
-        for (int k = 0; k < RECORD; k += LINE) SOON_READ(soon + k);
+        UNROLL for (int k = 0; k < RECORD; k += LINE) SOON_READ(soon + k);
     }
     f->t = end;
     f->weight = left;
@@ -250,7 +247,6 @@ INLINE void arrive(
     const real z = PLACE(LANE(f->tz, lane) - t, LANE(f->az, lane), d.z > R(0));
     const int seen = boundary_seen(
         cell.x + x, cell.y + y, cell.z + z, d.x, d.y, d.z, R(0), &m->boundary);
-#pragma unroll
     for (int c = 0; c < BOUNDARIES; ++c) sum[c] += c == seen ? weight : R(0);
 }
 

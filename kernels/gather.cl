@@ -176,7 +176,6 @@ __kernel void expected(
     /* What is more than along the first, for its rounding would count once for each flight of a chain. */
     __global const real *lit = light + (size_t)cell.w * direction_count * COMPONENTS;
     real more[COMPONENTS];
-#pragma unroll
     for (int c = 0; c < COMPONENTS; ++c) more[c] = R(0);
     real all = R(0), before = R(0);
     for (int k = 0; k < direction_count; ++k) {
@@ -184,10 +183,8 @@ __kernel void expected(
         before = directions[k].w;
         all += share;
         __global const real *seen = lit + number_of[k] * COMPONENTS;
-#pragma unroll
         for (int c = 0; c < COMPONENTS; ++c) more[c] += share * (seen[c] - lit[c]);
     }
-#pragma unroll
     for (int c = 0; c < COMPONENTS; ++c) means[item * COMPONENTS + c] = lit[c] + more[c] / all;
 }
 
@@ -298,7 +295,6 @@ __kernel void gather(
 #ifdef COUNTED
     ends.crossed = 0;
 #endif
-#pragma unroll
     for (int c = 0; c < PARTS; ++c) sum[c] = total[c] = ends.sum[c] = R(0);
     /* Its weight may have been all rounding: then there is no stretch, and nothing to gather. */
     const int stretch_count = first[number + 1] - first[number];
@@ -321,11 +317,9 @@ __kernel void gather(
     Flights f = no_flights();
     Chain chains[VECTOR];
     int idle[VECTOR];
-#pragma unroll
     for (int lane = 0; lane < VECTOR; ++lane) idle[lane] = 1;
     uint begun = all > R(0) ? 0 : samples;
     for (;;) {
-#pragma unroll
         for (int lane = 0; lane < VECTOR && begun < samples; ++lane) {
             if (!idle[lane]) continue;
             idle[lane] = 0;
@@ -346,21 +340,18 @@ __kernel void gather(
         if (!any_of(f.flies)) break;
         const Ended e = cross(sum, &ends, &f, &near);
         if (!any_of(e.ended)) continue;
-#pragma unroll
         for (int lane = 0; lane < VECTOR; ++lane) {
             if (!LANE_I(e.ended, lane)) continue;
             LANE_I(f.flies, lane) = 0;
             arrive(sum, &ends, &f, lane, &e, chains[lane].number, &near);
             idle[lane] = !goes_on(sum, &ends, &f, lane, &chains[lane], &chance, &near, table);
         }
-#pragma unroll
-        for (int c = 0; c < PARTS; ++c) {
+        UNROLL for (int c = 0; c < PARTS; ++c) {
             total[c] += sum[c];
             sum[c] = R(0);
         }
     }
     score_pending(&ends);
-#pragma unroll
     for (int c = 0; c < PARTS; ++c) means[c * count + item] = total[c] + ends.sum[c];
 #ifdef COUNTED
     means[WITHIN * count + item] = ends.crossed;

@@ -94,14 +94,19 @@ INLINE void add_source(real *sum, real taken, __global const real *record)
 }
 
 #ifdef LINEAR
-/* What a cell's source is more in the middle of the ray's way through it than in the cell's. */
+/* What a cell's source is more where the ray sees it than in the cell's middle: the nearer to the
+   camera, the more is taken out on the way, over the optical depth t. */
 INLINE void add_change(
-    real *sum, real taken, const Walk *walk, const Crossing *cell, __global const real *change)
+    real *sum, real transmitted, real t, real share, const Walk *walk, const Crossing *cell,
+    __global const real *change)
 {
-    const real middle = R(0.5) * (walk->t + cell->next);
-    const real x = taken * (walk->px + middle * walk->dx - walk->x - R(0.5));
-    const real y = taken * (walk->py + middle * walk->dy - walk->y - R(0.5));
-    const real z = taken * (walk->pz + middle * walk->dz - walk->z - R(0.5));
+    const real taken = transmitted * share;
+    const real nearer = transmitted * t * rising(t, share, mean_transmission(t, share));
+    const real where =
+        R(0.5) * taken * (walk->t + cell->next) - nearer * (cell->next - walk->t);
+    const real x = where * walk->dx + taken * (walk->px - walk->x - R(0.5));
+    const real y = where * walk->dy + taken * (walk->py - walk->y - R(0.5));
+    const real z = where * walk->dz + taken * (walk->pz - walk->z - R(0.5));
     for (int c = 0; c < COMPONENTS; ++c, ++change) {
         const real more = x * change[0] + y * change[COMPONENTS] + z * change[2 * COMPONENTS];
         for (int p = 0; p < PICTURES; ++p) {
@@ -124,11 +129,15 @@ INLINE void look(real *sum, const Ray *ray, const Medium *m)
         const int number = m->number[cell.address];
         if (number >= 0) {
             last = m->records + number * RECORD;
-            const real taken = transmitted * absorbed(last[0] * walk_length(&walk, &cell));
+            const real t = last[0] * walk_length(&walk, &cell);
+            const real share = absorbed(t);
+            const real taken = transmitted * share;
             add_source(sum, taken, last);
 #ifdef LINEAR
             if (number < m->scattering)
-                add_change(sum, taken, &walk, &cell, m->changes + number * (3 * COMPONENTS));
+                add_change(
+                    sum, transmitted, t, share, &walk, &cell,
+                    m->changes + number * (3 * COMPONENTS));
 #endif
             transmitted -= taken;
         }

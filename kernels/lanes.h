@@ -8,10 +8,13 @@
 #include "real.h"
 
 #if VECTOR == 8
+#define REAL lane_t
 #ifdef USE_FLOAT64
 typedef double8 lane_t;
 typedef long8 lane_i;
 typedef long lane_int;
+#define AS_INT as_long8
+#define AS_FLOAT as_double8
 #else
 typedef float8 lane_t;
 typedef int8 lane_i;
@@ -23,13 +26,9 @@ typedef int lane_int;
 typedef real lane_t;
 typedef int lane_i;
 typedef int lane_int;
-#define AS_INT as_int
-#define AS_FLOAT as_float
 #else
 #error "VECTOR: 1 or 8"
 #endif
-
-#define REAL lane_t
 
 /* One lane, to read or to write. */
 #define LANE(v, lane) (((real *)&(v))[lane])

@@ -19,6 +19,15 @@ typedef float4 real4;
 /* Of every helper: a call would keep the ray's state in memory, not in registers. */
 #define INLINE static inline __attribute__((always_inline))
 
+/* Before a loop over few numbers, that are known to the compiler: PoCL unrolls none by itself. With it
+   pictures took a tenth less time, and sweeps a twentieth. Not in double precision, in which sweeps of
+   eight cells at once crashed when unrolled (PoCL 3.0). */
+#ifdef USE_FLOAT64
+#define UNROLL
+#else
+#define UNROLL _Pragma("unroll")
+#endif
+
 /* As fmin, fmax, fabs, clamp, floor and sqrt, but for numbers alone. PoCL calls those as functions, of
    which a walk through cells is full; these are an instruction or two everywhere. */
 INLINE real least(real a, real b) { return a < b ? a : b; }

@@ -38,7 +38,6 @@ typedef struct { real4 of[FOURS]; } Light;
 INLINE Light no_light(void)
 {
     Light light;
-#pragma unroll
     for (int k = 0; k < FOURS; ++k) light.of[k] = (real4)(R(0));
     return light;
 }
@@ -47,8 +46,7 @@ INLINE Light no_light(void)
 INLINE void score(real *sum, real weight, __global const real *light)
 {
     real outside = R(0);
-#pragma unroll
-    for (int c = 0; c < COMPONENTS; ++c) {
+    UNROLL for (int c = 0; c < COMPONENTS; ++c) {
         sum[c] += weight * light[c];
         if (c < BOUNDARIES) outside += light[c];
     }
@@ -58,8 +56,7 @@ INLINE void score(real *sum, real weight, __global const real *light)
 /* Adds light, `all` of which is from within but for what is from the boundary. */
 INLINE void score_light(real *sum, real all, const Light *light)
 {
-#pragma unroll
-    for (int c = 0; c < COMPONENTS; ++c) {
+    UNROLL for (int c = 0; c < COMPONENTS; ++c) {
         const real part = ((const real *)light->of)[c];
         sum[c] += part;
         if (c < BOUNDARIES) all -= part;
@@ -74,12 +71,10 @@ INLINE void add_source(Light *light, real all, real3 place, real3 d, __global co
 #ifdef SLOPED
     const real sent[MOMENTS] = MOMENTS_SENT(d);
 #endif
-#pragma unroll
-    for (int k = 0; k < FOURS; ++k) {
+    UNROLL for (int k = 0; k < FOURS; ++k) {
         real4 seen = FOUR(record + SOURCE, k);
 #ifdef SLOPED
-#pragma unroll
-        for (int m = 0; m < MOMENTS; ++m) seen += sent[m] * FOUR(record + SOURCE, k + (1 + m) * FOURS);
+        UNROLL for (int m = 0; m < MOMENTS; ++m) seen += sent[m] * FOUR(record + SOURCE, k + (1 + m) * FOURS);
 #endif
         seen *= all;
 #ifdef LINEAR
@@ -92,8 +87,7 @@ INLINE void add_source(Light *light, real all, real3 place, real3 d, __global co
 
 INLINE void add_emission(Light *light, real all, __global const real *record)
 {
-#pragma unroll
-    for (int k = 0; k < FOURS; ++k) light->of[k] += all * FOUR(record + EMISSION, k);
+    UNROLL for (int k = 0; k < FOURS; ++k) light->of[k] += all * FOUR(record + EMISSION, k);
 }
 
 #endif

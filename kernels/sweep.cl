@@ -14,12 +14,12 @@
    cells it is far below S, and the difference would be lost to rounding. w is the direction's weight
    times the share of the layer that a step crosses.
 
-   TO_CAMERA, for the last sweep: light counts by how much of it the camera sees from there in the
-   cell, and by the phase function where there is one (PHASE_STEPS).
+   TO_CAMERA, for the last sweep: light counts by the phase function where there is one (PHASE_STEPS);
+   SEEN: and by how much of it the camera sees from there in the cell, where the picture knows no light
+   that changes across cells.
    ACROSS, with LINEAR: the excess is also found times the lever of where in the cell it is; of this
    lies how light changes across it, as evenly as it is there, wherever the camera sees it from. Neither
-   counts what is linear in the source itself. TO_CAMERA then finds the excess itself so, too, but for a
-   phase function, which makes it uneven.
+   counts what is linear in the source itself.
    FLUX: the excess is also found times what the direction that light comes from counts in its first
    and second moments (moments.h); of this lie those of the light in a cell.
    SLOPED: a cell's source is more in one direction than in others, by such moments of its own; the
@@ -61,12 +61,6 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 #define EXCESS_PLANES COMPONENTS
 #endif
 #define ACROSS_PLANES (3 * COMPONENTS)
-#if defined(TO_CAMERA) && !defined(PHASE_STEPS)
-#define MEAN_TOO
-#define FOUND_PLANES (4 * COMPONENTS)
-#else
-#define FOUND_PLANES (3 * COMPONENTS)
-#endif
 #define MOMENT(p, number) CELLS((p) + (number) * COMPONENTS * GROUP)
 #define MOMENT_OF(p, number) CELLS_OF((p) + (number) * COMPONENTS * GROUP)
 
@@ -146,7 +140,7 @@ __kernel void sweep(
     __global const real *across,   /* in: G, of the groups that have it */
 #endif
 #ifdef ACROSS
-    __global real *excess_across,  /* inout: of these, the excess times the lever; MEAN_TOO: and itself */
+    __global real *excess_across,  /* inout: of these, the excess times the lever */
     __global const real4 *levers,  /* in, per step: as in cldit/transport/ways.py, x y z */
     __global const real4 *leans,   /* in, per direction: by how much that falls along the ray */
 #endif
@@ -157,8 +151,10 @@ __kernel void sweep(
     BOUNDARY_ARGUMENTS             /* in cells of this box */
 #ifdef TO_CAMERA
     , __global real *shares,       /* inout: sum of weights */
+#ifdef SEEN
     __global const real *seen,     /* in: optical depth of a cell's edge as the camera sees it */
     __global const real *even,     /* in: 1 over the mean transmission of that */
+#endif
     __global const real *phase, const real4 camera
 #endif
 #ifdef RIM
@@ -221,7 +217,6 @@ __kernel void sweep(
                 const int last = enters || shift.z < 0 ? nu - 1 : shift.z > 0 ? 0 : -1;
                 for (int u = first + lane; u <= last; u += lanes) {
                     const int seen = seen_from(u, v, l, layout, back, &boundary);
-#pragma unroll
                     for (int c = 0; c < COMPONENTS; ++c)
                         crossing[c * slots + u] = c == seen ? inflow : R(0);
                 }
@@ -242,8 +237,7 @@ __kernel void sweep(
                     const lane_t t = CELLS_OF(depth + cell) * stretch;
                     const lane_t share = absorbed(t);
                     if (begin < 0) {
-#pragma unroll
-                        for (int c = 0; c < COMPONENTS; ++c) {
+                        UNROLL for (int c = 0; c < COMPONENTS; ++c) {
                             __global real *ray = crossing + c * slots + u;
                             const lane_t intensity = RAYS(ray);
                             lane_t gap = intensity;
@@ -254,8 +248,12 @@ __kernel void sweep(
                     }
 #ifdef TO_CAMERA
                     const real evenly = weight * counts_for(u, v, l, layout, back, camera, phase);
+#ifdef SEEN
                     const lane_t counts =
                         seen_at(middle.y, CELLS_OF(seen + cell), CELLS_OF(even + cell)) * evenly;
+#else
+                    const real counts = evenly;
+#endif
                     CELLS(shares + cell) += counts;
 #else
                     const real counts = weight, evenly = weight;
@@ -266,16 +264,11 @@ __kernel void sweep(
                     const int changes = begins[cell / GROUP].y;
                     const int changed =
                         first_plane((changes - 1) * GROUP + cell % GROUP, ACROSS_PLANES);
-#ifdef ACROSS
-                    const int finds =
-                        first_plane((changes - 1) * GROUP + cell % GROUP, FOUND_PLANES);
-#endif
                     const lane_t rise = changes ? rising(t, share, mean) : (lane_t)R(0);
                     const real run = -beams[k].x * part;
 #endif
                     __global real *d = excess + first_plane(cell, EXCESS_PLANES);
-#pragma unroll
-                    for (int c = 0; c < COMPONENTS; ++c, s += GROUP, d += GROUP) {
+                    UNROLL for (int c = 0; c < COMPONENTS; ++c, s += GROUP, d += GROUP) {
                         __global real *ray = crossing + c * slots + u;
                         const lane_t intensity = RAYS(ray);
 #ifdef SLOPED
@@ -308,21 +301,17 @@ __kernel void sweep(
                             const lane_t here = (gap * mean - bent) * evenly;
                             const lane_t late = run * evenly
                                 * (gap * rise + change * (R(0.5) * rise + rising_over(t, rise)));
-                            __global real *e = excess_across + finds + c * GROUP;
+                            __global real *e = excess_across + changed + c * GROUP;
                             MOMENT(e, 0) += lever.x * here - lean.x * late;
                             MOMENT(e, 1) += lever.y * here - lean.y * late;
                             MOMENT(e, 2) += lever.z * here - lean.z * late;
-#ifdef MEAN_TOO
-                            MOMENT(e, 3) += here;
-#endif
 #endif
                         }
 #endif
                         more += own;
                         CELLS(d) += more;
 #ifdef FLUX
-#pragma unroll
-                        for (int m = 0; m < MOMENTS; ++m) MOMENT(d, 1 + m) += found[m] * more;
+                        UNROLL for (int m = 0; m < MOMENTS; ++m) MOMENT(d, 1 + m) += found[m] * more;
 #endif
                         RAYS(ray) = leaves - gap * share;
                     }
@@ -335,8 +324,7 @@ __kernel void sweep(
                     if (!own && !(face.y & sides[step])) continue;
                     __global real *leaves = light
                         + ((size_t)face.z * all + earlier + origin.z) * COMPONENTS;
-#pragma unroll
-                    for (int c = 0; c < COMPONENTS; ++c) {
+                    UNROLL for (int c = 0; c < COMPONENTS; ++c) {
                         const real intensity = crossing[c * slots + face.x];
                         leaves[c] = own ? leaves[c] + part * intensity : intensity;
                     }

@@ -193,19 +193,19 @@ def records(
     thick: ThickCells,
     last: Last,
     *,
+    light: NDArray[np.floating],
     changes: NDArray[np.floating] | None,
-    excess: NDArray[np.floating] | None,
 ) -> NDArray[np.floating]:
     """What flights meet: the cells' sources, as the last sweeps took them or as these found them.
 
-    changes (3, C, K), excess (C, K): how light changes across the cells `changing`, and what it is
-    more than their source, if the last sweeps found that. It is from more directions than the
+    light (C, N): in the cells, as the last sweeps found it; changes (3, C, K): how it changes
+    across the cells `changing`, if they found that, too. It is from more directions than the
     sources that they took, and one pass nearer to the end: what light changes across a cell is
     also made by how the source does. It would be an order more where that is fixed.
     """
     sweeper, source, order = last.sweeper, last.source, work.settings.order
     if order is None and changes is not None:
-        source = _found(work, sweeper, source, changes, excess)
+        source = _found(work, sweeper, source, light, changes)
     known = source.changes
     if known is None and sweeper.gradients is not None:
         known = sweeper.gradients(source.moments[: sweeper.components])
@@ -217,19 +217,17 @@ def _found(
     work: Work,
     sweeper: Sweeper,
     source: Light,
+    light: NDArray[np.floating],
     changes: NDArray[np.floating],
-    excess: NDArray[np.floating] | None,
 ) -> Light:
     """The source of cells in which the last sweeps found this light. Its mean, too, without a phase
     function: with one they know only what goes to the camera."""
     some, moments, known = sweeper.changing, source.moments, source.changes
-    if excess is not None:
-        moments = moments.copy()
-        light = moments[:, some] + excess
-        albedo = sweeper.albedo[some].astype(light.dtype)
-        moments[:, some] = albedo * light + sweeper.thermal[:, some]
+    even = work.settings.phase is None
+    if even:
+        moments = sweeper.albedo.astype(light.dtype) * light + sweeper.thermal
     found = _limited(sweeper, changes, moments)
-    if excess is None and known is not None:
+    if not even and known is not None:
         depth = work.seen.depth[work.seen.address[some]]
         found = np.where(depth < _SEEN_THROUGH, found, known)
     return Light(moments, found)

@@ -123,10 +123,11 @@ def _swept_to_camera(work: Work, program: Program, last: Last, thick: ThickCells
     rng = np.random.default_rng([settings.seed, 1])  # alike whatever the order, to compare orders
     half = work.half
     sets = work.to_camera(sweeper, rng)
-    table = np.zeros(1) if settings.phase is None else settings.phase.by_half_sine(PHASE_STEPS)
-    place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
-    camera = sweeper.to_camera(program, seen, table, place)
-    kept = None
+    camera = kept = None
+    if "TO_CAMERA" in program.defines:
+        table = np.zeros(1) if settings.phase is None else settings.phase.by_half_sine(PHASE_STEPS)
+        place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
+        camera = sweeper.to_camera(program, seen, table, place)
     if thick is not None:
         kept = RimLight.of(
             work.device,
@@ -138,24 +139,27 @@ def _swept_to_camera(work: Work, program: Program, last: Last, thick: ThickCells
         )
     halves: list[NDArray[np.floating]] = []
     changes: list[NDArray[np.floating]] = []
-    excess: list[NDArray[np.floating]] = []
     light = np.zeros((sweeper.components, sweeper.count), sweeper.real)
     thermal = seen.thermal_source()
     for number, rays in enumerate(sets):
-        if kept is not None:
-            camera = replace(camera, light=kept.after(number * half))
-        found, change, more = sweeper.weighted_mean(camera, rays)
-        mean = found.astype(np.float64)
+        rim = None if kept is None else kept.after(number * half)
+        if camera is None:
+            found = np.empty((1, *light.shape), sweeper.real)
+            change = sweeper.moments(program, rays, out=found, rim=rim)
+            mean = found[0].astype(np.float64)
+        else:
+            seen_from, change = sweeper.weighted_mean(camera, rays, rim)
+            mean = seen_from.astype(np.float64)
         changes += [] if change is None else [change]
-        excess += [] if more is None else [more]
         halves.append((thermal + seen.albedo * mean).astype(sweeper.real))
         light += (mean / 2).astype(sweeper.real)
     across = np.mean(changes, axis=0) if changes else None
+    if across is not None and last.source.changes is not None:
+        across += last.source.changes
     known = None if across is None else (sweeper.changing, across)
     ends = None
     if thick is not None and kept is not None:
         directions = Directions.joined([rays.directions for rays in sets])
-        more = np.mean(excess, axis=0) if excess else None
-        met = records(work, thick, last, changes=across, excess=more)
+        met = records(work, thick, last, light=light, changes=across)
         ends = Ends(directions, kept, program, met)
     return _Swept((halves[0], halves[1]), light, known, ends)

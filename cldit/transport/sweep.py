@@ -23,6 +23,7 @@ from cldit.transport.patches import NONE, shifted
 from cldit.transport.rays import Rays
 from cldit.transport.reference import mean_transmission
 from cldit.transport.routes import Route
+from cldit.transport.thick import RimLight
 from cldit.transport.towards import ToCamera
 
 # Light that changes by 1 across a cell has, times the place in it, 1 over this for its mean.
@@ -45,15 +46,6 @@ def _slots(layout: Layout) -> int:
 def _rows(layout: Layout) -> int:
     """Of rays: those that are in the box, and those that come in."""
     return layout.size[1] + layout.size[2] + 2
-
-
-def _finds(program: Program) -> int:
-    """How much it finds across cells in which sources change: the excess times the lever along x, y
-    and z, and the excess itself (kernels/sweep.cl MEAN_TOO)."""
-    if "ACROSS" not in program.defines:
-        return 0
-    even = "TO_CAMERA" in program.defines and "PHASE_STEPS" not in program.defines
-    return 4 if even else 3
 
 
 class Sweeper:
@@ -119,7 +111,6 @@ class Sweeper:
         self._source = unset(device, "source", self._planes * most, real)
         self._given: NDArray[Any] = np.zeros((self._planes, self.count), real)
         self._shining = False
-        self._changes: NDArray[Any] | None = None
         self._lanes = device.info.largest_group
         each = max(
             _rows(layout) * self.components * _slots(layout)
@@ -167,7 +158,7 @@ class Sweeper:
         (3, C, M): of S_0 across the cells `changing`, unless they are as neighbours have it. Every
         sweep reads `listed` anew.
         """
-        self._given, self._shining, self._changes = listed, shining, changes
+        self._given, self._shining = listed, shining
         orders = self._order.values()
         if changes is not None:
             for order in orders:
@@ -245,18 +236,24 @@ class Sweeper:
         self._along_all(self._sweep, rays, shining, *room, cavity=cavity)
 
     def moments(
-        self, program: Program, rays: Rays, *, out: NDArray[Any], room: tuple[Any, ...] = ()
+        self,
+        program: Program,
+        rays: Rays,
+        *,
+        out: NDArray[Any],
+        room: tuple[Any, ...] = (),
+        rim: RimLight | None = None,
     ) -> NDArray[Any] | None:
         """Finds the mean of the light in the scattering cells, and of what it is more than that
         the other moments (moments.py), which no set of directions then finds in even light.
 
         program: sweep.cl with FLUX, and room for MOMENTS, or without. out (9 or 1, C, N): takes
-        them. With ACROSS it returns how much more the light changes across the cells `changing`
-        than their source, (3, C, M).
+        them. rim: with RIM, takes the light that is kept. With ACROSS it returns how much more the
+        light changes across the cells `changing` than their source, (3, C, M).
         """
         many = self.components * (MOMENTS if "FLUX" in program.defines else 1)
         excess, listed = (self._excess, self._listed) if many == self.components else room
-        across = self._along_all(program, rays, True, excess, listed, many)
+        across = self._along_all(program, rays, True, excess, listed, many, rim=rim)
         download(self.device, listed, out[: many // self.components])
         weight = rays.directions.weight
         if many > self.components:
@@ -276,6 +273,7 @@ class Sweeper:
         planes: int,
         camera: ToCamera | None = None,
         *,
+        rim: RimLight | None = None,
         cavity: bool = False,
     ) -> NDArray[Any] | None:
         """Sweeps every direction, those through one order of cells after those through the other,
@@ -283,51 +281,49 @@ class Sweeper:
         Returns what a program with ACROSS finds besides.
         """
         size = np.dtype(self._real).itemsize
-        finds = _finds(program)
-        across = self._room_across(finds) if finds else ()
+        across = self._room_across() if "ACROSS" in program.defines else ()
         for turned, order in self._order.items():
             self._fill(order, cavity=cavity)
             clear(self.device, excess, size * planes * order.groups.cells)
             if across:
-                clear(self.device, across[0], size * finds * order.across_size)
+                clear(self.device, across[0], size * 3 * order.across_size)
             if camera is not None:
                 clear(self.device, camera.shares[turned], size * order.groups.cells)
             changes = [order.across, *across[:1]] if "LINEAR" in program.defines else []
             for route, tables, levers in rays.routes:
                 if route.layout.turned is turned:
-                    extra = [] if camera is None else self._towards(camera, route)
+                    extra = [] if camera is None else self._towards(camera, route.layout)
+                    extra += [] if rim is None else rim.arguments(route.layout)
                     arguments = [excess, *changes, *(levers if across else [])]
                     self._along(program, route, tables, shining, arguments, extra)
             more = np.int32(turned)
             self._of_list("listed_excess", listed, excess, order.place, more, np.int32(planes))
             if across:
-                many, count = np.int32(finds * self.components), len(self.changing)
+                many, count = np.int32(3 * self.components), len(self.changing)
                 few = (across[1], across[0], order.changed, more, many)
                 self._of_list("listed_excess", *few, count=count)
         self.sweeps += len(rays.directions)
         if not across:
             return None
-        out = np.empty((finds, self.components, len(self.changing)), self._real)
+        out = np.empty((3, self.components, len(self.changing)), self._real)
         return download(self.device, across[1], out)
 
-    def _room_across(self, finds: int) -> tuple[Any, Any]:
-        """As `room`, for so much of the excess in cells across which sources change."""
-        most = finds * max(order.across_size for order in self._order.values())
-        listed = finds * self.components * len(self.changing)
+    def _room_across(self) -> tuple[Any, Any]:
+        """As `room`, for what is found of the excess in cells across which sources change."""
+        most = 3 * max(order.across_size for order in self._order.values())
+        listed = 3 * self.components * len(self.changing)
         real = self._real
         return unset(self.device, "excess", most, real), unset(self.device, "list", listed, real)
 
-    def _towards(self, camera: ToCamera, route: Route) -> list[Any]:
-        """What the kernel takes with TO_CAMERA, and with RIM."""
+    def _towards(self, camera: ToCamera, layout: Layout) -> list[Any]:
+        """What the kernel takes with TO_CAMERA."""
         place = np.zeros(4)
         place[:3] = camera.place - self.box.low
         return [
-            camera.shares[route.layout.turned],
-            camera.seen[route.layout.turned],
-            camera.even[route.layout.turned],
+            camera.shares[layout.turned],
+            *camera.seen[layout.turned],
             camera.phase,
             place.astype(self._real),
-            *([] if camera.light is None else camera.light.arguments(route.layout)),
         ]
 
     def _along(
@@ -399,31 +395,25 @@ class Sweeper:
         )
 
     def weighted_mean(
-        self, camera: ToCamera, rays: Rays
-    ) -> tuple[NDArray[Any], NDArray[Any] | None, NDArray[Any] | None]:
-        """Mean radiance (C, N) of the scattering cells, as the camera sees them. With ACROSS, how
-        that changes across the cells `changing`, (3, C, M), and without a phase function what it
-        is more than the source in them, wherever they are seen, (C, M)."""
+        self, camera: ToCamera, rays: Rays, rim: RimLight | None = None
+    ) -> tuple[NDArray[Any], NDArray[Any] | None]:
+        """Mean radiance (C, N) of the scattering cells, as the camera sees them; rim and what is
+        returned besides as in `moments`."""
         excess, listed, planes = self._excess, self._listed, self.components
-        across = self._along_all(camera.program, rays, True, excess, listed, planes, camera)
+        across = self._along_all(
+            camera.program, rays, True, excess, listed, planes, camera, rim=rim
+        )
         places = [order.place for order in self._order.values()]
         mean = self._answer("weighted_mean", *camera.shares.values(), *places)
         if across is None:
-            return mean, None, None
-        if _finds(camera.program) > 3:
-            share: Any = self._real(1 / rays.directions.weight.sum())
-        else:
-            for turned, order in self._order.items():
-                more = (np.int32(turned), np.int32(1))
-                counted = (self._out, camera.shares[turned], order.place, *more)
-                self._of_list("listed_excess", *counted)
-            shares = download(self.device, self._out, np.empty(self.count, self._real))
-            shares = shares[self.changing]
-            share = np.divide(1, shares, out=np.zeros_like(shares), where=shares > 0)
-        changes = self._real(_FLAT) * share * across[:3]
-        if self._changes is not None:
-            changes += self._changes
-        return mean, changes, share * across[3] if len(across) > 3 else None
+            return mean, None
+        for turned, order in self._order.items():
+            more = (np.int32(turned), np.int32(1))
+            counted = (self._out, camera.shares[turned], order.place, *more)
+            self._of_list("listed_excess", *counted)
+        shares = download(self.device, self._out, np.empty(self.count, self._real))[self.changing]
+        share = np.divide(1, shares, out=np.zeros_like(shares), where=shares > 0)
+        return mean, self._real(_FLAT) * share * across
 
     def residual(self, *, shining: bool, listed: Any = None) -> NDArray[Any]:
         """Preconditioned residual (C, N) of the present source and its excess; listed: of `room`,

@@ -15,16 +15,15 @@ from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.groups import Groups, turned_too
 from cldit.transport.reference import mean_transmission
-from cldit.transport.thick import RimLight
 
 
 @dataclass(frozen=True)
 class ToCamera:
     """A sweep for the light that cells scatter towards the camera.
 
-    place: of the camera, in cells of the cube. seen, even: optical depths as the camera sees them,
-    and 1 over the mean transmission of each, in groups of either order; shares: sum of weights in
-    every cell, likewise.
+    place: of the camera, in cells of the cube. shares: sum of weights in every cell, in groups of
+    either order; seen, with SEEN: optical depths as the camera sees them, and 1 over the mean
+    transmission of each, likewise.
     """
 
     device: Device
@@ -32,10 +31,8 @@ class ToCamera:
     program: Program
     phase: Any
     place: NDArray[np.float64]
-    seen: dict[bool, Any]
-    even: dict[bool, Any]
     shares: dict[bool, Any]
-    light: RimLight | None = None  # where the light that leaves the rim is kept
+    seen: dict[bool, list[Any]]
 
     @classmethod
     def of(
@@ -53,22 +50,20 @@ class ToCamera:
         """program: sweep.cl, with TO_CAMERA; medium: as the camera sees it; phase: even in the sine
         of half the angle, or a single number where the program has no PHASE_STEPS."""
 
-        def in_groups(values: NDArray[np.float64]) -> dict[bool, Any]:
-            dense = turned_too(medium.dense(box, values.astype(real)))
-            return {
-                turned: upload(device, "optical depth", some.packed(dense[turned]))
-                for turned, some in groups.items()
-            }
-
+        seen: dict[bool, list[Any]] = {turned: [] for turned in groups}
+        if "SEEN" in program.defines:
+            for values in (medium.depth, 1.0 / mean_transmission(medium.depth)):
+                dense = turned_too(medium.dense(box, values.astype(real)))
+                for turned, some in groups.items():
+                    seen[turned].append(upload(device, "optical depth", some.packed(dense[turned])))
         return cls(
             device=device,
             real=real,
             program=program,
             phase=upload(device, "phase function", phase.astype(real)),
             place=place,
-            seen=in_groups(medium.depth),
-            even=in_groups(1.0 / mean_transmission(medium.depth)),
             shares={
                 turned: zeros(device, "shares", some.cells, real) for turned, some in groups.items()
             },
+            seen=seen,
         )

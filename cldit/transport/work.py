@@ -122,9 +122,11 @@ class Work:
 
     def towards(self, thick: ThickCells | None) -> Program:
         """The sweep to the camera."""
-        flags = {**self.sources, "TO_CAMERA": 1}
+        flags = self.sources
         if self.settings.phase is not None:
-            flags["PHASE_STEPS"] = PHASE_STEPS
+            flags.update(TO_CAMERA=1, PHASE_STEPS=PHASE_STEPS)
+        if not self.settings.within_cells:
+            flags.update(TO_CAMERA=1, SEEN=1)
         many = _MANY_EVENLY if self.settings.phase is None else _MANY
         if self.changing is not None and self.settings.final_directions >= many:
             flags["ACROSS"] = 1

@@ -15,7 +15,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import OPTIONS
 from cldit.gpu.source import assemble
 
-Floats = NDArray[np.float32]
+Floats = NDArray[np.floating]
 
 
 class Apply(Protocol):
@@ -39,20 +39,24 @@ def _apply(
     defines: str = "",
     setup: str = "",
 ) -> Floats:
-    """`expression` of a, b, c ... (one float a work-item each, as in `inputs`), after `setup`."""
+    """`expression` of a, b, c ... (one number a work-item each, as in `inputs`), after `setup`; in
+    double precision with USE_FLOAT64."""
+    double = "USE_FLOAT64" in defines
+    real: type[np.floating] = np.float64 if double else np.float32
+    number = "double" if double else "float"
     names = [chr(ord("a") + i) for i in range(len(inputs))]
-    arguments = "".join(f", __global const float *{name}_" for name in names)
-    loads = " ".join(f"const float {name} = {name}_[i];" for name in names)
+    arguments = "".join(f", __global const {number} *{name}_" for name in names)
+    loads = " ".join(f"const {number} {name} = {name}_[i];" for name in names)
     source = (
-        f"{defines}\n{assemble(header)}\n__kernel void apply(__global float *out{arguments})\n"
+        f"{defines}\n{assemble(header)}\n__kernel void apply(__global {number} *out{arguments})\n"
         f"{{ const int i = get_global_id(0); {loads} {setup} out[i] = {expression}; }}\n"
     )
     program = cl.Program(device.context, source).build(options=list(OPTIONS))
     count = len(inputs[0])
-    out = zeros(device, "out", count, np.float32)
-    buffers: list[Any] = [upload(device, "in", array.astype(np.float32)) for array in inputs]
+    out = zeros(device, "out", count, real)
+    buffers: list[Any] = [upload(device, "in", array.astype(real)) for array in inputs]
     cl.Kernel(program, "apply")(device.queue, (count,), None, out, *buffers)
-    return download(device, out, np.empty(count, np.float32))
+    return download(device, out, np.empty(count, real))
 
 
 @pytest.fixture(scope="session")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.scene.vessel import Patch
 from cldit.transport.patches import patch_rows
@@ -27,6 +28,20 @@ def test_absorbed(apply: Any) -> None:
     np.testing.assert_allclose(got, expected, rtol=4 * ULP / 0.05, atol=0)
     thick = DEPTHS > 0.5
     np.testing.assert_allclose(got[thick], expected[thick], rtol=12 * ULP)
+
+
+def test_in_double_precision(apply: Any, device: Device) -> None:
+    """What is left, and what is absorbed, to a few roundings."""
+    if not device.info.float64:
+        pytest.skip("the device has no double precision")
+    depths = np.concatenate([[0.0], np.logspace(-20, 3, 4001)])
+    double = "#define USE_FLOAT64 1"
+    got = apply("attenuation.h", "absorbed(a)", [depths], defines=double)
+    np.testing.assert_allclose(got, -np.expm1(-depths), rtol=2e-15, atol=0)
+    seen = depths < 708
+    left = apply("attenuation.h", "decay(a)", [depths], defines=double)
+    np.testing.assert_allclose(left[seen], np.exp(-depths[seen]), rtol=1e-15)
+    assert np.all(left[~seen] < 1e-300)
 
 
 def test_mean_transmission(apply: Any) -> None:
