@@ -199,6 +199,8 @@ __kernel void sweep(
 #ifdef RIM
             const int first_rim = rim_rows[l * nv + v], end_rim = rim_rows[l * nv + v + 1];
             const int nothing = begin_units == end_units && first_rim == end_rim;
+            for (int i = first_rim + lane; i < end_rim; i += lanes)
+                SOON_READ(light + ((size_t)rim_faces[i].z * all + earlier + origin.z) * COMPONENTS);
 #else
             const int nothing = begin_units == end_units;
 #endif

@@ -54,12 +54,14 @@ def error_K(
     if outside is not None:
         own[: cells.needs.boundaries - 1] = outside
     emissivity = 1.0 - mean[0]
-    apparent = own @ mean[1:] / np.maximum(emissivity, 1e-9)
+    # Not by BLAS, whose threads keep a core busy for a while after each such product.
+    apparent = np.einsum("c,cn->n", own, mean[1:]) / np.maximum(emissivity, 1e-9)
     out = np.full(mean.shape[1], np.nan)
     here = (emissivity > VISIBLE) & (apparent > 0)
     if here.any():
         apparent = apparent[here]
-        radiance = own @ difference[1:, here] + difference[0, here] * apparent
+        radiance = np.einsum("c,cn->n", own, difference[1:, here])
+        radiance += difference[0, here] * apparent
         temperature = temperature_of_radiance(apparent, filter_um=filter_um)
         slope = band_radiance_slope(temperature, filter_um=filter_um)
         out[here] = radiance / emissivity[here] / slope

@@ -262,4 +262,5 @@ def nearest(directions: Directions) -> NDArray[np.int32]:
     y = np.where(below, (1 - np.abs(u)) * np.copysign(1.0, v), v)
     points = np.stack([x, y, z], axis=2).reshape(-1, 3)
     points /= np.linalg.norm(points, axis=1, keepdims=True)
-    return np.asarray(np.argmax(points @ directions.unit.T, axis=1), np.int32)
+    cosines = np.einsum("pk,dk->pd", points, directions.unit)  # not by BLAS, as in kelvin.py
+    return np.asarray(np.argmax(cosines, axis=1), np.int32)
