@@ -76,8 +76,11 @@ INLINE REAL absorbed(REAL t)
     return (R(1) - two) - two * rest;
 }
 
+/* One division serves all that is over t. */
+INLINE REAL per(REAL t) { return R(1) / t; }
+
 /* share: absorbed(t), which the caller has at hand. */
-INLINE REAL mean_transmission(REAL t, REAL share) { return t > R(0) ? share / t : (REAL)R(1); }
+INLINE REAL mean_transmission(REAL t, REAL share) { return t > R(0) ? share * per(t) : (REAL)R(1); }
 
 /* A source that rises by 1 on the way, evenly, brings so much more than its mean would to the
    intensity at the end, over t: ((1 + exp(-t)) / 2 - (1 - exp(-t)) / t) / t. share: absorbed(t);
@@ -85,14 +88,14 @@ INLINE REAL mean_transmission(REAL t, REAL share) { return t > R(0) ? share / t 
 INLINE REAL rising(REAL t, REAL share, REAL mean)
 {
     const REAL thin = t * (R(0.08333333333333333) - t * R(0.041666666666666664));
-    return t < R(THIN) ? thin : (R(1) - R(0.5) * share - mean) / t;
+    return t < R(THIN) ? thin : (R(1) - R(0.5) * share - mean) * per(t);
 }
 
 /* The same, rising(t), over t. */
 INLINE REAL rising_over(REAL t, REAL rise)
 {
     const REAL thin = R(0.08333333333333333) - t * R(0.041666666666666664);
-    return t < R(THIN) ? thin : rise / t;
+    return t < R(THIN) ? thin : rise * per(t);
 }
 
 /* Optical depth that absorbs this share of the light, -log(1 - share), to 3e-7 of it, for shares from

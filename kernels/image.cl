@@ -79,9 +79,9 @@ typedef struct {
 
 INLINE void add_source(real *sum, real taken, __global const real *record)
 {
-    for (int p = 0; p < PICTURES; ++p) {
+    UNROLL for (int p = 0; p < PICTURES; ++p) {
         __global const real *source = record + FIRST + p * ONE;
-        for (int c = 0; c < SOURCES; ++c) sum[p * PARTS + FIRST_SOURCE + c] += taken * source[c];
+        UNROLL for (int c = 0; c < SOURCES; ++c) sum[p * PARTS + FIRST_SOURCE + c] += taken * source[c];
 #ifdef HAS_SCATTERING
         sum[p * PARTS + WITHIN] += taken * source[SOURCES];
 #else
@@ -107,9 +107,9 @@ INLINE void add_change(
     const real x = where * walk->dx + taken * (walk->px - walk->x - R(0.5));
     const real y = where * walk->dy + taken * (walk->py - walk->y - R(0.5));
     const real z = where * walk->dz + taken * (walk->pz - walk->z - R(0.5));
-    for (int c = 0; c < COMPONENTS; ++c, ++change) {
+    UNROLL for (int c = 0; c < COMPONENTS; ++c, ++change) {
         const real more = x * change[0] + y * change[COMPONENTS] + z * change[2 * COMPONENTS];
-        for (int p = 0; p < PICTURES; ++p) {
+        UNROLL for (int p = 0; p < PICTURES; ++p) {
             sum[p * PARTS + c] += more;
             if (c < BOUNDARIES) sum[p * PARTS + WITHIN] -= more;
         }
@@ -147,8 +147,8 @@ INLINE void look(real *sum, const Ray *ray, const Medium *m)
     if (transmitted > R(CUTOFF)) {
         const int seen = boundary_seen(
             ray->px, ray->py, ray->pz, ray->dx, ray->dy, ray->dz, ray->start, &m->boundary);
-        for (int p = 0; p < PICTURES; ++p)
-            for (int c = 0; c < BOUNDARIES; ++c)
+        UNROLL for (int p = 0; p < PICTURES; ++p)
+            UNROLL for (int c = 0; c < BOUNDARIES; ++c)
                 sum[p * PARTS + c] += c == seen ? transmitted : R(0);
     } else {
         /* The little that is left goes as deep as the last cell looks: it takes that cell's source,
