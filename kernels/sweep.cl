@@ -28,7 +28,7 @@
    less at its middle than S by what that lies off the cell's; over all rays this is nothing, and is
    left out of the excess, where it would only be noise.
    RIM: the light that comes into thick cells from others is kept, for gather.cl, by the face; and
-   that in thick cells, as it leaves them, the mean over the steps. */
+   that in thick cells, the mean over the steps of what comes in and what leaves. */
 
 #include "boundary.h"
 #include "components.h"
@@ -103,6 +103,23 @@ INLINE real counts_for(
 #else
     return R(1);
 #endif
+}
+#endif
+
+#ifdef RIM
+/* Keeps light as it leaves a cell through one of these faces; of light in the cell, half of what is
+   there, before rays cross it and after. number: of the direction. */
+INLINE void keep(
+    __global real *light, int4 face, int sides, real part, int all, int number,
+    __global const real *crossing, int slots)
+{
+    const int own = face.y == NO_FACE;
+    if (!own && !(face.y & sides)) return;
+    __global real *to = light + ((size_t)face.z * all + number) * COMPONENTS;
+    UNROLL for (int c = 0; c < COMPONENTS; ++c) {
+        const real intensity = crossing[c * slots + face.x];
+        to[c] = own ? to[c] + R(0.5) * part * intensity : intensity;
+    }
 }
 #endif
 
@@ -197,10 +214,11 @@ __kernel void sweep(
             const int begin_units = groups[place] * (GROUP / VECTOR);
             const int end_units = groups[place + 1] * (GROUP / VECTOR);
 #ifdef RIM
+            const int kept = earlier + origin.z;
             const int first_rim = rim_rows[l * nv + v], end_rim = rim_rows[l * nv + v + 1];
             const int nothing = begin_units == end_units && first_rim == end_rim;
             for (int i = first_rim + lane; i < end_rim; i += lanes)
-                SOON_READ(light + ((size_t)rim_faces[i].z * all + earlier + origin.z) * COMPONENTS);
+                SOON_READ(light + ((size_t)rim_faces[i].z * all + kept) * COMPONENTS);
 #else
             const int nothing = begin_units == end_units;
 #endif
@@ -226,6 +244,11 @@ __kernel void sweep(
 
                 const real4 middle = parts[step];
                 const real part = middle.w;
+#ifdef RIM
+                for (int i = first_rim + lane; i < end_rim; i += lanes)
+                    keep(light, rim_faces[i], 0, part, all, kept, crossing, slots);
+                barrier(CLK_GLOBAL_MEM_FENCE);
+#endif
                 const real stretch = beams[k].x * part;
                 const real weight = beams[k].y * part;
 #ifdef ACROSS
@@ -320,17 +343,8 @@ __kernel void sweep(
                 }
                 barrier(CLK_GLOBAL_MEM_FENCE);
 #ifdef RIM
-                for (int i = first_rim + lane; i < end_rim; i += lanes) {
-                    const int4 face = rim_faces[i];
-                    const int own = face.y == NO_FACE;
-                    if (!own && !(face.y & sides[step])) continue;
-                    __global real *leaves = light
-                        + ((size_t)face.z * all + earlier + origin.z) * COMPONENTS;
-                    UNROLL for (int c = 0; c < COMPONENTS; ++c) {
-                        const real intensity = crossing[c * slots + face.x];
-                        leaves[c] = own ? leaves[c] + part * intensity : intensity;
-                    }
-                }
+                for (int i = first_rim + lane; i < end_rim; i += lanes)
+                    keep(light, rim_faces[i], sides[step], part, all, kept, crossing, slots);
                 barrier(CLK_GLOBAL_MEM_FENCE);
 #endif
             }
