@@ -9,7 +9,7 @@ from typing import Any
 import pyopencl as cl
 
 from cldit.errors import DeviceError
-from cldit.gpu.pocl import known_to_pocl, name_processor
+from cldit.gpu.pocl import instruction_sets, mistaken_for, name_processor
 
 _NO_DRIVER = (
     "no OpenCL platform was found; install a driver, or the embedded one that needs none: "
@@ -172,8 +172,12 @@ def split(device: Device, counts: Sequence[int]) -> Device:
 
 
 def _open(info: DeviceInfo, handle: Any, reason: str) -> Device:
-    if not known_to_pocl(handle.platform, handle):
-        name_processor(handle)  # where that fails, the first program that is built says what to do
+    flags = instruction_sets()
+    mistaken = mistaken_for(handle.platform, handle, flags)
+    name = None if mistaken is None else name_processor(handle, mistaken, flags)
+    if mistaken is not None and name is not None:  # else the first build may say what to do
+        version = info.version.removesuffix(mistaken.decode()) + name.decode()
+        info = replace(info, version=version)
     try:
         context = cl.Context([handle])
         queue = cl.CommandQueue(context)

@@ -1,9 +1,10 @@
 """PoCL on processors that are newer than it.
 
 The PoCL that pip installs is of 2022, with LLVM 14. Where that does not know the processor (AMD's
-family 26, say) it calls it `generic`, a name that its own compiler then refuses: nothing can be
-built (github.com/pocl/pocl/issues/1049), and no setting of PoCL's helps. What such a processor can
-do is known, so it is given the name of an older one that can do no more.
+family 26, Zen 5, say) it calls it `generic`, a name that its own compiler then refuses: nothing can
+be built (github.com/pocl/pocl/issues/1049). Zen 4, of Zen 3's family, it takes for that, which has
+no AVX-512: a trace of `gdi` takes a ninth longer. No setting of PoCL's helps. What such a processor
+can do is known, so it is given the name of another that can do no more.
 """
 
 from __future__ import annotations
@@ -16,20 +17,22 @@ from pathlib import Path
 from typing import Any
 
 _PLATFORM = "Portable Computing Language"
-_UNKNOWN = "-generic"  # at the end of a device's version: PoCL's name of the processor
 _LOOKED_AT = 2048  # bytes of PoCL's record of a device, in which the name is pointed to
 _POINTER = struct.Struct("@P")
 
+_AVX512 = frozenset("avx512f avx512bw avx512cd avx512dq avx512vl avx2 fma bmi2 f16c adx".split())
+
 # Instruction sets, as Linux names them, of processors that LLVM 14 knows: the best first.
 _KNOWN: tuple[tuple[bytes, frozenset[str]], ...] = (
-    (
-        b"skylake-avx512",
-        frozenset("avx512f avx512bw avx512cd avx512dq avx512vl avx2 fma bmi2 f16c adx".split()),
-    ),
+    (b"skylake-avx512", _AVX512),
     (b"haswell", frozenset("avx2 fma bmi1 bmi2 f16c movbe".split())),
     (b"sandybridge", frozenset("avx popcnt pclmulqdq sse4_2".split())),
     (b"x86-64", frozenset({"sse2"})),
 )
+
+
+# Names that it gives to processors that it does not know, if they have these.
+_MISTAKEN: dict[bytes, frozenset[str]] = {b"generic": frozenset(), b"znver3": _AVX512}
 
 
 def like_processor(flags: frozenset[str]) -> bytes | None:
@@ -37,25 +40,29 @@ def like_processor(flags: frozenset[str]) -> bytes | None:
     return next((name for name, needs in _KNOWN if needs <= flags), None)
 
 
-def known_to_pocl(platform: Any, device: Any) -> bool:
-    """Whether PoCL has a name for the device's processor, or the device is not PoCL's."""
-    return platform.name.strip() != _PLATFORM or not device.version.strip().endswith(_UNKNOWN)
+def mistaken_for(platform: Any, device: Any, flags: frozenset[str]) -> bytes | None:
+    """PoCL's name of the device's processor, at the end of its version, if that is not what has
+    these instructions; None as well where the device is not PoCL's."""
+    name = device.version.strip().rpartition("-")[2].encode()
+    mistaken = platform.name.strip() == _PLATFORM and name in _MISTAKEN
+    return name if mistaken and _MISTAKEN[name] <= flags else None
 
 
-def name_processor(device: Any) -> bool:
-    """Gives PoCL's record of a device the name of an older processor; whether it could be done.
+def name_processor(device: Any, mistaken: bytes, flags: frozenset[str]) -> bytes | None:
+    """Gives PoCL's record of a device the name of a processor with no more than these instructions,
+    and returns that; None where it could not be done.
 
-    The name is found as a pointer to the text `generic` after one to the name of a platform, which
+    The name is found as a pointer to the mistaken one after one to the name of a platform, which
     together with it are the end of the device's version. Memory is read through /proc, where a
     wrong address is an error and no crash.
     """
-    name = like_processor(_flags(Path("/proc/cpuinfo")))
+    name = like_processor(flags)
     if name is None:
-        return False
+        return None
     try:
         memory = os.open("/proc/self/mem", os.O_RDWR)
     except OSError:
-        return False
+        return None
     try:
         record = os.pread(memory, _LOOKED_AT, device.int_ptr)
         texts = [_text_at(memory, address) for (address,) in _POINTER.iter_unpack(record)]
@@ -63,17 +70,17 @@ def name_processor(device: Any) -> bool:
         place = next(
             place
             for place, (before, here) in enumerate(itertools.pairwise(texts), 1)
-            if here == b"generic" and before and version.endswith(b"-" + before + b"-generic")
+            if here == mistaken and before and version.endswith(b"-" + before + b"-" + mistaken)
         )
         text = ctypes.create_string_buffer(name)
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(text))  # PoCL reads it as long as it lives
         where = device.int_ptr + place * _POINTER.size
         os.pwrite(memory, _POINTER.pack(ctypes.addressof(text)), where)
     except (OSError, StopIteration):
-        return False
+        return None
     finally:
         os.close(memory)
-    return True
+    return name
 
 
 def _text_at(memory: int, address: int) -> bytes | None:
@@ -83,7 +90,7 @@ def _text_at(memory: int, address: int) -> bytes | None:
         return None  # no pointer, then
 
 
-def _flags(cpuinfo: Path) -> frozenset[str]:
+def instruction_sets(cpuinfo: Path = Path("/proc/cpuinfo")) -> frozenset[str]:
     """Instruction sets of an x86 processor, as Linux lists them; none on other systems."""
     try:
         lines = cpuinfo.read_text().splitlines()

@@ -31,8 +31,8 @@ __all__ = ["Settings", "Trace", "settings_for", "trace"]
 # Optical depth from which cells are thick with a phase function, less than without: what is
 # scattered to the camera then comes from close to the line of sight behind them.
 _THICK_BY_PHASE = 0.22
-# RMS error of the solved source, at 0.1 K asked: passes after the solver leave a hundredth of it, and
-# with a fortieth `gdi` errs as much.
+# RMS error of the solved source, at 0.1 K asked: passes after the solver leave a part of it, and
+# with a twentieth `gdi` errs as much.
 _SOLVED = 2e-4
 # Up to this accuracy `Settings.deep` is what deep cells are; less makes do with deeper ones.
 _DEEP_K = 0.05
