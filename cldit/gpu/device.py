@@ -164,9 +164,12 @@ def split(device: Device, counts: Sequence[int]) -> Device:
         raise DeviceError(
             f"{device.info.name} cannot be divided into {list(counts)}: {error}"
         ) from error
+    described = (
+        _describe(f"{device.info.index}.{n}", handle.platform, part) for n, part in enumerate(parts)
+    )
     first, *others = (
-        _open(_describe(f"{device.info.index}.{n}", handle.platform, part), part, "a part of it")
-        for n, part in enumerate(parts)
+        _open(replace(info, version=device.info.version), part, "a part of it")
+        for info, part in zip(described, parts, strict=True)
     )
     return replace(first, others=tuple(others))
 

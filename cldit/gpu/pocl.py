@@ -3,7 +3,7 @@
 The PoCL that pip installs is of 2022, with LLVM 14. Where that does not know the processor (AMD's
 family 26, Zen 5, say) it calls it `generic`, a name that its own compiler then refuses: nothing can
 be built (github.com/pocl/pocl/issues/1049). Zen 4, of Zen 3's family, it takes for that, which has
-no AVX-512: a trace of `gdi` takes a ninth longer. No setting of PoCL's helps. What such a processor
+no AVX-512: a trace of `gdi` takes a tenth longer. No setting of PoCL's helps. What such a processor
 can do is known, so it is given the name of another that can do no more.
 """
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 import warnings
 from collections.abc import Mapping
@@ -59,7 +60,10 @@ def build(device: Device, name: str, defines: Mapping[str, Define]) -> Program:
         KernelError: the source does not assemble or build; the message holds the compiler's log.
     """
     source = assemble(name)
+    # PoCL keeps what it has built by text and options, whatever processor it took this one for.
+    built_for = re.sub(r"\W+", "_", device.info.version)
     options = [f"-D{key}={_literal(value)}" for key, value in sorted(defines.items())]
+    options.append(f"-DBUILT_FOR={built_for}")
     start, cpu = time.perf_counter(), time.process_time()
     try:
         with warnings.catch_warnings():
