@@ -10,7 +10,7 @@ from cldit.gpu.buffers import download
 from cldit.gpu.device import Device
 from cldit.gpu.program import build
 from cldit.transport.cells import OpticalCells
-from cldit.transport.directions import isotropic
+from cldit.transport.directions import Directions, isotropic
 from cldit.transport.groups import lanes
 from cldit.transport.thick import RimLight, ThickCells
 
@@ -50,3 +50,29 @@ def test_light_kept_in_thick_cells(device: Device) -> None:
     of_each = np.einsum("k,nko->no", rays.directions.weight, kept[own])
     order = np.argsort(own)
     np.testing.assert_allclose(of_each[order].T, mean[0][:, thick.listed], atol=1e-5)
+
+
+def test_light_in_a_cell_is_the_mean_of_what_comes_in_and_leaves(device: Device) -> None:
+    """Along an axis by Beer and Lambert, through cold cells."""
+    cells = OpticalCells.of(random_tree(4, scattering=1e-9))
+    box = cells.box()
+    thick = ThickCells.of(cells, box, deeper_than=float(np.median(cells.depth[cells.address])))
+    assert thick is not None
+    flags = {**cells.needs.defines, "BOUNDARY_ENCLOSURE": 1, "RIM": 1}
+    sweeper = sweeper_of(device, cells, flags)
+    program = build(device, "sweep.cl", {**flags, **lanes(device)})
+    along = Directions(unit=np.array([[0.0, 1.0, 0.0]]), weight=np.ones(1))
+    rays = sweeper.rays(along, np.zeros((1, 2)))
+    light = RimLight.of(
+        device, thick, box, components=sweeper.components, directions=1, real=np.float32
+    )
+    sweeper.set_source(np.zeros_like(sweeper.thermal), shining=False)
+    mean = np.empty((1, sweeper.components, sweeper.count), np.float32)
+    sweeper.moments(program, rays, out=mean, rim=light)
+    kept = download(device, light.buffer, np.empty((thick.rim, sweeper.components), np.float32))
+    depth = cells.dense(box, cells.depth)
+    beyond = np.cumsum(depth[:, ::-1], axis=1)[:, ::-1] - depth
+    expected = np.exp(-beyond) * (1 + np.exp(-depth)) / 2
+    there = cells.place(box, cells.address[thick.listed])
+    own = np.sort(thick.own[thick.own >= 0])  # as the thick cells are listed
+    np.testing.assert_allclose(kept[own, 0], expected.reshape(-1)[there], rtol=2e-6)
