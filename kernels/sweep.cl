@@ -40,6 +40,10 @@
 #error "the sweep is for scenes that scatter: define HAS_SCATTERING"
 #endif
 
+#if defined(SEEN) && (!defined(TO_CAMERA) || defined(ACROSS))
+#error "SEEN: with TO_CAMERA, where light is even in cells"
+#endif
+
 /* Groups of cells are aligned; rays may begin anywhere. Not vload8, which PoCL calls as a function. */
 typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 #define CELLS(p) (*(__global lane_t *)(p))

@@ -93,8 +93,8 @@ def _text_at(memory: int, address: int) -> bytes | None:
 def instruction_sets(cpuinfo: Path = Path("/proc/cpuinfo")) -> frozenset[str]:
     """Instruction sets of an x86 processor, as Linux lists them; none on other systems."""
     try:
-        lines = cpuinfo.read_text().splitlines()
+        with cpuinfo.open() as lines:  # no further than the first core's
+            line = next((line for line in lines if line.startswith("flags")), "")
     except OSError:
         return frozenset()
-    line = next((line for line in lines if line.startswith("flags")), "")
     return frozenset(line.partition(":")[2].split())

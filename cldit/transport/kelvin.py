@@ -34,6 +34,12 @@ def _radiances(cells: OpticalCells, scene: Scene) -> Floats:
     return np.array([grey[0], wall, *grey[1:], *(cells.scale for _ in cells.needs.emitters)])
 
 
+def _sum(radiances: Floats, weights: NDArray[np.floating]) -> Floats:
+    """Of radiances (C,) times weights (C, N). Not by BLAS, whose threads keep a core busy for a
+    while after each such product."""
+    return np.asarray(np.einsum("c,cn->n", radiances, weights))
+
+
 def error_K(
     mean: NDArray[np.floating],
     difference: NDArray[np.floating],
@@ -54,14 +60,12 @@ def error_K(
     if outside is not None:
         own[: cells.needs.boundaries - 1] = outside
     emissivity = 1.0 - mean[0]
-    # Not by BLAS, whose threads keep a core busy for a while after each such product.
-    apparent = np.einsum("c,cn->n", own, mean[1:]) / np.maximum(emissivity, 1e-9)
+    apparent = _sum(own, mean[1:]) / np.maximum(emissivity, 1e-9)
     out = np.full(mean.shape[1], np.nan)
     here = (emissivity > VISIBLE) & (apparent > 0)
     if here.any():
         apparent = apparent[here]
-        radiance = np.einsum("c,cn->n", own, difference[1:, here])
-        radiance += difference[0, here] * apparent
+        radiance = _sum(own, difference[1:, here]) + difference[0, here] * apparent
         temperature = temperature_of_radiance(apparent, filter_um=filter_um)
         slope = band_radiance_slope(temperature, filter_um=filter_um)
         out[here] = radiance / emissivity[here] / slope
@@ -92,10 +96,10 @@ def steep(
         bent = np.flatnonzero(np.max(np.abs(change), axis=0) > 1e-5)
         there, missed = (part.reshape(len(part), -1)[:, bent] for part in (image, change))
         kelvin = np.nan_to_num(np.abs(error_K(there, missed, cells, scene)))
-        seen = np.maximum(_radiances(cells, scene) @ there, 1e-300)
+        seen = np.maximum(_sum(_radiances(cells, scene), there), 1e-300)
         bright = temperature_of_radiance(seen, filter_um=scene_filter(scene))
         slope = band_radiance_slope(bright, filter_um=scene_filter(scene))
-        missed_K = np.abs(_radiances(cells, scene) @ missed) / np.maximum(slope, 1e-300)
+        missed_K = np.abs(_sum(_radiances(cells, scene), missed)) / np.maximum(slope, 1e-300)
         marked.flat[bent[np.maximum(kelvin, missed_K) > accuracy_K]] = True
     wide = marked.copy()
     for axis in (0, 1):

@@ -146,10 +146,9 @@ def _swept_to_camera(work: Work, program: Program, last: Last, thick: ThickCells
         if camera is None:
             found = np.empty((1, *light.shape), sweeper.real)
             change = sweeper.moments(program, rays, out=found, rim=rim)
-            mean = found[0].astype(np.float64)
         else:
-            seen_from, change = sweeper.weighted_mean(camera, rays, rim)
-            mean = seen_from.astype(np.float64)
+            found, change = sweeper.weighted_mean(camera, rays, rim)
+        mean = found.reshape(light.shape).astype(np.float64)
         changes += [] if change is None else [change]
         halves.append((thermal + seen.albedo * mean).astype(sweeper.real))
         light += (mean / 2).astype(sweeper.real)

@@ -40,6 +40,7 @@ def test_the_name_in_the_record_is_replaced() -> None:
     assert name_processor(device, b"generic", flags)
     name = record[12]
     assert name == like_processor(flags)
+    assert name not in (b"generic", b"", None)
     assert record[10:14] == [b"generic", b"x86_64-unknown-linux-gnu", name, b"3.0"]
     assert not name_processor(device, b"generic", flags)  # done already
 
