@@ -7,17 +7,16 @@
 #include "components.h"
 #include "groups.h"
 
-/* A box's source, of so many planes a cell: what its cells emit, [emitter][cell], and nothing else. */
+/* A box's source, of so many planes a cell: what its cells emit, [emitter][cell], by groups. */
 __kernel void emit(
-    __global real *source, __global const real *thermal, const int planes, const int emitters,
-    const int count)
+    __global real *source, __global const real *thermal, const int planes, const int groups)
 {
     const int i = get_global_id(0);
-    if (i >= count) return;
-    const int at = first_plane(i, planes);
-    for (int p = 0; p < planes; ++p) source[at + p * GROUP] = R(0);
-    for (int e = 0; e < emitters; ++e)
-        source[at + (BOUNDARIES + e) * GROUP] = thermal[e * count + i];
+    if (i >= groups) return;
+    __global real *to = source + (i * planes + BOUNDARIES) * GROUP;
+    __global const real *from = thermal + i * GROUP;
+    UNROLL for (int e = 0; e < EMITTERS; ++e)
+        UNROLL for (int k = 0; k < GROUP; ++k) to[e * GROUP + k] = from[e * groups * GROUP + k];
 }
 
 /* A box's planes, of so many a cell: those from `first` on, from the list. */
@@ -28,7 +27,7 @@ __kernel void set_source(
     const int i = get_global_id(0);
     if (i >= count) return;
     const int at = first_plane(place[i], planes) + first * GROUP;
-    for (int c = 0; c < COMPONENTS; ++c) source[at + c * GROUP] = listed[c * count + i];
+    UNROLL for (int c = 0; c < COMPONENTS; ++c) source[at + c * GROUP] = listed[c * count + i];
 }
 
 /* Change of the listed source across each cell along x, y, z, from neighbours' (see
@@ -60,12 +59,10 @@ __kernel void listed_excess(
     const int planes, const int count)
 {
     const int i = get_global_id(0);
+    const int c = get_global_id(1);
     if (i >= count) return;
-    const int at = first_plane(place[i], planes);
-    for (int c = 0; c < planes; ++c) {
-        const real before = more ? out[c * count + i] : R(0);
-        out[c * count + i] = before + box[at + c * GROUP];
-    }
+    const real before = out[c * count + i];
+    out[c * count + i] = (more ? before : R(0)) + box[first_plane(place[i], planes) + c * GROUP];
 }
 
 /* Preconditioned residual of S = a J + E, with J = S + D:
@@ -79,7 +76,7 @@ __kernel void residual(
 {
     const int i = get_global_id(0);
     if (i >= count) return;
-    for (int c = 0; c < COMPONENTS; ++c) {
+    UNROLL for (int c = 0; c < COMPONENTS; ++c) {
         const int k = c * count + i;
         const real lack =
             albedo[i] * excess[k] - coalbedo[i] * listed[k] + shine * emission[k];

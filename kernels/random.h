@@ -8,14 +8,17 @@
 /* Four random words of a counter and a key. */
 INLINE uint4 philox(uint4 counter, uint2 key)
 {
-    for (int round = 0; round < 10; ++round) {
-        const ulong first = (ulong)counter.x * 0xD2511F53u;
-        const ulong second = (ulong)counter.z * 0xCD9E8D57u;
-        counter = (uint4)((uint)(second >> 32) ^ counter.y ^ key.x, (uint)second,
-                          (uint)(first >> 32) ^ counter.w ^ key.y, (uint)first);
-        key += (uint2)(0x9E3779B9u, 0xBB67AE85u);
+    /* Word by word: PoCL would put vectors together and take them apart in every round. */
+    uint x = counter.x, y = counter.y, z = counter.z, w = counter.w, k = key.x, l = key.y;
+    UNROLL for (int round = 0; round < 10; ++round, k += 0x9E3779B9u, l += 0xBB67AE85u) {
+        const ulong first = (ulong)x * 0xD2511F53u;
+        const ulong second = (ulong)z * 0xCD9E8D57u;
+        x = (uint)(second >> 32) ^ y ^ k;
+        y = (uint)second;
+        z = (uint)(first >> 32) ^ w ^ l;
+        w = (uint)first;
     }
-    return counter;
+    return (uint4)(x, y, z, w);
 }
 
 /* A word as a number above 0 and below 1; 23 bits, so that single precision holds the halves. */

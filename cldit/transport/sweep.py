@@ -34,6 +34,7 @@ _TOGETHER = 32  # directions: more take memory for rays
 # Rows and layers of a tile, at most, which a CPU's core has at hand; and so many tiles on average,
 # at least, for each of its cores in a launch.
 _EDGE = 16
+_GROUP = 256  # of the kernels that go from cell to cell
 _TILES = 4
 
 
@@ -177,8 +178,10 @@ class Sweeper:
             ones = np.zeros((emitters, count), self._real)
             ones[0] = 1.0
             thermal = upload(self.device, "thermal sources", ones)
-        numbers = (np.int32(self._planes), np.int32(emitters if self._shining else 0))
-        self._of_list("emit", self._source, thermal, *numbers, count=count)
+        clear(self.device, self._source, self._planes * count * np.dtype(self._real).itemsize)
+        if emitters and self._shining:
+            planes = np.int32(self._planes)
+            self._of_list("emit", self._source, thermal, planes, count=len(order.groups))
         self._put(self._given, self._source, order.place)
 
     def _put(self, planes: NDArray[Any], into: Any, place: Any) -> None:
@@ -192,11 +195,16 @@ class Sweeper:
     def _to_list(self, planes: NDArray[Any]) -> None:
         cl.enqueue_copy(self.device.queue, self._list, np.ascontiguousarray(planes, self._real))
 
-    def _of_list(self, kernel: str, *arguments: Any, count: int | None = None) -> None:
-        """Runs a kernel over the scattering cells, or so many."""
+    def _of_list(
+        self, kernel: str, *arguments: Any, count: int | None = None, planes: int = 1
+    ) -> None:
+        """Runs a kernel over the scattering cells, or so many; and over planes."""
         items = self.count if count is None else count
         if items:
-            self._kernels[kernel](self.device.queue, (items,), None, *arguments, np.int32(items))
+            # PoCL's own choice divides the number of cells, which may be a prime.
+            group = min(_GROUP, self.device.info.largest_group)
+            size = -(-items // group) * group, planes
+            self._kernels[kernel](self.device.queue, size, (group, 1), *arguments, np.int32(items))
 
     def room(self, moments: int) -> tuple[Any, ...]:
         """Room for so many moments of the excess in either order of cells, which sweeps clear, and
@@ -296,17 +304,28 @@ class Sweeper:
                     extra += [] if rim is None else rim.arguments(route.layout)
                     arguments = [excess, *changes, *(levers if across else [])]
                     self._along(program, route, tables, shining, arguments, extra)
-            more = np.int32(turned)
-            self._of_list("listed_excess", listed, excess, order.place, more, np.int32(planes))
+            self._list_excess(listed, excess, order.place, turned, planes)
             if across:
-                many, count = np.int32(3 * self.components), len(self.changing)
-                few = (across[1], across[0], order.changed, more, many)
-                self._of_list("listed_excess", *few, count=count)
+                some = (across[1], across[0], order.changed)
+                self._list_excess(*some, turned, 3 * self.components, count=len(self.changing))
         self.sweeps += len(rays.directions)
         if not across:
             return None
         out = np.empty((3, self.components, len(self.changing)), self._real)
         return download(self.device, across[1], out)
+
+    def _list_excess(
+        self,
+        listed: Any,
+        excess: Any,
+        place: Any,
+        turned: bool,
+        planes: int,
+        count: int | None = None,
+    ) -> None:
+        """Of so many planes; what is found in the turned groups comes on top."""
+        numbers = np.int32(turned), np.int32(planes)
+        self._of_list("listed_excess", listed, excess, place, *numbers, count=count, planes=planes)
 
     def _room_across(self) -> tuple[Any, Any]:
         """As `room`, for what is found of the excess in cells across which sources change."""
@@ -408,9 +427,7 @@ class Sweeper:
         if across is None:
             return mean, None
         for turned, order in self._order.items():
-            more = (np.int32(turned), np.int32(1))
-            counted = (self._out, camera.shares[turned], order.place, *more)
-            self._of_list("listed_excess", *counted)
+            self._list_excess(self._out, camera.shares[turned], order.place, turned, 1)
         shares = download(self.device, self._out, np.empty(self.count, self._real))[self.changing]
         share = np.divide(1, shares, out=np.zeros_like(shares), where=shares > 0)
         return mean, self._real(_FLAT) * share * across
