@@ -49,9 +49,10 @@ def zeros(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any
     return buffer
 
 
-def clear(device: Device, buffer: Any, size: int) -> None:
-    """Sets every byte of the buffer to zero."""
-    cl.enqueue_fill_buffer(device.queue, buffer, np.zeros(1, np.uint8), 0, size)
+def clear(device: Device, buffer: Any, size: int, *, first: int = 0) -> None:
+    """Sets so many bytes of the buffer to zero, from number `first` on."""
+    if size:
+        cl.enqueue_fill_buffer(device.queue, buffer, np.zeros(1, np.uint8), first, size)
 
 
 def download(device: Device, buffer: Any, out: NDArray[Any], *, first: int = 0) -> NDArray[Any]:

@@ -33,7 +33,7 @@ from cldit.transport.view import upload_tree
 
 Floats = NDArray[np.float64]
 
-_SAMPLES = 16  # of a pixel in the first round; a power of two, as in all rounds
+_SAMPLES = 8  # of a pixel in the first round; a power of two, as in all rounds
 _GROWTH = 8  # of them at most, from one round to the next: their scatter is not known well
 _MOST_CHAINS = 1e8  # of a picture: some core-minutes
 # Transmission at which flights end, for each kelvin of the wanted error. For what is left the last
@@ -266,7 +266,7 @@ class Gather:
         samples = np.zeros(count, np.int64)  # of either half, in each of a pixel's rays
         tiles = self._tiles(pixels)
         near = np.argsort(tiles, kind="stable")  # one tile's chains meet the same cells
-        before = self._painter.view.before_background.flat[pixels]
+        before = self._painter.view.on_background(pixels)
         size = max(_SAMPLES // across**2, 1)
         while size > 1 and 2 * size * across**2 * count > _MOST_CHAINS / 4:
             size //= 2

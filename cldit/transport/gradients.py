@@ -93,7 +93,8 @@ def across_cells(
         sides = np.where((below >= 0) & (above >= 0), 1, 2).astype(light.dtype)
         for there, sign in ((below, -1), (above, 1)):
             near = np.where(there >= 0, there, every)
-            change += sign * sides * root / (root + root[near]) * (light[:, near] - light)
+            share = sign * sides * root / (root + root[near])
+            change += share * (np.take(light, near, axis=1) - light)
     if known is not None:
         changes[:, :, known[0]] = known[1]
     limit(changes, light)

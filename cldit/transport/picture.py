@@ -176,7 +176,8 @@ class Painter:
         if gather is None or not len(left):
             return
         seen = images[:, :-1, left].mean(axis=0)
-        counts = (1 - images[0, 0] > VISIBLE) & self.view.before_background.flat[pixels]
+        counts = 1 - images[0, 0] > VISIBLE
+        counts[counts] = self.view.on_background(pixels[counts])
         other = int(np.count_nonzero(counts) - np.count_nonzero(counts[left]))
         images[:, :, left] += gather(pixels[left], across, seen, other)
 

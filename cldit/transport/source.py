@@ -63,7 +63,7 @@ def trace_source(
     with np.errstate(over="ignore", invalid="ignore"):
         mean = images[0] if len(images) < 2 else (images[0] + images[1]) / 2
         closure = Closure.of(
-            mean[: cells.needs.boundaries], mean[-1], bound=_CLOSED + 10 * settings.tolerance
+            mean[: cells.needs.boundaries], mean[-1], bound=_CLOSED + 3 * settings.tolerance
         )
     difference = None if len(images) < 2 else (images[0] - images[1]) / 2
     return Trace(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from cldit.gpu.buffers import upload, zeros
+from cldit.gpu.buffers import clear, unset, upload
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
@@ -237,8 +237,11 @@ class RimLight:
             table = np.column_stack([along, bit, number, number])[order]  # the last is not read
             rows[layout.number] = upload(device, "rows of faces", starts.astype(np.int32))
             listed[layout.number] = upload(device, "faces", table.astype(np.int32))
-        size = directions * thick.rim * components
-        kept = zeros(device, "light from without", size, real)
+        kept = unset(device, "light from without", directions * thick.rim * components, real)
+        # Cells' own light, which comes last, is summed; that of faces is written.
+        each = directions * components * np.dtype(real).itemsize
+        own = len(thick_ones)
+        clear(device, kept, own * each, first=(thick.rim - own) * each)
         return cls(kept, thick.rim, directions, rows, listed)
 
     def arguments(self, layout: Layout) -> list[Any]:

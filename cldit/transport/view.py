@@ -73,17 +73,23 @@ class View:
     def before_background(self) -> NDArray[np.bool_]:
         """(H, W) pixels whose line of sight ends on the background, were there no medium."""
         columns, rows = self.pixels
+        return self.on_background(np.arange(columns * rows)).reshape(rows, columns)
+
+    def on_background(self, pixels: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(N,) as `before_background`, of flat numbers of pixels alone."""
+        columns, rows = self.pixels
         centre, radius = self.disc[:3], float(self.disc[3]) ** 0.5
         if "BOUNDARY_ENCLOSURE" in self.defines:  # behind every patch, wherever one looks
             centre, radius = np.array([0.0, 1e12, 0.0]), np.inf
-        right = (np.arange(columns) + 0.5 - 0.5 * columns) * self.pitch[0]
-        above = (0.5 * rows - np.arange(rows) - 0.5) * self.pitch[1]
         away = np.array([0.0, self.distance, 0.0])
-        out = np.zeros((rows, columns), bool)
-        for some in np.array_split(np.arange(rows), -(-out.size // _AT_ONCE)):  # for memory
-            x, z = np.meshgrid(right, above[some])
+        out = np.zeros(len(pixels), np.bool_)
+        for first in range(0, len(pixels), _AT_ONCE):  # for memory
+            some = slice(first, first + _AT_ONCE)
+            row, column = np.divmod(pixels[some], columns)
             # Where lines of sight cross the target plane.
-            plane = np.stack([x, np.zeros_like(x), z], axis=2).reshape(-1, 3)
+            plane = np.zeros((len(row), 3))
+            plane[:, 0] = (column + 0.5 - 0.5 * columns) * self.pitch[0]
+            plane[:, 2] = (0.5 * rows - row - 0.5) * self.pitch[1]
             toward = plane + away if "CAMERA_PINHOLE" in self.defines else 0.0 * plane + away
             toward /= np.linalg.norm(toward, axis=1, keepdims=True)
             start = -self.distance / toward[:, 1:2]
@@ -94,7 +100,7 @@ class View:
                 radius=radius,
                 patches=self.patches,
             )
-            out[some] = (seen == 0).reshape(x.shape)
+            out[some] = seen == 0
         return out
 
     def arguments(self, device: Device, cells: OpticalCells, real: type[np.floating]) -> list[Any]:
