@@ -33,7 +33,7 @@ from cldit.transport.view import upload_tree
 
 Floats = NDArray[np.float64]
 
-_SAMPLES = 8  # of a pixel in the first round; a power of two, as in all rounds
+_SAMPLES = 16  # of a pixel in the first round; a power of two, as in all rounds
 _GROWTH = 8  # of them at most, from one round to the next: their scatter is not known well
 _MOST_CHAINS = 1e8  # of a picture: some core-minutes
 # Transmission at which flights end, for each kelvin of the wanted error. For what is left the last
