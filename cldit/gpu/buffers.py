@@ -45,14 +45,18 @@ def unset(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any
 def zeros(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any:
     """A device buffer of `count` zeros (at least one)."""
     buffer = unset(device, what, count, dtype)
-    clear(device, buffer, max(1, count) * np.dtype(dtype).itemsize)
+    clear(device, buffer, max(1, count), dtype)
     return buffer
 
 
-def clear(device: Device, buffer: Any, size: int, *, first: int = 0) -> None:
-    """Sets so many bytes of the buffer to zero, from number `first` on."""
-    if size:
-        cl.enqueue_fill_buffer(device.queue, buffer, np.zeros(1, np.uint8), first, size)
+def clear(
+    device: Device, buffer: Any, count: int, dtype: type[np.generic], *, first: int = 0
+) -> None:
+    """Sets so many numbers of the buffer to zero, from its number `first` on."""
+    if count:
+        size = np.dtype(dtype).itemsize
+        zero = np.zeros(1, np.uint8)
+        cl.enqueue_fill_buffer(device.queue, buffer, zero, first * size, count * size)
 
 
 def download(device: Device, buffer: Any, out: NDArray[Any], *, first: int = 0) -> NDArray[Any]:

@@ -25,7 +25,7 @@ from cldit.gpu.device import Device
 from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.kelvin import VISIBLE, error_K
+from cldit.transport.kelvin import counted, error_K
 from cldit.transport.path import trace_path
 from cldit.transport.result import Settings, Trace
 from cldit.transport.sampled import Sampled
@@ -96,7 +96,7 @@ def found(
     scatter nothing they are right.
     """
     emissivity = 1.0 - weights.background.reshape(-1).astype(np.float64)
-    visible = (emissivity > VISIBLE) & view.before_background.reshape(-1)
+    visible = counted(view, emissivity, np.arange(len(emissivity)))
 
     def draw(scattered: Floats) -> Sampled:
         here = visible & (scattered > 0)

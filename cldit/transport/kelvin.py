@@ -10,6 +10,7 @@ from cldit.optics.response import scene_filter
 from cldit.radiance.weights import background_radiance
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
+from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
 
@@ -38,6 +39,16 @@ def _sum(radiances: Floats, weights: NDArray[np.floating]) -> Floats:
     """Of radiances (C,) times weights (C, N). Not by BLAS, whose threads keep a core busy for a
     while after each such product."""
     return np.asarray(np.einsum("c,cn->n", radiances, weights))
+
+
+def counted(
+    view: View, emissivity: NDArray[np.floating], pixels: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Which of some pixels (N,), flat, have a T_app: their line of sight ends on the background,
+    and their emissivity (N,) is above 0.05."""
+    out = np.asarray(emissivity > VISIBLE)
+    out[out] = view.on_background(pixels[out])
+    return out
 
 
 def error_K(

@@ -21,7 +21,7 @@ from cldit.gpu.share import shares
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.closure import Closure
-from cldit.transport.kelvin import VISIBLE, error_K
+from cldit.transport.kelvin import counted, error_K
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.sampled import Sampled
 from cldit.transport.sobol import columns
@@ -203,9 +203,9 @@ def trace_path(
         for program, (one, mine) in zip(programs, shares(device, count), strict=True)
         if mine
     ]
-    before = view.before_background.reshape(-1)
-    before = before if sampled is None else before[listed]
-    other = int(np.count_nonzero(np.delete((1.0 - image[0] > VISIBLE) & before, place)))
+    before = view.on_background(listed)
+    rest = np.delete(np.arange(image.shape[1]), place)  # none, where some are drawn
+    other = int(np.count_nonzero(counted(view, 1.0 - image[0, rest], rest)))
     sums = _Sums(
         (np.zeros((components, count)), np.zeros((components, count))),
         np.zeros((components, count)),
@@ -218,7 +218,7 @@ def trace_path(
         if sums.batches % 2 or sums.batches < _LEAST:
             continue
         kelvin = error_K((image[:, place] + sums.mean)[:-1], sums.difference[:-1], cells, scene)
-        kelvin = kelvin[np.isfinite(kelvin) & before[place]]
+        kelvin = kelvin[np.isfinite(kelvin) & before]
         error = float(np.sqrt(np.sum(kelvin**2) / max(len(kelvin) + other, 1)))
         if report is not None:
             report(f"{sums.batches * SAMPLES} samples a pixel: {error:.2g} K")

@@ -16,7 +16,7 @@ from cldit.gpu.share import shares
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.filled import Filled
-from cldit.transport.kelvin import VISIBLE, steep
+from cldit.transport.kelvin import counted, steep
 from cldit.transport.view import View, upload_directory
 
 Floats = NDArray[np.float64]
@@ -176,8 +176,7 @@ class Painter:
         if gather is None or not len(left):
             return
         seen = images[:, :-1, left].mean(axis=0)
-        counts = 1 - images[0, 0] > VISIBLE
-        counts[counts] = self.view.on_background(pixels[counts])
+        counts = counted(self.view, 1 - images[0, 0], pixels)
         other = int(np.count_nonzero(counts) - np.count_nonzero(counts[left]))
         images[:, :, left] += gather(pixels[left], across, seen, other)
 

@@ -178,7 +178,7 @@ class Sweeper:
             ones = np.zeros((emitters, count), self._real)
             ones[0] = 1.0
             thermal = upload(self.device, "thermal sources", ones)
-        clear(self.device, self._source, self._planes * count * np.dtype(self._real).itemsize)
+        clear(self.device, self._source, self._planes * count, self._real)
         if emitters and self._shining:
             planes = np.int32(self._planes)
             self._of_list("emit", self._source, thermal, planes, count=len(order.groups))
@@ -288,15 +288,14 @@ class Sweeper:
         which share the room for the excess; `listed` then has its planes for the scattering cells.
         Returns what a program with ACROSS finds besides.
         """
-        size = np.dtype(self._real).itemsize
         across = self._room_across() if "ACROSS" in program.defines else ()
         for turned, order in self._order.items():
             self._fill(order, cavity=cavity)
-            clear(self.device, excess, size * planes * order.groups.cells)
+            clear(self.device, excess, planes * order.groups.cells, self._real)
             if across:
-                clear(self.device, across[0], size * 3 * order.across_size)
+                clear(self.device, across[0], 3 * order.across_size, self._real)
             if camera is not None:
-                clear(self.device, camera.shares[turned], size * order.groups.cells)
+                clear(self.device, camera.shares[turned], order.groups.cells, self._real)
             changes = [order.across, *across[:1]] if "LINEAR" in program.defines else []
             for route, tables, levers in rays.routes:
                 if route.layout.turned is turned:

@@ -237,11 +237,10 @@ class RimLight:
             table = np.column_stack([along, bit, number, number])[order]  # the last is not read
             rows[layout.number] = upload(device, "rows of faces", starts.astype(np.int32))
             listed[layout.number] = upload(device, "faces", table.astype(np.int32))
-        kept = unset(device, "light from without", directions * thick.rim * components, real)
+        kept = unset(device, "light from without", thick.rim * directions * components, real)
         # Cells' own light, which comes last, is summed; that of faces is written.
-        each = directions * components * np.dtype(real).itemsize
-        own = len(thick_ones)
-        clear(device, kept, own * each, first=(thick.rim - own) * each)
+        each, own = directions * components, len(thick_ones)
+        clear(device, kept, own * each, real, first=(thick.rim - own) * each)
         return cls(kept, thick.rim, directions, rows, listed)
 
     def arguments(self, layout: Layout) -> list[Any]:

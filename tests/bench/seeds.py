@@ -20,7 +20,7 @@ from cldit.gpu.device import open_device
 from cldit.run.simulate import default_cache
 from cldit.scene import load_scene
 
-LATTICES = (7, 5)
+LATTICES = (Lattice((7, 7)), Lattice((5, 5)))
 
 
 def main() -> None:
@@ -33,18 +33,21 @@ def main() -> None:
     given = parser.parse_args()
     scene = changed(load_scene("gdi"), transport={"phase": "mie", "method": "source"})
     case = Case.of(scene, open_device(None), cache=default_cache())
-    parts = [case.seen(Lattice((n, n)).of(scene)) for n in LATTICES]
+    parts = [case.seen(lattice.of(scene)) for lattice in LATTICES]
     truths = [Truth.of(part, samples=given.samples, phase=given.phase) for part in parts]
     case.run(case.settings(phase=given.phase, accuracy_K=1.0, audit=False))  # builds
-    print(" asked  core-s  least  RMS K: " + "  ".join(f"every {n}th" for n in LATTICES))
+    print(
+        " asked  core-s  least  RMS K: "
+        + "  ".join(f"every {lattice.every[0]}th" for lattice in LATTICES)
+    )
     for accuracy in given.accuracy:
         settings = case.settings(phase=given.phase, accuracy_K=accuracy, audit=False)
         costs, errors = [], []
         for seed in range(given.seeds):
             result, cost = case.run(replace(settings, seed=settings.seed + seed))
             costs.append(cost.core_s)
-            for n, part, truth in zip(LATTICES, parts, truths, strict=True):
-                kelvin = part.temperature_K(Lattice((n, n)).pick(scene, result.weights))
+            for lattice, part, truth in zip(LATTICES, parts, truths, strict=True):
+                kelvin = part.temperature_K(lattice.pick(scene, result.weights))
                 errors.append(truth.rms(kelvin, truth.kelvin))
         square = np.mean(np.reshape(errors, (given.seeds, -1)) ** 2, axis=0)
         each = "  ".join(f"{root:9.4f}" for root in np.sqrt(square))

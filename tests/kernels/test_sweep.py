@@ -256,17 +256,16 @@ def test_light_to_the_camera_changes_as_the_light_does(device: Device) -> None:
     more = sweeper.moments(program, rays, out=light)
     assert more is not None
     even = {name: value for name, value in defines.items() if name != "ACROSS"}
+    towards = build(device, "sweep.cl", {**defines, **flags})
+    seen_there = build(device, "sweep.cl", {**even, **flags, "SEEN": 1})
     for seen in (clear, cells):
-        towards = build(device, "sweep.cl", {**defines, **flags})
         camera = sweeper.to_camera(towards, seen, np.zeros(1), np.zeros(3))
         mean, found = sweeper.weighted_mean(camera, rays)
         np.testing.assert_allclose(mean, light[0], rtol=0, atol=2e-6)  # a few roundings of 12 rays
         assert found is not None
         np.testing.assert_allclose(found, more, atol=5e-5)  # twelve times as much
-        towards = build(device, "sweep.cl", {**even, **flags, "SEEN": 1})
-        mean, _ = sweeper.weighted_mean(
-            sweeper.to_camera(towards, seen, np.zeros(1), np.zeros(3)), rays
-        )
+        camera = sweeper.to_camera(seen_there, seen, np.zeros(1), np.zeros(3))
+        mean, _ = sweeper.weighted_mean(camera, rays)
         assert np.allclose(mean, light[0], rtol=0, atol=2e-6) == (seen is clear)
 
 
