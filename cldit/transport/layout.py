@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cldit.transport.groups import GROUP
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -18,6 +20,17 @@ class Layout:
     stride_v: int
     stride_l: int
     turned: bool
+
+    @property
+    def slots(self) -> int:
+        """For a row of rays: those that are in the box, in whole groups, and those that come in."""
+        nu, _, nl = self.size
+        return -(-nu // GROUP) * GROUP + nl + 4
+
+    @property
+    def ray_rows(self) -> int:
+        """Of rays: those that are in the box, and those that come in."""
+        return self.size[1] + self.size[2] + 2
 
 
 def layouts(shape: tuple[int, int, int]) -> dict[int, Layout]:

@@ -15,8 +15,9 @@ from cldit.gpu.program import Program
 from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.directions import Directions
 from cldit.transport.gradients import Gradients
-from cldit.transport.groups import GROUP, Groups
+from cldit.transport.groups import Groups
 from cldit.transport.layout import Layout, layouts
+from cldit.transport.listed import Listed
 from cldit.transport.moments import MOMENTS, found
 from cldit.transport.packed import PackedCells, Real
 from cldit.transport.patches import NONE, shifted
@@ -34,19 +35,7 @@ _TOGETHER = 32  # directions: more take memory for rays
 # Rows and layers of a tile, at most, which a CPU's core has at hand; and so many tiles on average,
 # at least, for each of its cores in a launch.
 _EDGE = 16
-_GROUP = 256  # of the kernels that go from cell to cell
 _TILES = 4
-
-
-def _slots(layout: Layout) -> int:
-    """For a row of rays: those that are in the box, in whole groups, and those that come in."""
-    nu, _, nl = layout.size
-    return -(-nu // GROUP) * GROUP + nl + 4
-
-
-def _rows(layout: Layout) -> int:
-    """Of rays: those that are in the box, and those that come in."""
-    return layout.size[1] + layout.size[2] + 2
 
 
 class Sweeper:
@@ -85,7 +74,6 @@ class Sweeper:
         self.changing = np.flatnonzero(
             np.full(self.count, linear) if changing is None else changing
         )
-        self._kernels = iterate
         self._real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
         self._disc = disc.copy()
         self._disc[:3] -= self.box.low
@@ -114,7 +102,7 @@ class Sweeper:
         self._shining = False
         self._lanes = device.info.largest_group
         each = max(
-            _rows(layout) * self.components * _slots(layout)
+            layout.ray_rows * self.components * layout.slots
             for layout in layouts(self.box.shape).values()
         )
         fit = device.info.largest_buffer_bytes // (each * np.dtype(real).itemsize)
@@ -136,7 +124,9 @@ class Sweeper:
         escapes = mean_transmission(_MEAN_PATH * cells.depth[cells.address])
         self.lost = (cells.coalbedo + cells.albedo * escapes).astype(real)
         self._lost = upload(device, "lost light", self.lost)
-        self._list = zeros(device, "list", self.components * self.count, real)
+        self._cells = Listed.of(
+            device, iterate, components=self.components, count=self.count, real=real
+        )
         self._out = zeros(device, "answer", self.components * self.count, real)
         self.sweeps = 0
 
@@ -163,11 +153,14 @@ class Sweeper:
         orders = self._order.values()
         if changes is not None:
             for order in orders:
-                self._put(changes.reshape(-1, len(self.changing)), order.across, order.changed)
+                self._cells.put(
+                    changes.reshape(-1, len(self.changing)), order.across, order.changed
+                )
         if self._neighbours:
-            self._to_list(listed[: self.components])
+            self._cells.take(listed[: self.components])
             across, changed = zip(*((order.across, order.changed) for order in orders), strict=True)
-            self._of_list("set_gradients", *across, self._list, *changed, *self._neighbours)
+            source = self._cells.source
+            self._cells.run("set_gradients", *across, source, *changed, *self._neighbours)
 
     def _fill(self, order: PackedCells, *, cavity: bool) -> None:
         """Puts the present source into the box, in one order of its cells. cavity: all cells emit
@@ -181,30 +174,8 @@ class Sweeper:
         clear(self.device, self._source, self._planes * count, self._real)
         if emitters and self._shining:
             planes = np.int32(self._planes)
-            self._of_list("emit", self._source, thermal, planes, count=len(order.groups))
-        self._put(self._given, self._source, order.place)
-
-    def _put(self, planes: NDArray[Any], into: Any, place: Any) -> None:
-        """Of the planes, C at a time; the first stay in the list."""
-        for first in reversed(range(0, len(planes), self.components)):
-            self._to_list(planes[first : first + self.components])
-            numbers = (np.int32(first), np.int32(len(planes)))
-            count = planes.shape[1]
-            self._of_list("set_source", into, self._list, place, *numbers, count=count)
-
-    def _to_list(self, planes: NDArray[Any]) -> None:
-        cl.enqueue_copy(self.device.queue, self._list, np.ascontiguousarray(planes, self._real))
-
-    def _of_list(
-        self, kernel: str, *arguments: Any, count: int | None = None, planes: int = 1
-    ) -> None:
-        """Runs a kernel over the scattering cells, or so many; and over planes."""
-        items = self.count if count is None else count
-        if items:
-            # PoCL's own choice divides the number of cells, which may be a prime.
-            group = min(_GROUP, self.device.info.largest_group)
-            size = -(-items // group) * group, planes
-            self._kernels[kernel](self.device.queue, size, (group, 1), *arguments, np.int32(items))
+            self._cells.run("emit", self._source, thermal, planes, count=len(order.groups))
+        self._cells.put(self._given, self._source, order.place)
 
     def room(self, moments: int) -> tuple[Any, ...]:
         """Room for so many moments of the excess in either order of cells, which sweeps clear, and
@@ -219,12 +190,8 @@ class Sweeper:
     def _answer(self, kernel: str, *arguments: Any, listed: Any = None) -> NDArray[Any]:
         """What a kernel makes of the source and the excess (C, N) of the listed cells."""
         excess = self._listed if listed is None else listed
-        self._of_list(kernel, self._out, excess, self._list, *arguments)
-        return self._read(self._out)
-
-    def _read(self, listed: Any) -> NDArray[Any]:
-        """The first C planes of a list."""
-        return download(self.device, listed, np.empty((self.components, self.count), self._real))
+        self._cells.run(kernel, self._out, excess, self._cells.source, *arguments)
+        return self._cells.read(self._out)
 
     def rays(self, directions: Directions, starts: NDArray[np.float64]) -> Rays:
         """starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer."""
@@ -268,7 +235,7 @@ class Sweeper:
             leaning = found(rays.directions.unit) @ weight / weight.sum()
             for moment, lean in zip(out[1:], leaning, strict=True):
                 moment -= self._real(lean) * out[0]
-        out[0] += self._real(weight.sum()) * self._read(self._list)
+        out[0] += self._real(weight.sum()) * self._cells.read(self._cells.source)
         return None if across is None else across * self._real(_FLAT / weight.sum())
 
     def _along_all(
@@ -303,28 +270,16 @@ class Sweeper:
                     extra += [] if rim is None else rim.arguments(route.layout)
                     arguments = [excess, *changes, *(levers if across else [])]
                     self._along(program, route, tables, shining, arguments, extra)
-            self._list_excess(listed, excess, order.place, turned, planes)
+            self._cells.find(listed, excess, order.place, turned=turned, planes=planes)
             if across:
-                some = (across[1], across[0], order.changed)
-                self._list_excess(*some, turned, 3 * self.components, count=len(self.changing))
+                some, count = (across[1], across[0], order.changed), len(self.changing)
+                planes_across = 3 * self.components
+                self._cells.find(*some, turned=turned, planes=planes_across, count=count)
         self.sweeps += len(rays.directions)
         if not across:
             return None
         out = np.empty((3, self.components, len(self.changing)), self._real)
         return download(self.device, across[1], out)
-
-    def _list_excess(
-        self,
-        listed: Any,
-        excess: Any,
-        place: Any,
-        turned: bool,
-        planes: int,
-        count: int | None = None,
-    ) -> None:
-        """Of so many planes; what is found in the turned groups comes on top."""
-        numbers = np.int32(turned), np.int32(planes)
-        self._of_list("listed_excess", listed, excess, place, *numbers, count=count, planes=planes)
 
     def _room_across(self) -> tuple[Any, Any]:
         """As `room`, for what is found of the excess in cells across which sources change."""
@@ -360,8 +315,8 @@ class Sweeper:
             np.int32(0),
             *tables,
             self._rays,
-            np.int32(_slots(layout)),
-            np.int32(_rows(layout)),
+            np.int32(layout.slots),
+            np.int32(layout.ray_rows),
             order.first,
             order.begins,
             order.depth,
@@ -396,7 +351,7 @@ class Sweeper:
             parts[b] = 1.0 - listed[:b].sum(axis=0)
         self.set_source(parts, shining=True)
         self.sweep(rays, shining=True, cavity=True)
-        total = self._read(self._listed).sum(axis=0, dtype=np.float64)
+        total = self._cells.read(self._listed).sum(axis=0, dtype=np.float64)
         missing = parts.sum(axis=0, dtype=np.float64) - 1.0
         return np.asarray(total / rays.directions.weight.sum() + missing)
 
@@ -426,7 +381,8 @@ class Sweeper:
         if across is None:
             return mean, None
         for turned, order in self._order.items():
-            self._list_excess(self._out, camera.shares[turned], order.place, turned, 1)
+            counted = camera.shares[turned]
+            self._cells.find(self._out, counted, order.place, turned=turned, planes=1)
         shares = download(self.device, self._out, np.empty(self.count, self._real))[self.changing]
         share = np.divide(1, shares, out=np.zeros_like(shares), where=shares > 0)
         return mean, self._real(_FLAT) * share * across
