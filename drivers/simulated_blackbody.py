@@ -12,7 +12,7 @@ from cldit.scene.values import Temperature
 
 from .controller import BlackBody, BlackBodyLimits
 from .heater import Dynamics, Heater
-from .simulated_bench import SimulatedBench, bench_of
+from .simulated_scene import SimulatedScene, bench_of
 
 ABOUT = DriverAbout(
     "background",
@@ -33,7 +33,7 @@ class SimulatedBlackBody(BlackBody[BlackBodySettings]):
     """A `cldit.rig.protocols.Background`."""
 
     def __init__(
-        self, settings: BlackBodySettings, context: RigContext, bench: SimulatedBench
+        self, settings: BlackBodySettings, context: RigContext, bench: SimulatedScene
     ) -> None:
         super().__init__(settings, context.clock)
         self._bench = bench

@@ -25,7 +25,7 @@ from cldit.rig.protocols import (
 )
 from cldit.scene.checks import Section, Within
 
-from .simulated_bench import Pulse, SimulatedBench, bench_of
+from .simulated_scene import Pulse, SimulatedScene, bench_of
 
 _LIMITS_S = (320e-9, 1.0)
 _FRAME_RATE_Hz = 146.7  # full frame of a typical 640 x 512 InSb camera
@@ -57,7 +57,7 @@ class SimulatedCamera:
     """A `cldit.rig.protocols.Camera`."""
 
     def __init__(
-        self, settings: CameraSettings, context: RigContext, bench: SimulatedBench
+        self, settings: CameraSettings, context: RigContext, bench: SimulatedScene
     ) -> None:
         self._faults = settings
         self._rate_Hz = _FRAME_RATE_Hz

@@ -14,7 +14,7 @@ from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, NotCo
 from cldit.rig.protocols import Burst, DeviceInfo
 from cldit.scene.checks import Section, Within
 
-from .simulated_bench import Pulse, SimulatedBench, bench_of
+from .simulated_scene import Pulse, SimulatedScene, bench_of
 
 _STEP_S = 1e-8  # to which delays and widths are rounded
 
@@ -37,7 +37,7 @@ class SimulatedInjector:
     """A `cldit.rig.protocols.TriggerGenerator`."""
 
     def __init__(
-        self, settings: InjectorSettings, context: RigContext, bench: SimulatedBench
+        self, settings: InjectorSettings, context: RigContext, bench: SimulatedScene
     ) -> None:
         self._log = None if settings.pulse_log is None else context.folder / settings.pulse_log
         self._faults = settings

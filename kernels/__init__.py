@@ -1,1 +1,1 @@
-"""OpenCL C sources of cldit; `cldit.gpu.source` reads and assembles them."""
+"""OpenCL C sources of cldit; `cldit.gpu.kernel_source` reads and assembles them."""

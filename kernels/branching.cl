@@ -15,7 +15,7 @@
 #include "phase.h"
 #include "random.h"
 #include "ray.h"
-#include "walk.h"
+#include "octree_traversal.h"
 
 #ifndef HAS_SCATTERING
 #error "branching.cl is for scenes that scatter: define HAS_SCATTERING"

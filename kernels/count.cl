@@ -4,7 +4,7 @@
 #include "boundary.h"
 #include "boundary.h"
 #include "ray.h"
-#include "walk.h"
+#include "octree_traversal.h"
 
 __kernel void count(
     __global int2 *steps,             /* out: steps, and steps through cells that hold something */

@@ -4,7 +4,7 @@
 #define FLIGHT_H
 
 #include "boundary.h"
-#include "record.h"
+#include "cell_record.h"
 
 #ifndef PENDING
 #error "PENDING: reads of kept light that are made together"

@@ -18,14 +18,14 @@
 
    COUNTED: the part from within is left out; how many cells flights crossed stands there. */
 
-#include "lanes.h"
+#include "simd.h"
 
 #include "directions.h"
 #include "flight.h"
 #include "phase.h"
 #include "random.h"
 #include "ray.h"
-#include "walk.h"
+#include "octree_traversal.h"
 
 #ifndef CUTOFF
 #error "CUTOFF: transmission at which a ray ends"

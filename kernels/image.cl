@@ -20,7 +20,7 @@
 #include "boundary.h"
 #include "components.h"
 #include "ray.h"
-#include "walk.h"
+#include "octree_traversal.h"
 
 #ifdef HAS_SCATTERING
 #define FIRST_SOURCE 0

@@ -1,5 +1,5 @@
 /* Moments of light over the directions that it comes from, the mean aside: three of the first
-   order, five of the second (cldit/transport/moments.py). */
+   order, five of the second (cldit/transport/angular_moments.py). */
 #ifndef MOMENTS_H
 #define MOMENTS_H
 

@@ -7,7 +7,7 @@
    these places, and in every step each cell is crossed by one ray and each ray crosses one cell. Where
    rays leave a row sideways, others come in on its opposite side with what is seen there.
 
-   Of a row only the groups of cells that hold something are gone through (groups.h).
+   Of a row only the groups of cells that hold something are gone through (cell_packets.h).
 
    Over an optical depth t the intensity I goes to I exp(-t) + S (1 - exp(-t)); its mean is
    S + (I - S) q(t). Stored is the excess D = sum w (I - S) q over the source, not the mean: in thick
@@ -32,8 +32,8 @@
 
 #include "boundary.h"
 #include "components.h"
-#include "groups.h"
-#include "lanes.h"
+#include "cell_packets.h"
+#include "simd.h"
 #include "moments.h"
 
 #ifndef HAS_SCATTERING
@@ -89,7 +89,7 @@ INLINE int seen_from(int u, int v, int l, int layout, real4 back, const Boundary
 }
 
 #ifdef TO_CAMERA
-#include "towards.h"
+#include "view_phase.h"
 
 /* What light from `back` counts for in the cells of a vector from (u, v, l) on: by the phase function
    as it is in their middle. */
@@ -128,7 +128,7 @@ INLINE void keep(
 #endif
 
 /* A work-group crosses a tile of rows and layers along each direction of a quadrant, as
-   cldit/transport/tiles.py has it, from row to row as rays go: so those that come into a row within a
+   cldit/transport/discrete_ordinates/kba_tiles.py has it, from row to row as rays go: so those that come into a row within a
    layer have crossed the row before, and a row's cells are at hand for all steps of its layer.
 
    A ray keeps its slot and its row of rays; the cell u finds the ray that crosses it at slot u - moved +
@@ -162,7 +162,7 @@ __kernel void sweep(
 #endif
 #ifdef ACROSS
     __global real *excess_across,  /* inout: of these, the excess times the lever */
-    __global const real4 *levers,  /* in, per step: as in cldit/transport/ways.py, x y z */
+    __global const real4 *levers,  /* in, per step: as in cldit/transport/discrete_ordinates/segments.py, x y z */
     __global const real4 *leans,   /* in, per direction: by how much that falls along the ray */
 #endif
     const int layout,

@@ -12,13 +12,13 @@ from cldit.rig.clock import SimulatedClock, SystemClock
 from cldit.rig.load import Rig, open_rig
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
-    from drivers.peer_blackbody import FlukePeer, ModbusPeer
-    from drivers.peer_gige import GigePeer
-    from drivers.peer_rig import CALIBRATION, PeerRig
+    from drivers.emulators.blackbody import FlukePeer, ModbusPeer
+    from drivers.emulators.gige_camera import GigePeer
+    from drivers.emulators.rig import CALIBRATION, PeerRig
 else:
-    from cldit.drivers.peer_blackbody import FlukePeer, ModbusPeer
-    from cldit.drivers.peer_gige import GigePeer
-    from cldit.drivers.peer_rig import CALIBRATION, PeerRig
+    from cldit.drivers.emulators.blackbody import FlukePeer, ModbusPeer
+    from cldit.drivers.emulators.gige_camera import GigePeer
+    from cldit.drivers.emulators.rig import CALIBRATION, PeerRig
 
 from tests.aravis import aravis_peer, needs_aravis
 

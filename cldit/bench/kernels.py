@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from cldit.bench.case import Case, Cost, clocked
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.program import Define, build
+from cldit.transport.cell_records import Filled
 from cldit.transport.cells import Needs, OpticalCells
-from cldit.transport.directions import isotropic
-from cldit.transport.filled import Filled
-from cldit.transport.groups import lanes
+from cldit.transport.discrete_ordinates.camera_sweep import ToCamera
+from cldit.transport.discrete_ordinates.cell_packets import lanes
+from cldit.transport.discrete_ordinates.gmres import first_guess
+from cldit.transport.discrete_ordinates.quadrature import isotropic
+from cldit.transport.discrete_ordinates.sweep import Sweeper
+from cldit.transport.image import Reals
 from cldit.transport.phase import ScatteringTable
-from cldit.transport.picture import Reals
-from cldit.transport.solve import first_guess
-from cldit.transport.source import prepared
-from cldit.transport.sweep import Sweeper
-from cldit.transport.towards import ToCamera
+from cldit.transport.source_iteration import prepared
 from cldit.transport.view import View, upload_directory, upload_tree
 
 Floats = NDArray[np.float64]
@@ -167,7 +167,7 @@ class Kernels:
             device,
             cells,
             build(device, "sweep.cl", specialised),
-            build(device, "iterate.cl", defines),
+            build(device, "source_update.cl", defines),
             disc=self.view.disc,
             patches=self.view.patches,
         )

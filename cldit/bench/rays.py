@@ -22,7 +22,7 @@ from cldit.gpu.program import Define
 from cldit.radiance.weights import Weights
 from cldit.report.sheet import figure_of
 from cldit.transport.cells import OpticalCells
-from cldit.transport.picture import Painter
+from cldit.transport.image import Painter
 from cldit.transport.result import weights_of
 from cldit.transport.view import View
 

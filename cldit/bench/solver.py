@@ -18,10 +18,10 @@ from cldit.bench.report import Part, Table, number
 from cldit.errors import NotConvergedError
 from cldit.medium.octree import Octree
 from cldit.transport.cells import OpticalCells
-from cldit.transport.directions import isotropic
-from cldit.transport.rays import Rays
-from cldit.transport.solve import another_order, first_guess, solve
-from cldit.transport.sweep import Sweeper
+from cldit.transport.discrete_ordinates.device_ordinates import Rays
+from cldit.transport.discrete_ordinates.gmres import another_order, first_guess, solve
+from cldit.transport.discrete_ordinates.quadrature import isotropic
+from cldit.transport.discrete_ordinates.sweep import Sweeper
 
 Array = NDArray[Any]
 Lack = Callable[[Array], Array]

@@ -9,14 +9,14 @@ from pathlib import Path
 from cldit.bench.case import Case, Lattice, Say, changed, halved
 from cldit.bench.error import bench_error
 from cldit.bench.error_report import error_part
-from cldit.bench.floor import floor
 from cldit.bench.growth import growth
 from cldit.bench.leave_out import leave_out
 from cldit.bench.memory import memory
+from cldit.bench.mitsuba import peers
 from cldit.bench.orders import bench_orders
-from cldit.bench.peers import peers
 from cldit.bench.rays import rays
 from cldit.bench.report import Part
+from cldit.bench.roofline import floor
 from cldit.bench.solver import solver
 from cldit.gpu.device import Device
 from cldit.scene import Scene

@@ -13,7 +13,7 @@ from cldit.run.simulate import default_cache
 from cldit.scene import load_scene, parse_scene
 from cldit.study.scattering.page import scattering_page
 from cldit.study.scattering.run import scattering_study
-from cldit.study.written import write_page
+from cldit.study.writer import write_page
 
 
 @click.command("scattering")

@@ -8,20 +8,20 @@ import click
 from rich.table import Table
 
 from cldit.acquisition.progress import Progress
+from cldit.bench.droplet.verification import page
+from cldit.cfd.importing import cfd_spray, import_case, list_case
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
 from cldit.report.droplets import life_picture
 from cldit.report.figures import human_figures
 from cldit.report.spray_report import write_spray
 from cldit.run import default_cache
+from cldit.run.spray_factory import make_spray
 from cldit.scene import load_scene
 from cldit.scene.spray import LagrangianSpray
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow
-from cldit.spray.droplet.verification import page
 from cldit.spray.flow.measures import History
 from cldit.spray.flow.simulate import simulate_spray
-from cldit.spray.importing import cfd_spray, import_case, list_case
-from cldit.spray.source import make_spray
 
 
 @click.command("spray")

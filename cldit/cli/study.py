@@ -16,11 +16,11 @@ from cldit.run import KeptRuns, default_cache
 from cldit.scene import load_scene
 from cldit.study.grid import Grid, changed
 from cldit.study.lab import QUICK, Lab
-from cldit.study.named import STUDIES, run_study
 from cldit.study.page import Page
+from cldit.study.registry import STUDIES, run_study
 from cldit.study.sweep import Progress as Swept
 from cldit.study.sweep import run_sweep
-from cldit.study.written import write_overview, write_page
+from cldit.study.writer import write_overview, write_page
 
 
 @click.command()

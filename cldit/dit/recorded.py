@@ -15,7 +15,7 @@ from cldit.camera.curve import Curve, CurveFit, fit_curve
 from cldit.camera.photon_transfer import photon_transfer
 from cldit.dit.evaluate import blocks, check_span, stack
 from cldit.dit.maps import Maps, Reason
-from cldit.dit.odd import OddShot, check_not_mirrored, judge
+from cldit.dit.outliers import OddShot, check_not_mirrored, judge
 from cldit.dit.shots import Acquisition, Sums, accumulate, check_shots
 from cldit.dit.solve import Signals, solve
 from cldit.errors import EvaluationError
@@ -87,7 +87,7 @@ def evaluate_shots(
 
     Args:
         curve: from Planck's law over the filter, or fitted to the references (`fit_curve`).
-        robust: weigh shots that are far off the others less (`cldit.dit.odd`); they are read a
+        robust: weigh shots that are far off the others less (`cldit.dit.outliers`); they are read a
             second time.
         progress: called with (shots read, shots in all).
 

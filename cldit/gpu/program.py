@@ -14,8 +14,8 @@ import pyopencl as cl
 
 from cldit.errors import KernelError
 from cldit.gpu.device import Device
-from cldit.gpu.freed import give_back_freed
-from cldit.gpu.source import assemble
+from cldit.gpu.kernel_source import assemble
+from cldit.gpu.malloc_trim import give_back_freed
 
 Define = int | float | str
 

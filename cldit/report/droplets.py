@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
-from cldit.spray.droplet.convergence import Case, Convergence
+from cldit.bench.droplet.convergence import Case, Convergence
 from cldit.spray.droplet.follow import Life
 
 _DPI = 130

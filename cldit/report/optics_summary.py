@@ -19,7 +19,7 @@ from cldit.optics.xsc import read_xsc
 from cldit.scene.schema import Scene
 from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
 from cldit.scene.spray import ConeSpray, LagrangianSpray
-from cldit.spray.fuel import GAS_CONSTANT_J_mol_K
+from cldit.spray.cone.fluid_properties import GAS_CONSTANT_J_mol_K
 from cldit.spray.sizes import Sizes, mean_diameter_m, strata_m
 
 Floats = NDArray[np.float64]

@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter
 
 from cldit.spray.flow.measures import History
 from cldit.spray.result import Spray
-from cldit.spray.vtkwrite import write_vtk
+from cldit.spray.vtk_export import write_vtk
 
 Floats = NDArray[np.float64]
 View = Literal["side", "below"]

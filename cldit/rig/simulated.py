@@ -34,7 +34,7 @@ def simulated_rig_data(
             "pixel_m": [float(size) for size in SensorView.from_scene(scene).pixel_m],
         },
         "bench": {
-            "driver": "simulated_bench",
+            "driver": "simulated_scene",
             "settings": {"run": str(Path(run_folder).resolve())},
         },
         "camera": {"driver": "simulated_camera", "settings": {}},

@@ -10,10 +10,10 @@ from cldit.medium.octree import CellSource, Octree, PointSource, build_octrees
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.run.phases import droplets_content, mean_phase, phase_choice
+from cldit.run.spray_factory import make_spray
 from cldit.run.stages import Stages
 from cldit.scene import Scene
 from cldit.spray.result import Spray
-from cldit.spray.source import make_spray
 from cldit.transport.phase import ScatteringTable
 
 Source = tuple[PointSource | None, list[CellSource]]

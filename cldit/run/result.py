@@ -14,7 +14,7 @@ from cldit.run.spectral import (
     SpectralInfo,
 )
 from cldit.scene import Scene
-from cldit.transport.closure import Closure
+from cldit.transport.energy_balance import Closure
 
 
 @dataclass(frozen=True)

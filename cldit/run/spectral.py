@@ -19,7 +19,7 @@ from cldit.optics.spectral import Quadrature
 from cldit.radiance.effective import effective_weights
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
-from cldit.transport.closure import Closure
+from cldit.transport.energy_balance import Closure
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.trace import Settings, Trace, settings_for, trace
 

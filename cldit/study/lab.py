@@ -8,9 +8,9 @@ from typing import Any
 
 from cldit.gpu.device import Device
 from cldit.run import KeptRuns, Run, Say
+from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene, load_scene
 from cldit.spray.result import Spray
-from cldit.spray.source import make_spray
 from cldit.study.grid import changed
 
 # The injector of `gdi` with the spray computed, in the conditions of the paper's Figs. 9 to 13. The

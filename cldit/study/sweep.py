@@ -22,10 +22,10 @@ from cldit.errors import ClditError, StudyError
 from cldit.gpu.device import Device, list_devices, open_device
 from cldit.run import KeptRuns, default_cache
 from cldit.run.content import trace_key
+from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene
 from cldit.scene.spray import LagrangianSpray
 from cldit.spray.result import Spray
-from cldit.spray.source import make_spray
 from cldit.study.dataset import Result, extra, open_folder
 from cldit.study.grid import Grid, Point
 

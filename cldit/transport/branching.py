@@ -10,11 +10,11 @@ import numpy as np
 from cldit.errors import TransportError
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
+from cldit.gpu.partition import shares
 from cldit.gpu.program import Define, build
-from cldit.gpu.share import shares
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.closure import Closure
+from cldit.transport.energy_balance import Closure
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.view import View, check_boundary, upload_tree
 

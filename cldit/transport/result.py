@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from cldit.gpu.program import Program
 from cldit.radiance.weights import Weights
 from cldit.transport.cells import OpticalCells
-from cldit.transport.closure import Closure
+from cldit.transport.discrete_ordinates.gmres import Solution
+from cldit.transport.energy_balance import Closure
+from cldit.transport.monte_carlo.pixel_sampling import Sampled
 from cldit.transport.phase import ScatteringTable
-from cldit.transport.sampled import Sampled
-from cldit.transport.solve import Solution
 
 Method = Literal["source", "path", "branching"]
 

@@ -17,13 +17,13 @@ from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
 from cldit.scene.schema import Scene
 from cldit.scene.transport import HenyeyGreenstein
-from cldit.transport.audit import audited
 from cldit.transport.branching import trace_branching
 from cldit.transport.cells import OpticalCells
-from cldit.transport.path import trace_path
+from cldit.transport.monte_carlo.audit import audited
+from cldit.transport.monte_carlo.path import trace_path
 from cldit.transport.phase import ScatteringTable, henyey_greenstein
 from cldit.transport.result import Settings, Trace
-from cldit.transport.source import trace_source
+from cldit.transport.source_iteration import trace_source
 from cldit.transport.view import View
 
 __all__ = ["Settings", "Trace", "settings_for", "trace"]

@@ -14,9 +14,9 @@ from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
 from cldit.medium.frame import BRICK
 from cldit.scene.schema import Scene
+from cldit.transport.attenuation import boundary_seen
 from cldit.transport.cells import OpticalCells
 from cldit.transport.patches import patch_rows
-from cldit.transport.reference import boundary_seen
 
 Floats = NDArray[np.float64]
 _TILE = 8

@@ -12,11 +12,11 @@ import cldit
 from cldit.bench.case import BenchError, Case, Lattice, changed
 from cldit.bench.error import Row, bench_error
 from cldit.bench.error_report import error_part
-from cldit.bench.floor import floor
 from cldit.bench.kernels import Kernels
 from cldit.bench.orders import bench_orders
 from cldit.bench.ratios import ratios
 from cldit.bench.report import write_part
+from cldit.bench.roofline import floor
 from cldit.gpu.device import Device
 from cldit.run import simulate
 from cldit.scene import Scene

@@ -21,10 +21,10 @@ from cldit.rig.protocols import TriggerInfo, TriggerMode
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.heater import Dynamics, Heater
-    from drivers.simulated_bench import Pulse, open_bench
+    from drivers.simulated_scene import Pulse, open_bench
 else:
     from cldit.drivers.heater import Dynamics, Heater
-    from cldit.drivers.simulated_bench import Pulse, open_bench
+    from cldit.drivers.simulated_scene import Pulse, open_bench
 
 
 def heater(**dynamics: float) -> tuple[Heater, SimulatedClock]:

@@ -26,10 +26,10 @@ from viva_genicam.testing import FakeGigeCamera  # (after the check that it is t
 from tests.aravis import aravis_peer
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
+    from drivers.emulators.rig import CALIBRATION
     from drivers.genicam_camera import GenicamCamera
-    from drivers.peer_rig import CALIBRATION
 else:
-    from cldit.drivers.peer_rig import CALIBRATION
+    from cldit.drivers.emulators.rig import CALIBRATION
 
 pytestmark = pytest.mark.loopback_only
 

@@ -38,19 +38,19 @@ for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.dg645 import Dg645, open_dg645
+    from drivers.emulators.blackbody import ModbusPeer
+    from drivers.emulators.dg645 import Dg645Peer
+    from drivers.emulators.gige_camera import GigePeer
+    from drivers.emulators.rig import CALIBRATION, PeerRig
     from drivers.genicam_camera import GenicamCamera
     from drivers.modbus_blackbody import open_modbus_blackbody
-    from drivers.peer_blackbody import ModbusPeer
-    from drivers.peer_dg645 import Dg645Peer
-    from drivers.peer_gige import GigePeer
-    from drivers.peer_rig import CALIBRATION, PeerRig
 else:
     from cldit.drivers.dg645 import open_dg645
+    from cldit.drivers.emulators.blackbody import ModbusPeer
+    from cldit.drivers.emulators.dg645 import Dg645Peer
+    from cldit.drivers.emulators.gige_camera import GigePeer
+    from cldit.drivers.emulators.rig import CALIBRATION, PeerRig
     from cldit.drivers.modbus_blackbody import open_modbus_blackbody
-    from cldit.drivers.peer_blackbody import ModbusPeer
-    from cldit.drivers.peer_dg645 import Dg645Peer
-    from cldit.drivers.peer_gige import GigePeer
-    from cldit.drivers.peer_rig import CALIBRATION, PeerRig
 
 CONTEXT = RigContext(SystemClock(), None, Path(), 1)
 

@@ -30,15 +30,15 @@ from cldit.rig.protocols import (
 from cldit.scene import Scene, dump_scene
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
-    from drivers.simulated_bench import Pulse, SimulatedBench, open_bench
     from drivers.simulated_blackbody import open_blackbody
     from drivers.simulated_camera import open_camera
     from drivers.simulated_injector import open_injector
+    from drivers.simulated_scene import Pulse, SimulatedScene, open_bench
 else:
-    from cldit.drivers.simulated_bench import Pulse, open_bench
     from cldit.drivers.simulated_blackbody import open_blackbody
     from cldit.drivers.simulated_camera import open_camera
     from cldit.drivers.simulated_injector import open_injector
+    from cldit.drivers.simulated_scene import Pulse, open_bench
 
 # mypy checks here that the drivers meet the Protocols.
 CAMERA: Callable[[dict[str, Any], RigContext], Camera] = open_camera
@@ -46,7 +46,7 @@ BACKGROUND: Callable[[dict[str, Any], RigContext], Background] = open_blackbody
 TRIGGER: Callable[[dict[str, Any], RigContext], TriggerGenerator] = open_injector
 
 
-def bench_before(run: Path, *, seed: int = 1) -> SimulatedBench:
+def bench_before(run: Path, *, seed: int = 1) -> SimulatedScene:
     context = RigContext(SimulatedClock(), None, Path(), seed)
     return open_bench({"run": str(run)}, context)
 

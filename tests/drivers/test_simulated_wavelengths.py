@@ -19,7 +19,7 @@ from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run.spectral import save_nodes
 from cldit.scene import Scene, dump_scene, parse_scene
-from drivers.simulated_bench import BenchSettings, _Loaded
+from drivers.simulated_scene import SceneSettings, _Loaded
 from tests.conftest import tiny_weights
 
 
@@ -73,7 +73,7 @@ def test_scatter_changes_each_wavelength_by_its_own_depth(
     blob.save(tmp_path / "weights", pixel_m=(5e-3, 5e-3))
     bare.save(tmp_path / "weights_reference", pixel_m=(5e-3, 5e-3))
     save_nodes(tmp_path / "weights", split, (blob, bare), pixel_m=(5e-3, 5e-3))
-    loaded = _Loaded.read(tmp_path, BenchSettings(run=tmp_path))
+    loaded = _Loaded.read(tmp_path, SceneSettings(run=tmp_path))
     shot = loaded.shot(np.random.default_rng(1))
     np.testing.assert_array_equal(shot[1].background, loaded.reference.background)
     off = np.abs(shot[0].background - loaded.spray[0].background)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
+from cldit.gpu.kernel_source import assemble
 from cldit.gpu.program import OPTIONS
-from cldit.gpu.source import assemble
 
 Floats = NDArray[np.floating]
 

@@ -13,8 +13,8 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.scene import Scene, parse_scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.groups import lanes
-from cldit.transport.sweep import Sweeper
+from cldit.transport.discrete_ordinates.cell_packets import lanes
+from cldit.transport.discrete_ordinates.sweep import Sweeper
 
 EDGE_M = 0.16
 DISC = np.array([8.0, 17.0, 9.0, 16.0])
@@ -59,7 +59,7 @@ def sweeper_of(device: Device, cells: OpticalCells, defines: dict[str, Any]) -> 
         device,
         cells,
         build(device, "sweep.cl", {**common, **lanes(device)}),
-        build(device, "iterate.cl", common),
+        build(device, "source_update.cl", common),
         disc=DISC,
     )
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from cldit.errors import KernelError
-from cldit.gpu import source
+from cldit.gpu import kernel_source
 from cldit.gpu.device import Device
+from cldit.gpu.kernel_source import assemble
 from cldit.gpu.program import build
-from cldit.gpu.source import assemble
 
 
 def test_includes_are_put_in_place_once() -> None:
@@ -24,7 +24,7 @@ def test_unknown_include_names_file_and_line(monkeypatch: pytest.MonkeyPatch) ->
             return '\n#include "missing.h"\n'
         raise KernelError(f"kernels/{name}: no such file")
 
-    monkeypatch.setattr(source, "read_source", fake)
+    monkeypatch.setattr(kernel_source, "read_source", fake)
     with pytest.raises(KernelError, match=r"kernels/a\.cl:2: kernels/missing\.h: no such file"):
         assemble("a.cl")
 
@@ -50,12 +50,12 @@ def test_missing_define_is_named(
 def test_compiler_errors_name_the_kernel_file(
     device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    good = source.read_source
+    good = kernel_source.read_source
 
     def broken(name: str) -> str:
         return "\n\nthis is no C;\n" if name == "real.h" else good(name)
 
-    monkeypatch.setattr(source, "read_source", broken)
+    monkeypatch.setattr(kernel_source, "read_source", broken)
     with pytest.raises(KernelError, match=r"kernels/real\.h:3"):
         build(device, "count.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1})
 

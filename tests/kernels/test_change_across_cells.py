@@ -13,8 +13,8 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.scene import parse_scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.gradients import across_cells
-from cldit.transport.picture import Painter
+from cldit.transport.discrete_ordinates.gradients import across_cells
+from cldit.transport.image import Painter
 from cldit.transport.view import View
 
 EDGE_M = 0.16

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cldit.transport.cell_records import Filled
 from cldit.transport.cells import OpticalCells
-from cldit.transport.filled import Filled
 
 from .medium import random_tree
 

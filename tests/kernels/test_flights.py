@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
+from cldit.gpu.kernel_source import assemble
 from cldit.gpu.program import OPTIONS
-from cldit.gpu.source import assemble
-from cldit.transport.moments import MOMENTS
+from cldit.transport.angular_moments import MOMENTS
 
 Floats = NDArray[np.float64]
 
@@ -170,7 +170,7 @@ def _flown(
     count = len(lines)
     defines = "".join(f"#define {flag} 1\n" for flag in ("HAS_DROPLETS", "BOUNDARY_DISC", *flags))
     defines += f"#define LEAST {cutoff}f\n#define PENDING 3\n#define VECTOR {vector}\n"
-    source = f"{defines}\n{assemble('lanes.h')}\n{assemble('flight.h')}\n{KERNEL}"
+    source = f"{defines}\n{assemble('simd.h')}\n{assemble('flight.h')}\n{KERNEL}"
     program = cl.Program(device.context, source).build(options=list(OPTIONS))
     depth = region.records[:, 0] * np.where(region.records[:, 1] > 0, -1, 1)
     sums = zeros(device, "sums", count // vector * (COMPONENTS + 1), np.float32)

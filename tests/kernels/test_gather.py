@@ -11,11 +11,10 @@ from scipy.stats import qmc
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import build
-from cldit.transport.directions import focused, isotropic
-from cldit.transport.gather import fewest
+from cldit.transport.discrete_ordinates.quadrature import FACE, focused, isotropic, nearest
+from cldit.transport.discrete_ordinates.segments import Ways
+from cldit.transport.final_gather.gather import fewest
 from cldit.transport.sobol import DIMENSIONS, points
-from cldit.transport.thick import FACE, nearest
-from cldit.transport.ways import Ways
 
 DEFINES = f"""
 #define HAS_DROPLETS 1

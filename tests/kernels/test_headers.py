@@ -10,8 +10,8 @@ import pytest
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.scene.vessel import Patch
+from cldit.transport.attenuation import absorbed, boundary_seen, mean_transmission, sees_disc
 from cldit.transport.patches import patch_rows
-from cldit.transport.reference import absorbed, boundary_seen, mean_transmission, sees_disc
 
 # exp of OpenCL 1.2 full profile is good to 3 ulp, and each sum or product adds half a one; the
 # series is cut at t^5/120, 3e-9 of its value at the switch. 8 ulp of float32 bounds both branches,
@@ -185,7 +185,7 @@ def test_what_is_seen_at_a_height_is_1_on_average(apply: Any) -> None:
     y = ((nodes + 1) / 2).astype(np.float32)
     for depth in (1e-4, 0.3, 4.0):
         even = 1 / mean_transmission(np.full(len(y), depth))
-        got = apply("towards.h", "seen_at(a, b, c)", [y, np.full_like(y, depth), even])
+        got = apply("view_phase.h", "seen_at(a, b, c)", [y, np.full_like(y, depth), even])
         assert np.sum(weights * got) / 2 == pytest.approx(1.0, abs=20 * ULP)
 
 
@@ -196,7 +196,7 @@ def test_phase_towards_the_camera(apply: Any) -> None:
     back = rng.normal(size=(40, 3))
     back = (back / np.linalg.norm(back, axis=1)[:, None]).astype(np.float32)
     got = apply(
-        "towards.h",
+        "view_phase.h",
         "sqrt((float)phase_bin_of(a, b, c, (float4)(d, e, f, 0), (float4)(0, -20, 0, 0)))",
         [*place.T, *back.T],
         defines="#define CAMERA_PINHOLE 1\n#define PHASE_STEPS 64",

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cldit.gpu.device import Device
+from cldit.transport.attenuation import march
 from cldit.transport.cells import OpticalCells
-from cldit.transport.reference import march
 from cldit.transport.trace import Settings, trace
 
 from .medium import random_tree, scene_of, source_planes

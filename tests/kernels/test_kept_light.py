@@ -10,9 +10,10 @@ from cldit.gpu.buffers import download
 from cldit.gpu.device import Device
 from cldit.gpu.program import build
 from cldit.transport.cells import OpticalCells
-from cldit.transport.directions import Directions, isotropic
-from cldit.transport.groups import lanes
-from cldit.transport.thick import RimLight, ThickCells
+from cldit.transport.discrete_ordinates.cell_packets import lanes
+from cldit.transport.discrete_ordinates.interface_radiance import RimLight
+from cldit.transport.discrete_ordinates.quadrature import Directions, isotropic
+from cldit.transport.thick_region import ThickCells
 
 from .medium import random_tree, sweeper_of
 

@@ -12,8 +12,8 @@ from scipy.stats import qmc
 
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
+from cldit.gpu.kernel_source import assemble
 from cldit.gpu.program import OPTIONS
-from cldit.gpu.source import assemble
 from cldit.transport.phase import henyey_greenstein
 from cldit.transport.sobol import BITS, DIMENSIONS, columns
 

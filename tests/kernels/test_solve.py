@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
 from cldit.transport.cells import OpticalCells
-from cldit.transport.directions import isotropic
+from cldit.transport.discrete_ordinates.gmres import corrected, first_guess, solve
+from cldit.transport.discrete_ordinates.quadrature import isotropic
+from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.phase import henyey_greenstein
-from cldit.transport.solve import corrected, first_guess, solve
-from cldit.transport.sweep import Sweeper
 from cldit.transport.trace import Settings, trace
 
 from .medium import random_tree, scene_of, sweeper_of

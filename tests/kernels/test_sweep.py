@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from cldit.gpu.device import Device
 from cldit.gpu.program import build
 from cldit.scene.vessel import Patch
+from cldit.transport.angular_moments import MOMENTS, found
+from cldit.transport.attenuation import sweep
 from cldit.transport.cells import OpticalCells
-from cldit.transport.directions import Directions, isotropic
-from cldit.transport.groups import lanes
-from cldit.transport.moments import MOMENTS, found
+from cldit.transport.discrete_ordinates.cell_packets import lanes
+from cldit.transport.discrete_ordinates.gmres import first_guess
+from cldit.transport.discrete_ordinates.quadrature import Directions, isotropic
+from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.patches import patch_rows, shifted
-from cldit.transport.reference import sweep
-from cldit.transport.solve import first_guess
-from cldit.transport.sweep import Sweeper
 
 from .medium import DISC, random_tree, source_planes, sweeper_of
 
@@ -57,7 +57,7 @@ def test_sweep_against_numpy(
         device,
         cells,
         build(device, "sweep.cl", sized),
-        build(device, "iterate.cl", defines),
+        build(device, "source_update.cl", defines),
         disc=DISC,
         patches=patches,
     )
@@ -135,7 +135,7 @@ def moments(
     program = build(device, "sweep.cl", {**defines, **flags, "FLUX": 1})
     rng = np.random.default_rng(5)
     changing = rng.random(len(cells.address)) < 0.3 if "ACROSS" in flags else None
-    iterate = build(device, "iterate.cl", defines)
+    iterate = build(device, "source_update.cl", defines)
     sweeper = Sweeper(device, cells, program, iterate, disc=DISC, changing=changing)
     directions, starts = isotropic(12, rng), rng.random((12, 2))
     moments = MOMENTS if "SLOPED" in flags else 1
@@ -246,7 +246,7 @@ def test_light_to_the_camera_changes_as_the_light_does(device: Device) -> None:
     flags = {"TO_CAMERA": 1, "CAMERA_ORTHOGRAPHIC": 1}
     rng = np.random.default_rng(5)
     changing = rng.random(len(cells.address)) < 0.3
-    iterate = build(device, "iterate.cl", defines)
+    iterate = build(device, "source_update.cl", defines)
     sweeper = Sweeper(device, cells, program, iterate, disc=DISC, changing=changing)
     given = rng.uniform(0.0, 1.0, (sweeper.components, sweeper.count))
     changes = rng.uniform(-0.5, 0.5, (3, sweeper.components, len(sweeper.changing)))

@@ -32,11 +32,11 @@ for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
-    from drivers.peer_gige import GigePeer
-    from drivers.peer_rig import PeerRig
+    from drivers.emulators.gige_camera import GigePeer
+    from drivers.emulators.rig import PeerRig
 else:
-    from cldit.drivers.peer_gige import GigePeer
-    from cldit.drivers.peer_rig import PeerRig
+    from cldit.drivers.emulators.gige_camera import GigePeer
+    from cldit.drivers.emulators.rig import PeerRig
 
 CHILD = Path(__file__).with_name("acquisition_child.py")
 pytestmark = [

@@ -13,9 +13,9 @@ from click.testing import CliRunner
 
 import cldit
 from cldit.acquisition import Plan, SavedShot, acquire, open_acquisition
-from cldit.acquisition.bench import bench_rig
 from cldit.acquisition.journal import read_journal
 from cldit.acquisition.preview import Preview
+from cldit.bench.rig import bench_rig
 from cldit.cli import main
 from cldit.rig.drivers import describe_drivers
 from cldit.rig.load import open_rig

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from cldit.run import Run
-from cldit.transport import audit
-from cldit.transport.audit import found
-from cldit.transport.kelvin import error_K
-from cldit.transport.path import trace_path
+from cldit.transport.monte_carlo import audit
+from cldit.transport.monte_carlo.audit import found
+from cldit.transport.monte_carlo.path import trace_path
+from cldit.transport.temperature_error import error_K
 from cldit.transport.trace import Trace
 
 EDGE = 0.04

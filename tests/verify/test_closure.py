@@ -1,6 +1,6 @@
 """The sum of weights and isothermal emission as a run sees it: near 1, and loud where it is not.
 
-Rationale: see cldit/transport/closure.py. The check is of use only if it finds what it is for, so
+Rationale: see cldit/transport/energy_balance.py. The check is of use only if it finds what it is for, so
 kernels are spoiled on purpose, by an amount that no picture would show, and the run must refuse.
 """
 
@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from cldit.errors import TransportError
-from cldit.gpu import source as kernel_source
+from cldit.gpu import kernel_source
 from cldit.run import Run, RunInfo
-from cldit.transport.closure import Closure
+from cldit.transport.energy_balance import Closure
 
 EDGE = 0.2
 

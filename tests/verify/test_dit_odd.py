@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cldit.bench.evaluation_bias import CAMERA, TRUTH_K, record
 from cldit.camera.photon_transfer import photon_transfer
 from cldit.dit.recorded import evaluate_shots
-from cldit.dit.truth import CAMERA, TRUTH_K, record
 from cldit.errors import EvaluationError
 from tests.verify.test_dit_truth import EMISSIVITY, _split
 

@@ -18,10 +18,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from cldit.camera.curve import Curve, fit_curve
-from cldit.dit.maps import Maps, Reason
-from cldit.dit.recorded import evaluate_shots
-from cldit.dit.truth import (
+from cldit.bench.evaluation_bias import (
     BACKGROUNDS_K,
     BARE,
     CAMERA,
@@ -31,6 +28,9 @@ from cldit.dit.truth import (
     TRUTH_K,
     record,
 )
+from cldit.camera.curve import Curve, fit_curve
+from cldit.dit.maps import Maps, Reason
+from cldit.dit.recorded import evaluate_shots
 from cldit.errors import EvaluationError
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Boundary, Surroundings

@@ -10,8 +10,9 @@ import pytest
 from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
+from cldit.bench.droplet.convergence import CASES, error_of, integrated, reference
 from cldit.errors import SprayError
-from cldit.spray.droplet.convergence import CASES, error_of, integrated, reference
+from cldit.spray.cone.mixing import heptane_state
 from cldit.spray.droplet.evaporation import (
     MODELS,
     Drop,
@@ -24,7 +25,6 @@ from cldit.spray.droplet.evaporation import (
 from cldit.spray.droplet.fluids import fuel_table, gas_table
 from cldit.spray.droplet.gasfilm import Here, Tables
 from cldit.spray.droplet.integrator import Advance, Droplets, Surroundings, advance
-from cldit.spray.mixing import heptane_state
 
 FUEL = fuel_table("n-heptane", cache=None)
 GAS = gas_table("nitrogen", cache=None)

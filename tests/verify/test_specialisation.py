@@ -35,7 +35,7 @@ def test_defines(run_block: Callable[..., Run], arrays: dict[str, float], flags:
     built = run.info.defines
     assert {name for name in built["image.cl"] if name.startswith("HAS_")} == flags
     assert ("sweep.cl" in built) == ("HAS_SCATTERING" in flags)
-    assert ("iterate.cl" in built) == ("HAS_SCATTERING" in flags)
+    assert ("source_update.cl" in built) == ("HAS_SCATTERING" in flags)
     assert "BOUNDARY_DISC" in built["image.cl"] and "CAMERA_PINHOLE" in built["image.cl"]
 
 

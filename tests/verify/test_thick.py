@@ -11,9 +11,9 @@ import pytest
 from cldit.gpu.device import Device
 from cldit.run import Run, simulate
 from cldit.scene import load_scene, parse_scene
-from cldit.transport.prepare import records as made
-from cldit.transport.thick import ThickCells
-from cldit.transport.work import Work
+from cldit.transport.discrete_ordinates.problem import Work
+from cldit.transport.final_gather.cell_sources import records as made
+from cldit.transport.thick_region import ThickCells
 
 from .slab import mean_radiance, run_slab
 
@@ -116,7 +116,7 @@ def test_flights_without_light_kept_in_cells(
     0.01 a pixel, and more of it."""
     transport = {"accuracy_K": 1e-3, "max_samples": 512, "directions": 64, "phase": phase}
     kept = run_block(BLOCK, **SCENE, transport=transport)
-    monkeypatch.setattr("cldit.transport.thick._MOST_LIGHT", 0)
+    monkeypatch.setattr("cldit.transport.thick_region._MOST_LIGHT", 0)
     found = run_block(BLOCK, **SCENE, transport=transport)
     rms = np.sqrt(np.mean((wall(found) - wall(kept)) ** 2))
     assert 0 < rms < 0.014
@@ -127,7 +127,7 @@ def test_audit_of_a_sample(run_block: Callable[..., Run], monkeypatch: pytest.Mo
     """A third of the pixels give the same error as all, within what a third may miss of it."""
     transport = {"directions": 32, "phase": PHASE, "audit": True, "gather": False}
     whole = run_block(BLOCK, **SCENE, transport=transport).info.accuracy_K
-    monkeypatch.setattr("cldit.transport.audit._PIXELS", 30)
+    monkeypatch.setattr("cldit.transport.monte_carlo.audit._PIXELS", 30)
     part = run_block(BLOCK, **SCENE, transport=transport).info.accuracy_K
     assert whole is not None and part is not None
     assert 0.5 * whole < part < 2.0 * whole
@@ -164,7 +164,7 @@ def test_chains_that_stop_short_say_so(
 
     assert short(accuracy_K=1e-3, max_samples=128)
     assert not short(accuracy_K=100.0)
-    monkeypatch.setattr("cldit.transport.gather._MOST_CHAINS", 1e4)
+    monkeypatch.setattr("cldit.transport.final_gather.gather._MOST_CHAINS", 1e4)
     assert short(accuracy_K=1e-3, max_samples=10**6)
 
 
@@ -178,7 +178,7 @@ def test_flights_one_by_one(
     which bring up to 1, one counts 0.008; nearly all pixels have none."""
     changes = {"accuracy_K": 1.0, "max_samples": 128, "phase": phase, "precision": precision}
     eight = run_block(BLOCK, **SCENE, transport=changes)
-    monkeypatch.setattr("cldit.transport.gather.lanes", lambda _: {"VECTOR": 1})
+    monkeypatch.setattr("cldit.transport.final_gather.gather.lanes", lambda _: {"VECTOR": 1})
     one = run_block(BLOCK, **SCENE, transport=changes)
     assert one.info.counts["samples"] == eight.info.counts["samples"]
     difference = np.abs(wall(one) - wall(eight))
@@ -207,7 +207,7 @@ def test_flights_meet_light_that_changes_as_it_does(
         kept["records"] = made(work, thick, *given, **found)
         return kept["records"]
 
-    monkeypatch.setattr("cldit.transport.scattered.records", keeping)
+    monkeypatch.setattr("cldit.transport.camera_source.records", keeping)
     depth, layers, albedo, cells = 0.6, 6, 0.6, 32
     transport = {"accuracy_K": accuracy_K, "max_samples": 128}
     run_slab(run_block, layers * depth, albedo, layers=layers, cells=cells, transport=transport)
@@ -220,6 +220,6 @@ def test_flights_meet_light_that_changes_as_it_does(
         sent = records[there].mean(axis=0) / albedo
         exact = mean_radiance(layers * depth, albedo, (layer + (place + 1) / 2) * depth)
         mean, change = exact @ weight / 2, 3 * exact @ (weight * place)
-        source, along_y = sent[8:10], sent[16:18]  # as kernels/record.h has them
+        source, along_y = sent[8:10], sent[16:18]  # as kernels/cell_record.h has them
         np.testing.assert_allclose(along_y, change, rtol=0.03)
         assert np.all(np.abs(source - mean) < 0.08 * np.abs(change))

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
+from cldit.bench.droplet.convergence import measure_all
 from cldit.cli.console import OUT, plain_errors
 from cldit.report.droplets import convergence_picture
 from cldit.run import default_cache
-from cldit.spray.droplet.convergence import measure_all
 
 
 @click.command("droplet")

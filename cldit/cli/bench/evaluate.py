@@ -8,9 +8,9 @@ from pathlib import Path
 import click
 from rich.table import Table
 
+from cldit.bench.evaluation import bench_evaluation
+from cldit.bench.evaluation_bias import truth_table
 from cldit.cli.console import OUT, plain_errors
-from cldit.dit.bench import bench_evaluation
-from cldit.dit.truth import truth_table
 
 
 @click.command("evaluate")

@@ -12,8 +12,8 @@ from cldit.cli.console import OUT, plain_errors
 from cldit.optics.wavelengths import wavelengths
 from cldit.report.pictures import nodes_picture
 from cldit.run import default_cache
+from cldit.run.spray_factory import make_spray
 from cldit.scene import load_scene
-from cldit.spray.source import make_spray
 
 
 @click.command("optics")

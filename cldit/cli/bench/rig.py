@@ -8,7 +8,7 @@ from statistics import median
 import click
 from rich.table import Table
 
-from cldit.acquisition.bench import bench_rig
+from cldit.bench.rig import bench_rig
 from cldit.cli.console import OUT, plain_errors
 from cldit.rig.errors import RigError
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import click
 
+from cldit.bench.spray.page import SECTIONS, page
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.run import default_cache
-from cldit.spray.flow.page import SECTIONS, page
 
 
 @click.command("spray")

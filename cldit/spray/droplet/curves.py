@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-from cldit.spray.compiled import compiled
+from cldit.spray.numba_typing import compiled
 
 Floats = NDArray[np.float64]
 

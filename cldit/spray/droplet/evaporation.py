@@ -16,7 +16,6 @@ from typing import Any
 import numba
 import numpy as np
 
-from cldit.spray.compiled import compiled, compiled_for
 from cldit.spray.droplet.curves import Floats
 from cldit.spray.droplet.fluids import Fuel, Gas
 from cldit.spray.droplet.gasfilm import (
@@ -33,6 +32,7 @@ from cldit.spray.droplet.gasfilm import (
     surface_share,
     tables,
 )
+from cldit.spray.numba_typing import compiled, compiled_for
 
 Rule = Callable[[Tables, Here], tuple[float, float]]
 types: Any = numba.types  # without annotations of its own

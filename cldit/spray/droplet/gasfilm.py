@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from cldit.spray.compiled import compiled
 from cldit.spray.droplet.curves import Floats, cubic, place
 from cldit.spray.droplet.fluids import Fuel, Gas, diffusivity_m2_s
 from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
+from cldit.spray.numba_typing import compiled
 
 # Of the fuel's mole fraction at the surface. A superheated droplet evaporates as fast as this
 # allows, ln(1 + B) = 7 to 8, and cools to boiling at once.

@@ -17,7 +17,6 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from cldit.spray.compiled import compiled, compiled_for
 from cldit.spray.droplet.curves import Floats
 from cldit.spray.droplet.evaporation import RULE, Rule
 from cldit.spray.droplet.gasfilm import (
@@ -30,6 +29,7 @@ from cldit.spray.droplet.gasfilm import (
     film_state,
     liquid_at,
 )
+from cldit.spray.numba_typing import compiled, compiled_for
 
 _PROBE_K = 0.01
 _TEMPERATURE_SCALE_K = 100.0  # an error of 1 % of this counts as much as one of 1 % in s

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.spray.compiled import compiled
 from cldit.spray.flow.gas import Box
+from cldit.spray.numba_typing import compiled
 
 Floats = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray
-from cldit.spray.conesource import VELOCITY_COEFFICIENT
+from cldit.spray.cone.jet import profile
+from cldit.spray.cone.nozzle import VELOCITY_COEFFICIENT
 from cldit.spray.droplet.fluids import Fuel
-from cldit.spray.jet import profile
 from cldit.spray.sizes import mean_diameter_m, quantile_m
 
 Floats = NDArray[np.float64]

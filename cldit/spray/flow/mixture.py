@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.spray.compiled import compiled
 from cldit.spray.droplet.fluids import Fuel, Gas
 from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
+from cldit.spray.numba_typing import compiled
 
 Floats = NDArray[np.float64]
 

@@ -12,6 +12,7 @@ from scipy.fft import next_fast_len
 
 from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray
+from cldit.spray.cone.jet import Jet
 from cldit.spray.droplet.evaporation import MODELS, inert
 from cldit.spray.droplet.fluids import Fuel, check_conditions, fuel_table, gas_table
 from cldit.spray.flow.coupling import Cloud, Liquid, move
@@ -20,7 +21,6 @@ from cldit.spray.flow.gasjet import Jets
 from cldit.spray.flow.injector import Injection, inject
 from cldit.spray.flow.measures import History, Station, measures
 from cldit.spray.flow.mixture import gas_mixture
-from cldit.spray.jet import Jet
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 
 Floats = NDArray[np.float64]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 
+from cldit.study.scattering.estimators import Knows
 from cldit.study.scattering.run import Error, Row, Study
-from cldit.study.scattering.ways import Knows
 
 _SEEN = 0.005  # of the pixels: less is not spoken of
 HOLDS = 0.9  # of the pixels: two standard errors of noise alone hold in 0.95

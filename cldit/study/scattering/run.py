@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cldit.dit.maps import Maps
 from cldit.gpu.device import Device
 from cldit.scene import Scene
+from cldit.study.scattering.estimators import Knows, Said, Way, seen, ways
 from cldit.study.scattering.models import LARGER, RIGHT, wrong_models
 from cldit.study.scattering.truth import (
     Traced,
@@ -19,7 +20,6 @@ from cldit.study.scattering.truth import (
     traced,
     with_plates,
 )
-from cldit.study.scattering.ways import Knows, Said, Way, seen, ways
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -31,9 +31,9 @@ from cldit.optics.vapour import vapour_band
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
 from cldit.run.medium import properties_of
+from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene, parse_scene
 from cldit.scene.vessel import Patch
-from cldit.spray.source import make_spray
 from cldit.transport.trace import settings_for, trace
 
 Floats = NDArray[np.float64]

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cldit.cfd.openfoam.case import read_openfoam
+from cldit.cfd.openfoam.cloud import decode
+from cldit.cfd.openfoam.file import particles, read_foam
+from cldit.cfd.to_spray import read_cfd
 from cldit.scene.spray import CfdSpray
-from cldit.spray.cfd import read_cfd
-from cldit.spray.foamfile import particles, read_foam
-from cldit.spray.lagrangian import decode
-from cldit.spray.openfoam import read_openfoam
 from cldit.spray.result import Spray
 
 FOLDER = os.environ.get("CLDIT_AACHENBOMB")

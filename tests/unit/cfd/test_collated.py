@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from cldit.cfd.importing import list_case
+from cldit.cfd.openfoam.case import is_openfoam
+from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
-from cldit.spray.cfd import read_cfd
-from cldit.spray.importing import list_case
-from cldit.spray.openfoam import is_openfoam
 
 if TYPE_CHECKING:
     from tests.unit.cfd.conftest import Foam

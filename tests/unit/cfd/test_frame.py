@@ -10,12 +10,12 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
+from cldit.cfd.openfoam.injectors import read_injectors
+from cldit.cfd.orientation import Frame
+from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.load import dump_scene, parse_scene
 from cldit.scene.spray import CfdSpray
-from cldit.spray.cfd import read_cfd
-from cldit.spray.foamdict import read_injectors
-from cldit.spray.frame import Frame
 
 if TYPE_CHECKING:
     from tests.unit.cfd.conftest import Foam

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from cldit.cfd.openfoam.case import read_openfoam
+from cldit.cfd.to_spray import read_cfd
 from cldit.scene.spray import CfdSpray
-from cldit.spray.cfd import read_cfd
-from cldit.spray.openfoam import read_openfoam
 
 if TYPE_CHECKING:
     from tests.unit.cfd.conftest import Foam

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
-from cldit.spray.cfd import read_cfd
 
 if TYPE_CHECKING:
     from tests.unit.cfd.conftest import Foam

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cldit.cfd.mesh import Mesh, join
+from cldit.cfd.openfoam.cloud import decode
+from cldit.cfd.openfoam.file import FoamFile
 from cldit.errors import SprayError
-from cldit.spray.foamfile import FoamFile
-from cldit.spray.lagrangian import decode
-from cldit.spray.polyhedra import Mesh, join
 
 
 def solid(points: list[list[float]], faces: list[tuple[int, ...]]) -> Mesh:

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
-from cldit.spray.cfd import read_cfd
 
 if TYPE_CHECKING:
     from tests.unit.cfd.conftest import Foam

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from cldit.cfd.formats import contents
+from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
-from cldit.spray.cfd import read_cfd
-from cldit.spray.formats import contents
 
 if TYPE_CHECKING:
     from tests.unit.cfd.conftest import Foam

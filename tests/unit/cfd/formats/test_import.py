@@ -11,14 +11,14 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+from cldit.cfd.column_mapping import read_column_map
+from cldit.cfd.parcel_spreading import spread
+from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
 from cldit.errors import SprayError
 from cldit.scene.load import load_scene
 from cldit.scene.spray import CfdSpray
-from cldit.spray.cfd import read_cfd
-from cldit.spray.columns import read_column_map
 from cldit.spray.result import Parcels, Spray
-from cldit.spray.spread import spread
 
 if TYPE_CHECKING:
     from tests.unit.cfd.conftest import Foam

@@ -1,0 +1,1 @@
+"""Droplet models against published droplets, and their convergence."""

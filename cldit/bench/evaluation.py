@@ -1,0 +1,117 @@
+"""How long the evaluation of many full frames takes, and how much memory."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from cldit.bench.evaluation_bias import BACKGROUNDS_K, BARE, CAMERA, FILTER_UM
+from cldit.dit.recorded import Evaluation, evaluate_shots
+from cldit.optics.planck import band_radiance
+from cldit.radiance.boundary import Surroundings
+
+
+@dataclass(frozen=True)
+class EvaluationBench:
+    """peak_bytes: largest resident set of the whole process; grown_bytes: of it, since the start.
+
+    read_s: of `seconds`, spent in reading the files. cpu_s: of all threads, whatever else the
+    computer does.
+    """
+
+    shots: int
+    seconds: float
+    cpu_s: float
+    read_s: float
+    peak_bytes: int
+    grown_bytes: int
+    evaluation: Evaluation
+
+
+@dataclass(frozen=True)
+class _Shot:
+    id: str
+    kind: str
+    background_setpoint_K: float
+    background_K: float
+    path: Path
+
+
+@dataclass
+class _Folder:
+    shots: list[_Shot]
+    calibration: dict[str, Any] = field(default_factory=CAMERA.to_dict)
+    surroundings: Surroundings = BARE
+    bad_pixels: None = None
+    read_s: float = 0.0
+
+    def load(self, shot: _Shot) -> NDArray[Any]:
+        begin = time.perf_counter()
+        image = np.asarray(tifffile.imread(shot.path))
+        self.read_s += time.perf_counter() - begin
+        return image
+
+
+def peak_bytes() -> int:
+    """Largest resident set of this process so far; 0 where the system does not tell."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return 0
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+
+
+def bench_evaluation(
+    folder: Path, *, shots: int = 1000, sensor: tuple[int, int] = (640, 512)
+) -> EvaluationBench:
+    """Evaluates `shots` TIFFs in `folder`, half of them references, before five backgrounds.
+
+    Ten different pictures of each kind are written and read again and again: what the disk's cache
+    saves by that is in `read_s`.
+    """
+    columns, rows = sensor
+    rng = np.random.default_rng(3)
+    through = np.exp(-np.linspace(0.0, 3.0, columns))[None, :] * np.ones((rows, 1))
+    own = float(band_radiance(430.0, filter_um=FILTER_UM))
+    wanted = max(shots // (2 * len(BACKGROUNDS_K)), 1)
+    found: list[_Shot] = []
+    for kelvin in BACKGROUNDS_K:
+        light = float(band_radiance(kelvin, filter_um=FILTER_UM))
+        for kind in ("reference", "injection"):
+            seen = np.full((rows, columns), light)
+            if kind == "injection":
+                seen = through * seen + (1.0 - through) * own
+            counts = CAMERA.counts(seen)
+            deviation = np.sqrt(CAMERA.variance_counts2(counts))
+            for number in range(min(10, wanted)):
+                noisy = counts + deviation * rng.standard_normal(counts.shape)
+                path = folder / f"{kelvin:g}_{kind}_{number}.tif"
+                tifffile.imwrite(path, np.rint(noisy).astype(np.uint16))
+            found += [
+                _Shot(
+                    f"{kelvin:g}-{kind}-{number}",
+                    kind,
+                    kelvin,
+                    kelvin,
+                    folder / f"{kelvin:g}_{kind}_{number % 10}.tif",
+                )
+                for number in range(wanted)
+            ]
+    before = peak_bytes()
+    recorded = _Folder(found)
+    begin, cpu = time.perf_counter(), time.process_time()
+    evaluation = evaluate_shots(recorded)
+    seconds = time.perf_counter() - begin
+    cpu_s = time.process_time() - cpu
+    peak = peak_bytes()
+    return EvaluationBench(
+        len(found), seconds, cpu_s, recorded.read_s, peak, peak - before, evaluation
+    )

@@ -1,0 +1,1 @@
+"""The computed spray against independent results."""

@@ -1,0 +1,1 @@
+"""Importers: results of CFD programs as sprays."""

@@ -1,0 +1,265 @@
+"""Mapping files: which column of a CFD result is what, and in which unit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import numpy as np
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from cldit.cfd.case import Cloud, Column, complete_cloud
+from cldit.errors import SprayError
+from cldit.scene.checks import Section, describe, read_mapping
+
+# unit: factor and offset to SI, value * factor + offset
+_PLAIN = {
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
+    "volume": {"m3": 1.0, "l": 1e-3, "cm3": 1e-6, "mm3": 1e-9},
+    "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "atm": 101325.0},
+    "density": {"kg/m3": 1.0, "g/cm3": 1e3, "g/l": 1.0},
+    "fraction": {"1": 1.0, "%": 1e-2},
+    "count": {"1": 1.0},
+    "mass": {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "ug": 1e-9},
+    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
+}
+UNITS: dict[str, dict[str, tuple[float, float]]] = {
+    kind: {unit: (factor, 0.0) for unit, factor in units.items()} for kind, units in _PLAIN.items()
+} | {"temperature": {"K": (1.0, 0.0), "degC": (1.0, 273.15), "degF": (5 / 9, 459.67 * 5 / 9)}}
+
+
+class Scalar(Section):
+    """A column by name, or a constant `value`; `unit` is SI where left out."""
+
+    column: str | None = None
+    value: float | None = None
+    unit: str | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Scalar:
+        if (self.column is None) == (self.value is None):
+            raise ValueError("needs either column or value")
+        return self
+
+
+class Vector(Section):
+    """Three columns by name; `unit` is SI where left out."""
+
+    columns: tuple[str, str, str]
+    unit: str | None = None
+
+
+def _short_scalar(given: object) -> object:
+    if isinstance(given, str):
+        return {"column": given}
+    if isinstance(given, (int, float)) and not isinstance(given, bool):
+        return {"value": given}
+    return given
+
+
+def _short_vector(given: object) -> object:
+    return {"columns": given} if isinstance(given, (list, tuple)) else given
+
+
+A = Annotated[Scalar | None, BeforeValidator(_short_scalar)]
+V = Annotated[Vector | None, BeforeValidator(_short_vector)]
+
+
+class Table(Section):
+    """Where a table lies and how it is written; only for `format: tables`."""
+
+    file: Path | None = None
+    delimiter: str = Field(",", min_length=1, max_length=1)
+    header_line: int = Field(1, ge=1, le=1000)
+
+
+class CellColumns(Table):
+    """The gas. `position` and `size` or `volume` only for tables."""
+
+    position: V = None
+    size: V = None
+    volume: A = None
+    temperature: A = None
+    pressure: A = None
+    density: A = None
+    fuel: A = None
+
+
+class ParcelColumns(Table):
+    """The droplets. `position` only for tables; `mass` is that of all droplets of the parcel."""
+
+    position: V = None
+    velocity: V = None
+    diameter: A = None
+    radius: A = None
+    number: A = None
+    mass: A = None
+    temperature: A = None
+    density: A = None
+    age: A = None
+
+    @model_validator(mode="after")
+    def _once(self) -> ParcelColumns:
+        for one, other in (("diameter", "radius"), ("number", "mass")):
+            if getattr(self, one) is not None and getattr(self, other) is not None:
+                raise ValueError(f"{one} and {other} are both given; allowed is one of them")
+        return self
+
+
+class ColumnMap(Section):
+    """A whole mapping file."""
+
+    time_s: float | None = None
+    cells: CellColumns = CellColumns()
+    parcels: ParcelColumns | None = None
+
+
+def read_column_map(path: Path) -> ColumnMap:
+    """Reads a mapping file.
+
+    Raises:
+        SprayError: it is missing, not YAML, or has a key or value that is not allowed.
+    """
+    try:
+        return ColumnMap.model_validate(read_mapping(path))
+    except ValidationError as error:
+        raise SprayError(f"{path}: {describe(ColumnMap, error.errors())}") from error
+    except ValueError as error:  # of read_mapping, which names the file
+        raise SprayError(str(error)) from error
+
+
+S = TypeVar("S", CellColumns, ParcelColumns)
+
+
+def merged(given: S | None, default: S) -> S:
+    """The default, with what the mapping file gives in its place; a pair's other half goes."""
+    if given is None:
+        return default
+    chosen = {name: getattr(given, name) for name in given.model_fields_set}
+    for one, other in (("diameter", "radius"), ("number", "mass")):
+        for here, there in ((one, other), (other, one)):
+            if chosen.get(here) is not None:
+                chosen.setdefault(there, None)
+    return default.model_copy(update=chosen)
+
+
+@dataclass(frozen=True)
+class Source:
+    """Columns of one table or data set by name, the number of its rows, and its name in errors."""
+
+    name: str
+    columns: Mapping[str, Column]
+    rows: int
+
+    def scalar(self, wanted: Scalar, kind: str, key: str) -> Column:
+        """A column (or constant) in SI, (N,).
+
+        Raises:
+            SprayError: there is no such column, or no such unit for this kind.
+        """
+        factor, offset = self._unit(wanted.unit, kind, key)
+        if wanted.value is not None:
+            value = wanted.value * factor + offset
+            return Column(f"{self.name}: {key} (constant)", np.full(self.rows, value))
+        found = self._column(str(wanted.column), key)
+        return Column(found.label, found.values * factor + offset)
+
+    def vector(self, wanted: Vector, kind: str, key: str) -> Column:
+        """Three columns in SI, (N, 3); errors as `scalar`."""
+        factor, _ = self._unit(wanted.unit, kind, key)
+        parts = [self._column(name, key) for name in wanted.columns]
+        label = f"{self.name}: {', '.join(wanted.columns)}"
+        return Column(label, np.stack([part.values for part in parts], axis=1) * factor)
+
+    def _column(self, name: str, key: str) -> Column:
+        if name not in self.columns:
+            known = ", ".join(self.columns) or "none"
+            raise SprayError(f"{self.name}: no column {name!r} ({key}); it has: {known}")
+        return self.columns[name]
+
+    def _unit(self, unit: str | None, kind: str, key: str) -> tuple[float, float]:
+        known = UNITS[kind]
+        if unit is None:
+            return next(iter(known.values()))
+        if unit not in known:
+            raise SprayError(
+                f"{self.name}: {key}: unit {unit!r} is unknown; allowed for a {kind}: "
+                + ", ".join(known)
+            )
+        return known[unit]
+
+
+def gas_columns(source: Source, wanted: CellColumns, fuel_field: str) -> dict[str, Column]:
+    """T, p, rho and the fuel's mass fraction, those that are mapped, in SI."""
+    keys = (
+        ("T", "temperature", "temperature"),
+        ("p", "pressure", "pressure"),
+        ("rho", "density", "density"),
+        (fuel_field, "fuel", "fraction"),
+    )
+    return {
+        name: source.scalar(getattr(wanted, key), kind, f"cells.{key}")
+        for name, key, kind in keys
+        if getattr(wanted, key) is not None
+    }
+
+
+def cloud_columns(source: Source, wanted: ParcelColumns) -> dict[str, Column]:
+    """d, nParticle, T, rho, U and age, those that are mapped, in SI; d and T, rho first.
+
+    Raises:
+        SprayError: the number is to come from the mass, and a diameter or density is not above 0.
+    """
+    fields: dict[str, Column] = {}
+    if wanted.diameter is not None:
+        fields["d"] = source.scalar(wanted.diameter, "length", "parcels.diameter")
+    elif wanted.radius is not None:
+        radius = source.scalar(wanted.radius, "length", "parcels.radius")
+        fields["d"] = Column(f"{radius.label} (radius, doubled)", 2.0 * radius.values)
+    for name, key, kind in (
+        ("T", "temperature", "temperature"),
+        ("rho", "density", "density"),
+        ("nParticle", "number", "count"),
+        ("age", "age", "time"),
+    ):
+        if getattr(wanted, key) is not None:
+            fields[name] = source.scalar(getattr(wanted, key), kind, f"parcels.{key}")
+    if wanted.velocity is not None:
+        fields["U"] = source.vector(wanted.velocity, "velocity", "parcels.velocity")
+    if wanted.mass is not None and "d" in fields and "rho" in fields:
+        mass = source.scalar(wanted.mass, "mass", "parcels.mass")
+        droplet = fields["rho"].values * np.pi / 6 * fields["d"].values ** 3
+        if not np.all(droplet > 0.0):
+            bad = int(np.argmin(droplet > 0.0))
+            raise SprayError(
+                f"{fields['d'].label}: {fields['d'].values[bad]:g} (entry {bad}) with density "
+                f"{fields['rho'].values[bad]:g} makes no droplet to divide the parcel's mass by"
+            )
+        fields["nParticle"] = Column(f"{mass.label} (mass over a droplet's)", mass.values / droplet)
+    return fields
+
+
+def mapped_cloud(
+    name: str,
+    source: str,
+    position_m: Column,
+    columns: dict[str, Column],
+    names: ColumnMap,
+    default: ParcelColumns,
+) -> Cloud:
+    """The cloud of these columns by the mapping, or by the default names that there are."""
+    parcels = merged(names.parcels, default)
+    given = names.parcels.model_fields_set if names.parcels is not None else set()
+    missing: dict[str, None] = {}
+    for key in type(parcels).model_fields:
+        value = getattr(parcels, key)
+        used = getattr(value, "columns", None) or [getattr(value, "column", None)]
+        if value is not None and key not in given and any(u and u not in columns for u in used):
+            missing[key] = None
+    rows = Source(source, columns, len(position_m.values))
+    fields = cloud_columns(rows, parcels.model_copy(update=missing))
+    hint = f"{source} (parcel fields {', '.join(columns) or 'none'})"
+    return complete_cloud(name, hint, position_m, fields)

@@ -1,0 +1,251 @@
+"""CONVERGE's post files in HDF5: polyhedral mesh, cell fields, parcels (by their radius).
+
+Layout as vtk's reader of such files has it (vtkCONVERGECFDReader); read through h5py instead, since
+that reader takes sibling files for other times and does not notice arrays of the wrong length.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined, nearest_time
+from cldit.cfd.column_mapping import (
+    CellColumns,
+    ColumnMap,
+    ParcelColumns,
+    Scalar,
+    Source,
+    Vector,
+    gas_columns,
+    mapped_cloud,
+    merged,
+)
+from cldit.cfd.mesh import Mesh, join
+from cldit.errors import SprayError
+from cldit.spray.result import Floats
+
+_STREAM = re.compile(r"STREAM_\d+$")
+_GAS = {
+    "temperature": ("TEMPERATURE", "TEMP"),
+    "pressure": ("PRESSURE", "PRES"),
+    "density": ("DENSITY", "RHO"),
+}
+_PARCEL = {
+    "radius": ("RADIUS", "PARCEL_RADIUS"),
+    "number": ("NUM_DROP", "NUM_DROPS", "NUMBER_OF_DROPS", "PARCEL_NUM_DROP"),
+    "temperature": ("TEMP", "TEMPERATURE", "PARCEL_TEMP"),
+    "density": ("DENSITY", "RHO", "PARCEL_DENSITY"),
+    "age": ("LIFETIME", "PARCEL_AGE"),
+}
+_VELOCITY = ("VELOCITY", "UU", "PARCEL_VELOCITY")
+
+
+@contextmanager
+def open_post(path: Path) -> Iterator[Any]:
+    """The HDF5 file.
+
+    Raises:
+        SprayError: h5py is not installed; the file is missing, damaged, or cut off.
+    """
+    try:
+        import h5py
+    except ImportError as error:
+        raise SprayError(
+            f'{path}: reading it needs h5py; install it with: pip install "cldit[cfd]"'
+        ) from error
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except (OSError, RuntimeError, KeyError, TypeError, AttributeError) as error:
+        raise SprayError(f"{path}: cannot be read as HDF5: damaged or cut off ({error})") from error
+
+
+def post_files(path: Path) -> list[Path]:
+    """The file, or all .h5 files of a folder."""
+    found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
+    if not found:
+        raise SprayError(f"{path}: holds no .h5 file")
+    return found
+
+
+def time_of(path: Path) -> float | None:
+    """OUTPUT_TIME of a file, s, if it states it."""
+    with open_post(path) as file:
+        value = np.asarray(file.attrs.get("OUTPUT_TIME", [])).reshape(-1)
+    return float(value[0]) if len(value) else None
+
+
+def read_converge(
+    path: Path, *, time_s: float | None, fuel_field: str, cloud: str | None, names: ColumnMap
+) -> CfdCase:
+    """Reads one time.
+
+    Args:
+        path: a post file, or a folder of them, of which the one at `time_s` or the last is taken.
+        names: names of fields where they are not those of `_GAS` and `_PARCEL`; the fuel's is
+            `fuel_field` or MASSFRAC_ and that.
+
+    Raises:
+        SprayError: a file is damaged, an array is missing or of another length, the time or the
+            cloud is not there.
+    """
+    files = {time_of(file): file for file in post_files(path)}
+    known = [time for time in files if time is not None]
+    if len(known) == len(files):
+        at: float | None = nearest_time(str(path), known, time_s)
+    elif len(files) == 1 and time_s is None:
+        at = None
+    else:
+        raise SprayError(f"{path}: a file without OUTPUT_TIME; give the path of one file")
+    chosen = files[at]
+    with open_post(chosen) as post:
+        streams = [post[name] for name in sorted(post) if _STREAM.match(name)]
+        if not streams:
+            raise SprayError(f"{chosen}: holds no STREAM_00: it is no post file of CONVERGE")
+        meshes = [_mesh(chosen, stream) for stream in streams]
+        available = sorted(set.intersection(*(set(s.get("CELL_CENTER_DATA", ())) for s in streams)))
+        cells = _gas_names(available, names.cells, fuel_field)
+        gas: list[dict[str, Column]] = []
+        for stream, mesh in zip(streams, meshes, strict=True):
+            columns = {name: Column("", np.empty(0)) for name in available}
+            for key in ("temperature", "pressure", "density", "fuel"):
+                name = getattr(getattr(cells, key), "column", None)
+                if name in columns:
+                    values = _array(chosen, stream, f"CELL_CENTER_DATA/{name}", mesh.cells)
+                    columns[name] = Column(f"{chosen}: cell field {name}", values)
+            gas.append(gas_columns(Source(str(chosen), columns, mesh.cells), cells, fuel_field))
+        return CfdCase(
+            source=str(chosen),
+            time_s=at,
+            mesh=join(meshes),
+            gas={name: joined([part[name] for part in gas]) for name in gas[0]},
+            available=tuple(available),
+            cloud=_cloud(chosen, streams, cloud, names),
+        )
+
+
+def _gas_names(available: list[str], given: CellColumns, fuel_field: str) -> CellColumns:
+    default = {key: _first(available, names) for key, names in _GAS.items()}
+    default["fuel"] = _first(available, (fuel_field, f"MASSFRAC_{fuel_field}"))
+    return merged(given, CellColumns(**default))
+
+
+def _first(available: Any, names: tuple[str, ...]) -> Scalar | None:
+    found = next((name for name in names if name in available), None)
+    return None if found is None else Scalar(column=found)
+
+
+def _array(path: Path, group: Any, name: str, count: int | None = None) -> Floats:
+    """A one-dimensional array, of a length if it is known."""
+    if name not in group:
+        raise SprayError(f"{path}: {group.name}/{name} is missing")
+    values = np.asarray(group[name][()])
+    if values.ndim != 1 or values.dtype.kind not in "fiu":
+        raise SprayError(f"{path}: {group.name}/{name}: no list of numbers (shape {values.shape})")
+    if count is not None and len(values) != count:
+        raise SprayError(f"{path}: {group.name}/{name}: {len(values)} values, expected {count}")
+    return values.astype(np.float64)
+
+
+def _mesh(path: Path, stream: Any) -> Mesh:
+    x = _array(path, stream, "VERTEX_COORDINATES/X")
+    y, z = (_array(path, stream, f"VERTEX_COORDINATES/{name}", len(x)) for name in "YZ")
+    start = _array(path, stream, "CONNECTIVITY/POLYGON_OFFSET").astype(np.int64)
+    corners = _array(path, stream, "CONNECTIVITY/POLYGON_TO_VERTEX").astype(np.int64)
+    cells = _array(path, stream, "CONNECTIVITY/CONNECTED_CELLS", 2 * max(len(start) - 1, 0))
+    sides = cells.astype(np.int64).reshape(-1, 2)
+    if not len(sides) or start[0] != 0 or start[-1] != len(corners) or np.diff(start).min() < 3:
+        raise SprayError(f"{path}: {stream.name}/CONNECTIVITY/POLYGON_OFFSET does not fit its mesh")
+    if sides.max(axis=1).min() < 0:
+        raise SprayError(f"{path}: {stream.name}/CONNECTIVITY/CONNECTED_CELLS: a face of no cell")
+    # a negative cell is a boundary; a face belongs to its first cell, else, turned, to the second
+    turned = sides[:, 0] < 0
+    size = np.diff(start)
+    face = np.repeat(np.arange(len(size)), size)
+    step = np.arange(len(corners)) - start[face]
+    place = start[face] + np.where(turned[face], size[face] - 1 - step, step)
+    inner = sides.min(axis=1) >= 0
+    return Mesh(
+        points_m=np.stack([x, y, z], axis=1),
+        corners=corners[place],
+        start=start,
+        owner=np.where(turned, sides[:, 1], sides[:, 0]),
+        neighbour=np.where(inner, sides[:, 1], -1),
+        cells=int(sides.max()) + 1,
+        source=f"{path}: {stream.name}",
+    )
+
+
+def cloud_groups(stream: Any) -> dict[str, Any]:
+    """Groups of parcels by name: PARCEL_DATA itself, or PARCEL_DATA/KIND/NAME (3.1 and later)."""
+    root = stream.get("PARCEL_DATA")
+    if root is None:
+        return {}
+    if "PARCEL_X" in root:
+        return {"PARCEL_DATA": root}
+    return {f"{kind}/{name}": root[kind][name] for kind in root for name in root[kind]}
+
+
+def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap) -> Cloud | None:
+    groups = [cloud_groups(stream) for stream in streams]
+    filled = {
+        name
+        for each in groups
+        for name, group in each.items()
+        if wanted == name or len(group.get("PARCEL_X", ())) > 0
+    }
+    present = {name for each in groups for name in each}
+    if present and not filled and wanted is None:
+        raise SprayError(f"{path}: {', '.join(sorted(present))} hold no parcel")
+    chosen = choose_cloud(str(path), filled, wanted)
+    if chosen is None:
+        return None
+    parts = [each[chosen] for each in groups if chosen in each]
+    fields = sorted(set.intersection(*(set(part) for part in parts)))
+    label = f"{path}: {chosen}"
+
+    def column(name: str) -> Column:
+        values = []
+        for part in parts:
+            count = len(_array(path, part, "PARCEL_X"))
+            values.append(_array(path, part, name, count))
+        return Column(f"{label}/{name}", np.concatenate(values))
+
+    position = np.stack([column(f"PARCEL_{letter}").values for letter in "XYZ"], axis=1)
+    columns = {name: column(name) for name in fields if not re.match("PARCEL_[XYZ]$", name)}
+    default: dict[str, Any] = {key: _first(columns, known) for key, known in _PARCEL.items()}
+    for name in _VELOCITY:
+        if all(f"{name}_{letter}" in columns for letter in "XYZ"):
+            default["velocity"] = Vector(columns=(f"{name}_X", f"{name}_Y", f"{name}_Z"))
+            break
+    return mapped_cloud(
+        chosen,
+        label,
+        Column(f"{label}/PARCEL_X, _Y, _Z", position),
+        columns,
+        names,
+        ParcelColumns(**default),
+    )
+
+
+def list_converge(
+    path: Path, time_s: float | None
+) -> tuple[list[float], list[str], dict[str, list[str]]]:
+    """Times, cell fields, and clouds with their fields, of the file at a time or the last."""
+    files = {time_of(file): file for file in post_files(path)}
+    known = [time for time in files if time is not None]
+    at = nearest_time(str(path), known, time_s) if known else None
+    fields: set[str] = set()
+    clouds: dict[str, list[str]] = {}
+    with open_post(files[at]) as post:
+        for name in post:
+            if _STREAM.match(name):
+                fields |= set(post[name].get("CELL_CENTER_DATA", ()))
+                clouds |= {key: sorted(part) for key, part in cloud_groups(post[name]).items()}
+    return known, sorted(fields), clouds

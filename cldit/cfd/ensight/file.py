@@ -1,0 +1,250 @@
+"""The files of an EnSight Gold case: the case file, and numbers in ascii or C binary.
+
+Format after the EnSight user manual, "EnSight Gold Casefile Format". Files that end early, or go on
+where they should end, are refused.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from cldit.cfd.mesh import Labels
+from cldit.errors import SprayError
+from cldit.spray.result import Floats
+
+
+@dataclass(frozen=True)
+class TimeSet:
+    """Times and the numbers that stand for them in names of files."""
+
+    times_s: tuple[float, ...]
+    numbers: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Item:
+    """A file of the case: its kind ("scalar per element"), name, pattern and time set (or None)."""
+
+    kind: str
+    name: str
+    pattern: str
+    time_set: int | None
+
+
+@dataclass
+class CaseFile:
+    """What a .case file says."""
+
+    path: Path
+    items: list[Item] = field(default_factory=list)
+    time_sets: dict[int, TimeSet] = field(default_factory=dict)
+
+    def files(self, item: Item) -> list[tuple[float | None, Path]]:
+        """Times and files of an item; time None where it does not change."""
+        if item.time_set is None or "*" not in item.pattern:
+            return [(None, self.path.parent / item.pattern)]
+        if item.time_set not in self.time_sets:
+            raise SprayError(f"{self.path}: {item.name}: no time set {item.time_set}")
+        steps = self.time_sets[item.time_set]
+        stars = item.pattern.count("*")
+        return [
+            (time, self.path.parent / re.sub(r"\*+", f"{number:0{stars}d}", item.pattern))
+            for time, number in zip(steps.times_s, steps.numbers, strict=True)
+        ]
+
+
+def read_case_file(path: Path) -> CaseFile:
+    """Reads a .case file.
+
+    Raises:
+        SprayError: it cannot be read, is not of EnSight Gold, or keeps all times in one file.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise SprayError(f"{path}: cannot be read ({error})") from error
+    try:
+        return _parsed(path, lines)
+    except SprayError:
+        raise
+    except (ValueError, IndexError) as error:
+        raise SprayError(f"{path}: is no EnSight case file ({error})") from error
+
+
+def _parsed(path: Path, lines: list[str]) -> CaseFile:
+    case, section, gold = CaseFile(path), "", False
+    sets: dict[int, dict[str, list[float]]] = {}
+    now: dict[str, list[float]] = {}
+    key = ""
+    for raw in lines:
+        line = raw.split("#")[0].strip()
+        if not line:
+            continue
+        if line in ("FORMAT", "GEOMETRY", "VARIABLE", "TIME", "FILE", "MATERIAL", "SCRIPTS"):
+            section, key = line, ""
+            continue
+        before, colon, after = line.partition(":")
+        if section == "FORMAT" and before.strip() == "type":
+            gold = after.split() == ["ensight", "gold"]
+        elif section == "GEOMETRY" and colon:
+            case.items.append(_item(path, before.strip(), after))
+        elif section == "VARIABLE" and colon and not before.startswith("constant"):
+            case.items.append(_item(path, before.strip(), after))
+        elif section == "FILE":
+            raise SprayError(f"{path}: keeps several times in one file (FILE section); not read")
+        elif section == "TIME":
+            if colon:
+                key = before.strip()
+                if key == "time set":
+                    now = sets.setdefault(int(after.split()[0]), {})
+                    continue
+            now.setdefault(key, []).extend(float(word) for word in (after or line).split())
+    if not gold:
+        raise SprayError(f"{path}: FORMAT: not `type: ensight gold`")
+    case.time_sets = {number: _time_set(path, content) for number, content in sets.items()}
+    return case
+
+
+def _item(path: Path, kind: str, text: str) -> Item:
+    """`[time set] [file set] [name] pattern [options]` with a name only for variables."""
+    words = shlex.split(text)
+    numbers: list[int] = []
+    while words and words[0].isdigit():
+        numbers.append(int(words.pop(0)))
+    named = kind not in ("model", "measured")
+    if len(words) < 1 + named or len(numbers) > 1:
+        hint = "keeps several times in one file (a file set); not read" if words else "no file"
+        raise SprayError(f"{path}: {kind}: {text.strip()!r}: {hint}")
+    name = words[0] if named else kind
+    return Item(kind, name, words[-1] if named else words[0], numbers[0] if numbers else None)
+
+
+def _time_set(path: Path, content: dict[str, list[float]]) -> TimeSet:
+    times = tuple(content.get("time values", []))
+    count = int(content.get("number of steps", [len(times)])[0])
+    if count != len(times) or not count:
+        raise SprayError(f"{path}: TIME: {len(times)} time values for {count} steps")
+    if "filename numbers" in content:
+        numbers = tuple(int(number) for number in content["filename numbers"])
+    else:
+        start = int(content.get("filename start number", [0])[0])
+        step = int(content.get("filename increment", [1])[0])
+        numbers = tuple(start + step * index for index in range(count))
+    if len(numbers) != count:
+        raise SprayError(f"{path}: TIME: {len(numbers)} filename numbers for {count} steps")
+    return TimeSet(times, numbers)
+
+
+class Reader:
+    """Words and numbers of one file, in order. Errors name the file."""
+
+    def __init__(self, path: Path, *, binary: bool | None = None, order: str = "<") -> None:
+        """`binary` and byte `order` of a variable's file are those of the geometry's."""
+        try:
+            self.body = path.read_bytes()
+        except OSError as error:
+            raise SprayError(f"{path}: cannot be read ({error})") from error
+        self.path, self.at, self.order = path, 0, order
+        head = self.body[:84]
+        if b"Fortran Binary" in head:
+            raise SprayError(f"{path}: is in Fortran binary; write it as C binary or ascii")
+        self.binary = b"C Binary" in head if binary is None else binary
+        self.lines: list[bytes] = []
+        if not self.binary:
+            if not self.body.endswith(b"\n"):
+                raise self.fail("its last line has no end: the file is cut off")
+            self.lines = self.body.splitlines()
+        elif binary is None:
+            self.at = 80
+
+    def fail(self, what: str) -> SprayError:
+        return SprayError(f"{self.path}: {what}")
+
+    @property
+    def done(self) -> bool:
+        return self.at >= len(self.body if self.binary else self.lines)
+
+    def text(self) -> str:
+        """The next 80 characters, or the next line."""
+        if self.binary:
+            raw = self._bytes(80)
+        else:
+            raw = self._line()
+        return raw.split(b"\0")[0].decode("latin-1").strip()
+
+    def integers(self, count: int, *, a_line: int = 1) -> Labels:
+        """Integers; in ascii `a_line` of them in columns of ten."""
+        if self.binary:
+            raw = np.frombuffer(self._bytes(4 * count), f"{self.order}i4")
+            return raw.astype(np.int64)
+        return self._numbers(count, 10, a_line).astype(np.int64)
+
+    def floats(self, count: int, *, a_line: int = 1) -> Floats:
+        """Float32; in ascii `a_line` of them in columns of twelve."""
+        if self.binary:
+            with np.errstate(invalid="ignore"):  # NaN is for who knows what the number means
+                return np.frombuffer(self._bytes(4 * count), f"{self.order}f4").astype(np.float64)
+        return self._numbers(count, 12, a_line)
+
+    def particles(self, count: int) -> Floats:
+        """Positions (N, 3) behind the labels of measured particles."""
+        if self.binary:
+            self._bytes(4 * count)
+            return self.floats(3 * count).reshape(count, 3)
+        rows = [self._line() for _ in range(count)]
+        values = [self._split(row[8:], 12) for row in rows]
+        if any(len(row) != 3 for row in values):
+            raise self.fail("truncated or damaged: a particle without three coordinates")
+        return np.array(values, dtype=np.float64).reshape(count, 3)
+
+    def part_number(self) -> int:
+        """A part's number; one outside 1..65536 tells that the byte order is the other."""
+        number = int(self.integers(1)[0])
+        if self.binary and not 0 < number <= 65536:
+            self.order = ">" if self.order == "<" else "<"
+            self.at -= 4
+            number = int(self.integers(1)[0])
+        return number
+
+    def _bytes(self, count: int) -> bytes:
+        raw = self.body[self.at : self.at + count]
+        if count < 0 or len(raw) != count:
+            raise self.fail(f"truncated or damaged: {count} bytes wanted, {len(raw)} are left")
+        self.at += count
+        return raw
+
+    def _line(self) -> bytes:
+        if self.at >= len(self.lines):
+            raise self.fail("truncated: more lines are announced")
+        self.at += 1
+        return self.lines[self.at - 1]
+
+    def _numbers(self, count: int, width: int, a_line: int) -> Floats:
+        need = -(-count // a_line)
+        rows = self.lines[self.at : self.at + need]
+        if count < 0 or len(rows) != need:
+            raise self.fail(f"truncated: {need} lines wanted, {len(rows)} are left")
+        self.at += need
+        if a_line == 1:
+            try:
+                return np.array([float(row) for row in rows])
+            except ValueError as error:
+                raise self.fail(f"holds text that is no number ({error})") from error
+        values = [value for row in rows for value in self._split(row, width)]
+        if len(values) != count:
+            raise self.fail(f"truncated or damaged: {len(values)} numbers where {count} should be")
+        return np.array(values, dtype=np.float64)
+
+    def _split(self, row: bytes, width: int) -> list[float]:
+        """Numbers in columns, which may leave no space between them."""
+        row = row.rstrip()
+        parts = [row[i : i + width] for i in range(0, len(row), width)]
+        try:
+            return [float(part) for part in (parts if len(row) % width == 0 else row.split())]
+        except ValueError as error:
+            raise self.fail(f"holds text that is no number ({error})") from error

@@ -1,0 +1,88 @@
+"""What `cldit import` does: list a case, check it, say what came over, keep it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from cldit.cfd.formats import contents, find_format
+from cldit.cfd.to_spray import read_cfd
+from cldit.errors import SprayError
+from cldit.scene.checks import describe
+from cldit.scene.spray import CfdSpray
+from cldit.spray.spray_file import write_spray
+
+# name in the notes: text, unit shown, factor
+_SHOWN = {
+    "time_s": ("time", "ms", 1e3),
+    "parcels": ("parcels", "", 1.0),
+    "droplets": ("droplets", "", 1.0),
+    "liquid_mass_kg": ("liquid mass", "mg", 1e6),
+    "vapour_mass_kg": ("vapour mass", "mg", 1e6),
+    "sauter_mean_diameter_m": ("Sauter mean diameter", "um", 1e6),
+    "liquid_penetration_m": ("liquid penetration (95 % of mass)", "mm", 1e3),
+    "vapour_penetration_m": ("vapour penetration (0.1 % fuel)", "mm", 1e3),
+    "vapour_mass_fraction_max": ("largest mass fraction of fuel", "", 1.0),
+    "gas_temperature_min_K": ("gas, coldest cell", "K", 1.0),
+    "gas_temperature_max_K": ("gas, hottest cell", "K", 1.0),
+    "gas_cells": ("cells", "", 1.0),
+    "vapour_cells": ("cells with vapour", "", 1.0),
+}
+_COUNTS = ("parcels", "gas_cells", "vapour_cells")
+
+
+def cfd_spray(keys: Mapping[str, object]) -> CfdSpray:
+    """The `spray` section of a scene from the keys that are not None.
+
+    Raises:
+        SprayError: a key or value is not allowed.
+    """
+    try:
+        return CfdSpray.model_validate({key: v for key, v in keys.items() if v is not None})
+    except ValidationError as error:
+        raise SprayError(describe(CfdSpray, error.errors())) from error
+
+
+def list_case(spec: CfdSpray) -> list[str]:
+    """Format, times, cell fields and clouds, a line each.
+
+    Raises:
+        SprayError: the case cannot be read.
+    """
+    found = contents(spec)
+    times = ", ".join(f"{time:.9g}" for time in found.times_s)
+    lines = [
+        f"format: {found.format}",
+        f"times in s: {times or 'not stated'}",
+        f"cell fields: {', '.join(found.fields) or 'none'}",
+    ]
+    for name, fields in found.clouds.items():
+        lines.append(f"cloud {name}: {', '.join(fields) or 'no fields'}")
+    return lines if found.clouds else [*lines, "clouds: none"]
+
+
+def import_case(spec: CfdSpray, out: Path | None) -> list[str]:
+    """Reads and checks a case, and writes cldit's own file of it if `out` names one.
+
+    Returns:
+        Lines on what came over: masses, sizes, penetration, and what was inferred.
+
+    Raises:
+        SprayError: as for `read_cfd` and `write_spray`; no file is written then.
+    """
+    if spec.spread_m is not None:
+        raise SprayError("spray.spread_m: parcels are spread when a scene reads the file, not here")
+    spray = read_cfd(spec)
+    lines = [f"{spec.file}: {find_format(spec)}"]
+    for name, (text, unit, factor) in _SHOWN.items():
+        if name in spray.notes:
+            value = spray.notes[name] * factor
+            shown = f"{value:.0f}" if name in _COUNTS else f"{value:.5g}"
+            lines.append(f"  {text:34s}{shown:>12s} {unit}".rstrip())
+    lines += [f"  {remark}" for remark in spray.remarks]
+    if out is not None:
+        write_spray(out, spray)
+        lines.append(str(out))
+    return lines

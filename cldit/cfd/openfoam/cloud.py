@@ -1,0 +1,132 @@
+"""The clouds of an OpenFOAM case, with positions or with barycentric coordinates."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from cldit.cfd.case import CLOUD_FIELDS, Column
+from cldit.cfd.mesh import Labels, Mesh
+from cldit.cfd.openfoam.file import (
+    FoamFile,
+    find_foam,
+    particles,
+    read_foam,
+    scalars,
+    vectors,
+    whole,
+)
+from cldit.errors import SprayError
+from cldit.spray.result import Floats
+
+_EXTRA = {"U": vectors, "age": scalars}  # only to infer nozzle and axis
+
+
+def cloud_names(time_folder: Path) -> list[str]:
+    """Names of the folders under `lagrangian`."""
+    folder = time_folder / "lagrangian"
+    return (
+        sorted(each.name for each in folder.iterdir() if each.is_dir()) if folder.is_dir() else []
+    )
+
+
+def read_cloud(
+    folder: Path, mesh: Mesh, block: int | None = None
+) -> tuple[Column, dict[str, Column]]:
+    """Positions (N, 3) and fields of one cloud folder, or of one block of its collated files.
+
+    `positions` are read where they are there, else `coordinates`; both may hold either form.
+
+    Raises:
+        SprayError: the folder holds neither, a file is damaged, or a parcel's tetrahedron does
+            not belong to the mesh.
+    """
+    names = ("positions", "coordinates")
+    found = next((folder / name for name in names if find_foam(folder / name)), None)
+    if found is None:
+        raise SprayError(f"{folder}: a cloud without parcels: neither positions nor coordinates")
+    file = read_foam(found, block)
+    rows = particles(file)
+    position = rows[:, :3] if rows.shape[1] == 4 else decode(file, rows, mesh)
+    fields: dict[str, Column] = {}
+    for name in (*CLOUD_FIELDS, *_EXTRA):
+        if find_foam(folder / name) is not None:
+            values = _EXTRA.get(name, scalars)(read_foam(folder / name, block))
+            fields[name] = Column(str(folder / name), values)
+    return Column(str(found), position), fields
+
+
+def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
+    """Positions (N, 3) of parcels given by barycentric coordinates.
+
+    X = b0 C + b1 P0 + b2 P1 + b3 P2: C the cell centre, P0 the base point of the face, P1 and P2
+    the two face points that follow it by `tet point`, in the order in which the face's normal
+    points out of the cell (OpenFOAM, tetIndices::faceTriIs). The base point is the first from
+    which no tetrahedron of the face is turned inside out, in the cells on both sides
+    (polyMeshTetDecomposition::findFaceBasePts).
+
+    Raises:
+        SprayError: a label is outside the mesh, or the face is not one of the cell's.
+    """
+    weights = rows[:, :4]
+    cell, face, turn = whole(file, rows[:, 4:]).T
+    faces = len(mesh.owner)
+    for what, label, end in (("cell", cell, mesh.cells), ("face", face, faces)):
+        if label.size and (label.min() < 0 or label.max() >= end):
+            raise file.fail(f"a parcel in {what} {label.max()}, but the mesh has {end}")
+    size = np.diff(mesh.start)[face]
+    owned = mesh.owner[face] == cell
+    if not np.all(owned | (mesh.neighbour[face] == cell)):
+        bad = int(np.argmin(owned | (mesh.neighbour[face] == cell)))
+        raise file.fail(f"parcel {bad}: face {face[bad]} does not belong to cell {cell[bad]}")
+    if turn.size and (turn.min() < 1 or np.any(turn > size - 2)):
+        bad = int(np.argmax((turn < 1) | (turn > size - 2)))
+        raise file.fail(f"parcel {bad}: point {turn[bad]} of a face of {size[bad]} points")
+    if np.abs(weights.sum(axis=1) - 1.0).max(initial=0.0) > 1e-3:
+        raise file.fail("barycentric coordinates that do not sum to one")
+
+    used, back = np.unique(face, return_inverse=True)
+    base = _base_points(mesh, used)[back]
+    begin = mesh.start[face]
+    second = mesh.corners[begin + (base + turn) % size]
+    third = mesh.corners[begin + (base + turn + 1) % size]
+    corners = (
+        mesh.volume_and_centroid[1][cell],
+        mesh.points_m[mesh.corners[begin + base]],
+        mesh.points_m[np.where(owned, second, third)],
+        mesh.points_m[np.where(owned, third, second)],
+    )
+    terms = [weights[:, k, None] * corner for k, corner in enumerate(corners)]
+    return np.asarray(np.sum(terms, axis=0))
+
+
+def _base_points(mesh: Mesh, faces: Labels) -> Labels:
+    """Place of the base point among the corners of each of `faces`."""
+    _, centroid = mesh.volume_and_centroid
+    begin, size = mesh.start[faces], np.diff(mesh.start)[faces]
+    neighbour = mesh.neighbour[faces]
+    base = np.zeros(len(faces), dtype=np.int64)
+    unsettled = np.arange(len(faces))
+    for candidate in range(int(size.max(initial=0))):
+        good = candidate < size[unsettled]
+        count = size[unsettled]
+
+        def corner(turn: int, first: Labels = begin[unsettled], count: Labels = count) -> Floats:
+            return np.asarray(mesh.points_m[mesh.corners[first + turn % count]])
+
+        origin = corner(candidate)
+        outwards = origin - centroid[mesh.owner[faces[unsettled]]]
+        onwards = centroid[neighbour[unsettled]] - origin
+        for turn in range(1, int(count.max(initial=0)) - 1):
+            normal = np.cross(
+                corner(candidate + turn) - origin, corner(candidate + turn + 1) - origin
+            )
+            right = np.einsum("ij,ij->i", normal, outwards) > 0.0
+            right &= (neighbour[unsettled] < 0) | (np.einsum("ij,ij->i", normal, onwards) > 0.0)
+            good &= right | (turn > count - 2)
+        base[unsettled[good]] = candidate
+        unsettled = unsettled[~good]
+        if not len(unsettled):
+            break
+    return base  # 0 where no corner will do, as OpenFOAM has it

@@ -1,0 +1,220 @@
+"""CFD results as a spray: what each field means, what is plausible, the turn into our frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cldit.cfd.case import CfdCase, Cloud, Column, nearest_time
+from cldit.cfd.formats import find_format, read_case
+from cldit.cfd.orientation import Frame, find_frame
+from cldit.cfd.parcel_spreading import spread
+from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray
+from cldit.spray.result import Cells, Floats, Parcels, Spray, Vapour
+from cldit.spray.spray_file import read_spray
+
+AVOGADRO_MOL = 6.02214076e23
+GAS_CONSTANT_J_MOL_K = 8.31446261815324
+AIR_KG_MOL = 0.02885  # dry air, where a case without rho does not say what its gas is
+
+_OVERSHOOT = 1e-3  # mass fractions leave 0..1 by so much in unbounded schemes; they are cut
+_NEGLIGIBLE = 1e-12  # share of the vapour that cells left out may hold together
+_LARGEST_M = 10.0  # a case larger than this has its coordinates in mm
+_IDEAL = 4.0  # factor by which rho may differ from that of an ideal gas; other units differ by more
+_EDGE_OF_JET = 1e-3  # vapour mass fraction at which a jet's penetration is measured (ECN)
+
+
+@dataclass(frozen=True)
+class _Gas:
+    """Per cell: temperature, mass fraction of the fuel, molecules of it per m3."""
+
+    temperature_K: Floats
+    mass_fraction: Floats
+    number_density_m3: Floats
+
+
+def read_cfd(spec: CfdSpray) -> Spray:
+    """Reads a spray from the result of a CFD code, or from cldit's own file of one.
+
+    Gas: T, rho (or p, for an ideal gas of air and fuel), and the fuel's mass fraction, the field
+    `spec.fuel_field`. Parcels: d (the diameter), nParticle (a real number), T, rho. The nozzle
+    becomes the origin and the axis of injection -z; where the scene does not give them they are
+    inferred, see `frame.find_frame`, and `remarks` say how. Cells without vapour are left out.
+    With `spec.spread_m` each parcel becomes several points, see `spread.spread`.
+
+    Returns:
+        Spray with `vapour` (None without any), `parcels` (None for a case without a cloud), and
+        figures in `notes`.
+
+    Raises:
+        SprayError: files or fields are missing, damaged, or hold what cannot be; the message names
+            the file and the field.
+    """
+    spray = _stored(spec) if find_format(spec) == "cldit" else _imported(spec)
+    if spec.spread_m is None or spray.parcels is None:
+        return spray
+    parcels = spread(
+        spray.parcels, radius_m=spec.spread_m, points=spec.spread_points, seed=spec.seed
+    )
+    return replace(spray, parcels=parcels)
+
+
+def _stored(spec: CfdSpray) -> Spray:
+    for key in ("nozzle_m", "axis", "cloud", "mapping"):
+        if getattr(spec, key) is not None:
+            raise SprayError(f"{spec.file}: spray.{key} was settled when the case was imported")
+    spray = read_spray(spec.file)
+    if spec.time_s is not None:
+        known = [spray.notes["time_s"]] if "time_s" in spray.notes else []
+        nearest_time(str(spec.file), known, spec.time_s)
+    return spray
+
+
+def _imported(spec: CfdSpray) -> Spray:
+    case = read_case(spec)
+    _check_size(case)
+    gas = _gas(spec, case)
+    parcels = None if case.cloud is None else _parcels(case, case.cloud)
+    frame = find_frame(spec, case)
+    vapour, jet_m = _vapour(spec, case, gas, frame)
+    if parcels is not None:
+        turned = (parcels.position_m - frame.nozzle_m) @ frame.rotation.T
+        parcels = replace(parcels, position_m=turned)
+    notes = _notes(case, gas, parcels, vapour, frame)
+    if np.isfinite(jet_m):
+        notes["vapour_penetration_m"] = jet_m
+    some = vapour if len(vapour.temperature_K) else None
+    return Spray(parcels=parcels, vapour=some, notes=notes, remarks=frame.remarks)
+
+
+def _check_size(case: CfdCase) -> None:
+    extent = float((case.mesh.points_m.max(axis=0) - case.mesh.points_m.min(axis=0)).max())
+    if extent > _LARGEST_M:
+        raise SprayError(
+            f"{case.mesh.source}: the mesh is {extent:g} m wide, allowed is {_LARGEST_M:g} m; its "
+            "coordinates are to be in metres"
+        )
+
+
+def _within(column: Column, *, low: float, high: float, hint: str) -> Floats:
+    """The values, once they are numbers inside low..high."""
+    values = column.values
+    if values.ndim != 1:
+        raise SprayError(f"{column.label}: shape {values.shape}, expected one number an entry")
+    inside = (values >= low) & (values <= high)  # false for NaN as well
+    if not inside.all():
+        bad = int(np.argmin(inside))
+        raise SprayError(
+            f"{column.label}: {values[bad]:g} (entry {bad}) is outside {low:g}..{high:g}; {hint}"
+        )
+    return values
+
+
+def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
+    for name, key in ((spec.fuel_field, " (spray.fuel_field)"), ("T", "")):
+        if name not in case.gas:
+            known = ", ".join(case.available) or "none"
+            raise SprayError(f"{case.source}: no cell field {name!r}{key}; it has: {known}")
+    temperature = _within(case.gas["T"], low=1.0, high=5000.0, hint="T is a temperature in K")
+    fraction = _within(
+        case.gas[spec.fuel_field],
+        low=-_OVERSHOOT,
+        high=1.0 + _OVERSHOOT,
+        hint="it is to be the mass fraction of the fuel's vapour (spray.fuel_field)",
+    ).clip(0.0, 1.0)
+    pressure = None
+    if "p" in case.gas:
+        pressure = _within(case.gas["p"], low=1.0, high=1e9, hint="p is a pressure in Pa")
+    moles_kg = fraction / spec.fuel_molar_mass_kg_mol + (1.0 - fraction) / AIR_KG_MOL
+    if "rho" in case.gas:
+        density = _within(case.gas["rho"], low=0.0, high=2e3, hint="rho is a density in kg/m3")
+        if pressure is not None:
+            ideal = pressure / (moles_kg * GAS_CONSTANT_J_MOL_K * temperature)
+            ratio = float(np.median(density / ideal))
+            if not 1.0 / _IDEAL < ratio < _IDEAL:
+                raise SprayError(
+                    f"{case.gas['rho'].label}: {ratio:.3g} times the density of an ideal gas at "
+                    f"T and p of the case ({case.gas['p'].label}); one of them has another unit "
+                    "than kg/m3, K, Pa"
+                )
+    elif pressure is not None:
+        density = pressure / (moles_kg * GAS_CONSTANT_J_MOL_K * temperature)
+    else:
+        raise SprayError(f"{case.source}: neither rho nor p among the cell fields; one is needed")
+    number = density * fraction * (AVOGADRO_MOL / spec.fuel_molar_mass_kg_mol)
+    return _Gas(temperature, fraction, number)
+
+
+def _vapour(spec: CfdSpray, case: CfdCase, gas: _Gas, frame: Frame) -> tuple[Vapour, float]:
+    """The vapour, and how far it has come along the axis (NaN where there is none), metres."""
+    lower, upper = case.mesh.moved(origin_m=frame.nozzle_m, rotation=frame.rotation).boxes_m()
+    molecules = gas.number_density_m3 * np.prod(upper - lower, axis=1)
+    kept = molecules > _NEGLIGIBLE * molecules.sum() / len(molecules)
+    vapour = Vapour(
+        Cells(lower[kept], upper[kept]),
+        gas.number_density_m3[kept],
+        gas.temperature_K[kept],
+        spec.fuel_molar_mass_kg_mol,
+    )
+    jet = gas.mass_fraction > _EDGE_OF_JET
+    depth = -(lower[jet, 2] + upper[jet, 2]) / 2
+    return vapour, float(depth.max()) if len(depth) else np.nan
+
+
+def _parcels(case: CfdCase, cloud: Cloud) -> Parcels:
+    """The cloud in the case's own coordinates, checked."""
+    fields, position = cloud.fields, cloud.position_m
+    # a falling drop of water breaks up beyond some 5 mm; what is larger has another unit
+    diameter = _within(
+        fields["d"], low=1e-9, high=5e-3, hint="d is the diameter of a droplet in metres"
+    )
+    droplets = _within(
+        fields["nParticle"], low=0.0, high=1e18, hint="nParticle is the number of droplets"
+    )
+    temperature = _within(fields["T"], low=1.0, high=5000.0, hint="T is a temperature in K")
+    density = _within(fields["rho"], low=10.0, high=3e4, hint="rho is a density in kg/m3")
+    lower, upper = case.mesh.points_m.min(axis=0), case.mesh.points_m.max(axis=0)
+    slack = 1e-5 * float((upper - lower).max())  # float32 in either file
+    inside = np.all((position.values >= lower - slack) & (position.values <= upper + slack), axis=1)
+    if not inside.all():
+        bad = int(np.argmin(inside))
+        x, y, z = position.values[bad]
+        raise SprayError(
+            f"{position.label}: parcel {bad} at ({x:.4g}, {y:.4g}, {z:.4g}) m is outside the mesh, "
+            f"({', '.join(f'{part:.4g}' for part in lower)}) to "
+            f"({', '.join(f'{part:.4g}' for part in upper)}) m"
+        )
+    return Parcels(position.values, diameter, droplets, temperature, density)
+
+
+def _notes(
+    case: CfdCase, gas: _Gas, parcels: Parcels | None, vapour: Vapour, frame: Frame
+) -> dict[str, float]:
+    """The figures by which a user sees that the case came over right."""
+    notes = {} if case.time_s is None else {"time_s": case.time_s}
+    if parcels is not None:
+        depth = -parcels.position_m[:, 2]
+        mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
+        order = np.argsort(depth)
+        reached = np.cumsum(mass[order]) >= 0.95 * mass.sum()
+        notes |= {
+            "parcels": float(len(depth)),
+            "droplets": float(parcels.droplets.sum()),
+            "liquid_mass_kg": parcels.mass_kg,
+            "sauter_mean_diameter_m": parcels.sauter_mean_diameter_m,
+            # 95 % of the liquid is nearer to the nozzle along the axis (ECN)
+            "liquid_penetration_m": float(depth[order][int(np.argmax(reached))]),
+        }
+    notes |= {
+        "gas_cells": float(case.mesh.cells),
+        "vapour_cells": float(len(vapour.temperature_K)),
+        "vapour_mass_kg": vapour.mass_kg,
+        "vapour_mass_fraction_max": float(gas.mass_fraction.max()),
+        "gas_temperature_min_K": float(gas.temperature_K.min()),
+        "gas_temperature_max_K": float(gas.temperature_K.max()),
+    }
+    for name, place, along in zip("xyz", frame.nozzle_m, frame.axis, strict=True):
+        notes |= {f"nozzle_{name}_m": float(place), f"axis_{name}": float(along)}
+    return notes

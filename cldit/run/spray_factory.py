@@ -1,0 +1,47 @@
+"""The spray that a scene names, from whichever model or file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import assert_never
+
+from cldit.scene.spray import CfdSpray, ConeSpray, EmptySpray, GridSpray, LagrangianSpray
+from cldit.spray.result import Spray
+
+
+def make_spray(
+    spec: ConeSpray | LagrangianSpray | GridSpray | CfdSpray | EmptySpray,
+    *,
+    cache: Path | None = None,
+) -> Spray:
+    """Runs the model or reads the file.
+
+    Args:
+        cache: folder for tables of fuel properties and computed sprays; None keeps nothing.
+
+    Raises:
+        SprayError: the source is missing something or holds impossible values.
+    """
+    # Each model is imported when a scene names it: flow brings a compiler, CFD brings VTK.
+    match spec:
+        case ConeSpray():
+            from cldit.spray.cone.spray import make_cone
+
+            return make_cone(spec)
+        case LagrangianSpray():
+            from cldit.spray.cache import kept_spray
+            from cldit.spray.flow.simulate import simulate_spray
+
+            return kept_spray(spec, cache, lambda: simulate_spray(spec, cache=cache)[0])
+        case GridSpray():
+            from cldit.spray.grid import read_grid
+
+            return read_grid(spec)
+        case CfdSpray():
+            from cldit.cfd.to_spray import read_cfd
+
+            return read_cfd(spec)
+        case EmptySpray():
+            return Spray()
+        case _ as unreachable:
+            assert_never(unreachable)

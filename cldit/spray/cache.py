@@ -1,0 +1,45 @@
+"""Sprays that take long are kept by what they were made from, and shared by whoever asks next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from importlib.metadata import version
+from pathlib import Path
+
+from filelock import FileLock
+
+from cldit.content import code_digest, digest
+from cldit.errors import SprayError
+from cldit.scene.checks import Section
+from cldit.spray.result import Spray
+from cldit.spray.spray_file import read_spray, write_spray
+
+
+def kept_spray(spec: Section, folder: Path | None, make: Callable[[], Spray]) -> Spray:
+    """What `make` gives, from `folder` where this very spray was kept there by this very code.
+
+    Two processes that want the same spray compute it once: the second waits. A file that is
+    damaged is made anew; a folder that cannot be written costs only the time.
+
+    Args:
+        folder: of kept sprays; None keeps nothing.
+    """
+    if folder is None:
+        return make()
+    key = digest(spec.model_dump(mode="json"), code_digest("spray"), version("CoolProp"))
+    path = folder / "sprays" / f"{key}.npz"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return make()
+    with FileLock(path.with_suffix(".lock")):
+        if path.is_file():
+            try:
+                return read_spray(path)
+            except SprayError:
+                path.unlink()
+        spray = make()
+        with suppress(SprayError):
+            write_spray(path, spray)
+    return spray

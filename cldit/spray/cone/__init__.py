@@ -1,0 +1,1 @@
+"""The analytic spray: a cone of droplets and vapour at each hole."""

@@ -1,0 +1,333 @@
+"""Fuel mixed adiabatically with hot nitrogen: temperatures and evaporated share, as a table.
+
+Mixing-limited sprays (Siebers, SAE 1999-01-0528): where fuel and gas are mixed, they are in
+equilibrium, so that the ratio B of fuel to nitrogen mass decides everything. While liquid is left
+the vapour is saturated at the mixture's temperature; then only enthalpies mix. Where droplets have
+not had the time for that, the share that has evaporated is the table's second axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cldit.errors import SprayError
+from cldit.spray.cone.fluid_properties import (
+    HEPTANE_CRITICAL_K,
+    METHANE,
+    NITROGEN,
+    GAS_CONSTANT_J_mol_K,
+    HEPTANE_CRITICAL_Pa,
+    HEPTANE_MOLAR_MASS_kg_mol,
+    heptane_density_kg_m3,
+    heptane_liquid_enthalpy_J_kg,
+    heptane_saturation_pressure_Pa,
+    heptane_vapour_cp_J_kg_K,
+    heptane_vapour_enthalpy_J_kg,
+)
+from cldit.spray.cone.wet_bulb import still
+
+Floats = NDArray[np.float64]
+
+_HALVINGS = 56  # of a bracket of at most 5000 K: down to rounding
+_ZOOMS = 7  # each by 299: 1e15 down to rounding
+_ENTRIES = 3000  # of a table of one slice
+_FINE = 400  # entries of a table of many slices, where liquid can be
+_SLICES = 41
+
+
+@dataclass(frozen=True)
+class State:
+    """Where a mixture stands; all (N,). evaporated: share 0..1 of the fuel; fuel_to_gas: B."""
+
+    gas_K: Floats
+    liquid_K: Floats
+    evaporated: Floats
+    fuel_to_gas: Floats
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """States by fuel-to-gas ratio B (N,) and by the share that kinetics lets evaporate (A,).
+
+    fuel_to_gas: rising. kinetic: rising from 0 to 1. equilibrium: the share that would evaporate
+    with time enough, (N,). fuel_kg_m3: fuel, liquid and vapour, in a cubic metre of mixture at the
+    given pressure, rising with B, (A, N). gas_K, liquid_K: (A, N).
+    saturation_B, saturation_K: where in equilibrium the last liquid evaporates; NaN for a gaseous
+    fuel or without evaporation.
+    """
+
+    fuel_to_gas: Floats
+    kinetic: Floats
+    equilibrium: Floats
+    fuel_kg_m3: Floats
+    gas_K: Floats
+    liquid_K: Floats
+    saturation_B: float = float("nan")
+    saturation_K: float = float("nan")
+
+    def at(self, fuel_kg_m3: ArrayLike, kinetic: ArrayLike = 1.0) -> State:
+        """State for a fuel content and the share that kinetics lets evaporate; ends hold."""
+        with np.errstate(divide="ignore"):
+            wanted = np.log(np.asarray(fuel_kg_m3, dtype=float))
+        axis, tables = self._by_content
+        gas, liquid, ratio = _bilinear(self.kinetic, axis, tables, kinetic, wanted)
+        return State(gas, liquid, self.evaporated(np.exp(ratio), kinetic), np.exp(ratio))
+
+    def evaporated(self, fuel_to_gas: ArrayLike, kinetic: ArrayLike = 1.0) -> Floats:
+        """The smaller share of what heat and saturation allow, and of what time allows."""
+        with np.errstate(divide="ignore"):
+            wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
+        allowed = np.interp(wanted, np.log(self.fuel_to_gas), self.equilibrium)
+        return np.asarray(np.minimum(allowed, kinetic))
+
+    def content(self, fuel_to_gas: ArrayLike, kinetic: ArrayLike = 1.0) -> Floats:
+        """Fuel in kg/m3 for a fuel-to-gas ratio; the ends of the table hold beyond them."""
+        with np.errstate(divide="ignore"):
+            wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
+        known = np.log(self.fuel_to_gas)
+        (content,) = _bilinear(self.kinetic, known, [np.log(self.fuel_kg_m3)], kinetic, wanted)
+        return np.asarray(np.exp(content))
+
+    @cached_property
+    def _by_content(self) -> tuple[Floats, list[Floats]]:
+        """Gas and liquid temperature and ln B over one axis of ln content."""
+        known, ratio = np.log(self.fuel_kg_m3), np.log(self.fuel_to_gas)
+        # As fine as the first slice is: its steps follow those of B.
+        axis = np.union1d(known[0], known[-1])
+        values = (self.gas_K, self.liquid_K, np.broadcast_to(ratio, known.shape))
+        return axis, [
+            np.stack([np.interp(axis, x, y) for x, y in zip(known, value, strict=True)])
+            for value in values
+        ]
+
+
+def _bilinear(
+    rows: Floats, columns: Floats, tables: list[Floats], row: ArrayLike, column: ArrayLike
+) -> list[Floats]:
+    """Values of tables (rows, columns) between their entries; the ends hold."""
+    i, v = _between(rows, np.asarray(row, dtype=float))
+    j, w = _between(columns, np.asarray(column, dtype=float))
+    found = []
+    for table in tables:  # by differences, so that equal entries are met exactly
+        low, high = (table[at, j] + w * (table[at, j + 1] - table[at, j]) for at in (i, i + 1))
+        found.append(np.asarray(low + v * (high - low)))
+    return found
+
+
+def _between(axis: Floats, x: Floats) -> tuple[NDArray[np.int64], Floats]:
+    held = np.clip(x, axis[0], axis[-1])
+    i = np.clip(np.searchsorted(axis, held) - 1, 0, len(axis) - 2)
+    return i, (held - axis[i]) / (axis[i + 1] - axis[i])
+
+
+def heptane_state(
+    fuel_to_gas: ArrayLike, *, pressure_Pa: float, gas_K: float, fuel_K: float
+) -> tuple[Floats, Floats]:
+    """Temperature in K and evaporated share of n-heptane mixed with nitrogen, element by element.
+
+    Args:
+        fuel_to_gas: B, mass of fuel by mass of nitrogen, > 0.
+        gas_K, fuel_K: temperatures before mixing; the fuel is liquid.
+
+    Raises:
+        SprayError: the pressure is above the fuel's critical pressure.
+    """
+    if pressure_Pa >= HEPTANE_CRITICAL_Pa:
+        raise SprayError(
+            f"spray.ambient.pressure_Pa: {pressure_Pa:g} is above the critical pressure of "
+            f"n-heptane; with evaporation the cone model allows less than {HEPTANE_CRITICAL_Pa:g}"
+        )
+    ratio = np.asarray(fuel_to_gas, dtype=float)
+    supply = ratio * heptane_liquid_enthalpy_J_kg(fuel_K) + NITROGEN.enthalpy_J_kg(gas_K)
+
+    def share(temperature: Floats) -> Floats:
+        """Saturated nitrogen takes up to B_sat; all of the fuel if there is less."""
+        mole = heptane_saturation_pressure_Pa(temperature) / pressure_Pa
+        boiling = (mole >= 1) | (temperature >= HEPTANE_CRITICAL_K)
+        mole = np.where(boiling, 0.5, mole)
+        taken = HEPTANE_MOLAR_MASS_kg_mol / NITROGEN.molar_mass_kg_mol * mole / (1 - mole)
+        return np.where(boiling, 1.0, np.minimum(1.0, taken / ratio))
+
+    def excess(temperature: Floats) -> Floats:
+        f = share(temperature)
+        fuel = f * heptane_vapour_enthalpy_J_kg(temperature) + (
+            1 - f
+        ) * heptane_liquid_enthalpy_J_kg(temperature)
+        return np.asarray(ratio * fuel + NITROGEN.enthalpy_J_kg(temperature) - supply)
+
+    low = np.full(ratio.shape, 0.4 * min(gas_K, fuel_K))
+    high = np.full(ratio.shape, max(gas_K, fuel_K) * (1 + 1e-12))
+    temperature = rising_root(excess, low, high)
+    return temperature, share(temperature)
+
+
+def lagging_state(
+    fuel_to_gas: ArrayLike,
+    evaporated: ArrayLike,
+    *,
+    pressure_Pa: float,
+    gas_K: float,
+    fuel_K: float,
+) -> tuple[Floats, Floats]:
+    """Temperatures in K of gas and liquid where a given share of the fuel has evaporated.
+
+    Enthalpy is kept, and the liquid has the wet-bulb temperature of the gas around it. The share
+    is at most that of equilibrium, where both temperatures are those of `heptane_state`.
+    """
+    ratio, share = np.broadcast_arrays(
+        np.asarray(fuel_to_gas, dtype=float), np.asarray(evaporated, dtype=float)
+    )
+    supply = ratio * heptane_liquid_enthalpy_J_kg(fuel_K) + NITROGEN.enthalpy_J_kg(gas_K)
+    vapour, liquid = ratio * share, ratio * (1 - share)
+    hottest = 2 * max(gas_K, fuel_K)
+    gas = np.full(ratio.shape, gas_K)
+
+    def around(surface: Floats) -> Floats:
+        """Temperature that the gas is left with; Newton from the last one, both cp vary slowly."""
+        nonlocal gas
+        left = supply - liquid * heptane_liquid_enthalpy_J_kg(surface)
+        for _ in range(2):
+            found = vapour * heptane_vapour_enthalpy_J_kg(gas) + NITROGEN.enthalpy_J_kg(gas)
+            slope = vapour * heptane_vapour_cp_J_kg_K(gas) + NITROGEN.cp_J_kg_K(gas)
+            gas = np.clip(gas + (left - found) / slope, 0.3 * gas_K, hottest)
+        return gas
+
+    def excess(surface: Floats) -> Floats:
+        y = vapour / (1 + vapour)
+        gone = still(surface, gas_K=around(surface), vapour_share=y, pressure_Pa=pressure_Pa)
+        return -gone.heat_W
+
+    low = np.full(ratio.shape, 0.4 * min(gas_K, fuel_K))
+    high = np.full(ratio.shape, min(max(gas_K, fuel_K), HEPTANE_CRITICAL_K))
+    surface = rising_root(excess, low, high, halvings=30)
+    return around(surface), surface
+
+
+def heptane_mixture(
+    *, pressure_Pa: float, gas_K: float, fuel_K: float, evaporation: bool = True
+) -> Mixture:
+    """The table for liquid n-heptane in nitrogen; without evaporation no heat is exchanged."""
+    ratio = np.unique(np.concatenate([np.geomspace(1e-9, 1e6, 90), np.geomspace(1e-4, 1e3, _FINE)]))
+    if not evaporation:
+        return _table(
+            ratio,
+            np.array([0.0, 1.0]),
+            np.zeros(ratio.shape),
+            np.full((2, len(ratio)), gas_K),
+            np.full((2, len(ratio)), fuel_K),
+            pressure_Pa=pressure_Pa,
+        )
+    conditions = {"pressure_Pa": pressure_Pa, "gas_K": gas_K, "fuel_K": fuel_K}
+    saturation_B, saturation_K = _saturation(**conditions), float("nan")
+    if np.isfinite(saturation_B):
+        ratio = np.unique(np.append(ratio, saturation_B))
+    temperature, equilibrium = heptane_state(ratio, **conditions)
+    if np.isfinite(saturation_B):
+        saturation_K = float(temperature[np.searchsorted(ratio, saturation_B)])
+    kinetic = np.linspace(0.0, 1.0, _SLICES)
+    gas, liquid = (np.tile(temperature, (_SLICES, 1)) for _ in range(2))
+    evaporated = np.minimum(kinetic[:, None], equilibrium)
+    # What is dry gets the wet bulb too: between it and what is wet the table is looked up.
+    lags = (evaporated < equilibrium) | (equilibrium == 1)
+    gas[lags], liquid[lags] = lagging_state(
+        np.broadcast_to(ratio, lags.shape)[lags], evaporated[lags], **conditions
+    )
+    return _table(
+        ratio,
+        kinetic,
+        equilibrium,
+        gas,
+        liquid,
+        pressure_Pa=pressure_Pa,
+        saturation_B=saturation_B,
+        saturation_K=saturation_K,
+    )
+
+
+def _table(
+    ratio: Floats,
+    kinetic: Floats,
+    equilibrium: Floats,
+    gas_K: Floats,
+    liquid_K: Floats,
+    *,
+    pressure_Pa: float,
+    saturation_B: float = float("nan"),
+    saturation_K: float = float("nan"),
+) -> Mixture:
+    evaporated = np.minimum(kinetic[:, None], equilibrium)
+    per_pascal = GAS_CONSTANT_J_mol_K * gas_K / pressure_Pa
+    volume = (  # of the mixture, per mass of fuel
+        evaporated * per_pascal / HEPTANE_MOLAR_MASS_kg_mol
+        + per_pascal / (NITROGEN.molar_mass_kg_mol * ratio)
+        + (1 - evaporated) / heptane_density_kg_m3(liquid_K)
+    )
+    return Mixture(
+        ratio, kinetic, equilibrium, 1 / volume, gas_K, liquid_K, saturation_B, saturation_K
+    )
+
+
+def _saturation(**conditions: float) -> float:
+    """The B at which the last liquid evaporates: between two entries of ever finer tables."""
+    low, high = 1e-9, 1e6
+    for _ in range(_ZOOMS):
+        ratio = np.geomspace(low, high, 300)
+        _, share = heptane_state(ratio, **conditions)
+        first = int(np.argmax(share < 1))
+        if share[first] == 1 or first == 0:
+            return float("nan")  # everything or nothing evaporates, whatever the mixture
+        low, high = ratio[first - 1], ratio[first]
+    return float(low)
+
+
+def methane_mixture(
+    *, pressure_Pa: float, gas_K: float, fuel_K: float, speed_m_s: float
+) -> Mixture:
+    """The table for a jet of methane in nitrogen, both ideal gases.
+
+    Stagnation enthalpies mix, and momentum too: a mixture with mass fraction Z of methane moves
+    at Z times the speed of the expanded jet, and what kinetic energy is gone is heat. So Z = 1 is
+    the jet just expanded (coldest), and the dilute jet has the temperature of plain mixing.
+
+    Args:
+        fuel_K: stagnation temperature, in the injector.
+        speed_m_s: of the jet expanded to the pressure of the gas.
+    """
+    ratio = np.geomspace(1e-9, 1e6, _ENTRIES)
+    z = ratio / (1 + ratio)
+    supply = (
+        z * METHANE.enthalpy_J_kg(fuel_K)
+        + (1 - z) * NITROGEN.enthalpy_J_kg(gas_K)
+        - 0.5 * (z * speed_m_s) ** 2
+    )
+
+    def excess(temperature: Floats) -> Floats:
+        methane, nitrogen = METHANE.enthalpy_J_kg(temperature), NITROGEN.enthalpy_J_kg(temperature)
+        return np.asarray(z * methane + (1 - z) * nitrogen - supply)
+
+    top = max(gas_K, fuel_K) * (1 + 1e-12)
+    temperature = rising_root(excess, np.full(z.shape, 1.0), np.full(z.shape, top))
+    per_pascal = GAS_CONSTANT_J_mol_K * temperature / pressure_Pa
+    volume = per_pascal / METHANE.molar_mass_kg_mol + per_pascal / (
+        NITROGEN.molar_mass_kg_mol * ratio
+    )
+    both = np.tile(temperature, (2, 1))
+    return Mixture(
+        ratio, np.array([0.0, 1.0]), np.ones(z.shape), np.tile(1 / volume, (2, 1)), both, both
+    )
+
+
+def rising_root(
+    excess: Callable[[Floats], Floats], low: Floats, high: Floats, *, halvings: int = _HALVINGS
+) -> Floats:
+    """Root of a rising function between two bounds, element by element, by bisection."""
+    for _ in range(halvings):
+        middle = 0.5 * (low + high)
+        above = excess(middle) > 0
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    return 0.5 * (low + high)

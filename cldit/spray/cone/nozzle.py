@@ -1,0 +1,108 @@
+"""What leaves the holes of a `cone` spray: speed, density, sizes, and its mixtures with the gas."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.errors import SprayError
+from cldit.scene.spray import ConeSpray
+from cldit.spray.cone.d2_law import Shrinking, shrinking
+from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
+from cldit.spray.cone.mixing import Mixture, heptane_mixture, methane_mixture
+from cldit.spray.cone.underexpanded_jet import expand
+from cldit.spray.cone.wet_bulb import WetBulb, wet_bulb
+from cldit.spray.sizes import strata_m
+
+Floats = NDArray[np.float64]
+
+VELOCITY_COEFFICIENT = 0.9  # speed at the hole over Bernoulli's
+_CLASSES = 1024  # of the droplets' sizes
+
+
+@dataclass(frozen=True)
+class Source:
+    """What leaves the holes: the same for every plume but for the flow."""
+
+    speed_m_s: float
+    density_kg_m3: float
+    flux_kg_m2_s: float
+    mixture: Mixture
+    sizes: Shrinking | None = None
+    bulb: WetBulb | None = None
+    disc: float = 0.0  # distance of the Mach disc, in diameters of the part that flows
+    notes: Mapping[str, float] = field(default_factory=dict)
+
+    def barrel_m(self, rate_kg_s: float) -> float:
+        """Of shocks, on the way of which a plume takes up no gas."""
+        return self.disc * float(np.sqrt(4 * rate_kg_s / (np.pi * self.flux_kg_m2_s)))
+
+    def kinetic(self, age_s: Floats) -> Floats:
+        """Share of the fuel that has had the time to evaporate."""
+        if self.sizes is None or self.bulb is None:
+            return np.ones(np.shape(age_s))
+        return self.sizes.kinetic(age_s, rate_m2_s=self.bulb.rate_m2_s)
+
+
+def source_of(spec: ConeSpray) -> Source:
+    """State of the fuel at the holes, and the table of its mixtures with the gas."""
+    ambient = spec.ambient
+    if spec.injection_pressure_Pa <= ambient.pressure_Pa:
+        raise SprayError(
+            f"spray.injection_pressure_Pa: {spec.injection_pressure_Pa:g} is not above the "
+            f"pressure of the gas, {ambient.pressure_Pa:g}"
+        )
+    if spec.fuel == "methane":
+        jet = expand(
+            stagnation_Pa=spec.injection_pressure_Pa,
+            stagnation_K=spec.fuel_temperature_K,
+            pressure_Pa=ambient.pressure_Pa,
+        )
+        mixture = methane_mixture(
+            pressure_Pa=ambient.pressure_Pa,
+            gas_K=ambient.temperature_K,
+            fuel_K=spec.fuel_temperature_K,
+            speed_m_s=jet.speed_m_s,
+        )
+        notes = {
+            "throat_K": jet.throat_K,
+            "throat_Pa": jet.throat_Pa,
+            "notional_K": jet.temperature_K,
+            "notional_area_ratio": jet.area,
+        }
+        return Source(
+            jet.speed_m_s,
+            jet.density_kg_m3,
+            jet.flux_kg_m2_s,
+            mixture,
+            disc=jet.disc,
+            notes=notes,
+        )
+    if spec.droplets is None:
+        raise SprayError("spray.droplets: null, but n-heptane leaves the injector as droplets")
+    density = float(heptane_density_kg_m3(spec.fuel_temperature_K))
+    drop = spec.injection_pressure_Pa - ambient.pressure_Pa
+    speed = VELOCITY_COEFFICIENT * float(np.sqrt(2 * drop / density))
+    mixture = heptane_mixture(
+        pressure_Pa=ambient.pressure_Pa,
+        gas_K=ambient.temperature_K,
+        fuel_K=spec.fuel_temperature_K,
+        evaporation=spec.evaporation,
+    )
+    classes = strata_m(spec.droplets, _CLASSES)
+    if not classes[-1] < 1e-3:
+        raise SprayError(
+            f"spray.droplets: these sizes reach {classes[-1]:.3g} m, allowed is less than 1e-3"
+        )
+    bulb = None
+    if spec.evaporation:
+        bulb = wet_bulb(
+            gas_K=ambient.temperature_K,
+            pressure_Pa=ambient.pressure_Pa,
+            fuel_K=spec.fuel_temperature_K,
+        )
+    sizes = shrinking(classes, bulb)
+    return Source(speed, density, density * speed, mixture, sizes, bulb)

@@ -1,0 +1,88 @@
+"""Groups of cells that lie in a row along u: those of them that are not all empty, row by row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.gpu.device import Device
+from cldit.transport.cells import Box, OpticalCells
+
+GROUP = 8  # cells of a group, as in kernels/cell_packets.h
+
+
+def lanes(device: Device) -> dict[str, int]:
+    """How many cells of a group, or flights, a work-item takes at once (kernels/simd.h)."""
+    return {"VECTOR": GROUP if device.is_cpu else 1}
+
+
+@dataclass(frozen=True)
+class Groups:
+    """What sweeps along one order of the axes go through: G groups of a box [l][v][u].
+
+    first (rows + 1,): where each row's groups begin among all. along (G,): u of a group's first
+    cell; -1 - u where none of its cells scatters. number [row][place]: of a group, -1 where all of
+    its cells are empty.
+    """
+
+    first: NDArray[np.int32]
+    along: NDArray[np.int32]
+    number: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, filled: NDArray[np.bool_], scatters: NDArray[np.bool_]) -> Groups:
+        """filled, scatters: [l][v][u], which cells are not empty, and which scatter."""
+        some = np.asarray(_split(filled).any(axis=2))
+        row, place = np.nonzero(some)
+        number = np.full(some.shape, -1, np.int32)
+        number[row, place] = np.arange(len(row))
+        clear = ~_split(scatters)[row, place].any(axis=1)
+        return cls(
+            first=np.searchsorted(row, np.arange(len(some) + 1)).astype(np.int32),
+            along=np.where(clear, -1 - GROUP * place, GROUP * place).astype(np.int32),
+            number=number,
+        )
+
+    @classmethod
+    def both(cls, cells: OpticalCells, box: Box) -> dict[bool, Groups]:
+        """Those along x, of rows [z][y], and the turned ones along y, of rows [x][z]."""
+        scatters = np.zeros(len(cells.depth), np.bool_)
+        scatters[cells.address] = True
+        filled = turned_too(cells.dense(box, cells.depth > 0))
+        scattering = turned_too(cells.dense(box, scatters))
+        return {turned: cls.of(filled[turned], scattering[turned]) for turned in filled}
+
+    def __len__(self) -> int:
+        return len(self.along)
+
+    @property
+    def cells(self) -> int:
+        """With the empty ones in the groups."""
+        return GROUP * len(self)
+
+    @property
+    def widest(self) -> int:
+        """Cells in the groups of a row, at most."""
+        return GROUP * int(np.diff(self.first).max(initial=1))
+
+    def packed(self, dense: NDArray[Any]) -> NDArray[Any]:
+        """(G, GROUP) values of cells, from a dense array [l][v][u]."""
+        return np.asarray(_split(dense)[self.number >= 0])
+
+    def places(self, row: NDArray[np.int64], u: NDArray[np.int64]) -> NDArray[np.int32]:
+        """Cell of group 0, 1, ... that each cell is, which must not be empty."""
+        return np.asarray(self.number[row, u // GROUP] * GROUP + u % GROUP, np.int32)
+
+
+def turned_too(dense: NDArray[Any]) -> dict[bool, NDArray[Any]]:
+    """An array [z][y][x], and turned to [x][z][y]."""
+    return {False: dense, True: dense.transpose(2, 0, 1)}
+
+
+def _split(dense: NDArray[Any]) -> NDArray[Any]:
+    """[row][place][cell of the group], filled up with 0."""
+    padded = np.pad(dense, ((0, 0), (0, 0), (0, -dense.shape[2] % GROUP)))
+    return padded.reshape(dense.shape[0] * dense.shape[1], -1, GROUP)

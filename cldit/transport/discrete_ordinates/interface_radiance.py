@@ -1,0 +1,83 @@
+"""The radiance that sweeps keep on the interfaces of the thick region, for the final gather."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from cldit.gpu.buffers import clear, unset, upload
+from cldit.gpu.device import Device
+from cldit.transport.cells import Box
+from cldit.transport.discrete_ordinates.axis_order import Layout, layouts
+from cldit.transport.thick_region import ThickCells
+
+_NO_FACE = 64  # in place of a face, as in sweep.cl
+
+
+@dataclass(frozen=True)
+class RimLight:
+    """Light that comes into the region from without, and that in thick cells, as sweeps store it:
+    [face or cell][direction][component], so that flights of one tile meet few pages of it.
+
+    rim, directions: how many there are. rows, faces: where a row of each layout finds the faces.
+    first: number of the sweeps' first direction.
+    """
+
+    buffer: Any
+    rim: int
+    directions: int
+    rows: dict[int, Any]
+    faces: dict[int, Any]
+    first: int = 0
+
+    def after(self, directions: int) -> RimLight:
+        """For sweeps that follow so many directions."""
+        return replace(self, first=directions)
+
+    @classmethod
+    def of(
+        cls,
+        device: Device,
+        thick: ThickCells,
+        box: Box,
+        *,
+        components: int,
+        directions: int,
+        real: type[np.floating],
+    ) -> RimLight:
+        owner, side = np.nonzero(thick.faces >= 0)
+        number = thick.faces[owner, side]
+        at = thick.at[owner]  # and now of the cell that light comes from
+        at[np.arange(len(at)), side // 2] += 2 * (side % 2) - 1
+        thick_ones = np.flatnonzero(thick.own >= 0)
+        at = np.concatenate([at, thick.at[thick_ones]])
+        number = np.concatenate([number, thick.own[thick_ones]])
+        rows, listed = {}, {}
+        for layout in layouts(box.shape).values():
+            along, across, up = at[:, layout.axes].T
+            _, nv, nl = layout.size
+            row = up * nv + across
+            order = np.argsort(row, kind="stable")
+            starts = np.searchsorted(row[order], np.arange(nl * nv + 1))
+            bit = np.full(len(at), _NO_FACE)
+            bit[: len(side)] = 1 << (2 * np.argsort(layout.axes)[side // 2] + side % 2)
+            table = np.column_stack([along, bit, number, number])[order]  # the last is not read
+            rows[layout.number] = upload(device, "rows of faces", starts.astype(np.int32))
+            listed[layout.number] = upload(device, "faces", table.astype(np.int32))
+        kept = unset(device, "light from without", thick.rim * directions * components, real)
+        # Cells' own light, which comes last, is summed; that of faces is written.
+        each, own = directions * components, len(thick_ones)
+        clear(device, kept, own * each, real, first=(thick.rim - own) * each)
+        return cls(kept, thick.rim, directions, rows, listed)
+
+    def arguments(self, layout: Layout) -> list[Any]:
+        """Kernel arguments `light` to `rim_faces`."""
+        return [
+            self.buffer,
+            np.int32(self.first),
+            np.int32(self.directions),
+            self.rows[layout.number],
+            self.faces[layout.number],
+        ]

@@ -1,0 +1,220 @@
+"""Sets of directions that integrate over the sphere, denser where the background disc is seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.transport.phase import ScatteringTable
+
+Floats = NDArray[np.float64]
+_GOLDEN = (1 + 5**0.5) / 2
+_CURVE_BITS = 10  # of either coordinate on the square that a curve fills
+FACE = 64  # entries of the table of nearest directions along a side
+
+
+@dataclass(frozen=True)
+class Directions:
+    """unit (N, 3): where the light comes from; weight (N,), summing to 1."""
+
+    unit: Floats
+    weight: Floats
+
+    @classmethod
+    def joined(cls, sets: Sequence[Directions]) -> Directions:
+        """All of several sets that each integrate over the sphere."""
+        return cls(
+            unit=np.concatenate([each.unit for each in sets]),
+            weight=np.concatenate([each.weight for each in sets]) / len(sets),
+        )
+
+    def __len__(self) -> int:
+        return len(self.weight)
+
+    def halves(self) -> tuple[Directions, Directions]:
+        """Every other direction, and the others: of a set that runs evenly over the sphere either
+        integrates over it, and both together better than two sets by chance."""
+        one, other = (
+            Directions(unit=self.unit[first::2], weight=2 * self.weight[first::2])
+            for first in (0, 1)
+        )
+        return one, other
+
+    def by_axis(self) -> Directions:
+        """The same, in the order of the axis that each lies closest to: those that sweeps go along
+        together then stand together."""
+        order = np.argsort(np.argmax(np.abs(self.unit), axis=1), kind="stable")
+        return Directions(unit=self.unit[order], weight=self.weight[order])
+
+    def balanced(self) -> Directions:
+        """The same directions, weighted so that they lean nowhere: sum of weight x unit = 0.
+
+        In thick cells light drifts by what a set leans, and diffuses by far less.
+        """
+        ways = np.column_stack([np.ones(len(self)), self.unit])
+        lean = ways.T @ (self.weight[:, None] * ways)
+        share = np.linalg.lstsq(lean, np.array([1.0, 0.0, 0.0, 0.0]), rcond=None)[0]
+        return Directions(unit=self.unit, weight=self.weight * (ways @ share))
+
+
+def _band(count: int, low: float, high: float, turn: float, lean: float = 0.0) -> Floats:
+    """Fibonacci points between two heights of the unit sphere's z axis, turned about it; at z they
+    are as dense as 1 - lean x z, |lean| < 1."""
+    ends = np.array([low, high])
+    first, last = ends - lean / 2 * ends**2  # of the integral of the density
+    share = first + (last - first) * (np.arange(count) + 0.5) / count
+    z = 2 * share / (1 + np.sqrt(1 - 2 * lean * share))
+    angle = 2 * np.pi * (np.arange(count) / _GOLDEN + turn)
+    r = np.sqrt(np.maximum(0.0, 1 - z * z))
+    return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
+
+
+def _rotation(rng: np.random.Generator) -> Floats:
+    """A random rotation matrix, uniform over all rotations (QR of a normal matrix)."""
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q *= np.sign(np.diag(r))
+    return np.asarray(q * np.linalg.det(q))
+
+
+def _frame_about(axis: Floats) -> Floats:
+    """Columns: two directions across `axis`, and `axis`."""
+    across = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    first = np.cross(axis, across)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(axis, first), axis], axis=1)
+
+
+def isotropic(count: int, rng: np.random.Generator) -> Directions:
+    """A randomly rotated Fibonacci sphere of equal weights."""
+    return Directions(
+        unit=_band(count, -1.0, 1.0, 0.0) @ _rotation(rng).T, weight=np.full(count, 1 / count)
+    )
+
+
+def focused(
+    count: int,
+    rng: np.random.Generator,
+    *,
+    axis: Floats,
+    half_angle_rad: float,
+    share: float,
+    lean: float = 0.0,
+) -> Directions:
+    """Two strata: `share` of the directions in the cone about `axis`, the rest around it, which are
+    as dense as 1 - lean x the cosine to the axis.
+
+    Weights are those of the strata's solid angles, so smooth functions are integrated as well as
+    before, and what is only seen within the cone is sampled more finely.
+    """
+    edge = np.cos(half_angle_rad)
+    solid = (1 - edge) / 2
+    inside = int(np.clip(round(share * count), 1, count - 1))
+    turn = rng.random(2)
+    parts = [
+        _band(inside, edge, 1.0, turn[0]),
+        _band(count - inside, -1.0, edge, turn[1], lean),
+    ]
+    around = 1 / (1 - lean * parts[1][:, 2])
+    weight = np.concatenate([np.full(inside, solid / inside), (1 - solid) * around / around.sum()])
+    frame = _frame_about(axis / np.linalg.norm(axis))
+    return Directions(unit=np.concatenate(parts) @ frame.T, weight=weight)
+
+
+def about_camera(count: int, rng: np.random.Generator, phase: ScatteringTable) -> Directions:
+    """Directions about +y, the way that the camera looks, as densely as the phase function scatters
+    light from there to it. Half of them are spread evenly, for what lies off the middle.
+
+    Weights are 1 / (4 pi x density): with them goes the phase function of each cell's own angle.
+    """
+    density = phase.density * -np.diff(phase.cosine)
+    mixed = 0.5 * np.concatenate([[0.0], np.cumsum(density)]) + 0.25 * (1 - phase.cosine)
+    place = (np.arange(count) + rng.random()) / count
+    cosine = np.interp(place, mixed, phase.cosine)
+    bin_ = np.clip(np.searchsorted(mixed, place, "right") - 1, 0, phase.bins - 1)
+    per_cosine = np.diff(mixed)[bin_] / -np.diff(phase.cosine)[bin_]
+    angle = 2 * np.pi * (np.arange(count) / _GOLDEN + rng.random())
+    sine = np.sqrt(np.maximum(0.0, 1 - cosine**2))
+    unit = np.stack([sine * np.cos(angle), cosine, sine * np.sin(angle)], axis=1)
+    return Directions(unit=unit, weight=1.0 / (count * per_cosine))
+
+
+def for_boundary(
+    count: int,
+    rng: np.random.Generator,
+    *,
+    low: Floats,
+    high: Floats,
+    disc_centre: Floats,
+    disc_radius: float,
+    enclosure: bool,
+    lean: float = 0.0,
+) -> Directions:
+    """Directions for a box low..high before a disc (all lengths in one unit).
+
+    The cone holds every direction in which some point of the box sees some of the disc; where that
+    is most of a half space, or the background is all round, plain directions serve as well. Light
+    has edges, so n directions over a share s of the sphere find it with an error of s / n^0.75:
+    with odds of (odds of s)^0.8 for the cone the sum of squares, of cone and rest, is least. lean:
+    as in `focused`.
+    """
+    middle = (low + high) / 2
+    axis = disc_centre - middle
+    if enclosure or axis[1] <= 0:
+        return isotropic(count, rng)
+    reach = disc_radius + float(np.linalg.norm((high - low)[[0, 2]])) / 2
+    near = disc_centre[1] - high[1]
+    half = float(np.arctan2(reach, max(near + (high[1] - low[1]) / 2, 1e-9)))
+    solid = (1 - np.cos(half)) / 2
+    if solid > 0.25 or count < 8:
+        return isotropic(count, rng)
+    odds = (solid / (1 - solid)) ** 0.8
+    share = odds / (1 + odds)
+    return focused(count, rng, axis=axis, half_angle_rad=half, share=share, lean=lean)
+
+
+def unfolded(unit: Floats) -> Floats:
+    """(2, N) in -1..1: the sphere on an octahedron, unfolded to a square, as in
+    kernels/directions.h (Cigolle et al., J. Computer Graphics Techniques 3, 2014)."""
+    x, y, z = (unit / np.abs(unit).sum(axis=1, keepdims=True)).T
+    below = z < 0
+    return np.stack(
+        [
+            np.where(below, (1 - np.abs(y)) * np.copysign(1.0, x), x),
+            np.where(below, (1 - np.abs(x)) * np.copysign(1.0, y), y),
+        ]
+    )
+
+
+def along_curve(unit: Floats) -> NDArray[np.int32]:
+    """The order (N,) of unit vectors along a curve that fills the sphere, on which neighbours are
+    close by: then even samples of the order are even over the sphere, in patches.
+
+    Hilbert's curve, on the unfolded sphere (Sagan, Space-Filling Curves, 1994, ch. 2).
+    """
+    side = 1 << _CURVE_BITS
+    i, j = np.clip((unfolded(unit) + 1) * (side / 2), 0, side - 1).astype(np.int64)
+    place = np.zeros(len(unit), np.int64)
+    for bit in reversed(range(_CURVE_BITS)):
+        right, up = i >> bit & 1, j >> bit & 1
+        place += (3 * right ^ up) << 2 * bit
+        mirrored = (up == 0) & (right == 1)
+        i, j = np.where(mirrored, side - 1 - i, i), np.where(mirrored, side - 1 - j, j)
+        i, j = np.where(up == 0, j, i), np.where(up == 0, i, j)
+    return np.argsort(place, kind="stable").astype(np.int32)
+
+
+def nearest(directions: Directions) -> NDArray[np.int32]:
+    """(FACE, FACE) number of the nearest direction for each entry of directions.h's table."""
+    middle = (np.arange(FACE) + 0.5) * 2 / FACE - 1
+    v, u = np.meshgrid(middle, middle, indexing="ij")
+    z = 1 - np.abs(u) - np.abs(v)
+    below = z < 0
+    x = np.where(below, (1 - np.abs(v)) * np.copysign(1.0, u), u)
+    y = np.where(below, (1 - np.abs(u)) * np.copysign(1.0, v), v)
+    points = np.stack([x, y, z], axis=2).reshape(-1, 3)
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    cosines = np.einsum("pk,dk->pd", points, directions.unit)  # not by BLAS, as in kelvin.py
+    return np.asarray(np.argmax(cosines, axis=1), np.int32)

@@ -1,0 +1,391 @@
+"""The picture of what thick cells scatter, by flights from them to where their light comes from.
+
+Light varies within a thick cell, and what it sends back to where it is lit from is far more than
+its mean. Where a line of sight meets thick cells, a flight goes from a place on it, by the phase
+function itself, through these and the cells around them, and sums what they send there; its end is
+in light that is known from the last sweep. In cells so deep that no linear source describes them
+further flights follow, in a chain.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.gpu.buffers import download, unset, upload, zeros
+from cldit.gpu.device import Device
+from cldit.gpu.partition import shares
+from cldit.gpu.program import Define, Program, build
+from cldit.transport.cells import Box
+from cldit.transport.discrete_ordinates.cell_packets import lanes
+from cldit.transport.discrete_ordinates.quadrature import FACE, Directions, along_curve, nearest
+from cldit.transport.final_gather.cell_sources import Ends
+from cldit.transport.image import Painter
+from cldit.transport.phase import PHASE_STEPS
+from cldit.transport.result import Settings
+from cldit.transport.sobol import points
+from cldit.transport.temperature_error import VISIBLE, error_K
+from cldit.transport.thick_region import ThickCells
+from cldit.transport.view import upload_tree
+
+Floats = NDArray[np.float64]
+
+_SAMPLES = 16  # of a pixel in the first round; a power of two, as in all rounds
+_GROWTH = 8  # of them at most, from one round to the next: their scatter is not known well
+_MOST_CHAINS = 1e8  # of a picture: some core-minutes
+# Transmission at which flights end, for each kelvin of the wanted error. For what is left the last
+# cell's source stands. At 0.05 K a slab of depth 10, g = 0.8, errs by 0.0008; with 0.1 by 0.002.
+_LEAST = 0.03
+_LONGEST = 128  # flights of a chain, after which the light is that of the sweeps
+_GROUP = 16
+_TILE = 12  # pixels along a tile's edge: some hundred tell their noise
+_NOISE = 0.5  # of the wanted error, which chains may leave: other errors are larger
+_BRIGHT = 3.0  # noise before walls as bright as the hottest cell, over that before gdi's own
+_PENDING = 8  # reads of kept light made together; GPUs have other flights to wait with
+_STRETCH = 8  # numbers of a stretch within a thick cell, as in gather.cl
+
+
+@dataclass(frozen=True)
+class Chains:
+    """One device, and what chains from given rays need there.
+
+    rays: kernel arguments `list` to `stretches`; fixed: those from `table` on.
+    """
+
+    device: Device
+    program: Program
+    rays: list[Any]
+    fixed: list[Any]
+
+    def launch(
+        self, chosen: NDArray[np.int32], some: range, key: NDArray[np.uint32], half: int, out: Any
+    ) -> None:
+        """Starts the chains of some points of a half for each chosen ray."""
+        group = min(_GROUP, self.device.info.largest_group)
+        self.program["gather"](
+            self.device.queue,
+            (-(-len(chosen) // group) * group,),
+            (group,),
+            out,
+            upload(self.device, "chosen rays", chosen),
+            np.int32(len(chosen)),
+            np.uint32(len(some)),
+            np.uint32(some.start),
+            key,
+            np.uint32(half),
+            upload(self.device, "Sobol", points(some.start, len(some))),
+            *self.rays,
+            *self.fixed,
+        )
+        self.device.queue.flush()  # the next device starts while this one works
+
+
+def fewest(
+    energy: Floats, had: NDArray[np.int64], size: NDArray[np.int64], *, allowed: float
+) -> NDArray[np.int64]:
+    """Samples a pixel (T,) of each tile, more than it had in one at least, that bring the sum of
+    all tiles' energies to what is allowed, with as few in all as can be.
+
+    energy: sum of the squares of the errors of a tile's pixels, of which there are `size`, after
+    `had` samples each; it falls as 1 over their number. Then that is as the root of energy x had /
+    size. Powers of two, of which points of a low-discrepancy sequence are the most even.
+    """
+    spread = np.sqrt(energy * had / size)
+    ideal = spread * float(spread @ size) / allowed
+    power = np.exp2(np.round(np.log2(np.clip(ideal, 1.0, 2.0**40)))).astype(np.int64)
+    if not np.any(power > had):
+        worst = np.argmax(energy)
+        power[worst] = 2 * had[worst]
+    return power
+
+
+class Gather:
+    """Adds to pictures what thick cells scatter, batch by batch.
+
+    expected: (C, T) light that each thick cell scatters to the camera, as the last sweeps had it
+    along each direction; flights find what it is more. None where it was not kept.
+    """
+
+    def __init__(
+        self,
+        painter: Painter,
+        box: Box,
+        thick: ThickCells,
+        ends: Ends,
+        settings: Settings,
+        defines: dict[str, Define],
+    ) -> None:
+        directions, light = ends.directions, ends.light
+        self._painter, self._settings = painter, settings
+        self.device: Device = painter.parts[0].device
+        cells = painter.cells
+        self._real = painter.real
+        self._components = len(cells.needs.components) + 1
+        phase = settings.phase
+        table, steps = np.zeros(1), np.zeros(1)
+        least = max(settings.cutoff, _LEAST * min(settings.accuracy_K, 0.1))
+        self._defines: dict[str, Define] = {
+            **defines,
+            "LEAST": float(least),
+            "LONGEST": _LONGEST,
+            "FACE": FACE,
+        }
+        for flag in ("SLOPED", "LINEAR"):
+            if flag in ends.program.defines:
+                self._defines[flag] = 1
+        if phase is not None:
+            table, steps = phase.to_sample(), phase.by_half_sine(PHASE_STEPS)
+            self._defines.update(PHASE_BINS=phase.bins, PHASE_STEPS=PHASE_STEPS)
+        real = self._real
+        albedo = np.zeros(len(cells.depth), real)
+        albedo[cells.address[thick.listed]] = cells.albedo[thick.listed]
+        records = ends.records.astype(real)
+        order = along_curve(directions.unit)
+        drawn = Directions(directions.unit[order], directions.weight[order])
+        shared = self._shares(drawn, steps).astype(real)
+        starts = np.searchsorted(shared[:, 3], np.arange(len(shared)) / len(shared), "right")
+        near = nearest(directions)
+        size = light.rim * light.directions * (self._components - 1)
+        self._programs = [
+            build(
+                part.device,
+                "gather.cl",
+                {
+                    **lanes(part.device),
+                    **self._defines,
+                    "PENDING": _PENDING if part.device.is_cpu else 1,
+                },
+            )
+            for part in painter.parts
+        ]
+        at = np.zeros((len(thick.at), 4), np.int32)
+        at[:, :3] = thick.at + np.asarray(box.low)
+        self._own = thick.own[thick.own >= 0]  # in the order of the region's cells
+        self._at = thick.at[thick.own >= 0] + np.asarray(box.low)
+        self._walks, self._fixed = [], []
+        for part in painter.parts:
+            one, kept = part.device, light.buffer
+            if one is not self.device:
+                host = download(self.device, light.buffer, np.empty(size, real))
+                kept = upload(one, "light of the rim", host)
+            self._walks.append(
+                [
+                    upload(one, "albedo", albedo),
+                    *upload_tree(one, cells, real),
+                    *part.arguments,
+                ]
+            )
+            by_angle = upload(one, "phase function", steps.astype(real))
+            last = [
+                kept,
+                upload(one, "directions", shared),
+                upload(one, "directions", order),
+            ]
+            if one is self.device:
+                self._last = [*last, np.int32(len(directions)), by_angle]
+                self.expected = self._expected()
+                means = np.zeros((1, 1)) if self.expected is None else self.expected.T
+            self._fixed.append(
+                [
+                    upload(one, "phase function", table.astype(real)),
+                    by_angle,
+                    upload(one, "places", thick.places),
+                    upload(one, "cells' places", at),
+                    upload(one, "faces", thick.beside),
+                    upload(one, "thick cells", ends.depth.astype(real)),
+                    upload(one, "thick cells", records),
+                    *last,
+                    upload(one, "directions", np.minimum(starts, len(shared) - 1).astype(np.int32)),
+                    upload(one, "directions", near),
+                    upload(one, "expected light", means.astype(real)),
+                    np.int32(light.rim - len(self._own)),
+                    np.int32(len(directions)),
+                    np.array([*(box.low + thick.low), 0], np.int32),
+                    np.array([*thick.places.shape[::-1], 0], np.int32),
+                    *part.arguments[5:],  # from `columns` on
+                ]
+            )
+        self.samples, self.seconds = 0, 0.0
+        self.short = ""  # says so where chains stopped short of what was wanted
+
+    def _expected(self) -> NDArray[np.floating] | None:
+        """`expected`, of what was kept on the first device."""
+        count, device = len(self._own), self.device
+        if not count:
+            return None
+        view = self._painter.view
+        camera = view.middle - np.array([0.0, view.distance, 0.0, 0.0])
+        out = unset(device, "expected light", count * (self._components - 1), self._real)
+        group = min(_GROUP, device.info.largest_group)
+        cells = np.column_stack([self._at, self._own]).astype(np.int32)
+        self._programs[0]["expected"](
+            device.queue,
+            (-(-count // group) * group,),
+            (group,),
+            out,
+            upload(device, "thick cells", cells),
+            np.int32(count),
+            *self._last,
+            camera.astype(self._real),
+        )
+        means = download(device, out, np.empty((count, self._components - 1), self._real))
+        return np.asarray(means[np.argsort(self._own)].T)
+
+    def _shares(self, directions: Directions, steps: Floats) -> Floats:
+        """(K, 4) directions, and the share up to each in what is scattered along +y, by the phase
+        function in bins of the half angle's sine where there is one."""
+        weight = directions.weight
+        if self._settings.phase is not None:
+            sine = np.sqrt((1 - directions.unit[:, 1]) / 2)
+            weight = weight * steps[np.minimum((sine * PHASE_STEPS).astype(int), PHASE_STEPS - 1)]
+        return np.column_stack([directions.unit, np.cumsum(weight) / weight.sum()])
+
+    def __call__(
+        self,
+        pixels: NDArray[np.int64],
+        across: int,
+        seen: NDArray[np.floating],
+        other: int,
+    ) -> Floats:
+        """(2, C + 1, N), the part from within last, from two independent sets of chains, for flat
+        numbers of pixels, with across^2 rays through each.
+
+        seen (C, N): what else is seen; other: pixels that see no thick cell, but have a T_app, as
+        those before the background do at emissivities above 0.05. Chains go on, in the tiles where
+        they help most, until their noise in T_app is _NOISE of accuracy_K, or max_samples, or
+        _MOST_CHAINS chains in all.
+        """
+        cells, scene, wanted = self._painter.cells, self._painter.scene, self._settings.accuracy_K
+        start = time.perf_counter()
+        count, most = len(pixels), self._settings.max_samples
+        chains = self.chains(pixels, across)
+        sums = np.zeros((2, self._components, count))
+        samples = np.zeros(count, np.int64)  # of either half, in each of a pixel's rays
+        tiles = self._tiles(pixels)
+        near = np.argsort(tiles, kind="stable")  # one tile's chains meet the same cells
+        before = self._painter.view.on_background(pixels)
+        size = max(_SAMPLES // across**2, 1)
+        while size > 1 and 2 * size * across**2 * count > _MOST_CHAINS / 4:
+            size //= 2
+        wanted_of = np.full(count, size)
+        while True:
+            # Pixels that have had as many chains go on with the same points.
+            for pair in np.unique(samples << 32 | wanted_of):
+                had, goal = divmod(int(pair), 1 << 32)
+                mine = near[(samples[near] == had) & (wanted_of[near] == goal)]
+                for half, total in enumerate(sums):
+                    if goal > had:
+                        some = range(had, goal)
+                        found = self.means(chains, mine, across, some, half)
+                        total[:, mine] += (goal - had) * found
+            samples = wanted_of
+            means = sums / samples
+            mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
+            # As if the walls were as bright as the hottest cell: the trace holds for all of them.
+            kelvin = before * np.nan_to_num(
+                error_K(seen + mean[:-1], difference[:-1], cells, scene, outside=cells.scale)
+            )
+            energy = np.bincount(tiles, kelvin**2).astype(np.float64)
+            counted = before & (1 - (seen + mean[:-1])[0] > VISIBLE)
+            visible = max(int(np.count_nonzero(counted)) + other, 1)
+            allowed = visible * (_NOISE * _BRIGHT * wanted) ** 2
+            if energy.sum() <= allowed:
+                break
+            size_of = np.bincount(tiles)
+            had_of = np.bincount(tiles, samples) // size_of
+            ideal = fewest(energy, had_of, size_of, allowed=allowed)[tiles]
+            limit = np.minimum(_GROWTH * samples, most // (2 * across**2))
+            wanted_of = np.maximum(np.minimum(ideal, limit), samples)
+            chains_in_all = 2.0 * across**2 * wanted_of.sum()
+            if np.array_equal(wanted_of, samples) or chains_in_all > _MOST_CHAINS:
+                noise_K = float(np.sqrt(energy.sum() / visible)) / _BRIGHT
+                self.short = (
+                    f"chains in thick cells: stopped at {most} samples a pixel, or "
+                    f"{_MOST_CHAINS:.0e} in all, with noise of {noise_K:.2g} K RMS left, where "
+                    f"transport.accuracy_K: {wanted:g} asks for {_NOISE * wanted:.2g} K; allowed "
+                    "is a larger transport.max_samples, or less accuracy"
+                )
+                break
+        self.samples = int(2 * samples.mean() * across**2)
+        self.seconds += time.perf_counter() - start
+        return means
+
+    def _tiles(self, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(N,) number of the tile of the picture that each pixel is in."""
+        row, column = np.divmod(pixels, self._painter.view.pixels[0])
+        tile = row // _TILE * self._painter.view.pixels[0] + column // _TILE
+        return np.unique(tile, return_inverse=True)[1].astype(np.int64)
+
+    @property
+    def programs(self) -> list[Program]:
+        """All that were built."""
+        return self._programs
+
+    def chains(self, pixels: NDArray[np.int64], across: int) -> list[Chains]:
+        """For each device, the stretches of thick cells on across^2 rays through each pixel."""
+        row, column = np.divmod(pixels, self._painter.view.pixels[0])
+        place = (np.arange(across) + 0.5) / across
+        down, right = np.meshgrid(place, place, indexing="ij")
+        rays = np.stack(
+            [column[:, None] + right.reshape(-1), row[:, None] + down.reshape(-1)], axis=2
+        ).reshape(-1, 2)
+        numbers = (pixels[:, None] * across**2 + np.arange(across**2)).reshape(-1)
+        out = []
+        for part, program, walk, fixed in zip(
+            self._painter.parts, self._programs, self._walks, self._fixed, strict=True
+        ):
+            one, count = part.device, len(rays)
+            group = min(_GROUP, one.info.largest_group)
+            listed = upload(one, "rays", rays.astype(self._real))
+            met = zeros(one, "stretches", count, np.int32)
+            stretches, first = met, met  # not read before their number is known
+            for fill in (0, 1):
+                program["meet"](
+                    one.queue,
+                    (-(-count // group) * group,),
+                    (group,),
+                    met,
+                    stretches,
+                    first,
+                    np.int32(fill),
+                    listed,
+                    np.int32(count),
+                    *walk,
+                )
+                if not fill:
+                    ends = np.cumsum(download(one, met, np.empty(count, np.int32)))
+                    first = upload(one, "stretches", np.array([0, *ends], np.int32))
+                    stretches = zeros(one, "stretches", _STRETCH * int(ends[-1]), self._real)
+            uploaded = upload(one, "rays", numbers.astype(np.uint32))
+            out.append(Chains(one, program, [listed, uploaded, first, stretches], fixed))
+        return out
+
+    def means(
+        self,
+        chains: list[Chains],
+        chosen: NDArray[np.int64],
+        across: int,
+        some: range,
+        half: int,
+    ) -> Floats:
+        """(C + 1, N) mean of the chains of some points for each of across^2 rays of each chosen
+        pixel. half: which shift of the points."""
+        rays = (chosen[:, None] * across**2 + np.arange(across**2)).reshape(-1).astype(np.int32)
+        key = np.array([self._settings.seed, 0], np.uint32)
+        outs = []
+        for each, (_, mine) in zip(chains, shares(self.device, len(rays)), strict=True):
+            out = zeros(each.device, "means", self._components * len(mine), self._real)
+            if mine:
+                each.launch(rays[mine.start : mine.stop], some, key, half, out)
+            outs.append((each.device, out, len(mine)))
+        found = [
+            download(device, out, np.empty((self._components, count), self._real))
+            for device, out, count in outs
+            if count
+        ]
+        whole = np.concatenate(found, axis=1).reshape(self._components, len(chosen), -1)
+        return np.asarray(whole.mean(axis=2, dtype=np.float64))

@@ -1,0 +1,241 @@
+"""Pictures of a solved medium: rays from the camera, on one device or split between several."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.gpu.buffers import download, unset, upload
+from cldit.gpu.device import Device
+from cldit.gpu.partition import shares
+from cldit.gpu.program import Define, Program, build
+from cldit.scene.schema import Scene
+from cldit.transport.cell_records import Filled
+from cldit.transport.cells import OpticalCells
+from cldit.transport.temperature_error import counted, steep
+from cldit.transport.view import View, upload_directory
+
+Floats = NDArray[np.float64]
+Reals = NDArray[np.floating]  # of the device's precision
+# From pixels (N,), rays across each, what else they see (C, N), and the number of other pixels that
+# have a T_app: what to add to each picture, (pictures, C + 1, N).
+Gathered = Callable[[NDArray[np.int64], int, Reals, int], Floats]
+
+_ACROSS = {1: 1, 4: 2, 16: 4, 64: 8, "adaptive": 4}
+_GROUP = 64
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One device, and the rows of the picture that it makes."""
+
+    device: Device
+    program: Program
+    rows: range
+    tree: list[Any]  # kernel arguments `directory` to `number`
+    arguments: list[Any]
+
+
+@dataclass(frozen=True)
+class Painter:
+    """Makes pictures of a medium with sources that are given, `at_once` of them together.
+
+    parts: one a device; every device holds all of the medium. thick: which of the scattering cells
+    are left to be gathered.
+    """
+
+    cells: OpticalCells
+    view: View
+    scene: Scene
+    accuracy_K: float
+    real: type[np.floating]
+    filled: Filled
+    parts: tuple[_Part, ...]
+    at_once: int
+    thick: NDArray[np.int64] | None
+
+    @classmethod
+    def of(
+        cls,
+        cells: OpticalCells,
+        view: View,
+        scene: Scene,
+        device: Device,
+        defines: dict[str, Define],
+        *,
+        accuracy_K: float,
+        thick: NDArray[np.int64] | None = None,
+        at_once: int = 1,
+        linear: bool = False,
+    ) -> Painter:
+        """Builds the programs; raises as `trace`. linear: sources change across cells."""
+        defines = {**defines, "PICTURES": at_once}
+        if thick is not None:
+            defines["GATHER"] = 1
+        if linear:
+            defines["LINEAR"] = 1
+        real: type[np.floating] = np.float64 if "USE_FLOAT64" in defines else np.float32
+        rays = scene.camera.rays_per_pixel
+        if rays != 1:
+            defines["RAYS_ACROSS"] = _ACROSS[rays]
+        filled = Filled.of(cells)
+        parts = [
+            _Part(
+                device=one,
+                program=build(one, "image.cl", defines),
+                rows=rows,
+                tree=[
+                    *upload_directory(one, cells),
+                    upload(one, "records' numbers", filled.number),
+                ],
+                arguments=view.arguments(one, cells, real),
+            )
+            for one, rows in shares(device, view.pixels[1])
+        ]
+        return cls(cells, view, scene, accuracy_K, real, filled, tuple(parts), at_once, thick)
+
+    def pictures(
+        self,
+        listed: list[NDArray[np.floating] | None],
+        defect: Floats,
+        gather: Gathered | None = None,
+        *,
+        across: NDArray[np.floating] | None = None,
+        expected: NDArray[np.floating] | None = None,
+    ) -> tuple[list[Reals], int]:
+        """Weights (C + 1, H, W), the part from within last (see closure.py), one picture for each
+        source (C, N) of the scattering cells, and the number of pixels with more than one ray.
+
+        listed: `at_once` of them; None where nothing scatters. defect (N,): of the mean radiance in
+        a cavity of radiance 1. gather: adds what thick cells scatter; needed if `thick` was given.
+        across (3, C, N): change of the sources across cells, alike for all; needed with `linear`.
+        expected (C, T): light that thick cells scatter to the camera, where `gather` says how much
+        more it is.
+        """
+        columns, rows = self.view.pixels
+        rays = self.scene.camera.rays_per_pixel
+        records = self._records(listed, defect, across, expected)
+        every = np.arange(columns * rows)
+        pixels = None if rays in (1, "adaptive") else every
+        images: Reals = np.empty((0, 0, 0))
+        if rays in (1, "adaptive"):
+            images, left = self._images(self._whole(records))
+            self._gather(images, left, every, 1, gather)
+        if rays == "adaptive":  # all of a run's pictures alike
+            whole = images[0, :-1].reshape(-1, rows, columns)
+            pixels = steep(whole, self.cells, self.scene, accuracy_K=self.accuracy_K)
+        if pixels is not None and len(pixels):
+            several, left = self._images(self._listed(records, pixels))
+            self._gather(several, left, pixels, _ACROSS[rays], gather)
+            if len(pixels) == len(every):
+                images = several
+            else:
+                images[:, :, pixels] = several
+        planes = list(images.reshape(*images.shape[:2], rows, columns))
+        return planes, 0 if pixels is None else len(pixels)
+
+    def _records(
+        self,
+        listed: list[NDArray[np.floating] | None],
+        defect: Floats,
+        across: NDArray[np.floating] | None,
+        expected: NDArray[np.floating] | None,
+    ) -> list[list[Any]]:
+        """On each device: kernel arguments from `records` to before `coarse`."""
+        made = self.filled.records(listed, defect, self.thick, expected, self.real)
+        records = [[upload(part.device, "records", made)] for part in self.parts]
+        if across is None:
+            return records
+        changes = across.reshape(-1, across.shape[2]).T.astype(self.real)
+        if self.thick is not None:
+            changes[self.thick] = 0.0
+        for part, some in zip(self.parts, records, strict=True):
+            some += [upload(part.device, "changes", changes), np.int32(len(changes))]
+        return records
+
+    def _images(self, planes: Reals) -> tuple[Reals, NDArray[np.int64]]:
+        """Pictures (pictures, C + 1, N), of planes (P, N) as kernels make them, and which of the
+        pixels have something left to gather."""
+        parts = len(self.cells.needs.components) + 1
+        left = np.flatnonzero(planes[-1]) if self.thick is not None else np.zeros(0, np.int64)
+        return planes[: self.at_once * parts].reshape(self.at_once, parts, -1), left
+
+    def _gather(
+        self,
+        images: Reals,
+        left: NDArray[np.int64],
+        pixels: NDArray[np.int64],
+        across: int,
+        gather: Gathered | None,
+    ) -> None:
+        """Adds what is left of listed pixels to their pictures."""
+        if gather is None or not len(left):
+            return
+        seen = images[:, :-1, left].mean(axis=0)
+        counts = counted(self.view, 1 - images[0, 0], pixels)
+        other = int(np.count_nonzero(counts) - np.count_nonzero(counts[left]))
+        images[:, :, left] += gather(pixels[left], across, seen, other)
+
+    @property
+    def _planes(self) -> int:
+        """Of all pictures as kernels make them, and of what is left to gather."""
+        parts = len(self.cells.needs.components) + 1
+        return self.at_once * parts + (0 if self.thick is None else 1)
+
+    def _whole(self, records: list[list[Any]]) -> Reals:
+        """One ray through the middle of every pixel: planes (P, H W), each device its rows."""
+        columns, rows = self.view.pixels
+        outs = []
+        for part, some in zip(self.parts, records, strict=True):
+            out = unset(part.device, "picture", self._planes * rows * columns, self.real)
+            if part.rows:
+                part.program["image"](
+                    part.device.queue,
+                    *self.view.tiles(part.device, len(part.rows)),
+                    out,
+                    *part.tree,
+                    *some,
+                    *part.arguments,
+                    global_offset=(0, part.rows.start),
+                )
+                part.device.queue.flush()  # the next device starts while this one works
+            outs.append(out)
+        planes = np.empty((self._planes, rows * columns), self.real)
+        for part, out in zip(self.parts, outs, strict=True):
+            mine = slice(part.rows.start * columns, part.rows.stop * columns)
+            for number, plane in enumerate(planes):
+                first = number * plane.size + mine.start
+                download(part.device, out, plane[mine], first=first)
+        return planes
+
+    def _listed(self, records: list[list[Any]], pixels: NDArray[np.int64]) -> Reals:
+        """Means, planes (P, N), of several rays through the listed pixels."""
+        outs = []
+        divided = shares(self.parts[0].device, len(pixels))
+        for part, some, (_, mine) in zip(self.parts, records, divided, strict=True):
+            count, group = len(mine), min(_GROUP, part.device.info.largest_group)
+            out = unset(part.device, "picture", self._planes * count, self.real)
+            if count:
+                part.program["refine"](
+                    part.device.queue,
+                    (-(-count // group) * group,),
+                    (group,),
+                    out,
+                    upload(part.device, "pixels", pixels[mine.start : mine.stop].astype(np.int32)),
+                    np.int32(count),
+                    *part.tree,
+                    *some,
+                    *part.arguments,
+                )
+                part.device.queue.flush()
+            outs.append((out, count))
+        means = [
+            download(part.device, out, np.empty((self._planes, count), self.real))
+            for part, (out, count) in zip(self.parts, outs, strict=True)
+            if count
+        ]
+        return np.concatenate(means, axis=1)

@@ -1,0 +1,1 @@
+"""Monte Carlo: unbiased path tracing, and the audit that it makes of the other methods."""

@@ -1,0 +1,142 @@
+"""How far a picture of `source` is from the truth: some of its pixels, traced by `path` as well.
+
+The sweeps' own two halves know how much directions matter, but share what is simplified: the phase
+function in the sweeps, and one source in each cell. `path` shares none of it. Of each pixel two
+independent answers are traced; the product of their differences from the picture has the square of
+the picture's error for its mean, whatever the noise of either.
+
+Which pixels, and how long? Let a pixel's error be e, and the noise of one of the two answers s
+from one chain, s / sqrt(n) from n. The product's mean square is about (e^2 + s^2 / n)^2; its sum
+over the pixels is known best where a pixel is drawn with a chance in proportion to e^2 + s^2 / n,
+and for a given number of chains in all where n = (s / e)^2, as noisy as it is wrong. Both e and s
+come from what a line of sight scatters: on `gdi`, at any accuracy asked for, e / s is much the same
+in all pixels, and their squares grow with the 2.5th to 3rd power of the light that is scattered to
+the camera over the emissivity. Nothing that is traced decides what is traced: there is no bias.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.gpu.device import Device
+from cldit.radiance.weights import Weights
+from cldit.scene.schema import Scene
+from cldit.transport.cells import OpticalCells
+from cldit.transport.monte_carlo.path import trace_path
+from cldit.transport.monte_carlo.pixel_sampling import Sampled
+from cldit.transport.result import Settings, Trace
+from cldit.transport.temperature_error import counted, error_K
+from cldit.transport.view import View
+
+Floats = NDArray[np.float64]
+
+_PIXELS = 500
+_SAMPLES = 512  # a pixel at 0.1 K: with these about a core-second on `gdi`
+_FEWEST, _MOST = 128, 2048  # a pixel at other accuracies, and where all pixels are fewer
+_EVENLY = 0.1  # of the chances: errors may be where little is scattered
+_LONGEST = 50.0  # scatterings of a chain; beyond it the audit would cost more than the picture
+
+
+def audited(
+    cells: OpticalCells,
+    scene: Scene,
+    view: View,
+    device: Device,
+    settings: Settings,
+    result: Trace,
+) -> Trace:
+    """`result` with `audit_K`: its RMS error of T_app over pixels before the background, of
+    emissivity above 0.05, as found in a sample of them, one standard error of that added.
+
+    Traces whose source is as simple as the medium (isotropic, no thick cell) are left as they are;
+    those that `path` cannot follow say why in `unaudited`.
+    """
+    deepest = float(cells.depth[cells.address].max(initial=0.0))
+    if not cells.needs.scattering or settings.order == 0:
+        return result
+    if settings.phase is None and deepest <= settings.thick:
+        return result
+    often = scatterings(cells, deepest, settings.order)
+    why = ""
+    if not settings.audit:
+        why = "not wanted"
+    elif often > _LONGEST:
+        why = f"light is scattered up to {often:.3g} times"
+    elif scene.camera.rays_per_pixel != 1:
+        why = "its rays go through the middle of a pixel, the picture's do not"
+    if why:
+        return replace(
+            result,
+            unaudited=f"no audit by path tracing ({why}): the stated error is that of the "
+            "directions alone; thick cells and the phase function may add to it",
+        )
+    square, doubt, seconds = found(cells, scene, view, device, settings, result.weights)
+    if not np.isfinite(square):
+        return result
+    error = (max(square, 0.0) + doubt) ** 0.5
+    return replace(result, audit_K=error, seconds={**result.seconds, "audit": seconds})
+
+
+def found(
+    cells: OpticalCells,
+    scene: Scene,
+    view: View,
+    device: Device,
+    settings: Settings,
+    weights: Weights,
+) -> tuple[float, float, float]:
+    """Mean square error of T_app, K^2, of a picture, with its standard error, and the seconds it
+    took; NaN where no pixel that counts scatters. It is without bias, and below 0 where noise has
+    it so.
+
+    Those count that have a T_app: before the background, of emissivity above 0.05. Where they
+    scatter nothing they are right.
+    """
+    emissivity = 1.0 - weights.background.reshape(-1).astype(np.float64)
+    visible = counted(view, emissivity, np.arange(len(emissivity)))
+
+    def draw(scattered: Floats) -> Sampled:
+        here = visible & (scattered > 0)
+        share = np.divide(scattered, emissivity, out=np.zeros_like(scattered), where=here) ** 3
+        share[here] += _EVENLY * share[here].mean() if here.any() else 0.0
+        return Sampled.of(share, most=_PIXELS, seed=settings.seed)
+
+    count = int(np.count_nonzero(visible))
+    more = max(0.1 / settings.accuracy_K, _PIXELS / max(count, 1))
+    samples = int(np.clip(_SAMPLES * more, _FEWEST, _MOST))
+    sparse = replace(settings, max_samples=samples, accuracy_K=0.0, seed=settings.seed + 1)
+    truth = trace_path(cells, scene, device, sparse, None, draw=draw, view=view)
+    seconds = truth.seconds["image"] + truth.seconds["scattering"]
+    if truth.sampled is None or truth.weights_difference is None or not len(truth.sampled.pixels):
+        return float("nan"), float("nan"), seconds
+    mine = _planes(weights, cells)[:, truth.sampled.pixels]
+    means, spread = (_planes(some, cells) for some in (truth.weights, truth.weights_difference))
+    one, other = (
+        np.nan_to_num(error_K(mine, mine - each, cells, scene))
+        for each in (means + spread, means - spread)
+    )
+    # Of a product of two numbers with the same mean and noise, this is the variance.
+    variance = (one**2 - other**2) ** 2 / 4
+    total, doubt = truth.sampled.total(one * other, variance)
+    return total / count, doubt / count, seconds
+
+
+def scatterings(cells: OpticalCells, deepest: float, order: int | None) -> float:
+    """A bound for the mean number of scatterings of a chain: the order, what absorption allows, and
+    what the way out does (in a convex body light that enters evenly travels 4 V / S in the mean,
+    whatever the scattering: Bardsley and Dubi 1981)."""
+    across = deepest * max(cells.box().shape)
+    most = np.inf if order is None else float(order)
+    return min(most, 1.0 / max(float(cells.coalbedo.min()), 1e-300), max(across, 1.0))
+
+
+def _planes(weights: Weights, cells: OpticalCells) -> Floats:
+    """Weights (C, N) in the order and units of `cells`."""
+    planes = []
+    for name in cells.needs.components:
+        plane = weights.images[name].reshape(-1).astype(np.float64)
+        planes.append(plane / cells.scale if name in cells.needs.emitters else plane)
+    return np.stack(planes)

@@ -1,0 +1,259 @@
+"""Path tracing: batches of chains for every pixel that scatters, until the wanted error.
+
+Every batch is a low-discrepancy set of its own, shifted at random, so that the scatter of the
+batches is an unbiased estimate of the picture's error.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.gpu.buffers import download, upload, zeros
+from cldit.gpu.device import Device
+from cldit.gpu.partition import shares
+from cldit.gpu.program import Define, Program, build
+from cldit.scene.schema import Scene
+from cldit.transport.cells import OpticalCells
+from cldit.transport.energy_balance import Closure
+from cldit.transport.monte_carlo.pixel_sampling import Sampled
+from cldit.transport.result import Settings, Trace, weights_of
+from cldit.transport.sobol import columns
+from cldit.transport.temperature_error import counted, error_K
+from cldit.transport.view import View, check_boundary, upload_tree
+
+Floats = NDArray[np.float64]
+
+SAMPLES = 32  # of a batch: longer sets converge faster, more batches know their error better
+_LEAST = 4  # batches
+_CUTOFF = 1e-6  # at most: what is held to be exact must not leave out 1e-4
+_GROUP = 16
+
+
+@dataclass
+class _Sums:
+    """Sums over batches of (C, N) means, and of even and odd batches apart."""
+
+    halves: tuple[Floats, Floats]
+    squares: Floats
+    batches: int = 0
+
+    def add(self, means: Floats) -> None:
+        self.halves[self.batches % 2][:] += means
+        self.squares += means * means
+        self.batches += 1
+
+    @property
+    def mean(self) -> Floats:
+        return (self.halves[0] + self.halves[1]) / self.batches
+
+    @property
+    def difference(self) -> Floats:
+        """Half the difference of two means of half the batches each (an even number of them)."""
+        return (self.halves[0] - self.halves[1]) / self.batches
+
+    @property
+    def error(self) -> Floats:
+        """Standard error of the mean."""
+        spread = self.squares / self.batches - self.mean**2
+        return np.sqrt(np.maximum(spread, 0.0) / (self.batches - 1))
+
+
+@dataclass(frozen=True)
+class _Flyer:
+    """One device, and the pixels whose chains it follows."""
+
+    device: Device
+    program: Program
+    count: int
+    out: Any
+    listing: list[Any]
+    fixed: list[Any]
+
+    @classmethod
+    def of(
+        cls,
+        device: Device,
+        program: Program,
+        *,
+        pixels: NDArray[np.int32],
+        scattered: NDArray[np.floating],
+        fixed: list[Any],
+        components: int,
+    ) -> _Flyer:
+        """scattered: of all of the picture. fixed: the kernel's arguments from `table` on."""
+        return cls(
+            device,
+            program,
+            len(pixels),
+            zeros(device, "means", components * len(pixels), scattered.dtype.type),
+            [
+                upload(device, "pixels", pixels),
+                upload(device, "scattered light", scattered[pixels]),
+            ],
+            fixed,
+        )
+
+    def launch(self, seed: int, batch: int) -> None:
+        """Starts a batch and does not wait for it."""
+        group = min(_GROUP, self.device.info.largest_group)
+        self.program["scatter"](
+            self.device.queue,
+            (-(-self.count // group) * group,),
+            (group,),
+            self.out,
+            *self.listing,
+            np.int32(self.count),
+            np.array([seed, 0], np.uint32),
+            np.uint32(batch),
+            *self.fixed,
+        )
+        self.device.queue.flush()
+
+    def means(self, components: int, real: type[np.floating]) -> NDArray[np.floating]:
+        """(C, N) of the batch, waited for."""
+        return download(self.device, self.out, np.empty((components, self.count), real))
+
+
+def trace_path(
+    cells: OpticalCells,
+    scene: Scene,
+    device: Device,
+    settings: Settings,
+    report: Callable[[str], None] | None,
+    *,
+    draw: Callable[[Floats], Sampled] | None = None,
+    view: View | None = None,
+) -> Trace:
+    """Weights by path tracing; raises as `trace`.
+
+    view: of the scene, where the caller has it at hand, with what it has found out.
+    draw: from what the line of sight of each pixel scatters (P,), the pixels to trace. The trace's
+    pictures are then these pixels in one row, and its noise is told as if they were the picture.
+    """
+    view = View.of(scene, cells) if view is None else view
+    check_boundary(scene, cells, view)
+    real = np.float64 if settings.precision == "float64" else np.float32
+    defines: dict[str, Define] = {
+        **cells.needs.defines,
+        **view.defines,
+        "CUTOFF": min(float(settings.cutoff), _CUTOFF),
+        "SAMPLES": SAMPLES,
+    }
+    if settings.precision == "float64":
+        defines["USE_FLOAT64"] = 1
+    if settings.order is not None:
+        defines["ORDER"] = settings.order
+    table = np.zeros(1, real)
+    if settings.phase is not None:
+        defines["PHASE_BINS"] = settings.phase.bins
+        table = settings.phase.to_sample().astype(real)
+    programs = [build(one, "path.cl", defines) for one in (device, *device.others)]
+    start = time.perf_counter()
+    components = len(cells.needs.components) + 1  # the last: from within, see closure.py
+    column_count, row_count = view.pixels
+    pixels = column_count * row_count
+    albedo = np.zeros(len(cells.depth))
+    albedo[cells.address] = cells.albedo
+
+    def medium(one: Device) -> list[Any]:
+        return [
+            *upload_tree(one, cells, real),
+            upload(one, "source", cells.thermal_planes(real)),
+            upload(one, "albedo", albedo.astype(real)),
+            *view.arguments(one, cells, real),
+        ]
+
+    first = medium(device)
+    out = zeros(device, "picture", components * pixels, real)
+    lost = zeros(device, "scattered light", pixels, real)
+    programs[0]["straight"](device.queue, *view.tiles(device), out, lost, *first)
+    image = download(device, out, np.empty((components, pixels), real))
+    scattered = download(device, lost, np.empty(pixels, real))
+    listed = np.flatnonzero(scattered > 0)
+    shape = (components, row_count, column_count)
+    sampled = None if draw is None else draw(scattered.astype(np.float64))
+    if sampled is not None:
+        listed = sampled.pixels
+        image, shape = image[:, listed], (components, 1, len(listed))
+    image = image.astype(np.float64)
+    place = listed if sampled is None else np.arange(len(listed))  # in the picture that is made
+    seconds = {"image": time.perf_counter() - start}
+
+    start = time.perf_counter()
+    count = len(listed)
+    flyers = [
+        _Flyer.of(
+            one,
+            program,
+            pixels=listed[mine.start : mine.stop].astype(np.int32),
+            scattered=scattered,
+            fixed=[
+                upload(one, "phase function", table),
+                upload(one, "Sobol", columns()),
+                *(first if one is device else medium(one)),
+            ],
+            components=components,
+        )
+        for program, (one, mine) in zip(programs, shares(device, count), strict=True)
+        if mine
+    ]
+    before = view.on_background(listed)
+    rest = np.delete(np.arange(image.shape[1]), place)  # none, where some are drawn
+    other = int(np.count_nonzero(counted(view, 1.0 - image[0, rest], rest)))
+    sums = _Sums(
+        (np.zeros((components, count)), np.zeros((components, count))),
+        np.zeros((components, count)),
+    )
+    while count:
+        for flyer in flyers:
+            flyer.launch(settings.seed, sums.batches)
+        means = [flyer.means(components, real) for flyer in flyers]
+        sums.add(np.concatenate(means, axis=1).astype(np.float64))
+        if sums.batches % 2 or sums.batches < _LEAST:
+            continue
+        kelvin = error_K((image[:, place] + sums.mean)[:-1], sums.difference[:-1], cells, scene)
+        kelvin = kelvin[np.isfinite(kelvin) & before]
+        error = float(np.sqrt(np.sum(kelvin**2) / max(len(kelvin) + other, 1)))
+        if report is not None:
+            report(f"{sums.batches * SAMPLES} samples a pixel: {error:.2g} K")
+        if error <= settings.accuracy_K or sums.batches * SAMPLES >= settings.max_samples:
+            break
+    seconds["scattering"] = time.perf_counter() - start
+    difference = np.zeros_like(image)
+    error_of = np.zeros_like(image)
+    if count:
+        image[:, place] += sums.mean
+        difference[:, place] = sums.difference
+        error_of[:, place] = sums.error
+    planes = image.reshape(shape)
+    closure = None
+    if planes.size:  # none drawn: nothing was traced
+        chains = count * sums.batches * SAMPLES
+        closure = Closure.of(
+            planes[: cells.needs.boundaries],
+            planes[-1],
+            bound=1e-4,
+            noise=5.0 / chains**0.5 if chains else 0.0,  # of one chain: 0.6 was seen, 1 allowed
+        )
+    return Trace(
+        closure=closure,
+        weights=weights_of(planes, cells),
+        weights_difference=weights_of(difference.reshape(shape), cells),
+        standard_error=weights_of(error_of.reshape(shape), cells),
+        programs=tuple(programs),
+        solution=None,
+        seconds={"compile": sum(program.build_s for program in programs), **seconds},
+        counts={
+            "scattering_cells": len(cells.address),
+            "scattering_pixels": count,
+            "samples": sums.batches * SAMPLES,
+        },
+        precision=real.__name__,
+        sampled=sampled,
+    )

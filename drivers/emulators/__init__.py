@@ -1,0 +1,1 @@
+"""Protocol peers of instruments, for tests without hardware."""

@@ -1,0 +1,231 @@
+"""Black bodies on a loopback socket or a pseudo-terminal: what the drivers are tested against.
+
+The Modbus side is pymodbus' server, not ours; the temperature is that of a `Heater`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import struct
+import threading
+from typing import Any
+
+from cldit.rig.clock import Clock, SystemClock
+
+from ..controller import KELVIN
+from ..heater import Dynamics, Heater
+from .line_server import LineServer
+
+
+class _Peer:
+    """A cavity, and where it listens: `host`:`port`, or `serial` for a pseudo-terminal."""
+
+    def __init__(
+        self,
+        *,
+        clock: Clock | None = None,
+        dynamics: Dynamics | None = None,
+        start_K: float = 295.0,
+        serial: bool = False,
+        port: int = 0,
+    ) -> None:
+        self.heater = Heater(dynamics or Dynamics(), clock or SystemClock(), start_K)
+        self.host, self.port = "127.0.0.1", port
+        self.serial: str | None = None
+        self.writes = 0  # of the set point
+        self._master = self._slave = -1
+        self._wants_serial = serial
+
+    def _open_terminal(self) -> None:
+        if self._wants_serial:
+            import tty
+
+            self._master, self._slave = os.openpty()
+            tty.setraw(self._master)
+            tty.setraw(self._slave)
+            self.serial = os.ttyname(self._slave)
+
+    def _close_terminal(self) -> None:
+        for handle in (self._master, self._slave):
+            if handle >= 0:
+                os.close(handle)
+
+    @property
+    def setpoint_K(self) -> float:
+        return self.heater.setpoint_K
+
+
+class ModbusPeer(_Peer):
+    """`model` as in the driver: eurotherm-3200 or ir-2100."""
+
+    def __init__(self, model: str, *, unit: int = 1, **options: Any) -> None:
+        super().__init__(**options)
+        self._tenths, self._unit = model == "ir-2100", unit
+        self._setpoint_at = 300 if self._tenths else 0x8000 + 2 * 24
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._server: Any = None
+
+    def __enter__(self) -> ModbusPeer:
+        self._open_terminal()
+        ready = threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve(ready)), daemon=True)
+        self._thread.start()
+        if not ready.wait(10.0):
+            raise RuntimeError("the Modbus server does not start")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.unplug()
+        self._close_terminal()
+
+    def unplug(self) -> None:
+        """Ends the server, as if the instrument were switched off."""
+        if self._loop is not None and self._thread.is_alive():
+            asyncio.run_coroutine_threadsafe(self._server.shutdown(), self._loop).result(10.0)
+            self._thread.join(10.0)
+
+    async def _serve(self, ready: threading.Event) -> None:
+        from pymodbus.server import ModbusSerialServer, ModbusTcpServer
+        from pymodbus.simulator import DataType, SimData, SimDevice
+
+        data = [
+            SimData(start, count=len(words), values=0, datatype=DataType.REGISTERS)
+            for start, words in self._words().items()
+        ]
+        device = SimDevice(self._unit, simdata=data, action=self._act)
+        if self.serial is None:
+            self._server = ModbusTcpServer(device, address=(self.host, self.port))
+        else:
+            self._server = ModbusSerialServer(device, port=self._master_path(), baudrate=19200)
+        self._loop = asyncio.get_running_loop()
+        serving = asyncio.create_task(self._server.serve_forever(background=False))
+        while self._server.transport is None:
+            await asyncio.sleep(0.005)
+        if self.serial is None:
+            self.port = self._server.transport.sockets[0].getsockname()[1]
+        ready.set()
+        try:
+            await serving
+        except asyncio.CancelledError:
+            return
+
+    def _master_path(self) -> str:
+        """The server opens one end of the line by its name, so there are two pairs, coupled."""
+        import tty
+
+        far_master, self._far = os.openpty()
+        tty.setraw(far_master)
+        tty.setraw(self._far)
+
+        def carry(source: int, target: int) -> None:
+            while True:
+                try:
+                    os.write(target, os.read(source, 4096))
+                except OSError:
+                    return
+
+        for ends in ((self._master, far_master), (far_master, self._master)):
+            threading.Thread(target=carry, args=ends, daemon=True).start()
+        return os.ttyname(self._far)
+
+    async def _act(
+        self,
+        function: int,
+        start: int,
+        address: int,
+        count: int,
+        current: list[int],
+        values: list[int] | list[bool] | None,
+    ) -> None:
+        """Before pymodbus takes `values`, or answers with `current`, which begins at `start`."""
+        if values is not None and address == self._setpoint_at:
+            raw = b"".join(int(word).to_bytes(2, "big") for word in values)
+            if self._tenths:
+                self._aim(struct.unpack(">h", raw)[0] / 10.0)
+            elif len(raw) == 4:
+                self._aim(struct.unpack(">f", raw)[0])
+        for register, words in self._words().items():
+            at = register - start
+            if 0 <= at <= len(current) - len(words):
+                current[at : at + len(words)] = words
+
+    def _words(self) -> dict[int, tuple[int, ...]]:
+        """What the registers hold now, by address."""
+        now_C, wanted_C = self.heater.now_K() - KELVIN, self.heater.setpoint_K - KELVIN
+        if self._tenths:
+            now, wanted = (round(10.0 * celsius) & 0xFFFF for celsius in (now_C, wanted_C))
+            return {0: (2100,), 100: (now,), 101: (0,), 300: (wanted,)}
+        return {
+            0x8000 + 2 * register: struct.unpack(">HH", struct.pack(">f", celsius))
+            for register, celsius in ((1, now_C), (5, wanted_C), (24, wanted_C))
+        }
+
+    def _aim(self, celsius: float) -> None:
+        self.writes += 1
+        self.heater.aim(celsius + KELVIN)
+
+
+class FlukePeer(_Peer):
+    """A Fluke 4181."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.heating = False
+        self._limit_K = 0.5
+        self._server: LineServer | None = None
+
+    def __enter__(self) -> FlukePeer:
+        self._open_terminal()
+        if self.serial is not None:
+            threading.Thread(target=self._serve_line, daemon=True).start()
+            return self
+
+        self._server = LineServer(self.host, self.port, self._obey)
+        self.port = self._server.port
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._server is not None:
+            self._server.close()
+        self._close_terminal()
+
+    def unplug(self) -> None:
+        """Cuts every connection."""
+        if self._server is not None:
+            self._server.unplug()
+
+    def _serve_line(self) -> None:
+        waiting = b""
+        while True:
+            try:
+                waiting += os.read(self._master, 256)
+                while b"\n" in waiting:
+                    line, _, waiting = waiting.partition(b"\n")
+                    os.write(self._master, self._obey(line))
+            except OSError:
+                return
+
+    def _obey(self, line: bytes) -> bytes:
+        """The answer as bytes, none for a command."""
+        name, _, value = line.decode("ascii", "replace").strip().upper().partition(" ")
+        off_K = abs(self.heater.now_K() - self.heater.setpoint_K)
+        answers = {
+            "*IDN?": "FLUKE,4181,B12345,1.10",
+            "SOUR:SPO?": f"{self.heater.setpoint_K - KELVIN:.2f}",
+            "OUTP:STAT?": f"{int(self.heating)}",
+            "SOUR:SENS:DATA?": f"{self.heater.now_K() - KELVIN:.3f}",
+            "SOUR:STAB:LIM?": f"{self._limit_K:.2f}",
+            "SOUR:STAB:TEST?": f"{int(self.heating and off_K <= self._limit_K)}",
+            "UNIT:TEMP?": "C",
+        }
+        if name in answers:
+            return answers[name].encode() + b"\r\n"
+        if name == "SOUR:SPO":
+            self.writes += 1
+            self.heater.aim(float(value) + KELVIN)
+        elif name == "OUTP:STAT":
+            self.heating = value == "1"
+        elif name == "SOUR:STAB:LIM":
+            self._limit_K = float(value)
+        return b""

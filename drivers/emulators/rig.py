@@ -1,0 +1,125 @@
+"""A whole rig on loopback sockets: camera, black body and delay generator, wired to each other.
+
+python -m cldit.drivers.emulators.rig rig.yaml     # writes a rig file for it, and runs until Ctrl-C
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from ..heater import Dynamics
+from .blackbody import ModbusPeer
+from .dg645 import Dg645Peer, Edge
+from .gige_camera import GigePeer
+
+_IN_AIR_s = 0.05  # how long fuel is seen after an injection
+_FAST = Dynamics(time_constant_s=0.05)
+
+# A camera of 14 bit that sees black bodies from 340 K.
+CALIBRATION = {
+    "integration_time_s": 25e-6,
+    "filter_um": [3.3, 3.5],
+    "counts_per_radiance": 1e-18,
+    "offset_counts": 1000.0,
+    "electrons_per_count": 430.0,
+    "read_noise_electrons": 200.0,
+    "saturation_counts": 16383,
+}
+
+
+class PeerRig:
+    """Enter it to switch everything on. The generator's output AB is the camera's Line1, CD the
+    injector, which brings fuel while `fuel_pressure`."""
+
+    def __init__(
+        self, *, camera: GigePeer | None = None, dynamics: Dynamics = _FAST, start_K: float = 295.0
+    ) -> None:
+        self.camera = camera or GigePeer()
+        self.blackbody = ModbusPeer("eurotherm-3200", dynamics=dynamics, start_K=start_K)
+        self.generator = Dg645Peer(on_edge=self._wire)
+        self.fuel_pressure = True
+        self._injected_s = -1.0
+        self._fuel: dict[int, bool] = {0: False}  # from the picture with this number on
+        self._plain, self.camera.picture = self.camera.picture, self._picture
+        self._stack = ExitStack()
+
+    def _wire(self, edge: Edge) -> None:
+        if edge.output == "CD":
+            self._injected_s = edge.time_s
+        elif edge.output == "AB":
+            since_s = edge.time_s - self._injected_s
+            self._fuel[self.camera.taken + 1] = self.fuel_pressure and 0.0 <= since_s < _IN_AIR_s
+            self.camera.line(edge.time_s)
+
+    def _picture(self, number: int, exposure_s: float) -> NDArray[np.uint16]:
+        """What the camera sees anyway, at half the counts where fuel is."""
+        image = self._plain(number, exposure_s)
+        if self._fuel[max(first for first in self._fuel if first <= number)]:
+            rows, columns = image.shape
+            image[rows // 4 : -rows // 4, columns // 4 : -columns // 4] //= 2
+        return image
+
+    @property
+    def injections(self) -> int:
+        """Pulses at the injector since it was switched on."""
+        return len(self.generator.pulses("CD"))
+
+    def __enter__(self) -> PeerRig:
+        for peer in (self.camera, self.blackbody, self.generator):
+            self._stack.enter_context(peer)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def rig_data(self) -> dict[str, Any]:
+        """The rig file for it."""
+        return {
+            "name": "peers on loopback",
+            "setup": {"pixel_m": [1e-4, 1e-4]},
+            "camera": {
+                "driver": "gige_camera",
+                "settings": {
+                    "address": self.camera.host,
+                    "interface": "127.0.0.1",
+                    "calibration": CALIBRATION,
+                },
+            },
+            "background": {
+                "driver": "modbus_blackbody",
+                "settings": {
+                    "model": "eurotherm-3200",
+                    "host": self.blackbody.host,
+                    "port": self.blackbody.port,
+                    "limits_K": [283.0, 873.0],
+                },
+            },
+            "trigger": {
+                "driver": "dg645",
+                "settings": {"host": self.generator.host, "port": self.generator.port},
+            },
+        }
+
+
+def main() -> None:
+    if len(sys.argv) != 2:
+        sys.exit(__doc__)
+    with PeerRig() as rig:
+        Path(sys.argv[1]).write_text(yaml.safe_dump(rig.rig_data(), sort_keys=False))
+        print(f"{sys.argv[1]} is written; Ctrl-C ends the rig", flush=True)
+        try:
+            threading.Event().wait()
+        except KeyboardInterrupt:
+            return
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,296 @@
+"""What stands between the simulated instruments: the traced scene, and the trigger line.
+
+The bench holds no random state: what a shot looks like depends on the seed and on when it is
+fired, so that a sequence that is killed and resumed never shows the same noise twice.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.camera.view import SensorView
+from cldit.errors import RunFolderError, SceneError
+from cldit.optics.response import scene_filter
+from cldit.optics.spectral import Quadrature, reference_temperature_K
+from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.radiance.weights import Weights
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
+from cldit.run.spectral import node_folders
+from cldit.scene import Scene, load_scene
+from cldit.scene.checks import Section, Within
+from cldit.scene.vessel import Windows
+
+ABOUT = DriverAbout(
+    "bench",
+    "what the simulated instruments look at",
+    "simulated",
+)
+
+
+class SceneSettings(Section):
+    run: Path  # folder with scene.yaml, weights/ and weights_reference/
+    shot_scatter: Annotated[float, Within(0.0, 5.0)] | None = None  # None: as the scene says
+    windows: Windows | None = None  # those before the camera; None: the scene's
+    window_heating_K: Annotated[float, Within(-200.0, 500.0)] = 0.0  # that nobody measured
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """One edge on the camera's trigger line, and whether fuel was in the air at that moment."""
+
+    time_s: float
+    injected: bool
+    number: int
+
+
+class Listener(Protocol):
+    """What hangs on the trigger line."""
+
+    def hear(self, pulse: Pulse) -> None: ...
+
+    def forget(self, after_s: float) -> None: ...
+
+
+class SimulatedScene:
+    """Shared by the simulated devices of one rig."""
+
+    def __init__(self, settings: SceneSettings, context: RigContext) -> None:
+        self._run = context.folder / settings.run
+        self._settings = settings
+        self._clock = context.clock
+        self._seed = context.seed
+        self._lock = threading.Lock()
+        self._loaded: _Loaded | None = None
+        self._cameras: list[Listener] = []
+        self._temperature: Callable[[float], float] | None = None
+
+    def open(self) -> None:
+        """Reads the run; the first device that connects pays for it.
+
+        Raises:
+            RunFolderError, SceneError: the run is incomplete or damaged.
+        """
+        with self._lock:
+            if self._loaded is None:
+                self._loaded = _Loaded.read(self._run, self._settings)
+
+    @property
+    def scene(self) -> Scene:
+        return self._opened.scene
+
+    @property
+    def _opened(self) -> _Loaded:
+        self.open()
+        assert self._loaded is not None
+        return self._loaded
+
+    def attach_blackbody(self, temperature_K: Callable[[float], float]) -> None:
+        """`temperature_K(time_s)` is asked at each exposure."""
+        self._temperature = temperature_K
+
+    def attach_camera(self, camera: Listener) -> None:
+        """`camera` hears every pulse."""
+        self._cameras.append(camera)
+
+    def pulse(self, pulse: Pulse) -> None:
+        """An edge on the trigger line, now or soon."""
+        for camera in self._cameras:
+            camera.hear(pulse)
+
+    def cancel(self, *, after_s: float) -> None:
+        """Edges after this time never come."""
+        for camera in self._cameras:
+            camera.forget(after_s)
+
+    def random(self, time_s: float, *stream: int) -> np.random.Generator:
+        """A generator of its own for what happens at `time_s`."""
+        since_s = time_s - self._clock.now_s()
+        microseconds = round((self._clock.epoch_s() + since_s) * 1e6)
+        return np.random.default_rng([self._seed, microseconds, *stream])
+
+    def radiance(self, pulse: Pulse) -> NDArray[np.float64]:
+        """Photon radiance on the sensor (h, w) at the pulse, photons s-1 m-2 sr-1."""
+        here = self._opened
+        background_K = here.scene.rig.background_start_K
+        if self._temperature is not None:
+            background_K = self._temperature(pulse.time_s)
+        weights: Sequence[Weights] = [here.reference] * len(here.boundaries)
+        if pulse.injected:
+            weights = here.shot(self.random(pulse.time_s, 1, pulse.number))
+        seen = picture(weights, here.boundaries, background_K=background_K)
+        return np.maximum(seen, 0.0)
+
+
+@dataclass(frozen=True)
+class _Loaded:
+    """A run on the sensor's pixels: weights with spray, of each spectral node, and without.
+
+    transmission: of the spray, in each node.
+    """
+
+    scene: Scene
+    boundaries: tuple[Boundary, ...]
+    spray: tuple[Weights, ...]
+    reference: Weights
+    transmission: tuple[NDArray[np.float64], ...]
+    pixel_m: tuple[float, float]
+
+    @classmethod
+    def read(cls, run: Path, settings: SceneSettings) -> _Loaded:
+        path = run / "scene.yaml"
+        if not path.is_file():
+            raise RunFolderError(f"{run}: holds no scene.yaml; give the folder of a finished run")
+        scene = _changed_scene(load_scene(path), settings)
+        view = SensorView.from_scene(scene)
+        grey = Quadrature.grey(
+            scene_filter(scene),
+            reference_K=reference_temperature_K(scene.background.temperatures_K),
+        )
+        quadrature, folders = node_folders(run / "weights", grey)
+        spray = tuple(_on_sensor(folder, scene, view) for folder in folders)
+        reference = _on_sensor(run / "weights_reference", scene, view)
+        around = Surroundings.from_scene(scene)
+        return cls(
+            scene=scene,
+            boundaries=tuple(
+                Boundary.of(around, node.radiance, node.pane) for node in quadrature.nodes
+            ),
+            spray=spray,
+            reference=reference,
+            transmission=tuple(_transmission(weights, reference) for weights in spray),
+            pixel_m=view.pixel_m,
+        )
+
+    def shot(self, rng: np.random.Generator) -> Sequence[Weights]:
+        """Weights of one injection, whose optical depth is g times the traced one.
+
+        With r the traced transmission, each weight becomes w_ref + s (w - w_ref) with
+        s = (1 - r^g) / (1 - r): the background's is then w_ref r^g, and because one factor goes
+        for all weights, a cavity at one temperature stays flat. g is the same in all nodes.
+        """
+        rig = self.scene.rig
+        if rig.shot_scatter == 0.0:
+            return self.spray
+        g = _scatter(
+            rng,
+            self.transmission[0].shape,
+            sigma=rig.shot_scatter,
+            length_m=rig.shot_scatter_length_m,
+            pixel_m=self.pixel_m,
+        )
+        return [
+            self._changed(spray, transmission, g)
+            for spray, transmission in zip(self.spray, self.transmission, strict=True)
+        ]
+
+    def _changed(
+        self, spray: Weights, transmission: NDArray[np.float64], g: NDArray[np.float64]
+    ) -> Weights:
+        missing = 1.0 - transmission
+        thin = np.abs(missing) < 1e-6  # there s -> g
+        scale = np.where(thin, g, (1.0 - transmission**g) / np.where(thin, 1.0, missing))
+        bare = self.reference.images
+        return Weights.of(
+            {
+                name: (bare[name] + scale * (there - bare[name])).astype(np.float32)
+                for name, there in spray.images.items()
+            }
+        )
+
+
+def _changed_scene(scene: Scene, settings: SceneSettings) -> Scene:
+    """The traced scene with the rig file's injector and windows, which no trace depends on."""
+    rig = scene.rig
+    if settings.shot_scatter is not None:
+        rig = rig.model_copy(update={"shot_scatter": settings.shot_scatter})
+    windows = scene.windows if settings.windows is None else settings.windows
+    hotter = tuple(
+        window.model_copy(
+            update={"temperature_K": window.temperature_K + settings.window_heating_K}
+        )
+        for window in windows
+    )
+    return scene.model_copy(update={"rig": rig, "windows": hotter})
+
+
+def _transmission(spray: Weights, reference: Weights) -> NDArray[np.float64]:
+    """Read off the boundary that fills most of the pixel."""
+    names = ("background", "wall", *reference.patches)
+    bare = np.stack([reference.images[name] for name in names])
+    most = np.argmax(bare, axis=0)[None]
+    seen = np.take_along_axis(bare, most, axis=0)[0]
+    there = np.stack([spray.images[name] for name in names])
+    through = np.take_along_axis(there, most, axis=0)[0]
+    safe = np.where(seen > 0.0, seen, 1.0)
+    return np.where(seen > 0.0, np.maximum(through, 0.0) / safe, 1.0)
+
+
+def _on_sensor(folder: Path, scene: Scene, view: SensorView) -> Weights:
+    traced = Weights.load(folder, patches=[patch.name for patch in scene.patches])
+    columns, rows = scene.camera.pixels
+    images: dict[str, NDArray[np.float32]] = {}
+    for name, image in traced.images.items():
+        path = folder / f"{name}.tif"
+        if image.shape != (rows, columns):
+            raise RunFolderError(
+                f"{path}: shape {image.shape}, but camera.pixels of the scene asks for "
+                f"{(rows, columns)}; trace the run again"
+            )
+        if not np.all(np.isfinite(image)):
+            raise RunFolderError(f"{path}: holds values that are not finite; trace the run again")
+        images[name] = view.image(image).astype(np.float32)
+    return Weights.of(images)
+
+
+def _scatter(
+    rng: np.random.Generator,
+    shape: tuple[int, ...],
+    *,
+    sigma: float,
+    length_m: float,
+    pixel_m: tuple[float, float],
+) -> NDArray[np.float64]:
+    """Lognormal field of mean 1: a smooth part correlated as exp(-(r/length)^2), and a global one.
+
+    White noise is filtered in Fourier space, where exp(-(r/L)^2) belongs to the amplitude
+    exp(-(pi L f)^2 / 2).
+    """
+    rows, columns = shape
+    fx = np.fft.rfftfreq(columns, pixel_m[0])
+    fy = np.fft.fftfreq(rows, pixel_m[1])
+    amplitude = np.exp(-((np.pi * length_m) ** 2) * (fx[None, :] ** 2 + fy[:, None] ** 2) / 2.0)
+    whole = np.full(len(fx), 2.0)  # rfft keeps one of each pair of columns
+    whole[0] = 1.0
+    if columns % 2 == 0:
+        whole[-1] = 1.0
+    variance = float(np.sum(amplitude**2 * whole)) / (rows * columns)
+    white = np.fft.rfft2(rng.standard_normal((rows, columns)))
+    smooth = np.fft.irfft2(white * amplitude, s=(rows, columns)) / np.sqrt(variance)
+    exponent = sigma * (smooth + rng.standard_normal()) - sigma**2
+    return np.asarray(np.exp(exponent))
+
+
+def bench_of(context: RigContext) -> SimulatedScene:
+    """The bench of a rig with simulated devices.
+
+    Raises:
+        SceneError: the rig has none.
+    """
+    if not isinstance(context.bench, SimulatedScene):
+        raise SceneError(
+            "bench: is missing; simulated devices need `bench: {driver: simulated_scene, "
+            "settings: {run: FOLDER}}` in the rig file"
+        )
+    return context.bench
+
+
+def open_bench(settings: dict[str, Any], context: RigContext) -> SimulatedScene:
+    """The driver `simulated_scene`."""
+    return SimulatedScene(check_settings(SceneSettings, settings), context)

@@ -1,0 +1,330 @@
+"""Measured data in files of other programs: read as they are, and what is wrong is named."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+import yaml
+from click.testing import CliRunner
+from numpy.typing import NDArray
+
+from cldit.acquisition.frames import open_stack, parse_source
+from cldit.acquisition.measured import is_measured, open_measured
+from cldit.bench.evaluation import bench_evaluation
+from cldit.cli import main
+from cldit.dit.maps import Maps, Reason
+from cldit.errors import EvaluationError, SceneError
+from cldit.experiment import evaluate_folder
+from cldit.optics.planck import band_radiance
+
+FILTER = (3.3, 3.5)
+BACKGROUNDS = (413.0, 453.0, 493.0)
+EMISSIVITY = np.linspace(0.2, 0.9, 20)[None, :] * np.ones((16, 1))
+SHOTS = 6
+
+
+def _pictures(kelvin: float, kind: str) -> list[NDArray[np.uint16]]:
+    rng = np.random.default_rng([int(kelvin), kind == "injections"])
+    light, own = band_radiance([kelvin, 430.0], filter_um=FILTER)
+    seen = np.full(EMISSIVITY.shape, light)
+    if kind == "injections":
+        seen = (1.0 - EMISSIVITY) * light + EMISSIVITY * own
+    electrons = 1.2e-17 * seen * 40.0
+    return [
+        np.rint(
+            300 + (rng.poisson(electrons) + 200 * rng.standard_normal(seen.shape)) / 40.0
+        ).astype(np.uint16)
+        for _ in range(SHOTS)
+    ]
+
+
+def _described(folder: Path, files: Callable[[float, str], Any], **more: Any) -> dict[str, Any]:
+    data = {
+        "filter_um": list(FILTER),
+        "setup": {"pixel_m": [1e-4, 1e-4]},
+        "sensor": {"saturation_counts": 16383},
+        "backgrounds": [
+            {
+                "temperature_K": kelvin,
+                "references": files(kelvin, "references"),
+                "injections": files(kelvin, "injections"),
+            }
+            for kelvin in BACKGROUNDS
+        ],
+        **more,
+    }
+    _write(folder, data)
+    return data
+
+
+def _write(folder: Path, data: dict[str, Any]) -> None:
+    (folder / "measured.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
+
+
+@pytest.fixture
+def tiffs(tmp_path: Path) -> Path:
+    """One TIFF a picture."""
+    for kelvin in BACKGROUNDS:
+        for kind in ("references", "injections"):
+            place = tmp_path / f"{kelvin:g}" / kind
+            place.mkdir(parents=True)
+            for number, image in enumerate(_pictures(kelvin, kind)):
+                tifffile.imwrite(place / f"{number:03d}.tif", image)
+    _described(tmp_path, lambda kelvin, kind: f"{kelvin:g}/{kind}/*.tif")
+    return tmp_path
+
+
+def _data(folder: Path) -> dict[str, Any]:
+    loaded: dict[str, Any] = yaml.safe_load((folder / "measured.yaml").read_text())
+    return loaded
+
+
+def test_a_folder_of_tiffs_from_the_command_line(tiffs: Path) -> None:
+    """The filter and the temperatures alone: gain and noise come from the references."""
+    result = CliRunner().invoke(main, ["evaluate", str(tiffs), "--calibration", "fitted"])
+    assert result.exit_code == 0, result.output
+    assert "wavelengths" in result.output
+    maps = Maps.load(tiffs / "maps")
+    off = (maps.emissivity - EMISSIVITY) / maps.emissivity_standard_error
+    # 320 pixels: 4 standard errors of a mean, and of a variance with estimated noise
+    assert abs(np.mean(off)) < 4 / np.sqrt(320)
+    assert np.var(off) == pytest.approx(1.0, abs=0.35)
+    assert "electrons_per_count" in (tiffs / "maps" / "evaluation.json").read_text()
+    picture = CliRunner().invoke(main, ["show", str(tiffs)])
+    assert picture.exit_code == 0 and (tiffs / "maps.png").is_file()
+
+
+@pytest.mark.parametrize("form", ["pages", "imagej", "nexus", "hcc"])
+def test_stacks_give_what_single_pictures_give(tiffs: Path, tmp_path: Path, form: str) -> None:
+    """Pages of one TIFF, ImageJ's stack in one page, a data set of NeXus, a Telops film."""
+    expected = evaluate_folder(tiffs).maps
+    folder = tmp_path / form
+    folder.mkdir()
+    if form == "nexus":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(folder / "run.nxs", "w") as file:
+            for kelvin in BACKGROUNDS:
+                both = [*_pictures(kelvin, "references"), *_pictures(kelvin, "injections")]
+                file[f"entry/at{kelvin:g}/data"] = np.stack(both)
+        _described(
+            folder,
+            lambda kelvin, kind: (
+                f"run.nxs::/entry/at{kelvin:g}/data"
+                + (f"[:{SHOTS}]" if kind == "references" else f"[{SHOTS}:]")
+            ),
+        )
+    elif form == "hcc":
+        fasthcc = pytest.importorskip("fasthcc")
+        for kelvin in BACKGROUNDS:
+            for kind in ("references", "injections"):
+                headers = [{"FrameID": n, "ExposureTime": 25.0} for n in range(SHOTS)]
+                pictures = np.stack(_pictures(kelvin, kind))
+                path = folder / f"{kind}{kelvin:g}.hcc"
+                fasthcc.write_hcc(path, pictures, metadata=headers, calibration_mode=0)
+        _described(folder, lambda kelvin, kind: f"{kind}{kelvin:g}.hcc")
+    else:
+        for kelvin in BACKGROUNDS:
+            for kind in ("references", "injections"):
+                tifffile.imwrite(
+                    folder / f"{kind}{kelvin:g}.tif",
+                    np.stack(_pictures(kelvin, kind)),
+                    imagej=form == "imagej",
+                    photometric="minisblack",
+                )
+        _described(folder, lambda kelvin, kind: f"{kind}{kelvin:g}.tif")
+    found = evaluate_folder(folder / "measured.yaml").maps
+    np.testing.assert_array_equal(found.emissivity, expected.emissivity)
+    np.testing.assert_array_equal(found.reason, expected.reason)
+
+
+def test_bad_pixels_and_a_sensor_of_known_noise(tiffs: Path) -> None:
+    data = _data(tiffs)
+    mask = np.zeros(EMISSIVITY.shape, np.uint8)
+    mask[3, 4] = 1
+    tifffile.imwrite(tiffs / "bad.tif", mask)
+    data["bad_pixels"] = "bad.tif"
+    data["sensor"] |= {
+        "offset_counts": 300.0,
+        "electrons_per_count": 40.0,
+        "read_noise_electrons": 200.0,
+    }
+    _write(tiffs, data)
+    found = evaluate_folder(tiffs)
+    assert found.maps.reason[3, 4] == Reason.BAD_PIXEL
+    assert found.maps.count()[Reason.BAD_PIXEL] == 1
+    # 2 x 3 x 6 pictures of 320 pixels of 5000 counts, noise 11 each: gain to a few 1e-4
+    assert found.calibration.counts_per_radiance == pytest.approx(1.2e-17, rel=2e-3)
+
+
+def _only_one(data: dict[str, Any], folder: Path) -> str:
+    data["backgrounds"] = data["backgrounds"][:1]
+    return r"\[413.0\] K; the evaluation needs at least two"
+
+
+def _equal(data: dict[str, Any], folder: Path) -> str:
+    data["backgrounds"][1]["temperature_K"] = 413.0
+    return "413 K stands there twice"
+
+
+def _too_near(data: dict[str, Any], folder: Path) -> str:
+    for number, background in enumerate(data["backgrounds"]):
+        background["temperature_K"] = 5.0 + 1e-9 * number
+    return "give the same radiance"
+
+
+def _swapped(data: dict[str, Any], folder: Path) -> str:
+    for background in data["backgrounds"]:
+        kinds = background["injections"], background["references"]
+        background["references"], background["injections"] = kinds
+    return "swapped"
+
+
+def _swapped_once(data: dict[str, Any], folder: Path) -> str:
+    last = data["backgrounds"][-1]
+    last["references"], last["injections"] = last["injections"], last["references"]
+    return "background 493 K.*swapped"
+
+
+def _same_files(data: dict[str, Any], folder: Path) -> str:
+    data["backgrounds"][2]["injections"] = data["backgrounds"][2]["references"]
+    return "named as references before 493 K and as injections before 493 K"
+
+
+def _none_match(data: dict[str, Any], folder: Path) -> str:
+    data["backgrounds"][0]["injections"] = "413/injection/*.tif"
+    return r"injections before 413 K: no file matches 413/injection/\*.tif"
+
+
+def _missing(data: dict[str, Any], folder: Path) -> str:
+    (folder / "453" / "injections" / "004.tif").unlink()
+    data["shots"] = SHOTS
+    return "injections before 453 K: 5 pictures, expected 6; shots are missing"
+
+
+def _wrong_size(data: dict[str, Any], folder: Path) -> str:
+    tifffile.imwrite(folder / "453" / "references" / "002.tif", np.zeros((16, 21), np.uint16))
+    return r"002.tif\[0\]: picture of shape \(16, 21\), expected \(16, 20\)"
+
+
+def _damaged(data: dict[str, Any], folder: Path) -> str:
+    (folder / "453" / "references" / "002.tif").write_bytes(b"II*\0no picture")
+    return "002.tif: cannot be read"
+
+
+def _cut_short(data: dict[str, Any], folder: Path) -> str:
+    path = folder / "453" / "references" / "002.tif"
+    path.write_bytes(path.read_bytes()[:-200])
+    return "002.tif"
+
+
+def _not_finite(data: dict[str, Any], folder: Path) -> str:
+    image = np.ones(EMISSIVITY.shape, np.float32)
+    image[0, 0] = np.nan
+    tifffile.imwrite(folder / "453" / "references" / "002.tif", image)
+    return "1 pixels are not finite"
+
+
+def _colour(data: dict[str, Any], folder: Path) -> str:
+    image = np.zeros((16, 20, 3), np.uint8)
+    tifffile.imwrite(folder / "453" / "references" / "002.tif", image, photometric="rgb")
+    return r"shape \(16, 20, 3\)"
+
+
+def _all_saturated(data: dict[str, Any], folder: Path) -> str:
+    data["sensor"]["saturation_counts"] = 250
+    return "no pixel sees the background unsaturated"
+
+
+def _other_ending(data: dict[str, Any], folder: Path) -> str:
+    (folder / "video.avi").write_bytes(b"RIFF")
+    data["backgrounds"][0]["references"] = "video.avi"
+    return r"\.avi; allowed: \.tif"
+
+
+def _one_reference(data: dict[str, Any], folder: Path) -> str:
+    for background in data["backgrounds"]:
+        background["references"] = background["references"].replace("*", "000")
+    return "one reference a background"
+
+
+def _upside_down(data: dict[str, Any], folder: Path) -> str:
+    for background, kelvin in zip(data["backgrounds"], reversed(BACKGROUNDS), strict=True):
+        background["temperature_K"] = kelvin
+    return "hotter backgrounds do not look brighter|no pixel sees the background"
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        _only_one, _equal, _too_near, _swapped, _swapped_once, _same_files, _none_match, _missing,
+        _wrong_size, _damaged, _cut_short, _not_finite, _colour, _all_saturated, _other_ending,
+        _one_reference, _upside_down,
+    ],
+)  # fmt: skip
+def test_bad_data_is_named(tiffs: Path, spoil: Callable[[dict[str, Any], Path], str]) -> None:
+    data = _data(tiffs)
+    message = spoil(data, tiffs)
+    _write(tiffs, data)
+    with pytest.raises(EvaluationError, match=message):
+        evaluate_folder(tiffs)
+    assert not (tiffs / "maps").exists()
+
+
+def test_wrong_keys_are_named(tiffs: Path) -> None:
+    data = _data(tiffs)
+    data["sensor"]["saturation"] = 1
+    data["filter_um"] = [3.5, 3.3]
+    _write(tiffs, data)
+    with pytest.raises(SceneError, match=r"sensor\.saturation"):
+        open_measured(tiffs)
+    del data["sensor"]["saturation"]
+    _write(tiffs, data)
+    with pytest.raises((SceneError, EvaluationError), match="filter_um"):
+        open_measured(tiffs)
+
+
+def test_which_paths_are_measured_data(tiffs: Path, tmp_path: Path) -> None:
+    assert is_measured(tiffs) and is_measured(tiffs / "measured.yaml")
+    assert not is_measured(tmp_path / "nothing") and not is_measured(tiffs / "413")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("run.h5::/no[1:2:3]", "is no data set"),
+        ("run.h5", "name the data set"),
+        ("run.h5::/entry/other", r"no such data set; the file has /entry/data"),
+        ("run.h5::/entry/data[2:9]", "has 4 frames, asked for 9"),
+        ("run.h5::/entry/line", "expected .frames, rows, columns"),
+    ],
+)
+def test_data_sets_that_are_not_there(tmp_path: Path, text: str, message: str) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["entry/data"] = np.zeros((4, 2, 3), np.uint16)
+        file["entry/line"] = np.zeros(4)
+    with pytest.raises(EvaluationError, match=message):
+        open_stack(parse_source(str(tmp_path / text))[1])
+
+
+def test_memory_does_not_grow_with_the_shots(tmp_path: Path) -> None:
+    """What the evaluation holds are sums: ten times the shots, the same arrays.
+
+    Told by numpy's own allocations, not by the process.
+    """
+    peaks = []
+    for shots in (20, 120):
+        tracemalloc.start()
+        found = bench_evaluation(tmp_path, shots=shots, sensor=(160, 128))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert found.shots == shots and found.peak_bytes >= 0
+        assert np.isfinite(found.evaluation.maps.emissivity).mean() > 0.99
+    # A picture is 160 kB as float64; 100 more shots held would be 16 MB. Thumbnails: 4 kB a shot.
+    assert peaks[1] < peaks[0] + 100 * 8e3

@@ -1,0 +1,114 @@
+"""The reference of all keys: whole, described, up to date; its schema takes what cldit takes."""
+
+from __future__ import annotations
+
+import json
+import re
+from importlib import resources
+from pathlib import Path
+
+import jsonschema
+import pytest
+import yaml
+from click.testing import CliRunner
+from pydantic import BaseModel
+
+from cldit.cli import main
+from cldit.report.keys import FILES, reference_page
+from cldit.scene import Scene, dump_scene, load_scene, shipped_scenes
+
+PAGE = Path(__file__).parents[3] / "docs" / "scene-reference.md"
+
+
+def _sections(model: type[BaseModel]) -> set[type[BaseModel]]:
+    found = {model}
+
+    def into(annotation: object) -> None:
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            if annotation not in found:
+                found.update(_sections(annotation) | {annotation})
+        for argument in getattr(annotation, "__args__", ()):
+            into(argument)
+
+    for field in model.model_fields.values():
+        into(field.annotation)
+    return found
+
+
+EVERY = sorted({s for _, _, m in FILES for s in _sections(m)}, key=lambda section: section.__name__)
+
+
+@pytest.mark.parametrize("section", EVERY, ids=lambda section: section.__name__)
+def test_every_key_says_what_it_means(section: type[BaseModel]) -> None:
+    missing = [key for key, field in section.model_fields.items() if not field.description]
+    assert missing == []
+    # A string that is not a description of one line or two has swallowed code.
+    for field in section.model_fields.values():
+        assert 5 <= len(field.description or "") <= 200
+
+
+def test_sections_are_found() -> None:
+    names = {section.__name__ for section in EVERY}
+    assert {"Scene", "CfdSpray", "Histogram", "HenyeyGreenstein", "Window", "RigFile"} <= names
+
+
+def test_page_is_up_to_date() -> None:
+    result = CliRunner().invoke(main, ["scenes", "--reference"])
+    assert result.exit_code == 0
+    assert result.output == PAGE.read_text(encoding="utf-8"), (
+        "run `cldit scenes --reference > docs/scene-reference.md`"
+    )
+
+
+def test_page_holds_every_key_and_no_dead_link() -> None:
+    page = reference_page()
+    for section in EVERY:
+        for key in section.model_fields:
+            assert f"| `{key}` |" in page
+    headings = re.findall(r"^#+ (.*)$", page, re.MULTILINE)
+    anchors = [re.sub(r"[^\w\s-]", "", text).lower().replace(" ", "-") for text in headings]
+    assert len(set(anchors)) == len(anchors)
+    assert set(re.findall(r"\]\(#(.*?)\)", page)) <= set(anchors)
+
+
+def _schema() -> dict[str, object]:
+    result = CliRunner().invoke(main, ["scenes", "--schema"])
+    schema = json.loads(result.output)
+    assert isinstance(schema, dict)
+    return schema
+
+
+@pytest.mark.parametrize("name", shipped_scenes())
+def test_schema_takes_shipped_scenes(name: str) -> None:
+    text = resources.files("cldit.scene.library").joinpath(f"{name}.yaml").read_text("utf-8")
+    jsonschema.validate(yaml.safe_load(text), _schema())
+    jsonschema.validate(yaml.safe_load(dump_scene(load_scene(name))), _schema())
+
+
+SHORT = {
+    "name": "x",
+    "spray": {"model": "cfd", "file": "case", "axis": "-y"},
+    "camera": {"pixels": 64, "sensor": {"quantum_efficiency": "curve.csv"}},
+    "optics": {"filter_um": "filter.csv"},
+    "transport": {"phase": {"henyey_greenstein": 0.5}},
+}
+
+
+def test_schema_takes_short_forms() -> None:
+    jsonschema.validate(SHORT, _schema())
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"camera": {"sensor": {"bits": 17}}}, {"colour": 1}, {"spray": {"model": "cfd"}}],
+    ids=str,
+)
+def test_schema_refuses(wrong: dict[str, object]) -> None:
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(SHORT | wrong, _schema())
+
+
+def test_scenes_are_lean() -> None:
+    """Descriptions cost no key: what is dumped is what it was."""
+    scene = load_scene("gdi")
+    assert Scene.model_validate(yaml.safe_load(dump_scene(scene))) == scene

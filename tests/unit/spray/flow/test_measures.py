@@ -1,0 +1,189 @@
+"""What is read off a computed spray, and the references it is compared with."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+from cldit.bench.spray.references import at, jet, saturation
+from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
+from cldit.spray.flow.coupling import Cloud
+from cldit.spray.flow.gas import Box, GasFlow
+from cldit.spray.flow.measures import (
+    Station,
+    axis_m_s,
+    half_angle_rad,
+    sauter_m,
+    vapour_reach_m,
+)
+from cldit.spray.flow.mixture import gas_mixture
+from cldit.spray.flow.projection import SPOT, PIXEL_m, projected_reach_m
+
+
+@functools.cache
+def fluids() -> tuple[Fuel, Gas]:
+    return fuel_table("n-heptane", cache=None), gas_table("nitrogen", cache=None)
+
+
+@pytest.mark.parametrize(
+    ("pressure_MPa", "gas_K", "kelvin", "ratio"),
+    [
+        (0.15, 300, 286.5, 0.080),
+        (0.15, 620, 340.0, 1.12),
+        (0.6, 400, 340.5, 0.233),
+        (0.6, 573, 369.0, 0.674),
+        (0.9, 300, 296.0, 0.022),
+        (0.9, 620, 385.0, 0.715),
+    ],
+)
+def test_adiabatic_saturation(pressure_MPa: float, gas_K: int, kelvin: float, ratio: float) -> None:
+    """Against values computed with other property fits (NSRDS): half a kelvin of rounding, and half
+    a kelvin and 4 % for the fits' latent heats."""
+    found_K, found = saturation(
+        *fluids(), fuel_K=370.0, gas_K=float(gas_K), pressure_Pa=pressure_MPa * 1e6
+    )
+    assert found_K == pytest.approx(kelvin, abs=1.0)
+    assert found == pytest.approx(ratio, rel=0.04)
+
+
+def test_the_vapour_reaches_as_far_as_the_plumes_on_average() -> None:
+    fuel, gas = fluids()
+    box = Box(np.array([-5e-3, -5e-3, -20e-3]), 1e-3, (10, 10, 20))
+    mixture = gas_mixture(fuel, gas, reference_K=570.0)
+    flow = GasFlow(box, mixture, pressure_Pa=6e5, temperature_K=570.0)
+    axes = np.array([[0.6, 0.0, -0.8], [-0.6, 0.0, -0.8], [0.0, 0.6, -0.8]])
+    assert vapour_reach_m(flow, axes) == 0.0
+    index = np.moveaxis(np.indices(box.shape), 0, -1)
+    centre = box.origin_m + (index + 0.5) * box.spacing_m
+    away = np.linalg.norm(centre, axis=-1)
+    near = np.argmax(centre @ axes.T, axis=-1)
+    # Falls evenly to the edge of 1e-3 at 6.2 and at 9.7 mm; the third plume has next to nothing.
+    for plume, end in ((0, 6.2e-3), (1, 9.7e-3)):
+        mine = near == plume
+        flow.fuel[mine] = flow.density[mine] * np.maximum(end - away[mine] + 1e-3, 0.0)
+    flow.fuel[near == 2] = 0.9e-3 * flow.density[near == 2]
+    # Linear in between; 2 %: the cells are a tenth of the distance and the front is round.
+    assert vapour_reach_m(flow, axes) == pytest.approx((6.2e-3 + 9.7e-3) / 2, rel=0.02)
+
+
+def test_even_vapour_up_to_the_wall_reaches_the_wall() -> None:
+    """Nothing falls there: a cell more than the middle of the farthest, and no division by zero."""
+    box = Box(np.array([-5e-3, -5e-3, -20e-3]), 1e-3, (10, 10, 20))
+    mixture = gas_mixture(*fluids(), reference_K=570.0)
+    flow = GasFlow(box, mixture, pressure_Pa=6e5, temperature_K=570.0)
+    flow.fuel[:] = 0.1 * flow.density
+    farthest = float(np.linalg.norm([4.5e-3, 4.5e-3, 19.5e-3]))
+    found = vapour_reach_m(flow, np.array([[0.0, 0.0, -1.0]]))
+    assert found == pytest.approx(farthest + 1e-3, rel=1e-12)
+
+
+@pytest.mark.parametrize("across", [8, 9])
+def test_speed_on_the_axis(across: int) -> None:
+    """Of gas whose speed rises evenly in all directions, whether a cell or an edge is there."""
+    mixture = gas_mixture(*fluids(), reference_K=570.0)
+    for deep, wanted in ((20, 7.0 + 3.0), (10, np.nan)):
+        box = Box(np.array([-0.5e-3 * across] * 2 + [-1e-3 * deep]), 1e-3, (across, across, deep))
+        flow = GasFlow(box, mixture, pressure_Pa=6e5, temperature_K=570.0)
+        aside = box.origin_m[0] + 1e-3 * (np.arange(across) + 0.5)
+        low = box.origin_m[2] + 1e-3 * np.arange(deep)  # of the faces
+        x, y, z = np.meshgrid(aside, aside, low, indexing="ij")
+        flow.velocity[2] = -7.0 + 500.0 * x - 300.0 * y + 200.0 * z
+        assert axis_m_s(flow) == pytest.approx(wanted, rel=1e-12, nan_ok=True)
+
+
+def test_the_station_counts_what_passes_once() -> None:
+    fuel, _ = fluids()
+
+    def cloud(depth_mm: list[float], diameter_um: list[float]) -> Cloud:
+        count = len(depth_mm)
+        warm = np.full(count, 350.0)
+        return Cloud(
+            mass_kg=fuel.mass_kg(np.array(diameter_um) * 1e-6, warm),
+            temperature_K=warm,
+            droplets=np.arange(1.0, count + 1),
+            hole=np.zeros(count, dtype=np.int64),
+            position_m=np.stack([*np.zeros((2, count)), -1e-3 * np.array(depth_mm)], axis=1),
+            velocity_m_s=np.zeros((count, 3)),
+        )
+
+    station = Station()
+    assert np.isnan(station.sauter_m)
+    one = cloud([14.0, 10.0, 16.0, 14.9], [5.0, 6.0, 7.0, 8.0])
+    two = cloud([15.5, 12.0, 17.0, 15.0], [5.0, 6.0, 7.0, 8.0])
+    station.watch(one, two, fuel)
+    station.watch(two, two, fuel)
+    wanted = sauter_m(np.array([1.0, 4.0]), np.array([5e-6, 8e-6]))
+    assert station.sauter_m == pytest.approx(wanted, rel=1e-12)
+
+
+def test_liquid_reaches_as_far_as_its_projected_volume() -> None:
+    """One spot, by its closed form: V / (2 pi s^2) exp(-r^2 / 2 s^2) is the edge at a distance r;
+    a pixel's tenth, for rows are half a spot's width."""
+    position, far = np.array([[0.0, 0.0, -25e-3]]), []
+    spot = SPOT * 25e-3
+    for volume in (30e-12, 3e-12):
+        top = volume / (2 * np.pi * spot**2)
+        reaches = projected_reach_m(position, np.array([volume]))
+        for edge, found in zip((2e-6, 0.2e-6), reaches, strict=True):
+            wanted = 25e-3 + spot * np.sqrt(2 * np.log(top / edge)) if top > edge else 0.0
+            assert found == pytest.approx(wanted, abs=0.1 * PIXEL_m)
+            far.append(found)
+    assert far[2] == 0.0
+    assert projected_reach_m(position, np.zeros(1)) == (0.0, 0.0)
+    assert projected_reach_m(-position, np.array([1e-9])) == (0.0, 0.0)  # above the injector
+
+
+def test_a_line_of_sight_adds_up_and_both_views_count() -> None:
+    """Two spots behind each other in x: seen along x one of twice the volume, along y two."""
+    pair = np.array([[8e-3, 0.0, -20e-3], [-8e-3, 0.0, -20e-3]])
+    volume = np.full(2, 12e-12)
+    both = projected_reach_m(pair, volume)[0]
+    spot = SPOT * float(np.linalg.norm(pair[0]))
+    along, across = (
+        20e-3 + spot * np.sqrt(2 * np.log(n * 12e-12 / (2 * np.pi * spot**2) / 2e-6))
+        for n in (2, 1)
+    )
+    assert both == pytest.approx((along + across) / 2, abs=0.1 * PIXEL_m)
+
+
+def test_the_number_of_parcels_is_not_seen() -> None:
+    """A cone of 11 degrees of liquid that thins out, by 300 and by 30 000 parcels: within 2 %, for
+    the edge is where a few spots overlap."""
+    reach = []
+    for count in (300, 30_000):
+        random = np.random.default_rng(1)
+        depth = 30e-3 * random.beta(2, 3, count)
+        aside = 0.19 * depth[:, None] * random.uniform(-1, 1, (count, 2))
+        position = np.column_stack([aside, -depth])
+        reach.append(projected_reach_m(position, np.full(count, 1e-9 / count))[0])
+    assert reach[0] == pytest.approx(reach[1], rel=0.02)
+
+
+def test_the_plumes_half_angle() -> None:
+    """Two cones of 14 degrees filled with vapour; 4 %: their edges are steps of cells."""
+    fuel, gas = fluids()
+    box = Box(np.array([-30e-3, -10e-3, -50e-3]), 0.5e-3, (120, 40, 100))
+    flow = GasFlow(
+        box, gas_mixture(fuel, gas, reference_K=570.0), pressure_Pa=6e5, temperature_K=570.0
+    )
+    axes = np.array([[0.5, 0.0, -np.sqrt(0.75)], [-0.5, 0.0, -np.sqrt(0.75)]])
+    assert np.isnan(half_angle_rad(flow, axes))
+    index = np.moveaxis(np.indices(box.shape), 0, -1)
+    centre = box.origin_m + (index + 0.5) * box.spacing_m
+    along = np.max(centre @ axes.T, axis=-1)
+    wide = np.sqrt(np.maximum(np.sum(centre**2, axis=-1) - along**2, 0.0))
+    flow.fuel[(along < 40e-3) & (wide < along * np.tan(np.radians(14)))] = 1.0
+    assert np.degrees(half_angle_rad(flow, axes)) == pytest.approx(14, rel=0.04)
+
+
+def test_the_reference_jet_is_naber_and_siebers() -> None:
+    """Penetration grows as sqrt(t) far away and with rho_gas^(-1/4) at equal momentum."""
+    fuel, gas = fluids()
+    thin, dense = (jet(at(p, 300), fuel, gas) for p in (0.15, 0.9))
+    far = 1.0  # s: thousands of x+
+    assert thin.tip_m(4 * far) == pytest.approx(2 * thin.tip_m(far), rel=2e-3)
+    momentum = (thin.rate_kg_s * thin.speed_m_s) / (dense.rate_kg_s * dense.speed_m_s)
+    expected = (6 * momentum) ** 0.25
+    assert thin.tip_m(far) / dense.tip_m(far) == pytest.approx(expected, rel=2e-3)

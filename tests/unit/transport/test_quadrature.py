@@ -1,0 +1,88 @@
+"""Sets of directions, and the order in which neighbours are close by."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cldit.transport.discrete_ordinates.quadrature import (
+    along_curve,
+    focused,
+    for_boundary,
+    isotropic,
+    unfolded,
+)
+
+
+def test_unfolded_sphere() -> None:
+    """Axes and middles of octants, worked out by hand; the lower half is folded out to corners."""
+    unit = np.array([[1, 0, 0], [0, -1, 0], [0, 0, 1], [1, 1, 1], [1, -1, -1], [-1, -1, -1]], float)
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    third = 1 / 3
+    wanted = [(1, 0), (0, -1), (0, 0), (third, third), (2 * third, -2 * third)]
+    wanted.append((-2 * third, -2 * third))
+    np.testing.assert_allclose(unfolded(unit).T, wanted, atol=1e-15)
+
+
+def test_order_along_a_curve() -> None:
+    """Each run of a 32nd of all directions is a patch of the sphere: on average its directions lie
+    no further from their mean than 1.5 times those of a cap of as much. In the order in which they
+    were made, by height, runs are rings, and lie further."""
+    count, runs = 4096, 32
+    unit = isotropic(count, np.random.default_rng(1)).unit
+    order = along_curve(unit)
+    assert sorted(order) == list(range(count))
+
+    def spread(numbers: np.ndarray) -> float:
+        """RMS distance from the mean of a run."""
+        patches = unit[numbers].reshape(runs, -1, 3)
+        return float(np.sqrt(patches.var(axis=1).sum(axis=1).mean()))
+
+    # A cap of height h = 2 / runs: its points have a mean height of 1 - h / 2.
+    height = 2 / runs
+    cap = np.sqrt(1 - (1 - height / 2) ** 2)
+    assert spread(order) < 1.5 * cap < spread(np.arange(count))
+
+
+def test_order_of_few() -> None:
+    assert along_curve(np.array([[0.0, 0.0, 1.0]])).tolist() == [0]
+    assert len(along_curve(np.zeros((0, 3)))) == 0
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.6, -0.9])
+def test_weights_integrate_though_directions_lean(lean: float) -> None:
+    """Mean of 1, z and z^2 over the sphere: 1, 0 and 1/3; and the density that was asked for."""
+    count = 400
+    axis = np.array([0.0, 1.0, 0.0])
+    rng = np.random.default_rng(2)
+    found = focused(count, rng, axis=axis, half_angle_rad=0.5, share=0.2, lean=lean)
+    z = found.unit @ axis
+    np.testing.assert_allclose(np.linalg.norm(found.unit, axis=1), 1.0, atol=1e-12)
+    step = 2 / 320 / (1 - abs(lean))  # the largest, of a midpoint rule
+    for power, mean in ((0, 1.0), (1, 0.0), (2, 1 / 3)):
+        assert found.weight @ z**power == pytest.approx(mean, abs=step**2)
+    around = z < np.cos(0.5)
+    assert around.sum() == 320
+    # Share of those around the cone that lie below its axis' middle: integral of 1 - lean z.
+    edge = np.cos(0.5)
+    below, whole = 1 + lean / 2, edge + 1 - lean / 2 * (edge**2 - 1)
+    assert (z < 0).sum() / 320 == pytest.approx(below / whole, abs=1 / 320)
+
+
+def test_share_of_the_cone() -> None:
+    """Against the least of a scan of s^2 / n^1.5 + (1 - s)^2 / (N - n)^1.5."""
+    count, radius = 1000, 60.0
+    found = for_boundary(
+        count,
+        np.random.default_rng(3),
+        low=np.zeros(3),
+        high=np.full(3, 2.0),
+        disc_centre=np.array([1.0, 101.0, 1.0]),
+        disc_radius=radius,
+        enclosure=False,
+    )
+    solid = (1 - np.cos(np.arctan2(radius + 2**0.5, 100.0))) / 2
+    inside = np.arange(1, count)
+    error = solid**2 / inside**1.5 + (1 - solid) ** 2 / (count - inside) ** 1.5
+    chosen = int((found.weight < 0.99 * found.weight.max()).sum())
+    assert chosen == pytest.approx(inside[np.argmin(error)], abs=2)

@@ -1,0 +1,102 @@
+"""The region around thick cells: its faces, and where rays come through them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cldit.medium.frame import Frame
+from cldit.medium.octree import CellSource, build_octree
+from cldit.transport.cells import OpticalCells
+from cldit.transport.discrete_ordinates.segments import Ways
+from cldit.transport.thick_region import ThickCells
+
+
+def scattered_cells(seed: int) -> OpticalCells:
+    """Cells of optical depth 0 to 1 here and there in a cube of 32, at its sides too."""
+    rng = np.random.default_rng(seed)
+    frame = Frame(lower_m=(0.0, 0.0, 0.0), edge_m=0.32, depth=5)
+    place = np.argwhere(rng.random((32, 32, 32)) < 0.02)
+    lower = place * frame.cell_m
+    half = rng.uniform(0.0, 0.5, len(place)) / frame.cell_m
+    source = CellSource(
+        lower_m=np.asarray(lower, np.float64),
+        upper_m=np.asarray(lower + frame.cell_m, np.float64),
+        vapour_absorption=0 * half,
+        vapour_emission=0 * half,
+        droplet_absorption=half,
+        droplet_scattering=half,
+        droplet_emission=half,
+    )
+    return OpticalCells.of(build_octree(frame, None, [source], optical_depth_split=1e-5))
+
+
+def test_faces_of_the_region() -> None:
+    """It holds the thick cells and what shares a face with them. Every face to another cell of the
+    box has a number, and those that one direction goes through have different ones."""
+    cells = scattered_cells(3)
+    box = cells.box()
+    thick = ThickCells.of(cells, box, deeper_than=0.6)
+    assert thick is not None
+    at = {tuple(place) for place in cells.positions(cells.address[thick.listed]) - box.low}
+    beside = np.concatenate([np.eye(3, dtype=int), -np.eye(3, dtype=int)])
+    inside = {
+        tuple(near)
+        for place in at
+        for near in (np.array(place), *(np.array(place) + beside))
+        if np.all(near >= 0) and np.all(near < box.shape)
+    }
+    assert {tuple(place) for place in thick.at} == inside
+    for place, faces in zip(thick.at, thick.faces, strict=True):
+        for side, number in enumerate(faces):
+            step = np.zeros(3, int)
+            step[side // 2] = 2 * (side % 2) - 1
+            near = place + step
+            there = np.all(near >= 0) and np.all(near < box.shape)
+            assert (number >= 0) == (there and tuple(near) not in inside)
+    number_of = {tuple(place): number for number, place in enumerate(thick.at)}
+    for place, faces, next_ in zip(thick.at, thick.faces, thick.beside, strict=True):
+        for side in range(6):  # the next cell; else a face; else the side of the box
+            near = place.copy()
+            near[side // 2] += 2 * (side % 2) - 1
+            face = -2 - faces[side] if faces[side] >= 0 else -1
+            assert next_[side] == number_of.get(tuple(near), face)
+    np.testing.assert_array_equal(thick.beside[:, 6], thick.own)
+    for signs in np.ndindex(2, 2, 2):
+        met = thick.faces[:, [2 * axis + up for axis, up in enumerate(signs)]]
+        met = met[met >= 0]
+        assert len(np.unique(met)) == len(met)
+        assert met.max() < thick.rim
+    assert np.array_equal(
+        np.sort(thick.own[thick.own >= 0]), thick.rim - len(at) + np.arange(len(at))
+    )
+    assert {tuple(place) for place in thick.at[thick.own >= 0]} == at
+    order = np.argsort(thick.own)[-len(at) :]
+    np.testing.assert_array_equal(thick.address[order], cells.address[thick.listed])
+    assert thick.faces.max() < thick.rim - len(at)
+    stored = thick.address >= 0
+    np.testing.assert_array_equal(
+        cells.positions(thick.address[stored]) - box.low, thick.at[stored]
+    )
+
+
+def test_no_thick_cell() -> None:
+    cells = scattered_cells(3)
+    assert ThickCells.of(cells, cells.box(), deeper_than=2.0) is None
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.37, -0.81), (-1.0, 1.0), (1e-9, 0.5)])
+def test_where_rays_leave_cells(slopes: tuple[float, float], backwards: bool) -> None:
+    """Of each layer's steps the last leaves along l, and along u and v at least one does: where
+    rays go into the next cell, if they do."""
+    start = np.array([[0.21, 0.64]])
+    ways = Ways.of(np.array([slopes]), start, layers=40, backwards=np.array([backwards]))
+    last = np.diff(ways.met, append=-9) != 0
+    np.testing.assert_array_equal(ways.leaves[:, 2], last)
+    for moved, leaves in zip(ways.moved.T, ways.leaves.T[:2], strict=True):
+        goes = np.diff(moved, append=moved[-1]) != 0
+        np.testing.assert_array_equal(leaves[~last], goes[~last])
+        assert np.all(
+            np.bincount(ways.met, leaves) == np.maximum(np.bincount(ways.met, goes & ~last), 1)
+        )
