@@ -1,8 +1,8 @@
 """The `cone` spray: one quasi-steady jet a plume, superposed on a grid, its droplets evaporating.
 
-0. Methane comes out under-expanded (`cldit.spray.cone.underexpanded_jet`): up to the Mach disc it is as cold and
+0. Methane comes out under-expanded (`underexpanded_jet.py`): up to the Mach disc it is as cold and
    fast as in the notional nozzle and takes up no gas; there the jet begins.
-1. Each plume is a jet (`cldit.spray.cone.jet`). Fuel that left the hole at one moment travels with the
+1. Each plume is a jet (`jet.py`). Fuel that left the hole at one moment travels with the
    jet's mean speed, so that the fuel in a length ds is rate / speed ds, and what has been injected
    is spread between the place of the first and of the last fuel: after the end of injection the
    plume leaves the nozzle. Tip and tail are soft (a tenth of the time of travel), the tip rounded.
@@ -11,13 +11,13 @@
    given cone where the gas is hot, the cone itself where nothing evaporates.
 3. Evaporated is the smaller of two shares: of equilibrium, which the heat and the room for vapour
    of the gas mixed in allow, and of kinetics, which the d^2 law of every size class allows in the
-   time of travel, with the rate of droplets at rest in the undisturbed gas (`cldit.spray.cone.wet_bulb`).
+   time of travel, with the rate of droplets at rest in the undisturbed gas (`wet_bulb.py`).
    Slip makes them evaporate faster, cooler gas with vapour slower; neither is in the rate. In a
    march along a hot plume (0.6 MPa, 570 K) with both they make up for each other on and near the
    axis from 20 mm on (within 0.1 of the fuel); at the edge, and within 15 mm of the nozzle, slip
    wins, and the model evaporates up to 0.2 of the fuel too little.
 4. The fuel of all plumes adds up in the cells of a grid. Fuel content and evaporated share decide
-   the state (`cldit.spray.cone.mixing`): the gas has the temperature that keeps enthalpy, the liquid
+   the state (`mixing.py`): the gas has the temperature that keeps enthalpy, the liquid
    that of the wet bulb in this gas; in equilibrium both are the same.
 """
 

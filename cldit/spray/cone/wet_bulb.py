@@ -1,7 +1,7 @@
 """Droplets of n-heptane at rest, for the `cone` spray: wet bulb and rate of the d^2 law.
 
 The film is that of `cldit.spray.droplet` (Spalding's, which at rest is Abramzon and Sirignano's),
-with the property fits that the cone's mixtures have (`cldit.spray.cone.fluid_properties`), so that a droplet in
+with the property fits that the cone's mixtures have (`fluid_properties.py`), so that a droplet in
 saturated gas is in equilibrium. Slip, which speeds evaporation up, is left out.
 """
 

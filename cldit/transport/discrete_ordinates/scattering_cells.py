@@ -19,7 +19,8 @@ _GROUP = 256  # of the kernels that go from cell to cell
 
 @dataclass(frozen=True)
 class Listed:
-    """N cells of C components each, and what goes from them into the box and back (source_update.cl).
+    """N cells of C components each, and what goes from them into the box and back
+    (source_update.cl).
 
     source: (C, N) of theirs, on the device; more planes go through it C at a time.
     """
