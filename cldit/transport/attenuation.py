@@ -81,7 +81,8 @@ def sweep(
     across: Floats | None = None,
 ) -> Floats:
     """Excess that one direction's sweep gives, and that times the lever along x, y, z (see
-    discrete_ordinates/segments.py), unless `across` is None: (4, C, nz, ny, nx); see kernels/sweep.cl.
+    discrete_ordinates/segments.py), unless `across` is None: (4, C, nz, ny, nx); see
+    kernels/sweep.cl.
 
     Args:
         depth: (nz, ny, nx) optical depth of a cell's edge.

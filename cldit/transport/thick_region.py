@@ -112,8 +112,8 @@ class ThickCells:
         deep: float | None,
     ) -> NDArray[np.floating]:
         """Records as in kernels/cell_record.h, one a row: optical depth; albedo and emission of
-        deep cells, in which chains go on; the last sweep's source, and its changes; of deep cells these
-        of what they scatter, over their albedo.
+        deep cells, in which chains go on; the last sweep's source, and its changes; of deep cells
+        these of what they scatter, over their albedo.
 
         seen, cells: the medium as it is, and as that sweep has it; source (M C, N): of its
         scattering cells; changes (3, C, K): across those of them that `changing` (K,) lists, or

@@ -1,7 +1,8 @@
 """The sum of weights and isothermal emission as a run sees it: near 1, and loud where it is not.
 
 Rationale: see cldit/transport/energy_balance.py. The check is of use only if it finds what it is
-for, so kernels are spoiled on purpose, by an amount that no picture would show, and the run must refuse.
+for, so kernels are spoiled on purpose, by an amount that no picture would show, and the run
+must refuse.
 """
 
 from __future__ import annotations
