@@ -18,9 +18,11 @@ def test_every_package_is_listed() -> None:
     listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
     found = [
         ".".join(init.parent.relative_to(ROOT).parts)
-        for init in (ROOT / "cldit").rglob("__init__.py")
+        for top in ("cldit", "drivers", "kernels")
+        for init in (ROOT / top).rglob("__init__.py")
     ]
-    assert sorted(listed) == sorted([*found, "cldit.drivers", "cldit.kernels"])
+    inside = [name if name.startswith("cldit") else f"cldit.{name}" for name in found]
+    assert sorted(listed) == sorted(inside)
 
 
 def test_every_data_file_matches_a_pattern() -> None:
