@@ -36,7 +36,7 @@
 
 /* A ray on its way, and the rays that the cell it has just crossed still has to start. */
 typedef struct {
-    Walk walk;
+    Traversal traversal;
     real weight;      /* of the ray when it started */
     real transmitted; /* of it, up to here */
     int inside;
@@ -65,12 +65,12 @@ __kernel void branching(
     Branch stack[ORDER + 1];
     real sums[ORDER + 1][PARTS];
     for (int c = 0; c < PARTS; ++c) sums[0][c] = R(0);
-    const Walk first = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
-    stack[0].walk = first;
+    const Traversal first = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
+    stack[0].traversal = first;
     stack[0].weight = R(1);
     stack[0].transmitted = R(1);
     stack[0].waiting = 0;
-    stack[0].inside = walk_in(&stack[0].walk, &grid, ray.start);
+    stack[0].inside = traversal_enter(&stack[0].traversal, &grid, ray.start);
     int level = 0;
     uint count = 0, draws = 0;
     while (level >= 0) {
@@ -84,25 +84,25 @@ __kernel void branching(
             --stack[level].waiting;
             ++count;
             ++level;
-            const Walk next = {
+            const Traversal next = {
                 b.low.x + unit(place.x) * (b.high.x - b.low.x),
                 b.low.y + unit(place.y) * (b.high.y - b.low.y),
                 b.low.z + unit(place.z) * (b.high.z - b.low.z),
                 d.x, d.y, d.z, R(0), 0, 0, 0};
-            stack[level].walk = next;
+            stack[level].traversal = next;
             stack[level].weight = b.each;
             stack[level].transmitted = R(1);
             stack[level].waiting = 0;
-            stack[level].inside = walk_in(&stack[level].walk, &grid, R(0));
+            stack[level].inside = traversal_enter(&stack[level].traversal, &grid, R(0));
             for (int c = 0; c < PARTS; ++c) sums[level][c] = R(0);
             continue;
         }
         while (b.inside && b.transmitted > R(CUTOFF) && b.waiting == 0) {
-            const Crossing cell = walk_ahead(&b.walk, &grid, directory, span);
+            const Crossing cell = traversal_cell(&b.traversal, &grid, directory, span);
             const real density = depth[cell.address];
             if (density > R(0)) {
                 const real taken =
-                    b.transmitted * absorbed(density * walk_length(&b.walk, &cell));
+                    b.transmitted * absorbed(density * traversal_length(&b.traversal, &cell));
                 for (int c = 0; c < EMITTERS; ++c)
                     sum[BOUNDARIES + c] += b.weight * taken * thermal[c * stored + cell.address];
                 const real share = taken * albedo[cell.address];
@@ -116,16 +116,16 @@ __kernel void branching(
                     b.waiting = floor_of(rays);
                     if (unit(chance.x) < rays - floor_of(rays)) ++b.waiting;
                     b.each = b.weight * share / rays;
-                    walk_bounds(&b.walk, &cell, &grid, &b.low, &b.high);
+                    traversal_bounds(&b.traversal, &cell, &grid, &b.low, &b.high);
                 }
             }
-            b.inside = walk_on(&b.walk, &cell, &grid);
+            b.inside = traversal_advance(&b.traversal, &cell, &grid);
         }
         stack[level] = b;
         if (b.waiting > 0) continue;
         if (b.transmitted > R(CUTOFF)) {
             const int seen = boundary_seen(
-                b.walk.px, b.walk.py, b.walk.pz, b.walk.dx, b.walk.dy, b.walk.dz,
+                b.traversal.px, b.traversal.py, b.traversal.pz, b.traversal.dx, b.traversal.dy, b.traversal.dz,
                 level == 0 ? ray.start : R(0), &boundary);
             for (int c = 0; c < BOUNDARIES; ++c)
                 sum[c] += c == seen ? b.weight * b.transmitted : R(0);

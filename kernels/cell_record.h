@@ -1,6 +1,6 @@
 /* What flights know of a cell, and what they score of it. */
-#ifndef RECORD_H
-#define RECORD_H
+#ifndef CELL_RECORD_H
+#define CELL_RECORD_H
 
 #include "attenuation.h"
 #include "components.h"
@@ -17,22 +17,22 @@ typedef struct { real4 of[FOURS]; } Light;
 #define FOUR(p, k) (((__global const four_t *)(p))[k])
 
 /* A cell's record: optical depth of its edge; albedo of a deep cell, 0 of others; then, in fours, what
-   it emits, if it is deep; and the source of the last sweep: S_0 of all components, SLOPED: its moments
-   (moments.h), LINEAR: how S_0 changes across the cell along x, y, z. Of deep cells, the light that is
+   it emits, if it is deep; and the source of the last sweep: S_0 of all components, MOMENT_SOURCE: its moments
+   (moments.h), LINEAR_SOURCE: how S_0 changes across the cell along x, y, z. Of deep cells, the light that is
    scattered in the same form, not yet times the albedo, and without what is emitted. */
 #define DEPTH 0
 #define ALBEDO 1
 #define EMISSION 4
 #define SOURCE (EMISSION + 4 * FOURS)
-#ifdef SLOPED
-#define ACROSS_IT (SOURCE + (1 + MOMENTS) * 4 * FOURS)
+#ifdef MOMENT_SOURCE
+#define GRADIENT (SOURCE + (1 + MOMENTS) * 4 * FOURS)
 #else
-#define ACROSS_IT (SOURCE + 4 * FOURS)
+#define GRADIENT (SOURCE + 4 * FOURS)
 #endif
-#ifdef LINEAR
-#define RECORD (ACROSS_IT + 3 * 4 * FOURS)
+#ifdef LINEAR_SOURCE
+#define RECORD (GRADIENT + 3 * 4 * FOURS)
 #else
-#define RECORD ACROSS_IT
+#define RECORD GRADIENT
 #endif
 
 INLINE Light no_light(void)
@@ -68,18 +68,18 @@ INLINE void score_light(real *sum, real all, const Light *light)
    along x, y, z as much as the place lies off the cell's middle, times `all`. */
 INLINE void add_source(Light *light, real all, real3 place, real3 d, __global const real *record)
 {
-#ifdef SLOPED
-    const real sent[MOMENTS] = MOMENTS_SENT(d);
+#ifdef MOMENT_SOURCE
+    const real sent[MOMENTS] = MOMENT_TO_DISCRETE(d);
 #endif
     UNROLL for (int k = 0; k < FOURS; ++k) {
         real4 seen = FOUR(record + SOURCE, k);
-#ifdef SLOPED
+#ifdef MOMENT_SOURCE
         UNROLL for (int m = 0; m < MOMENTS; ++m) seen += sent[m] * FOUR(record + SOURCE, k + (1 + m) * FOURS);
 #endif
         seen *= all;
-#ifdef LINEAR
-        seen += place.x * FOUR(record + ACROSS_IT, k) + place.y * FOUR(record + ACROSS_IT, k + FOURS)
-            + place.z * FOUR(record + ACROSS_IT, k + 2 * FOURS);
+#ifdef LINEAR_SOURCE
+        seen += place.x * FOUR(record + GRADIENT, k) + place.y * FOUR(record + GRADIENT, k + FOURS)
+            + place.z * FOUR(record + GRADIENT, k + 2 * FOURS);
 #endif
         light->of[k] += seen;
     }

@@ -20,12 +20,12 @@ __kernel void count(
     if (column >= columns || row >= rows) return;
     const Ray ray = pixel_ray(column, row, columns, rows, middle, pitch_x, pitch_z, distance);
     const Grid grid = {coarse, bricks, low, high};
-    Walk walk = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
+    Traversal traversal = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
     int2 met = (int2)(0, 0);
-    if (walk_in(&walk, &grid, ray.start)) for (;;) {
-        const Crossing cell = walk_ahead(&walk, &grid, directory, span);
+    if (traversal_enter(&traversal, &grid, ray.start)) for (;;) {
+        const Crossing cell = traversal_cell(&traversal, &grid, directory, span);
         met += (int2)(1, depth[cell.address] > R(0) ? 1 : 0);
-        if (!walk_on(&walk, &cell, &grid)) break;
+        if (!traversal_advance(&traversal, &cell, &grid)) break;
     }
     steps[row * columns + column] = met;
 }

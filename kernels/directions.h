@@ -4,8 +4,8 @@
 
 #include "real.h"
 
-#ifndef FACE
-#error "FACE: entries of the table of directions along a side"
+#ifndef NEAREST_SIDE
+#error "NEAREST_SIDE: entries of the table of directions along a side"
 #endif
 
 /* Entry of the table of nearest directions: the sphere on an octahedron, unfolded to a square
@@ -19,9 +19,9 @@ INLINE int direction_near(real3 d)
         v = (R(1) - size_of(u)) * (v < R(0) ? R(-1) : R(1));
         u = w;
     }
-    const int i = within((int)((u + R(1)) * (FACE / R(2))), 0, FACE - 1);
-    const int j = within((int)((v + R(1)) * (FACE / R(2))), 0, FACE - 1);
-    return j * FACE + i;
+    const int i = within((int)((u + R(1)) * (NEAREST_SIDE / R(2))), 0, NEAREST_SIDE - 1);
+    const int j = within((int)((v + R(1)) * (NEAREST_SIDE / R(2))), 0, NEAREST_SIDE - 1);
+    return j * NEAREST_SIDE + i;
 }
 
 /* Number of the direction at which the cumulative share reaches u. */

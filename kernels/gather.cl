@@ -11,7 +11,7 @@
    In deep cells, where no linear source will do, a flight collects what is scattered instead, and all
    of that goes on from one place, in a chain: by the phase function itself, in the medium as it is.
    Chains end by Russian roulette, in which the light that sweeps found there stands for what is left;
-   after LONGEST flights they end in that alone: light that has been scattered so often has forgotten
+   after MAX_SEGMENTS flights they end in that alone: light that has been scattered so often has forgotten
    where it came in. So every chain keeps its light to rounding. Without a phase function a chain's
    further flights, as its first, bring what is more than the light in their cell along their
    direction, one of the last sweep's; what all directions bring of it is known.
@@ -21,7 +21,7 @@
 #include "simd.h"
 
 #include "directions.h"
-#include "flight.h"
+#include "path_segment.h"
 #include "phase.h"
 #include "random.h"
 #include "ray.h"
@@ -30,8 +30,8 @@
 #ifndef CUTOFF
 #error "CUTOFF: transmission at which a ray ends"
 #endif
-#ifndef LONGEST
-#error "LONGEST: flights of a chain"
+#ifndef MAX_SEGMENTS
+#error "MAX_SEGMENTS: flights of a chain"
 #endif
 /* Share of its light below which a chain may end. Sweeps know most of what is left, so that `gdi` takes
    a thirteenth less time than with 0.3. More gains nothing, and what a chain makes of the sweeps' own
@@ -64,7 +64,7 @@ typedef struct {
     int number;
     uint chance;
     real floor;
-} Chain;
+} Path;
 
 /* What a pixel's chains have in common. */
 typedef struct {
@@ -78,10 +78,10 @@ typedef struct {
 
 /* Begins a chain at p in a thick `cell`. It brings what is more than the light in that cell along its
    first direction, as the last sweep had it. That varies far less; what all directions bring of it is
-   known (`expected`). */
-INLINE void begin(
-    Flights *f, Ends *ends, int lane, Chain *chain, uint point, int cell, real3 p, real weight,
-    const Chances *chance, const Near *m, __global const real *steps)
+   known (`control_variate`). */
+INLINE void start_path(
+    Segments *f, PendingScores *pending, int lane, Path *path, uint point, int cell, real3 p, real weight,
+    const Chances *chance, const ThickRegion *m, __global const real *steps)
 {
     __global const uint *word = chance->points + point * DIMENSIONS;
     const int drawn =
@@ -90,18 +90,18 @@ INLINE void begin(
     const int number = m->number_of[drawn];
     weight *= share_of(d, chance->sight, steps);
     const int own = m->beside[SIDES * cell + OWN];
-    if (own >= 0) score_later(ends, -weight, m->light + ((size_t)own * m->count + number) * COMPONENTS);
-    chain->point = point;
-    chain->event = 0;
-    chain->number = number;
-    chain->chance = word[6] ^ chance->shift0.z;
-    chain->floor = ROULETTE * weight;
-    set_off(f, lane, cell, p, d.xyz, weight, unit(word[2] ^ chance->shift0.y));
+    if (own >= 0) score_later(pending, -weight, m->light + ((size_t)own * m->count + number) * COMPONENTS);
+    path->point = point;
+    path->event = 0;
+    path->number = number;
+    path->chance = word[6] ^ chance->shift0.z;
+    path->floor = ROULETTE * weight;
+    start_segment(f, lane, cell, p, d.xyz, weight, unit(word[2] ^ chance->shift0.y));
 }
 
 /* Goes on from the place that was drawn on a flight, if any; 0: the chain has ended. */
-INLINE int goes_on(
-    real *sum, Ends *ends, Flights *f, int lane, Chain *chain, const Chances *chance, const Near *m,
+INLINE int continue_path(
+    real *sum, PendingScores *pending, Segments *f, int lane, Path *path, const Chances *chance, const ThickRegion *m,
     __global const real *table)
 {
     const int cell = LANE_I(f->met, lane);
@@ -114,13 +114,13 @@ INLINE int goes_on(
     /* Where it ends, and on average where it does not, light as the sweeps have it there stands for
        what is left: no light is made or lost by chance. */
     real known = R(0);
-    int last = ++chain->event >= LONGEST;
+    int last = ++path->event >= MAX_SEGMENTS;
     if (last) {
         known = weight;
-    } else if (weight < chain->floor) {
-        last = unit(chain->chance) * chain->floor >= weight;
-        known = last ? weight : weight - chain->floor;
-        weight = chain->floor;
+    } else if (weight < path->floor) {
+        last = unit(path->chance) * path->floor >= weight;
+        known = last ? weight : weight - path->floor;
+        weight = path->floor;
     }
     if (known != R(0)) {
         Light light = no_light();
@@ -128,33 +128,33 @@ INLINE int goes_on(
         score_light(sum, known, &light);
     }
     if (last) return 0;
-    __global const uint *word = chance->points + chain->point * DIMENSIONS;
+    __global const uint *word = chance->points + path->point * DIMENSIONS;
     const uint4 counter =
-        (uint4)(chance->pixel, chance->first + chain->point, chain->event, chance->half_);
-    const uint4 words = chain->event == 1
+        (uint4)(chance->pixel, chance->first + path->point, path->event, chance->half_);
+    const uint4 words = path->event == 1
         ? (uint4)(word[3], word[4], word[5], word[7]) ^ chance->shift1 : philox(counter, chance->key);
 #ifdef PHASE_BINS
     const real3 on = turned(d, phase_cosine(unit(words.x), table), unit(words.y));
-    chain->number = m->nearest[direction_near(on)];
+    path->number = m->nearest[direction_near(on)];
 #else
     const int drawn = direction_at(unit(words.x), m->directions, m->start, m->count);
     const real3 on = m->directions[drawn].xyz;
-    chain->number = m->number_of[drawn];
+    path->number = m->number_of[drawn];
     const int own = m->beside[SIDES * cell + OWN];
     if (own >= 0) { /* one beside the other, as a long chain brings much more of either than of both */
-        score(ends->sum, weight, m->means + (own - m->first_own) * COMPONENTS);
+        score(pending->sum, weight, m->means + (own - m->first_own) * COMPONENTS);
         score_later(
-            ends, -weight, m->light + ((size_t)own * m->count + chain->number) * COMPONENTS);
+            pending, -weight, m->light + ((size_t)own * m->count + path->number) * COMPONENTS);
     }
 #endif
-    chain->chance = words.w;
-    set_off(f, lane, cell, p, on, weight, unit(words.z));
+    path->chance = words.w;
+    start_segment(f, lane, cell, p, on, weight, unit(words.z));
     return 1;
 }
 
 /* Light that each thick cell scatters towards the camera, of all directions, as the last sweep had it
    in the cell: what chains bring on average, less what they bring more. */
-__kernel void expected(
+__kernel void control_variate(
     __global real *means,         /* out: [cell][component] */
     __global const int4 *cells,   /* in: of the cube; number of the light in it */
     const int count,
@@ -196,12 +196,12 @@ __kernel void expected(
 #define DENSITY 5
 #define SHARE 6
 #define UP_TO 7
-#define STRETCH 8
+#define INTERVAL 8
 
 /* The stretches of each listed ray: with `fill` into its place among them, else only their number. */
-__kernel void meet(
+__kernel void thick_intervals(
     __global int *number,        /* out: of stretches, [list] */
-    __global real *stretches,    /* out */
+    __global real *intervals,    /* out */
     __global const int *first,   /* in: of each ray's stretches */
     const int fill,
     __global const real *list,   /* in: [across, down] of rays, in pixels */
@@ -217,15 +217,15 @@ __kernel void meet(
     const Ray ray = ray_at(
         list[2 * item], list[2 * item + 1], columns, rows, middle, pitch_x, pitch_z, distance);
     const Grid grid = {coarse, bricks, low, high};
-    Walk walk = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
+    Traversal traversal = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
     real transmitted = R(1), loss = R(0);
     int met = 0;
-    int inside = walk_in(&walk, &grid, ray.start);
+    int inside = traversal_enter(&traversal, &grid, ray.start);
     while (inside && transmitted > R(CUTOFF)) {
-        const Crossing cell = walk_ahead(&walk, &grid, directory, span);
+        const Crossing cell = traversal_cell(&traversal, &grid, directory, span);
         const real density = depth[cell.address];
         if (density > R(0)) {
-            const lane_t shares = absorbed((lane_t)(density * walk_length(&walk, &cell)));
+            const lane_t shares = absorbed((lane_t)(density * traversal_length(&traversal, &cell)));
             const real share = LANE(shares, 0);
             real taken = transmitted * share;
             transmitted -= taken;
@@ -234,12 +234,12 @@ __kernel void meet(
             if (here > R(0)) {
                 loss += here;
                 if (fill) {
-                    __global real *one = stretches + (size_t)(first[item] + met) * STRETCH;
-                    one[0] = walk.x;
-                    one[1] = walk.y;
-                    one[2] = walk.z;
-                    one[AT] = walk.t;
-                    one[LENGTH] = cell.next - walk.t;
+                    __global real *one = intervals + (size_t)(first[item] + met) * INTERVAL;
+                    one[0] = traversal.x;
+                    one[1] = traversal.y;
+                    one[2] = traversal.z;
+                    one[AT] = traversal.t;
+                    one[LENGTH] = cell.next - traversal.t;
                     one[DENSITY] = density;
                     one[SHARE] = share;
                     one[UP_TO] = loss;
@@ -247,7 +247,7 @@ __kernel void meet(
                 ++met;
             }
         }
-        inside = walk_on(&walk, &cell, &grid);
+        inside = traversal_advance(&traversal, &cell, &grid);
     }
     if (!fill) number[item] = met;
 }
@@ -263,10 +263,10 @@ __kernel void gather(
     __global const real *list,    /* in: [across, down] of rays, in pixels */
     __global const uint *numbers, /* in: of rays; chance goes by them */
     __global const int *first,    /* in: of each ray's stretches, and their end */
-    __global const real *stretches,
+    __global const real *intervals,
     __global const real *table, __global const real *steps,
     __global const int *places,   /* in: from here to `box_shape`, see Near */
-    __global const int4 *at, __global const int *beside, __global const real *near_depth,
+    __global const int4 *at, __global const int *beside, __global const real *region_depth,
     __global const real *cells, __global const real *light,
     __global const real4 *directions, __global const int *number_of, __global const int *start,
     __global const int *nearest, __global const real *light_means, const int first_own,
@@ -279,7 +279,7 @@ __kernel void gather(
     const int number = chosen[item];
     const Ray ray = ray_at(
         list[2 * number], list[2 * number + 1], columns, rows, middle, pitch_x, pitch_z, distance);
-    const Near near = {places, at, beside, near_depth, cells, light, directions, number_of,
+    const ThickRegion region = {places, at, beside, region_depth, cells, light, directions, number_of,
                        start, nearest, light_means, first_own, direction_count, box_low, box_shape,
                        BOUNDARY};
     const real3 from = (real3)(ray.px, ray.py, ray.pz);
@@ -290,17 +290,17 @@ __kernel void gather(
         philox((uint4)(pixel, 1, 0xFFFFFFFFu, half_), key), from_point, pixel, half_, key};
     /* Summed apart: of a long chain the parts are far less than the sum of all. */
     real sum[PARTS], total[PARTS];
-    Ends ends;
-    ends.count = 0;
+    PendingScores pending;
+    pending.count = 0;
 #ifdef COUNTED
-    ends.crossed = 0;
+    pending.crossed = 0;
 #endif
-    for (int c = 0; c < PARTS; ++c) sum[c] = total[c] = ends.sum[c] = R(0);
+    for (int c = 0; c < PARTS; ++c) sum[c] = total[c] = pending.sum[c] = R(0);
     /* Its weight may have been all rounding: then there is no stretch, and nothing to gather. */
-    const int stretch_count = first[number + 1] - first[number];
-    __global const real *stretch = stretches + (size_t)first[number] * STRETCH;
+    const int interval_count = first[number + 1] - first[number];
+    __global const real *interval = intervals + (size_t)first[number] * INTERVAL;
     const real all =
-        stretch_count > 0 ? stretch[(stretch_count - 1) * STRETCH + UP_TO] : R(0);
+        interval_count > 0 ? interval[(interval_count - 1) * INTERVAL + UP_TO] : R(0);
 
 #ifdef SHARES
     real shares = R(0);
@@ -313,47 +313,47 @@ __kernel void gather(
 #else
     const real even = all / samples;
 #endif
-    const int stretch_last = stretch_count - 1;
-    Flights f = no_flights();
-    Chain chains[VECTOR];
-    int idle[VECTOR];
-    for (int lane = 0; lane < VECTOR; ++lane) idle[lane] = 1;
+    const int interval_last = interval_count - 1;
+    Segments f = no_segments();
+    Path paths[SIMD_WIDTH];
+    int idle[SIMD_WIDTH];
+    for (int lane = 0; lane < SIMD_WIDTH; ++lane) idle[lane] = 1;
     uint begun = all > R(0) ? 0 : samples;
     for (;;) {
-        for (int lane = 0; lane < VECTOR && begun < samples; ++lane) {
+        for (int lane = 0; lane < SIMD_WIDTH && begun < samples; ++lane) {
             if (!idle[lane]) continue;
             idle[lane] = 0;
             const real goal = unit(points[begun * DIMENSIONS] ^ chance.shift0.w) * all;
             int met = 0;
-            while (met < stretch_last && goal >= stretch[met * STRETCH + UP_TO]) ++met;
-            __global const real *one = stretch + met * STRETCH;
-            const real before = met > 0 ? one[UP_TO - STRETCH] : R(0);
+            while (met < interval_last && goal >= interval[met * INTERVAL + UP_TO]) ++met;
+            __global const real *one = interval + met * INTERVAL;
+            const real before = met > 0 ? one[UP_TO - INTERVAL] : R(0);
             const real part = most(R(0), least((goal - before) / (one[UP_TO] - before), R(1)));
             const real along =
                 one[AT] + least(length_at(part, one[SHARE], one[DENSITY]), one[LENGTH]);
             const real3 corner = (real3)(one[0], one[1], one[2]);
             const int cell =
-                number_in((int3)((int)corner.x, (int)corner.y, (int)corner.z), &near);
-            begin(&f, &ends, lane, &chains[lane], begun++, cell, from + along * sight - corner, even,
-                  &chance, &near, steps);
+                number_in((int3)((int)corner.x, (int)corner.y, (int)corner.z), &region);
+            start_path(&f, &pending, lane, &paths[lane], begun++, cell, from + along * sight - corner, even,
+                  &chance, &region, steps);
         }
-        if (!any_of(f.flies)) break;
-        const Ended e = cross(sum, &ends, &f, &near);
+        if (!any_of(f.active)) break;
+        const SegmentEnd e = cross_cell(sum, &pending, &f, &region);
         if (!any_of(e.ended)) continue;
-        for (int lane = 0; lane < VECTOR; ++lane) {
+        for (int lane = 0; lane < SIMD_WIDTH; ++lane) {
             if (!LANE_I(e.ended, lane)) continue;
-            LANE_I(f.flies, lane) = 0;
-            arrive(sum, &ends, &f, lane, &e, chains[lane].number, &near);
-            idle[lane] = !goes_on(sum, &ends, &f, lane, &chains[lane], &chance, &near, table);
+            LANE_I(f.active, lane) = 0;
+            end_segment(sum, &pending, &f, lane, &e, paths[lane].number, &region);
+            idle[lane] = !continue_path(sum, &pending, &f, lane, &paths[lane], &chance, &region, table);
         }
         UNROLL for (int c = 0; c < PARTS; ++c) {
             total[c] += sum[c];
             sum[c] = R(0);
         }
     }
-    score_pending(&ends);
-    for (int c = 0; c < PARTS; ++c) means[c * count + item] = total[c] + ends.sum[c];
+    flush_scores(&pending);
+    for (int c = 0; c < PARTS; ++c) means[c * count + item] = total[c] + pending.sum[c];
 #ifdef COUNTED
-    means[WITHIN * count + item] = ends.crossed;
+    means[WITHIN * count + item] = pending.crossed;
 #endif
 }

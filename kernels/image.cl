@@ -3,10 +3,10 @@
    Each cell of optical depth t adds T (1 - exp(-t)) S to the pixel, T being what is still
    transmitted. S, the source of the cell, has a component for the light that began at the
    background, at the walls and their patches, in the vapour and in the droplets. Without scattering
-   those from outside are nothing, and are not compiled in. PICTURES of as many sources are made at
+   those from outside are nothing, and are not compiled in. IMAGES of as many sources are made at
    once: the way through the cells is the same.
 
-   With LINEAR the source of cells that scatter changes across them, as the light in them does that the
+   With LINEAR_SOURCE the source of cells that scatter changes across them, as the light in them does that the
    sweeps found: a cell is many pixels wide.
 
    With GATHER the source of thick cells is what they emit alone; what they scatter is gathered later
@@ -32,8 +32,8 @@
 #ifndef CUTOFF
 #error "CUTOFF: transmission at which a ray ends"
 #endif
-#ifndef PICTURES
-#error "PICTURES: how many are made at once"
+#ifndef IMAGES
+#error "IMAGES: how many are made at once"
 #endif
 
 /* Of a picture's sum: the components, and the part from within at radiance 1. */
@@ -41,7 +41,7 @@
 #define PARTS (COMPONENTS + 1)
 
 /* Of all sums: the pictures', and what is left to gather. */
-#define LEFT (PICTURES * PARTS)
+#define LEFT (IMAGES * PARTS)
 #ifdef GATHER
 #define PLANES (LEFT + 1)
 #else
@@ -61,7 +61,7 @@
 #else
 #define ONE SOURCES
 #endif
-#define RECORD (FIRST + PICTURES * ONE)
+#define RECORD (FIRST + IMAGES * ONE)
 
 /* What a line meets. */
 typedef struct {
@@ -69,7 +69,7 @@ typedef struct {
     __global const int *span;      /* cells along the edge of each coarse leaf */
     __global const int *number;    /* of a stored cell's record; below 0 where it is empty */
     __global const real *records;
-#ifdef LINEAR
+#ifdef LINEAR_SOURCE
     __global const real *changes;  /* of the sources across each cell along x, y, z: of the first */
     int scattering;                /* so many records */
 #endif
@@ -79,7 +79,7 @@ typedef struct {
 
 INLINE void add_source(real *sum, real taken, __global const real *record)
 {
-    UNROLL for (int p = 0; p < PICTURES; ++p) {
+    UNROLL for (int p = 0; p < IMAGES; ++p) {
         __global const real *source = record + FIRST + p * ONE;
         UNROLL for (int c = 0; c < SOURCES; ++c) sum[p * PARTS + FIRST_SOURCE + c] += taken * source[c];
 #ifdef HAS_SCATTERING
@@ -93,23 +93,23 @@ INLINE void add_source(real *sum, real taken, __global const real *record)
 #endif
 }
 
-#ifdef LINEAR
+#ifdef LINEAR_SOURCE
 /* What a cell's source is more where the ray sees it than in the cell's middle: the nearer to the
    camera, the more is taken out on the way, over the optical depth t. */
 INLINE void add_change(
-    real *sum, real transmitted, real t, real share, const Walk *walk, const Crossing *cell,
+    real *sum, real transmitted, real t, real share, const Traversal *traversal, const Crossing *cell,
     __global const real *change)
 {
     const real taken = transmitted * share;
     const real nearer = transmitted * t * rising(t, share, mean_transmission(t, share));
     const real where =
-        R(0.5) * taken * (walk->t + cell->next) - nearer * (cell->next - walk->t);
-    const real x = where * walk->dx + taken * (walk->px - walk->x - R(0.5));
-    const real y = where * walk->dy + taken * (walk->py - walk->y - R(0.5));
-    const real z = where * walk->dz + taken * (walk->pz - walk->z - R(0.5));
+        R(0.5) * taken * (traversal->t + cell->next) - nearer * (cell->next - traversal->t);
+    const real x = where * traversal->dx + taken * (traversal->px - traversal->x - R(0.5));
+    const real y = where * traversal->dy + taken * (traversal->py - traversal->y - R(0.5));
+    const real z = where * traversal->dz + taken * (traversal->pz - traversal->z - R(0.5));
     UNROLL for (int c = 0; c < COMPONENTS; ++c, ++change) {
         const real more = x * change[0] + y * change[COMPONENTS] + z * change[2 * COMPONENTS];
-        UNROLL for (int p = 0; p < PICTURES; ++p) {
+        UNROLL for (int p = 0; p < IMAGES; ++p) {
             sum[p * PARTS + c] += more;
             if (c < BOUNDARIES) sum[p * PARTS + WITHIN] -= more;
         }
@@ -118,36 +118,36 @@ INLINE void add_change(
 #endif
 
 /* Adds what one ray brings to sum. */
-INLINE void look(real *sum, const Ray *ray, const Medium *m)
+INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
 {
-    Walk walk = {ray->px, ray->py, ray->pz, ray->dx, ray->dy, ray->dz, R(0), 0, 0, 0};
+    Traversal traversal = {ray->px, ray->py, ray->pz, ray->dx, ray->dy, ray->dz, R(0), 0, 0, 0};
     real transmitted = R(1);
     __global const real *last = m->records;
 
-    if (walk_in(&walk, &m->grid, ray->start)) while (transmitted > R(CUTOFF)) {
-        const Crossing cell = walk_ahead(&walk, &m->grid, m->directory, m->span);
+    if (traversal_enter(&traversal, &m->grid, ray->start)) while (transmitted > R(CUTOFF)) {
+        const Crossing cell = traversal_cell(&traversal, &m->grid, m->directory, m->span);
         const int number = m->number[cell.address];
         if (number >= 0) {
             last = m->records + number * RECORD;
-            const real t = last[0] * walk_length(&walk, &cell);
+            const real t = last[0] * traversal_length(&traversal, &cell);
             const real share = absorbed(t);
             const real taken = transmitted * share;
             add_source(sum, taken, last);
-#ifdef LINEAR
+#ifdef LINEAR_SOURCE
             if (number < m->scattering)
                 add_change(
-                    sum, transmitted, t, share, &walk, &cell,
+                    sum, transmitted, t, share, &traversal, &cell,
                     m->changes + number * (3 * COMPONENTS));
 #endif
             transmitted -= taken;
         }
-        if (!walk_on(&walk, &cell, &m->grid)) break;
+        if (!traversal_advance(&traversal, &cell, &m->grid)) break;
     }
 
     if (transmitted > R(CUTOFF)) {
         const int seen = boundary_seen(
             ray->px, ray->py, ray->pz, ray->dx, ray->dy, ray->dz, ray->start, &m->boundary);
-        UNROLL for (int p = 0; p < PICTURES; ++p)
+        UNROLL for (int p = 0; p < IMAGES; ++p)
             UNROLL for (int c = 0; c < BOUNDARIES; ++c)
                 sum[p * PARTS + c] += c == seen ? transmitted : R(0);
     } else {
@@ -158,7 +158,7 @@ INLINE void look(real *sum, const Ray *ray, const Medium *m)
 }
 
 /* coarse: address of coarse leaf 0; low..high: cells outside these bounds are empty. */
-#ifdef LINEAR
+#ifdef LINEAR_SOURCE
 #define CHANGE_ARGUMENTS __global const real *changes, const int scattering,
 #define CHANGES changes, scattering,
 #else
@@ -184,7 +184,7 @@ __kernel void image(__global real *planes, ARGUMENTS)
     const Ray ray = pixel_ray(column, row, columns, rows, middle, pitch_x, pitch_z, distance);
     real sum[PLANES];
     for (int c = 0; c < PLANES; ++c) sum[c] = R(0);
-    look(sum, &ray, &medium);
+    formal_solution(sum, &ray, &medium);
     const int pixel = row * columns + column;
     for (int c = 0; c < PLANES; ++c) planes[c * rows * columns + pixel] = sum[c];
 }
@@ -207,7 +207,7 @@ __kernel void refine(
         const real across = column + (part % RAYS_ACROSS + R(0.5)) / RAYS_ACROSS;
         const real down = row + (part / RAYS_ACROSS + R(0.5)) / RAYS_ACROSS;
         const Ray ray = ray_at(across, down, columns, rows, middle, pitch_x, pitch_z, distance);
-        look(sum, &ray, &medium);
+        formal_solution(sum, &ray, &medium);
     }
     for (int c = 0; c < PLANES; ++c)
         planes[c * count + item] = sum[c] / (RAYS_ACROSS * RAYS_ACROSS);

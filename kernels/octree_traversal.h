@@ -3,8 +3,8 @@
    `directory` says where a brick's cells lie (slot >= 0), or which coarse leaf the brick is in
    (-1 - leaf); that, `span` cells along its edge, is crossed in one step. Lengths are in finest
    cells. */
-#ifndef WALK_H
-#define WALK_H
+#ifndef OCTREE_TRAVERSAL_H
+#define OCTREE_TRAVERSAL_H
 
 #include "real.h"
 
@@ -25,7 +25,7 @@ typedef struct {
     real t;
     int x, y, z;
     real rx, ry, rz;
-} Walk;
+} Traversal;
 
 /* The cell, or coarse leaf, that is being crossed: its far sides, which is its lower one where the
    line runs down, and where the line meets these; next: where it leaves. */
@@ -56,7 +56,7 @@ INLINE int cell_at(real place, int low, int high)
 
 /* Sets the walk, whose line is given, to where it meets the grid's bounds, or to `start` if that
    lies inside already; 0 where it misses them. */
-INLINE int walk_in(Walk *w, const Grid *g, real start)
+INLINE int traversal_enter(Traversal *w, const Grid *g, real start)
 {
     w->t = most(most(distance_from(w->px, w->dx, g->low.x, g->high.x),
                      distance_from(w->py, w->dy, g->low.y, g->high.y)),
@@ -80,8 +80,8 @@ INLINE int far_side(int cell, int mask, real slope, int low, int high)
     return slope < R(0) ? larger(cell & ~mask, low) : smaller((cell | mask) + 1, high);
 }
 
-INLINE Crossing walk_ahead(
-    const Walk *w, const Grid *g, __global const int *directory, __global const int *span)
+INLINE Crossing traversal_cell(
+    const Traversal *w, const Grid *g, __global const int *directory, __global const int *span)
 {
     Crossing c;
     /* Cells are never negative: unsigned, for shifts. */
@@ -110,7 +110,7 @@ INLINE Crossing walk_ahead(
 }
 
 /* Bounds of the cell, or of the part of the coarse leaf, that is crossed. */
-INLINE void walk_bounds(const Walk *w, const Crossing *c, const Grid *g, int4 *low, int4 *high)
+INLINE void traversal_bounds(const Traversal *w, const Crossing *c, const Grid *g, int4 *low, int4 *high)
 {
     const int4 cell = (int4)(w->x, w->y, w->z, 0);
     const int4 inside = (int4)(1, 1, 1, 0);
@@ -119,7 +119,7 @@ INLINE void walk_bounds(const Walk *w, const Crossing *c, const Grid *g, int4 *l
 }
 
 /* Length of the crossing. */
-INLINE real walk_length(const Walk *w, const Crossing *c) { return most(c->next - w->t, R(0)); }
+INLINE real traversal_length(const Traversal *w, const Crossing *c) { return most(c->next - w->t, R(0)); }
 
 /* Cell beyond the far side, where that is met; else the one within the leaf that the line is in. */
 INLINE int cell_beyond(int cell, int mask, int side, int meets, real place, real slope, int limit)
@@ -133,7 +133,7 @@ INLINE int cell_beyond(int cell, int mask, int side, int meets, real place, real
 }
 
 /* Goes on to the next cell; 0 where the line leaves the bounds. */
-INLINE int walk_on(Walk *w, const Crossing *c, const Grid *g)
+INLINE int traversal_advance(Traversal *w, const Crossing *c, const Grid *g)
 {
     w->t = most(w->t, c->next);
     const int mx = c->next == c->tx, my = c->next == c->ty, mz = c->next == c->tz;

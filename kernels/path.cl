@@ -48,7 +48,7 @@ INLINE void score_thermal(real *sum, real taken, int address, const Medium *m)
         sum[BOUNDARIES + e] += taken * m->thermal[e * m->stored + address];
 }
 
-INLINE void score_boundary(real *sum, real weight, const Walk *w, real from, const Medium *m)
+INLINE void score_boundary(real *sum, real weight, const Traversal *w, real from, const Medium *m)
 {
     const int seen =
         boundary_seen(w->px, w->py, w->pz, w->dx, w->dy, w->dz, from, &m->boundary);
@@ -57,7 +57,7 @@ INLINE void score_boundary(real *sum, real weight, const Walk *w, real from, con
 
 /* Follows one chain from p, where light that runs on along d is scattered; adds to sum what it
    brings, times weight. */
-INLINE void chain(
+INLINE void path(
     real *sum, real weight, real3 p, real3 d, uint pixel, uint sample, uint batch, uint2 key,
     uint4 shift0, uint4 shift1, const Medium *m, __global const real *table,
     __global const uint *columns)
@@ -80,36 +80,36 @@ INLINE void chain(
         d = turned(d, phase_cosine(unit(word.x), table), unit(word.y));
         const real goal = unit(word.z); /* transmission at which this flight is scattered */
 
-        Walk walk = {p.x, p.y, p.z, d.x, d.y, d.z, R(0), 0, 0, 0};
+        Traversal traversal = {p.x, p.y, p.z, d.x, d.y, d.z, R(0), 0, 0, 0};
         real transmitted = R(1), albedo = R(0);
         int met = 0, last = m->grid.coarse;
-        int inside = walk_in(&walk, &m->grid, R(0));
+        int inside = traversal_enter(&traversal, &m->grid, R(0));
         while (inside && transmitted > R(CUTOFF)) {
-            const Crossing cell = walk_ahead(&walk, &m->grid, m->directory, m->span);
+            const Crossing cell = traversal_cell(&traversal, &m->grid, m->directory, m->span);
             const real density = m->depth[cell.address];
             if (density > R(0)) {
-                const real share = absorbed(density * walk_length(&walk, &cell));
+                const real share = absorbed(density * traversal_length(&traversal, &cell));
                 const real taken = transmitted * share;
                 score_thermal(sum, weight * taken, cell.address, m);
                 if (!met && transmitted - taken <= goal) {
                     const real part = most(R(0), least((transmitted - goal) / taken, R(1)));
-                    const real at = least(walk.t + length_at(part, share, density), cell.next);
-                    p = (real3)(walk.px, walk.py, walk.pz) + at * d;
+                    const real at = least(traversal.t + length_at(part, share, density), cell.next);
+                    p = (real3)(traversal.px, traversal.py, traversal.pz) + at * d;
                     albedo = m->albedo[cell.address];
                     met = 1;
                 }
                 transmitted -= taken;
                 last = cell.address;
             }
-            inside = walk_on(&walk, &cell, &m->grid);
+            inside = traversal_advance(&traversal, &cell, &m->grid);
         }
         if (transmitted > R(CUTOFF)) {
-            score_boundary(sum, weight * transmitted, &walk, R(0), m);
+            score_boundary(sum, weight * transmitted, &traversal, R(0), m);
         } else {
             /* What is left ends in the last cell, as if that went on for ever. */
             score_thermal(sum, weight * transmitted, last, m);
             if (!met) {
-                p = (real3)(walk.px, walk.py, walk.pz) + walk.t * d;
+                p = (real3)(traversal.px, traversal.py, traversal.pz) + traversal.t * d;
                 albedo = m->albedo[last];
                 met = 1;
             }
@@ -145,17 +145,17 @@ __kernel void straight(
     if (column >= columns || row >= rows) return;
     const Ray ray = pixel_ray(column, row, columns, rows, middle, pitch_x, pitch_z, distance);
     const Medium m = MEDIUM;
-    Walk walk = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
+    Traversal traversal = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
     real sum[PARTS];
     for (int c = 0; c < PARTS; ++c) sum[c] = R(0);
     real transmitted = R(1), loss = R(0);
     int last = coarse;
-    int inside = walk_in(&walk, &m.grid, ray.start);
+    int inside = traversal_enter(&traversal, &m.grid, ray.start);
     while (inside && transmitted > R(CUTOFF)) {
-        const Crossing cell = walk_ahead(&walk, &m.grid, directory, span);
+        const Crossing cell = traversal_cell(&traversal, &m.grid, directory, span);
         const real density = depth[cell.address];
         if (density > R(0)) {
-            const real taken = transmitted * absorbed(density * walk_length(&walk, &cell));
+            const real taken = transmitted * absorbed(density * traversal_length(&traversal, &cell));
             score_thermal(sum, taken, cell.address, &m);
             const real share = taken * albedo[cell.address];
             sum[WITHIN] += taken - share;
@@ -163,10 +163,10 @@ __kernel void straight(
             transmitted -= taken;
             last = cell.address;
         }
-        inside = walk_on(&walk, &cell, &m.grid);
+        inside = traversal_advance(&traversal, &cell, &m.grid);
     }
     if (transmitted > R(CUTOFF)) {
-        score_boundary(sum, transmitted, &walk, ray.start, &m);
+        score_boundary(sum, transmitted, &traversal, ray.start, &m);
     } else {
         score_thermal(sum, transmitted, last, &m);
         sum[WITHIN] += transmitted * (R(1) - albedo[last]);
@@ -193,7 +193,7 @@ __kernel void scatter(
     const Ray ray = pixel_ray(
         pixel % columns, pixel / columns, columns, rows, middle, pitch_x, pitch_z, distance);
     const Medium m = MEDIUM;
-    Walk walk = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
+    Traversal traversal = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
     const real3 along = (real3)(ray.dx, ray.dy, ray.dz);
     const real all = scattered[item];
     const uint4 shift0 = philox((uint4)(pixel, 0, 0xFFFFFFFFu, batch), key);
@@ -204,12 +204,12 @@ __kernel void scatter(
 
     real transmitted = R(1), loss = R(0);
     uint sample = 0;
-    int inside = walk_in(&walk, &m.grid, ray.start);
+    int inside = traversal_enter(&traversal, &m.grid, ray.start);
     while (inside && transmitted > R(CUTOFF) && sample < SAMPLES) {
-        const Crossing cell = walk_ahead(&walk, &m.grid, directory, span);
+        const Crossing cell = traversal_cell(&traversal, &m.grid, directory, span);
         const real density = depth[cell.address];
         if (density > R(0)) {
-            const real share = absorbed(density * walk_length(&walk, &cell));
+            const real share = absorbed(density * traversal_length(&traversal, &cell));
             const real taken = transmitted * share;
             const real here = taken * albedo[cell.address];
             transmitted -= taken;
@@ -219,16 +219,16 @@ __kernel void scatter(
                 const real goal = (sample + offset) * (all / SAMPLES) - loss;
                 if (goal >= here && !end) break;
                 const real part = most(R(0), least(goal / here, R(1)));
-                const real at = least(walk.t + length_at(part, share, density), cell.next);
+                const real at = least(traversal.t + length_at(part, share, density), cell.next);
                 const real3 p = (real3)(ray.px, ray.py, ray.pz) + at * along;
                 const uint index = van_der_corput(sample);
-                chain(sum, all / SAMPLES, p, along, pixel, index, batch, key, shift0, shift1, &m,
+                path(sum, all / SAMPLES, p, along, pixel, index, batch, key, shift0, shift1, &m,
                       table, sobol_columns);
                 ++sample;
             }
             loss += here;
         }
-        inside = walk_on(&walk, &cell, &m.grid);
+        inside = traversal_advance(&traversal, &cell, &m.grid);
     }
     for (int c = 0; c < PARTS; ++c) means[c * count + item] = sum[c];
 }

@@ -3,12 +3,12 @@
 
 #include "real.h"
 
-#if VECTOR == 8
+#if SIMD_WIDTH == 8
 typedef float8 lane_t;
-#elif VECTOR == 1
+#elif SIMD_WIDTH == 1
 typedef float lane_t;
 #else
-#error "VECTOR: 1 or 8"
+#error "SIMD_WIDTH: 1 or 8"
 #endif
 #define LOAD(i, p) (((__global const lane_t *)(p))[i])
 #define STORE(x, i, p) (((__global lane_t *)(p))[i] = (x))

@@ -2,12 +2,12 @@
 
    Comparisons make masks: of a vector's lanes -1 and 0, of a number 1 and 0. What is kept as a mask
    is -1 or 0 in both. */
-#ifndef LANES_H
-#define LANES_H
+#ifndef SIMD_H
+#define SIMD_H
 
 #include "real.h"
 
-#if VECTOR == 8
+#if SIMD_WIDTH == 8
 #define REAL lane_t
 #ifdef USE_FLOAT64
 typedef double8 lane_t;
@@ -22,12 +22,12 @@ typedef int lane_int;
 #define AS_INT as_int8
 #define AS_FLOAT as_float8
 #endif
-#elif VECTOR == 1
+#elif SIMD_WIDTH == 1
 typedef real lane_t;
 typedef int lane_i;
 typedef int lane_int;
 #else
-#error "VECTOR: 1 or 8"
+#error "SIMD_WIDTH: 1 or 8"
 #endif
 
 /* One lane, to read or to write. */
@@ -37,7 +37,7 @@ typedef int lane_int;
 INLINE lane_t lower(lane_t a, lane_t b) { return a < b ? a : b; }
 
 /* Whether a mask is set in any lane; and each lane's number from a table. */
-#if VECTOR == 8
+#if SIMD_WIDTH == 8
 INLINE int any_of(lane_i m)
 {
     return (m.s0 | m.s1 | m.s2 | m.s3 | m.s4 | m.s5 | m.s6 | m.s7) != 0;

@@ -13,10 +13,10 @@ __kernel void emit(
 {
     const int i = get_global_id(0);
     if (i >= groups) return;
-    __global real *to = source + (i * planes + BOUNDARIES) * GROUP;
-    __global const real *from = thermal + i * GROUP;
+    __global real *to = source + (i * planes + BOUNDARIES) * PACKET;
+    __global const real *from = thermal + i * PACKET;
     UNROLL for (int e = 0; e < EMITTERS; ++e)
-        UNROLL for (int k = 0; k < GROUP; ++k) to[e * GROUP + k] = from[e * groups * GROUP + k];
+        UNROLL for (int k = 0; k < PACKET; ++k) to[e * PACKET + k] = from[e * groups * PACKET + k];
 }
 
 /* A box's planes, of so many a cell: those from `first` on, from the list. */
@@ -26,14 +26,14 @@ __kernel void set_source(
 {
     const int i = get_global_id(0);
     if (i >= count) return;
-    const int at = first_plane(place[i], planes) + first * GROUP;
-    UNROLL for (int c = 0; c < COMPONENTS; ++c) source[at + c * GROUP] = listed[c * count + i];
+    const int at = first_plane(place[i], planes) + first * PACKET;
+    UNROLL for (int c = 0; c < COMPONENTS; ++c) source[at + c * PACKET] = listed[c * count + i];
 }
 
 /* Change of the listed source across each cell along x, y, z, from neighbours' (see
    cldit/transport/discrete_ordinates/gradients.py), into both boxes. */
 __kernel void set_gradients(
-    __global real *across, __global real *across_turned, __global const real *listed,
+    __global real *gradient, __global real *gradient_turned, __global const real *listed,
     __global const int *place, __global const int *turned,
     __global const int *neighbours, __global const real *weights, const int count)
 {
@@ -47,14 +47,14 @@ __kernel void set_gradients(
             __global const real *plane = listed + c * count;
             const real change = weights[one] * (plane[neighbours[one]] - plane[i])
                 + weights[other] * (plane[neighbours[other]] - plane[i]);
-            across[at + (axis * COMPONENTS + c) * GROUP] = change;
-            across_turned[also + (axis * COMPONENTS + c) * GROUP] = change;
+            gradient[at + (axis * COMPONENTS + c) * PACKET] = change;
+            gradient_turned[also + (axis * COMPONENTS + c) * PACKET] = change;
         }
     }
 }
 
 /* Excess D of the listed cells over their source, from one box; with `more`, added to what is there. */
-__kernel void listed_excess(
+__kernel void collect_i_minus_s(
     __global real *out, __global const real *box, __global const int *place, const int more,
     const int planes, const int count)
 {
@@ -62,7 +62,7 @@ __kernel void listed_excess(
     const int c = get_global_id(1);
     if (i >= count) return;
     const real before = out[c * count + i];
-    out[c * count + i] = (more ? before : R(0)) + box[first_plane(place[i], planes) + c * GROUP];
+    out[c * count + i] = (more ? before : R(0)) + box[first_plane(place[i], planes) + c * PACKET];
 }
 
 /* Preconditioned residual of S = a J + E, with J = S + D:
@@ -70,7 +70,7 @@ __kernel void listed_excess(
    lost: share of its own light that a cell does not get back at once (approximate Lambda): the
    residual is then about the error, in thin and thick cells alike. */
 __kernel void residual(
-    __global real *out, __global const real *excess, __global const real *listed,
+    __global real *out, __global const real *i_minus_s, __global const real *listed,
     __global const real *emission, __global const real *albedo, __global const real *coalbedo,
     __global const real *lost, const real shine, const int count)
 {
@@ -78,28 +78,28 @@ __kernel void residual(
     if (i >= count) return;
     UNROLL for (int c = 0; c < COMPONENTS; ++c) {
         const int k = c * count + i;
-        const real lack =
-            albedo[i] * excess[k] - coalbedo[i] * listed[k] + shine * emission[k];
-        out[k] = lack / lost[i];
+        const real unbalanced =
+            albedo[i] * i_minus_s[k] - coalbedo[i] * listed[k] + shine * emission[k];
+        out[k] = unbalanced / lost[i];
     }
 }
 
 /* S = a (S + D) + E: one plain order of scattering. */
 __kernel void next_order(
-    __global real *out, __global const real *excess, __global const real *listed,
+    __global real *out, __global const real *i_minus_s, __global const real *listed,
     __global const real *emission, __global const real *albedo, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
     for (int c = 0; c < COMPONENTS; ++c) {
         const int k = c * count + i;
-        out[k] = albedo[i] * (listed[k] + excess[k]) + emission[k];
+        out[k] = albedo[i] * (listed[k] + i_minus_s[k]) + emission[k];
     }
 }
 
 /* Mean radiance S + D / (sum of the weights), as the camera sees it. */
 __kernel void weighted_mean(
-    __global real *out, __global const real *excess, __global const real *listed,
+    __global real *out, __global const real *i_minus_s, __global const real *listed,
     __global const real *shares, __global const real *shares_turned,
     __global const int *place, __global const int *turned, const int count)
 {
@@ -108,6 +108,6 @@ __kernel void weighted_mean(
     const real share = shares[place[i]] + shares_turned[turned[i]];
     for (int c = 0; c < COMPONENTS; ++c) {
         const int k = c * count + i;
-        out[k] = listed[k] + (share > R(0) ? excess[k] / share : R(0));
+        out[k] = listed[k] + (share > R(0) ? i_minus_s[k] / share : R(0));
     }
 }

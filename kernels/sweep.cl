@@ -14,20 +14,20 @@
    cells it is far below S, and the difference would be lost to rounding. w is the direction's weight
    times the share of the layer that a step crosses.
 
-   TO_CAMERA, for the last sweep: light counts by the phase function where there is one (PHASE_STEPS);
-   SEEN: and by how much of it the camera sees from there in the cell, where the picture knows no light
+   CAMERA_SWEEP, for the last sweep: light counts by the phase function where there is one (PHASE_STEPS);
+   VIEW_TRANSMISSION: and by how much of it the camera sees from there in the cell, where the picture knows no light
    that changes across cells.
-   ACROSS, with LINEAR: the excess is also found times the lever of where in the cell it is; of this
+   SPATIAL_MOMENTS, with LINEAR_SOURCE: the excess is also found times the lever of where in the cell it is; of this
    lies how light changes across it, as evenly as it is there, wherever the camera sees it from. Neither
    counts what is linear in the source itself.
-   FLUX: the excess is also found times what the direction that light comes from counts in its first
+   ANGULAR_MOMENTS: the excess is also found times what the direction that light comes from counts in its first
    and second moments (moments.h); of this lie those of the light in a cell.
-   SLOPED: a cell's source is more in one direction than in others, by such moments of its own; the
+   MOMENT_SOURCE: a cell's source is more in one direction than in others, by such moments of its own; the
    excess is then over S_0, which is the same in all.
-   LINEAR: it changes across some cells, by G along x, y, z from side to side. What a ray meets then is
+   LINEAR_SOURCE: it changes across some cells, by G along x, y, z from side to side. What a ray meets then is
    less at its middle than S by what that lies off the cell's; over all rays this is nothing, and is
    left out of the excess, where it would only be noise.
-   RIM: the light that comes into thick cells from others is kept, for gather.cl, by the face; and
+   INTERFACE_RADIANCE: the light that comes into thick cells from others is kept, for gather.cl, by the face; and
    that in thick cells, the mean over the steps of what comes in and what leaves. */
 
 #include "boundary.h"
@@ -40,8 +40,8 @@
 #error "the sweep is for scenes that scatter: define HAS_SCATTERING"
 #endif
 
-#if defined(SEEN) && (!defined(TO_CAMERA) || defined(ACROSS))
-#error "SEEN: with TO_CAMERA, where light is even in cells"
+#if defined(VIEW_TRANSMISSION) && (!defined(CAMERA_SWEEP) || defined(SPATIAL_MOMENTS))
+#error "VIEW_TRANSMISSION: with CAMERA_SWEEP, where light is even in cells"
 #endif
 
 /* Groups of cells are aligned; rays may begin anywhere. Not vload8, which PoCL calls as a function. */
@@ -54,19 +54,19 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 
 /* Planes of a cell: of S, S_0 of all components, then its moments; of D likewise; of G, and of the
    excess times the lever, x, y and z. */
-#ifdef SLOPED
+#ifdef MOMENT_SOURCE
 #define SOURCE_PLANES ((1 + MOMENTS) * COMPONENTS)
 #else
 #define SOURCE_PLANES COMPONENTS
 #endif
-#ifdef FLUX
-#define EXCESS_PLANES ((1 + MOMENTS) * COMPONENTS)
+#ifdef ANGULAR_MOMENTS
+#define I_MINUS_S_PLANES ((1 + MOMENTS) * COMPONENTS)
 #else
-#define EXCESS_PLANES COMPONENTS
+#define I_MINUS_S_PLANES COMPONENTS
 #endif
-#define ACROSS_PLANES (3 * COMPONENTS)
-#define MOMENT(p, number) CELLS((p) + (number) * COMPONENTS * GROUP)
-#define MOMENT_OF(p, number) CELLS_OF((p) + (number) * COMPONENTS * GROUP)
+#define SPATIAL_MOMENT_PLANES (3 * COMPONENTS)
+#define MOMENT(p, number) CELLS((p) + (number) * COMPONENTS * PACKET)
+#define MOMENT_OF(p, number) CELLS_OF((p) + (number) * COMPONENTS * PACKET)
 
 /* How the axes u, v (of a layer) and l (across layers) lie in space. */
 #define LAYERS_Z 0 /* u = x, v = y, l = z */
@@ -88,7 +88,7 @@ INLINE int seen_from(int u, int v, int l, int layout, real4 back, const Boundary
         back.x, back.y, back.z, R(0), boundary);
 }
 
-#ifdef TO_CAMERA
+#ifdef CAMERA_SWEEP
 #include "view_phase.h"
 
 /* What light from `back` counts for in the cells of a vector from (u, v, l) on: by the phase function
@@ -97,7 +97,7 @@ INLINE real counts_for(
     int u, int v, int l, int layout, real4 back, real4 camera, __global const real *phase)
 {
 #ifdef PHASE_STEPS
-    const real pu = u + R(0.5) * VECTOR;
+    const real pu = u + R(0.5) * SIMD_WIDTH;
     const real pv = v + R(0.5);
     const real pl = l + R(0.5);
     return phase[phase_bin_of(
@@ -110,10 +110,10 @@ INLINE real counts_for(
 }
 #endif
 
-#ifdef RIM
+#ifdef INTERFACE_RADIANCE
 /* Keeps light as it leaves a cell through one of these faces; of light in the cell, half of what is
    there, before rays cross it and after. number: of the direction. */
-INLINE void keep(
+INLINE void store_interface(
     __global real *light, int4 face, int sides, real part, int all, int number,
     __global const real *crossing, int slots)
 {
@@ -152,38 +152,38 @@ __kernel void sweep(
     const int slots, const int ray_rows,
     __global const int *groups,    /* in: first of a row's groups, and the end */
     __global const int2 *begins,   /* in: u of a group's first cell; -1 - u: no cell of it scatters,
-                                      and nobody asks what it receives. LINEAR: number of the group
+                                      and nobody asks what it receives. LINEAR_SOURCE: number of the group
                                       among those across whose cells sources change, from 1; or 0 */
     __global const real *depth,    /* in: optical depth of a cell's edge */
     __global const real *source,   /* in: S, a plane a component */
-    __global real *excess,         /* inout: D, likewise */
-#ifdef LINEAR
-    __global const real *across,   /* in: G, of the groups that have it */
+    __global real *i_minus_s,         /* inout: D, likewise */
+#ifdef LINEAR_SOURCE
+    __global const real *gradient,   /* in: G, of the groups that have it */
 #endif
-#ifdef ACROSS
-    __global real *excess_across,  /* inout: of these, the excess times the lever */
-    __global const real4 *levers,  /* in, per step: as in cldit/transport/discrete_ordinates/segments.py, x y z */
-    __global const real4 *leans,   /* in, per direction: by how much that falls along the ray */
+#ifdef SPATIAL_MOMENTS
+    __global real *spatial_moments,  /* inout: of these, the excess times the lever */
+    __global const real4 *basis,  /* in, per step: as in cldit/transport/discrete_ordinates/segments.py, x y z */
+    __global const real4 *basis_slopes,   /* in, per direction: by how much that falls along the ray */
 #endif
     const int layout,
     const int nu, const int nv, const int nl,
     const int stride_v, const int stride_l, /* of rows in `groups` */
     const real inflow,             /* 1: boundaries shine; 0: black */
     BOUNDARY_ARGUMENTS             /* in cells of this box */
-#ifdef TO_CAMERA
+#ifdef CAMERA_SWEEP
     , __global real *shares,       /* inout: sum of weights */
-#ifdef SEEN
+#ifdef VIEW_TRANSMISSION
     __global const real *seen,     /* in: optical depth of a cell's edge as the camera sees it */
     __global const real *even,     /* in: 1 over the mean transmission of that */
 #endif
     __global const real *phase, const real4 camera
 #endif
-#ifdef RIM
+#ifdef INTERFACE_RADIANCE
     , __global real *light,        /* out: what comes in through faces, [face][number][component] */
     const int earlier,             /* directions in it before these */
     const int all,                 /* directions in it */
-    __global const int *rim_rows,  /* in: first of a row's faces in rim_faces, [l][v], and the end */
-    __global const int4 *rim_faces /* in: u of the cell before it; which of that cell's faces, as a
+    __global const int *interface_rows,  /* in: first of a row's faces in rim_faces, [l][v], and the end */
+    __global const int4 *interfaces /* in: u of the cell before it; which of that cell's faces, as a
                                       bit, or NO_FACE, the light in the cell; number */
 #endif
     )
@@ -198,14 +198,14 @@ __kernel void sweep(
     for (int k = along.x; k < along.y; ++k) {
         const real4 back = backs[k];
         const int4 origin = origins[k];
-#ifdef ACROSS
-        const real4 lean = leans[k];
+#ifdef SPATIAL_MOMENTS
+        const real4 basis_slope = basis_slopes[k];
 #endif
-#ifdef SLOPED
-        const real sent[MOMENTS] = MOMENTS_SENT(back);
+#ifdef MOMENT_SOURCE
+        const real sent[MOMENTS] = MOMENT_TO_DISCRETE(back);
 #endif
-#ifdef FLUX
-        const real found[MOMENTS] = MOMENTS_FOUND(back);
+#ifdef ANGULAR_MOMENTS
+        const real found[MOMENTS] = DISCRETE_TO_MOMENT(back);
 #endif
         /* All rows of a layer, then of the next. */
         for (int met = tile.z, number = 0; met < tile.z + tile.w;
@@ -215,14 +215,14 @@ __kernel void sweep(
             const int l = sense ? nl - 1 - met : met;
             const int v = tile.x + number * along.w;
             const int place = l * stride_l + v * stride_v;
-            const int begin_units = groups[place] * (GROUP / VECTOR);
-            const int end_units = groups[place + 1] * (GROUP / VECTOR);
-#ifdef RIM
-            const int kept = earlier + origin.z;
-            const int first_rim = rim_rows[l * nv + v], end_rim = rim_rows[l * nv + v + 1];
-            const int nothing = begin_units == end_units && first_rim == end_rim;
-            for (int i = first_rim + lane; i < end_rim; i += lanes)
-                SOON_READ(light + ((size_t)rim_faces[i].z * all + kept) * COMPONENTS);
+            const int begin_units = groups[place] * (PACKET / SIMD_WIDTH);
+            const int end_units = groups[place + 1] * (PACKET / SIMD_WIDTH);
+#ifdef INTERFACE_RADIANCE
+            const int ordinate = earlier + origin.z;
+            const int first_interface = interface_rows[l * nv + v], end_interface = interface_rows[l * nv + v + 1];
+            const int nothing = begin_units == end_units && first_interface == end_interface;
+            for (int i = first_interface + lane; i < end_interface; i += lanes)
+                SOON_READ(light + ((size_t)interfaces[i].z * all + ordinate) * COMPONENTS);
 #else
             const int nothing = begin_units == end_units;
 #endif
@@ -248,20 +248,20 @@ __kernel void sweep(
 
                 const real4 middle = parts[step];
                 const real part = middle.w;
-#ifdef RIM
-                for (int i = first_rim + lane; i < end_rim; i += lanes)
-                    keep(light, rim_faces[i], 0, part, all, kept, crossing, slots);
+#ifdef INTERFACE_RADIANCE
+                for (int i = first_interface + lane; i < end_interface; i += lanes)
+                    store_interface(light, interfaces[i], 0, part, all, ordinate, crossing, slots);
                 barrier(CLK_GLOBAL_MEM_FENCE);
 #endif
                 const real stretch = beams[k].x * part;
                 const real weight = beams[k].y * part;
-#ifdef ACROSS
-                const real4 lever = levers[step];
+#ifdef SPATIAL_MOMENTS
+                const real4 basis_here = basis[step];
 #endif
                 for (int i = begin_units + lane; i < end_units; i += lanes) {
-                    const int cell = i * VECTOR;
-                    const int begin = begins[cell / GROUP].x;
-                    const int u = (begin < 0 ? -1 - begin : begin) + cell % GROUP;
+                    const int cell = i * SIMD_WIDTH;
+                    const int begin = begins[cell / PACKET].x;
+                    const int u = (begin < 0 ? -1 - begin : begin) + cell % PACKET;
                     __global const real *s = source + first_plane(cell, SOURCE_PLANES);
                     const lane_t t = CELLS_OF(depth + cell) * stretch;
                     const lane_t share = absorbed(t);
@@ -270,14 +270,14 @@ __kernel void sweep(
                             __global real *ray = crossing + c * slots + u;
                             const lane_t intensity = RAYS(ray);
                             lane_t gap = intensity;
-                            if (c >= BOUNDARIES) gap -= CELLS_OF(s + c * GROUP);
+                            if (c >= BOUNDARIES) gap -= CELLS_OF(s + c * PACKET);
                             RAYS(ray) = intensity - gap * share;
                         }
                         continue;
                     }
-#ifdef TO_CAMERA
+#ifdef CAMERA_SWEEP
                     const real evenly = weight * counts_for(u, v, l, layout, back, camera, phase);
-#ifdef SEEN
+#ifdef VIEW_TRANSMISSION
                     const lane_t counts =
                         seen_at(middle.y, CELLS_OF(seen + cell), CELLS_OF(even + cell)) * evenly;
 #else
@@ -289,18 +289,18 @@ __kernel void sweep(
 #endif
                     const lane_t mean = mean_transmission(t, share);
                     const lane_t q = counts * mean;
-#ifdef LINEAR
-                    const int changes = begins[cell / GROUP].y;
+#ifdef LINEAR_SOURCE
+                    const int changes = begins[cell / PACKET].y;
                     const int changed =
-                        first_plane((changes - 1) * GROUP + cell % GROUP, ACROSS_PLANES);
+                        first_plane((changes - 1) * PACKET + cell % PACKET, SPATIAL_MOMENT_PLANES);
                     const lane_t rise = changes ? rising(t, share, mean) : (lane_t)R(0);
                     const real run = -beams[k].x * part;
 #endif
-                    __global real *d = excess + first_plane(cell, EXCESS_PLANES);
-                    UNROLL for (int c = 0; c < COMPONENTS; ++c, s += GROUP, d += GROUP) {
+                    __global real *d = i_minus_s + first_plane(cell, I_MINUS_S_PLANES);
+                    UNROLL for (int c = 0; c < COMPONENTS; ++c, s += PACKET, d += PACKET) {
                         __global real *ray = crossing + c * slots + u;
                         const lane_t intensity = RAYS(ray);
-#ifdef SLOPED
+#ifdef MOMENT_SOURCE
                         const lane_t slope = sent[0] * MOMENT_OF(s, 1) + sent[1] * MOMENT_OF(s, 2)
                             + sent[2] * MOMENT_OF(s, 3) + sent[3] * MOMENT_OF(s, 4)
                             + sent[4] * MOMENT_OF(s, 5) + sent[5] * MOMENT_OF(s, 6)
@@ -313,9 +313,9 @@ __kernel void sweep(
 #endif
                         lane_t leaves = intensity;
                         lane_t own = gap * q;
-#ifdef LINEAR
+#ifdef LINEAR_SOURCE
                         if (changes) {
-                            __global const real *g = across + changed + c * GROUP;
+                            __global const real *g = gradient + changed + c * PACKET;
                             const lane_t along_x = MOMENT_OF(g, 0);
                             const lane_t along_y = MOMENT_OF(g, 1);
                             const lane_t along_z = MOMENT_OF(g, 2);
@@ -326,29 +326,29 @@ __kernel void sweep(
                             const lane_t bent = change * rise;
                             leaves += bent * t;
                             own = gap * q - bent * counts;
-#ifdef ACROSS
+#ifdef SPATIAL_MOMENTS
                             const lane_t here = (gap * mean - bent) * evenly;
                             const lane_t late = run * evenly
                                 * (gap * rise + change * (R(0.5) * rise + rising_over(t, rise)));
-                            __global real *e = excess_across + changed + c * GROUP;
-                            MOMENT(e, 0) += lever.x * here - lean.x * late;
-                            MOMENT(e, 1) += lever.y * here - lean.y * late;
-                            MOMENT(e, 2) += lever.z * here - lean.z * late;
+                            __global real *e = spatial_moments + changed + c * PACKET;
+                            MOMENT(e, 0) += basis_here.x * here - basis_slope.x * late;
+                            MOMENT(e, 1) += basis_here.y * here - basis_slope.y * late;
+                            MOMENT(e, 2) += basis_here.z * here - basis_slope.z * late;
 #endif
                         }
 #endif
                         more += own;
                         CELLS(d) += more;
-#ifdef FLUX
+#ifdef ANGULAR_MOMENTS
                         UNROLL for (int m = 0; m < MOMENTS; ++m) MOMENT(d, 1 + m) += found[m] * more;
 #endif
                         RAYS(ray) = leaves - gap * share;
                     }
                 }
                 barrier(CLK_GLOBAL_MEM_FENCE);
-#ifdef RIM
-                for (int i = first_rim + lane; i < end_rim; i += lanes)
-                    keep(light, rim_faces[i], sides[step], part, all, kept, crossing, slots);
+#ifdef INTERFACE_RADIANCE
+                for (int i = first_interface + lane; i < end_interface; i += lanes)
+                    store_interface(light, interfaces[i], sides[step], part, all, ordinate, crossing, slots);
                 barrier(CLK_GLOBAL_MEM_FENCE);
 #endif
             }

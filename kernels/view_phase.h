@@ -4,8 +4,8 @@
    The light that leaves a cell of optical depth `seen` towards the camera comes from the height y
    (0 at the face that is nearer to it, 1 at the other) with density exp(-seen y) / mean, the mean
    being that of exp(-seen y), mean_transmission(seen). */
-#ifndef TOWARDS_H
-#define TOWARDS_H
+#ifndef VIEW_PHASE_H
+#define VIEW_PHASE_H
 
 #include "attenuation.h"
 #include "phase.h"

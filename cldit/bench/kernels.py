@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from cldit.bench.case import Case, Cost, clocked
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.program import Define, build
-from cldit.transport.cell_records import Filled
+from cldit.transport.cell_records import CellRecords
 from cldit.transport.cells import Needs, OpticalCells
-from cldit.transport.discrete_ordinates.camera_sweep import ToCamera
-from cldit.transport.discrete_ordinates.cell_packets import lanes
-from cldit.transport.discrete_ordinates.gmres import first_guess
+from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
+from cldit.transport.discrete_ordinates.cell_packets import simd_defines
+from cldit.transport.discrete_ordinates.gmres import order_0
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.image import Reals
@@ -74,15 +74,15 @@ class Kernels:
     def image(self, *, pictures: int = 1, linear: bool = False) -> Cost:
         """So many pictures from sources that are there; linear: in each cell."""
         device, cells, real = self.case.device, self.cells, np.float32
-        defines: dict[str, Define] = {**self._defines(), "PICTURES": pictures}
+        defines: dict[str, Define] = {**self._defines(), "IMAGES": pictures}
         defines["CUTOFF"] = float(self.case.settings().cutoff)
         if linear:
-            defines["LINEAR"] = 1
+            defines["LINEAR_SOURCE"] = 1
         program = build(device, "image.cl", defines)
         columns, rows = self.view.pixels
         planes = pictures * (len(cells.needs.components) + 1)
         out = zeros(device, "picture", planes * rows * columns, real)
-        filled = Filled.of(cells)
+        filled = CellRecords.of(cells)
         source = None
         if cells.needs.scattering:
             source = np.zeros((len(cells.needs.components), len(cells.address)), real)
@@ -110,7 +110,7 @@ class Kernels:
         settings = case.settings()
         flags: dict[str, Define] = {"COUNTED": 1}
         if vector is not None:
-            flags["VECTOR"] = vector
+            flags["SIMD_WIDTH"] = vector
         made = prepared(cells, case.scene, view, case.device, settings, None, flags)
         gather = made.gather
         if gather is None or made.light is None or made.light.ends is None:
@@ -119,7 +119,7 @@ class Kernels:
 
         def meet(pixels: NDArray[np.int64], _: int, seen: Reals, __: int) -> Floats:
             found.append(pixels)
-            return np.zeros((made.painter.at_once, len(seen) + 1, len(pixels)))
+            return np.zeros((made.formal_solution.at_once, len(seen) + 1, len(pixels)))
 
         made.pictures(meet)
         pixels = np.concatenate([np.zeros(0, np.int64), *found])
@@ -153,16 +153,16 @@ class Kernels:
 
     def sweeper(
         self, *, vector: int | None = None, phase: ScatteringTable | None = None
-    ) -> tuple[Sweeper, ToCamera | None]:
+    ) -> tuple[Sweeper, CameraSweep | None]:
         """The swept box on the device; with a phase function also what sweeps towards the camera.
 
         vector: cells at once; None is what a trace takes.
         """
         device, cells = self.case.device, self.cells
         defines = self._defines()
-        specialised: dict[str, Define] = {**defines, **lanes(device)}
+        specialised: dict[str, Define] = {**defines, **simd_defines(device)}
         if vector is not None:
-            specialised["VECTOR"] = vector
+            specialised["SIMD_WIDTH"] = vector
         sweeper = Sweeper(
             device,
             cells,
@@ -173,7 +173,7 @@ class Kernels:
         )
         if phase is None:
             return sweeper, None
-        flags: dict[str, Define] = {"TO_CAMERA": 1, "PHASE_STEPS": _PHASE_STEPS}
+        flags: dict[str, Define] = {"CAMERA_SWEEP": 1, "PHASE_STEPS": _PHASE_STEPS}
         towards = build(device, "sweep.cl", {**specialised, **flags})
         place = self.view.middle[:3] - np.array([0.0, self.view.distance, 0.0])
         table = phase.by_half_sine(_PHASE_STEPS)
@@ -186,12 +186,12 @@ class Kernels:
         sweeper, camera = self.sweeper(vector=vector, phase=phase)
         rng = np.random.default_rng(1)
         rays = sweeper.rays(isotropic(count, rng), rng.random((count, 2)))
-        sweeper.set_source(first_guess(sweeper, self.cells.albedo), shining=True)
+        sweeper.set_source(order_0(sweeper, self.cells.albedo), shining=True)
 
         def once() -> None:
             if camera is None:
                 sweeper.sweep(rays, shining=True)
             else:
-                sweeper.weighted_mean(camera, rays)
+                sweeper.view_weighted_mean(camera, rays)
 
         return quickest(self.case, once)

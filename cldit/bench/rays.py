@@ -22,7 +22,7 @@ from cldit.gpu.program import Define
 from cldit.radiance.weights import Weights
 from cldit.report.sheet import figure_of
 from cldit.transport.cells import OpticalCells
-from cldit.transport.image import Painter
+from cldit.transport.image import FormalSolution
 from cldit.transport.result import weights_of
 from cldit.transport.view import View
 
@@ -99,10 +99,14 @@ class _Painted:
             **view.defines,
             "CUTOFF": float(settings.cutoff),
         }
-        painter = Painter.of(cells, view, case.scene, case.device, defines, accuracy_K=accuracy_K)
+        formal_solution = FormalSolution.of(
+            cells, view, case.scene, case.device, defines, accuracy_K=accuracy_K
+        )
         defect = np.zeros(len(cells.address))
-        painter.pictures([towards], defect)  # builds
-        (images, several), cost = clocked(case.device, lambda: painter.pictures([towards], defect))
+        formal_solution.pictures([towards], defect)  # builds
+        (images, several), cost = clocked(
+            case.device, lambda: formal_solution.pictures([towards], defect)
+        )
         return cls(weights_of(images[0], cells), cost, several)
 
 

@@ -18,8 +18,8 @@ from cldit.bench.report import Part, Table, number
 from cldit.errors import NotConvergedError
 from cldit.medium.octree import Octree
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates.device_ordinates import Rays
-from cldit.transport.discrete_ordinates.gmres import another_order, first_guess, solve
+from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
+from cldit.transport.discrete_ordinates.gmres import gmres, next_order, order_0
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 
@@ -76,9 +76,9 @@ class Row:
 
     medium: str
     way: str
-    passes: int
+    iterations: int
     core_s: float
-    residual: float
+    residual_rms: float
     error: float
     stopped: str
 
@@ -90,7 +90,7 @@ class _Equation:
     case: Case
     kernels: Kernels
     sweeper: Sweeper
-    rays: Rays
+    rays: DeviceOrdinates
 
     @classmethod
     def of(cls, case: Case, *, double: bool) -> _Equation:
@@ -102,10 +102,10 @@ class _Equation:
 
     @property
     def guess(self) -> Array:
-        return first_guess(self.sweeper, self.kernels.cells.albedo).astype(self.sweeper.real)
+        return order_0(self.sweeper, self.kernels.cells.albedo).astype(self.sweeper.real)
 
     @property
-    def passes(self) -> int:
+    def iterations(self) -> int:
         return self.sweeper.sweeps // DIRECTIONS
 
     def diagonal(self, source: Array) -> Array:
@@ -116,24 +116,24 @@ class _Equation:
 
     def plain(self, source: Array) -> Array:
         """What one more scattering changes."""
-        return another_order(self.sweeper, source, self.rays) - source
+        return next_order(self.sweeper, source, self.rays) - source
 
 
-def lambda_iteration(lack: Lack, source: Array) -> Iterator[Array]:
+def lambda_iteration(residual: Lack, source: Array) -> Iterator[Array]:
     """Sources after each pass: what is lacking is added."""
     while True:
-        source = source + lack(source)
+        source = source + residual(source)
         yield source
 
 
-def anderson(lack: Lack, source: Array, *, depth: int = DEPTH) -> Iterator[Array]:
+def anderson(residual: Lack, source: Array, *, depth: int = DEPTH) -> Iterator[Array]:
     """Anderson (1965), each component on its own: of the last steps that combination whose
     linear prediction of what is lacking is least."""
     steps: list[Array] = []
     changes: list[Array] = []
     before: tuple[Array, Array] | None = None
     while True:
-        found = lack(source)
+        found = residual(source)
         if before is not None:
             steps = [*steps, source - before[0]][-depth:]
             changes = [*changes, found - before[1]][-depth:]
@@ -167,8 +167,8 @@ def _iterated(
     medium: Medium, way: str, sources: Iterator[Array], single: _Equation, truth: Array
 ) -> Row:
     """Until the true error is what is wanted: no way ends sooner, whatever it goes by."""
-    core_s, least, passes = 0.0, np.inf, 0
-    before = single.passes
+    core_s, least, iterations = 0.0, np.inf, 0
+    before = single.iterations
     stopped = f"{MOST} passes"
     source = single.guess
     for _ in range(MOST):
@@ -181,38 +181,44 @@ def _iterated(
         if not error < 1e3:
             stopped = "diverges"
             break
-    passes = single.passes - before
-    residual = _worst(single.diagonal(source))
-    return Row(medium.name, way, passes, core_s, residual, _worst(source - truth), stopped)
+    iterations = single.iterations - before
+    residual_rms = _worst(single.diagonal(source))
+    return Row(medium.name, way, iterations, core_s, residual_rms, _worst(source - truth), stopped)
 
 
 def _gmres(medium: Medium, single: _Equation, double: Callable[[], _Equation], truth: Array) -> Row:
     """As runs do: to their own estimate of the error; where single precision ends, in double."""
-    before = single.passes
+    before = single.iterations
     spent = 0.0
 
     def attempt(equation: _Equation) -> tuple[Any, Cost]:
         def work() -> Any:
             try:
-                return solve(equation.sweeper, equation.guess, equation.rays, tolerance=WANTED)
+                return gmres(equation.sweeper, equation.guess, equation.rays, tolerance=WANTED)
             except NotConvergedError as error:
                 return error
 
         return clocked(equation.case.device, work)
 
     found, cost = attempt(single)
-    spent, passes, stopped = cost.core_s, single.passes - before, "own estimate"
+    spent, iterations, stopped = cost.core_s, single.iterations - before, "own estimate"
     if isinstance(found, NotConvergedError):
         again = double()
-        before = again.passes
+        before = again.iterations
         found, cost = attempt(again)
         spent += cost.core_s
-        stopped = f"own estimate, in double precision after {passes} passes in single"
-        passes += again.passes - before
+        stopped = f"own estimate, in double precision after {iterations} passes in single"
+        iterations += again.iterations - before
         if isinstance(found, NotConvergedError):
-            return Row(medium.name, "GMRES", passes, spent, np.nan, np.nan, str(found))
+            return Row(medium.name, "GMRES", iterations, spent, np.nan, np.nan, str(found))
     return Row(
-        medium.name, "GMRES", passes, spent, found.residual, _worst(found.source - truth), stopped
+        medium.name,
+        "GMRES",
+        iterations,
+        spent,
+        found.residual_rms,
+        _worst(found.source - truth),
+        stopped,
     )
 
 
@@ -223,11 +229,11 @@ def compare(case: Case, media: tuple[Medium, ...] = MEDIA, *, say: Say) -> list[
         some = replace(case, medium=replace(case.medium, trees=[medium.of(case.tree)], paper=None))
         exact = _Equation.of(some, double=True)
         try:
-            truth = solve(exact.sweeper, exact.guess, exact.rays, tolerance=EXACT).source
+            truth = gmres(exact.sweeper, exact.guess, exact.rays, tolerance=EXACT).source
         except NotConvergedError as error:
             say(f"{medium.name}: no reference: {error}")
             raise
-        say(f"{medium.name}: reference after {exact.passes} passes")
+        say(f"{medium.name}: reference after {exact.iterations} passes")
         single = _Equation.of(some, double=False)
         single.diagonal(single.guess)  # builds
         for way, sources in _ways(single).items():
@@ -240,7 +246,7 @@ def compare(case: Case, media: tuple[Medium, ...] = MEDIA, *, say: Say) -> list[
 
 def _line(row: Row) -> str:
     return (
-        f"{row.medium}: {row.way}: {row.passes} passes, {row.core_s:.3g} core-s, error "
+        f"{row.medium}: {row.way}: {row.iterations} passes, {row.core_s:.3g} core-s, error "
         f"{row.error:.1e} ({row.stopped})"
     )
 
@@ -255,9 +261,9 @@ def solver(case: Case, *, say: Say) -> Part:
         (
             row.medium,
             row.way,
-            str(row.passes),
+            str(row.iterations),
             number(row.core_s),
-            f"{row.residual:.1e}",
+            f"{row.residual_rms:.1e}",
             f"{row.error:.1e}",
             row.stopped,
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 
 
-def give_back_freed() -> None:
+def trim_heap() -> None:
     """Gives it back to the system where the library is glibc; does nothing elsewhere.
 
     A compiler leaves some hundred megabytes, and so does what comes before a trace.

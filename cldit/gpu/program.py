@@ -15,7 +15,7 @@ import pyopencl as cl
 from cldit.errors import KernelError
 from cldit.gpu.device import Device
 from cldit.gpu.kernel_source import assemble
-from cldit.gpu.malloc_trim import give_back_freed
+from cldit.gpu.malloc_trim import trim_heap
 
 Define = int | float | str
 
@@ -72,7 +72,7 @@ def build(device: Device, name: str, defines: Mapping[str, Define]) -> Program:
             if program is None:
                 program = cl.Program(device.context, source).build(options=[*OPTIONS, *options])
                 device.built[source, *options] = program
-                give_back_freed()
+                trim_heap()
             # Arguments that are set stay with a kernel: each program has its own.
             kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
     except cl.Error as error:

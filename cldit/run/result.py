@@ -14,7 +14,7 @@ from cldit.run.spectral import (
     SpectralInfo,
 )
 from cldit.scene import Scene
-from cldit.transport.energy_balance import Closure
+from cldit.transport.energy_balance import EnergyBalance
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class RunInfo:
     integration_time_s: float  # of the sensor, for the standard errors and the rig
     versions: dict[str, str] = field(default_factory=dict)
     spectral: SpectralInfo | None = None  # how the filter was resolved
-    closure: Closure | None = None  # how far the sum of weights is from 1
+    closure: EnergyBalance | None = None  # how far the sum of weights is from 1
     remarks: tuple[str, ...] = ()  # what was inferred, or is not as asked
     phase: str = ""  # how droplets were taken to scatter
 
@@ -62,7 +62,7 @@ class RunInfo:
                 "stages": stages,
                 "remarks": tuple(data["remarks"]),
                 "spectral": None if spectral is None else SpectralInfo.from_dict(spectral),
-                "closure": None if closure is None else Closure.from_dict(closure),
+                "closure": None if closure is None else EnergyBalance.from_dict(closure),
             }
         )
 

@@ -214,7 +214,7 @@ def _evaluate(
 def _traced(result: NodeTraces, order: int | None) -> list[Stage]:
     """What the traces did, step by step, and how long it took."""
     counts = result.counts
-    passes = [one.solution.passes for one in result.traces if one.solution is not None]
+    passes = [one.solution.iterations for one in result.traces if one.solution is not None]
     samples = f"{counts['samples']} samples a pixel" if "samples" in counts else ""
     notes = {"audit": "of some pixels, by path tracing", "gather": samples}
     scattering = []

@@ -19,7 +19,7 @@ from cldit.optics.spectral import Quadrature
 from cldit.radiance.effective import effective_weights
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
-from cldit.transport.energy_balance import Closure
+from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.trace import Settings, Trace, settings_for, trace
 
@@ -121,7 +121,7 @@ class NodeTraces:
         return tuple(dict.fromkeys(one.short for one in self.traces if one.short))
 
     @property
-    def closure(self) -> Closure | None:
+    def closure(self) -> EnergyBalance | None:
         """The worst of all nodes'."""
         found = [result.closure for result in self.traces if result.closure is not None]
         return max(found, key=lambda one: abs(one.largest), default=None)

@@ -17,18 +17,18 @@ Floats = NDArray[np.float64]
 MOMENTS = 9  # the mean, three of the first order, five of the second
 
 
-def found(unit: Floats) -> Floats:
+def discrete_to_moment(unit: Floats) -> Floats:
     """(8, N): by what light from unit vectors (N, 3) counts in each moment but the mean."""
     x, y, z = unit.T
     return np.stack([x, y, z, x * x - 1 / 3, y * y - 1 / 3, x * y, x * z, y * z])
 
 
-def sent(unit: Floats) -> Floats:
+def moment_to_discrete(unit: Floats) -> Floats:
     """(8, N): by what each moment of a source counts, seen along unit vectors (N, 3)."""
     x, y, z = unit.T
     return np.stack([x, y, z, x * x - z * z, y * y - z * z, x * y, x * z, y * z])
 
 
-def scattered(first: float, second: float) -> Floats:
+def phase_coefficients(first: float, second: float) -> Floats:
     """(8,): what a source has of each of the light's, by the phase function's g and h."""
     return np.array([*[3 * first] * 3, *[7.5 * second] * 2, *[15 * second] * 3])

@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.transport.angular_moments import sent
-from cldit.transport.discrete_ordinates.segments import shown
+from cldit.transport.angular_moments import moment_to_discrete
+from cldit.transport.discrete_ordinates.segments import visible_gradient
 from cldit.transport.patches import NONE
 
 Floats = NDArray[np.float64]
@@ -96,7 +96,7 @@ def sweep(
     more = (
         np.zeros_like(source)
         if slope is None
-        else np.tensordot(sent(back[None])[:, 0], slope, axes=1)
+        else np.tensordot(moment_to_discrete(back[None])[:, 0], slope, axes=1)
     )
     main = int(np.argmax(np.abs(back)))
     axes = {0: (1, 2, 0), 1: (0, 2, 1), 2: (0, 1, 2)}[main]  # u, v, l as x, y, z
@@ -105,7 +105,7 @@ def sweep(
     s_all = (source + more).transpose(0, *(1 + axis for axis in order))
     g_all = changes.transpose(0, 1, *(2 + axis for axis in order))
     m_all = more.transpose(0, *(1 + axis for axis in order))
-    excess = np.zeros((4, *s_all.shape))
+    i_minus_s = np.zeros((4, *s_all.shape))
     nl, nv, nu = t_all.shape
     u_run, v_run, l_run = (-back[axis] for axis in axes)
     stretch = 1 / abs(l_run)
@@ -151,11 +151,11 @@ def sweep(
             gap = rays - s_all[:, layer] - np.tensordot(middle, g_all[:, :, layer], axes=1)
             part = gap * mean + m_all[:, layer]
             part -= np.divide(more_at_end, t, out=np.zeros_like(part), where=t > 0)
-            excess[0, :, layer] += weight * (high - low) * part
+            i_minus_s[0, :, layer] += weight * (high - low) * part
             if across is not None:
                 mean_place, gain = np.zeros(3), np.ones(3)
                 mean_place[list(axes[:2])] = level - 0.5
-                gain[list(axes[:2])] = 1 / shown(run)
+                gain[list(axes[:2])] = 1 / visible_gradient(run)
                 parts = _across_cells(
                     rays,
                     t,
@@ -166,10 +166,10 @@ def sweep(
                     mean_place=mean_place,
                     gain=gain,
                 )
-                excess[1:, :, layer] += weight * (high - low) * parts
+                i_minus_s[1:, :, layer] += weight * (high - low) * parts
             rays = rays - gap * absorbed(t) + more_at_end
     back_order = np.argsort(order)
-    return np.asarray(excess.transpose(0, 1, *(2 + axis for axis in back_order)))
+    return np.asarray(i_minus_s.transpose(0, 1, *(2 + axis for axis in back_order)))
 
 
 def _across_cells(
@@ -195,11 +195,13 @@ def _across_cells(
     parts = np.zeros((3, *rays.shape))
     for place, share in zip(*_GAUSS, strict=True):
         before, weight = (place * numbers[:, None, None, None] for numbers in _GAUSS)
-        sent = (middle_source + (before - 0.5) * rise) * np.exp(-depth * (place - before))
-        light = rays * np.exp(-depth * place) + depth * np.sum(weight * sent, axis=0)
+        moment_to_discrete = (middle_source + (before - 0.5) * rise) * np.exp(
+            -depth * (place - before)
+        )
+        light = rays * np.exp(-depth * place) + depth * np.sum(weight * moment_to_discrete, axis=0)
         over = share * (light - (middle_source + (place - 0.5) * rise))
-        lever = gain * (middle + way * (place - 0.5) - mean_place)
-        parts += np.multiply.outer(lever, over)
+        basis = gain * (middle + way * (place - 0.5) - mean_place)
+        parts += np.multiply.outer(basis, over)
     return parts
 
 

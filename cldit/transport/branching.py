@@ -14,7 +14,7 @@ from cldit.gpu.partition import shares
 from cldit.gpu.program import Define, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.energy_balance import Closure
+from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.view import View, check_boundary, upload_tree
 
@@ -92,7 +92,7 @@ def trace_branching(
         report(f"{count} rays started by scattering")
     planes = image.astype(np.float64)
     # What is left of a ray at the cut-off is lost, on the line of sight and on later ones.
-    closure = Closure.of(
+    closure = EnergyBalance.of(
         planes[: cells.needs.boundaries],
         planes[-1],
         bound=1e-4 + settings.cutoff * (settings.order + 1),

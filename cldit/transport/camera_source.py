@@ -17,22 +17,26 @@ from cldit.gpu.program import Define, Program
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.gmres import Solution
-from cldit.transport.discrete_ordinates.gradients import across_cells
-from cldit.transport.discrete_ordinates.interface_radiance import RimLight
-from cldit.transport.discrete_ordinates.moment_source import Last, by_moments, evenly
-from cldit.transport.discrete_ordinates.problem import Work
-from cldit.transport.discrete_ordinates.quadrature import Directions
-from cldit.transport.final_gather.cell_sources import Ends, records
+from cldit.transport.discrete_ordinates.gradients import spatial_gradients
+from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
+from cldit.transport.discrete_ordinates.moment_source import (
+    FinalSource,
+    isotropic_source,
+    moment_source,
+)
+from cldit.transport.discrete_ordinates.problem import SweepProblem
+from cldit.transport.discrete_ordinates.quadrature import Ordinates
+from cldit.transport.final_gather.cell_sources import CellSources, records
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.result import Settings
-from cldit.transport.thick_region import ThickCells
+from cldit.transport.thick_region import ThickRegion
 from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Scattered:
+class CameraSource:
     """halves: two estimates (C, N) of what the cells send to the camera, each of half of the last
     directions. across (3, C, N): how that changes across cells, where settings
     want it. defect (N,): what the sweeps make or lose of a cavity's radiance of 1.
@@ -42,41 +46,41 @@ class Scattered:
     across: NDArray[np.floating] | None
     solution: Solution
     defect: Floats
-    ends: Ends | None
+    ends: CellSources | None
     programs: tuple[Program, ...]
     counts: dict[str, int]
 
 
-def scattered_light(
+def camera_source(
     seen: OpticalCells,
-    thick: ThickCells | None,
+    thick: ThickRegion | None,
     scene: Scene,
     view: View,
     device: Device,
     settings: Settings,
     defines: Mapping[str, Define],
     report: Callable[[str], None] | None,
-) -> Scattered:
+) -> CameraSource:
     """seen: cells with all of their scattering; thick: whose light flights are to find."""
     if settings.order == 0:
         return _of_order_0(seen, "USE_FLOAT64" in defines)
-    work = Work.of(seen, scene, view, device, settings, defines)
+    work = SweepProblem.of(seen, scene, view, device, settings, defines)
     towards = work.towards(thick)
     rng = np.random.default_rng(settings.seed)
-    if settings.phase is None and work.changing is None:
-        last = evenly(work, rng, report)
+    if settings.phase is None and work.linear_cells is None:
+        last = isotropic_source(work, rng, report)
     else:
-        last = by_moments(work, towards, rng, report)
-    swept = _swept_to_camera(work, towards, last, thick)
+        last = moment_source(work, towards, rng, report)
+    swept = _final_sweeps(work, towards, last, thick)
     solution = replace(last.solution, towards=np.mean(swept.halves, axis=0))
     defect, programs = last.defect, (work.iterate, *last.programs, towards)
     sweeps = last.earlier + last.sweeper.sweeps
     del last  # with what the sweeper has on the device
     across: NDArray[np.floating] | None = None
     if settings.within_cells:
-        across = across_cells(swept.light, seen, seen.box(), swept.changes)
+        across = spatial_gradients(swept.light, seen, seen.box(), swept.changes)
         across *= seen.albedo.astype(across.dtype)
-    return Scattered(
+    return CameraSource(
         halves=swept.halves,
         across=across,
         solution=solution,
@@ -87,12 +91,12 @@ def scattered_light(
     )
 
 
-def _of_order_0(seen: OpticalCells, double: bool) -> Scattered:
+def _of_order_0(seen: OpticalCells, double: bool) -> CameraSource:
     """Nothing is swept: whatever is scattered comes from the wall."""
     source: NDArray[np.floating] = seen.thermal_source()
     source[1] += seen.albedo
     source = source.astype(np.float64 if double else np.float32)
-    return Scattered(
+    return CameraSource(
         halves=(source, source),
         across=None,
         solution=Solution(source, 0, 0.0, 0.0),
@@ -108,30 +112,32 @@ def _counts(seen: OpticalCells) -> dict[str, int]:
 
 
 @dataclass(frozen=True)
-class _Swept:
-    """halves: as in `Scattered`; light (C, N): what they found, as the camera sees it; changes:
+class _FinalSweeps:
+    """halves: as in `CameraSource`; light (C, N): what they found, as the camera sees it; changes:
     cells (M,) and how that changes across them (3, C, M), if they looked for it; ends: what they
     leave for flights."""
 
     halves: tuple[NDArray[np.floating], NDArray[np.floating]]
     light: NDArray[np.floating]
     changes: tuple[NDArray[np.intp], NDArray[np.floating]] | None
-    ends: Ends | None
+    ends: CellSources | None
 
 
-def _swept_to_camera(work: Work, program: Program, last: Last, thick: ThickCells | None) -> _Swept:
+def _final_sweeps(
+    work: SweepProblem, program: Program, last: FinalSource, thick: ThickRegion | None
+) -> _FinalSweeps:
     """The last sweeps, in two halves."""
     settings, seen, view, sweeper = work.settings, work.seen, work.view, last.sweeper
     rng = np.random.default_rng([settings.seed, 1])  # alike whatever the order, to compare orders
     half = work.half
     sets = work.to_camera(sweeper, rng)
     camera = kept = None
-    if "TO_CAMERA" in program.defines:
+    if "CAMERA_SWEEP" in program.defines:
         table = np.zeros(1) if settings.phase is None else settings.phase.by_half_sine(PHASE_STEPS)
         place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
         camera = sweeper.to_camera(program, seen, table, place)
     if thick is not None:
-        kept = RimLight.of(
+        kept = InterfaceRadiance.of(
             work.device,
             thick,
             sweeper.box,
@@ -144,12 +150,12 @@ def _swept_to_camera(work: Work, program: Program, last: Last, thick: ThickCells
     light = np.zeros((sweeper.components, sweeper.count), sweeper.real)
     thermal = seen.thermal_source()
     for number, rays in enumerate(sets):
-        rim = None if kept is None else kept.after(number * half)
+        interfaces = None if kept is None else kept.after(number * half)
         if camera is None:
             found = np.empty((1, *light.shape), sweeper.real)
-            change = sweeper.moments(program, rays, out=found, rim=rim)
+            change = sweeper.moments(program, rays, out=found, interfaces=interfaces)
         else:
-            found, change = sweeper.weighted_mean(camera, rays, rim)
+            found, change = sweeper.view_weighted_mean(camera, rays, interfaces)
         mean = found.reshape(light.shape).astype(np.float64)
         changes += [] if change is None else [change]
         halves.append((thermal + seen.albedo * mean).astype(sweeper.real))
@@ -157,10 +163,10 @@ def _swept_to_camera(work: Work, program: Program, last: Last, thick: ThickCells
     across = np.mean(changes, axis=0) if changes else None
     if across is not None and last.source.changes is not None:
         across += last.source.changes
-    known = None if across is None else (sweeper.changing, across)
+    known = None if across is None else (sweeper.linear_cells, across)
     ends = None
     if thick is not None and kept is not None:
-        directions = Directions.joined([rays.directions for rays in sets])
+        directions = Ordinates.joined([rays.directions for rays in sets])
         met = records(work, thick, last, light=light, changes=across)
-        ends = Ends(directions, kept, program, met)
-    return _Swept((halves[0], halves[1]), light, known, ends)
+        ends = CellSources(directions, kept, program, met)
+    return _FinalSweeps((halves[0], halves[1]), light, known, ends)

@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Filled:
+class CellRecords:
     """at (F,): addresses of the cells, those that scatter first; number (P,) int32: of a stored
     cell among them, or -1."""
 
@@ -26,7 +26,7 @@ class Filled:
     number: NDArray[np.int32]
 
     @classmethod
-    def of(cls, cells: OpticalCells) -> Filled:
+    def of(cls, cells: OpticalCells) -> CellRecords:
         others = cells.depth > 0
         others[cells.address] = False
         at = np.concatenate([cells.address, np.flatnonzero(others)])
@@ -39,13 +39,14 @@ class Filled:
         listed: list[NDArray[np.floating] | None],
         defect: Floats,
         thick: NDArray[np.int64] | None,
-        expected: NDArray[np.floating] | None,
+        control_variate: NDArray[np.floating] | None,
         real: type[np.floating],
     ) -> NDArray[np.floating]:
         """(F, R): optical depth of a cell's edge; with `thick`, albedo of thick cells, else 0; and
         for each picture its source, and the source of what is emitted at radiance 1.
 
-        listed, defect, thick, expected: as in `Painter.pictures`. Where nothing scatters the source
+        listed, defect, thick, expected: as in `FormalSolution.pictures`. Where nothing scatters
+        the source
         has emitters alone, and what is emitted at radiance 1 is not stored: it is 1.
         """
         cells, needs = self.cells, self.cells.needs
@@ -65,16 +66,18 @@ class Filled:
             mine[:, -1] = 1.0
             if source is None:
                 continue
-            lost = cells.albedo * defect
+            one_minus_lambda = cells.albedo * defect
             value = np.empty((len(row), parts), real)
             value[:, :-1] = source.T
-            value[:, -1] = 1.0 - source[: needs.boundaries].sum(axis=0, dtype=np.float64) + lost
+            value[:, -1] = (
+                1.0 - source[: needs.boundaries].sum(axis=0, dtype=np.float64) + one_minus_lambda
+            )
             if thick is not None:
                 # Flights find what is scattered, or what it is more than what was expected.
                 value[thick, :-1] = 0.0
-                value[thick, -1] = (cells.coalbedo + lost)[thick]
-                if expected is not None:
-                    sent = cells.albedo[thick] * expected
+                value[thick, -1] = (cells.coalbedo + one_minus_lambda)[thick]
+                if control_variate is not None:
+                    sent = cells.albedo[thick] * control_variate
                     value[thick, :-1] = sent.T
                     outside = sent[: needs.boundaries].sum(axis=0)
                     value[thick, -1] += cells.albedo[thick] - outside

@@ -26,7 +26,7 @@ _FEW = 10  # pixels that do not tell their noise
 
 
 @dataclass(frozen=True)
-class Closure:
+class EnergyBalance:
     """How far the sum of weights is from 1.
 
     largest: departure of the worst pixel, with its sign; pixel: row and column of it. mean: over
@@ -48,7 +48,7 @@ class Closure:
         *,
         bound: float,
         noise: float = 0.0,
-    ) -> Closure:
+    ) -> EnergyBalance:
         """From weights of the boundary (B, H, W) and the part from within (H, W).
 
         noise: 0, or the sums scatter from pixel to pixel without bias; `bound` then holds for their
@@ -85,6 +85,6 @@ class Closure:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Closure:
+    def from_dict(cls, data: dict[str, Any]) -> EnergyBalance:
         row, column = data["pixel"]
         return cls(**{**data, "pixel": (int(row), int(column))})

@@ -14,9 +14,9 @@ from cldit.gpu.device import Device
 from cldit.gpu.partition import shares
 from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
-from cldit.transport.cell_records import Filled
+from cldit.transport.cell_records import CellRecords
 from cldit.transport.cells import OpticalCells
-from cldit.transport.temperature_error import counted, steep
+from cldit.transport.temperature_error import counted, pixels_to_refine
 from cldit.transport.view import View, upload_directory
 
 Floats = NDArray[np.float64]
@@ -41,7 +41,7 @@ class _Part:
 
 
 @dataclass(frozen=True)
-class Painter:
+class FormalSolution:
     """Makes pictures of a medium with sources that are given, `at_once` of them together.
 
     parts: one a device; every device holds all of the medium. thick: which of the scattering cells
@@ -53,7 +53,7 @@ class Painter:
     scene: Scene
     accuracy_K: float
     real: type[np.floating]
-    filled: Filled
+    filled: CellRecords
     parts: tuple[_Part, ...]
     at_once: int
     thick: NDArray[np.int64] | None
@@ -71,18 +71,18 @@ class Painter:
         thick: NDArray[np.int64] | None = None,
         at_once: int = 1,
         linear: bool = False,
-    ) -> Painter:
+    ) -> FormalSolution:
         """Builds the programs; raises as `trace`. linear: sources change across cells."""
-        defines = {**defines, "PICTURES": at_once}
+        defines = {**defines, "IMAGES": at_once}
         if thick is not None:
             defines["GATHER"] = 1
         if linear:
-            defines["LINEAR"] = 1
+            defines["LINEAR_SOURCE"] = 1
         real: type[np.floating] = np.float64 if "USE_FLOAT64" in defines else np.float32
         rays = scene.camera.rays_per_pixel
         if rays != 1:
             defines["RAYS_ACROSS"] = _ACROSS[rays]
-        filled = Filled.of(cells)
+        filled = CellRecords.of(cells)
         parts = [
             _Part(
                 device=one,
@@ -105,7 +105,7 @@ class Painter:
         gather: Gathered | None = None,
         *,
         across: NDArray[np.floating] | None = None,
-        expected: NDArray[np.floating] | None = None,
+        control_variate: NDArray[np.floating] | None = None,
     ) -> tuple[list[Reals], int]:
         """Weights (C + 1, H, W), the part from within last (see closure.py), one picture for each
         source (C, N) of the scattering cells, and the number of pixels with more than one ray.
@@ -118,7 +118,7 @@ class Painter:
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
-        records = self._records(listed, defect, across, expected)
+        records = self._records(listed, defect, across, control_variate)
         every = np.arange(columns * rows)
         pixels = None if rays in (1, "adaptive") else every
         images: Reals = np.empty((0, 0, 0))
@@ -127,7 +127,7 @@ class Painter:
             self._gather(images, left, every, 1, gather)
         if rays == "adaptive":  # all of a run's pictures alike
             whole = images[0, :-1].reshape(-1, rows, columns)
-            pixels = steep(whole, self.cells, self.scene, accuracy_K=self.accuracy_K)
+            pixels = pixels_to_refine(whole, self.cells, self.scene, accuracy_K=self.accuracy_K)
         if pixels is not None and len(pixels):
             several, left = self._images(self._listed(records, pixels))
             self._gather(several, left, pixels, _ACROSS[rays], gather)
@@ -143,10 +143,10 @@ class Painter:
         listed: list[NDArray[np.floating] | None],
         defect: Floats,
         across: NDArray[np.floating] | None,
-        expected: NDArray[np.floating] | None,
+        control_variate: NDArray[np.floating] | None,
     ) -> list[list[Any]]:
         """On each device: kernel arguments from `records` to before `coarse`."""
-        made = self.filled.records(listed, defect, self.thick, expected, self.real)
+        made = self.filled.records(listed, defect, self.thick, control_variate, self.real)
         records = [[upload(part.device, "records", made)] for part in self.parts]
         if across is None:
             return records

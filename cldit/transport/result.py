@@ -12,8 +12,8 @@ from cldit.gpu.program import Program
 from cldit.radiance.weights import Weights
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.gmres import Solution
-from cldit.transport.energy_balance import Closure
-from cldit.transport.monte_carlo.pixel_sampling import Sampled
+from cldit.transport.energy_balance import EnergyBalance
+from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.phase import ScatteringTable
 
 Method = Literal["source", "path", "branching"]
@@ -88,8 +88,8 @@ class Trace:
     audit_K: float | None = None
     unaudited: str = ""
     short: str = ""  # of the wanted accuracy: what stopped before, and why
-    sampled: Sampled | None = None
-    closure: Closure | None = None  # None where flights gather a solved source, or none fly
+    pixel_sample: PixelSample | None = None
+    closure: EnergyBalance | None = None  # None where flights gather a solved source, or none fly
 
 
 def weights_of(image: NDArray[np.floating], cells: OpticalCells) -> Weights:

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define
 from cldit.scene.schema import Scene
-from cldit.transport.camera_source import Scattered, scattered_light
+from cldit.transport.camera_source import CameraSource, camera_source
 from cldit.transport.cells import OpticalCells
-from cldit.transport.energy_balance import Closure
+from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.final_gather.gather import Gather
-from cldit.transport.image import Gathered, Painter, Reals
+from cldit.transport.image import FormalSolution, Gathered, Reals
 from cldit.transport.result import Settings, Trace, weights_of
-from cldit.transport.thick_region import ThickCells
+from cldit.transport.thick_region import ThickRegion
 from cldit.transport.view import View, check_boundary
 
 Floats = NDArray[np.float64]
@@ -43,7 +43,7 @@ def trace_source(
     """Weights by source iteration, in the precision that `settings` gives (not `auto`)."""
     made = prepared(cells, scene, view, device, settings, report)
     light, gather, seconds = made.light, made.gather, dict(made.seconds)
-    programs = [made.painter.parts[0].program, *([] if light is None else light.programs)]
+    programs = [made.formal_solution.parts[0].program, *([] if light is None else light.programs)]
     counts = {} if light is None else dict(light.counts)
     solution = None if light is None else light.solution
     short = ""
@@ -62,7 +62,7 @@ def trace_source(
     del made, light, gather  # some hundred megabytes on the device
     with np.errstate(over="ignore", invalid="ignore"):
         mean = images[0] if len(images) < 2 else (images[0] + images[1]) / 2
-        closure = Closure.of(
+        closure = EnergyBalance.of(
             mean[: cells.needs.boundaries], mean[-1], bound=_CLOSED + 3 * settings.tolerance
         )
     difference = None if len(images) < 2 else (images[0] - images[1]) / 2
@@ -84,22 +84,22 @@ class Prepared:
     """All that pictures are made of. light: None, where nothing scatters; gather: where no cell is
     thick. seconds: that scattering took."""
 
-    painter: Painter
-    light: Scattered | None
+    formal_solution: FormalSolution
+    light: CameraSource | None
     gather: Gather | None
     seconds: dict[str, float]
 
     def pictures(self, gather: Gathered | None) -> tuple[list[Reals], int]:
-        """See `Painter.pictures`."""
+        """See `FormalSolution.pictures`."""
         light = self.light
         if light is None:
-            return self.painter.pictures([None], np.zeros(0), gather)
-        return self.painter.pictures(
+            return self.formal_solution.pictures([None], np.zeros(0), gather)
+        return self.formal_solution.pictures(
             list(light.halves),
             light.defect,
             gather,
             across=light.across,
-            expected=None if self.gather is None else self.gather.expected,
+            control_variate=None if self.gather is None else self.gather.control_variate,
         )
 
 
@@ -121,7 +121,7 @@ def prepared(
     thick = None
     if settings.within_cells and scatters:
         size = 8 if settings.precision == "float64" else 4
-        thick = ThickCells.of(
+        thick = ThickRegion.of(
             cells,
             cells.box(),
             deeper_than=settings.thick,
@@ -132,10 +132,10 @@ def prepared(
     if scatters:
         check_boundary(scene, cells, view)
         start = time.perf_counter()
-        light = scattered_light(cells, thick, scene, view, device, settings, defines, report)
+        light = camera_source(cells, thick, scene, view, device, settings, defines, report)
         seconds["scattering"] = time.perf_counter() - start
         seconds["scattering"] -= sum(program.build_s for program in light.programs)
-    painter = Painter.of(  # no sooner: sweeps take the most memory
+    formal_solution = FormalSolution.of(  # no sooner: sweeps take the most memory
         cells,
         view,
         scene,
@@ -149,5 +149,5 @@ def prepared(
     gather = None
     if thick is not None and light is not None and light.ends is not None:
         flown = {**cut, **(flags or {})}
-        gather = Gather(painter, cells.box(), thick, light.ends, settings, flown)
-    return Prepared(painter, light, gather, seconds)
+        gather = Gather(formal_solution, cells.box(), thick, light.ends, settings, flown)
+    return Prepared(formal_solution, light, gather, seconds)

@@ -51,7 +51,7 @@ def counted(
     return out
 
 
-def error_K(
+def temperature_error_K(
     mean: NDArray[np.floating],
     difference: NDArray[np.floating],
     cells: OpticalCells,
@@ -83,7 +83,7 @@ def error_K(
     return out
 
 
-def steep(
+def pixels_to_refine(
     image: NDArray[np.floating], cells: OpticalCells, scene: Scene, *, accuracy_K: float
 ) -> NDArray[np.int64]:
     """Pixels (N,), flat, in which one ray cannot stand for the pixel's area, and those beside them.
@@ -106,7 +106,7 @@ def steep(
         change[tuple(inner)] = np.diff(image, n=2, axis=axis) / 4
         bent = np.flatnonzero(np.max(np.abs(change), axis=0) > 1e-5)
         there, missed = (part.reshape(len(part), -1)[:, bent] for part in (image, change))
-        kelvin = np.nan_to_num(np.abs(error_K(there, missed, cells, scene)))
+        kelvin = np.nan_to_num(np.abs(temperature_error_K(there, missed, cells, scene)))
         seen = np.maximum(_sum(_radiances(cells, scene), there), 1e-300)
         bright = temperature_of_radiance(seen, filter_um=scene_filter(scene))
         slope = band_radiance_slope(bright, filter_um=scene_filter(scene))

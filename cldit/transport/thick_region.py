@@ -15,7 +15,7 @@ from scipy import ndimage
 from cldit.transport.cells import Box, OpticalCells
 
 NONE, OUTSIDE = -1, -2
-_KEPT = -2  # less the number of a face, as in flight.h
+_KEPT = -2  # less the number of a face, as in path_segment.h
 _HEAD = 4  # numbers of a record before its planes, which are in fours, as in cell_record.h
 _MOST_LIGHT = 2**29  # bytes of the light in all thick cells that the last sweeps may keep
 _AROUND = 1  # so many cells around thick ones are of their region
@@ -28,13 +28,14 @@ _TWICE = 0.3
 
 
 @dataclass(frozen=True)
-class ThickCells:
+class ThickRegion:
     """Which cells of the swept box are thick, and the region of these and of those around them.
 
     listed (T,): which of the scattering cells are thick. at (R, 3), address (R,): of the region's
     cells, in the box and among stored cells; -1: not stored. low (3,), places [z, y, x] int32: the
     part of the box around the region, and number of its cell there; -1 of none. beside (R, 8)
-    int32: what lies beside each cell, as kernels/flight.h has it. rim: so many numbers of light.
+    int32: what lies beside each cell, as kernels/path_segment.h has it. rim: so many numbers of
+    light.
     """
 
     listed: NDArray[np.int64]
@@ -43,12 +44,12 @@ class ThickCells:
     low: NDArray[np.int64]
     places: NDArray[np.int32]
     beside: NDArray[np.int32]
-    rim: int
+    interfaces: int
 
     @classmethod
     def of(
         cls, cells: OpticalCells, box: Box, *, deeper_than: float, light_bytes: int = 0
-    ) -> ThickCells | None:
+    ) -> ThickRegion | None:
         """Scattering cells of an optical depth above `deeper_than`; None where there are none.
 
         light_bytes: that the light in one cell takes, along all directions of the last sweeps.
@@ -68,7 +69,7 @@ class ThickCells:
         at = np.argwhere(region)[:, ::-1]
         around = np.pad(places, 1, constant_values=OUTSIDE)
         beside = np.full((len(at), 8), NONE, np.int32)
-        rim = 0
+        interfaces = 0
         for axis in range(3):
             ends = []
             for up in (0, 1):
@@ -76,18 +77,18 @@ class ThickCells:
                 near[axis] += 2 * up - 1
                 number = around[tuple(near[::-1])]
                 ends_there = number == NONE
-                ends.append(rim + int(np.count_nonzero(ends_there)))
+                ends.append(interfaces + int(np.count_nonzero(ends_there)))
                 number = np.where(number == OUTSIDE, NONE, number)
-                number[ends_there] = _KEPT - np.arange(rim, ends[-1])
+                number[ends_there] = _KEPT - np.arange(interfaces, ends[-1])
                 beside[:, 2 * axis + up] = number
-            rim = max(ends)
+            interfaces = max(ends)
         if light_bytes * len(listed) <= _MOST_LIGHT:
             owner = places[tuple((there - low).T[::-1])]
-            beside[owner, 6] = rim + np.arange(len(listed))
-            rim += len(listed)
+            beside[owner, 6] = interfaces + np.arange(len(listed))
+            interfaces += len(listed)
         at += low
         address = cells.stored(at + np.asarray(box.low))
-        return cls(listed, at, address, low, places, beside, rim)
+        return cls(listed, at, address, low, places, beside, interfaces)
 
     @property
     def faces(self) -> NDArray[np.int32]:
@@ -107,7 +108,7 @@ class ThickCells:
         cells: OpticalCells,
         source: NDArray[np.floating],
         changes: NDArray[np.floating] | None,
-        changing: NDArray[np.intp],
+        linear_cells: NDArray[np.intp],
         *,
         deep: float | None,
     ) -> NDArray[np.floating]:
@@ -116,7 +117,7 @@ class ThickCells:
         these of what they scatter, over their albedo.
 
         seen, cells: the medium as it is, and as that sweep has it; source (M C, N): of its
-        scattering cells; changes (3, C, K): across those of them that `changing` (K,) lists, or
+        scattering cells; changes (3, C, K): across those of them that `linear_cells` (K,) lists, or
         None. deep: optical depth of a cell beyond which a source that is linear in it is not
         enough; None: no cell is deep, for each flight of a chain is an order more. What is not
         stored is empty.
@@ -141,9 +142,9 @@ class ThickCells:
         across = np.zeros((0, len(address)), real)
         if changes is not None:
             among = np.full(len(cells.address), NONE)
-            among[changing] = np.arange(len(changing))
+            among[linear_cells] = np.arange(len(linear_cells))
             among = np.where(scatters, among[number], NONE)
-            across = changes.reshape(-1, len(changing))[:, among] * (among >= 0).astype(real)
+            across = changes.reshape(-1, len(linear_cells))[:, among] * (among >= 0).astype(real)
         sent[first : first + len(emission), chains] -= emission[:, chains]
         scattered = np.where(chains, cells.albedo[number], 1.0).astype(real)
         emitted = np.zeros((len(cells.needs.components), len(address)), real)

@@ -13,7 +13,7 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.scene import Scene, parse_scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates.cell_packets import lanes
+from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 
 EDGE_M = 0.16
@@ -58,7 +58,7 @@ def sweeper_of(device: Device, cells: OpticalCells, defines: dict[str, Any]) -> 
     return Sweeper(
         device,
         cells,
-        build(device, "sweep.cl", {**common, **lanes(device)}),
+        build(device, "sweep.cl", {**common, **simd_defines(device)}),
         build(device, "source_update.cl", common),
         disc=DISC,
     )

@@ -34,10 +34,10 @@ def test_unknown_include_names_file_and_line(monkeypatch: pytest.MonkeyPatch) ->
     [
         ("image.cl", {"CAMERA_PINHOLE": 1, "CUTOFF": 0.1}, "BOUNDARY_ENCLOSURE"),
         ("image.cl", {"BOUNDARY_DISC": 1, "CUTOFF": 0.1}, "CAMERA_PINHOLE"),
-        ("image.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1, "PICTURES": 1}, "CUTOFF"),
-        ("image.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1, "CUTOFF": 0.1}, "PICTURES"),
-        ("sweep.cl", {"BOUNDARY_DISC": 1, "VECTOR": 1}, "HAS_SCATTERING"),
-        ("sweep.cl", {"BOUNDARY_DISC": 1, "HAS_SCATTERING": 1, "VECTOR": 3}, "VECTOR"),
+        ("image.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1, "IMAGES": 1}, "CUTOFF"),
+        ("image.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1, "CUTOFF": 0.1}, "IMAGES"),
+        ("sweep.cl", {"BOUNDARY_DISC": 1, "SIMD_WIDTH": 1}, "HAS_SCATTERING"),
+        ("sweep.cl", {"BOUNDARY_DISC": 1, "HAS_SCATTERING": 1, "SIMD_WIDTH": 3}, "SIMD_WIDTH"),
     ],
 )
 def test_missing_define_is_named(

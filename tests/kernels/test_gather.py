@@ -11,9 +11,9 @@ from scipy.stats import qmc
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import build
-from cldit.transport.discrete_ordinates.quadrature import FACE, focused, isotropic, nearest
-from cldit.transport.discrete_ordinates.segments import Ways
-from cldit.transport.final_gather.gather import fewest
+from cldit.transport.discrete_ordinates.quadrature import NEAREST_SIDE, focused, isotropic, nearest
+from cldit.transport.discrete_ordinates.segments import Segments
+from cldit.transport.final_gather.gather import neyman_allocation
 from cldit.transport.sobol import DIMENSIONS, points
 
 DEFINES = f"""
@@ -22,17 +22,17 @@ DEFINES = f"""
 #define BOUNDARY_ENCLOSURE 1
 #define CAMERA_ORTHOGRAPHIC 1
 #define CUTOFF 1e-4
-#define LEAST 1e-4
-#define LONGEST 4
-#define PENDING 2
-#define VECTOR 8
-#define FACE {FACE}
+#define MIN_TRANSMISSION 1e-4
+#define MAX_SEGMENTS 4
+#define PENDING_READS 2
+#define SIMD_WIDTH 8
+#define NEAREST_SIDE {NEAREST_SIDE}
 """
 
 
 def test_nearest_direction(apply: Any) -> None:
     """The table's entry is the nearest direction, or one that is as near but for the size of an
-    entry: 2 / FACE across a face of the octahedron, at most 2 times that on the sphere."""
+    entry: 2 / NEAREST_SIDE across a face of the octahedron, at most 2 times that on the sphere."""
     directions = isotropic(40, np.random.default_rng(3))
     wanted = np.random.default_rng(4).normal(size=(500, 3))
     wanted /= np.linalg.norm(wanted, axis=1)[:, None]
@@ -44,11 +44,11 @@ def test_nearest_direction(apply: Any) -> None:
         [axis.astype(np.float32) for axis in wanted.T],
         defines=DEFINES,
     )
-    assert np.all((entry >= 0) & (entry < FACE * FACE))
+    assert np.all((entry >= 0) & (entry < NEAREST_SIDE * NEAREST_SIDE))
     found = directions.unit[nearest(directions)[entry.astype(int)]]
     away = np.arccos(np.clip((found * wanted).sum(axis=1), -1, 1))
     best = np.arccos(np.clip((wanted @ directions.unit.T).max(axis=1), -1, 1))
-    assert np.all(away <= best + 2 * 4 / FACE)
+    assert np.all(away <= best + 2 * 4 / NEAREST_SIDE)
     assert np.mean(away > best + 1e-6) < 0.1
 
 
@@ -94,14 +94,14 @@ def test_steps_of_a_way(slopes: tuple[float, float], backwards: bool) -> None:
     it is alone."""
     start = np.array([0.21, 0.64])
     others = np.array([[0.9, 0.4], [0.0, -0.3]])
-    several = Ways.of(
+    several = Segments.of(
         np.array([others[0], slopes, others[1]]),
         np.array([others[0], start, others[0]]),
         layers=40,
         backwards=np.array([True, backwards, False]),
     )
-    ways = Ways.of(np.array([slopes]), start[None], layers=40, backwards=np.array([backwards]))
-    for name in ("part", "met", "moved", "within", "leaves", "lever"):
+    ways = Segments.of(np.array([slopes]), start[None], layers=40, backwards=np.array([backwards]))
+    for name in ("part", "met", "moved", "within", "leaves", "basis"):
         here = getattr(several, name)[several.way == 1]
         np.testing.assert_array_equal(here, getattr(ways, name))
     np.testing.assert_array_equal(several.shifts()[several.way == 1], ways.shifts())
@@ -123,13 +123,13 @@ def test_levers_of_a_way(slope: float) -> None:
     found = np.zeros((3, 3))
     places = np.column_stack([starts, np.random.default_rng(2).permutation(starts)])
     slopes = np.tile([slope, 0.73 * slope], (len(starts), 1))
-    ways = Ways.of(slopes, places, layers=1, backwards=np.zeros(len(starts), bool))
+    ways = Segments.of(slopes, places, layers=1, backwards=np.zeros(len(starts), bool))
     for number in range(len(starts)):
         its = ways.way == number
-        lever, part, within = ways.lever[its], ways.part[its], ways.within[its]
-        np.testing.assert_allclose(part @ lever, 0.0, atol=1e-6)
+        basis, part, within = ways.basis[its], ways.part[its], ways.within[its]
+        np.testing.assert_allclose(part @ basis, 0.0, atol=1e-6)
         along = np.array([slope, 0.73 * slope, 1.0]) * part[:, None]  # of each step
-        steps = np.einsum("si,sj,s->ij", lever, within - 0.5, part)
+        steps = np.einsum("si,sj,s->ij", basis, within - 0.5, part)
         inside = np.einsum("si,sj,s->ij", ways.gain[number] * along, along, part) / 12
         found += (steps + inside) / len(starts)
     moved = np.abs([slope, 0.73 * slope, 1.0])
@@ -183,11 +183,11 @@ def test_expected_light(device: Device) -> None:
         "BOUNDARY_DISC": 1,
         "CAMERA_PINHOLE": 1,
         "CUTOFF": 1e-4,
-        "LEAST": 1e-4,
-        "LONGEST": 4,
-        "PENDING": 2,
-        "FACE": FACE,
-        "VECTOR": 1,
+        "MIN_TRANSMISSION": 1e-4,
+        "MAX_SEGMENTS": 4,
+        "PENDING_READS": 2,
+        "NEAREST_SIDE": NEAREST_SIDE,
+        "SIMD_WIDTH": 1,
     }
     defines |= {"HAS_DROPLETS": 1, "HAS_SCATTERING": 1, "PHASE_STEPS": steps, "PHASE_BINS": 16}
     program = build(device, "gather.cl", defines)
@@ -199,7 +199,7 @@ def test_expected_light(device: Device) -> None:
     table = np.column_stack([directions.unit, np.cumsum(share) / share.sum()]).astype(np.float32)
     camera = np.array([12.0, -40.0, 9.0, 0.0], np.float32)
     out = zeros(device, "means", cells * 3, np.float32)
-    program["expected"](
+    program["control_variate"](
         device.queue,
         (cells,),
         None,
@@ -233,7 +233,7 @@ def test_fewest_samples() -> None:
     rng = np.random.default_rng(2)
     variance, size = rng.exponential(size=200) ** 4, rng.integers(1, 145, 200)
     had = 1 << rng.integers(3, 8, 200)
-    got = fewest(variance * size / had, had, size, allowed=0.3)
+    got = neyman_allocation(variance * size / had, had, size, allowed=0.3)
     assert np.all(np.log2(got) % 1 == 0)
     left = (variance * size / got).sum()
     assert 0.3 / 2 < left < 0.3 * 2
@@ -241,5 +241,7 @@ def test_fewest_samples() -> None:
     for other in (np.ones(200), variance, variance**0.25):
         even = spent * other / (other * size).sum()
         assert (variance * size / even).sum() > 1.1 * left
-    reached = fewest(np.array([1.0, 2.0]), np.array([64, 64]), np.array([9, 9]), allowed=2.9)
+    reached = neyman_allocation(
+        np.array([1.0, 2.0]), np.array([64, 64]), np.array([9, 9]), allowed=2.9
+    )
     assert reached[1] == 128 and reached[0] <= 64

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from cldit.gpu.device import Device
 from cldit.gpu.program import build
 from cldit.scene.vessel import Patch
-from cldit.transport.angular_moments import MOMENTS, found
+from cldit.transport.angular_moments import MOMENTS, discrete_to_moment
 from cldit.transport.attenuation import sweep
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates.cell_packets import lanes
-from cldit.transport.discrete_ordinates.gmres import first_guess
-from cldit.transport.discrete_ordinates.quadrature import Directions, isotropic
+from cldit.transport.discrete_ordinates.cell_packets import simd_defines
+from cldit.transport.discrete_ordinates.gmres import order_0
+from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.patches import patch_rows, shifted
 
@@ -52,7 +52,7 @@ def test_sweep_against_numpy(
     defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1}
     if float64:
         defines["USE_FLOAT64"] = 1
-    sized = {**defines, **lanes(device), "VECTOR": vector}
+    sized = {**defines, **simd_defines(device), "SIMD_WIDTH": vector}
     sweeper = Sweeper(
         device,
         cells,
@@ -64,7 +64,7 @@ def test_sweep_against_numpy(
     rng = np.random.default_rng(5)
     directions = isotropic(12, rng)
     starts = rng.random((12, 2))
-    guess = first_guess(sweeper, cells.albedo)
+    guess = order_0(sweeper, cells.albedo)
     sweeper.set_source(guess, shining=True)
     sweeper.sweep(sweeper.rays(directions, starts), shining=True)
     got = sweeper.next_order()
@@ -74,9 +74,9 @@ def test_sweep_against_numpy(
     planes = source_planes(cells)
     planes[:, cells.address] = guess
     source = np.stack([cells.dense(box, plane) for plane in planes])
-    excess = np.zeros_like(source)
+    i_minus_s = np.zeros_like(source)
     for unit, weight, start in zip(directions.unit, directions.weight, starts, strict=True):
-        excess += sweep(
+        i_minus_s += sweep(
             depth,
             source,
             back=unit,
@@ -87,9 +87,9 @@ def test_sweep_against_numpy(
             patches=shifted(patches, -np.array(box.low, float)),
         )[0]
     if windows:
-        assert np.all(excess[2:4].reshape(2, -1).max(axis=1) > 0.01)  # both are seen
+        assert np.all(i_minus_s[2:4].reshape(2, -1).max(axis=1) > 0.01)  # both are seen
     place = cells.place(box, cells.address)
-    mean = (source + excess).reshape(len(source), -1)[:, place]
+    mean = (source + i_minus_s).reshape(len(source), -1)[:, place]
     expected = cells.albedo * mean + sweeper.thermal
     # Twelve rays through at most 16 cells, each a few roundings; a ray that crosses a cell boundary
     # within rounding (none at this seed) would differ by far more.
@@ -101,9 +101,9 @@ def test_rays_that_change_rows_at_the_ends_of_layers(device: Device) -> None:
     cells = OpticalCells.of(random_tree(3))
     sweeper = sweeper_of(device, cells, {"BOUNDARY_DISC": 1})
     corners = np.array(list(product((-1.0, 1.0), repeat=3))) / 3**0.5
-    rays = sweeper.rays(Directions(corners, np.full(8, 1 / 8)), np.zeros((8, 2)))
+    rays = sweeper.rays(Ordinates(corners, np.full(8, 1 / 8)), np.zeros((8, 2)))
     source = source_planes(cells)
-    source[:, cells.address] = first_guess(sweeper, cells.albedo)
+    source[:, cells.address] = order_0(sweeper, cells.albedo)
     sweeper.set_source(source[:, cells.address], shining=True)
     sweeper.sweep(rays, shining=True)
     got = sweeper.next_order()
@@ -111,7 +111,7 @@ def test_rays_that_change_rows_at_the_ends_of_layers(device: Device) -> None:
     place = cells.place(sweeper.box, cells.address)
     mean = dense.reshape(len(dense), -1)[:, place]
     for unit in corners:
-        excess = sweep(
+        i_minus_s = sweep(
             cells.dense(sweeper.box, cells.depth),
             dense,
             back=unit,
@@ -120,7 +120,7 @@ def test_rays_that_change_rows_at_the_ends_of_layers(device: Device) -> None:
             centre=DISC[:3] - sweeper.box.low,
             radius=4.0,
         )[0]
-        mean += excess.reshape(len(dense), -1)[:, place]
+        mean += i_minus_s.reshape(len(dense), -1)[:, place]
     np.testing.assert_allclose(got, cells.albedo * mean + sweeper.thermal, atol=1e-6)
 
 
@@ -129,22 +129,23 @@ def moments(
 ) -> dict[str, NDArray[np.floating]]:
     """Of the kernel ("got") and of the NumPy twin ("expected") moments of the light
     (9, C, N), by twelve directions, from a source by chance; "given": that source, (1 or 9, C, N),
-    "changes": how it changes across cells (3, C, M); "more": with ACROSS, how much more the
+    "changes": how it changes across cells (3, C, M); "more": with SPATIAL_MOMENTS, how much more
+    the
     light does, and "expected more"."""
-    defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1, "VECTOR": vector}
-    program = build(device, "sweep.cl", {**defines, **flags, "FLUX": 1})
+    defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1, "SIMD_WIDTH": vector}
+    program = build(device, "sweep.cl", {**defines, **flags, "ANGULAR_MOMENTS": 1})
     rng = np.random.default_rng(5)
-    changing = rng.random(len(cells.address)) < 0.3 if "ACROSS" in flags else None
+    linear_cells = rng.random(len(cells.address)) < 0.3 if "SPATIAL_MOMENTS" in flags else None
     iterate = build(device, "source_update.cl", defines)
-    sweeper = Sweeper(device, cells, program, iterate, disc=DISC, changing=changing)
+    sweeper = Sweeper(device, cells, program, iterate, disc=DISC, linear_cells=linear_cells)
     directions, starts = isotropic(12, rng), rng.random((12, 2))
-    moments = MOMENTS if "SLOPED" in flags else 1
+    moments = MOMENTS if "MOMENT_SOURCE" in flags else 1
     given = rng.uniform(-0.3, 1.0, (moments, sweeper.components, sweeper.count))
-    changes = rng.uniform(-0.5, 0.5, (3, sweeper.components, len(sweeper.changing)))
+    changes = rng.uniform(-0.5, 0.5, (3, sweeper.components, len(sweeper.linear_cells)))
     sweeper.set_source(
         given.reshape(-1, sweeper.count),
         shining=True,
-        changes=None if changing is None else changes,
+        changes=None if linear_cells is None else changes,
     )
     if sweeper.gradients is not None:
         changes = sweeper.gradients(given[0])
@@ -156,12 +157,12 @@ def moments(
     planes = np.zeros((MOMENTS + 3, sweeper.components, len(cells.depth)))
     planes[0] = source_planes(cells)
     planes[:moments, :, cells.address] = given
-    planes[MOMENTS:, :, cells.address[sweeper.changing]] = changes
+    planes[MOMENTS:, :, cells.address[sweeper.linear_cells]] = changes
     dense = np.array([[cells.dense(box, plane) for plane in some] for some in planes])
     expected = np.zeros_like(dense[:MOMENTS])
     across = np.zeros_like(dense[:3])
     for unit, weight, start in zip(directions.unit, directions.weight, starts, strict=True):
-        excess = sweep(
+        i_minus_s = sweep(
             cells.dense(box, cells.depth),
             dense[0],
             back=unit,
@@ -173,11 +174,13 @@ def moments(
             across=dense[MOMENTS:],
         )
         expected += np.multiply.outer(
-            [1.0, *found(unit[None])[:, 0]], weight * dense[0] + excess[0]
+            [1.0, *discrete_to_moment(unit[None])[:, 0]], weight * dense[0] + i_minus_s[0]
         )
-        across += excess[1:]
+        across += i_minus_s[1:]
     total = directions.weight.sum()
-    expected[1:] -= np.multiply.outer(found(directions.unit) @ directions.weight, expected[0])
+    expected[1:] -= np.multiply.outer(
+        discrete_to_moment(directions.unit) @ directions.weight, expected[0]
+    )
     place = cells.place(box, cells.address)
     both = {
         "got": got,
@@ -186,7 +189,7 @@ def moments(
         "changes": changes,
     }
     if more is not None:
-        here = place[sweeper.changing]
+        here = place[sweeper.linear_cells]
         both["more"] = more
         both["expected more"] = 12 / total * across.reshape(3, len(dense[0]), -1)[:, :, here]
     return both
@@ -196,7 +199,7 @@ def moments(
 def test_moments_against_numpy(device: Device, vector: int) -> None:
     """Sources that are more in one direction than in others, and the moments of the light."""
     cells = OpticalCells.of(random_tree(3))
-    light = moments(device, cells, {"SLOPED": 1}, vector=vector)
+    light = moments(device, cells, {"MOMENT_SOURCE": 1}, vector=vector)
     # As above: a ray's few roundings in each of at most 16 cells.
     np.testing.assert_allclose(light["got"], light["expected"], atol=2e-6)
 
@@ -213,7 +216,7 @@ def test_gradients_against_numpy(device: Device, vector: int, sloped: bool) -> N
     fields["droplet_absorption"] = fields["droplet_absorption"] / 1e3
     fields["vapour_absorption"] = fields["vapour_absorption"] / 1e5
     cells = OpticalCells.of(replace(tree, fields=fields))
-    flags: dict[str, Any] = {"LINEAR": 1, **({"SLOPED": 1} if sloped else {})}
+    flags: dict[str, Any] = {"LINEAR_SOURCE": 1, **({"MOMENT_SOURCE": 1} if sloped else {})}
     light = moments(device, cells, flags, vector=vector)
     assert np.mean(np.any(light["changes"] != 0, axis=(0, 1))) > 0.2  # the test is of something
     # A few roundings in each of at most 16 cells; `rising` is the difference of numbers next to 1.
@@ -229,43 +232,52 @@ def test_light_across_cells_against_numpy(device: Device, vector: int, deeper: f
     cells = OpticalCells.of(
         replace(tree, fields={name: deeper * values for name, values in tree.fields.items()})
     )
-    light = moments(device, cells, {"LINEAR": 1, "SLOPED": 1, "ACROSS": 1}, vector=vector)
+    light = moments(
+        device, cells, {"LINEAR_SOURCE": 1, "MOMENT_SOURCE": 1, "SPATIAL_MOMENTS": 1}, vector=vector
+    )
     np.testing.assert_allclose(light["got"], light["expected"], atol=4e-6)
     # Twelve times as much as the means; sources of 3 in all, where they have a slope.
     np.testing.assert_allclose(light["more"], light["expected more"], atol=5e-5)
 
 
 def test_light_to_the_camera_changes_as_the_light_does(device: Device) -> None:
-    """And has its mean, but with SEEN in cells that hide some of it from the camera."""
+    """And has its mean, but with VIEW_TRANSMISSION in cells that hide some of it from the
+    camera."""
     tree = random_tree(3)
     cells = OpticalCells.of(tree)
     fields = {name: 1e-9 * values for name, values in tree.fields.items()}
     clear = OpticalCells.of(replace(tree, fields=fields))
-    defines = {**cells.needs.defines, "BOUNDARY_DISC": 1, **lanes(device), "LINEAR": 1, "ACROSS": 1}
+    defines = {
+        **cells.needs.defines,
+        "BOUNDARY_DISC": 1,
+        **simd_defines(device),
+        "LINEAR_SOURCE": 1,
+        "SPATIAL_MOMENTS": 1,
+    }
     program = build(device, "sweep.cl", defines)
-    flags = {"TO_CAMERA": 1, "CAMERA_ORTHOGRAPHIC": 1}
+    flags = {"CAMERA_SWEEP": 1, "CAMERA_ORTHOGRAPHIC": 1}
     rng = np.random.default_rng(5)
-    changing = rng.random(len(cells.address)) < 0.3
+    linear_cells = rng.random(len(cells.address)) < 0.3
     iterate = build(device, "source_update.cl", defines)
-    sweeper = Sweeper(device, cells, program, iterate, disc=DISC, changing=changing)
+    sweeper = Sweeper(device, cells, program, iterate, disc=DISC, linear_cells=linear_cells)
     given = rng.uniform(0.0, 1.0, (sweeper.components, sweeper.count))
-    changes = rng.uniform(-0.5, 0.5, (3, sweeper.components, len(sweeper.changing)))
+    changes = rng.uniform(-0.5, 0.5, (3, sweeper.components, len(sweeper.linear_cells)))
     sweeper.set_source(given, shining=True, changes=changes)
     rays = sweeper.rays(isotropic(12, rng), rng.random((12, 2)))
     light = np.empty((1, *given.shape), np.float32)
     more = sweeper.moments(program, rays, out=light)
     assert more is not None
-    even = {name: value for name, value in defines.items() if name != "ACROSS"}
+    even = {name: value for name, value in defines.items() if name != "SPATIAL_MOMENTS"}
     towards = build(device, "sweep.cl", {**defines, **flags})
-    seen_there = build(device, "sweep.cl", {**even, **flags, "SEEN": 1})
+    seen_there = build(device, "sweep.cl", {**even, **flags, "VIEW_TRANSMISSION": 1})
     for seen in (clear, cells):
         camera = sweeper.to_camera(towards, seen, np.zeros(1), np.zeros(3))
-        mean, found = sweeper.weighted_mean(camera, rays)
+        mean, discrete_to_moment = sweeper.view_weighted_mean(camera, rays)
         np.testing.assert_allclose(mean, light[0], rtol=0, atol=2e-6)  # a few roundings of 12 rays
-        assert found is not None
-        np.testing.assert_allclose(found, more, atol=5e-5)  # twelve times as much
+        assert discrete_to_moment is not None
+        np.testing.assert_allclose(discrete_to_moment, more, atol=5e-5)  # twelve times as much
         camera = sweeper.to_camera(seen_there, seen, np.zeros(1), np.zeros(3))
-        mean, _ = sweeper.weighted_mean(camera, rays)
+        mean, _ = sweeper.view_weighted_mean(camera, rays)
         assert np.allclose(mean, light[0], rtol=0, atol=2e-6) == (seen is clear)
 
 
@@ -274,7 +286,7 @@ def test_light_in_opaque_cells_changes_as_their_source(device: Device) -> None:
     tree = random_tree(3)
     fields = {name: 1e6 * values for name, values in tree.fields.items()}
     cells = OpticalCells.of(replace(tree, fields=fields))
-    light = moments(device, cells, {"LINEAR": 1, "ACROSS": 1}, vector=8)
+    light = moments(device, cells, {"LINEAR_SOURCE": 1, "SPATIAL_MOMENTS": 1}, vector=8)
     assert np.abs(light["changes"]).max() > 0.3
     assert np.abs(light["more"]).max() < 5e-4
 
@@ -284,7 +296,7 @@ def test_sweep_of_one_row_is_exact(device: Device) -> None:
     tree = random_tree(4, scattering=1e-9)
     cells = OpticalCells.of(tree)
     sweeper = sweeper_of(device, cells, {"BOUNDARY_ENCLOSURE": 1})
-    along = Directions(unit=np.array([[0.0, 1.0, 0.0]]), weight=np.ones(1))
+    along = Ordinates(unit=np.array([[0.0, 1.0, 0.0]]), weight=np.ones(1))
     sweeper.set_source(np.zeros_like(sweeper.thermal), shining=False)
     sweeper.sweep(sweeper.rays(along, np.zeros((1, 2))), shining=True)
     mean = sweeper.next_order()[0] - sweeper.thermal[0]
@@ -303,10 +315,10 @@ def test_sweeps_repeat_to_the_last_bit(device: Device) -> None:
     sweeper = sweeper_of(device, cells, {"BOUNDARY_DISC": 1})
     rng = np.random.default_rng(2)
     directions, starts = isotropic(24, rng), rng.random((24, 2))
-    found = []
+    discrete_to_moment = []
     for _ in range(6):
-        sweeper.set_source(first_guess(sweeper, cells.albedo), shining=True)
+        sweeper.set_source(order_0(sweeper, cells.albedo), shining=True)
         sweeper.sweep(sweeper.rays(directions, starts), shining=True)
-        found.append(sweeper.next_order())
-    for other in found[1:]:
-        np.testing.assert_array_equal(other, found[0])
+        discrete_to_moment.append(sweeper.next_order())
+    for other in discrete_to_moment[1:]:
+        np.testing.assert_array_equal(other, discrete_to_moment[0])

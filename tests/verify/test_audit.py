@@ -13,7 +13,7 @@ from cldit.run import Run
 from cldit.transport.monte_carlo import audit
 from cldit.transport.monte_carlo.audit import found
 from cldit.transport.monte_carlo.path import trace_path
-from cldit.transport.temperature_error import error_K
+from cldit.transport.temperature_error import temperature_error_K
 from cldit.transport.trace import Trace
 
 EDGE = 0.04
@@ -81,7 +81,7 @@ def test_unbiased(
     own = audit._planes(truth.weights_difference, cells)
     visible = mine[0] < 0.95
     expected = sum(
-        float(np.mean(np.nan_to_num(error_K(mine, part, cells, scene))[visible] ** 2))
+        float(np.mean(np.nan_to_num(temperature_error_K(mine, part, cells, scene))[visible] ** 2))
         for part in (added, own)
     )
     assert expected > 0.5

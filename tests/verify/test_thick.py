@@ -11,9 +11,9 @@ import pytest
 from cldit.gpu.device import Device
 from cldit.run import Run, simulate
 from cldit.scene import load_scene, parse_scene
-from cldit.transport.discrete_ordinates.problem import Work
+from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.final_gather.cell_sources import records as made
-from cldit.transport.thick_region import ThickCells
+from cldit.transport.thick_region import ThickRegion
 
 from .slab import mean_radiance, run_slab
 
@@ -178,7 +178,7 @@ def test_flights_one_by_one(
     which bring up to 1, one counts 0.008; nearly all pixels have none."""
     changes = {"accuracy_K": 1.0, "max_samples": 128, "phase": phase, "precision": precision}
     eight = run_block(BLOCK, **SCENE, transport=changes)
-    monkeypatch.setattr("cldit.transport.final_gather.gather.lanes", lambda _: {"VECTOR": 1})
+    monkeypatch.setattr("cldit.transport.final_gather.gather.lanes", lambda _: {"SIMD_WIDTH": 1})
     one = run_block(BLOCK, **SCENE, transport=changes)
     assert one.info.counts["samples"] == eight.info.counts["samples"]
     difference = np.abs(wall(one) - wall(eight))
@@ -202,7 +202,7 @@ def test_flights_meet_light_that_changes_as_it_does(
     """
     kept: dict[str, Any] = {}
 
-    def keeping(work: Work, thick: ThickCells, *given: Any, **found: Any) -> Any:
+    def keeping(work: SweepProblem, thick: ThickRegion, *given: Any, **found: Any) -> Any:
         kept["cells"], kept["thick"] = work.seen, thick
         kept["records"] = made(work, thick, *given, **found)
         return kept["records"]

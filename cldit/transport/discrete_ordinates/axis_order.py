@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cldit.transport.discrete_ordinates.cell_packets import GROUP
+from cldit.transport.discrete_ordinates.cell_packets import PACKET
 
 
 @dataclass(frozen=True)
-class Layout:
+class AxisOrder:
     """One of the three orders of axes.
 
     stride_v, stride_l: of rows in the groups of cells (straight: [z][y]; turned: [x][z]).
@@ -25,7 +25,7 @@ class Layout:
     def slots(self) -> int:
         """For a row of rays: those that are in the box, in whole groups, and those that come in."""
         nu, _, nl = self.size
-        return -(-nu // GROUP) * GROUP + nl + 4
+        return -(-nu // PACKET) * PACKET + nl + 4
 
     @property
     def ray_rows(self) -> int:
@@ -33,11 +33,11 @@ class Layout:
         return self.size[1] + self.size[2] + 2
 
 
-def layouts(shape: tuple[int, int, int]) -> dict[int, Layout]:
+def axis_orders(shape: tuple[int, int, int]) -> dict[int, AxisOrder]:
     """Layout for each axis (x, y, z) that layers are stacked along."""
     nx, ny, nz = shape
     return {
-        2: Layout(0, (0, 1, 2), (nx, ny, nz), 1, ny, turned=False),
-        1: Layout(1, (0, 2, 1), (nx, nz, ny), ny, 1, turned=False),
-        0: Layout(2, (1, 2, 0), (ny, nz, nx), 1, nz, turned=True),
+        2: AxisOrder(0, (0, 1, 2), (nx, ny, nz), 1, ny, turned=False),
+        1: AxisOrder(1, (0, 2, 1), (nx, nz, ny), ny, 1, turned=False),
+        0: AxisOrder(2, (1, 2, 0), (ny, nz, nx), 1, nz, turned=True),
     }

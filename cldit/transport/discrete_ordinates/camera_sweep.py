@@ -14,15 +14,16 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.attenuation import mean_transmission
 from cldit.transport.cells import Box, OpticalCells
-from cldit.transport.discrete_ordinates.cell_packets import Groups, turned_too
+from cldit.transport.discrete_ordinates.cell_packets import CellPackets, turned_too
 
 
 @dataclass(frozen=True)
-class ToCamera:
+class CameraSweep:
     """A sweep for the light that cells scatter towards the camera.
 
     place: of the camera, in cells of the cube. shares: sum of weights in every cell, in groups of
-    either order; seen, with SEEN: optical depths as the camera sees them, and 1 over the mean
+    either order; seen, with VIEW_TRANSMISSION: optical depths as the camera sees them, and 1 over
+    the mean
     transmission of each, likewise.
     """
 
@@ -42,16 +43,17 @@ class ToCamera:
         real: type[np.float32] | type[np.float64],
         program: Program,
         medium: OpticalCells,
-        groups: Mapping[bool, Groups],
+        groups: Mapping[bool, CellPackets],
         *,
         phase: NDArray[np.float64],
         place: NDArray[np.float64],
-    ) -> ToCamera:
-        """program: sweep.cl, with TO_CAMERA; medium: as the camera sees it; phase: even in the sine
+    ) -> CameraSweep:
+        """program: sweep.cl, with CAMERA_SWEEP; medium: as the camera sees it; phase: even in the
+        sine
         of half the angle, or a single number where the program has no PHASE_STEPS."""
 
         seen: dict[bool, list[Any]] = {turned: [] for turned in groups}
-        if "SEEN" in program.defines:
+        if "VIEW_TRANSMISSION" in program.defines:
             for values in (medium.depth, 1.0 / mean_transmission(medium.depth)):
                 dense = turned_too(medium.dense(box, values.astype(real)))
                 for turned, some in groups.items():

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from cldit.gpu.device import Device
 from cldit.transport.cells import Box, OpticalCells
 
-GROUP = 8  # cells of a group, as in kernels/cell_packets.h
+PACKET = 8  # cells of a group, as in kernels/cell_packets.h
 
 
-def lanes(device: Device) -> dict[str, int]:
+def simd_defines(device: Device) -> dict[str, int]:
     """How many cells of a group, or flights, a work-item takes at once (kernels/simd.h)."""
-    return {"VECTOR": GROUP if device.is_cpu else 1}
+    return {"SIMD_WIDTH": PACKET if device.is_cpu else 1}
 
 
 @dataclass(frozen=True)
-class Groups:
+class CellPackets:
     """What sweeps along one order of the axes go through: G groups of a box [l][v][u].
 
     first (rows + 1,): where each row's groups begin among all. along (G,): u of a group's first
@@ -33,7 +33,7 @@ class Groups:
     number: NDArray[np.int32]
 
     @classmethod
-    def of(cls, filled: NDArray[np.bool_], scatters: NDArray[np.bool_]) -> Groups:
+    def of(cls, filled: NDArray[np.bool_], scatters: NDArray[np.bool_]) -> CellPackets:
         """filled, scatters: [l][v][u], which cells are not empty, and which scatter."""
         some = np.asarray(_split(filled).any(axis=2))
         row, place = np.nonzero(some)
@@ -42,12 +42,12 @@ class Groups:
         clear = ~_split(scatters)[row, place].any(axis=1)
         return cls(
             first=np.searchsorted(row, np.arange(len(some) + 1)).astype(np.int32),
-            along=np.where(clear, -1 - GROUP * place, GROUP * place).astype(np.int32),
+            along=np.where(clear, -1 - PACKET * place, PACKET * place).astype(np.int32),
             number=number,
         )
 
     @classmethod
-    def both(cls, cells: OpticalCells, box: Box) -> dict[bool, Groups]:
+    def both(cls, cells: OpticalCells, box: Box) -> dict[bool, CellPackets]:
         """Those along x, of rows [z][y], and the turned ones along y, of rows [x][z]."""
         scatters = np.zeros(len(cells.depth), np.bool_)
         scatters[cells.address] = True
@@ -61,20 +61,20 @@ class Groups:
     @property
     def cells(self) -> int:
         """With the empty ones in the groups."""
-        return GROUP * len(self)
+        return PACKET * len(self)
 
     @property
     def widest(self) -> int:
         """Cells in the groups of a row, at most."""
-        return GROUP * int(np.diff(self.first).max(initial=1))
+        return PACKET * int(np.diff(self.first).max(initial=1))
 
     def packed(self, dense: NDArray[Any]) -> NDArray[Any]:
-        """(G, GROUP) values of cells, from a dense array [l][v][u]."""
+        """(G, PACKET) values of cells, from a dense array [l][v][u]."""
         return np.asarray(_split(dense)[self.number >= 0])
 
     def places(self, row: NDArray[np.int64], u: NDArray[np.int64]) -> NDArray[np.int32]:
         """Cell of group 0, 1, ... that each cell is, which must not be empty."""
-        return np.asarray(self.number[row, u // GROUP] * GROUP + u % GROUP, np.int32)
+        return np.asarray(self.number[row, u // PACKET] * PACKET + u % PACKET, np.int32)
 
 
 def turned_too(dense: NDArray[Any]) -> dict[bool, NDArray[Any]]:
@@ -84,5 +84,5 @@ def turned_too(dense: NDArray[Any]) -> dict[bool, NDArray[Any]]:
 
 def _split(dense: NDArray[Any]) -> NDArray[Any]:
     """[row][place][cell of the group], filled up with 0."""
-    padded = np.pad(dense, ((0, 0), (0, 0), (0, -dense.shape[2] % GROUP)))
-    return padded.reshape(dense.shape[0] * dense.shape[1], -1, GROUP)
+    padded = np.pad(dense, ((0, 0), (0, 0), (0, -dense.shape[2] % PACKET)))
+    return padded.reshape(dense.shape[0] * dense.shape[1], -1, PACKET)

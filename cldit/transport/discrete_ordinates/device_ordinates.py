@@ -11,55 +11,55 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
 from cldit.transport.cells import Box
-from cldit.transport.discrete_ordinates.quadrature import Directions
+from cldit.transport.discrete_ordinates.quadrature import Ordinates
 from cldit.transport.discrete_ordinates.sweep_arrays import Real
-from cldit.transport.discrete_ordinates.sweep_schedule import Route, routes
+from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule, sweep_schedules
 
 
 @dataclass(frozen=True)
-class Rays:
+class DeviceOrdinates:
     """routes: with what kernels/sweep.cl takes of each, from `tiles` to `origins`, and then with
-    ACROSS."""
+    SPATIAL_MOMENTS."""
 
-    directions: Directions
-    routes: tuple[tuple[Route, list[Any], list[Any]], ...]
+    directions: Ordinates
+    sweep_schedules: tuple[tuple[SweepSchedule, list[Any], list[Any]], ...]
 
     @classmethod
     def of(
         cls,
         device: Device,
         box: Box,
-        directions: Directions,
+        directions: Ordinates,
         starts: NDArray[np.float64],
         *,
         together: int,
         edge: int,
         real: Real,
-    ) -> Rays:
+    ) -> DeviceOrdinates:
         """starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer;
         together: so many directions at most go through the box at once, by tiles of this edge."""
         ready = []
-        for route in routes(box, directions, starts, together=together, edge=edge):
-            nothing = np.zeros((len(route), 1))
-            most = route.layout.size[2] + 1  # that rays move
-            origin = np.where([route.rightwards, route.upwards], most, 1)
+        for schedule in sweep_schedules(box, directions, starts, together=together, edge=edge):
+            nothing = np.zeros((len(schedule), 1))
+            most = schedule.layout.size[2] + 1  # that rays move
+            origin = np.where([schedule.rightwards, schedule.upwards], most, 1)
             tables = [
-                route.tiles,
-                route.begins,
-                route.faces,
-                route.shifts,
-                np.column_stack([route.middle, route.part]).astype(real),
-                np.column_stack([route.back, nothing]).astype(real),
-                np.column_stack([route.stretch, route.weight]).astype(real),
-                np.column_stack([*origin, route.number, nothing]).astype(np.int32),
+                schedule.tiles,
+                schedule.begins,
+                schedule.faces,
+                schedule.shifts,
+                np.column_stack([schedule.middle, schedule.part]).astype(real),
+                np.column_stack([schedule.back, nothing]).astype(real),
+                np.column_stack([schedule.stretch, schedule.weight]).astype(real),
+                np.column_stack([*origin, schedule.number, nothing]).astype(np.int32),
             ]
             across = [
-                np.column_stack([route.lever, route.part]).astype(real),
-                np.column_stack([route.gain * route.back, nothing]).astype(real),
+                np.column_stack([schedule.basis, schedule.part]).astype(real),
+                np.column_stack([schedule.gain * schedule.back, nothing]).astype(real),
             ]
             ready.append(
                 (
-                    route,
+                    schedule,
                     [upload(device, "routes", table) for table in tables],
                     [upload(device, "routes", table) for table in across],
                 )

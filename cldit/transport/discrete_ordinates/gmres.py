@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import NotConvergedError, TransportError
-from cldit.transport.discrete_ordinates.device_ordinates import Rays
+from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 
 Array = NDArray[Any]
@@ -25,7 +25,7 @@ Report = Callable[[str], None]
 # Vectors kept before a restart: light that diffuses far needs many, others some eight.
 _KRYLOV = 80
 _KRYLOV_BYTES = 1e9  # that they may take, but for the first twelve
-_MAX_PASSES = 600
+_MAX_ITERATIONS = 600
 # RMS of what rounding takes from numbers, in machine epsilons of theirs: up to a half of the last
 # digit, evenly, of mantissas from 1 to 2.
 _ROUNDED = 0.2
@@ -33,7 +33,7 @@ _ROUNDED = 0.2
 
 @dataclass(frozen=True)
 class Solution:
-    """source (C, N) of the scattering cells; passes: full sets of sweeps that it took.
+    """source (C, N) of the scattering cells; iterations: full sets of sweeps that it took.
 
     residual: RMS of the preconditioned residual, of the worst component. error: what that stands
     for in the source, through the smallest singular value that GMRES met. Both are 0 for a fixed
@@ -43,21 +43,21 @@ class Solution:
     """
 
     source: Array
-    passes: int
-    residual: float
+    iterations: int
+    residual_rms: float
     error: float
-    lack: Array | None = None
+    residual: Array | None = None
     towards: Array | None = None
 
 
-def first_guess(sweeper: Sweeper, albedo: NDArray[np.float64]) -> Array:
+def order_0(sweeper: Sweeper, albedo: NDArray[np.float64]) -> Array:
     """Order 0: whatever is scattered is taken to come from the wall (paper, "Ray Tracing")."""
     guess = sweeper.thermal.copy()
     guess[1] += albedo.astype(guess.dtype)
     return guess
 
 
-def another_order(sweeper: Sweeper, source: Array, rays: Rays) -> Array:
+def next_order(sweeper: Sweeper, source: Array, rays: DeviceOrdinates) -> Array:
     """The source after one more scattering."""
     sweeper.set_source(source, shining=True)
     sweeper.sweep(rays, shining=True)
@@ -70,18 +70,18 @@ def _rms(values: Array) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(np.mean(wide * wide, axis=1)))
 
 
-def _worst(lack: Array) -> float:
+def _worst(residual: Array) -> float:
     """RMS of a residual (C, N), of its worst component; TransportError where it is not finite."""
-    worst = float(_rms(lack).max())
+    worst = float(_rms(residual).max())
     if not np.isfinite(worst):
         raise TransportError("the scattered source is not finite")
     return worst
 
 
-def solve(
+def gmres(
     sweeper: Sweeper,
     guess: Array,
-    rays: Rays,
+    rays: DeviceOrdinates,
     *,
     tolerance: float,
     report: Report | None = None,
@@ -98,43 +98,43 @@ def solve(
         confirmed: by one pass more, which sees rounding too; else by what GMRES makes of its own.
 
     Raises:
-        NotConvergedError: the tolerance cannot be met (rounding, or too many passes).
+        NotConvergedError: the tolerance cannot be met (rounding, or too many iterations).
         TransportError: the source is not finite.
     """
     source = guess.astype(sweeper.real)
-    passes, gain, before = 0, 1.0, np.inf
+    iterations, gain, before = 0, 1.0, np.inf
     while True:
         sweeper.set_source(source, shining=True)
         sweeper.sweep(rays, shining=True)
-        passes += 1
-        lack = sweeper.residual(shining=True)
-        now = _worst(lack)
+        iterations += 1
+        residual = sweeper.residual(shining=True)
+        now = _worst(residual)
         if report is not None:
-            report(f"pass {passes}: residual {now:.1e}, error {now * gain:.1e}")
-        if now == 0.0 or (passes > 1 and now * gain <= tolerance):
-            return Solution(source, passes, now, now * gain, lack)
-        if passes >= _MAX_PASSES or now > 0.5 * before:
-            raise _stuck(now * gain, passes, tolerance)
+            report(f"iteration {iterations}: residual {now:.1e}, error {now * gain:.1e}")
+        if now == 0.0 or (iterations > 1 and now * gain <= tolerance):
+            return Solution(source, iterations, now, now * gain, residual)
+        if iterations >= _MAX_ITERATIONS or now > 0.5 * before:
+            raise _stuck(now * gain, iterations, tolerance)
         before = now
-        cycle = _krylov(sweeper, lack, rays, tolerance)
-        passes, gain = passes + cycle.passes, cycle.gain
+        cycle = _krylov(sweeper, residual, rays, tolerance)
+        iterations, gain = iterations + cycle.iterations, cycle.gain
         source = source + cycle.step
         if not confirmed and (left := _worst(cycle.left)) * gain <= tolerance:
-            return Solution(source, passes, left, left * gain, cycle.left)
+            return Solution(source, iterations, left, left * gain, cycle.left)
 
 
-def _stuck(error: float, passes: int, tolerance: float) -> NotConvergedError:
+def _stuck(error: float, iterations: int, tolerance: float) -> NotConvergedError:
     return NotConvergedError(
-        f"scattering does not converge below an error of {error:.1e} ({passes} passes), asked for "
-        f"is {tolerance:.1e}; allow a larger transport.accuracy_K, or set transport.precision: "
-        "float64"
+        f"scattering does not converge below an error of {error:.1e} ({iterations} iterations), "
+        f"asked for is {tolerance:.1e}; allow a larger transport.accuracy_K, or set "
+        "transport.precision: float64"
     )
 
 
-def corrected(
+def defect_correction(
     sweeper: Sweeper,
     solution: Solution,
-    rays: Rays,
+    rays: DeviceOrdinates,
     *,
     tolerance: float,
     report: Report | None = None,
@@ -143,31 +143,32 @@ def corrected(
     """The solution as more directions have it, and how much more light (C, N) that brings to cells
     than these found.
 
-    The sweeper has swept the solution along them, into `listed` (see `Sweeper.residual`); rays:
+    The sweeper has swept the solution along them, into `listed` (see `Sweeper.residual_rms`); rays:
     those that it was solved with.
 
     Raises:
-        NotConvergedError, TransportError: as `solve`.
+        NotConvergedError, TransportError: as `gmres`.
     """
-    lack = sweeper.residual(shining=True, listed=listed)
-    left, step, passes = lack, np.zeros_like(lack), solution.passes
-    # What is left is carried on from cycle to cycle, and cannot show what `lack` itself is off by.
-    rounding = _ROUNDED * float(np.finfo(lack.dtype).eps) * _worst(solution.source)
-    error = now = _worst(lack)
-    while now > 0.0 and (error > tolerance or left is lack):
+    residual = sweeper.residual(shining=True, listed=listed)
+    left, step, iterations = residual, np.zeros_like(residual), solution.iterations
+    # What is left goes from cycle to cycle, and cannot show what `residual` itself is off by.
+    rounding = _ROUNDED * float(np.finfo(residual.dtype).eps) * _worst(solution.source)
+    error = now = _worst(residual)
+    while now > 0.0 and (error > tolerance or left is residual):
         before, cycle = now, _krylov(sweeper, left, rays, tolerance)
-        step, left, passes = step + cycle.step, cycle.left, passes + cycle.passes
+        step, left, iterations = step + cycle.step, cycle.left, iterations + cycle.iterations
         now = _worst(left)
         error = (now + rounding) * cycle.gain
         if report is not None:
-            report(f"pass {passes}, corrected: residual {now:.1e}, error {error:.1e}")
+            report(f"iteration {iterations}, corrected: residual {now:.1e}, error {error:.1e}")
         if error > tolerance and (now > 0.5 * before or now < rounding):
-            raise _stuck(error, passes, tolerance)
+            raise _stuck(error, iterations, tolerance)
     # What the step scatters, less what it is of its own: the residual not preconditioned.
-    least = np.finfo(lack.dtype).tiny
-    more = (step - lack * sweeper.lost) / np.maximum(sweeper.albedo, least).astype(lack.dtype)
+    least = np.finfo(residual.dtype).tiny
+    albedo = np.maximum(sweeper.albedo, least).astype(residual.dtype)
+    more = (step - residual * sweeper.one_minus_lambda) / albedo
     source = solution.source + step
-    return Solution(source, passes, now, error, left), more
+    return Solution(source, iterations, now, error, left), more
 
 
 @dataclass(frozen=True)
@@ -176,17 +177,17 @@ class _Cycle:
 
     step: Array
     left: Array
-    passes: int
+    iterations: int
     gain: float
 
 
-def _krylov(sweeper: Sweeper, lack: Array, rays: Rays, tolerance: float) -> _Cycle:
+def _krylov(sweeper: Sweeper, residual: Array, rays: DeviceOrdinates, tolerance: float) -> _Cycle:
     """One cycle of GMRES."""
-    parts, count = lack.shape
-    start = np.sqrt(np.sum(lack.astype(np.float64) ** 2, axis=1))
+    parts, count = residual.shape
+    start = np.sqrt(np.sum(residual.astype(np.float64) ** 2, axis=1))
     alive = start > 0
-    basis = [lack / np.where(alive, start, 1.0)[:, None].astype(lack.dtype)]
-    most = int(np.clip(_KRYLOV_BYTES / max(lack.nbytes, 1), 12, _KRYLOV))
+    basis = [residual / np.where(alive, start, 1.0)[:, None].astype(residual.dtype)]
+    most = int(np.clip(_KRYLOV_BYTES / max(residual.nbytes, 1), 12, _KRYLOV))
     hessenberg = np.zeros((parts, most + 1, most))
     best: list[NDArray[np.float64]] = [np.zeros(0)] * parts
     gain = 1.0
@@ -219,11 +220,11 @@ def _krylov(sweeper: Sweeper, lack: Array, rays: Rays, tolerance: float) -> _Cyc
             break
         if np.all(length <= 1e-6 * np.abs(hessenberg[:, 0, 0]).max()):
             break  # the space is exhausted: the solution lies in it
-    step, left = np.zeros_like(lack), lack.copy()
+    step, left = np.zeros_like(residual), residual.copy()
     for c in range(parts):
         met = hessenberg[c, :, : len(best[c])] @ best[c]
         for number, vector in enumerate(basis):
-            left[c] -= vector[c] * lack.dtype.type(met[number])
+            left[c] -= vector[c] * residual.dtype.type(met[number])
             if number < len(best[c]):
-                step[c] += vector[c] * lack.dtype.type(best[c][number])
+                step[c] += vector[c] * residual.dtype.type(best[c][number])
     return _Cycle(step, left, taken, gain)

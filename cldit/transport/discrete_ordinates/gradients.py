@@ -1,6 +1,7 @@
 """How the source, and the light, change across each scattering cell, from those beside it.
 
-In the picture light does: a cell is many pixels wide (`across_cells`). In the sweeps the source
+In the picture light does: a cell is many pixels wide (`spatial_gradients`). In the sweeps the
+source
 does where light diffuses through thick cells (`Gradients`). One source a cell, the same all over
 it, lets light through thick cells that scatter nearly all of it too fast: between two such cells of
 optical depth t it carries 3 t / 4 times what diffusion does (Larsen, Morel and Miller, J. Comput.
@@ -61,7 +62,7 @@ class Gradients:
         return np.stack([more[0] + more[1], more[2] + more[3], more[4] + more[5]])
 
 
-def matter(cells: OpticalCells, *, scattered: float) -> bool:
+def diffusion_matters(cells: OpticalCells, *, scattered: float) -> bool:
     """Whether light diffuses through thick cells, if this share of the scattering counts."""
     counts = cells.coalbedo + scattered * cells.albedo
     depth, coalbedo = counts * cells.depth[cells.address], cells.coalbedo / counts
@@ -69,7 +70,7 @@ def matter(cells: OpticalCells, *, scattered: float) -> bool:
     return bool(np.any((depth > _DEEP) & (depth < _DEEPEST) & (coalbedo < _RARELY) & far))
 
 
-def across_cells(
+def spatial_gradients(
     light: NDArray[np.floating],
     cells: OpticalCells,
     box: Box,
@@ -118,8 +119,8 @@ def _beside(
     number = np.full(np.array(box.shape[::-1]) + 2 * far, -1, np.int32)
     number[tuple(at[::-1])] = np.where(chosen, np.arange(len(chosen)), -1)
     for axis in range(3):
-        ways = [at + step * np.eye(3, dtype=int)[:, axis, None] for step in steps]
-        yield [np.where(chosen, number[tuple(way[::-1])], -1) for way in ways]
+        segments = [at + step * np.eye(3, dtype=int)[:, axis, None] for step in steps]
+        yield [np.where(chosen, number[tuple(way[::-1])], -1) for way in segments]
 
 
 def _along(

@@ -10,14 +10,14 @@ import numpy as np
 from cldit.gpu.buffers import clear, unset, upload
 from cldit.gpu.device import Device
 from cldit.transport.cells import Box
-from cldit.transport.discrete_ordinates.axis_order import Layout, layouts
-from cldit.transport.thick_region import ThickCells
+from cldit.transport.discrete_ordinates.axis_order import AxisOrder, axis_orders
+from cldit.transport.thick_region import ThickRegion
 
 _NO_FACE = 64  # in place of a face, as in sweep.cl
 
 
 @dataclass(frozen=True)
-class RimLight:
+class InterfaceRadiance:
     """Light that comes into the region from without, and that in thick cells, as sweeps store it:
     [face or cell][direction][component], so that flights of one tile meet few pages of it.
 
@@ -26,13 +26,13 @@ class RimLight:
     """
 
     buffer: Any
-    rim: int
+    interfaces: int
     directions: int
     rows: dict[int, Any]
     faces: dict[int, Any]
     first: int = 0
 
-    def after(self, directions: int) -> RimLight:
+    def after(self, directions: int) -> InterfaceRadiance:
         """For sweeps that follow so many directions."""
         return replace(self, first=directions)
 
@@ -40,13 +40,13 @@ class RimLight:
     def of(
         cls,
         device: Device,
-        thick: ThickCells,
+        thick: ThickRegion,
         box: Box,
         *,
         components: int,
         directions: int,
         real: type[np.floating],
-    ) -> RimLight:
+    ) -> InterfaceRadiance:
         owner, side = np.nonzero(thick.faces >= 0)
         number = thick.faces[owner, side]
         at = thick.at[owner]  # and now of the cell that light comes from
@@ -55,7 +55,7 @@ class RimLight:
         at = np.concatenate([at, thick.at[thick_ones]])
         number = np.concatenate([number, thick.own[thick_ones]])
         rows, listed = {}, {}
-        for layout in layouts(box.shape).values():
+        for layout in axis_orders(box.shape).values():
             along, across, up = at[:, layout.axes].T
             _, nv, nl = layout.size
             row = up * nv + across
@@ -66,13 +66,13 @@ class RimLight:
             table = np.column_stack([along, bit, number, number])[order]  # the last is not read
             rows[layout.number] = upload(device, "rows of faces", starts.astype(np.int32))
             listed[layout.number] = upload(device, "faces", table.astype(np.int32))
-        kept = unset(device, "light from without", thick.rim * directions * components, real)
+        kept = unset(device, "light from without", thick.interfaces * directions * components, real)
         # Cells' own light, which comes last, is summed; that of faces is written.
         each, own = directions * components, len(thick_ones)
-        clear(device, kept, own * each, real, first=(thick.rim - own) * each)
-        return cls(kept, thick.rim, directions, rows, listed)
+        clear(device, kept, own * each, real, first=(thick.interfaces - own) * each)
+        return cls(kept, thick.interfaces, directions, rows, listed)
 
-    def arguments(self, layout: Layout) -> list[Any]:
+    def arguments(self, layout: AxisOrder) -> list[Any]:
         """Kernel arguments `light` to `rim_faces`."""
         return [
             self.buffer,

@@ -19,7 +19,7 @@ def _cuts(count: int, edge: int) -> NDArray[np.int32]:
     return np.linspace(0, count, 2 * -(-count // (2 * edge)) + 1).astype(np.int32)
 
 
-def tiles(
+def kba_tiles(
     rows: int, layers: int, quadrants: NDArray[np.int64], edge: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Tiles (M, COLUMNS) in the order of launches (L, 2), the first of each and its end.

@@ -26,22 +26,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.gpu.program import Program
-from cldit.transport.angular_moments import MOMENTS, scattered
+from cldit.transport.angular_moments import MOMENTS, phase_coefficients
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.gmres import Solution
 from cldit.transport.discrete_ordinates.gradients import limit
-from cldit.transport.discrete_ordinates.problem import Work, one_more
+from cldit.transport.discrete_ordinates.problem import SweepProblem, after_one_scattering
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Last:
+class FinalSource:
     """What the last sweeps start from.
 
     sweeper: that makes them; it holds the source. cells, source: the medium that they sweep, and
-    what it sends, as they take it. solution, defect: of the solver's medium, as in `Scattered`.
+    what it sends, as they take it. solution, defect: of the solver's medium, as in `CameraSource`.
     earlier: sweeps, of another sweeper.
     """
 
@@ -54,11 +54,11 @@ class Last:
     earlier: int = 0
 
 
-def evenly(
-    work: Work,
+def isotropic_source(
+    work: SweepProblem,
     rng: np.random.Generator,
     report: Callable[[str], None] | None,
-) -> Last:
+) -> FinalSource:
     """Without a phase function, and light even in cells: the solution, in the medium as it is."""
     plain = work.program(work.solver)
     sweeper = work.sweeper(work.seen, plain)
@@ -66,19 +66,19 @@ def evenly(
         solution, few = work.solution(sweeper, rng, report)
         sweeper.set_source(solution.source, shining=True)
         sweeper.sweep(work.rays(sweeper, work.half, rng), shining=True)
-        solution, _ = work.corrected(sweeper, solution, few, report)
+        solution, _ = work.defect_correction(sweeper, solution, few, report)
     else:
         solution = work.scattered(sweeper, rng, work.settings.order - 1)
     solution, defect = work.checked(sweeper, solution)
     sweeper.set_source(solution.source, shining=True)
     source = Light(solution.source, None)
-    return Last(sweeper, work.seen, source, solution, defect, (plain,))
+    return FinalSource(sweeper, work.seen, source, solution, defect, (plain,))
 
 
 @dataclass(frozen=True)
 class Light:
     """moments (M, C, N): mean of the light in the cells; with a phase function all of moments.py.
-    changes (3, C, K): across the cells `changing`, if any."""
+    changes (3, C, K): across the cells `linear_cells`, if any."""
 
     moments: NDArray[np.floating]
     changes: NDArray[np.floating] | None
@@ -90,7 +90,7 @@ class _Solved:
     serves them too.
 
     albedo (N,), thermal (C, N): of the solver's cells; room: for moments, if there are any;
-    sweeps: of a sweeper that is gone. The others as in `Last`.
+    sweeps: of a sweeper that is gone. The others as in `FinalSource`.
     """
 
     solution: Solution
@@ -104,15 +104,17 @@ class _Solved:
 
     @classmethod
     def of(
-        cls, work: Work, rng: np.random.Generator, report: Callable[[str], None] | None
+        cls, work: SweepProblem, rng: np.random.Generator, report: Callable[[str], None] | None
     ) -> tuple[_Solved, Light]:
         """And the light that the solution makes."""
         settings, phase = work.settings, work.settings.phase
         plain = work.program(work.solver)
         every = settings.order is None
         even = phase.asymmetry if every and phase is not None else 0.0
-        serves = phase is None and "LINEAR" not in work.solver  # all sweeps are of one medium
-        sweeper = work.sweeper(work.cells(1.0 - even), plain, work.changing if serves else None)
+        serves = (
+            phase is None and "LINEAR_SOURCE" not in work.solver
+        )  # all sweeps are of one medium
+        sweeper = work.sweeper(work.cells(1.0 - even), plain, work.linear_cells if serves else None)
         programs = [plain]
         shape = (1 if phase is None else MOMENTS, sweeper.components, sweeper.count)
         light = np.zeros(shape, sweeper.real)
@@ -123,20 +125,20 @@ class _Solved:
         if every:
             solution, few = work.solution(sweeper, rng, report)
             if phase is not None:
-                programs.append(work.program({**work.solver, "FLUX": 1}))
+                programs.append(work.program({**work.solver, "ANGULAR_MOMENTS": 1}))
             sweeper.set_source(solution.source, shining=True)
             sweeper.moments(programs[-1], work.rays(sweeper, work.more, rng), out=light, room=room)
             listed = room[1] if room else None
-            solution, more = work.corrected(sweeper, solution, few, report, listed=listed)
+            solution, more = work.defect_correction(sweeper, solution, few, report, listed=listed)
             light[0] += more
-            solution = one_more(solution, solution.source, sweeper)
+            solution = after_one_scattering(solution, solution.source, sweeper)
         else:
             solution = work.scattered(sweeper, rng, 0)
             light[0, 1] = 1.0  # as if it came from the wall, all round
-        if work.changing is not None:
-            changes = np.zeros((3, shape[1], np.count_nonzero(work.changing)), sweeper.real)
+        if work.linear_cells is not None:
+            changes = np.zeros((3, shape[1], np.count_nonzero(work.linear_cells)), sweeper.real)
             if sweeper.gradients is not None:
-                changes[:] = sweeper.gradients(light[0])[:, :, work.changing]
+                changes[:] = sweeper.gradients(light[0])[:, :, work.linear_cells]
         solution, defect = work.checked(sweeper, solution)
         solved = cls(
             solution=solution,
@@ -151,17 +153,17 @@ class _Solved:
         return solved, Light(light, changes)
 
 
-def by_moments(
-    work: Work,
+def moment_source(
+    work: SweepProblem,
     towards: Program,
     rng: np.random.Generator,
     report: Callable[[str], None] | None,
-) -> Last:
+) -> FinalSource:
     """From a solution by one moment to a source by more; see the head of this file."""
     solved, light = _Solved.of(work, rng, report)
     solution, programs = solved.solution, solved.programs
     cells = work.cells(1.0 - work.forward)
-    sweeper = solved.sweeper or work.sweeper(cells, towards, work.changing)
+    sweeper = solved.sweeper or work.sweeper(cells, towards, work.linear_cells)
     order = work.settings.order
     times, count = (
         (work.passes, work.most // work.passes) if order is None else (order - 1, work.most)
@@ -180,21 +182,22 @@ def by_moments(
     solution = replace(solution, source=source_there.astype(sweeper.real))
     source = _source(work, sweeper, light)
     sweeper.set_source(source.moments, shining=True, changes=source.changes)
-    return Last(sweeper, cells, source, solution, solved.defect, programs, solved.sweeps)
+    return FinalSource(sweeper, cells, source, solution, solved.defect, programs, solved.sweeps)
 
 
 def limited(
     sweeper: Sweeper, changes: NDArray[np.floating], source: NDArray[np.floating]
 ) -> NDArray[np.floating]:
-    """Changes (3, C, K) of the source, of those of the light, across the cells `changing`; source:
+    """Changes (3, C, K) of the source, of those of the light, across the cells `linear_cells`;
+    source:
     (C or more, N)."""
-    some = sweeper.changing
+    some = sweeper.linear_cells
     sent = sweeper.albedo.astype(changes.dtype)[some] * changes
     limit(sent, source[: sweeper.components, some])
     return np.asarray(sent)
 
 
-def _source(work: Work, sweeper: Sweeper, light: Light) -> Light:
+def _source(work: SweepProblem, sweeper: Sweeper, light: Light) -> Light:
     """Source of a sweeper's cells that scatter this light by a phase function of three moments;
     moments: (M C, N), as sweeps take it."""
     albedo = sweeper.albedo.astype(light.moments.dtype)
@@ -203,7 +206,7 @@ def _source(work: Work, sweeper: Sweeper, light: Light) -> Light:
     if work.settings.phase is not None:
         moments = work.settings.phase.moments(3)
         _, first, second = (moments - work.forward) / (1.0 - work.forward)
-        counts = scattered(float(first), float(second)).astype(source.dtype)
+        counts = phase_coefficients(float(first), float(second)).astype(source.dtype)
         source[1:] *= counts[:, None, None]
     changes = None
     if light.changes is not None:

@@ -13,21 +13,21 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates.cell_packets import lanes
-from cldit.transport.discrete_ordinates.device_ordinates import Rays
+from cldit.transport.discrete_ordinates.cell_packets import simd_defines
+from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
 from cldit.transport.discrete_ordinates.gmres import (
     Solution,
-    another_order,
-    corrected,
-    first_guess,
-    solve,
+    defect_correction,
+    gmres,
+    next_order,
+    order_0,
 )
-from cldit.transport.discrete_ordinates.gradients import matter
-from cldit.transport.discrete_ordinates.quadrature import Directions, about_camera, for_boundary
+from cldit.transport.discrete_ordinates.gradients import diffusion_matters
+from cldit.transport.discrete_ordinates.quadrature import Ordinates, about_camera, for_boundary
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.result import Settings
-from cldit.transport.thick_region import ThickCells
+from cldit.transport.thick_region import ThickRegion
 from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
@@ -54,7 +54,7 @@ _CHECKED = 8  # directions on which the sweeps are checked for what they make or
 
 
 @dataclass(frozen=True)
-class Work:
+class SweepProblem:
     """One trace's.
 
     seen: the medium as it is. solver: defines of the solver's sweeps, beside `defines`. changing
@@ -69,7 +69,7 @@ class Work:
     defines: Mapping[str, Define]
     iterate: Program
     solver: Mapping[str, Define]
-    changing: NDArray[np.bool_] | None
+    linear_cells: NDArray[np.bool_] | None
 
     @classmethod
     def of(
@@ -80,19 +80,19 @@ class Work:
         device: Device,
         settings: Settings,
         defines: Mapping[str, Define],
-    ) -> Work:
-        evenly = 1.0 if settings.phase is None else 1.0 - settings.phase.asymmetry
-        changing = seen.depth[seen.address] > _CHANGING
+    ) -> SweepProblem:
+        isotropic_source = 1.0 if settings.phase is None else 1.0 - settings.phase.asymmetry
+        linear_cells = seen.depth[seen.address] > _CHANGING
         return cls(
             seen,
             scene,
             view,
             device,
             settings,
-            {**defines, **lanes(device)},
+            {**defines, **simd_defines(device)},
             build(device, "source_update.cl", defines),
-            {"LINEAR": 1} if matter(seen, scattered=evenly) else {},
-            changing if settings.linear_sources and changing.any() else None,
+            {"LINEAR_SOURCE": 1} if diffusion_matters(seen, scattered=isotropic_source) else {},
+            linear_cells if settings.linear_sources and linear_cells.any() else None,
         )
 
     def cells(self, scattered: float) -> OpticalCells:
@@ -112,36 +112,36 @@ class Work:
         """What the sources of the sweeps after the solver have."""
         flags = dict(self.solver)
         if self.settings.phase is not None:
-            flags["SLOPED"] = 1
-        if self.changing is not None:
-            flags["LINEAR"] = 1
+            flags["MOMENT_SOURCE"] = 1
+        if self.linear_cells is not None:
+            flags["LINEAR_SOURCE"] = 1
         return flags
 
     def finding(self) -> Program:
         """The sweep that finds as much of the light as these sources need."""
         flags = self.sources
-        if "SLOPED" in flags:
-            flags["FLUX"] = 1
-        if self.changing is not None:
-            flags["ACROSS"] = 1
+        if "MOMENT_SOURCE" in flags:
+            flags["ANGULAR_MOMENTS"] = 1
+        if self.linear_cells is not None:
+            flags["SPATIAL_MOMENTS"] = 1
         return self.program(flags)
 
-    def towards(self, thick: ThickCells | None) -> Program:
+    def towards(self, thick: ThickRegion | None) -> Program:
         """The sweep to the camera."""
         flags = self.sources
         if self.settings.phase is not None:
-            flags.update(TO_CAMERA=1, PHASE_STEPS=PHASE_STEPS)
+            flags.update(CAMERA_SWEEP=1, PHASE_STEPS=PHASE_STEPS)
         if not self.settings.within_cells:
-            flags.update(TO_CAMERA=1, SEEN=1)
+            flags.update(CAMERA_SWEEP=1, VIEW_TRANSMISSION=1)
         many = _MANY_EVENLY if self.settings.phase is None else _MANY
-        if self.changing is not None and self.settings.final_directions >= many:
-            flags["ACROSS"] = 1
+        if self.linear_cells is not None and self.settings.final_directions >= many:
+            flags["SPATIAL_MOMENTS"] = 1
         if thick is not None:
-            flags["RIM"] = 1
+            flags["INTERFACE_RADIANCE"] = 1
         return self.program(flags)
 
     def sweeper(
-        self, cells: OpticalCells, sweep: Program, changing: NDArray[np.bool_] | None = None
+        self, cells: OpticalCells, sweep: Program, linear_cells: NDArray[np.bool_] | None = None
     ) -> Sweeper:
         return Sweeper(
             self.device,
@@ -150,7 +150,7 @@ class Work:
             self.iterate,
             disc=self.view.disc,
             patches=self.view.patches,
-            changing=changing,
+            linear_cells=linear_cells,
         )
 
     @property
@@ -186,33 +186,35 @@ class Work:
         sweeper: Sweeper,
         rng: np.random.Generator,
         report: Callable[[str], None] | None,
-    ) -> tuple[Solution, Rays]:
-        """Along few directions, and these; to be `corrected`."""
+    ) -> tuple[Solution, DeviceOrdinates]:
+        """Along few directions, and these; to be `defect_correction`."""
         count = min(max(_FEWEST, round(_SOLVED * self.more)), self.more)
         few = self.rays(sweeper, count, rng)
-        guess = first_guess(sweeper, sweeper.albedo)
+        guess = order_0(sweeper, sweeper.albedo)
         tolerance = max(_ROUGH, self.settings.tolerance)
-        rough = solve(sweeper, guess, few, tolerance=tolerance, report=report, confirmed=False)
+        rough = gmres(sweeper, guess, few, tolerance=tolerance, report=report, confirmed=False)
         return rough, few
 
-    def corrected(
+    def defect_correction(
         self,
         sweeper: Sweeper,
         solution: Solution,
-        few: Rays,
+        few: DeviceOrdinates,
         report: Callable[[str], None] | None,
         listed: Any = None,
     ) -> tuple[Solution, NDArray[Any]]:
-        """See `solve.corrected`."""
+        """See `gmres.defect_correction`."""
         tolerance = self.settings.tolerance
-        return corrected(sweeper, solution, few, tolerance=tolerance, report=report, listed=listed)
+        return defect_correction(
+            sweeper, solution, few, tolerance=tolerance, report=report, listed=listed
+        )
 
     def scattered(self, sweeper: Sweeper, rng: np.random.Generator, times: int) -> Solution:
         """Of a fixed order: so many times, in the sweeper's cells, along half of the last
         directions each."""
-        source = first_guess(sweeper, sweeper.albedo)
+        source = order_0(sweeper, sweeper.albedo)
         for _ in range(times):
-            source = another_order(sweeper, source, self.rays(sweeper, self.half, rng))
+            source = next_order(sweeper, source, self.rays(sweeper, self.half, rng))
         return Solution(source, self.settings.order or 0, 0.0, 0.0)
 
     def checked(self, sweeper: Sweeper, solution: Solution) -> tuple[Solution, Floats]:
@@ -220,16 +222,18 @@ class Work:
         in which what it lacks has gone."""
         rng = np.random.default_rng([self.settings.seed, 2])  # no other directions depend on it
         defect = sweeper.defect(solution.source, self.rays(sweeper, _CHECKED, rng))
-        if solution.lack is not None:
-            defect -= solution.lack[: self.seen.needs.boundaries].sum(axis=0)
-        return replace(solution, lack=None), defect
+        if solution.residual is not None:
+            defect -= solution.residual[: self.seen.needs.boundaries].sum(axis=0)
+        return replace(solution, residual=None), defect
 
-    def rays(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> Rays:
+    def rays(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> DeviceOrdinates:
         """Directions over the sphere."""
         directions = self._over_sphere(sweeper, count, rng).balanced()
         return sweeper.rays(directions, rng.random((count, 2)))
 
-    def to_camera(self, sweeper: Sweeper, rng: np.random.Generator) -> tuple[Rays, Rays]:
+    def to_camera(
+        self, sweeper: Sweeper, rng: np.random.Generator
+    ) -> tuple[DeviceOrdinates, DeviceOrdinates]:
         """Both halves of the directions from which light is scattered to the camera."""
         phase, count = self.settings.phase, 2 * self.half
         if phase is not None:
@@ -242,7 +246,7 @@ class Work:
 
     def _over_sphere(
         self, sweeper: Sweeper, count: int, rng: np.random.Generator, lean: float = 0.0
-    ) -> Directions:
+    ) -> Ordinates:
         low = np.asarray(sweeper.box.low, float)
         return for_boundary(
             count,
@@ -256,7 +260,9 @@ class Work:
         )
 
 
-def one_more(solution: Solution, source: NDArray[np.floating], sweeper: Sweeper) -> Solution:
+def after_one_scattering(
+    solution: Solution, source: NDArray[np.floating], sweeper: Sweeper
+) -> Solution:
     """After one scattering more: the source, and what is left of what it lacked."""
-    lack = None if solution.lack is None else solution.lack * sweeper.albedo
-    return replace(solution, source=source, lack=lack)
+    residual = None if solution.residual is None else solution.residual * sweeper.albedo
+    return replace(solution, source=source, residual=residual)

@@ -13,18 +13,18 @@ from cldit.transport.phase import ScatteringTable
 Floats = NDArray[np.float64]
 _GOLDEN = (1 + 5**0.5) / 2
 _CURVE_BITS = 10  # of either coordinate on the square that a curve fills
-FACE = 64  # entries of the table of nearest directions along a side
+NEAREST_SIDE = 64  # entries of the table of nearest directions along a side
 
 
 @dataclass(frozen=True)
-class Directions:
+class Ordinates:
     """unit (N, 3): where the light comes from; weight (N,), summing to 1."""
 
     unit: Floats
     weight: Floats
 
     @classmethod
-    def joined(cls, sets: Sequence[Directions]) -> Directions:
+    def joined(cls, sets: Sequence[Ordinates]) -> Ordinates:
         """All of several sets that each integrate over the sphere."""
         return cls(
             unit=np.concatenate([each.unit for each in sets]),
@@ -34,30 +34,30 @@ class Directions:
     def __len__(self) -> int:
         return len(self.weight)
 
-    def halves(self) -> tuple[Directions, Directions]:
+    def halves(self) -> tuple[Ordinates, Ordinates]:
         """Every other direction, and the others: of a set that runs evenly over the sphere either
         integrates over it, and both together better than two sets by chance."""
         one, other = (
-            Directions(unit=self.unit[first::2], weight=2 * self.weight[first::2])
+            Ordinates(unit=self.unit[first::2], weight=2 * self.weight[first::2])
             for first in (0, 1)
         )
         return one, other
 
-    def by_axis(self) -> Directions:
+    def by_axis(self) -> Ordinates:
         """The same, in the order of the axis that each lies closest to: those that sweeps go along
         together then stand together."""
         order = np.argsort(np.argmax(np.abs(self.unit), axis=1), kind="stable")
-        return Directions(unit=self.unit[order], weight=self.weight[order])
+        return Ordinates(unit=self.unit[order], weight=self.weight[order])
 
-    def balanced(self) -> Directions:
+    def balanced(self) -> Ordinates:
         """The same directions, weighted so that they lean nowhere: sum of weight x unit = 0.
 
         In thick cells light drifts by what a set leans, and diffuses by far less.
         """
-        ways = np.column_stack([np.ones(len(self)), self.unit])
-        lean = ways.T @ (self.weight[:, None] * ways)
+        segments = np.column_stack([np.ones(len(self)), self.unit])
+        lean = segments.T @ (self.weight[:, None] * segments)
         share = np.linalg.lstsq(lean, np.array([1.0, 0.0, 0.0, 0.0]), rcond=None)[0]
-        return Directions(unit=self.unit, weight=self.weight * (ways @ share))
+        return Ordinates(unit=self.unit, weight=self.weight * (segments @ share))
 
 
 def _band(count: int, low: float, high: float, turn: float, lean: float = 0.0) -> Floats:
@@ -87,9 +87,9 @@ def _frame_about(axis: Floats) -> Floats:
     return np.stack([first, np.cross(axis, first), axis], axis=1)
 
 
-def isotropic(count: int, rng: np.random.Generator) -> Directions:
+def isotropic(count: int, rng: np.random.Generator) -> Ordinates:
     """A randomly rotated Fibonacci sphere of equal weights."""
-    return Directions(
+    return Ordinates(
         unit=_band(count, -1.0, 1.0, 0.0) @ _rotation(rng).T, weight=np.full(count, 1 / count)
     )
 
@@ -102,7 +102,7 @@ def focused(
     half_angle_rad: float,
     share: float,
     lean: float = 0.0,
-) -> Directions:
+) -> Ordinates:
     """Two strata: `share` of the directions in the cone about `axis`, the rest around it, which are
     as dense as 1 - lean x the cosine to the axis.
 
@@ -120,10 +120,10 @@ def focused(
     around = 1 / (1 - lean * parts[1][:, 2])
     weight = np.concatenate([np.full(inside, solid / inside), (1 - solid) * around / around.sum()])
     frame = _frame_about(axis / np.linalg.norm(axis))
-    return Directions(unit=np.concatenate(parts) @ frame.T, weight=weight)
+    return Ordinates(unit=np.concatenate(parts) @ frame.T, weight=weight)
 
 
-def about_camera(count: int, rng: np.random.Generator, phase: ScatteringTable) -> Directions:
+def about_camera(count: int, rng: np.random.Generator, phase: ScatteringTable) -> Ordinates:
     """Directions about +y, the way that the camera looks, as densely as the phase function scatters
     light from there to it. Half of them are spread evenly, for what lies off the middle.
 
@@ -138,7 +138,7 @@ def about_camera(count: int, rng: np.random.Generator, phase: ScatteringTable) -
     angle = 2 * np.pi * (np.arange(count) / _GOLDEN + rng.random())
     sine = np.sqrt(np.maximum(0.0, 1 - cosine**2))
     unit = np.stack([sine * np.cos(angle), cosine, sine * np.sin(angle)], axis=1)
-    return Directions(unit=unit, weight=1.0 / (count * per_cosine))
+    return Ordinates(unit=unit, weight=1.0 / (count * per_cosine))
 
 
 def for_boundary(
@@ -151,7 +151,7 @@ def for_boundary(
     disc_radius: float,
     enclosure: bool,
     lean: float = 0.0,
-) -> Directions:
+) -> Ordinates:
     """Directions for a box low..high before a disc (all lengths in one unit).
 
     The cone holds every direction in which some point of the box sees some of the disc; where that
@@ -188,7 +188,7 @@ def unfolded(unit: Floats) -> Floats:
     )
 
 
-def along_curve(unit: Floats) -> NDArray[np.int32]:
+def hilbert_order(unit: Floats) -> NDArray[np.int32]:
     """The order (N,) of unit vectors along a curve that fills the sphere, on which neighbours are
     close by: then even samples of the order are even over the sphere, in patches.
 
@@ -206,9 +206,10 @@ def along_curve(unit: Floats) -> NDArray[np.int32]:
     return np.argsort(place, kind="stable").astype(np.int32)
 
 
-def nearest(directions: Directions) -> NDArray[np.int32]:
-    """(FACE, FACE) number of the nearest direction for each entry of directions.h's table."""
-    middle = (np.arange(FACE) + 0.5) * 2 / FACE - 1
+def nearest(directions: Ordinates) -> NDArray[np.int32]:
+    """(NEAREST_SIDE, NEAREST_SIDE) number of the nearest direction for each entry of
+    directions.h's table."""
+    middle = (np.arange(NEAREST_SIDE) + 0.5) * 2 / NEAREST_SIDE - 1
     v, u = np.meshgrid(middle, middle, indexing="ij")
     z = 1 - np.abs(u) - np.abs(v)
     below = z < 0

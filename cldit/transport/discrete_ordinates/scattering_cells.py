@@ -18,7 +18,7 @@ _GROUP = 256  # of the kernels that go from cell to cell
 
 
 @dataclass(frozen=True)
-class Listed:
+class ScatteringCells:
     """N cells of C components each, and what goes from them into the box and back
     (source_update.cl).
 
@@ -35,7 +35,7 @@ class Listed:
     @classmethod
     def of(
         cls, device: Device, kernels: Program, *, components: int, count: int, real: Real
-    ) -> Listed:
+    ) -> ScatteringCells:
         """With a source of 0."""
         source = zeros(device, "list", components * count, real)
         return cls(device, kernels, components, count, real, source)
@@ -65,7 +65,7 @@ class Listed:
     ) -> None:
         """Lists so many planes of the box; what is in the turned groups comes on top."""
         numbers = np.int32(turned), np.int32(planes)
-        self.run("listed_excess", out, box, place, *numbers, count=count, planes=planes)
+        self.run("collect_i_minus_s", out, box, place, *numbers, count=count, planes=planes)
 
     def read(self, listed: Any) -> NDArray[Any]:
         """The first C planes of a list."""

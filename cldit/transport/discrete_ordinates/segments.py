@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _SHORTEST = 1e-6  # of a layer: what a ray crosses in less is left to the step beside it
-# Less than this of how light changes does not count for more, in `shown`: it is chance.
+# Less than this of how light changes does not count for more, in `visible_gradient`: it is chance.
 _SHOWS = 0.5
 
 
-def shown(slope: Floats) -> Floats:
+def visible_gradient(slope: Floats) -> Floats:
     """Part of how light changes across cells that shows between places of a layer's rays in their
     cells and the mean of these places, on average over where rays start.
 
@@ -26,7 +26,7 @@ def shown(slope: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Ways:
+class Segments:
     """Steps (N,), of one way (K,) after the other, between the places where rays go from one cell
     into another.
 
@@ -37,7 +37,8 @@ class Ways:
     also along those on which no step of the layer has them do.
 
     lever (N, 3): the place `within`, from the mean of the layer's steps on, times gain (K, 3): 1
-    over what is `shown` of a change along u and v. All cells of a layer are crossed alike. So light
+    over what is `visible_gradient` of a change along u and v. All cells of a layer are crossed
+    alike. So light
     times the place, summed over directions, tells on which side of every cell rays happen to lie,
     and how bright these are; times the lever it tells how light changes, and nothing of that.
     """
@@ -48,13 +49,13 @@ class Ways:
     moved: NDArray[np.int64]
     within: Floats
     leaves: NDArray[np.bool_]
-    lever: Floats
+    basis: Floats
     gain: Floats
 
     @classmethod
     def of(
         cls, slopes: Floats, starts: Floats, *, layers: int, backwards: NDArray[np.bool_]
-    ) -> Ways:
+    ) -> Segments:
         """slopes (K, 2): cells that rays move along u and v in a layer, -1 to 1; starts (K, 2):
         where they cross the first layer's cells, 0 to 1. backwards (K,): the last layer is met
         first."""
@@ -77,7 +78,7 @@ class Ways:
             never = np.bincount(layer, goes, minlength=count) == 0
             leaves[:, axis] = goes | (last & never[layer])
             mean[:, axis] = np.bincount(layer, part * place[:, axis], minlength=count)[layer]
-        gain = np.column_stack([1.0 / shown(slopes), np.ones(len(slopes))])
+        gain = np.column_stack([1.0 / visible_gradient(slopes), np.ones(len(slopes))])
         return cls(
             way=way,
             part=part,
@@ -85,7 +86,7 @@ class Ways:
             moved=moved,
             within=place,
             leaves=leaves,
-            lever=gain[way] * (place - mean),
+            basis=gain[way] * (place - mean),
             gain=gain,
         )
 

@@ -12,19 +12,19 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import clear, download, unset, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
-from cldit.transport.angular_moments import MOMENTS, found
+from cldit.transport.angular_moments import MOMENTS, discrete_to_moment
 from cldit.transport.attenuation import mean_transmission
 from cldit.transport.cells import Box, OpticalCells
-from cldit.transport.discrete_ordinates.axis_order import Layout, layouts
-from cldit.transport.discrete_ordinates.camera_sweep import ToCamera
-from cldit.transport.discrete_ordinates.cell_packets import Groups
-from cldit.transport.discrete_ordinates.device_ordinates import Rays
+from cldit.transport.discrete_ordinates.axis_order import AxisOrder, axis_orders
+from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
+from cldit.transport.discrete_ordinates.cell_packets import CellPackets
+from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
 from cldit.transport.discrete_ordinates.gradients import Gradients
-from cldit.transport.discrete_ordinates.interface_radiance import RimLight
-from cldit.transport.discrete_ordinates.quadrature import Directions
-from cldit.transport.discrete_ordinates.scattering_cells import Listed
-from cldit.transport.discrete_ordinates.sweep_arrays import PackedCells, Real
-from cldit.transport.discrete_ordinates.sweep_schedule import Route
+from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
+from cldit.transport.discrete_ordinates.quadrature import Ordinates
+from cldit.transport.discrete_ordinates.scattering_cells import ScatteringCells
+from cldit.transport.discrete_ordinates.sweep_arrays import Real, SweepArrays
+from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule
 from cldit.transport.patches import NONE, shifted
 
 # Light that changes by 1 across a cell has, times the place in it, 1 over this for its mean.
@@ -56,11 +56,13 @@ class Sweeper:
         *,
         disc: NDArray[np.float64],
         patches: NDArray[np.float64] = NONE,
-        changing: NDArray[np.bool_] | None = None,
+        linear_cells: NDArray[np.bool_] | None = None,
     ) -> None:
-        """disc, patches: as in `View`, in cells from the cube's lower corner. sweep: with SLOPED,
-        sources have moments; with LINEAR, they change across cells as neighbours' sources have it.
-        changing (N,): in programs with LINEAR they change across these instead, by what is
+        """disc, patches: as in `View`, in cells from the cube's lower corner. sweep: with
+        MOMENT_SOURCE,
+        sources have moments; with LINEAR_SOURCE, they change across cells as neighbours' sources
+        have it.
+        changing (N,): in programs with LINEAR_SOURCE they change across these instead, by what is
         given."""
         self.device = device
         self.box: Box = cells.box()
@@ -68,11 +70,11 @@ class Sweeper:
         self.components = len(cells.needs.components)
         self._boundaries = cells.needs.boundaries
         self._sweep = sweep
-        self._vector = int(sweep.defines["VECTOR"])
-        self._planes = self.components * (MOMENTS if "SLOPED" in sweep.defines else 1)
-        linear = "LINEAR" in sweep.defines
-        self.changing = np.flatnonzero(
-            np.full(self.count, linear) if changing is None else changing
+        self._vector = int(sweep.defines["SIMD_WIDTH"])
+        self._planes = self.components * (MOMENTS if "MOMENT_SOURCE" in sweep.defines else 1)
+        linear = "LINEAR_SOURCE" in sweep.defines
+        self.linear_cells = np.flatnonzero(
+            np.full(self.count, linear) if linear_cells is None else linear_cells
         )
         self._real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
         self._disc = disc.copy()
@@ -82,16 +84,16 @@ class Sweeper:
         if len(patches):
             moved = shifted(patches, -np.asarray(self.box.low, float))
             self._patches = [upload(device, "patches", moved.astype(real))]
-        self.groups = Groups.both(cells, self.box)
+        self.groups = CellPackets.both(cells, self.box)
         self._order = {
-            turned: PackedCells.of(
+            turned: SweepArrays.of(
                 device,
                 cells,
                 self.box,
                 groups,
                 real,
                 turned=turned,
-                changing=self.changing,
+                linear_cells=self.linear_cells,
             )
             for turned, groups in self.groups.items()
         }
@@ -103,7 +105,7 @@ class Sweeper:
         self._lanes = device.info.largest_group
         each = max(
             layout.ray_rows * self.components * layout.slots
-            for layout in layouts(self.box.shape).values()
+            for layout in axis_orders(self.box.shape).values()
         )
         fit = device.info.largest_buffer_bytes // (each * np.dtype(real).itemsize)
         self._together = max(1, min(_TOGETHER, fit))
@@ -111,7 +113,7 @@ class Sweeper:
         self._rays = zeros(device, "rays", self._together * each, real)
         self.albedo = cells.albedo
         self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
-        self.gradients = Gradients.of(cells, self.box) if linear and changing is None else None
+        self.gradients = Gradients.of(cells, self.box) if linear and linear_cells is None else None
         self._neighbours: list[Any] = []
         if self.gradients is not None:
             self._neighbours = [
@@ -122,9 +124,9 @@ class Sweeper:
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
         escapes = mean_transmission(_MEAN_PATH * cells.depth[cells.address])
-        self.lost = (cells.coalbedo + cells.albedo * escapes).astype(real)
-        self._lost = upload(device, "lost light", self.lost)
-        self._cells = Listed.of(
+        self.one_minus_lambda = (cells.coalbedo + cells.albedo * escapes).astype(real)
+        self._lost = upload(device, "lost light", self.one_minus_lambda)
+        self._cells = ScatteringCells.of(
             device, iterate, components=self.components, count=self.count, real=real
         )
         self._out = zeros(device, "answer", self.components * self.count, real)
@@ -146,7 +148,8 @@ class Sweeper:
         """Puts the source (C, N) of the scattering cells into the box; (9 C, N) if it has moments.
 
         shining: with the thermal source of all other cells; else these are black. changes
-        (3, C, M): of S_0 across the cells `changing`, unless they are as neighbours have it. Every
+        (3, C, M): of S_0 across the cells `linear_cells`, unless they are as neighbours have it.
+        Every
         sweep reads `listed` anew.
         """
         self._given, self._shining = listed, shining
@@ -154,7 +157,7 @@ class Sweeper:
         if changes is not None:
             for order in orders:
                 self._cells.put(
-                    changes.reshape(-1, len(self.changing)), order.across, order.changed
+                    changes.reshape(-1, len(self.linear_cells)), order.across, order.changed
                 )
         if self._neighbours:
             self._cells.take(listed[: self.components])
@@ -162,7 +165,7 @@ class Sweeper:
             source = self._cells.source
             self._cells.run("set_gradients", *across, source, *changed, *self._neighbours)
 
-    def _fill(self, order: PackedCells, *, cavity: bool) -> None:
+    def _fill(self, order: SweepArrays, *, cavity: bool) -> None:
         """Puts the present source into the box, in one order of its cells. cavity: all cells emit
         1 besides."""
         count, emitters = order.groups.cells, self.components - self._boundaries
@@ -189,13 +192,13 @@ class Sweeper:
 
     def _answer(self, kernel: str, *arguments: Any, listed: Any = None) -> NDArray[Any]:
         """What a kernel makes of the source and the excess (C, N) of the listed cells."""
-        excess = self._listed if listed is None else listed
-        self._cells.run(kernel, self._out, excess, self._cells.source, *arguments)
+        i_minus_s = self._listed if listed is None else listed
+        self._cells.run(kernel, self._out, i_minus_s, self._cells.source, *arguments)
         return self._cells.read(self._out)
 
-    def rays(self, directions: Directions, starts: NDArray[np.float64]) -> Rays:
+    def rays(self, directions: Ordinates, starts: NDArray[np.float64]) -> DeviceOrdinates:
         """starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer."""
-        return Rays.of(
+        return DeviceOrdinates.of(
             self.device,
             self.box,
             directions,
@@ -205,7 +208,7 @@ class Sweeper:
             real=self._real,
         )
 
-    def sweep(self, rays: Rays, *, shining: bool, cavity: bool = False) -> None:
+    def sweep(self, rays: DeviceOrdinates, *, shining: bool, cavity: bool = False) -> None:
         """Sweeps every direction; the excess D of the present source is then on the device."""
         room = (self._excess, self._listed, self.components)
         self._along_all(self._sweep, rays, shining, *room, cavity=cavity)
@@ -213,26 +216,30 @@ class Sweeper:
     def moments(
         self,
         program: Program,
-        rays: Rays,
+        rays: DeviceOrdinates,
         *,
         out: NDArray[Any],
         room: tuple[Any, ...] = (),
-        rim: RimLight | None = None,
+        interfaces: InterfaceRadiance | None = None,
     ) -> NDArray[Any] | None:
         """Finds the mean of the light in the scattering cells, and of what it is more than that
         the other moments (moments.py), which no set of directions then finds in even light.
 
-        program: sweep.cl with FLUX, and room for MOMENTS, or without. out (9 or 1, C, N): takes
-        them. rim: with RIM, takes the light that is kept. With ACROSS it returns how much more the
-        light changes across the cells `changing` than their source, (3, C, M).
+        program: sweep.cl with ANGULAR_MOMENTS, and room for MOMENTS, or without. out (9 or 1, C,
+        N): takes
+        them. rim: with INTERFACE_RADIANCE, takes the light that is kept. With SPATIAL_MOMENTS it
+        returns how much more the
+        light changes across the cells `linear_cells` than their source, (3, C, M).
         """
-        many = self.components * (MOMENTS if "FLUX" in program.defines else 1)
-        excess, listed = (self._excess, self._listed) if many == self.components else room
-        across = self._along_all(program, rays, True, excess, listed, many, rim=rim)
+        many = self.components * (MOMENTS if "ANGULAR_MOMENTS" in program.defines else 1)
+        i_minus_s, listed = (self._excess, self._listed) if many == self.components else room
+        across = self._along_all(
+            program, rays, True, i_minus_s, listed, many, interfaces=interfaces
+        )
         download(self.device, listed, out[: many // self.components])
         weight = rays.directions.weight
         if many > self.components:
-            leaning = found(rays.directions.unit) @ weight / weight.sum()
+            leaning = discrete_to_moment(rays.directions.unit) @ weight / weight.sum()
             for moment, lean in zip(out[1:], leaning, strict=True):
                 moment -= self._real(lean) * out[0]
         out[0] += self._real(weight.sum()) * self._cells.read(self._cells.source)
@@ -241,55 +248,55 @@ class Sweeper:
     def _along_all(
         self,
         program: Program,
-        rays: Rays,
+        rays: DeviceOrdinates,
         shining: bool,
-        excess: Any,
+        i_minus_s: Any,
         listed: Any,
         planes: int,
-        camera: ToCamera | None = None,
+        camera: CameraSweep | None = None,
         *,
-        rim: RimLight | None = None,
+        interfaces: InterfaceRadiance | None = None,
         cavity: bool = False,
     ) -> NDArray[Any] | None:
         """Sweeps every direction, those through one order of cells after those through the other,
         which share the room for the excess; `listed` then has its planes for the scattering cells.
-        Returns what a program with ACROSS finds besides.
+        Returns what a program with SPATIAL_MOMENTS finds besides.
         """
-        across = self._room_across() if "ACROSS" in program.defines else ()
+        across = self._room_across() if "SPATIAL_MOMENTS" in program.defines else ()
         for turned, order in self._order.items():
             self._fill(order, cavity=cavity)
-            clear(self.device, excess, planes * order.groups.cells, self._real)
+            clear(self.device, i_minus_s, planes * order.groups.cells, self._real)
             if across:
-                clear(self.device, across[0], 3 * order.across_size, self._real)
+                clear(self.device, across[0], 3 * order.linear_size, self._real)
             if camera is not None:
                 clear(self.device, camera.shares[turned], order.groups.cells, self._real)
-            changes = [order.across, *across[:1]] if "LINEAR" in program.defines else []
-            for route, tables, levers in rays.routes:
-                if route.layout.turned is turned:
-                    extra = [] if camera is None else self._towards(camera, route.layout)
-                    extra += [] if rim is None else rim.arguments(route.layout)
-                    arguments = [excess, *changes, *(levers if across else [])]
-                    self._along(program, route, tables, shining, arguments, extra)
-            self._cells.find(listed, excess, order.place, turned=turned, planes=planes)
+            changes = [order.across, *across[:1]] if "LINEAR_SOURCE" in program.defines else []
+            for schedule, tables, basis in rays.sweep_schedules:
+                if schedule.layout.turned is turned:
+                    extra = [] if camera is None else self._towards(camera, schedule.layout)
+                    extra += [] if interfaces is None else interfaces.arguments(schedule.layout)
+                    arguments = [i_minus_s, *changes, *(basis if across else [])]
+                    self._along(program, schedule, tables, shining, arguments, extra)
+            self._cells.find(listed, i_minus_s, order.place, turned=turned, planes=planes)
             if across:
-                some, count = (across[1], across[0], order.changed), len(self.changing)
+                some, count = (across[1], across[0], order.changed), len(self.linear_cells)
                 planes_across = 3 * self.components
                 self._cells.find(*some, turned=turned, planes=planes_across, count=count)
         self.sweeps += len(rays.directions)
         if not across:
             return None
-        out = np.empty((3, self.components, len(self.changing)), self._real)
+        out = np.empty((3, self.components, len(self.linear_cells)), self._real)
         return download(self.device, across[1], out)
 
     def _room_across(self) -> tuple[Any, Any]:
         """As `room`, for what is found of the excess in cells across which sources change."""
-        most = 3 * max(order.across_size for order in self._order.values())
-        listed = 3 * self.components * len(self.changing)
+        most = 3 * max(order.linear_size for order in self._order.values())
+        listed = 3 * self.components * len(self.linear_cells)
         real = self._real
         return unset(self.device, "excess", most, real), unset(self.device, "list", listed, real)
 
-    def _towards(self, camera: ToCamera, layout: Layout) -> list[Any]:
-        """What the kernel takes with TO_CAMERA."""
+    def _towards(self, camera: CameraSweep, layout: AxisOrder) -> list[Any]:
+        """What the kernel takes with CAMERA_SWEEP."""
         place = np.zeros(4)
         place[:3] = camera.place - self.box.low
         return [
@@ -302,14 +309,14 @@ class Sweeper:
     def _along(
         self,
         program: Program,
-        route: Route,
+        schedule: SweepSchedule,
         tables: list[Any],
         shining: bool,
-        excess: list[Any],
+        i_minus_s: list[Any],
         extra: Sequence[Any] = (),
     ) -> None:
         """excess: kernel arguments from that to before `layout`; extra: after the boundary's."""
-        kernel, layout, real = program["sweep"], route.layout, self._real
+        kernel, layout, real = program["sweep"], schedule.layout, self._real
         order = self._order[layout.turned]
         kernel.set_args(
             np.int32(0),
@@ -321,7 +328,7 @@ class Sweeper:
             order.begins,
             order.depth,
             self._source,
-            *excess,
+            *i_minus_s,
             np.int32(layout.number),
             *(np.int32(count) for count in layout.size),
             np.int32(layout.stride_v),
@@ -331,14 +338,14 @@ class Sweeper:
             *self._patches,
             *extra,
         )
-        lanes = 1 if self._vector > 1 else min(order.groups.widest, self._lanes)
-        for first, end in route.launches:
+        simd_defines = 1 if self._vector > 1 else min(order.groups.widest, self._lanes)
+        for first, end in schedule.launches:
             kernel.set_arg(0, first)
             cl.enqueue_nd_range_kernel(
-                self.device.queue, kernel, (lanes * int(end - first),), (lanes,)
+                self.device.queue, kernel, (simd_defines * int(end - first),), (simd_defines,)
             )
 
-    def defect(self, listed: NDArray[Any], rays: Rays) -> NDArray[np.float64]:
+    def defect(self, listed: NDArray[Any], rays: DeviceOrdinates) -> NDArray[np.float64]:
         """Mean radiance (N,) of the scattering cells, less 1, in a cavity of radiance 1.
 
         listed: (C, N) source; what the boundaries' part of it lacks to 1, the cells emit, as all
@@ -361,20 +368,23 @@ class Sweeper:
         seen: OpticalCells,
         phase: NDArray[np.float64],
         place: NDArray[np.float64],
-    ) -> ToCamera:
-        """See `ToCamera.of`."""
-        return ToCamera.of(
+    ) -> CameraSweep:
+        """See `CameraSweep.of`."""
+        return CameraSweep.of(
             self.device, self.box, self._real, program, seen, self.groups, phase=phase, place=place
         )
 
-    def weighted_mean(
-        self, camera: ToCamera, rays: Rays, rim: RimLight | None = None
+    def view_weighted_mean(
+        self,
+        camera: CameraSweep,
+        rays: DeviceOrdinates,
+        interfaces: InterfaceRadiance | None = None,
     ) -> tuple[NDArray[Any], NDArray[Any] | None]:
         """Mean radiance (C, N) of the scattering cells, as the camera sees them; rim and what is
         returned besides as in `moments`."""
-        excess, listed, planes = self._excess, self._listed, self.components
+        i_minus_s, listed, planes = self._excess, self._listed, self.components
         across = self._along_all(
-            camera.program, rays, True, excess, listed, planes, camera, rim=rim
+            camera.program, rays, True, i_minus_s, listed, planes, camera, interfaces=interfaces
         )
         places = [order.place for order in self._order.values()]
         mean = self._answer("weighted_mean", *camera.shares.values(), *places)
@@ -383,7 +393,9 @@ class Sweeper:
         for turned, order in self._order.items():
             counted = camera.shares[turned]
             self._cells.find(self._out, counted, order.place, turned=turned, planes=1)
-        shares = download(self.device, self._out, np.empty(self.count, self._real))[self.changing]
+        shares = download(self.device, self._out, np.empty(self.count, self._real))[
+            self.linear_cells
+        ]
         share = np.divide(1, shares, out=np.zeros_like(shares), where=shares > 0)
         return mean, self._real(_FLAT) * share * across
 

@@ -11,22 +11,22 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import upload, zeros
 from cldit.gpu.device import Device
 from cldit.transport.cells import Box, OpticalCells
-from cldit.transport.discrete_ordinates.cell_packets import GROUP, Groups, turned_too
+from cldit.transport.discrete_ordinates.cell_packets import PACKET, CellPackets, turned_too
 
 Real = type[np.float32] | type[np.float64]
 
 
 @dataclass(frozen=True)
-class PackedCells:
+class SweepArrays:
     """The box's groups of cells in one order, and the device's arrays of them.
 
     place: of the scattering cells among the cells of all groups. thermal: sources of what emits,
     [emitter][cell]. changed, across: place of those cells across which sources change among the
-    cells of the groups that have any, and what the changes are, along x, y and z `across_size`
+    cells of the groups that have any, and what the changes are, along x, y and z `linear_size`
     numbers each.
     """
 
-    groups: Groups
+    groups: CellPackets
     first: Any
     begins: Any
     place: Any
@@ -34,7 +34,7 @@ class PackedCells:
     thermal: Any
     changed: Any
     across: Any
-    across_size: int
+    linear_size: int
 
     @classmethod
     def of(
@@ -42,12 +42,12 @@ class PackedCells:
         device: Device,
         cells: OpticalCells,
         box: Box,
-        groups: Groups,
+        groups: CellPackets,
         real: Real,
         *,
         turned: bool,
-        changing: NDArray[np.intp],
-    ) -> PackedCells:
+        linear_cells: NDArray[np.intp],
+    ) -> SweepArrays:
         """changing (M,): scattering cells across which sources change."""
 
         def packed(values: NDArray[np.float64]) -> NDArray[Any]:
@@ -57,11 +57,11 @@ class PackedCells:
         x, y, z = (cells.positions(cells.address) - np.asarray(box.low)).T
         _, ny, nz = box.shape
         place = groups.places(x * nz + z, y) if turned else groups.places(z * ny + y, x)
-        group, lane = np.divmod(place[changing], GROUP)
+        group, lane = np.divmod(place[linear_cells], PACKET)
         some, within = np.unique(group, return_inverse=True)
         number = np.zeros(len(groups), np.int32)
         number[some] = np.arange(1, len(some) + 1)
-        across_size = len(some) * GROUP * len(cells.needs.components)
+        linear_size = len(some) * PACKET * len(cells.needs.components)
         return cls(
             groups=groups,
             first=upload(device, "groups of rows", groups.first),
@@ -69,7 +69,7 @@ class PackedCells:
             place=upload(device, "places", place),
             depth=upload(device, "optical depth", packed(cells.depth)),
             thermal=upload(device, "thermal sources", thermal),
-            changed=upload(device, "places", (within * GROUP + lane).astype(np.int32)),
-            across=zeros(device, "changes across cells", 3 * across_size, real),
-            across_size=across_size,
+            changed=upload(device, "places", (within * PACKET + lane).astype(np.int32)),
+            across=zeros(device, "changes across cells", 3 * linear_size, real),
+            linear_size=linear_size,
         )

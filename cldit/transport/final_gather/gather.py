@@ -21,15 +21,20 @@ from cldit.gpu.device import Device
 from cldit.gpu.partition import shares
 from cldit.gpu.program import Define, Program, build
 from cldit.transport.cells import Box
-from cldit.transport.discrete_ordinates.cell_packets import lanes
-from cldit.transport.discrete_ordinates.quadrature import FACE, Directions, along_curve, nearest
-from cldit.transport.final_gather.cell_sources import Ends
-from cldit.transport.image import Painter
+from cldit.transport.discrete_ordinates.cell_packets import simd_defines
+from cldit.transport.discrete_ordinates.quadrature import (
+    NEAREST_SIDE,
+    Ordinates,
+    hilbert_order,
+    nearest,
+)
+from cldit.transport.final_gather.cell_sources import CellSources
+from cldit.transport.image import FormalSolution
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.result import Settings
 from cldit.transport.sobol import points
-from cldit.transport.temperature_error import VISIBLE, error_K
-from cldit.transport.thick_region import ThickCells
+from cldit.transport.temperature_error import VISIBLE, temperature_error_K
+from cldit.transport.thick_region import ThickRegion
 from cldit.transport.view import upload_tree
 
 Floats = NDArray[np.float64]
@@ -50,7 +55,7 @@ _STRETCH = 8  # numbers of a stretch within a thick cell, as in gather.cl
 
 
 @dataclass(frozen=True)
-class Chains:
+class GatherPaths:
     """One device, and what chains from given rays need there.
 
     rays: kernel arguments `list` to `stretches`; fixed: those from `table` on.
@@ -84,7 +89,7 @@ class Chains:
         self.device.queue.flush()  # the next device starts while this one works
 
 
-def fewest(
+def neyman_allocation(
     energy: Floats, had: NDArray[np.int64], size: NDArray[np.int64], *, allowed: float
 ) -> NDArray[np.int64]:
     """Samples a pixel (T,) of each tile, more than it had in one at least, that bring the sum of
@@ -112,29 +117,29 @@ class Gather:
 
     def __init__(
         self,
-        painter: Painter,
+        formal_solution: FormalSolution,
         box: Box,
-        thick: ThickCells,
-        ends: Ends,
+        thick: ThickRegion,
+        ends: CellSources,
         settings: Settings,
         defines: dict[str, Define],
     ) -> None:
         directions, light = ends.directions, ends.light
-        self._painter, self._settings = painter, settings
-        self.device: Device = painter.parts[0].device
-        cells = painter.cells
-        self._real = painter.real
+        self._painter, self._settings = formal_solution, settings
+        self.device: Device = formal_solution.parts[0].device
+        cells = formal_solution.cells
+        self._real = formal_solution.real
         self._components = len(cells.needs.components) + 1
         phase = settings.phase
         table, steps = np.zeros(1), np.zeros(1)
         least = max(settings.cutoff, _LEAST * min(settings.accuracy_K, 0.1))
         self._defines: dict[str, Define] = {
             **defines,
-            "LEAST": float(least),
-            "LONGEST": _LONGEST,
-            "FACE": FACE,
+            "MIN_TRANSMISSION": float(least),
+            "MAX_SEGMENTS": _LONGEST,
+            "NEAREST_SIDE": NEAREST_SIDE,
         }
-        for flag in ("SLOPED", "LINEAR"):
+        for flag in ("MOMENT_SOURCE", "LINEAR_SOURCE"):
             if flag in ends.program.defines:
                 self._defines[flag] = 1
         if phase is not None:
@@ -144,30 +149,30 @@ class Gather:
         albedo = np.zeros(len(cells.depth), real)
         albedo[cells.address[thick.listed]] = cells.albedo[thick.listed]
         records = ends.records.astype(real)
-        order = along_curve(directions.unit)
-        drawn = Directions(directions.unit[order], directions.weight[order])
+        order = hilbert_order(directions.unit)
+        drawn = Ordinates(directions.unit[order], directions.weight[order])
         shared = self._shares(drawn, steps).astype(real)
         starts = np.searchsorted(shared[:, 3], np.arange(len(shared)) / len(shared), "right")
         near = nearest(directions)
-        size = light.rim * light.directions * (self._components - 1)
+        size = light.interfaces * light.directions * (self._components - 1)
         self._programs = [
             build(
                 part.device,
                 "gather.cl",
                 {
-                    **lanes(part.device),
+                    **simd_defines(part.device),
                     **self._defines,
-                    "PENDING": _PENDING if part.device.is_cpu else 1,
+                    "PENDING_READS": _PENDING if part.device.is_cpu else 1,
                 },
             )
-            for part in painter.parts
+            for part in formal_solution.parts
         ]
         at = np.zeros((len(thick.at), 4), np.int32)
         at[:, :3] = thick.at + np.asarray(box.low)
         self._own = thick.own[thick.own >= 0]  # in the order of the region's cells
         self._at = thick.at[thick.own >= 0] + np.asarray(box.low)
         self._walks, self._fixed = [], []
-        for part in painter.parts:
+        for part in formal_solution.parts:
             one, kept = part.device, light.buffer
             if one is not self.device:
                 host = download(self.device, light.buffer, np.empty(size, real))
@@ -187,8 +192,8 @@ class Gather:
             ]
             if one is self.device:
                 self._last = [*last, np.int32(len(directions)), by_angle]
-                self.expected = self._expected()
-                means = np.zeros((1, 1)) if self.expected is None else self.expected.T
+                self.control_variate = self._control_variate()
+                means = np.zeros((1, 1)) if self.control_variate is None else self.control_variate.T
             self._fixed.append(
                 [
                     upload(one, "phase function", table.astype(real)),
@@ -202,7 +207,7 @@ class Gather:
                     upload(one, "directions", np.minimum(starts, len(shared) - 1).astype(np.int32)),
                     upload(one, "directions", near),
                     upload(one, "expected light", means.astype(real)),
-                    np.int32(light.rim - len(self._own)),
+                    np.int32(light.interfaces - len(self._own)),
                     np.int32(len(directions)),
                     np.array([*(box.low + thick.low), 0], np.int32),
                     np.array([*thick.places.shape[::-1], 0], np.int32),
@@ -212,8 +217,8 @@ class Gather:
         self.samples, self.seconds = 0, 0.0
         self.short = ""  # says so where chains stopped short of what was wanted
 
-    def _expected(self) -> NDArray[np.floating] | None:
-        """`expected`, of what was kept on the first device."""
+    def _control_variate(self) -> NDArray[np.floating] | None:
+        """`control_variate`, of what was kept on the first device."""
         count, device = len(self._own), self.device
         if not count:
             return None
@@ -222,7 +227,7 @@ class Gather:
         out = unset(device, "expected light", count * (self._components - 1), self._real)
         group = min(_GROUP, device.info.largest_group)
         cells = np.column_stack([self._at, self._own]).astype(np.int32)
-        self._programs[0]["expected"](
+        self._programs[0]["control_variate"](
             device.queue,
             (-(-count // group) * group,),
             (group,),
@@ -235,7 +240,7 @@ class Gather:
         means = download(device, out, np.empty((count, self._components - 1), self._real))
         return np.asarray(means[np.argsort(self._own)].T)
 
-    def _shares(self, directions: Directions, steps: Floats) -> Floats:
+    def _shares(self, directions: Ordinates, steps: Floats) -> Floats:
         """(K, 4) directions, and the share up to each in what is scattered along +y, by the phase
         function in bins of the half angle's sine where there is one."""
         weight = directions.weight
@@ -287,7 +292,9 @@ class Gather:
             mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
             # As if the walls were as bright as the hottest cell: the trace holds for all of them.
             kelvin = before * np.nan_to_num(
-                error_K(seen + mean[:-1], difference[:-1], cells, scene, outside=cells.scale)
+                temperature_error_K(
+                    seen + mean[:-1], difference[:-1], cells, scene, outside=cells.scale
+                )
             )
             energy = np.bincount(tiles, kelvin**2).astype(np.float64)
             counted = before & (1 - (seen + mean[:-1])[0] > VISIBLE)
@@ -297,7 +304,7 @@ class Gather:
                 break
             size_of = np.bincount(tiles)
             had_of = np.bincount(tiles, samples) // size_of
-            ideal = fewest(energy, had_of, size_of, allowed=allowed)[tiles]
+            ideal = neyman_allocation(energy, had_of, size_of, allowed=allowed)[tiles]
             limit = np.minimum(_GROWTH * samples, most // (2 * across**2))
             wanted_of = np.maximum(np.minimum(ideal, limit), samples)
             chains_in_all = 2.0 * across**2 * wanted_of.sum()
@@ -325,7 +332,7 @@ class Gather:
         """All that were built."""
         return self._programs
 
-    def chains(self, pixels: NDArray[np.int64], across: int) -> list[Chains]:
+    def chains(self, pixels: NDArray[np.int64], across: int) -> list[GatherPaths]:
         """For each device, the stretches of thick cells on across^2 rays through each pixel."""
         row, column = np.divmod(pixels, self._painter.view.pixels[0])
         place = (np.arange(across) + 0.5) / across
@@ -344,7 +351,7 @@ class Gather:
             met = zeros(one, "stretches", count, np.int32)
             stretches, first = met, met  # not read before their number is known
             for fill in (0, 1):
-                program["meet"](
+                program["thick_intervals"](
                     one.queue,
                     (-(-count // group) * group,),
                     (group,),
@@ -361,12 +368,12 @@ class Gather:
                     first = upload(one, "stretches", np.array([0, *ends], np.int32))
                     stretches = zeros(one, "stretches", _STRETCH * int(ends[-1]), self._real)
             uploaded = upload(one, "rays", numbers.astype(np.uint32))
-            out.append(Chains(one, program, [listed, uploaded, first, stretches], fixed))
+            out.append(GatherPaths(one, program, [listed, uploaded, first, stretches], fixed))
         return out
 
     def means(
         self,
-        chains: list[Chains],
+        chains: list[GatherPaths],
         chosen: NDArray[np.int64],
         across: int,
         some: range,

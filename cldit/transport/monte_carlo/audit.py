@@ -26,9 +26,9 @@ from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.monte_carlo.path import trace_path
-from cldit.transport.monte_carlo.pixel_sampling import Sampled
+from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.result import Settings, Trace
-from cldit.transport.temperature_error import counted, error_K
+from cldit.transport.temperature_error import counted, temperature_error_K
 from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
@@ -98,11 +98,11 @@ def found(
     emissivity = 1.0 - weights.background.reshape(-1).astype(np.float64)
     visible = counted(view, emissivity, np.arange(len(emissivity)))
 
-    def draw(scattered: Floats) -> Sampled:
+    def draw(scattered: Floats) -> PixelSample:
         here = visible & (scattered > 0)
         share = np.divide(scattered, emissivity, out=np.zeros_like(scattered), where=here) ** 3
         share[here] += _EVENLY * share[here].mean() if here.any() else 0.0
-        return Sampled.of(share, most=_PIXELS, seed=settings.seed)
+        return PixelSample.of(share, most=_PIXELS, seed=settings.seed)
 
     count = int(np.count_nonzero(visible))
     more = max(0.1 / settings.accuracy_K, _PIXELS / max(count, 1))
@@ -110,17 +110,21 @@ def found(
     sparse = replace(settings, max_samples=samples, accuracy_K=0.0, seed=settings.seed + 1)
     truth = trace_path(cells, scene, device, sparse, None, draw=draw, view=view)
     seconds = truth.seconds["image"] + truth.seconds["scattering"]
-    if truth.sampled is None or truth.weights_difference is None or not len(truth.sampled.pixels):
+    if (
+        truth.pixel_sample is None
+        or truth.weights_difference is None
+        or not len(truth.pixel_sample.pixels)
+    ):
         return float("nan"), float("nan"), seconds
-    mine = _planes(weights, cells)[:, truth.sampled.pixels]
+    mine = _planes(weights, cells)[:, truth.pixel_sample.pixels]
     means, spread = (_planes(some, cells) for some in (truth.weights, truth.weights_difference))
     one, other = (
-        np.nan_to_num(error_K(mine, mine - each, cells, scene))
+        np.nan_to_num(temperature_error_K(mine, mine - each, cells, scene))
         for each in (means + spread, means - spread)
     )
     # Of a product of two numbers with the same mean and noise, this is the variance.
     variance = (one**2 - other**2) ** 2 / 4
-    total, doubt = truth.sampled.total(one * other, variance)
+    total, doubt = truth.pixel_sample.total(one * other, variance)
     return total / count, doubt / count, seconds
 
 

@@ -20,11 +20,11 @@ from cldit.gpu.partition import shares
 from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.energy_balance import Closure
-from cldit.transport.monte_carlo.pixel_sampling import Sampled
+from cldit.transport.energy_balance import EnergyBalance
+from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.sobol import columns
-from cldit.transport.temperature_error import counted, error_K
+from cldit.transport.temperature_error import counted, temperature_error_K
 from cldit.transport.view import View, check_boundary, upload_tree
 
 Floats = NDArray[np.float64]
@@ -65,7 +65,7 @@ class _Sums:
 
 
 @dataclass(frozen=True)
-class _Flyer:
+class _PathTracer:
     """One device, and the pixels whose chains it follows."""
 
     device: Device
@@ -85,7 +85,7 @@ class _Flyer:
         scattered: NDArray[np.floating],
         fixed: list[Any],
         components: int,
-    ) -> _Flyer:
+    ) -> _PathTracer:
         """scattered: of all of the picture. fixed: the kernel's arguments from `table` on."""
         return cls(
             device,
@@ -127,7 +127,7 @@ def trace_path(
     settings: Settings,
     report: Callable[[str], None] | None,
     *,
-    draw: Callable[[Floats], Sampled] | None = None,
+    draw: Callable[[Floats], PixelSample] | None = None,
     view: View | None = None,
 ) -> Trace:
     """Weights by path tracing; raises as `trace`.
@@ -171,24 +171,26 @@ def trace_path(
 
     first = medium(device)
     out = zeros(device, "picture", components * pixels, real)
-    lost = zeros(device, "scattered light", pixels, real)
-    programs[0]["straight"](device.queue, *view.tiles(device), out, lost, *first)
+    one_minus_lambda = zeros(device, "scattered light", pixels, real)
+    programs[0]["straight"](device.queue, *view.tiles(device), out, one_minus_lambda, *first)
     image = download(device, out, np.empty((components, pixels), real))
-    scattered = download(device, lost, np.empty(pixels, real))
+    scattered = download(device, one_minus_lambda, np.empty(pixels, real))
     listed = np.flatnonzero(scattered > 0)
     shape = (components, row_count, column_count)
-    sampled = None if draw is None else draw(scattered.astype(np.float64))
-    if sampled is not None:
-        listed = sampled.pixels
+    pixel_sample = None if draw is None else draw(scattered.astype(np.float64))
+    if pixel_sample is not None:
+        listed = pixel_sample.pixels
         image, shape = image[:, listed], (components, 1, len(listed))
     image = image.astype(np.float64)
-    place = listed if sampled is None else np.arange(len(listed))  # in the picture that is made
+    place = (
+        listed if pixel_sample is None else np.arange(len(listed))
+    )  # in the picture that is made
     seconds = {"image": time.perf_counter() - start}
 
     start = time.perf_counter()
     count = len(listed)
-    flyers = [
-        _Flyer.of(
+    tracers = [
+        _PathTracer.of(
             one,
             program,
             pixels=listed[mine.start : mine.stop].astype(np.int32),
@@ -211,13 +213,15 @@ def trace_path(
         np.zeros((components, count)),
     )
     while count:
-        for flyer in flyers:
-            flyer.launch(settings.seed, sums.batches)
-        means = [flyer.means(components, real) for flyer in flyers]
+        for tracer in tracers:
+            tracer.launch(settings.seed, sums.batches)
+        means = [tracer.means(components, real) for tracer in tracers]
         sums.add(np.concatenate(means, axis=1).astype(np.float64))
         if sums.batches % 2 or sums.batches < _LEAST:
             continue
-        kelvin = error_K((image[:, place] + sums.mean)[:-1], sums.difference[:-1], cells, scene)
+        kelvin = temperature_error_K(
+            (image[:, place] + sums.mean)[:-1], sums.difference[:-1], cells, scene
+        )
         kelvin = kelvin[np.isfinite(kelvin) & before]
         error = float(np.sqrt(np.sum(kelvin**2) / max(len(kelvin) + other, 1)))
         if report is not None:
@@ -235,7 +239,7 @@ def trace_path(
     closure = None
     if planes.size:  # none drawn: nothing was traced
         chains = count * sums.batches * SAMPLES
-        closure = Closure.of(
+        closure = EnergyBalance.of(
             planes[: cells.needs.boundaries],
             planes[-1],
             bound=1e-4,
@@ -255,5 +259,5 @@ def trace_path(
             "samples": sums.batches * SAMPLES,
         },
         precision=real.__name__,
-        sampled=sampled,
+        pixel_sample=pixel_sample,
     )

@@ -11,14 +11,14 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Sampled:
+class PixelSample:
     """pixels: (N,) flat numbers, ascending; chance: (N,) with which each was drawn, 0 to 1."""
 
     pixels: NDArray[np.int64]
     chance: Floats
 
     @classmethod
-    def of(cls, importance: Floats, *, most: int, seed: int) -> Sampled:
+    def of(cls, importance: Floats, *, most: int, seed: int) -> PixelSample:
         """About `most` of the pixels of importance above 0, all of them where they are no more.
 
         Chances are in proportion to importance (P,), up to 1. Drawn at even steps of the sum of

@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import eval_legendre
 
-from cldit.transport.angular_moments import MOMENTS, found, scattered, sent
+from cldit.transport.angular_moments import (
+    MOMENTS,
+    discrete_to_moment,
+    moment_to_discrete,
+    phase_coefficients,
+)
 
 
 def test_addition_theorem() -> None:
@@ -17,9 +22,9 @@ def test_addition_theorem() -> None:
     other /= np.linalg.norm(other, axis=1)[:, None]
     cosine = (one * other).sum(axis=1)
     g, h = 0.6, -0.3
-    counts = scattered(g, h)
+    counts = phase_coefficients(g, h)
     assert len(counts) == MOMENTS - 1
-    got = 1 + np.einsum("m,mn,mn->n", counts, sent(one), found(other))
+    got = 1 + np.einsum("m,mn,mn->n", counts, moment_to_discrete(one), discrete_to_moment(other))
     expected = 1 + 3 * g * cosine + 5 * h * eval_legendre(2, cosine)
     np.testing.assert_allclose(got, expected, atol=1e-14)
 
@@ -32,4 +37,4 @@ def test_even_light_has_none() -> None:
     x, y = np.outer(across, np.cos(angle)), np.outer(across, np.sin(angle))
     unit = np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=2).reshape(-1, 3)
     even = np.repeat(weight / weight.sum() / 16, 16)
-    np.testing.assert_allclose(found(unit) @ even, 0.0, atol=1e-15)
+    np.testing.assert_allclose(discrete_to_moment(unit) @ even, 0.0, atol=1e-15)

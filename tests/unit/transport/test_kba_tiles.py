@@ -7,11 +7,11 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
-from cldit.transport.discrete_ordinates.axis_order import layouts
-from cldit.transport.discrete_ordinates.kba_tiles import tiles
-from cldit.transport.discrete_ordinates.quadrature import Directions, isotropic
-from cldit.transport.discrete_ordinates.segments import Ways
-from cldit.transport.discrete_ordinates.sweep_schedule import Route
+from cldit.transport.discrete_ordinates.axis_order import axis_orders
+from cldit.transport.discrete_ordinates.kba_tiles import kba_tiles
+from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
+from cldit.transport.discrete_ordinates.segments import Segments
+from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule
 
 QUADRANTS = np.array([[0, 3], [3, 4], [4, 4], [4, 9]])
 
@@ -22,7 +22,7 @@ def test_tiles(rows: int, layers: int, edge: int) -> None:
     """Along each direction every cell once, after those that light comes from: the rows before it
     in its own layer, and its own row and that before in the layer before, whichever the tile goes
     through first: in the same tile or an earlier launch. No cell twice in a launch."""
-    table, launches = tiles(rows, layers, QUADRANTS, edge)
+    table, launches = kba_tiles(rows, layers, QUADRANTS, edge)
     assert table.min(initial=1) >= -1 and table[:, [1, 3]].max() <= edge
     np.testing.assert_array_equal(launches[:, 0], [0, *launches[:-1, 1]])
     assert launches[-1, 1] == len(table) and np.all(np.diff(launches) > 0)
@@ -61,25 +61,25 @@ def test_steps_of_directions(shape: tuple[int, int, int]) -> None:
     unit = np.concatenate([isotropic(40, rng).unit, corners, corners[:, [1, 2, 0]]])
     starts = rng.random((len(unit), 2))
     starts[20:] = 0.0
-    directions = Directions(unit, np.full(len(unit), 1 / len(unit)))
+    directions = Ordinates(unit, np.full(len(unit), 1 / len(unit)))
     main = np.argmax(np.abs(unit), axis=1)
-    for axis, layout in layouts(shape).items():
+    for axis, layout in axis_orders(shape).items():
         numbers = np.flatnonzero(main == axis)
-        route = Route.of(layout, numbers, directions, starts, edge=4)
-        assert sorted(route.number) == list(numbers)
-        for first, end, sense, step in np.unique(route.tiles[:, 4:], axis=0):
+        schedule = SweepSchedule.of(layout, numbers, directions, starts, edge=4)
+        assert sorted(schedule.number) == list(numbers)
+        for first, end, sense, step in np.unique(schedule.tiles[:, 4:], axis=0):
             for k in range(first, end):
-                run = -unit[route.number[k]][list(layout.axes)]
+                run = -unit[schedule.number[k]][list(layout.axes)]
                 assert (run[2] < 0) == sense and run[1] * step >= 0
-                ways = Ways.of(
+                ways = Segments.of(
                     run[None, :2] / abs(run[2]),
-                    starts[route.number[k], None],
+                    starts[schedule.number[k], None],
                     layers=layout.size[2],
                     backwards=np.array([bool(sense)]),
                 )
-                its = slice(route.begins[k, 0], route.begins[k, -1])
-                np.testing.assert_array_equal(route.shifts[its], ways.shifts())
-                for met, (one, other) in enumerate(pairwise(route.begins[k] - its.start)):
+                its = slice(schedule.begins[k, 0], schedule.begins[k, -1])
+                np.testing.assert_array_equal(schedule.shifts[its], ways.shifts())
+                for met, (one, other) in enumerate(pairwise(schedule.begins[k] - its.start)):
                     assert one < other and np.all(ways.met[one:other] == met)
                     moved = ways.shifts()[one:other, 3]
                     assert np.all(np.isin(moved, (0, step, 2))) and np.sum(moved == step) <= 1

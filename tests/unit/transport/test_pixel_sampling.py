@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cldit.transport.monte_carlo.pixel_sampling import Sampled
+from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 
 MANY = 400
 
@@ -32,7 +32,7 @@ def test_unbiased_and_knows_its_error(importance: np.ndarray) -> None:
     noise = 0.3 * importance
     totals, errors = [], []
     for seed in range(MANY):
-        drawn = Sampled.of(importance, most=200, seed=seed)
+        drawn = PixelSample.of(importance, most=200, seed=seed)
         # The seeds of what is drawn and of its noise are apart, as in the audit.
         noisy = values + noise * np.random.default_rng(10_000 + seed).standard_normal(3000)
         total, error = drawn.total(noisy[drawn.pixels], noise[drawn.pixels] ** 2)
@@ -49,7 +49,7 @@ def test_chances_are_kept(importance: np.ndarray) -> None:
     often = np.zeros(3000)
     chance = np.zeros(3000)
     for seed in range(MANY):
-        drawn = Sampled.of(importance, most=200, seed=seed)
+        drawn = PixelSample.of(importance, most=200, seed=seed)
         assert abs(len(drawn.pixels) - 200) <= 1
         often[drawn.pixels] += 1
         chance[drawn.pixels] = drawn.chance
@@ -69,7 +69,7 @@ def test_chances_are_kept(importance: np.ndarray) -> None:
 def test_few_are_all_drawn(count: int) -> None:
     """The sum is then exact but for the noise, and so is its error."""
     importance = np.concatenate([np.zeros(5), np.geomspace(1e-9, 1e9, count)])
-    drawn = Sampled.of(importance, most=200, seed=3)
+    drawn = PixelSample.of(importance, most=200, seed=3)
     np.testing.assert_array_equal(drawn.pixels, np.arange(5, 5 + count))
     assert np.all(drawn.chance == 1.0)
     total, error = drawn.total(np.arange(count, dtype=float), np.full(count, 4.0))
@@ -81,7 +81,7 @@ def test_one_pixel_far_above_all_others() -> None:
     """It is drawn for sure; the others share what is left evenly."""
     importance = np.ones(1000)
     importance[400] = 1e12
-    drawn = Sampled.of(importance, most=11, seed=4)
+    drawn = PixelSample.of(importance, most=11, seed=4)
     assert drawn.chance[drawn.pixels == 400] == 1.0
     others = drawn.chance[drawn.pixels != 400]
     assert len(others) == 10

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cldit.transport.discrete_ordinates.quadrature import (
-    along_curve,
     focused,
     for_boundary,
+    hilbert_order,
     isotropic,
     unfolded,
 )
@@ -30,7 +30,7 @@ def test_order_along_a_curve() -> None:
     were made, by height, runs are rings, and lie further."""
     count, runs = 4096, 32
     unit = isotropic(count, np.random.default_rng(1)).unit
-    order = along_curve(unit)
+    order = hilbert_order(unit)
     assert sorted(order) == list(range(count))
 
     def spread(numbers: np.ndarray) -> float:
@@ -45,8 +45,8 @@ def test_order_along_a_curve() -> None:
 
 
 def test_order_of_few() -> None:
-    assert along_curve(np.array([[0.0, 0.0, 1.0]])).tolist() == [0]
-    assert len(along_curve(np.zeros((0, 3)))) == 0
+    assert hilbert_order(np.array([[0.0, 0.0, 1.0]])).tolist() == [0]
+    assert len(hilbert_order(np.zeros((0, 3)))) == 0
 
 
 @pytest.mark.parametrize("lean", [0.0, 0.6, -0.9])

@@ -8,8 +8,8 @@ import pytest
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, build_octree
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates.segments import Ways
-from cldit.transport.thick_region import ThickCells
+from cldit.transport.discrete_ordinates.segments import Segments
+from cldit.transport.thick_region import ThickRegion
 
 
 def scattered_cells(seed: int) -> OpticalCells:
@@ -36,7 +36,7 @@ def test_faces_of_the_region() -> None:
     box has a number, and those that one direction goes through have different ones."""
     cells = scattered_cells(3)
     box = cells.box()
-    thick = ThickCells.of(cells, box, deeper_than=0.6)
+    thick = ThickRegion.of(cells, box, deeper_than=0.6)
     assert thick is not None
     at = {tuple(place) for place in cells.positions(cells.address[thick.listed]) - box.low}
     beside = np.concatenate([np.eye(3, dtype=int), -np.eye(3, dtype=int)])
@@ -66,14 +66,14 @@ def test_faces_of_the_region() -> None:
         met = thick.faces[:, [2 * axis + up for axis, up in enumerate(signs)]]
         met = met[met >= 0]
         assert len(np.unique(met)) == len(met)
-        assert met.max() < thick.rim
+        assert met.max() < thick.interfaces
     assert np.array_equal(
-        np.sort(thick.own[thick.own >= 0]), thick.rim - len(at) + np.arange(len(at))
+        np.sort(thick.own[thick.own >= 0]), thick.interfaces - len(at) + np.arange(len(at))
     )
     assert {tuple(place) for place in thick.at[thick.own >= 0]} == at
     order = np.argsort(thick.own)[-len(at) :]
     np.testing.assert_array_equal(thick.address[order], cells.address[thick.listed])
-    assert thick.faces.max() < thick.rim - len(at)
+    assert thick.faces.max() < thick.interfaces - len(at)
     stored = thick.address >= 0
     np.testing.assert_array_equal(
         cells.positions(thick.address[stored]) - box.low, thick.at[stored]
@@ -82,7 +82,7 @@ def test_faces_of_the_region() -> None:
 
 def test_no_thick_cell() -> None:
     cells = scattered_cells(3)
-    assert ThickCells.of(cells, cells.box(), deeper_than=2.0) is None
+    assert ThickRegion.of(cells, cells.box(), deeper_than=2.0) is None
 
 
 @pytest.mark.parametrize("backwards", [False, True])
@@ -91,7 +91,7 @@ def test_where_rays_leave_cells(slopes: tuple[float, float], backwards: bool) ->
     """Of each layer's steps the last leaves along l, and along u and v at least one does: where
     rays go into the next cell, if they do."""
     start = np.array([[0.21, 0.64]])
-    ways = Ways.of(np.array([slopes]), start, layers=40, backwards=np.array([backwards]))
+    ways = Segments.of(np.array([slopes]), start, layers=40, backwards=np.array([backwards]))
     last = np.diff(ways.met, append=-9) != 0
     np.testing.assert_array_equal(ways.leaves[:, 2], last)
     for moved, leaves in zip(ways.moved.T, ways.leaves.T[:2], strict=True):

@@ -1,25 +1,25 @@
-/* Flights through thick cells and those around them, back to where light comes from; VECTOR of them
+/* Flights through thick cells and those around them, back to where light comes from; SIMD_WIDTH of them
    at once, cell by cell. */
-#ifndef FLIGHT_H
-#define FLIGHT_H
+#ifndef PATH_SEGMENT_H
+#define PATH_SEGMENT_H
 
 #include "boundary.h"
 #include "cell_record.h"
 
-#ifndef PENDING
-#error "PENDING: reads of kept light that are made together"
+#ifndef PENDING_READS
+#error "PENDING_READS: reads of kept light that are made together"
 #endif
-#ifndef LEAST
-#error "LEAST: transmission at which a flight ends"
+#ifndef MIN_TRANSMISSION
+#error "MIN_TRANSMISSION: transmission at which a flight ends"
 #endif
 
 /* What lies beside a cell of the region: down and up along x, y and z the number of the next cell, or
-   BOUNDARY_THERE, or where the region ends its face, KEPT - number in the light that sweeps kept; then
+   BOUNDARY_THERE, or where the region ends its face, INTERFACE - number in the light that sweeps kept; then
    the number of the light in the cell itself, -1 where it was not kept. */
 #define SIDES 8
 #define OWN 6
 #define BOUNDARY_THERE (-1)
-#define KEPT (-2)
+#define INTERFACE (-2)
 
 /* What flights meet. */
 typedef struct {
@@ -39,36 +39,36 @@ typedef struct {
     int count;                     /* of directions */
     int4 low, shape;               /* the box */
     Boundary boundary;
-} Near;
+} ThickRegion;
 
 /* Kept light that is still to be scored, and the sum of what was. Flights end anywhere in some hundred
    megabytes of it: one by one, a fifth of their time would be waiting for memory. */
 typedef struct {
-    __global const real *light[PENDING];
-    real weight[PENDING];
+    __global const real *light[PENDING_READS];
+    real weight[PENDING_READS];
     int count;
     real sum[PARTS];
 #ifdef COUNTED
     int crossed; /* cells, by all flights */
 #endif
-} Ends;
+} PendingScores;
 
-INLINE void score_pending(Ends *ends)
+INLINE void flush_scores(PendingScores *pending)
 {
-    for (int k = 0; k < ends->count; ++k) score(ends->sum, ends->weight[k], ends->light[k]);
-    ends->count = 0;
+    for (int k = 0; k < pending->count; ++k) score(pending->sum, pending->weight[k], pending->light[k]);
+    pending->count = 0;
 }
 
-INLINE void score_later(Ends *ends, real weight, __global const real *light)
+INLINE void score_later(PendingScores *pending, real weight, __global const real *light)
 {
     SOON_READ(light);
-    ends->weight[ends->count] = weight;
-    ends->light[ends->count] = light;
-    if (++ends->count == PENDING) score_pending(ends);
+    pending->weight[pending->count] = weight;
+    pending->light[pending->count] = light;
+    if (++pending->count == PENDING_READS) flush_scores(pending);
 }
 
 /* Number, in the region, of a cell that is given by its place in the cube. */
-INLINE int number_in(int3 cell, const Near *m)
+INLINE int number_in(int3 cell, const ThickRegion *m)
 {
     const int x = cell.x - m->low.x, y = cell.y - m->low.y, z = cell.z - m->low.z;
     return m->places[(z * m->shape.y + y) * m->shape.x + x];
@@ -87,23 +87,23 @@ typedef struct {
     lane_t x, y, z, share; /* of the one drawn: where in it the flight comes in; what it takes out */
     lane_i met;           /* its number, -1: none */
     lane_i cell;          /* number */
-    lane_i flies;         /* mask */
-    real3 way[VECTOR];    /* where light comes from */
-} Flights;
+    lane_i active;         /* mask */
+    real3 way[SIMD_WIDTH];    /* where light comes from */
+} Segments;
 
 /* How one ended: with what is left of it at `beside` of its cell, or within that. */
 typedef struct {
     lane_i ended;  /* mask */
     lane_i within; /* mask: nothing is left */
     lane_i beside;
-} Ended;
+} SegmentEnd;
 
-INLINE Flights no_flights(void)
+INLINE Segments no_segments(void)
 {
-    Flights f;
+    Segments f;
     f.tx = f.ty = f.tz = (lane_t)R(1);
     f.dx = f.dy = f.dz = f.ax = f.ay = f.az = (lane_t)R(0);
-    f.ux = f.uy = f.uz = f.met = f.cell = f.flies = (lane_i)0;
+    f.ux = f.uy = f.uz = f.met = f.cell = f.active = (lane_i)0;
     f.t = f.weight = f.floor = f.scattered = f.u = f.x = f.y = f.z = f.share = (lane_t)R(0);
     return f;
 }
@@ -124,19 +124,19 @@ INLINE void set_axis(
 }
 
 /* Begins a flight from p in a cell, 0 to 1 along x, y, z. */
-INLINE void set_off(Flights *f, int lane, int cell, real3 p, real3 d, real weight, real u)
+INLINE void start_segment(Segments *f, int lane, int cell, real3 p, real3 d, real weight, real u)
 {
     set_axis(&f->tx, &f->dx, &f->ax, &f->ux, lane, p.x, d.x);
     set_axis(&f->ty, &f->dy, &f->ay, &f->uy, lane, p.y, d.y);
     set_axis(&f->tz, &f->dz, &f->az, &f->uz, lane, p.z, d.z);
     LANE(f->t, lane) = R(0);
     LANE(f->weight, lane) = weight;
-    LANE(f->floor, lane) = weight * R(LEAST);
+    LANE(f->floor, lane) = weight * R(MIN_TRANSMISSION);
     LANE(f->scattered, lane) = R(0);
     LANE(f->u, lane) = u;
     LANE_I(f->met, lane) = -1;
     LANE_I(f->cell, lane) = cell;
-    LANE_I(f->flies, lane) = -1;
+    LANE_I(f->active, lane) = -1;
     f->way[lane] = d;
 }
 
@@ -146,7 +146,7 @@ INLINE void set_off(Flights *f, int lane, int cell, real3 p, real3 d, real weigh
 /* Crosses a cell with each flight, and scores what it sends. Of all that deep cells on a flight's way
    scatter, `scattered` becomes the sum and one place is drawn. Light scored, what is left and
    `scattered` make the weight that a flight began with. */
-INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
+INLINE SegmentEnd cross_cell(real *sum, PendingScores *pending, Segments *f, const ThickRegion *m)
 {
     const lane_t depth_there = from_table(m->depth, f->cell);
     const lane_i deep = depth_there < R(0);
@@ -157,12 +157,12 @@ INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
     const lane_t share = absorbed(t);
     lane_t taken = f->weight * share;
     const lane_t left = f->weight - taken;
-    Ended e;
+    SegmentEnd e;
     /* What is left in the end goes no further than the last cell. */
     e.within = left <= f->floor;
     taken = e.within ? f->weight : taken;
     lane_t x = taken, y = taken, z = taken;
-#ifdef LINEAR
+#ifdef LINEAR_SOURCE
     /* Where it is seen: less deep in the cell than in the middle of the way. */
     const lane_t middle = f->t + R(0.5) * length;
     const lane_t nearer = f->weight * t * rising(t, share, mean_transmission(t, share)) * length;
@@ -176,10 +176,10 @@ INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
     Light sent = no_light();
     real all = R(0);
     lane_t albedo = (lane_t)R(0); /* of deep cells that are crossed */
-    UNROLL for (int lane = 0; lane < VECTOR; ++lane) {
-        if (!LANE_I(f->flies, lane)) continue;
+    UNROLL for (int lane = 0; lane < SIMD_WIDTH; ++lane) {
+        if (!LANE_I(f->active, lane)) continue;
 #ifdef COUNTED
-        ++ends->crossed;
+        ++pending->crossed;
 #endif
         __global const real *it = m->cells + (size_t)LANE_I(f->cell, lane) * RECORD;
         const real here = LANE(taken, lane);
@@ -212,14 +212,14 @@ INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
     const lane_i along_y = (f->ty <= f->tz) & !along_x;
     const lane_i side = along_x ? -f->ux : along_y ? 2 - f->uy : 4 - f->uz;
     e.beside = from_numbers(m->beside, f->cell * SIDES + side);
-    e.ended = f->flies & (e.within | (e.beside < 0));
-    const lane_i goes = f->flies & !e.ended;
+    e.ended = f->active & (e.within | (e.beside < 0));
+    const lane_i goes = f->active & !e.ended;
     f->tx += (goes & along_x) ? f->dx : (lane_t)R(0);
     f->ty += (goes & along_y) ? f->dy : (lane_t)R(0);
     f->tz += (goes & !along_x & !along_y) ? f->dz : (lane_t)R(0);
     f->cell = goes ? e.beside : f->cell;
     /* The depth alone is waited for; what the cells send is read after much else. */
-    UNROLL for (int lane = 0; lane < VECTOR; ++lane) {
+    UNROLL for (int lane = 0; lane < SIMD_WIDTH; ++lane) {
         __global const real *soon = m->cells + (size_t)LANE_I(f->cell, lane) * RECORD;
         UNROLL for (int k = 0; k < RECORD; k += LINE) SOON_READ(soon + k);
     }
@@ -229,14 +229,14 @@ INLINE Ended cross(real *sum, Ends *ends, Flights *f, const Near *m)
 }
 
 /* Scores what is left of a flight that ended. */
-INLINE void arrive(
-    real *sum, Ends *ends, const Flights *f, int lane, const Ended *e, int number, const Near *m)
+INLINE void end_segment(
+    real *sum, PendingScores *pending, const Segments *f, int lane, const SegmentEnd *e, int number, const ThickRegion *m)
 {
     if (LANE_I(e->within, lane)) return;
     const real weight = LANE(f->weight, lane);
     const int beside = LANE_I(e->beside, lane);
     if (beside != BOUNDARY_THERE) {
-        score_later(ends, weight, m->light + ((size_t)(KEPT - beside) * m->count + number) * COMPONENTS);
+        score_later(pending, weight, m->light + ((size_t)(INTERFACE - beside) * m->count + number) * COMPONENTS);
         return;
     }
     const int4 cell = m->at[LANE_I(f->cell, lane)];

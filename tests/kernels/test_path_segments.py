@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 COMPONENTS, EMITTERS = 3, 1  # background, walls, droplets
 SHAPE = (4, 3, 5)  # of the region, x y z
-LEAST = 1e-3
+MIN_TRANSMISSION = 1e-3
 
 # One flight in each lane, until none flies; then what they brought in all, and how each ended.
 KERNEL = """
@@ -29,25 +29,25 @@ __kernel void fly(
     __global const int4 *at, __global const int *beside, __global const float *depth,
     __global const float *cells, __global const float *light)
 {
-    const Near near = {0, at, beside, depth, cells, light, 0, 0, 0, 0, 0, 0, 2, (int4)(0),
+    const ThickRegion near = {0, at, beside, depth, cells, light, 0, 0, 0, 0, 0, 0, 2, (int4)(0),
                        (int4)(0), {(float4)(2.0f, 9.0f, 2.0f, 6.0f)}};
     float sum[PARTS];
-    Ends ends;
-    ends.count = 0;
-    for (int c = 0; c < PARTS; ++c) sum[c] = ends.sum[c] = 0.0f;
-    Flights f = no_flights();
-    for (int lane = 0; lane < VECTOR; ++lane) {
-        __global const float *l = lines + 9 * (get_global_id(0) * VECTOR + lane);
+    PendingScores pending;
+    pending.count = 0;
+    for (int c = 0; c < PARTS; ++c) sum[c] = pending.sum[c] = 0.0f;
+    Segments f = no_segments();
+    for (int lane = 0; lane < SIMD_WIDTH; ++lane) {
+        __global const float *l = lines + 9 * (get_global_id(0) * SIMD_WIDTH + lane);
         const float3 from = (float3)(l[1], l[2], l[3]), way = (float3)(l[4], l[5], l[6]);
-        set_off(&f, lane, (int)l[0], from, way, l[7], l[8]);
+        start_segment(&f, lane, (int)l[0], from, way, l[7], l[8]);
     }
-    while (any_of(f.flies)) {
-        const Ended e = cross(sum, &ends, &f, &near);
-        for (int lane = 0; lane < VECTOR; ++lane) {
+    while (any_of(f.active)) {
+        const SegmentEnd e = cross_cell(sum, &pending, &f, &near);
+        for (int lane = 0; lane < SIMD_WIDTH; ++lane) {
             if (!LANE_I(e.ended, lane)) continue;
-            LANE_I(f.flies, lane) = 0;
-            arrive(sum, &ends, &f, lane, &e, lane % 2, &near);
-            __global float *end = ends_ + 5 * (get_global_id(0) * VECTOR + lane);
+            LANE_I(f.active, lane) = 0;
+            end_segment(sum, &pending, &f, lane, &e, lane % 2, &near);
+            __global float *end = ends_ + 5 * (get_global_id(0) * SIMD_WIDTH + lane);
             const int met = LANE_I(f.met, lane);
             end[0] = LANE(f.scattered, lane);
             end[1] = met;
@@ -58,8 +58,8 @@ __kernel void fly(
             end[4] = LANE(f.z, lane) + on * f.way[lane].z;
         }
     }
-    score_pending(&ends);
-    for (int c = 0; c < PARTS; ++c) sums[get_global_id(0) * PARTS + c] = sum[c] + ends.sum[c];
+    flush_scores(&pending);
+    for (int c = 0; c < PARTS; ++c) sums[get_global_id(0) * PARTS + c] = sum[c] + pending.sum[c];
 }
 """
 
@@ -80,15 +80,15 @@ class _Region:
         number = np.full((nx + 2, ny + 2, nz + 2), -1)
         number[1:-1, 1:-1, 1:-1] = np.arange(count).reshape(SHAPE)
         self.beside = np.full((count, 8), -1, np.int32)
-        self.rim = 0
+        self.interfaces = 0
         for cell, at in enumerate(self.at):
             for side in range(6):
                 there = at + 1
                 there[side // 2] += 2 * (side % 2) - 1
                 next_ = number[tuple(there)]
                 if next_ < 0 and side >= 2:
-                    next_ = -2 - self.rim
-                    self.rim += 1
+                    next_ = -2 - self.interfaces
+                    self.interfaces += 1
                 self.beside[cell, side] = next_
         self.depth = rng.choice([0.0, 1e-3, 0.3, 2.0], count)
         self.albedo = np.where(rng.random(count) < 0.3, 0.6, 0.0)
@@ -96,7 +96,7 @@ class _Region:
         self.emission[:, : COMPONENTS - EMITTERS] = 0.0
         self.source = rng.random((count, planes, COMPONENTS))
         self.across = rng.normal(size=(count, 3, COMPONENTS)) * linear
-        self.light = rng.random((self.rim, 2, COMPONENTS))
+        self.light = rng.random((self.interfaces, 2, COMPONENTS))
         fours = np.zeros((count, 1 + planes + 3 * linear, 4))
         fours[:, 0, :COMPONENTS] = self.emission
         fours[:, 1 : 1 + planes, :COMPONENTS] = self.source
@@ -118,7 +118,7 @@ class _Region:
             length, axis = to.min(), int(np.argmin(to))
             kappa = self.depth[cell]
             taken = left * -np.expm1(-kappa * length)
-            last = left - taken <= LEAST * weight
+            last = left - taken <= MIN_TRANSMISSION * weight
             if self.albedo[cell] > 0:
                 taken = left if last else taken
                 light[:COMPONENTS] += taken * self.emission[cell]
@@ -169,8 +169,8 @@ def _flown(
     """Sums (N / vector, C + 1); and of each flight (N, 5) what is scattered, and where."""
     count = len(lines)
     defines = "".join(f"#define {flag} 1\n" for flag in ("HAS_DROPLETS", "BOUNDARY_DISC", *flags))
-    defines += f"#define LEAST {cutoff}f\n#define PENDING 3\n#define VECTOR {vector}\n"
-    source = f"{defines}\n{assemble('simd.h')}\n{assemble('flight.h')}\n{KERNEL}"
+    defines += f"#define MIN_TRANSMISSION {cutoff}f\n#define PENDING_READS 3\n#define SIMD_WIDTH {vector}\n"
+    source = f"{defines}\n{assemble('simd.h')}\n{assemble('path_segment.h')}\n{KERNEL}"
     program = cl.Program(device.context, source).build(options=list(OPTIONS))
     depth = region.records[:, 0] * np.where(region.records[:, 1] > 0, -1, 1)
     sums = zeros(device, "sums", count // vector * (COMPONENTS + 1), np.float32)
@@ -195,11 +195,15 @@ def _flown(
 
 
 @pytest.mark.parametrize("vector", [1, 8])
-@pytest.mark.parametrize("flags", [(), ("LINEAR",), ("SLOPED",), ("SLOPED", "LINEAR")])
+@pytest.mark.parametrize(
+    "flags", [(), ("LINEAR_SOURCE",), ("MOMENT_SOURCE",), ("MOMENT_SOURCE", "LINEAR_SOURCE")]
+)
 def test_flights(device: Device, flags: tuple[str, ...], vector: int) -> None:
     """What lines bring, and what deep cells scatter, to single precision; all light is kept."""
     rng = np.random.default_rng(4)
-    region = _Region(rng, MOMENTS if "SLOPED" in flags else 1, linear="LINEAR" in flags)
+    region = _Region(
+        rng, MOMENTS if "MOMENT_SOURCE" in flags else 1, linear="LINEAR_SOURCE" in flags
+    )
     count = 64
     d = rng.normal(size=(count, 3))
     d[:3] = np.eye(3)
@@ -209,7 +213,7 @@ def test_flights(device: Device, flags: tuple[str, ...], vector: int) -> None:
     cells = rng.integers(0, len(region.at), count)
     lines = np.column_stack([cells, rng.random((count, 3)), d, rng.random((count, 2))])
     lines = lines.astype(np.float32).astype(float)
-    got, ended = _flown(device, region, lines, vector=vector, cutoff=LEAST, flags=flags)
+    got, ended = _flown(device, region, lines, vector=vector, cutoff=MIN_TRANSMISSION, flags=flags)
     wanted = np.zeros((count, COMPONENTS + 1))
     for k, line in enumerate(lines):
         wanted[k], scattered, deep = region.fly(line, k % vector)

@@ -11,7 +11,7 @@ from cldit.bench.evaluation_bias import CAMERA, TRUTH_K, record
 from cldit.camera.photon_transfer import photon_transfer
 from cldit.dit.recorded import evaluate_shots
 from cldit.errors import EvaluationError
-from tests.verify.test_dit_truth import EMISSIVITY, _split
+from tests.verify.test_evaluation_bias import EMISSIVITY, _split
 
 
 def test_a_misfire_is_named_and_left_out() -> None:

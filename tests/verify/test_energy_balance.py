@@ -16,7 +16,7 @@ import pytest
 from cldit.errors import TransportError
 from cldit.gpu import kernel_source
 from cldit.run import Run, RunInfo
-from cldit.transport.energy_balance import Closure
+from cldit.transport.energy_balance import EnergyBalance
 
 EDGE = 0.2
 
@@ -159,21 +159,21 @@ def test_spoiled_kernels_are_found(
 def test_bounds() -> None:
     outside = np.full((2, 3, 4), 0.25)
     within = np.full((3, 4), 0.5)
-    assert Closure.of(outside, within, bound=0.0).largest == 0.0
+    assert EnergyBalance.of(outside, within, bound=0.0).largest == 0.0
     within[1, 2] += 0.01
-    assert Closure.of(outside, within, bound=0.011).pixel == (1, 2)
+    assert EnergyBalance.of(outside, within, bound=0.011).pixel == (1, 2)
     with pytest.raises(
         TransportError, match=r"\+0\.01 \(largest\), allowed is 0\.009.*row 1, column 2"
     ):
-        Closure.of(outside, within, bound=0.009)
+        EnergyBalance.of(outside, within, bound=0.009)
     # As noise of one pixel in twelve it is no evidence; of all of them it is.
-    assert Closure.of(outside, within, bound=0.0, noise=0.02).value == "mean"
+    assert EnergyBalance.of(outside, within, bound=0.0, noise=0.02).value == "mean"
     with pytest.raises(TransportError, match="mean"):
-        Closure.of(outside + 0.01, np.full((3, 4), 0.5), bound=0.0, noise=0.02)
+        EnergyBalance.of(outside + 0.01, np.full((3, 4), 0.5), bound=0.0, noise=0.02)
     for wrong in (np.nan, np.inf):
         within[2, 3] = wrong
         with pytest.raises(TransportError, match="row 2, column 3"):
-            Closure.of(outside, within, bound=1.0, noise=0.02)
+            EnergyBalance.of(outside, within, bound=1.0, noise=0.02)
 
 
 def test_kept_with_the_run(run_block: Callable[..., Run]) -> None:
@@ -184,6 +184,6 @@ def test_kept_with_the_run(run_block: Callable[..., Run]) -> None:
 def test_few_noisy_pixels_do_not_tell_their_noise() -> None:
     """One pixel that is off by 2e-4 may be noise; one that is off by 3 % is not."""
     half = np.full((1, 1), 0.5)
-    assert Closure.of(half[None] - 2e-4, half, bound=1e-4, noise=0.02).bound == 0.02
+    assert EnergyBalance.of(half[None] - 2e-4, half, bound=1e-4, noise=0.02).bound == 0.02
     with pytest.raises(TransportError, match="light is made or lost"):
-        Closure.of(half[None] - 0.03, half, bound=1e-4, noise=0.02)
+        EnergyBalance.of(half[None] - 0.03, half, bound=1e-4, noise=0.02)

@@ -10,10 +10,10 @@ from cldit.gpu.buffers import download
 from cldit.gpu.device import Device
 from cldit.gpu.program import build
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates.cell_packets import lanes
-from cldit.transport.discrete_ordinates.interface_radiance import RimLight
-from cldit.transport.discrete_ordinates.quadrature import Directions, isotropic
-from cldit.transport.thick_region import ThickCells
+from cldit.transport.discrete_ordinates.cell_packets import simd_defines
+from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
+from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
+from cldit.transport.thick_region import ThickRegion
 
 from .medium import random_tree, sweeper_of
 
@@ -24,15 +24,15 @@ def test_light_kept_in_thick_cells(device: Device) -> None:
     tree = random_tree(3)
     clear = replace(tree, fields={name: 1e-9 * values for name, values in tree.fields.items()})
     cells = OpticalCells.of(clear)
-    thick = ThickCells.of(cells, cells.box(), deeper_than=6e-10)
+    thick = ThickRegion.of(cells, cells.box(), deeper_than=6e-10)
     assert thick is not None
     flags = {**cells.needs.defines, "BOUNDARY_DISC": 1, "CAMERA_ORTHOGRAPHIC": 1}
-    flags |= {"RIM": 1}
+    flags |= {"INTERFACE_RADIANCE": 1}
     sweeper = sweeper_of(device, cells, flags)
-    program = build(device, "sweep.cl", {**flags, **lanes(device)})
+    program = build(device, "sweep.cl", {**flags, **simd_defines(device)})
     rng = np.random.default_rng(2)
     rays = sweeper.rays(isotropic(14, rng), rng.random((14, 2)))
-    light = RimLight.of(
+    light = InterfaceRadiance.of(
         device,
         thick,
         sweeper.box,
@@ -42,8 +42,8 @@ def test_light_kept_in_thick_cells(device: Device) -> None:
     )
     sweeper.set_source(np.zeros_like(sweeper.thermal), shining=False)
     mean = np.empty((1, sweeper.components, sweeper.count), np.float32)
-    sweeper.moments(program, rays, out=mean, rim=light)
-    shape = (thick.rim, 14, sweeper.components)
+    sweeper.moments(program, rays, out=mean, interfaces=light)
+    shape = (thick.interfaces, 14, sweeper.components)
     kept = download(device, light.buffer, np.empty(shape, np.float32))
     own = thick.own[thick.own >= 0]
     np.testing.assert_allclose(kept[own].sum(axis=2), 1.0, rtol=3e-7)
@@ -57,20 +57,22 @@ def test_light_in_a_cell_is_the_mean_of_what_comes_in_and_leaves(device: Device)
     """Along an axis by Beer and Lambert, through cold cells."""
     cells = OpticalCells.of(random_tree(4, scattering=1e-9))
     box = cells.box()
-    thick = ThickCells.of(cells, box, deeper_than=float(np.median(cells.depth[cells.address])))
+    thick = ThickRegion.of(cells, box, deeper_than=float(np.median(cells.depth[cells.address])))
     assert thick is not None
-    flags = {**cells.needs.defines, "BOUNDARY_ENCLOSURE": 1, "RIM": 1}
+    flags = {**cells.needs.defines, "BOUNDARY_ENCLOSURE": 1, "INTERFACE_RADIANCE": 1}
     sweeper = sweeper_of(device, cells, flags)
-    program = build(device, "sweep.cl", {**flags, **lanes(device)})
-    along = Directions(unit=np.array([[0.0, 1.0, 0.0]]), weight=np.ones(1))
+    program = build(device, "sweep.cl", {**flags, **simd_defines(device)})
+    along = Ordinates(unit=np.array([[0.0, 1.0, 0.0]]), weight=np.ones(1))
     rays = sweeper.rays(along, np.zeros((1, 2)))
-    light = RimLight.of(
+    light = InterfaceRadiance.of(
         device, thick, box, components=sweeper.components, directions=1, real=np.float32
     )
     sweeper.set_source(np.zeros_like(sweeper.thermal), shining=False)
     mean = np.empty((1, sweeper.components, sweeper.count), np.float32)
-    sweeper.moments(program, rays, out=mean, rim=light)
-    kept = download(device, light.buffer, np.empty((thick.rim, sweeper.components), np.float32))
+    sweeper.moments(program, rays, out=mean, interfaces=light)
+    kept = download(
+        device, light.buffer, np.empty((thick.interfaces, sweeper.components), np.float32)
+    )
     depth = cells.dense(box, cells.depth)
     beyond = np.cumsum(depth[:, ::-1], axis=1)[:, ::-1] - depth
     expected = np.exp(-beyond) * (1 + np.exp(-depth)) / 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cldit.transport.cell_records import Filled
+from cldit.transport.cell_records import CellRecords
 from cldit.transport.cells import OpticalCells
 
 from .medium import random_tree
@@ -16,7 +16,7 @@ def test_records_of_filled_cells() -> None:
     radiance 1 make 1."""
     medium = OpticalCells.of(random_tree(8))
     rng = np.random.default_rng(6)
-    filled = Filled.of(medium)
+    filled = CellRecords.of(medium)
     assert np.array_equal(np.flatnonzero(filled.number >= 0), np.flatnonzero(medium.depth > 0))
     cells, count = len(medium.address), len(medium.needs.components)
     listed = [rng.random((count, cells)) / 8 for _ in range(2)]

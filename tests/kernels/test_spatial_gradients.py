@@ -13,8 +13,8 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.scene import parse_scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates.gradients import across_cells
-from cldit.transport.image import Painter
+from cldit.transport.discrete_ordinates.gradients import spatial_gradients
+from cldit.transport.image import FormalSolution
 from cldit.transport.view import View
 
 EDGE_M = 0.16
@@ -58,7 +58,9 @@ def test_a_source_that_is_linear_is_seen_so(device: Device, cells: OpticalCells)
     )
     view = View.of(scene, cells)
     defines: dict[str, Any] = {**cells.needs.defines, **view.defines, "CUTOFF": 1e-6}
-    painter = Painter.of(cells, view, scene, device, defines, accuracy_K=1.0, linear=True)
+    formal_solution = FormalSolution.of(
+        cells, view, scene, device, defines, accuracy_K=1.0, linear=True
+    )
     rise = np.array([0.03, 0.0, -0.02])
     at = cells.positions(cells.address) + 0.5 - CELLS / 2
     parts = len(cells.needs.components)
@@ -66,7 +68,7 @@ def test_a_source_that_is_linear_is_seen_so(device: Device, cells: OpticalCells)
     source[1] = 0.4 + at @ rise
     across = np.zeros((3, parts, len(at)), np.float32)
     across[:, 1] = rise[:, None]
-    planes, _ = painter.pictures([source], np.zeros(len(at)), across=across)
+    planes, _ = formal_solution.pictures([source], np.zeros(len(at)), across=across)
     cell_m = EDGE_M / CELLS
     side = ((np.arange(39) + 0.5) / 39 - 0.5) * 0.078 / cell_m
     expected = 0.4 + side[None, :] * rise[0] - side[:, None] * rise[2]
@@ -82,13 +84,14 @@ def test_change_of_light(cells: OpticalCells) -> None:
     at = cells.positions(cells.address)
     rise = np.array([0.03, -0.01, 0.02])
     light = np.stack([0.5 + at @ rise, 0.1 + 0 * at[:, 0]])
-    found = across_cells(light, cells, cells.box())
+    found = spatial_gradients(light, cells, cells.box())
     np.testing.assert_allclose(found[:, 0], np.broadcast_to(rise[:, None], found[:, 0].shape))
     assert not found[:, 1].any()
     rng = np.random.default_rng(2)
     steep = rng.exponential(size=(3, len(at))) ** 4
     lowest = (
-        steep.sum(axis=0) - np.abs(across_cells(steep, cells, cells.box()).sum(axis=1)).sum(0) / 2
+        steep.sum(axis=0)
+        - np.abs(spatial_gradients(steep, cells, cells.box()).sum(axis=1)).sum(0) / 2
     )
     assert lowest.min() > -1e-12
     assert (lowest < 1e-9).any()  # the bound is met
@@ -100,7 +103,7 @@ def test_change_that_was_found(cells: OpticalCells) -> None:
     which = np.array([3, 7])
     found = np.zeros((3, 1, 2))
     found[:, 0] = np.array([[0.05, 0.5], [0.0, 0.5], [-0.1, 1.0]])
-    changes = across_cells(light, cells, cells.box(), (which, found))
+    changes = spatial_gradients(light, cells, cells.box(), (which, found))
     np.testing.assert_allclose(changes[:, :, 3], found[:, :, 0])
     np.testing.assert_allclose(changes[:, :, 7], 0.1 * found[:, :, 1])  # 2 in all, of 0.2
     assert not np.delete(changes, which, axis=2).any()
@@ -114,7 +117,7 @@ def test_change_between_unequal_cells() -> None:
     thin, deep = np.argsort(two.depth[two.address])
     light = np.zeros((1, 2))
     light[0, thin], light[0, deep] = 0.5, 0.7
-    along_x = across_cells(light, two, two.box())[0, 0]
+    along_x = spatial_gradients(light, two, two.box())[0, 0]
     assert light[0, thin] + along_x[thin] / 2 == pytest.approx(0.55, abs=1e-7)
     assert light[0, deep] - along_x[deep] / 2 == pytest.approx(0.55, abs=1e-7)
-    assert not across_cells(light, two, two.box())[1:].any()
+    assert not spatial_gradients(light, two, two.box())[1:].any()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates.gmres import corrected, first_guess, solve
+from cldit.transport.discrete_ordinates.gmres import defect_correction, gmres, order_0
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.phase import henyey_greenstein
@@ -37,13 +37,13 @@ def test_correction_along_more_directions(device: Device, deeper: float) -> None
     few, many = (
         sweeper.rays(isotropic(count, rng).balanced(), rng.random((count, 2))) for count in (8, 128)
     )
-    guess = first_guess(sweeper, cells.albedo)
-    truth = solve(sweeper, guess, many, tolerance=1e-6).source
-    rough = solve(sweeper, guess, few, tolerance=1e-6)
+    guess = order_0(sweeper, cells.albedo)
+    truth = gmres(sweeper, guess, many, tolerance=1e-6).source
+    rough = gmres(sweeper, guess, few, tolerance=1e-6)
     sweeper.set_source(rough.source, shining=True)
     sweeper.sweep(many, shining=True)
     light = (sweeper.next_order() - sweeper.thermal) / cells.albedo
-    better, more = corrected(sweeper, rough, few, tolerance=1e-6)
+    better, more = defect_correction(sweeper, rough, few, tolerance=1e-6)
     first = _rms(rough.source - truth)
     again = _rms(cells.albedo * light + sweeper.thermal - truth)
     assert _rms(better.source - truth) < 0.5 * again < 0.5 * first
@@ -51,8 +51,8 @@ def test_correction_along_more_directions(device: Device, deeper: float) -> None
     sent = cells.albedo * (light + more) + sweeper.thermal
     # To what GMRES leaves, half of 1e-6, times the share that it is divided by, at most 1.
     assert _rms(sent - better.source) < 1e-6
-    assert better.passes > rough.passes
-    assert better.residual < 1e-6
+    assert better.iterations > rough.iterations
+    assert better.residual_rms < 1e-6
 
 
 def test_one_sweeper_at_a_time(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
