@@ -13,16 +13,21 @@ from numpy.typing import NDArray
 from cldit.bench.case import Case, Cost, clocked
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.program import Define, build
+from cldit.transport.camera_source import final_sweeps
 from cldit.transport.cell_records import CellRecords
 from cldit.transport.cells import Needs, OpticalCells
 from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.gmres import order_0
+from cldit.transport.discrete_ordinates.iteration import iterate_source
+from cldit.transport.discrete_ordinates.moment_source import moment_source
+from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
+from cldit.transport.final_gather.gather import Gather
 from cldit.transport.image import Reals
 from cldit.transport.phase import ScatteringTable
-from cldit.transport.source_iteration import prepared
+from cldit.transport.source_iteration import formal_solution, thick_region
 from cldit.transport.view import View, upload_directory, upload_tree
 
 Floats = NDArray[np.float64]
@@ -111,17 +116,29 @@ class Kernels:
         flags: dict[str, Define] = {"COUNTED": 1}
         if vector is not None:
             flags["SIMD_WIDTH"] = vector
-        made = prepared(cells, case.scene, view, case.device, settings, None, flags)
-        gather = made.gather
-        if gather is None or made.light is None or made.light.ends is None:
+        region = thick_region(cells, settings)
+        if region is None:
             return None
+        problem = SweepProblem.of(cells, region, case.scene, view, case.device, settings)
+        rng = np.random.default_rng(settings.seed)
+        solved = iterate_source(problem, rng, None)
+        camera = final_sweeps(problem, moment_source(problem, solved, rng))
+        image = formal_solution(cells, region, case.scene, view, case.device, settings)
+        assert camera.cell_sources is not None
+        gather = Gather(image, cells.box(), region, camera.cell_sources, settings, flags)
         found: list[NDArray[np.int64]] = []
 
         def meet(pixels: NDArray[np.int64], _: int, seen: Reals, __: int) -> Floats:
             found.append(pixels)
-            return np.zeros((made.formal_solution.at_once, len(seen) + 1, len(pixels)))
+            return np.zeros((image.at_once, len(seen) + 1, len(pixels)))
 
-        made.pictures(meet)
+        image.images(
+            list(camera.halves),
+            camera.defect,
+            meet,
+            gradient=camera.gradient,
+            control_variate=gather.control_variate,
+        )
         pixels = np.concatenate([np.zeros(0, np.int64), *found])
         if not len(pixels):
             return None
@@ -131,9 +148,9 @@ class Kernels:
             return gather.means(chains, every, 1, range(count), 0)
 
         crossed = float(fly()[-1].sum())
-        region, record = made.light.ends.records.shape
+        cells_met, record = camera.cell_sources.records.shape
         flights = count * len(pixels)
-        return Flights(len(pixels), flights, crossed, region, record, quickest(case, fly))
+        return Flights(len(pixels), flights, crossed, cells_met, record, quickest(case, fly))
 
     def steps(self) -> tuple[NDArray[np.int64], Cost]:
         """Steps of every line of sight, and those of them through something, (2, H, W)."""

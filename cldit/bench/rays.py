@@ -103,9 +103,9 @@ class _Painted:
             cells, view, case.scene, case.device, defines, accuracy_K=accuracy_K
         )
         defect = np.zeros(len(cells.address))
-        formal_solution.pictures([towards], defect)  # builds
+        formal_solution.images([towards], defect)  # builds
         (images, several), cost = clocked(
-            case.device, lambda: formal_solution.pictures([towards], defect)
+            case.device, lambda: formal_solution.images([towards], defect)
         )
         return cls(weights_of(images[0], cells), cost, several)
 

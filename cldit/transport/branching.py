@@ -46,15 +46,12 @@ def trace_branching(
         )
     view = View.of(scene, cells)
     check_boundary(scene, cells, view)
-    real = np.float64 if settings.precision == "float64" else np.float32
+    real = settings.real
     defines: dict[str, Define] = {
-        **cells.needs.defines,
-        **view.defines,
+        **settings.defines(cells, view),
         "CUTOFF": float(settings.cutoff),
         "ORDER": settings.order,
     }
-    if settings.precision == "float64":
-        defines["USE_FLOAT64"] = 1
     divided = shares(device, view.pixels[1])
     programs = [build(one, "branching.cl", defines) for one, _ in divided]
     start = time.perf_counter()

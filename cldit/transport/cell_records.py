@@ -45,7 +45,8 @@ class CellRecords:
         """(F, R): optical depth of a cell's edge; with `thick`, albedo of thick cells, else 0; and
         for each picture its source, and the source of what is emitted at radiance 1.
 
-        listed, defect, thick, expected: as in `FormalSolution.pictures`. Where nothing scatters
+        listed, defect, thick, control_variate: as in `FormalSolution.images`. Where nothing
+        scatters
         the source
         has emitters alone, and what is emitted at radiance 1 is not stored: it is 1.
         """

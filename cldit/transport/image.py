@@ -98,13 +98,13 @@ class FormalSolution:
         ]
         return cls(cells, view, scene, accuracy_K, real, filled, tuple(parts), at_once, thick)
 
-    def pictures(
+    def images(
         self,
         listed: list[NDArray[np.floating] | None],
         defect: Floats,
         gather: Gathered | None = None,
         *,
-        across: NDArray[np.floating] | None = None,
+        gradient: NDArray[np.floating] | None = None,
         control_variate: NDArray[np.floating] | None = None,
     ) -> tuple[list[Reals], int]:
         """Weights (C + 1, H, W), the part from within last (see closure.py), one picture for each
@@ -112,13 +112,14 @@ class FormalSolution:
 
         listed: `at_once` of them; None where nothing scatters. defect (N,): of the mean radiance in
         a cavity of radiance 1. gather: adds what thick cells scatter; needed if `thick` was given.
-        across (3, C, N): change of the sources across cells, alike for all; needed with `linear`.
-        expected (C, T): light that thick cells scatter to the camera, where `gather` says how much
+        gradient (3, C, N): of the sources across cells, alike for all; needed with `linear`.
+        control_variate (C, T): light that thick cells scatter to the camera, where `gather` says
+        how much
         more it is.
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
-        records = self._records(listed, defect, across, control_variate)
+        records = self._records(listed, defect, gradient, control_variate)
         every = np.arange(columns * rows)
         pixels = None if rays in (1, "adaptive") else every
         images: Reals = np.empty((0, 0, 0))
@@ -142,15 +143,15 @@ class FormalSolution:
         self,
         listed: list[NDArray[np.floating] | None],
         defect: Floats,
-        across: NDArray[np.floating] | None,
+        gradient: NDArray[np.floating] | None,
         control_variate: NDArray[np.floating] | None,
     ) -> list[list[Any]]:
         """On each device: kernel arguments from `records` to before `coarse`."""
         made = self.filled.records(listed, defect, self.thick, control_variate, self.real)
         records = [[upload(part.device, "records", made)] for part in self.parts]
-        if across is None:
+        if gradient is None:
             return records
-        changes = across.reshape(-1, across.shape[2]).T.astype(self.real)
+        changes = gradient.reshape(-1, gradient.shape[2]).T.astype(self.real)
         if self.thick is not None:
             changes[self.thick] = 0.0
         for part, some in zip(self.parts, records, strict=True):

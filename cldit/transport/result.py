@@ -8,13 +8,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.gpu.program import Program
+from cldit.gpu.program import Define, Program
 from cldit.radiance.weights import Weights
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.gmres import Solution
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.phase import ScatteringTable
+from cldit.transport.view import View
 
 Method = Literal["source", "path", "branching"]
 
@@ -28,9 +29,11 @@ class Settings:
     the source (weights are 0..1).
     accuracy_K, max_samples: where `path` stops, RMS error of T_app or samples a pixel. order: most
     scatterings, None for all; beyond it the wall is seen. phase: None is isotropic.
-    gather: `source` has light change within cells; what those of an optical depth above `thick`
+    gather: `source` has light change within cells; what those of an optical depth above
+    `thick_depth`
     scatter to the camera is found by flights, until its noise is below half of accuracy_K, or with
-    max_samples a pixel. Without it light is even in cells, as the paper has it. deep: optical depth
+    max_samples a pixel. Without it light is even in cells, as the paper has it. path_depth:
+    optical depth
     of cells in which the sweeps' sources, linear in them, do not suffice for that.
     audit: `source` has some of its pixels traced by `path`, where it simplifies anything.
     """
@@ -48,8 +51,18 @@ class Settings:
     phase: ScatteringTable | None = None
     gather: bool = True
     audit: bool = True
-    thick: float = 0.5
-    deep: float = 2.0
+    thick_depth: float = 0.5
+    path_depth: float = 2.0
+
+    @property
+    def real(self) -> type[np.floating]:
+        """The device's precision."""
+        return np.float64 if self.precision == "float64" else np.float32
+
+    def defines(self, cells: OpticalCells, view: View) -> dict[str, Define]:
+        """What all kernels of a trace are compiled with."""
+        double: dict[str, Define] = {"USE_FLOAT64": 1} if self.precision == "float64" else {}
+        return {**cells.needs.defines, **view.defines, **double}
 
     @property
     def within_cells(self) -> bool:

@@ -1,28 +1,37 @@
-"""Source iteration: the source function of every scattering cell, then one ray a pixel.
+"""Source iteration, the method `source`: discrete ordinates, then one ray a pixel and a gather.
 
-The source is solved for by sweeping rays through the box of cells that the spray fills; one last
-sweep with many directions, and the picture, follow. The last sweep is done in two halves, each
-along every other direction; from the difference of the two pictures the run knows how far it is
-from what more directions would give, or less.
+`trace_source` is the algorithm. Its five stages, with their equations in docs/theory.md:
+
+1. Iteration to a residual (discrete_ordinates/iteration.py): the source of every scattering cell,
+   S = a Lambda S + E, by GMRES along few ordinates and a defect correction along more.
+2. Moment source (discrete_ordinates/moment_source.py): angular moments of the phase function, and
+   spatial moments across thick cells, from a few sweeps more.
+3. Final sweeps (camera_source.py): what every cell scatters to the camera, by many ordinates in two
+   halves; and the radiance on the interfaces of thick cells.
+4. Image (image.py): the formal solution along one ray a pixel, with the sources of either half.
+5. Final gather (final_gather/gather.py): what thick cells scatter, by short paths from each pixel.
+
+Half the difference of the two halves' images tells how far the ordinates are from more of them.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
-from cldit.gpu.program import Define
 from cldit.scene.schema import Scene
-from cldit.transport.camera_source import CameraSource, camera_source
+from cldit.transport.camera_source import final_sweeps, order_0_source
 from cldit.transport.cells import OpticalCells
+from cldit.transport.discrete_ordinates.iteration import iterate_source
+from cldit.transport.discrete_ordinates.moment_source import moment_source
+from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.final_gather.gather import Gather
-from cldit.transport.image import FormalSolution, Gathered, Reals
+from cldit.transport.image import FormalSolution
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.thick_region import ThickRegion
 from cldit.transport.view import View, check_boundary
@@ -40,114 +49,104 @@ def trace_source(
     settings: Settings,
     report: Callable[[str], None] | None,
 ) -> Trace:
-    """Weights by source iteration, in the precision that `settings` gives (not `auto`)."""
-    made = prepared(cells, scene, view, device, settings, report)
-    light, gather, seconds = made.light, made.gather, dict(made.seconds)
-    programs = [made.formal_solution.parts[0].program, *([] if light is None else light.programs)]
-    counts = {} if light is None else dict(light.counts)
-    solution = None if light is None else light.solution
-    short = ""
+    """Weights by source iteration, in the precision that `settings` gives (not `auto`).
+
+    Raises:
+        NotConvergedError: the source does not reach the tolerance.
+        TransportError: the medium reaches behind the background, or light is made or lost.
+        DeviceError, KernelError: the device cannot do it.
+    """
     start = time.perf_counter()
-    with np.errstate(over="ignore", invalid="ignore"):  # of a broken picture; closure tells it
-        images, refined = made.pictures(gather)
+    seconds: dict[str, float] = {}
+    region = thick_region(cells, settings)
+    camera = gather = None
+    if cells.needs.scattering:
+        check_boundary(scene, cells, view)
+        if settings.order == 0:
+            camera = order_0_source(cells, settings.real)
+        else:
+            problem = SweepProblem.of(cells, region, scene, view, device, settings)
+            rng = np.random.default_rng(settings.seed)
+            solved = iterate_source(problem, rng, report)  # 1
+            final = moment_source(problem, solved, rng)  # 2
+            camera = final_sweeps(problem, final)  # 3
+            del solved, final  # with what their sweepers have on the device
+        builds = sum(program.build_s for program in camera.programs)
+        seconds["scattering"] = time.perf_counter() - start - builds
+    image = formal_solution(cells, region, scene, view, device, settings)
+    if region is not None and camera is not None and camera.cell_sources is not None:
+        gather = Gather(image, cells.box(), region, camera.cell_sources, settings)
+
+    start = time.perf_counter()
+    with np.errstate(over="ignore", invalid="ignore"):  # of a broken image; the balance tells it
+        halves, refined = image.images(  # 4, and 5 by `gather`
+            [None] if camera is None else list(camera.halves),
+            np.zeros(0) if camera is None else camera.defect,
+            gather,
+            gradient=None if camera is None else camera.gradient,
+            control_variate=None if gather is None else gather.control_variate,
+        )
+        seconds["image"] = time.perf_counter() - start
+        mean = halves[0] if len(halves) < 2 else (halves[0] + halves[1]) / 2
+        balance = EnergyBalance.of(
+            mean[: cells.needs.boundaries], mean[-1], bound=_CLOSED + 3 * settings.tolerance
+        )
+    programs = [image.parts[0].program, *([] if camera is None else camera.programs)]
+    counts = {} if camera is None else dict(camera.counts)
     if scene.camera.rays_per_pixel != 1:
         counts["pixels_of_several_rays"] = refined
-    seconds["image"] = time.perf_counter() - start
     if gather is not None:
         programs += gather.programs
         counts["samples"] = gather.samples
         seconds["gather"] = gather.seconds
-        seconds["image"] -= gather.seconds + sum(p.build_s for p in gather.programs)
-        short = gather.short
-    del made, light, gather  # some hundred megabytes on the device
-    with np.errstate(over="ignore", invalid="ignore"):
-        mean = images[0] if len(images) < 2 else (images[0] + images[1]) / 2
-        closure = EnergyBalance.of(
-            mean[: cells.needs.boundaries], mean[-1], bound=_CLOSED + 3 * settings.tolerance
-        )
-    difference = None if len(images) < 2 else (images[0] - images[1]) / 2
+        seconds["image"] -= gather.seconds
+    seconds["compile"] = sum(program.build_s for program in programs)
+    difference = None if len(halves) < 2 else (halves[0] - halves[1]) / 2
     return Trace(
         weights=weights_of(mean, cells),
         weights_difference=None if difference is None else weights_of(difference, cells),
         programs=tuple(programs),
-        solution=solution,
-        seconds={"compile": sum(program.build_s for program in programs), **seconds},
+        solution=None if camera is None else camera.solution,
+        seconds=seconds,
         counts=counts,
         precision="float64" if settings.precision == "float64" else "float32",
-        short=short,
-        closure=closure,
+        short="" if gather is None else gather.short,
+        closure=balance,
     )
 
 
-@dataclass(frozen=True)
-class Prepared:
-    """All that pictures are made of. light: None, where nothing scatters; gather: where no cell is
-    thick. seconds: that scattering took."""
-
-    formal_solution: FormalSolution
-    light: CameraSource | None
-    gather: Gather | None
-    seconds: dict[str, float]
-
-    def pictures(self, gather: Gathered | None) -> tuple[list[Reals], int]:
-        """See `FormalSolution.pictures`."""
-        light = self.light
-        if light is None:
-            return self.formal_solution.pictures([None], np.zeros(0), gather)
-        return self.formal_solution.pictures(
-            list(light.halves),
-            light.defect,
-            gather,
-            across=light.across,
-            control_variate=None if self.gather is None else self.gather.control_variate,
-        )
+def thick_region(cells: OpticalCells, settings: Settings) -> ThickRegion | None:
+    """The cells that the final gather refines, and those around them; None where there are none."""
+    if not (settings.within_cells and cells.needs.scattering):
+        return None
+    size = np.dtype(settings.real).itemsize
+    return ThickRegion.of(
+        cells,
+        cells.box(),
+        deeper_than=settings.thick_depth,
+        light_bytes=settings.final_directions * len(cells.needs.components) * size,
+    )
 
 
-def prepared(
+def formal_solution(
     cells: OpticalCells,
+    region: ThickRegion | None,
     scene: Scene,
     view: View,
     device: Device,
     settings: Settings,
-    report: Callable[[str], None] | None,
-    flags: Mapping[str, Define] | None = None,
-) -> Prepared:
-    """Sweeps, and builds what is to follow; raises as `trace`. flags: of flights."""
-    defines: dict[str, Define] = {**cells.needs.defines, **view.defines}
-    if settings.precision == "float64":
-        defines["USE_FLOAT64"] = 1
-    cut = {**defines, "CUTOFF": float(settings.cutoff)}
+) -> FormalSolution:
+    """Of one image for either half of the ordinates. Not before the sweeps end, which take the most
+    memory."""
     scatters = cells.needs.scattering
-    thick = None
-    if settings.within_cells and scatters:
-        size = 8 if settings.precision == "float64" else 4
-        thick = ThickRegion.of(
-            cells,
-            cells.box(),
-            deeper_than=settings.thick,
-            light_bytes=settings.final_directions * len(cells.needs.components) * size,
-        )
-    light = None
-    seconds = {}
-    if scatters:
-        check_boundary(scene, cells, view)
-        start = time.perf_counter()
-        light = camera_source(cells, thick, scene, view, device, settings, defines, report)
-        seconds["scattering"] = time.perf_counter() - start
-        seconds["scattering"] -= sum(program.build_s for program in light.programs)
-    formal_solution = FormalSolution.of(  # no sooner: sweeps take the most memory
+    return FormalSolution.of(
         cells,
         view,
         scene,
         device,
-        cut,
+        {**settings.defines(cells, view), "CUTOFF": float(settings.cutoff)},
         accuracy_K=settings.accuracy_K,
-        thick=None if thick is None else thick.listed,
+        thick=None if region is None else region.listed,
         at_once=2 if scatters else 1,
         linear=scatters and settings.within_cells,
     )
-    gather = None
-    if thick is not None and light is not None and light.ends is not None:
-        flown = {**cut, **(flags or {})}
-        gather = Gather(formal_solution, cells.box(), thick, light.ends, settings, flown)
-    return Prepared(formal_solution, light, gather, seconds)

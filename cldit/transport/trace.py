@@ -37,7 +37,7 @@ _EIGHTS, _EIGHTS_BY_PHASE = 8, 10
 # RMS error of the solved source, at 0.1 K asked, and at most: passes after the solver leave so
 # little of it that with a thirtieth the means of `gdi`'s weights are the same to 4e-6 of them.
 _TOLERANCE, _ROUGHEST = 6e-4, 3e-4
-# Up to this accuracy `Settings.deep` is what deep cells are; less makes do with deeper ones.
+# Up to this accuracy `Settings.path_depth` is what deep cells are; less makes do with deeper ones.
 _DEEP_K = 0.05
 
 
@@ -60,6 +60,8 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     eights = _EIGHTS if phase is None else _EIGHTS_BY_PHASE
     few = int(np.clip(8 * round(eights * finer), 16, 512))
     directions = spec.directions or few
+    deeper = float(np.clip(spec.accuracy_K / _DEEP_K, 1.0, 3.0))
+    thick = Settings.thick_depth if phase is None else _THICK_BY_PHASE
     return Settings(
         directions=max(8, directions // 2),
         final_directions=3 * directions,
@@ -74,8 +76,8 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
         phase=phase,
         gather=spec.gather,
         audit=spec.audit,
-        deep=Settings.deep * float(np.clip(spec.accuracy_K / _DEEP_K, 1.0, 3.0)) ** (2 / 3),
-        thick=(Settings.thick if phase is None else _THICK_BY_PHASE) / max(finer, 1.0) ** (1 / 3),
+        path_depth=Settings.path_depth * deeper ** (2 / 3),
+        thick_depth=thick / max(finer, 1.0) ** (1 / 3),
     )
 
 

@@ -169,7 +169,8 @@ def _flown(
     """Sums (N / vector, C + 1); and of each flight (N, 5) what is scattered, and where."""
     count = len(lines)
     defines = "".join(f"#define {flag} 1\n" for flag in ("HAS_DROPLETS", "BOUNDARY_DISC", *flags))
-    defines += f"#define MIN_TRANSMISSION {cutoff}f\n#define PENDING_READS 3\n#define SIMD_WIDTH {vector}\n"
+    defines += f"#define MIN_TRANSMISSION {cutoff}f\n#define PENDING_READS 3\n"
+    defines += f"#define SIMD_WIDTH {vector}\n"
     source = f"{defines}\n{assemble('simd.h')}\n{assemble('path_segment.h')}\n{KERNEL}"
     program = cl.Program(device.context, source).build(options=list(OPTIONS))
     depth = region.records[:, 0] * np.where(region.records[:, 1] > 0, -1, 1)

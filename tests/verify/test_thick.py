@@ -202,9 +202,9 @@ def test_flights_meet_light_that_changes_as_it_does(
     """
     kept: dict[str, Any] = {}
 
-    def keeping(work: SweepProblem, thick: ThickRegion, *given: Any, **found: Any) -> Any:
-        kept["cells"], kept["thick"] = work.seen, thick
-        kept["records"] = made(work, thick, *given, **found)
+    def keeping(problem: SweepProblem, thick: ThickRegion, *given: Any, **found: Any) -> Any:
+        kept["cells"], kept["thick"] = problem.medium, thick
+        kept["records"] = made(problem, thick, *given, **found)
         return kept["records"]
 
     monkeypatch.setattr("cldit.transport.camera_source.records", keeping)

@@ -9,22 +9,23 @@ from numpy.typing import NDArray
 
 from cldit.gpu.program import Program
 from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
-from cldit.transport.discrete_ordinates.moment_source import FinalSource, Light, limited
+from cldit.transport.discrete_ordinates.iteration import Moments
+from cldit.transport.discrete_ordinates.moment_source import FinalSource, limited_gradient
 from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
-from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.thick_region import ThickRegion
 
-# With a phase function the last sweeps see how light changes across cells of no larger optical
+# With a phase function the final sweeps find the gradient of the light in cells of no larger
+# optical
 # depth: of deeper ones the camera sees too little.
 _SEEN_THROUGH = 4.0
 
 
 @dataclass(frozen=True)
 class CellSources:
-    """What flights from thick cells meet, and end in.
+    """What path segments from thick cells meet, and end in.
 
-    directions, light, program: of the last sweeps. records: see `ThickRegion.records`.
+    directions, light, program: of the final sweeps. records: see `ThickRegion.records`.
     """
 
     directions: Ordinates
@@ -40,47 +41,46 @@ class CellSources:
 
 
 def records(
-    work: SweepProblem,
-    thick: ThickRegion,
-    last: FinalSource,
+    problem: SweepProblem,
+    region: ThickRegion,
+    final: FinalSource,
     *,
     light: NDArray[np.floating],
-    changes: NDArray[np.floating] | None,
+    gradient: NDArray[np.floating] | None,
 ) -> NDArray[np.floating]:
-    """What flights meet: the cells' sources, as the last sweeps took them or as these found them.
+    """Records of the region's cells: their sources, as the final sweeps took or found them.
 
-    light (C, N): in the cells, as the last sweeps found it; changes (3, C, K): how it changes
-    across the cells `linear_cells`, if they found that, too. It is from more directions than the
-    sources that they took, and one pass nearer to the end: what light changes across a cell is
-    also made by how the source does. It would be an order more where that is fixed.
+    light (C, N): in the cells, as the final sweeps found it; gradient (3, C, K): across the linear
+    cells, if they found that, too. It is from more ordinates than the sources that they took, and
+    one iteration nearer to the end: what light changes across a cell is also made by how the source
+    does. Where the order is fixed it would be an order more.
     """
-    sweeper, source, order = last.sweeper, last.source, work.settings.order
-    if order is None and changes is not None:
-        source = _found(work, sweeper, source, light, changes)
-    known = source.changes
+    sweeper, source, order = final.sweeper, final.source, problem.settings.order
+    if order is None and gradient is not None:
+        source = _found(problem, final, light, gradient)
+    known = source.gradient
     if known is None and sweeper.gradients is not None:
-        known = sweeper.gradients(source.moments[: sweeper.components])
-    deep = work.settings.deep if order is None else None
-    return thick.records(
-        work.seen, last.cells, source.moments, known, sweeper.linear_cells, deep=deep
+        known = sweeper.gradients(source.angular[: sweeper.components])
+    deep = problem.settings.path_depth if order is None else None
+    return region.records(
+        problem.medium, final.medium, source.angular, known, sweeper.linear_cells, deep=deep
     )
 
 
 def _found(
-    work: SweepProblem,
-    sweeper: Sweeper,
-    source: Light,
+    problem: SweepProblem,
+    final: FinalSource,
     light: NDArray[np.floating],
-    changes: NDArray[np.floating],
-) -> Light:
-    """The source of cells in which the last sweeps found this light. Its mean, too, without a phase
-    function: with one they know only what goes to the camera."""
-    some, moments, known = sweeper.linear_cells, source.moments, source.changes
-    even = work.settings.phase is None
-    if even:
-        moments = sweeper.albedo.astype(light.dtype) * light + sweeper.thermal
-    found = limited(sweeper, changes, moments)
-    if not even and known is not None:
-        depth = work.seen.depth[work.seen.address[some]]
+    gradient: NDArray[np.floating],
+) -> Moments:
+    """The source of cells in which the final sweeps found this light. Its mean, too, without a
+    phase function: with one they know only what goes to the camera."""
+    sweeper, angular, known = final.sweeper, final.source.angular, final.source.gradient
+    isotropic = problem.settings.phase is None
+    if isotropic:
+        angular = sweeper.albedo.astype(light.dtype) * light + sweeper.thermal
+    found = limited_gradient(sweeper, gradient, angular)
+    if not isotropic and known is not None:
+        depth = problem.medium.depth[problem.medium.address[sweeper.linear_cells]]
         found = np.where(depth < _SEEN_THROUGH, found, known)
-    return Light(moments, found)
+    return Moments(angular, found)

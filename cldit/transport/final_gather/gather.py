@@ -10,6 +10,7 @@ further flights follow, in a chain.
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -122,8 +123,9 @@ class Gather:
         thick: ThickRegion,
         ends: CellSources,
         settings: Settings,
-        defines: dict[str, Define],
+        flags: Mapping[str, Define] | None = None,
     ) -> None:
+        """flags: defines of the kernels besides."""
         directions, light = ends.directions, ends.light
         self._painter, self._settings = formal_solution, settings
         self.device: Device = formal_solution.parts[0].device
@@ -134,7 +136,9 @@ class Gather:
         table, steps = np.zeros(1), np.zeros(1)
         least = max(settings.cutoff, _LEAST * min(settings.accuracy_K, 0.1))
         self._defines: dict[str, Define] = {
-            **defines,
+            **settings.defines(cells, formal_solution.view),
+            "CUTOFF": float(settings.cutoff),
+            **(flags or {}),
             "MIN_TRANSMISSION": float(least),
             "MAX_SEGMENTS": _LONGEST,
             "NEAREST_SIDE": NEAREST_SIDE,

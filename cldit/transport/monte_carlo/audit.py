@@ -57,7 +57,7 @@ def audited(
     deepest = float(cells.depth[cells.address].max(initial=0.0))
     if not cells.needs.scattering or settings.order == 0:
         return result
-    if settings.phase is None and deepest <= settings.thick:
+    if settings.phase is None and deepest <= settings.thick_depth:
         return result
     often = scatterings(cells, deepest, settings.order)
     why = ""

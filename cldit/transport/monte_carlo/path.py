@@ -138,15 +138,12 @@ def trace_path(
     """
     view = View.of(scene, cells) if view is None else view
     check_boundary(scene, cells, view)
-    real = np.float64 if settings.precision == "float64" else np.float32
+    real = settings.real
     defines: dict[str, Define] = {
-        **cells.needs.defines,
-        **view.defines,
+        **settings.defines(cells, view),
         "CUTOFF": min(float(settings.cutoff), _CUTOFF),
         "SAMPLES": SAMPLES,
     }
-    if settings.precision == "float64":
-        defines["USE_FLOAT64"] = 1
     if settings.order is not None:
         defines["ORDER"] = settings.order
     table = np.zeros(1, real)

@@ -1,0 +1,196 @@
+"""Iteration to a residual: the source that scattering and emission agree on, S = a Lambda S + E.
+
+GMRES solves along few ordinates; one sweep along more finds the residual of that solution, and a
+defect correction removes it (gmres.py). With a phase function the solver's droplets scatter
+isotropically what they turn on average (transport correction: scattering x (1 - g)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.gpu.program import Program
+from cldit.transport.angular_moments import MOMENTS
+from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
+from cldit.transport.discrete_ordinates.gmres import (
+    Solution,
+    defect_correction,
+    gmres,
+    next_order,
+    order_0,
+)
+from cldit.transport.discrete_ordinates.problem import SweepProblem
+from cldit.transport.discrete_ordinates.sweep import Sweeper
+
+Floats = NDArray[np.float64]
+Report = Callable[[str], None]
+
+# RMS error of what is solved along few ordinates, before it is corrected: they differ from more by
+# no less, and GMRES goes on from there.
+_ROUGH = 1e-2
+_CHECKED = 8  # ordinates on which the sweeps are checked for what they make or lose
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Of the light, or of a source, in the scattering cells.
+
+    angular (M, C, N): the mean; with a phase function all of angular_moments.py.
+    gradient (3, C, K): change along x, y, z across the cells `linear_cells`; None: of none.
+    """
+
+    angular: NDArray[np.floating]
+    gradient: NDArray[np.floating] | None
+
+
+@dataclass(frozen=True)
+class SolvedSource:
+    """The solver's source, and what is left of the solver.
+
+    light: what the solution brings; None where the final sweeps take the solution as it is.
+    albedo (N,), thermal (C, N): of the solver's cells. defect (N,): what sweeps and solver make or
+    lose of a cavity's radiance of 1. sweeper: None where the final sweeps need another, as large.
+    sweeps: of a sweeper that is gone. scratch: room on the device for moments, if there are any.
+    """
+
+    solution: Solution
+    light: Moments | None
+    albedo: Floats
+    thermal: NDArray[np.floating]
+    defect: Floats
+    programs: tuple[Program, ...]
+    sweeper: Sweeper | None
+    sweeps: int = 0
+    scratch: tuple[Any, ...] = ()
+
+
+def iterate_source(
+    problem: SweepProblem, rng: np.random.Generator, report: Report | None
+) -> SolvedSource:
+    """Solves for the source of every scattering cell, to the tolerance of the settings.
+
+    Raises:
+        NotConvergedError: the tolerance cannot be met.
+        TransportError: the source is not finite.
+    """
+    return _constant(problem, rng, report) if problem.isotropic else _lit(problem, rng, report)
+
+
+def _constant(
+    problem: SweepProblem, rng: np.random.Generator, report: Report | None
+) -> SolvedSource:
+    """One isotropic source a cell, in the medium as it is."""
+    settings = problem.settings
+    plain = problem.program(problem.solver_defines)
+    sweeper = problem.sweeper(problem.medium, plain)
+    if settings.order is None:
+        solution, few = _coarse(problem, sweeper, rng, report)
+        sweeper.set_source(solution.source, shining=True)
+        sweeper.sweep(problem.ordinates(sweeper, problem.half, rng), shining=True)
+        solution, _ = defect_correction(
+            sweeper, solution, few, tolerance=settings.tolerance, report=report
+        )
+    else:
+        solution = _of_order(problem, sweeper, rng, settings.order - 1)
+    solution, defect = _checked(problem, sweeper, solution)
+    return SolvedSource(solution, None, sweeper.albedo, sweeper.thermal, defect, (plain,), sweeper)
+
+
+def _lit(problem: SweepProblem, rng: np.random.Generator, report: Report | None) -> SolvedSource:
+    """The solution in transport-corrected cells, and the moments of the light that it brings."""
+    settings, phase = problem.settings, problem.settings.phase
+    plain = problem.program(problem.solver_defines)
+    every = settings.order is None
+    turned = phase.asymmetry if every and phase is not None else 0.0
+    # Whether the solver's sweeper serves the final sweeps too: all of them are of one medium.
+    serves = phase is None and "LINEAR_SOURCE" not in problem.solver_defines
+    sweeper = problem.sweeper(
+        problem.scattering_scaled(1.0 - turned), plain, problem.linear_cells if serves else None
+    )
+    programs = [plain]
+    shape = (1 if phase is None else MOMENTS, sweeper.components, sweeper.count)
+    light = np.zeros(shape, sweeper.real)
+    gradient = None
+    scratch: tuple[Any, ...] = ()
+    if phase is not None and settings.order != 1:
+        scratch = sweeper.room(MOMENTS)
+    if every:
+        solution, few = _coarse(problem, sweeper, rng, report)
+        if phase is not None:
+            programs.append(problem.program({**problem.solver_defines, "ANGULAR_MOMENTS": 1}))
+        sweeper.set_source(solution.source, shining=True)
+        ordinates = problem.ordinates(sweeper, settings.directions, rng)
+        sweeper.moments(programs[-1], ordinates, out=light, room=scratch)
+        solution, more = defect_correction(
+            sweeper,
+            solution,
+            few,
+            tolerance=settings.tolerance,
+            report=report,
+            listed=scratch[1] if scratch else None,
+        )
+        light[0] += more
+        solution = _scattered_once(solution, sweeper)
+    else:
+        solution = _of_order(problem, sweeper, rng, 0)
+        light[0, 1] = 1.0  # as if it came from the wall, all round
+    if problem.linear_cells is not None:
+        count = np.count_nonzero(problem.linear_cells)
+        gradient = np.zeros((3, shape[1], count), sweeper.real)
+        if sweeper.gradients is not None:
+            gradient[:] = sweeper.gradients(light[0])[:, :, problem.linear_cells]
+    solution, defect = _checked(problem, sweeper, solution)
+    return SolvedSource(
+        solution=solution,
+        light=Moments(light, gradient),
+        albedo=sweeper.albedo,
+        thermal=sweeper.thermal,
+        defect=defect,
+        programs=tuple(programs),
+        sweeper=sweeper if serves else None,
+        sweeps=0 if serves else sweeper.sweeps,
+        scratch=scratch,
+    )
+
+
+def _coarse(
+    problem: SweepProblem, sweeper: Sweeper, rng: np.random.Generator, report: Report | None
+) -> tuple[Solution, DeviceOrdinates]:
+    """Along few ordinates, and these; to be corrected."""
+    few = problem.solver_ordinates(sweeper, rng)
+    guess = order_0(sweeper, sweeper.albedo)
+    tolerance = max(_ROUGH, problem.settings.tolerance)
+    return gmres(sweeper, guess, few, tolerance=tolerance, report=report, confirmed=False), few
+
+
+def _of_order(
+    problem: SweepProblem, sweeper: Sweeper, rng: np.random.Generator, times: int
+) -> Solution:
+    """Of a fixed order: so many scatterings, along half of the final ordinates each."""
+    source = order_0(sweeper, sweeper.albedo)
+    for _ in range(times):
+        source = next_order(sweeper, source, problem.ordinates(sweeper, problem.half, rng))
+    return Solution(source, problem.settings.order or 0, 0.0, 0.0)
+
+
+def _scattered_once(solution: Solution, sweeper: Sweeper) -> Solution:
+    """What is left of the residual after one scattering more."""
+    residual = None if solution.residual is None else solution.residual * sweeper.albedo
+    return replace(solution, residual=residual)
+
+
+def _checked(
+    problem: SweepProblem, sweeper: Sweeper, solution: Solution
+) -> tuple[Solution, Floats]:
+    """The solution, and what sweeps and solver make or lose of a cavity's radiance of 1 (N,), in
+    which its residual has gone."""
+    rng = np.random.default_rng([problem.settings.seed, 2])  # no other ordinates depend on it
+    defect = sweeper.defect(solution.source, problem.ordinates(sweeper, _CHECKED, rng))
+    if solution.residual is not None:
+        defect -= solution.residual[: problem.medium.needs.boundaries].sum(axis=0)
+    return replace(solution, residual=None), defect
