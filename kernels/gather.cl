@@ -33,10 +33,9 @@
 #ifndef MAX_SEGMENTS
 #error "MAX_SEGMENTS: flights of a chain"
 #endif
-/* Share of its light below which a chain may end. Sweeps know most of what is left, so that `gdi` takes
-   a thirteenth less time than with 0.3. More gains nothing, and what a chain makes of the sweeps' own
-   error grows with it: by 0.75, three times in a cavity. */
-#define ROULETTE R(0.45)
+#ifndef ROULETTE
+#error "ROULETTE: share of its weight below which a path may end"
+#endif
 
 /* Weight of a direction for light scattered along `sight`: the directions are shared out as for a
    line of sight along +y. */

@@ -28,7 +28,9 @@
 /* Of a chain's sum: the components, and what it would bring from within a medium of radiance 1. */
 #define WITHIN COMPONENTS
 #define PARTS (COMPONENTS + 1)
-#define ROULETTE R(0.4) /* weight under which a chain may end */
+#ifndef ROULETTE
+#error "ROULETTE: weight under which a path may end"
+#endif
 
 /* What the light meets, stored cell by stored cell. */
 typedef struct {

@@ -50,7 +50,7 @@ class Machine:
     def of(cls, case: Case) -> Machine:
         device = case.device
         vector = 8 if device.is_cpu else 1
-        program = build(device, "roofline.cl", {"VECTOR": vector})
+        program = build(device, "roofline.cl", {"SIMD_WIDTH": vector})
         count = min(_COPY_BYTES, device.info.largest_buffer_bytes // 2) // _REAL_BYTES
         count -= count % (64 * vector)
         target, source = (zeros(device, "copy", count, np.float32) for _ in range(2))

@@ -15,6 +15,7 @@ from cldit.transport.discrete_ordinates.gmres import Solution
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.phase import ScatteringTable
+from cldit.transport.tuning import Tuning
 from cldit.transport.view import View
 
 Method = Literal["source", "path", "branching"]
@@ -51,8 +52,9 @@ class Settings:
     phase: ScatteringTable | None = None
     gather: bool = True
     audit: bool = True
-    thick_depth: float = 0.5
-    path_depth: float = 2.0
+    thick_depth: float = Tuning.thick_depth
+    path_depth: float = Tuning.path_depth
+    tuning: Tuning = field(default_factory=Tuning)
 
     @property
     def real(self) -> type[np.floating]:

@@ -38,8 +38,6 @@ from cldit.transport.view import View, check_boundary
 
 Floats = NDArray[np.float64]
 
-_CLOSED = 1e-3  # what single precision may lose in thick and nearly conservative media
-
 
 def trace_source(
     cells: OpticalCells,
@@ -89,7 +87,9 @@ def trace_source(
         seconds["image"] = time.perf_counter() - start
         mean = halves[0] if len(halves) < 2 else (halves[0] + halves[1]) / 2
         balance = EnergyBalance.of(
-            mean[: cells.needs.boundaries], mean[-1], bound=_CLOSED + 3 * settings.tolerance
+            mean[: cells.needs.boundaries],
+            mean[-1],
+            bound=settings.tuning.closure + 3 * settings.tolerance,
         )
     programs = [image.parts[0].program, *([] if camera is None else camera.programs)]
     counts = {} if camera is None else dict(camera.counts)
@@ -124,6 +124,7 @@ def thick_region(cells: OpticalCells, settings: Settings) -> ThickRegion | None:
         cells,
         cells.box(),
         deeper_than=settings.thick_depth,
+        tuning=settings.tuning,
         light_bytes=settings.final_directions * len(cells.needs.components) * size,
     )
 

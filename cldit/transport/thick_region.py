@@ -13,18 +13,11 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from cldit.transport.cells import Box, OpticalCells
+from cldit.transport.tuning import Tuning
 
 NONE, OUTSIDE = -1, -2
 _KEPT = -2  # less the number of a face, as in path_segment.h
 _HEAD = 4  # numbers of a record before its planes, which are in fours, as in cell_record.h
-_MOST_LIGHT = 2**29  # bytes of the light in all thick cells that the last sweeps may keep
-_AROUND = 1  # so many cells around thick ones are of their region
-# Albedo from which thick cells count as deep as well: what a source that is linear, with few
-# moments of a phase function, leaves out adds up where light is scattered often.
-_OFTEN = 0.8
-# As well, albedo^2 x optical depth, about what is scattered twice in the cell, over the depth of
-# deep cells: isotropic slabs of 0.75 to 1.25 a cell err by half a hundredth of it without chains.
-_TWICE = 0.3
 
 
 @dataclass(frozen=True)
@@ -48,7 +41,13 @@ class ThickRegion:
 
     @classmethod
     def of(
-        cls, cells: OpticalCells, box: Box, *, deeper_than: float, light_bytes: int = 0
+        cls,
+        cells: OpticalCells,
+        box: Box,
+        *,
+        deeper_than: float,
+        tuning: Tuning,
+        light_bytes: int = 0,
     ) -> ThickRegion | None:
         """Scattering cells of an optical depth above `deeper_than`; None where there are none.
 
@@ -59,11 +58,11 @@ class ThickRegion:
         if not len(listed):
             return None
         there = cells.positions(cells.address[listed]) - np.asarray(box.low)
-        low = np.maximum(there.min(axis=0) - _AROUND - 1, 0)
-        high = np.minimum(there.max(axis=0) + _AROUND + 2, box.shape)
+        low = np.maximum(there.min(axis=0) - tuning.margin - 1, 0)
+        high = np.minimum(there.max(axis=0) + tuning.margin + 2, box.shape)
         thick = np.zeros((high - low)[::-1], bool)
         thick[tuple((there - low).T[::-1])] = True
-        region = ndimage.binary_dilation(thick, iterations=_AROUND)
+        region = ndimage.binary_dilation(thick, iterations=tuning.margin)
         places = np.full(region.shape, NONE, np.int32)
         places[region] = np.arange(np.count_nonzero(region))
         at = np.argwhere(region)[:, ::-1]
@@ -82,7 +81,7 @@ class ThickRegion:
                 number[ends_there] = _KEPT - np.arange(interfaces, ends[-1])
                 beside[:, 2 * axis + up] = number
             interfaces = max(ends)
-        if light_bytes * len(listed) <= _MOST_LIGHT:
+        if light_bytes * len(listed) <= tuning.stored_bytes:
             owner = places[tuple((there - low).T[::-1])]
             beside[owner, 6] = interfaces + np.arange(len(listed))
             interfaces += len(listed)
@@ -111,6 +110,7 @@ class ThickRegion:
         linear_cells: NDArray[np.intp],
         *,
         deep: float | None,
+        tuning: Tuning,
     ) -> NDArray[np.floating]:
         """Records as in kernels/cell_record.h, one a row: optical depth; albedo and emission of
         deep cells, in which chains go on; the last sweep's source, and its changes; of deep cells
@@ -132,7 +132,10 @@ class ThickRegion:
         if deep is None:
             chains = np.zeros(len(depth), np.bool_)
         else:
-            chains = (depth > deep) | (albedo > _OFTEN) | (albedo**2 * depth > _TWICE * deep)
+            # Albedo: what a linear source with few moments leaves out adds up where light is
+            # scattered often. albedo^2 depth is about what is scattered twice in the cell.
+            chains = (depth > deep) | (albedo > tuning.path_albedo)
+            chains |= albedo**2 * depth > tuning.path_twice * deep
             chains &= scatters
         real = source.dtype.type
         sent = np.zeros((len(source), len(address)), real)

@@ -24,21 +24,10 @@ from cldit.transport.monte_carlo.path import trace_path
 from cldit.transport.phase import ScatteringTable, henyey_greenstein
 from cldit.transport.result import Settings, Trace
 from cldit.transport.source_iteration import trace_source
+from cldit.transport.tuning import Tuning
 from cldit.transport.view import View
 
 __all__ = ["Settings", "Trace", "settings_for", "trace"]
-
-# Optical depth from which cells are thick with a phase function, less than without: what is
-# scattered to the camera then comes from close to the line of sight behind them.
-_THICK_BY_PHASE = 0.22
-# Eights of `transport.directions` at 0.1 K asked: with a phase function light is where few
-# directions look for it, and `gdi` errs by 0.100 K with eight of them, by 0.093 K with ten.
-_EIGHTS, _EIGHTS_BY_PHASE = 8, 10
-# RMS error of the solved source, at 0.1 K asked, and at most: passes after the solver leave so
-# little of it that with a thirtieth the means of `gdi`'s weights are the same to 4e-6 of them.
-_TOLERANCE, _ROUGHEST = 6e-4, 3e-4
-# Up to this accuracy `Settings.path_depth` is what deep cells are; less makes do with deeper ones.
-_DEEP_K = 0.05
 
 
 def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
@@ -52,20 +41,21 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
         mie: mean phase function of the droplets, where the scene's phase is `mie`, or is left out
             and its preset has it so; None is isotropic.
     """
-    spec = scene.transport
+    spec, tuning = scene.transport, Tuning()
     finer = 0.1 / spec.accuracy_K
     phase = mie if spec.phase in (None, "mie") else None
     if isinstance(spec.phase, HenyeyGreenstein):
         phase = henyey_greenstein(spec.phase.henyey_greenstein)
-    eights = _EIGHTS if phase is None else _EIGHTS_BY_PHASE
-    few = int(np.clip(8 * round(eights * finer), 16, 512))
+    wanted, thick = tuning.ordinates, tuning.thick_depth
+    if phase is not None:
+        wanted, thick = tuning.ordinates_phase, tuning.thick_depth_phase
+    few = int(np.clip(8 * round(wanted // 8 * finer), 16, 512))
     directions = spec.directions or few
-    deeper = float(np.clip(spec.accuracy_K / _DEEP_K, 1.0, 3.0))
-    thick = Settings.thick_depth if phase is None else _THICK_BY_PHASE
+    deeper = float(np.clip(spec.accuracy_K / tuning.path_depth_at_K, 1.0, 3.0))
     return Settings(
         directions=max(8, directions // 2),
         final_directions=3 * directions,
-        tolerance=float(np.clip(_TOLERANCE / finer, 1e-6, _ROUGHEST)),
+        tolerance=float(np.clip(tuning.tolerance / finer, 1e-6, tuning.tolerance_most)),
         order=spec.order,
         cutoff=spec.cutoff,
         precision=spec.precision,
@@ -76,8 +66,9 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
         phase=phase,
         gather=spec.gather,
         audit=spec.audit,
-        path_depth=Settings.path_depth * deeper ** (2 / 3),
+        path_depth=tuning.path_depth * deeper ** (2 / 3),
         thick_depth=thick / max(finer, 1.0) ** (1 / 3),
+        tuning=tuning,
     )
 
 

@@ -24,6 +24,7 @@ DEFINES = f"""
 #define CUTOFF 1e-4
 #define MIN_TRANSMISSION 1e-4
 #define MAX_SEGMENTS 4
+#define ROULETTE 0.45f
 #define PENDING_READS 2
 #define SIMD_WIDTH 8
 #define NEAREST_SIDE {NEAREST_SIDE}
@@ -186,6 +187,7 @@ def test_expected_light(device: Device) -> None:
         "MIN_TRANSMISSION": 1e-4,
         "MAX_SEGMENTS": 4,
         "PENDING_READS": 2,
+        "ROULETTE": 0.45,
         "NEAREST_SIDE": NEAREST_SIDE,
         "SIMD_WIDTH": 1,
     }

@@ -14,6 +14,7 @@ from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
 from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
 from cldit.transport.thick_region import ThickRegion
+from cldit.transport.tuning import Tuning
 
 from .medium import random_tree, sweeper_of
 
@@ -24,7 +25,7 @@ def test_light_kept_in_thick_cells(device: Device) -> None:
     tree = random_tree(3)
     clear = replace(tree, fields={name: 1e-9 * values for name, values in tree.fields.items()})
     cells = OpticalCells.of(clear)
-    thick = ThickRegion.of(cells, cells.box(), deeper_than=6e-10)
+    thick = ThickRegion.of(cells, cells.box(), deeper_than=6e-10, tuning=Tuning())
     assert thick is not None
     flags = {**cells.needs.defines, "BOUNDARY_DISC": 1, "CAMERA_ORTHOGRAPHIC": 1}
     flags |= {"INTERFACE_RADIANCE": 1}
@@ -57,7 +58,8 @@ def test_light_in_a_cell_is_the_mean_of_what_comes_in_and_leaves(device: Device)
     """Along an axis by Beer and Lambert, through cold cells."""
     cells = OpticalCells.of(random_tree(4, scattering=1e-9))
     box = cells.box()
-    thick = ThickRegion.of(cells, box, deeper_than=float(np.median(cells.depth[cells.address])))
+    deeper = float(np.median(cells.depth[cells.address]))
+    thick = ThickRegion.of(cells, box, deeper_than=deeper, tuning=Tuning())
     assert thick is not None
     flags = {**cells.needs.defines, "BOUNDARY_ENCLOSURE": 1, "INTERFACE_RADIANCE": 1}
     sweeper = sweeper_of(device, cells, flags)

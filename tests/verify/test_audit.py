@@ -15,6 +15,7 @@ from cldit.transport.monte_carlo.audit import found
 from cldit.transport.monte_carlo.path import trace_path
 from cldit.transport.temperature_error import temperature_error_K
 from cldit.transport.trace import Trace
+from cldit.transport.tuning import Tuning
 
 EDGE = 0.04
 CELL = EDGE / 16
@@ -60,7 +61,7 @@ def test_unbiased(
     quarter of one, four of which are allowed. One that took the noise of its chains for an error
     would find 1.5 times as much, one that took all pixels as drawn alike 0.7 times.
     """
-    monkeypatch.setattr(audit, "_PIXELS", 60)
+    monkeypatch.setattr("cldit.transport.trace.Tuning", lambda: Tuning(audit_pixels=60))
     transport = {"directions": 8, "gather": False, "phase": PHASE, "accuracy_K": 1.0}
     run_block(BLOCK, **SCENE, camera=camera(22), transport=transport)
     cells, scene, view, device, settings, result = to_audit[0]  # the next is without spray

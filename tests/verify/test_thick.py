@@ -14,6 +14,7 @@ from cldit.scene import load_scene, parse_scene
 from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.final_gather.cell_sources import records as made
 from cldit.transport.thick_region import ThickRegion
+from cldit.transport.tuning import Tuning
 
 from .slab import mean_radiance, run_slab
 
@@ -116,7 +117,7 @@ def test_flights_without_light_kept_in_cells(
     0.01 a pixel, and more of it."""
     transport = {"accuracy_K": 1e-3, "max_samples": 512, "directions": 64, "phase": phase}
     kept = run_block(BLOCK, **SCENE, transport=transport)
-    monkeypatch.setattr("cldit.transport.thick_region._MOST_LIGHT", 0)
+    monkeypatch.setattr("cldit.transport.trace.Tuning", lambda: Tuning(stored_bytes=0))
     found = run_block(BLOCK, **SCENE, transport=transport)
     rms = np.sqrt(np.mean((wall(found) - wall(kept)) ** 2))
     assert 0 < rms < 0.014
@@ -127,7 +128,7 @@ def test_audit_of_a_sample(run_block: Callable[..., Run], monkeypatch: pytest.Mo
     """A third of the pixels give the same error as all, within what a third may miss of it."""
     transport = {"directions": 32, "phase": PHASE, "audit": True, "gather": False}
     whole = run_block(BLOCK, **SCENE, transport=transport).info.accuracy_K
-    monkeypatch.setattr("cldit.transport.monte_carlo.audit._PIXELS", 30)
+    monkeypatch.setattr("cldit.transport.trace.Tuning", lambda: Tuning(audit_pixels=30))
     part = run_block(BLOCK, **SCENE, transport=transport).info.accuracy_K
     assert whole is not None and part is not None
     assert 0.5 * whole < part < 2.0 * whole
@@ -164,7 +165,7 @@ def test_chains_that_stop_short_say_so(
 
     assert short(accuracy_K=1e-3, max_samples=128)
     assert not short(accuracy_K=100.0)
-    monkeypatch.setattr("cldit.transport.final_gather.gather._MOST_CHAINS", 1e4)
+    monkeypatch.setattr("cldit.transport.trace.Tuning", lambda: Tuning(paths=1e4))
     assert short(accuracy_K=1e-3, max_samples=10**6)
 
 
@@ -178,7 +179,8 @@ def test_flights_one_by_one(
     which bring up to 1, one counts 0.008; nearly all pixels have none."""
     changes = {"accuracy_K": 1.0, "max_samples": 128, "phase": phase, "precision": precision}
     eight = run_block(BLOCK, **SCENE, transport=changes)
-    monkeypatch.setattr("cldit.transport.final_gather.gather.lanes", lambda _: {"SIMD_WIDTH": 1})
+    gather = "cldit.transport.final_gather.gather"
+    monkeypatch.setattr(f"{gather}.simd_defines", lambda _: {"SIMD_WIDTH": 1})
     one = run_block(BLOCK, **SCENE, transport=changes)
     assert one.info.counts["samples"] == eight.info.counts["samples"]
     difference = np.abs(wall(one) - wall(eight))

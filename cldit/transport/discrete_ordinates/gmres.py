@@ -22,10 +22,6 @@ from cldit.transport.discrete_ordinates.sweep import Sweeper
 Array = NDArray[Any]
 Report = Callable[[str], None]
 
-# Vectors kept before a restart: light that diffuses far needs many, others some eight.
-_KRYLOV = 80
-_KRYLOV_BYTES = 1e9  # that they may take, but for the first twelve
-_MAX_ITERATIONS = 600
 # RMS of what rounding takes from numbers, in machine epsilons of theirs: up to a half of the last
 # digit, evenly, of mantissas from 1 to 2.
 _ROUNDED = 0.2
@@ -113,7 +109,7 @@ def gmres(
             report(f"iteration {iterations}: residual {now:.1e}, error {now * gain:.1e}")
         if now == 0.0 or (iterations > 1 and now * gain <= tolerance):
             return Solution(source, iterations, now, now * gain, residual)
-        if iterations >= _MAX_ITERATIONS or now > 0.5 * before:
+        if iterations >= sweeper.tuning.iterations or now > 0.5 * before:
             raise _stuck(now * gain, iterations, tolerance)
         before = now
         cycle = _krylov(sweeper, residual, rays, tolerance)
@@ -187,7 +183,8 @@ def _krylov(sweeper: Sweeper, residual: Array, rays: DeviceOrdinates, tolerance:
     start = np.sqrt(np.sum(residual.astype(np.float64) ** 2, axis=1))
     alive = start > 0
     basis = [residual / np.where(alive, start, 1.0)[:, None].astype(residual.dtype)]
-    most = int(np.clip(_KRYLOV_BYTES / max(residual.nbytes, 1), 12, _KRYLOV))
+    tuning = sweeper.tuning
+    most = int(np.clip(tuning.krylov_bytes / max(residual.nbytes, 1), 12, tuning.krylov))
     hessenberg = np.zeros((parts, most + 1, most))
     best: list[NDArray[np.float64]] = [np.zeros(0)] * parts
     gain = 1.0

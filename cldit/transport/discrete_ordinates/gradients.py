@@ -18,18 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.transport.cells import Box, OpticalCells
+from cldit.transport.tuning import Tuning
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int32]
-
-# It matters in cells of an optical depth from _DEEP on, in which less than _RARELY of what is met
-# is absorbed, and which are no deeper than _FAR lengths on which diffusing light falls to 1 / e.
-# The source is then linear in all cells that are no deeper than _FARTHEST of these. Cells beyond
-# _DEEPEST keep one source: diffusion is then so slow beside what neighbours exchange where their
-# sources do not meet that the solver would not come to an end.
-_DEEP, _DEEPEST, _RARELY, _FAR = 0.1, 20.0, 0.1, 1.7
-_FARTHEST = 3.0
-_ALIKE = 2.0  # how much deeper a cell may be than those whose change is extrapolated to it
 
 
 @dataclass(frozen=True)
@@ -44,10 +36,14 @@ class Gradients:
     weights: Floats
 
     @classmethod
-    def of(cls, cells: OpticalCells, box: Box) -> Gradients:
+    def of(cls, cells: OpticalCells, box: Box, tuning: Tuning) -> Gradients:
         depth = cells.depth[cells.address]
-        chosen = (np.sqrt(3.0 * cells.coalbedo) * depth < _FARTHEST) & (depth < _DEEPEST)
-        axes = [_along(depth, *beside) for beside in _beside(cells, box, (-2, -1, 1, 2), chosen)]
+        lengths = np.sqrt(3.0 * cells.coalbedo) * depth
+        chosen = (lengths < tuning.linear_lengths) & (depth < tuning.diffusion_most)
+        axes = [
+            _along(depth, *beside, alike=tuning.alike)
+            for beside in _beside(cells, box, (-2, -1, 1, 2), chosen)
+        ]
         return cls(
             neighbours=np.concatenate([neighbours for neighbours, _ in axes]),
             weights=np.concatenate([weights for _, weights in axes]),
@@ -62,12 +58,19 @@ class Gradients:
         return np.stack([more[0] + more[1], more[2] + more[3], more[4] + more[5]])
 
 
-def diffusion_matters(cells: OpticalCells, *, scattered: float) -> bool:
-    """Whether light diffuses through thick cells, if this share of the scattering counts."""
+def diffusion_matters(cells: OpticalCells, *, scattered: float, tuning: Tuning) -> bool:
+    """Whether light diffuses through thick cells, if this share of the scattering counts.
+
+    It does in cells of some depth, in which little of what is met is absorbed, and which are few
+    diffusion lengths deep. In the deepest diffusion is so slow beside what neighbours exchange
+    where their sources do not meet that the solver would not come to an end.
+    """
     counts = cells.coalbedo + scattered * cells.albedo
     depth, coalbedo = counts * cells.depth[cells.address], cells.coalbedo / counts
-    far = np.sqrt(3.0 * coalbedo) * depth < _FAR
-    return bool(np.any((depth > _DEEP) & (depth < _DEEPEST) & (coalbedo < _RARELY) & far))
+    diffuses = (depth > tuning.diffusion_least) & (depth < tuning.diffusion_most)
+    diffuses &= coalbedo < tuning.diffusion_coalbedo
+    diffuses &= np.sqrt(3.0 * coalbedo) * depth < tuning.diffusion_lengths
+    return bool(diffuses.any())
 
 
 def spatial_gradients(
@@ -124,7 +127,13 @@ def _beside(
 
 
 def _along(
-    depth: Floats, below_2: Numbers, below: Numbers, above: Numbers, above_2: Numbers
+    depth: Floats,
+    below_2: Numbers,
+    below: Numbers,
+    above: Numbers,
+    above_2: Numbers,
+    *,
+    alike: float,
 ) -> tuple[Numbers, Floats]:
     """Two neighbours (2, N) of each cell on an axis, and their weights; -1: there is none.
 
@@ -138,7 +147,7 @@ def _along(
     for row, near, far, other in ((0, below, below_2, above), (1, above, above_2, below)):
         sign = 2 * row - 1
         alone = (near >= 0) & (other < 0)
-        further = alone & (far >= 0) & (depth < _ALIKE * np.minimum(depth[near], depth[far]))
+        further = alone & (far >= 0) & (depth < alike * np.minimum(depth[near], depth[far]))
         face, next_face = depth + depth[near], depth[near] + depth[far]
         extrapolated = np.where(further, 3 * depth / face + depth / next_face, 2 * depth / face)
         weights[row] = np.where(alone, sign * extrapolated, weights[row])

@@ -30,11 +30,6 @@ from cldit.transport.discrete_ordinates.sweep import Sweeper
 Floats = NDArray[np.float64]
 Report = Callable[[str], None]
 
-# RMS error of what is solved along few ordinates, before it is corrected: they differ from more by
-# no less, and GMRES goes on from there.
-_ROUGH = 1e-2
-_CHECKED = 8  # ordinates on which the sweeps are checked for what they make or lose
-
 
 @dataclass(frozen=True)
 class Moments:
@@ -164,7 +159,8 @@ def _coarse(
     """Along few ordinates, and these; to be corrected."""
     few = problem.solver_ordinates(sweeper, rng)
     guess = order_0(sweeper, sweeper.albedo)
-    tolerance = max(_ROUGH, problem.settings.tolerance)
+    settings = problem.settings
+    tolerance = max(settings.tuning.solver_rough, settings.tolerance)
     return gmres(sweeper, guess, few, tolerance=tolerance, report=report, confirmed=False), few
 
 
@@ -189,8 +185,9 @@ def _checked(
 ) -> tuple[Solution, Floats]:
     """The solution, and what sweeps and solver make or lose of a cavity's radiance of 1 (N,), in
     which its residual has gone."""
+    count = problem.settings.tuning.defect_ordinates
     rng = np.random.default_rng([problem.settings.seed, 2])  # no other ordinates depend on it
-    defect = sweeper.defect(solution.source, problem.ordinates(sweeper, _CHECKED, rng))
+    defect = sweeper.defect(solution.source, problem.ordinates(sweeper, count, rng))
     if solution.residual is not None:
         defect -= solution.residual[: problem.medium.needs.boundaries].sum(axis=0)
     return replace(solution, residual=None), defect

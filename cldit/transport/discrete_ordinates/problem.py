@@ -24,22 +24,6 @@ from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
 
-# Optical depth of cells across which sources change in the last sweeps, and light is found to: in
-# others that is little beside how much it depends on chance, with as many directions as there are.
-_LINEAR_DEPTH = 0.15
-# With fewer last directions and a phase function, neighbours tell as well how the light changes
-# that the camera sees; without one, sweeps tell better from a few dozen on (`gdi`, 0.1 K asked:
-# 0.083 K for 0.085 over every seventh pixel, 0.085 for 0.11 over every fifth).
-_MANY = 256
-_MANY_ISOTROPIC = 48
-# Directions of the solver, and of the sweep before the last, over those which correct it.
-_SOLVED, _FORGETTING = 1 / 8, 2
-_FEWEST = 16  # with 8, slabs err by 0.1 %: the second order of what these miss
-# By how much the last directions without a phase function are denser on the camera's side, from
-# which most of what it sees of thick cells is lit: least error on `gdi`, between 0.4 and 0.9.
-_LEAN = 0.6
-_TWO_SWEEPS = 128  # directions from which two passes share them: with less each, `gdi` errs by more
-
 
 @dataclass(frozen=True)
 class SweepProblem:
@@ -79,10 +63,11 @@ class SweepProblem:
             DeviceError, KernelError: the device cannot do it.
         """
         share = 1.0 if settings.phase is None else 1.0 - settings.phase.asymmetry
-        linear = medium.depth[medium.address] > _LINEAR_DEPTH
+        tuning = settings.tuning
+        linear = medium.depth[medium.address] > tuning.linear_depth
         linear_cells = linear if settings.linear_sources and linear.any() else None
         solver_defines: dict[str, Define] = {}
-        if diffusion_matters(medium, scattered=share):
+        if diffusion_matters(medium, scattered=share, tuning=tuning):
             solver_defines["LINEAR_SOURCE"] = 1
         defines = settings.defines(medium, view)
         sweep_defines = {**defines, **simd_defines(device)}
@@ -91,7 +76,7 @@ class SweepProblem:
             flags.update(CAMERA_SWEEP=1, PHASE_STEPS=PHASE_STEPS)
         if not settings.within_cells:
             flags.update(CAMERA_SWEEP=1, VIEW_TRANSMISSION=1)
-        many = _MANY_ISOTROPIC if settings.phase is None else _MANY
+        many = tuning.spatial_from if settings.phase is None else tuning.spatial_from_phase
         if linear_cells is not None and settings.final_directions >= many:
             flags["SPATIAL_MOMENTS"] = 1
         if region is not None:
@@ -149,6 +134,7 @@ class SweepProblem:
             disc=self.view.disc,
             patches=self.view.patches,
             linear_cells=linear_cells,
+            tuning=self.settings.tuning,
         )
 
     @property
@@ -166,19 +152,19 @@ class SweepProblem:
     @property
     def moment_ordinates(self) -> int:
         """Ordinates of all moment sweeps, which make the source forget the solver's."""
-        return _FORGETTING * self.settings.directions
+        return self.settings.tuning.moment_share * self.settings.directions
 
     @property
     def moment_sweeps(self) -> int:
         """In which these go: in two, where half of them suffice, gradients are nearer to what
         linear sources bring (slabs of 0.75 a cell err by a quarter less)."""
-        return 2 if self.settings.phase is None and self.moment_ordinates >= _TWO_SWEEPS else 1
+        enough = self.moment_ordinates >= self.settings.tuning.moment_sweeps_from
+        return 2 if self.settings.phase is None and enough else 1
 
     def solver_ordinates(self, sweeper: Sweeper, rng: np.random.Generator) -> DeviceOrdinates:
         """The few ordinates along which GMRES solves."""
-        count = min(
-            max(_FEWEST, round(_SOLVED * self.settings.directions)), self.settings.directions
-        )
+        all_of, tuning = self.settings.directions, self.settings.tuning
+        count = min(max(tuning.solver_fewest, round(tuning.solver_share * all_of)), all_of)
         return self.ordinates(sweeper, count, rng)
 
     def ordinates(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> DeviceOrdinates:
@@ -195,7 +181,7 @@ class SweepProblem:
         if phase is not None:
             one, other = (half.by_axis() for half in about_camera(count, rng, phase).halves())
         else:
-            both = self._over_sphere(sweeper, count, rng, _LEAN).halves()
+            both = self._over_sphere(sweeper, count, rng, self.settings.tuning.lean).halves()
             one, other = (half.by_axis().balanced() for half in both)
         starts = rng.random((count, 2))
         return sweeper.rays(one, starts[: self.half]), sweeper.rays(other, starts[self.half :])

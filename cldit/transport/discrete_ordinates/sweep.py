@@ -26,6 +26,7 @@ from cldit.transport.discrete_ordinates.scattering_cells import ScatteringCells
 from cldit.transport.discrete_ordinates.sweep_arrays import Real, SweepArrays
 from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule
 from cldit.transport.patches import NONE, shifted
+from cldit.transport.tuning import Tuning
 
 # Light that changes by 1 across a cell has, times the place in it, 1 over this for its mean.
 _FLAT = 12
@@ -57,6 +58,7 @@ class Sweeper:
         disc: NDArray[np.float64],
         patches: NDArray[np.float64] = NONE,
         linear_cells: NDArray[np.bool_] | None = None,
+        tuning: Tuning | None = None,
     ) -> None:
         """disc, patches: as in `View`, in cells from the cube's lower corner. sweep: with
         MOMENT_SOURCE,
@@ -65,6 +67,7 @@ class Sweeper:
         changing (N,): in programs with LINEAR_SOURCE they change across these instead, by what is
         given."""
         self.device = device
+        self.tuning = tuning or Tuning()
         self.box: Box = cells.box()
         self.count = len(cells.address)
         self.components = len(cells.needs.components)
@@ -113,7 +116,9 @@ class Sweeper:
         self._rays = zeros(device, "rays", self._together * each, real)
         self.albedo = cells.albedo
         self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
-        self.gradients = Gradients.of(cells, self.box) if linear and linear_cells is None else None
+        self.gradients = (
+            Gradients.of(cells, self.box, self.tuning) if linear and linear_cells is None else None
+        )
         self._neighbours: list[Any] = []
         if self.gradients is not None:
             self._neighbours = [

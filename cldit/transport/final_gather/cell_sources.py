@@ -15,11 +15,6 @@ from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
 from cldit.transport.thick_region import ThickRegion
 
-# With a phase function the final sweeps find the gradient of the light in cells of no larger
-# optical
-# depth: of deeper ones the camera sees too little.
-_SEEN_THROUGH = 4.0
-
 
 @dataclass(frozen=True)
 class CellSources:
@@ -63,7 +58,13 @@ def records(
         known = sweeper.gradients(source.angular[: sweeper.components])
     deep = problem.settings.path_depth if order is None else None
     return region.records(
-        problem.medium, final.medium, source.angular, known, sweeper.linear_cells, deep=deep
+        problem.medium,
+        final.medium,
+        source.angular,
+        known,
+        sweeper.linear_cells,
+        deep=deep,
+        tuning=problem.settings.tuning,
     )
 
 
@@ -82,5 +83,6 @@ def _found(
     found = limited_gradient(sweeper, gradient, angular)
     if not isotropic and known is not None:
         depth = problem.medium.depth[problem.medium.address[sweeper.linear_cells]]
-        found = np.where(depth < _SEEN_THROUGH, found, known)
+        # Of deeper cells the camera sees too little to tell it.
+        found = np.where(depth < problem.settings.tuning.gradient_depth, found, known)
     return Moments(angular, found)

@@ -40,17 +40,7 @@ from cldit.transport.view import upload_tree
 
 Floats = NDArray[np.float64]
 
-_SAMPLES = 16  # of a pixel in the first round; a power of two, as in all rounds
-_GROWTH = 8  # of them at most, from one round to the next: their scatter is not known well
-_MOST_CHAINS = 1e8  # of a picture: some core-minutes
-# Transmission at which flights end, for each kelvin of the wanted error. For what is left the last
-# cell's source stands. At 0.05 K a slab of depth 10, g = 0.8, errs by 0.0008; with 0.1 by 0.002.
-_LEAST = 0.03
-_LONGEST = 128  # flights of a chain, after which the light is that of the sweeps
 _GROUP = 16
-_TILE = 12  # pixels along a tile's edge: some hundred tell their noise
-_NOISE = 0.5  # of the wanted error, which chains may leave: other errors are larger
-_BRIGHT = 3.0  # noise before walls as bright as the hottest cell, over that before gdi's own
 _PENDING = 8  # reads of kept light made together; GPUs have other flights to wait with
 _STRETCH = 8  # numbers of a stretch within a thick cell, as in gather.cl
 
@@ -132,15 +122,16 @@ class Gather:
         cells = formal_solution.cells
         self._real = formal_solution.real
         self._components = len(cells.needs.components) + 1
-        phase = settings.phase
+        phase, tuning = settings.phase, settings.tuning
         table, steps = np.zeros(1), np.zeros(1)
-        least = max(settings.cutoff, _LEAST * min(settings.accuracy_K, 0.1))
+        least = max(settings.cutoff, tuning.least_transmission * min(settings.accuracy_K, 0.1))
         self._defines: dict[str, Define] = {
             **settings.defines(cells, formal_solution.view),
             "CUTOFF": float(settings.cutoff),
             **(flags or {}),
             "MIN_TRANSMISSION": float(least),
-            "MAX_SEGMENTS": _LONGEST,
+            "MAX_SEGMENTS": tuning.segments,
+            "ROULETTE": f"R({tuning.roulette})",
             "NEAREST_SIDE": NEAREST_SIDE,
         }
         for flag in ("MOMENT_SOURCE", "LINEAR_SOURCE"):
@@ -265,20 +256,21 @@ class Gather:
 
         seen (C, N): what else is seen; other: pixels that see no thick cell, but have a T_app, as
         those before the background do at emissivities above 0.05. Chains go on, in the tiles where
-        they help most, until their noise in T_app is _NOISE of accuracy_K, or max_samples, or
-        _MOST_CHAINS chains in all.
+        they help most, until their noise in T_app is `noise_share` of accuracy_K, or
+        max_samples, or `paths` in all.
         """
         cells, scene, wanted = self._painter.cells, self._painter.scene, self._settings.accuracy_K
         start = time.perf_counter()
         count, most = len(pixels), self._settings.max_samples
+        tuning = self._settings.tuning
         chains = self.chains(pixels, across)
         sums = np.zeros((2, self._components, count))
         samples = np.zeros(count, np.int64)  # of either half, in each of a pixel's rays
         tiles = self._tiles(pixels)
         near = np.argsort(tiles, kind="stable")  # one tile's chains meet the same cells
         before = self._painter.view.on_background(pixels)
-        size = max(_SAMPLES // across**2, 1)
-        while size > 1 and 2 * size * across**2 * count > _MOST_CHAINS / 4:
+        size = max(tuning.first_samples // across**2, 1)
+        while size > 1 and 2 * size * across**2 * count > tuning.paths / 4:
             size //= 2
         wanted_of = np.full(count, size)
         while True:
@@ -303,22 +295,22 @@ class Gather:
             energy = np.bincount(tiles, kelvin**2).astype(np.float64)
             counted = before & (1 - (seen + mean[:-1])[0] > VISIBLE)
             visible = max(int(np.count_nonzero(counted)) + other, 1)
-            allowed = visible * (_NOISE * _BRIGHT * wanted) ** 2
+            allowed = visible * (tuning.noise_share * tuning.noise_bright * wanted) ** 2
             if energy.sum() <= allowed:
                 break
             size_of = np.bincount(tiles)
             had_of = np.bincount(tiles, samples) // size_of
             ideal = neyman_allocation(energy, had_of, size_of, allowed=allowed)[tiles]
-            limit = np.minimum(_GROWTH * samples, most // (2 * across**2))
+            limit = np.minimum(tuning.growth * samples, most // (2 * across**2))
             wanted_of = np.maximum(np.minimum(ideal, limit), samples)
             chains_in_all = 2.0 * across**2 * wanted_of.sum()
-            if np.array_equal(wanted_of, samples) or chains_in_all > _MOST_CHAINS:
-                noise_K = float(np.sqrt(energy.sum() / visible)) / _BRIGHT
+            if np.array_equal(wanted_of, samples) or chains_in_all > tuning.paths:
+                noise_K = float(np.sqrt(energy.sum() / visible)) / tuning.noise_bright
                 self.short = (
                     f"chains in thick cells: stopped at {most} samples a pixel, or "
-                    f"{_MOST_CHAINS:.0e} in all, with noise of {noise_K:.2g} K RMS left, where "
-                    f"transport.accuracy_K: {wanted:g} asks for {_NOISE * wanted:.2g} K; allowed "
-                    "is a larger transport.max_samples, or less accuracy"
+                    f"{tuning.paths:.0e} in all, with noise of {noise_K:.2g} K RMS left, where "
+                    f"transport.accuracy_K: {wanted:g} asks for {tuning.noise_share * wanted:.2g} "
+                    "K; allowed is a larger transport.max_samples, or less accuracy"
                 )
                 break
         self.samples = int(2 * samples.mean() * across**2)
@@ -328,7 +320,8 @@ class Gather:
     def _tiles(self, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
         """(N,) number of the tile of the picture that each pixel is in."""
         row, column = np.divmod(pixels, self._painter.view.pixels[0])
-        tile = row // _TILE * self._painter.view.pixels[0] + column // _TILE
+        edge = self._settings.tuning.noise_tile
+        tile = row // edge * self._painter.view.pixels[0] + column // edge
         return np.unique(tile, return_inverse=True)[1].astype(np.int64)
 
     @property

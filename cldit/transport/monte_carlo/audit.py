@@ -33,12 +33,6 @@ from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
 
-_PIXELS = 500
-_SAMPLES = 512  # a pixel at 0.1 K: with these about a core-second on `gdi`
-_FEWEST, _MOST = 128, 2048  # a pixel at other accuracies, and where all pixels are fewer
-_EVENLY = 0.1  # of the chances: errors may be where little is scattered
-_LONGEST = 50.0  # scatterings of a chain; beyond it the audit would cost more than the picture
-
 
 def audited(
     cells: OpticalCells,
@@ -63,7 +57,7 @@ def audited(
     why = ""
     if not settings.audit:
         why = "not wanted"
-    elif often > _LONGEST:
+    elif often > settings.tuning.audit_scatterings:
         why = f"light is scattered up to {often:.3g} times"
     elif scene.camera.rays_per_pixel != 1:
         why = "its rays go through the middle of a pixel, the picture's do not"
@@ -95,18 +89,21 @@ def found(
     Those count that have a T_app: before the background, of emissivity above 0.05. Where they
     scatter nothing they are right.
     """
+    tuning = settings.tuning
     emissivity = 1.0 - weights.background.reshape(-1).astype(np.float64)
     visible = counted(view, emissivity, np.arange(len(emissivity)))
 
     def draw(scattered: Floats) -> PixelSample:
         here = visible & (scattered > 0)
         share = np.divide(scattered, emissivity, out=np.zeros_like(scattered), where=here) ** 3
-        share[here] += _EVENLY * share[here].mean() if here.any() else 0.0
-        return PixelSample.of(share, most=_PIXELS, seed=settings.seed)
+        share[here] += tuning.audit_even * share[here].mean() if here.any() else 0.0
+        return PixelSample.of(share, most=tuning.audit_pixels, seed=settings.seed)
 
     count = int(np.count_nonzero(visible))
-    more = max(0.1 / settings.accuracy_K, _PIXELS / max(count, 1))
-    samples = int(np.clip(_SAMPLES * more, _FEWEST, _MOST))
+    more = max(0.1 / settings.accuracy_K, tuning.audit_pixels / max(count, 1))
+    samples = int(
+        np.clip(tuning.audit_samples * more, tuning.audit_samples_least, tuning.audit_samples_most)
+    )
     sparse = replace(settings, max_samples=samples, accuracy_K=0.0, seed=settings.seed + 1)
     truth = trace_path(cells, scene, device, sparse, None, draw=draw, view=view)
     seconds = truth.seconds["image"] + truth.seconds["scattering"]

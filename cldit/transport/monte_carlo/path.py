@@ -30,8 +30,6 @@ from cldit.transport.view import View, check_boundary, upload_tree
 Floats = NDArray[np.float64]
 
 SAMPLES = 32  # of a batch: longer sets converge faster, more batches know their error better
-_LEAST = 4  # batches
-_CUTOFF = 1e-6  # at most: what is held to be exact must not leave out 1e-4
 _GROUP = 16
 
 
@@ -141,7 +139,8 @@ def trace_path(
     real = settings.real
     defines: dict[str, Define] = {
         **settings.defines(cells, view),
-        "CUTOFF": min(float(settings.cutoff), _CUTOFF),
+        "CUTOFF": min(float(settings.cutoff), settings.tuning.path_cutoff),
+        "ROULETTE": f"R({settings.tuning.path_roulette})",
         "SAMPLES": SAMPLES,
     }
     if settings.order is not None:
@@ -214,7 +213,7 @@ def trace_path(
             tracer.launch(settings.seed, sums.batches)
         means = [tracer.means(components, real) for tracer in tracers]
         sums.add(np.concatenate(means, axis=1).astype(np.float64))
-        if sums.batches % 2 or sums.batches < _LEAST:
+        if sums.batches % 2 or sums.batches < settings.tuning.batches:
             continue
         kelvin = temperature_error_K(
             (image[:, place] + sums.mean)[:-1], sums.difference[:-1], cells, scene

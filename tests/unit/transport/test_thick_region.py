@@ -10,6 +10,7 @@ from cldit.medium.octree import CellSource, build_octree
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.segments import Segments
 from cldit.transport.thick_region import ThickRegion
+from cldit.transport.tuning import Tuning
 
 
 def scattered_cells(seed: int) -> OpticalCells:
@@ -36,7 +37,7 @@ def test_faces_of_the_region() -> None:
     box has a number, and those that one direction goes through have different ones."""
     cells = scattered_cells(3)
     box = cells.box()
-    thick = ThickRegion.of(cells, box, deeper_than=0.6)
+    thick = ThickRegion.of(cells, box, deeper_than=0.6, tuning=Tuning())
     assert thick is not None
     at = {tuple(place) for place in cells.positions(cells.address[thick.listed]) - box.low}
     beside = np.concatenate([np.eye(3, dtype=int), -np.eye(3, dtype=int)])
@@ -82,7 +83,7 @@ def test_faces_of_the_region() -> None:
 
 def test_no_thick_cell() -> None:
     cells = scattered_cells(3)
-    assert ThickRegion.of(cells, cells.box(), deeper_than=2.0) is None
+    assert ThickRegion.of(cells, cells.box(), deeper_than=2.0, tuning=Tuning()) is None
 
 
 @pytest.mark.parametrize("backwards", [False, True])

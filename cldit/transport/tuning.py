@@ -1,0 +1,94 @@
+"""The numbers that steer a trace: what each trades, and the command that shows it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+ABLATION = "cldit bench --only ablation"
+ERROR = "cldit bench --only error"
+MEMORY = "cldit bench --only memory"
+SOLVER = "cldit bench --only solver"
+STABILITY = "cldit bench stability"
+
+
+def _number(value: Any, trades: str, shown_by: str) -> Any:
+    return field(default=value, metadata={"trades": trades, "shown_by": shown_by})
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Frozen, as all data of a trace; `Settings.tuning` holds one.
+
+    A field's metadata has `trades`, what more and less of it cost, and `shown_by`, the command that
+    shows it. Optical depths are those of a cell's edge.
+    """
+
+    # Accuracy asked for -> ordinates and tolerance (settings_for).
+    ordinates: int = _number(64, "at 0.1 K asked: error of the ordinates, time", ERROR)
+    ordinates_phase: int = _number(80, "likewise with a phase function", ERROR)
+    tolerance: float = _number(6e-4, "of the source at 0.1 K asked: iterations, its error", SOLVER)
+    tolerance_most: float = _number(3e-4, "largest tolerance, whatever is asked for", SOLVER)
+
+    # Iteration to a residual.
+    solver_share: float = _number(1 / 8, "ordinates of GMRES: time, defect left over", ABLATION)
+    solver_fewest: int = _number(16, "its fewest ordinates: with 8 slabs err by 0.1 %", ERROR)
+    solver_rough: float = _number(1e-2, "RMS error before the defect correction", SOLVER)
+    krylov: int = _number(80, "vectors before a restart: memory, iterations", SOLVER)
+    krylov_bytes: float = _number(1e9, "of these vectors, beyond the first twelve", MEMORY)
+    iterations: int = _number(600, "after which a source is refused", STABILITY)
+    defect_ordinates: int = _number(8, "of the check of what sweeps make or lose", STABILITY)
+
+    # Sources that diffusion through thick cells makes linear, from neighbours' (gradients.py).
+    diffusion_least: float = _number(0.1, "depth from which diffusion matters", ABLATION)
+    diffusion_most: float = _number(20.0, "depth beyond which the solver would not end", STABILITY)
+    diffusion_coalbedo: float = _number(0.1, "largest coalbedo of such cells", STABILITY)
+    diffusion_lengths: float = _number(1.7, "their depth in diffusion lengths, at most", STABILITY)
+    linear_lengths: float = _number(3.0, "the same for cells that are linear then", STABILITY)
+    alike: float = _number(2.0, "ratio of depths up to which changes extrapolate", STABILITY)
+
+    # Moment source.
+    linear_depth: float = _number(
+        0.15, "depth from which sources are linear: bias, noise", ABLATION
+    )
+    moment_sweeps_from: int = _number(128, "ordinates from which two share them", ABLATION)
+    moment_share: int = _number(2, "ordinates of the moment sweeps: forgetting, time", ABLATION)
+
+    # Final sweeps.
+    lean: float = _number(0.6, "density of ordinates on the camera's side", ABLATION)
+    spatial_from: int = _number(48, "ordinates from which sweeps find gradients", ABLATION)
+    spatial_from_phase: int = _number(256, "likewise with a phase function", ABLATION)
+    gradient_depth: float = _number(4.0, "depth up to which such gradients hold", ABLATION)
+
+    # Final gather.
+    thick_depth: float = _number(0.5, "depth from which cells are gathered: bias, time", ABLATION)
+    thick_depth_phase: float = _number(0.22, "likewise with a phase function", ABLATION)
+    path_depth: float = _number(2.0, "depth from which paths go on in a cell", ABLATION)
+    path_depth_at_K: float = _number(0.05, "accuracy of that depth; less takes deeper cells", ERROR)
+    path_albedo: float = _number(0.8, "albedo from which paths go on at any depth", ABLATION)
+    path_twice: float = _number(0.3, "albedo^2 depth from which they do, of path_depth", ABLATION)
+    margin: int = _number(1, "cells around thick ones that segments go through", ABLATION)
+    stored_bytes: int = _number(2**29, "stored radiance of thick cells: memory, noise", ABLATION)
+    roulette: float = _number(0.45, "weight below which paths may end: time, noise", ABLATION)
+    least_transmission: float = _number(0.03, "where segments end, per kelvin asked", ERROR)
+    segments: int = _number(128, "of a path, at most: time, what sweeps leave out", STABILITY)
+    first_samples: int = _number(16, "a pixel in the first round, a power of two", ERROR)
+    growth: int = _number(8, "of samples from one round to the next, at most", ERROR)
+    paths: float = _number(1e8, "of an image, at most: core-minutes", ERROR)
+    noise_tile: int = _number(12, "pixels along a tile that tell its noise", ERROR)
+    noise_share: float = _number(0.5, "of accuracy_K, which paths may leave", ERROR)
+    noise_bright: float = _number(3.0, "noise before the brightest walls over gdi's own", ERROR)
+
+    # Path tracing, and the audit that it makes.
+    path_cutoff: float = _number(1e-6, "transmission at which its rays end, at most", ERROR)
+    path_roulette: float = _number(0.4, "weight below which its chains may end", ERROR)
+    batches: int = _number(4, "that know their own error, at least", ERROR)
+    audit_pixels: int = _number(500, "error of the audit, time", ERROR)
+    audit_samples: int = _number(512, "a pixel at 0.1 K: error of the audit, time", ERROR)
+    audit_samples_least: int = _number(128, "a pixel, at other accuracies", ERROR)
+    audit_samples_most: int = _number(2048, "a pixel, where pixels are few", ERROR)
+    audit_even: float = _number(0.1, "chance shared evenly among pixels", ERROR)
+    audit_scatterings: float = _number(50.0, "beyond which an audit costs too much", STABILITY)
+
+    # Energy balance.
+    closure: float = _number(1e-3, "what single precision may lose of 1", STABILITY)
