@@ -45,6 +45,8 @@ class Device:
 
     others: further devices that pictures are shared with. built: programs in this context, by their
     source and options: even one that the driver has on disk takes a twentieth of a second to load.
+    poison: fresh buffers hold NaN, or the largest integer, so that tests find what is read and was
+    never written.
     """
 
     info: DeviceInfo
@@ -53,10 +55,15 @@ class Device:
     queue: Any
     others: tuple[Device, ...] = ()
     built: dict[tuple[str, ...], Any] = field(default_factory=dict, repr=False, compare=False)
+    poison: bool = False
 
     @property
     def is_cpu(self) -> bool:
         return self.info.kind == "cpu"
+
+    def poisoned(self) -> Device:
+        """The same, and its others, with `poison`."""
+        return replace(self, poison=True, others=tuple(each.poisoned() for each in self.others))
 
 
 def _found() -> list[tuple[DeviceInfo, Any]]:
