@@ -24,7 +24,7 @@ DEFINES = f"""
 #define CUTOFF 1e-4
 #define MIN_TRANSMISSION 1e-4
 #define MAX_SEGMENTS 4
-#define ROULETTE 0.45f
+#define ROULETTE R(0.45)
 #define PENDING_READS 2
 #define SIMD_WIDTH 8
 #define NEAREST_SIDE {NEAREST_SIDE}
