@@ -141,8 +141,10 @@ class SweepProblem:
     def forward_fraction(self) -> float:
         """Share f of the scattering that delta-M takes for none in the final sweeps. At a fixed
         order it is one scattering as any other."""
-        phase = self.settings.phase
-        return 0.0 if phase is None or self.settings.order is not None else phase.forward
+        phase, settings = self.settings.phase, self.settings
+        if phase is None or settings.order is not None or not settings.tuning.delta_m:
+            return 0.0
+        return phase.forward
 
     @property
     def half(self) -> int:
