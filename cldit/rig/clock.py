@@ -67,7 +67,7 @@ class SimulatedClock:
     Args:
         real_time_factor: None: sleeping takes no time; 1: real time; 60: a minute in a second.
         start_epoch_s: wall time at the start. A fixed one (2000-01-01) makes runs repeatable.
-        jump_after_s: a fault: after so many seconds somebody sets the wall time. Monotonic time goes
+        jump_after_s: a fault: after so many seconds the wall time is set. Monotonic time goes
             on.
         jump_s: by how much the wall time is then set.
     """
