@@ -67,6 +67,13 @@ def test_every_page_is_there(site: Path) -> None:
     assert not list(site.rglob("*.json.html"))
 
 
+def test_search_has_its_index_as_a_script(site: Path) -> None:
+    script = (site / "search" / "search_index.js").read_text(encoding="utf-8")
+    assert script.startswith("var searchIndex = {") and "GMRES" in script
+    assert (site / "search" / "lunr.js").is_file()
+    assert 'site/search.js"' in (site / "search.html").read_text(encoding="utf-8")
+
+
 def test_links_lead_somewhere_and_nothing_is_loaded_from_outside(site: Path) -> None:
     pages = {path: _Links(path.read_text(encoding="utf-8")) for path in site.rglob("*.html")}
     for path, page in pages.items():
