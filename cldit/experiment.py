@@ -107,9 +107,7 @@ def evaluate_folder(
 
     Args:
         folder: of an acquisition; or with measured.yaml, or such a file itself.
-        curve: as in `cldit.dit.recorded.evaluate_shots`.
-        robust: as in `cldit.dit.recorded.evaluate_shots`.
-        progress: as in `cldit.dit.recorded.evaluate_shots`.
+        curve, robust, progress: as `cldit.dit.recorded.evaluate_shots`.
         frame: which picture of each shot, where the plan has several.
 
     Raises:

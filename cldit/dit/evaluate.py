@@ -78,8 +78,7 @@ def evaluate_radiance(
         nodes: parts of the filter that were traced on their own; None: one trace stands for all.
         sensor: its noise, taken for a sensor pixel at each ray, gives the standard errors (and the
             weights of the backgrounds); without it they are 0. Saturation is not regarded.
-        shots: exposures with spray before each background.
-        references: exposures without spray before each background.
+        shots, references: exposures before each background.
 
     Raises:
         EvaluationError: fewer than two different backgrounds, or traces of different shape.

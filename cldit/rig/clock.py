@@ -67,9 +67,8 @@ class SimulatedClock:
     Args:
         real_time_factor: None: sleeping takes no time; 1: real time; 60: a minute in a second.
         start_epoch_s: wall time at the start. A fixed one (2000-01-01) makes runs repeatable.
-        jump_after_s: a fault: after so many seconds the wall time is set. Monotonic time goes
-            on.
-        jump_s: by how much the wall time is then set.
+        jump_after_s, jump_s: a fault: after so many seconds the wall time is set by so much, as
+            when somebody sets the computer's clock. Monotonic time goes on.
     """
 
     def __init__(
