@@ -99,3 +99,10 @@ def test_the_api_has_every_public_name(site: Path) -> None:
         public = getattr(cldit, name)
         assert f"{public.__module__}.{public.__qualname__}" in ids, name
     assert {"cldit.rig.protocols.Camera.read_frames", "cldit.rig.drivers.RigContext"} <= ids
+
+
+def test_arguments_that_are_described_together_have_a_row_each(site: Path) -> None:
+    page = (site / "api" / "evaluation.html").read_text(encoding="utf-8")
+    for name in ("shots", "references"):  # of evaluate_radiance
+        assert f"<code>{name}</code>" in page
+    assert "shots, references" not in page
