@@ -59,6 +59,12 @@ def test_files_named_in_the_docs_exist(page: str) -> None:
     assert [file for file in named if not (_ROOT / file).exists()] == []
 
 
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])  # others: test_site.py
+def test_links_lead_to_files(page: str) -> None:
+    linked = re.findall(r"\]\(([^)#:]+)[)#]", (_ROOT / page).read_text(encoding="utf-8"))
+    assert linked and [file for file in linked if not (_ROOT / file).exists()] == []
+
+
 @pytest.mark.parametrize("page", ["docs/glossary.md", "CONTRIBUTING.md"])
 def test_names_are_defined_where_the_page_says(page: str) -> None:
     found = places((_ROOT / page).read_text(encoding="utf-8"))
