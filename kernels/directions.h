@@ -5,23 +5,20 @@
 #include "real.h"
 
 #ifndef NEAREST_SIDE
-#error "NEAREST_SIDE: entries of the table of directions along a side"
+#error "NEAREST_SIDE: entries of the table of nearest directions along a side of an octant"
 #endif
 
-/* Entry of the table of nearest directions: the sphere on an octahedron, unfolded to a square
-   (Cigolle et al., J. Computer Graphics Techniques 3, 2014). */
+/* Entry of the table of nearest directions: [octant][NEAREST_SIDE][NEAREST_SIDE], an octant of the sphere on a face of
+   the octahedron (Cigolle et al., J. Computer Graphics Techniques 3, 2014), seen along z. No entry is
+   of two octants. On a plane between two it is of the lower one, as in flights and sweeps. */
 INLINE int direction_near(real3 d)
 {
-    const real sum = size_of(d.x) + size_of(d.y) + size_of(d.z);
-    real u = d.x / sum, v = d.y / sum;
-    if (d.z < R(0)) {
-        const real w = (R(1) - size_of(v)) * (u < R(0) ? R(-1) : R(1));
-        v = (R(1) - size_of(u)) * (v < R(0) ? R(-1) : R(1));
-        u = w;
-    }
-    const int i = within((int)((u + R(1)) * (NEAREST_SIDE / R(2))), 0, NEAREST_SIDE - 1);
-    const int j = within((int)((v + R(1)) * (NEAREST_SIDE / R(2))), 0, NEAREST_SIDE - 1);
-    return j * NEAREST_SIDE + i;
+    const real x = size_of(d.x), y = size_of(d.y), z = size_of(d.z);
+    const real scale = NEAREST_SIDE / (x + y + z);
+    const int i = smaller((int)(x * scale), NEAREST_SIDE - 1);
+    const int j = smaller((int)(y * scale), NEAREST_SIDE - 1);
+    const int octant = (d.x > R(0)) + 2 * (d.y > R(0)) + 4 * (d.z > R(0));
+    return (octant * NEAREST_SIDE + j) * NEAREST_SIDE + i;
 }
 
 /* Number of the direction at which the cumulative share reaches u. */

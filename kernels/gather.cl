@@ -98,6 +98,14 @@ INLINE void start_path(
     start_segment(f, lane, cell, p, d.xyz, weight, unit(word[2] ^ chance->shift0.y));
 }
 
+/* Ends a chain, or a part of it, in what the sweeps have light along d scattered into at p of a cell. */
+INLINE void end_at(real *sum, real weight, real3 p, real3 d, __global const real *record)
+{
+    Light light = no_light();
+    add_source(&light, weight, weight * (p - R(0.5)), d, record);
+    score_light(sum, weight, &light);
+}
+
 /* Goes on from the place that was drawn on a flight, if any; 0: the chain has ended. */
 INLINE int continue_path(
     real *sum, PendingScores *pending, Segments *f, int lane, Path *path, const Chances *chance, const ThickRegion *m,
@@ -121,11 +129,7 @@ INLINE int continue_path(
         known = last ? weight : weight - path->floor;
         weight = path->floor;
     }
-    if (known != R(0)) {
-        Light light = no_light();
-        add_source(&light, known, known * (p - R(0.5)), d, record);
-        score_light(sum, known, &light);
-    }
+    if (known != R(0)) end_at(sum, known, p, d, record);
     if (last) return 0;
     __global const uint *word = chance->points + path->point * DIMENSIONS;
     const uint4 counter =
@@ -135,6 +139,10 @@ INLINE int continue_path(
 #ifdef PHASE_BINS
     const real3 on = turned(d, phase_cosine(unit(words.x), table), unit(words.y));
     path->number = m->nearest[direction_near(on)];
+    if (path->number < 0) { /* none of few directions is in that octant */
+        end_at(sum, weight, p, d, record);
+        return 0;
+    }
 #else
     const int drawn = direction_at(unit(words.x), m->directions, m->start, m->count);
     const real3 on = m->directions[drawn].xyz;

@@ -33,7 +33,7 @@ typedef struct {
                                          in what a cell scatters along +y; neighbours are close by */
     __global const int *number_of; /* of the directions: theirs in `light` */
     __global const int *start;     /* of the directions, the one at which the share k / count lies */
-    __global const int *nearest;   /* of the directions: see direction_near */
+    __global const int *nearest;   /* of the directions, -1: none: see direction_near */
     __global const real *means;    /* of the light kept in thick cells: [cell][component] */
     int first_own;                 /* number in `light` of the first of these */
     int count;                     /* of directions */

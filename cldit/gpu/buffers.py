@@ -39,7 +39,16 @@ def unset(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any
     """A device buffer of `count` numbers (at least one): any, until they are written."""
     size = max(1, count) * np.dtype(dtype).itemsize
     check_size(device, what, size)
-    return cl.Buffer(device.context, cl.mem_flags.READ_WRITE, size)
+    buffer = cl.Buffer(device.context, cl.mem_flags.READ_WRITE, size)
+    if device.poison:
+        cl.enqueue_fill_buffer(device.queue, buffer, _poison(dtype), 0, size)
+    return buffer
+
+
+def _poison(dtype: type[np.generic]) -> NDArray[Any]:
+    """A number of the type that shows wherever it is read."""
+    number = np.iinfo(dtype).max if issubclass(dtype, np.integer) else np.nan
+    return np.full(1, number, dtype)
 
 
 def zeros(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any:

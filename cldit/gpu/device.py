@@ -45,13 +45,15 @@ class Device:
     """A chosen device, open until `close`; `reason` says why it was chosen.
 
     others: further devices that pictures are shared with. lease: of its context, which every
-    `open_device` of a process shares, and threads may share.
+    `open_device` of a process shares, and threads may share. poison: fresh buffers hold NaN, or the
+    largest integer, so that tests find what is read and was never written.
     """
 
     info: DeviceInfo
     reason: str
     lease: Lease
     others: tuple[Device, ...] = ()
+    poison: bool = False
 
     @property
     def is_cpu(self) -> bool:
@@ -86,6 +88,10 @@ class Device:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def poisoned(self) -> Device:
+        """The same, and its others, with `poison`."""
+        return replace(self, poison=True, others=tuple(each.poisoned() for each in self.others))
 
 
 # What is open in this process; see context.py for how long.

@@ -92,7 +92,8 @@ class ThickRegion:
     @property
     def faces(self) -> NDArray[np.int32]:
         """(R, 6) number of each cell's faces to cells of the box that are not of the region; -1 of
-        others. Of two that no one direction goes through both may have one number."""
+        others. Of two that no one direction goes through both may have one number, as flights end
+        in light of a direction in their own octant."""
         sides = self.beside[:, :6]
         return np.where(sides <= _KEPT, _KEPT - sides, NONE)
 

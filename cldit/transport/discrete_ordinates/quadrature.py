@@ -13,7 +13,7 @@ from cldit.transport.phase import ScatteringTable
 Floats = NDArray[np.float64]
 _GOLDEN = (1 + 5**0.5) / 2
 _CURVE_BITS = 10  # of either coordinate on the square that a curve fills
-NEAREST_SIDE = 64  # entries of the table of nearest directions along a side
+NEAREST_SIDE = 32  # entries of the table of nearest directions along a side of an octant
 
 
 @dataclass(frozen=True)
@@ -207,15 +207,20 @@ def hilbert_order(unit: Floats) -> NDArray[np.int32]:
 
 
 def nearest(directions: Ordinates) -> NDArray[np.int32]:
-    """(NEAREST_SIDE, NEAREST_SIDE) number of the nearest direction for each entry of
-    directions.h's table."""
-    middle = (np.arange(NEAREST_SIDE) + 0.5) * 2 / NEAREST_SIDE - 1
-    v, u = np.meshgrid(middle, middle, indexing="ij")
-    z = 1 - np.abs(u) - np.abs(v)
-    below = z < 0
-    x = np.where(below, (1 - np.abs(v)) * np.copysign(1.0, u), u)
-    y = np.where(below, (1 - np.abs(u)) * np.copysign(1.0, v), v)
-    points = np.stack([x, y, z], axis=2).reshape(-1, 3)
+    """(8, NEAREST_SIDE, NEAREST_SIDE) number of the nearest direction of the same octant for each
+    entry of directions.h's table; -1 where the octant has none.
+
+    The radiance on a face is stored along directions through it in one sense alone.
+    """
+    middle = (np.arange(NEAREST_SIDE) + 0.5) / NEAREST_SIDE
+    y, x = np.meshgrid(middle, middle, indexing="ij")
+    points = np.stack([x, y, np.maximum(1 - x - y, 0)], axis=2).reshape(-1, 3)
     points /= np.linalg.norm(points, axis=1, keepdims=True)
-    cosines = np.einsum("pk,dk->pd", points, directions.unit)  # not by BLAS, as in kelvin.py
-    return np.asarray(np.argmax(cosines, axis=1), np.int32)
+    octant = (directions.unit > 0) @ [1, 2, 4]
+    table = np.full((8, len(points)), -1, np.int32)
+    for number in np.unique(octant):
+        some = np.flatnonzero(octant == number)
+        there = np.abs(directions.unit[some])
+        cosines = np.einsum("pk,dk->pd", points, there)  # not by BLAS, as in temperature_error.py
+        table[number] = some[np.argmax(cosines, axis=1)]
+    return table.reshape(8, NEAREST_SIDE, NEAREST_SIDE)

@@ -9,7 +9,7 @@ import pyopencl as cl
 import pytest
 
 from cldit.errors import DeviceError
-from cldit.gpu.buffers import check_size, upload, zeros
+from cldit.gpu.buffers import check_size, download, unset, upload, zeros
 from cldit.gpu.device import Device, DeviceInfo, choose, list_devices, open_device
 
 CPU = DeviceInfo(
@@ -65,3 +65,17 @@ def test_buffer_beyond_the_device_is_refused_by_name(device: Device) -> None:
 def test_empty_buffers_exist(device: Device) -> None:
     assert upload(device, "nothing", np.zeros(0, np.float32)).size == 4
     assert zeros(device, "nothing", 0, np.float64).size == 8
+
+
+def test_poison_shows_in_fresh_buffers_alone(device: Device) -> None:
+    """Of all devices, in every type that kernels read."""
+    poisoned = replace(device, others=(device,)).poisoned()
+    for one in (poisoned, *poisoned.others):
+        for real in (np.float32, np.float64):
+            found = download(one, unset(one, "fresh", 3, real), np.zeros(3, real))
+            assert np.all(np.isnan(found))
+            assert np.all(download(one, zeros(one, "zeros", 3, real), found) == 0)
+        for whole in (np.int32, np.uint32):
+            found = download(one, unset(one, "fresh", 3, whole), np.zeros(3, whole))
+            assert np.all(found == np.iinfo(whole).max)
+    assert not device.poison

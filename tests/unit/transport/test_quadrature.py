@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 
 from cldit.transport.discrete_ordinates.quadrature import (
+    NEAREST_SIDE,
+    Ordinates,
+    about_camera,
     focused,
     for_boundary,
     hilbert_order,
     isotropic,
+    nearest,
     unfolded,
 )
+from cldit.transport.phase import henyey_greenstein
 
 
 def test_unfolded_sphere() -> None:
@@ -86,3 +91,26 @@ def test_share_of_the_cone() -> None:
     error = solid**2 / inside**1.5 + (1 - solid) ** 2 / (count - inside) ** 1.5
     chosen = int((found.weight < 0.99 * found.weight.max()).sum())
     assert chosen == pytest.approx(inside[np.argmin(error)], abs=2)
+
+
+def _few() -> list[Ordinates]:
+    """Sets that lack octants, and directions along axes and across planes."""
+    planes = np.array([[0.0, 1.0, 0.0], [0.0, -0.6, 0.8], [0.8, 0.6, 0.0], [-0.6, 0.64, 0.48]])
+    rng = np.random.default_rng(6)
+    forward = henyey_greenstein(0.9)
+    sets = [about_camera(count, rng, forward) for count in (4, 8, 12)]
+    return [*sets, isotropic(9, rng), Ordinates(planes, np.full(4, 0.25))]
+
+
+@pytest.mark.parametrize("directions", _few(), ids=["4", "8", "12", "even", "planes"])
+def test_nearest_directions_are_of_the_octant(directions: Ordinates) -> None:
+    """Or there is none. A component of 0 counts as downwards, as in sweeps."""
+    table = nearest(directions)
+    assert table.shape == (8, NEAREST_SIDE, NEAREST_SIDE)
+    octants = {tuple(up) for up in directions.unit > 0}
+    for octant, numbers in enumerate(table):
+        up = tuple(bool(octant >> axis & 1) for axis in range(3))
+        if up in octants:
+            assert np.all((directions.unit[numbers] > 0) == up)
+        else:
+            assert np.all(numbers == -1)

@@ -1,0 +1,131 @@
+"""No number comes from memory that nothing wrote: fresh buffers hold NaN, and nothing changes.
+
+What comes into the thick region lies by faces and directions, where two opposite faces may share a
+number. Here each has its own, so that no face's light stands in for another's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cldit
+from cldit.gpu.device import Device
+from cldit.run import Run
+from cldit.spray.result import Parcels, Spray
+from cldit.transport.thick_region import ThickRegion
+
+COUNT, CELL, KELVIN = 9, 2.5e-3, 350.0
+CUTOFF = 1e-4  # of transmission
+FORWARD = {"henyey_greenstein": 0.6}
+SPECTRAL = {"preset": "spectral", "wavelengths": 2, "compare_paper": False}
+CASES: dict[str, dict[str, Any]] = {
+    "source": {"transport": {"phase": "isotropic"}},
+    "source, forward": {"transport": {"phase": FORWARD}},
+    "source, few directions": {  # one octant has none of the last twelve
+        "transport": {"phase": {"henyey_greenstein": 0.9}, "directions": 4}
+    },
+    "source, Mie": {"transport": {"phase": "mie"}},
+    "source, wavelengths": {"optics": SPECTRAL, "transport": {"phase": "isotropic"}},
+    "source, Mie, wavelengths": {"optics": SPECTRAL, "transport": {"phase": "mie"}},
+    "path": {"transport": {"method": "path", "max_samples": 128}},
+    "path, Mie": {"transport": {"method": "path", "max_samples": 128, "phase": "mie"}},
+    "path, Mie, wavelengths": {
+        "optics": SPECTRAL,
+        "transport": {"method": "path", "max_samples": 128, "phase": "mie"},
+    },
+    "branching": {"transport": {"method": "branching", "order": 1}},
+    "branching, wavelengths": {
+        "optics": SPECTRAL,
+        "transport": {"method": "branching", "order": 1},
+    },
+}
+
+
+def droplets() -> Spray:
+    """Cells of optical depth 8 at two sides of a block of thin ones: the thick region ends at
+    cells and at boundaries."""
+    place = np.indices((COUNT,) * 3).reshape(3, -1).T
+    middle = np.asarray((place + 0.5 - COUNT / 2) * CELL, np.float64)
+    deep = np.all((place >= (0, 3, 4)) & (place < (4, 6, COUNT)), axis=1)
+    diameter = np.linspace(8e-6, 12e-6, len(middle))
+    area = 2.2 * np.pi / 4 * diameter**2  # of extinction
+    return Spray(
+        parcels=Parcels(
+            position_m=middle,
+            diameter_m=diameter,
+            droplets=np.where(deep, 8.0, 0.1) * CELL**2 / area,
+            temperature_K=np.full(len(middle), KELVIN),
+            density_kg_m3=np.full(len(middle), 600.0),
+        )
+    )
+
+
+def traced(device: Device, cache: Path, case: dict[str, Any]) -> Run:
+    transport = {"audit": False, "accuracy_K": 1.0, "cutoff": CUTOFF, **case["transport"]}
+    scene = {
+        "name": "block",
+        "spray": {"model": "none"},
+        "domain": {"edge_m": 16 * CELL, "leaf_edge_m": 1.01 * CELL},
+        "camera": {"pixels": [12, 12], "field_m": [COUNT * CELL] * 2},
+        "background": {"radius_m": 0.03},
+    }
+    data = {**scene, **case, "transport": transport}
+    return cldit.simulate(cldit.parse_scene(data), device=device, cache=cache, spray=droplets())
+
+
+def apart(thick: ThickRegion | None) -> ThickRegion | None:
+    """With another number for each upper face than for any lower one."""
+    if thick is None:
+        return None
+    beside, faces = thick.beside.copy(), int(thick.faces.max()) + 1
+    beside[:, 1:6:2] -= np.where(thick.faces[:, 1::2] >= 0, faces, 0)
+    beside[:, 6] += np.where(thick.own >= 0, faces, 0)
+    return replace(thick, beside=beside, interfaces=thick.interfaces + faces)
+
+
+def filled(*given: Any, empty: Callable[..., Any] = np.empty, **named: Any) -> Any:
+    """As `numpy.empty`, with numbers that show."""
+    out = empty(*given, **named)
+    if out.dtype.kind in "iuf":
+        out.fill(np.nan if out.dtype.kind == "f" else np.iinfo(out.dtype).max)
+    return out
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of Mie tables."""
+    return tmp_path_factory.mktemp("tables")
+
+
+@pytest.mark.parametrize("kind", ["cpu", "gpu"])
+@pytest.mark.parametrize("name", CASES)
+def test_nothing_unwritten_is_read(
+    name: str, kind: str, device: Device, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To the last bit as without NaN, by the code for either kind of device; and the weights of an
+    isothermal medium sum to 1."""
+    device = replace(device, info=replace(device.info, kind=kind))
+    plain = traced(device, cache, CASES[name])
+    of = ThickRegion.of
+    monkeypatch.setattr(ThickRegion, "of", lambda *given, **named: apart(of(*given, **named)))
+    monkeypatch.setattr(np, "empty", filled)
+    found = traced(device.poisoned(), cache, CASES[name])
+    assert len(found.spectral) == (2 if "wavelengths" in name else 1)
+    for weights, others in zip(found.spectral, plain.spectral, strict=True):
+        for part, image in weights.images.items():
+            np.testing.assert_array_equal(image, others.images[part], err_msg=part)
+            assert np.all(np.isfinite(image)), part
+    for weights, node in zip(found.spectral, found.quadrature.nodes, strict=True):
+        emitted = weights.liquid.astype(float) / node.radiance(KELVIN)
+        left = weights.background + weights.wall + emitted - 1
+        if name.startswith("source"):
+            assert np.abs(left).max() < CUTOFF
+        else:  # a mean of chains that scatter by 0.6 at most, five standard errors
+            assert abs(left.mean()) < 5 * 0.6 / (128 * left.size) ** 0.5
+    assert found.weights.liquid.max() > 0
