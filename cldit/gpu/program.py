@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+import threading
 import time
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -41,10 +42,41 @@ class Program:
     defines: Mapping[str, Define]
     build_s: float
     build_core_s: float
-    _kernels: Mapping[str, Any]
+    _built: Any
+    _own: threading.local = field(default_factory=threading.local, repr=False, compare=False)
 
     def __getitem__(self, kernel: str) -> Any:
-        return self._kernels[kernel]
+        """This thread's kernel: arguments that are set stay with it."""
+        try:
+            return self._own.kernels[kernel]
+        except AttributeError:
+            made = self._built.all_kernels()
+            self._own.kernels = {one.function_name: one for one in made}
+            return self._own.kernels[kernel]
+
+
+# Python's filters of warnings are the whole process's: one thread at a time changes them.
+_FILTERS = threading.Lock()
+
+
+def compiled(device: Device, source: str, options: Sequence[str] = ()) -> Any:
+    """pyopencl's program of a source, with `OPTIONS` besides; built once a device.
+
+    A compiler's log without errors is no warning: Intel's is never empty.
+
+    Raises:
+        pyopencl.Error: it does not build.
+    """
+    opened, key = device.opened, (source, *options)
+    with opened.lock:
+        program = opened.programs.get(key)
+        if program is None:
+            with _FILTERS, warnings.catch_warnings():
+                warnings.simplefilter("ignore", cl.CompilerWarning)
+                program = cl.Program(opened.opencl, source).build(options=[*OPTIONS, *options])
+            opened.programs[key] = program
+            trim_heap()
+    return program
 
 
 def _literal(value: Define) -> str:
@@ -66,15 +98,7 @@ def build(device: Device, name: str, defines: Mapping[str, Define]) -> Program:
     options.append(f"-DBUILT_FOR={built_for}")
     start, cpu = time.perf_counter(), time.process_time()
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", cl.CompilerWarning)  # PoCL reports its own headers
-            program = device.built.get((source, *options))
-            if program is None:
-                program = cl.Program(device.context, source).build(options=[*OPTIONS, *options])
-                device.built[source, *options] = program
-                trim_heap()
-            # Arguments that are set stay with a kernel: each program has its own.
-            kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
+        built = compiled(device, source, options)
     except cl.Error as error:
         hint = _OLD_POCL if "unknown target CPU" in str(error) else ""
         raise KernelError(f"kernels/{name} with {' '.join(options)}:\n{error}{hint}") from error
@@ -83,5 +107,5 @@ def build(device: Device, name: str, defines: Mapping[str, Define]) -> Program:
         defines=dict(defines),
         build_s=time.perf_counter() - start,
         build_core_s=time.process_time() - cpu,
-        _kernels=kernels,
+        _built=built,
     )
