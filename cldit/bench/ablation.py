@@ -76,7 +76,7 @@ def slab_scene(folder: Path) -> Scene:
     np.savez(
         folder / "slab.npz",
         origin_m=(-edge / 2, -thickness / 2, -edge / 2),
-        spacing_m=edge / cells,
+        spacing_m=(edge / cells,) * 3,
         droplet_absorption_per_m=np.full(shape, 0.1 * depth),
         droplet_scattering_per_m=np.full(shape, 0.9 * depth),
         droplet_temperature_K=np.full(shape, 400.0),
