@@ -64,7 +64,7 @@ class Argument:
         """What to set for it: the same, or a Python number in the argument's type.
 
         Raises:
-            TypeError, OverflowError: it does not fit; the message says what is expected.
+            TypeError: it does not fit; the message says what is expected.
         """
         if self.buffer:
             if not isinstance(given, cl.MemoryObject):
@@ -86,8 +86,14 @@ class Argument:
         if type(given) is self.dtype:
             return given
         whole = issubclass(self.dtype, np.integer)
-        if isinstance(given, int) or (isinstance(given, float) and not whole):
-            return self.dtype(given)
+        if type(given) is int or (type(given) is float and not whole):
+            try:
+                out = self.dtype(given)
+            except OverflowError:
+                out = None
+            if out is None or (whole and int(out) != given):
+                raise TypeError(f"is {given}; expected is {np.dtype(self.dtype)}, {self.kind}")
+            return out
         raise TypeError(
             f"is a {type(given).__name__}; expected is {np.dtype(self.dtype)}, {self.kind}"
         )
@@ -143,7 +149,7 @@ class Signature:
         for argument in self.arguments:
             try:
                 out.append(argument.value(given[argument.name]))
-            except (TypeError, OverflowError) as error:
+            except TypeError as error:
                 raise KernelError(
                     f"kernel {self.kernel}: argument {argument.name}: {error}"
                 ) from error
