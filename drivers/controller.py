@@ -43,6 +43,11 @@ class ControllerSettings(BlackBodyLimits):
         return self
 
     @property
+    def where(self) -> str:
+        """For messages, and the name of a serial line."""
+        return f"{self.host}:{self.port}" if self.host is not None else str(self.serial)
+
+    @property
     def safe_setpoint_K(self) -> float:
         low, high = self.limits_K
         return min(max(self.safe_K, low), high)
@@ -57,6 +62,7 @@ class BlackBody(Settling, Generic[S]):
     def __init__(self, settings: S, clock: Clock) -> None:
         self._settings = settings
         self._clock = clock
+        self._told_setpoint = "no set point written"
 
     @property
     def limits(self) -> Limits:

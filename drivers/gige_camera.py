@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from cldit.rig.checks import check_answer
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, NotConnected, RigError
 
@@ -78,7 +79,7 @@ class VivaClient:
         self._ask(lambda c: c.set_integer(name, value))
 
     def get_float(self, name: str) -> float:
-        return float(self._ask(lambda c: c.get_float(name)))
+        return check_answer("camera", name, self._ask(lambda c: c.get_float(name)))
 
     def set_float(self, name: str, value: float) -> None:
         self._ask(lambda c: c.set_float(name, value))

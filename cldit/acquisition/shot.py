@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ from cldit.acquisition.plan import Plan, Shot
 from cldit.acquisition.preflight import Ready
 from cldit.acquisition.quality import References, frame_problem, saturated_percent
 from cldit.acquisition.storage import checksum
-from cldit.rig.errors import Aborted, FireUncertain, MissingFrames
+from cldit.rig.errors import Aborted, FireUncertain, MissingFrames, RigError
 from cldit.rig.load import Rig
 from cldit.rig.protocols import Frame
 
@@ -100,13 +101,17 @@ class Shooter:
                 frames = self._read()
         except MissingFrames as error:
             if uncertain is not None:
+                _then(uncertain, camera.disarm)
                 raise uncertain from error
-            return Rejected(f"missing frame: {error}", fired=True)
-        except Aborted:
-            trigger.abort()
-            raise
-        finally:
             camera.disarm()
+            return Rejected(f"missing frame: {error}", fired=True)
+        except Aborted as error:
+            _then(error, trigger.abort, camera.disarm)
+            raise
+        except BaseException as error:
+            _then(error, camera.disarm)
+            raise
+        camera.disarm()
         self._last_id = frames[-1].frame_id
         after_K = background.read_temperature()
         problem = frame_problem(frames, self._ready, expected_id=expected_id)
@@ -151,3 +156,13 @@ class Shooter:
         if len(whole) != wanted:
             raise MissingFrames(wanted, len(whole), incomplete=len(frames) - len(whole))
         return whole
+
+
+def _then(error: BaseException, *actions: Callable[[], None]) -> None:
+    """What is done while `error` is on its way. What fails of it is noted there and does not take
+    its place; the rig is made safe next, and that is checked."""
+    for action in actions:
+        try:
+            action()
+        except RigError as failed:
+            error.add_note(f"then: {failed}")

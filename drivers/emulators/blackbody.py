@@ -15,11 +15,13 @@ from cldit.rig.clock import Clock, SystemClock
 
 from ..controller import KELVIN
 from ..heater import Dynamics, Heater
-from .line_server import LineServer
+from .line_server import TEXT, LineServer
+from .replies import Replies, binary_nan, text_nan
 
 
 class _Peer:
-    """A cavity, and where it listens: `host`:`port`, or `serial` for a pseudo-terminal."""
+    """A cavity, and where it listens: `host`:`port`, or `serial` for a pseudo-terminal; `replies`
+    is the way of its answers, where they can be lost."""
 
     def __init__(
         self,
@@ -33,6 +35,7 @@ class _Peer:
         self.heater = Heater(dynamics or Dynamics(), clock or SystemClock(), start_K)
         self.host, self.port = "127.0.0.1", port
         self.serial: str | None = None
+        self.replies = Replies()
         self.writes = 0  # of the set point
         self._master = self._slave = -1
         self._wants_serial = serial
@@ -95,9 +98,13 @@ class ModbusPeer(_Peer):
         ]
         device = SimDevice(self._unit, simdata=data, action=self._act)
         if self.serial is None:
-            self._server = ModbusTcpServer(device, address=(self.host, self.port))
+            self._server = ModbusTcpServer(
+                device, address=(self.host, self.port), trace_packet=self._trace
+            )
         else:
-            self._server = ModbusSerialServer(device, port=self._master_path(), baudrate=19200)
+            self._server = ModbusSerialServer(
+                device, port=self._master_path(), baudrate=19200, trace_packet=self._trace
+            )
         self._loop = asyncio.get_running_loop()
         serving = asyncio.create_task(self._server.serve_forever(background=False))
         while self._server.transport is None:
@@ -109,6 +116,14 @@ class ModbusPeer(_Peer):
             await serving
         except asyncio.CancelledError:
             return
+
+    def _trace(self, sending: bool, packet: bytes) -> bytes:
+        """A packet as it goes out; the whole server waits for one that is late."""
+        if not sending:
+            return packet
+        # Unit, function and number of bytes are before the data; six bytes or a check are around.
+        data = slice(9, None) if self.serial is None else slice(3, -2)
+        return self.replies.passed(packet, data, binary_nan)
 
     def _master_path(self) -> str:
         """The server opens one end of the line by its name, so there are two pairs, coupled."""
@@ -158,7 +173,7 @@ class ModbusPeer(_Peer):
             return {0: (2100,), 100: (now,), 101: (0,), 300: (wanted,)}
         return {
             0x8000 + 2 * register: struct.unpack(">HH", struct.pack(">f", celsius))
-            for register, celsius in ((1, now_C), (5, wanted_C), (24, wanted_C))
+            for register, celsius in ((1, now_C), (2, wanted_C), (5, wanted_C), (24, wanted_C))
         }
 
     def _aim(self, celsius: float) -> None:
@@ -181,7 +196,7 @@ class FlukePeer(_Peer):
             threading.Thread(target=self._serve_line, daemon=True).start()
             return self
 
-        self._server = LineServer(self.host, self.port, self._obey)
+        self._server = LineServer(self.host, self.port, self._obey, self.replies)
         self.port = self._server.port
         return self
 
@@ -202,7 +217,7 @@ class FlukePeer(_Peer):
                 waiting += os.read(self._master, 256)
                 while b"\n" in waiting:
                     line, _, waiting = waiting.partition(b"\n")
-                    os.write(self._master, self._obey(line))
+                    os.write(self._master, self.replies.passed(self._obey(line), TEXT, text_nan))
             except OSError:
                 return
 

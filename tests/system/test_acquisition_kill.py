@@ -215,8 +215,8 @@ def test_ctrl_c_twice_aborts_the_shot(how: str, bench: Bench) -> None:
     assert time.monotonic() - begin < 8.0
     assert process.returncode == 3 and err.startswith("Aborted: stopped within a shot"), err
     entries = bench.lines()
-    assert [entry["event"] for entry in entries[-2:]] == ["fired", "lost"]
-    assert entries[-1]["inject"] is True
+    assert [entry["event"] for entry in entries[-3:]] == ["fired", "lost", "made safe"]
+    assert entries[-2]["inject"] is True
     assert open_acquisition(bench.folder).shots == ()
 
 

@@ -119,7 +119,7 @@ def test_stopped_before_it_begins(
     rig = wrapped(tiny_rig)
     record = acquire(rig, tiny_plan, tmp_path / "a", should_stop=lambda: True)
     assert (record.complete, record.saved) == (False, 0)
-    assert events(tmp_path / "a") == ["start", "stopped"]
+    assert events(tmp_path / "a") == ["start", "stopped", "made safe"]
     assert_safe(rig)
 
 
@@ -228,7 +228,7 @@ def test_second_ctrl_c_stops_the_generator_first(
     rig = wrapped(tiny_rig, trigger=pressed)
     with pytest.raises(Aborted, match="within a shot"):
         acquire(rig, tiny_plan, tmp_path / "a")
-    assert aborted == ["fired"] and events(tmp_path / "a")[-1] == "lost"
+    assert aborted == ["fired"] and events(tmp_path / "a")[-2:] == ["lost", "made safe"]
     assert_safe(rig)
     assert signal.getsignal(signal.SIGINT) is before
 
@@ -261,7 +261,7 @@ def test_fire_is_never_repeated_because_it_failed(
     with pytest.raises(FireUncertain, match="no answer"):
         acquire(rig, tiny_plan, tmp_path / "a")
     assert shots == 3 and len(pulses(tiny_rig)) == 3
-    assert events(tmp_path / "a")[-2:] == ["fired", "lost"]
+    assert events(tmp_path / "a")[-3:] == ["fired", "lost", "made safe"]
     assert_safe(rig)
     record = acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
     assert record.complete and record.lost_injections == 1 and len(pulses(tiny_rig)) == 11
