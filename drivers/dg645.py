@@ -84,7 +84,7 @@ class Dg645(Linked):
         info = self._line.identity("DG645")
         serial, firmware = info.serial.removeprefix("s/n"), info.firmware.removeprefix("ver")
         self._info = replace(info, serial=serial, firmware=firmware)
-        self._line.write("*CLS")
+        self._line.integer("*CLS;LERR?")
         self._still()
 
     def _drop(self) -> None:
@@ -103,7 +103,7 @@ class Dg645(Linked):
             **self._settings.model_dump(mode="json"),
             "burst": plain_burst(self._burst),
             "inhibited": self._inhibited,
-            "delays": {f"DLAY {edge}": self._line.query(f"DLAY? {edge}") for edge in edges},
+            "delays": {f"DLAY {edge}": self._line.numbers(f"DLAY? {edge}", 2) for edge in edges},
             "levels_V": [self._line.number(f"LAMP? {_OUTPUTS[pair]}") for pair in self._pairs],
             "trigger_source": self._line.integer("TSRC?"),
             "inhibit_input": self._line.integer("INHB?"),

@@ -10,12 +10,12 @@ from typing import Annotated, Any
 from cldit.rig.checks import check_temperature
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected
-from cldit.rig.link import Linked
+from cldit.rig.link import Linked, Told
 from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
 from cldit.scene.values import Temperature
 
-from .controller import KELVIN, BlackBody, ControllerSettings, check_readback
+from .controller import KELVIN, BlackBody, ControllerSettings
 from .scpi import ScpiLine
 
 ABOUT = DriverAbout(
@@ -52,7 +52,7 @@ class Fluke418x(Linked, BlackBody[FlukeSettings]):
             resource, options = f"ASRL{where}::INSTR", {"baud_rate": settings.baudrate}
         self._line = ScpiLine("background", resource, self._asking, **options)
         self._info = DeviceInfo("background", "Fluke", "418x", tested_on_hardware=False)
-        self._heater = "heater not switched by us"
+        self._heater = Told("heater")
 
     def _open(self, timeout_s: float) -> None:
         self._line.open(min(timeout_s, self._settings.answer_s))
@@ -64,7 +64,7 @@ class Fluke418x(Linked, BlackBody[FlukeSettings]):
         self._line.close()
 
     def _last_known(self) -> str:
-        return f"{self._told_setpoint}, {self._heater}"
+        return f"{self._setpoint}, {self._heater}"
 
     def identify(self) -> DeviceInfo:
         return self._info
@@ -98,15 +98,17 @@ class Fluke418x(Linked, BlackBody[FlukeSettings]):
         return check_temperature("background", command, self._line.number(command) + KELVIN)
 
     def _write(self, temperature_K: float) -> float:
-        self._told_setpoint = f"set point {temperature_K:.1f} K"
+        self._setpoint.written(f"{temperature_K:.1f} K")
         self._line.write(f"SOUR:SPO {temperature_K - KELVIN:.2f}")
-        return check_readback(temperature_K, self._kelvin("SOUR:SPO?"))
+        return self._confirmed(temperature_K, self._kelvin("SOUR:SPO?"))
 
     def _output(self, on: bool) -> None:
-        self._heater = f"heater {'on' if on else 'off'}"
+        state = "on" if on else "off"
+        self._heater.written(state)
         self._line.write(f"OUTP:STAT {int(on)}")
         if self._line.flag("OUTP:STAT?") is not on:
-            raise ConfigRejected(f"background: the heater does not switch {'on' if on else 'off'}")
+            raise ConfigRejected(f"background: the heater does not switch {state}")
+        self._heater.confirmed(state)
 
 
 def open_fluke418x(settings: dict[str, Any], context: RigContext) -> Fluke418x:

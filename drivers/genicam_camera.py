@@ -34,7 +34,7 @@ _SOURCES = {TriggerMode.SOFTWARE: "Software", TriggerMode.EXTERNAL_EDGE: ""}
 _MODES = frozenset({TriggerMode.INTERNAL, *_SOURCES})
 _EDGES = {"rising": "RisingEdge", "falling": "FallingEdge"}
 _BLOCKS = 65535  # 16-bit block ids count 1..65535 and again
-_REACH_s = 8.0  # for a lost camera to come back, beyond its heartbeat
+_REACH_s = 3.0  # for a lost camera to come back, beyond its heartbeat
 _IN_FLIGHT_s = 0.5  # a picture arrives this long after its exposure, or never
 
 

@@ -22,7 +22,7 @@ from cldit.rig.link import Linked, LinkState
 from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
 
-from .controller import KELVIN, BlackBody, ControllerSettings, check_readback
+from .controller import KELVIN, BlackBody, ControllerSettings
 
 T = TypeVar("T")
 
@@ -113,7 +113,7 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
                 client.close()
 
     def _last_known(self) -> str:
-        return self._told_setpoint
+        return str(self._setpoint)
 
     def identify(self) -> DeviceInfo:
         maker, model = self._map.maker, self._settings.model
@@ -137,13 +137,13 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
         return None
 
     def _aim(self, temperature_K: float) -> float:
-        self._told_setpoint = f"set point {temperature_K:.1f} K"
+        self._setpoint.written(f"{temperature_K:.1f} K")
         celsius = temperature_K - KELVIN
         words = self._encode(celsius)
         address = self._address(self._map.setpoint)
         if self._registers(address, len(words)) != words:
             self._write(address, words)
-        return check_readback(temperature_K, self._get(self._map.setpoint))
+        return self._confirmed(temperature_K, self._get(self._map.setpoint))
 
     def _get(self, register: int) -> float:
         """Kelvin."""

@@ -53,7 +53,7 @@ class SimulatedBlackBody(Linked, BlackBody[BlackBodySettings]):
         return f"set point {self._aim(self._settings.start_K):.1f} K"
 
     def _last_known(self) -> str:
-        return self._told_setpoint
+        return str(self._setpoint)
 
     def identify(self) -> DeviceInfo:
         return DeviceInfo("background", "cldit", "simulated black body", simulated=True)
@@ -63,10 +63,10 @@ class SimulatedBlackBody(Linked, BlackBody[BlackBodySettings]):
         return {**self._settings.model_dump(mode="json"), "setpoint_K": self._heater.setpoint_K}
 
     def _aim(self, temperature_K: float) -> float:
-        self._told_setpoint = f"set point {temperature_K:.1f} K"
+        self._setpoint.written(f"{temperature_K:.1f} K")
         self._check()
         self._heater.aim(temperature_K)
-        return self._heater.setpoint_K
+        return self._confirmed(temperature_K, self._heater.setpoint_K)
 
     def read_temperature(self) -> float:
         self._check()

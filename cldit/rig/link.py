@@ -35,6 +35,24 @@ class LinkState(Enum):
     CLOSED = "let go of before it was made safe"
 
 
+class Told:
+    """What an instrument confirmed last, and what was written to it since without an answer."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._words = ["not written"]
+
+    def written(self, text: str) -> None:
+        self._words.append(text)
+
+    def confirmed(self, text: str) -> None:
+        self._words = [text]
+
+    def __str__(self) -> str:
+        known, *since = self._words
+        return f"{self._what} {known}" + (f" ({since[-1]} written since)" if since else "")
+
+
 class Linked(ABC):
     """`connect`, `close` and `make_safe` of an instrument behind a line that can fail.
 

@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import asyncio
 import os
+import select
 import struct
 import threading
+import time
+from collections.abc import Callable
 from typing import Any
 
 from cldit.rig.clock import Clock, SystemClock
@@ -38,25 +41,54 @@ class _Peer:
         self.replies = Replies()
         self.writes = 0  # of the set point
         self._master = self._slave = -1
+        self._handles: list[int] = []  # to be closed when no thread reads them any more
+        self._readers: list[threading.Thread] = []
+        self._on = True
         self._wants_serial = serial
 
     def _open_terminal(self) -> None:
         if self._wants_serial:
-            import tty
-
-            self._master, self._slave = os.openpty()
-            tty.setraw(self._master)
-            tty.setraw(self._slave)
+            self._master, self._slave = self._pair()
             self.serial = os.ttyname(self._slave)
 
+    def _pair(self) -> tuple[int, int]:
+        import tty
+
+        pair = os.openpty()
+        for handle in pair:
+            tty.setraw(handle)
+        self._handles += pair
+        return pair
+
+    def _read(self, handle: int, take: Callable[[bytes], None]) -> None:
+        """In a thread of its own, until the terminal is closed."""
+
+        def run() -> None:
+            while self._on:
+                try:
+                    if select.select([handle], [], [], 0.02)[0]:
+                        take(os.read(handle, 4096))
+                except OSError:  # nobody has the other end open
+                    time.sleep(0.02)
+
+        self._readers.append(threading.Thread(target=run, daemon=True))
+        self._readers[-1].start()
+
     def _close_terminal(self) -> None:
-        for handle in (self._master, self._slave):
-            if handle >= 0:
-                os.close(handle)
+        self._on = False
+        for reader in self._readers:  # else it would read from whoever gets the same number next
+            reader.join(10.0)
+        for handle in self._handles:
+            os.close(handle)
+        self._handles.clear()
 
     @property
     def setpoint_K(self) -> float:
         return self.heater.setpoint_K
+
+
+def _send(handle: int, data: bytes) -> None:
+    os.write(handle, data)
 
 
 class ModbusPeer(_Peer):
@@ -127,22 +159,10 @@ class ModbusPeer(_Peer):
 
     def _master_path(self) -> str:
         """The server opens one end of the line by its name, so there are two pairs, coupled."""
-        import tty
-
-        far_master, self._far = os.openpty()
-        tty.setraw(far_master)
-        tty.setraw(self._far)
-
-        def carry(source: int, target: int) -> None:
-            while True:
-                try:
-                    os.write(target, os.read(source, 4096))
-                except OSError:
-                    return
-
-        for ends in ((self._master, far_master), (far_master, self._master)):
-            threading.Thread(target=carry, args=ends, daemon=True).start()
-        return os.ttyname(self._far)
+        far_master, far = self._pair()
+        self._read(self._master, lambda data: _send(far_master, data))
+        self._read(far_master, lambda data: _send(self._master, data))
+        return os.ttyname(far)
 
     async def _act(
         self,
@@ -188,14 +208,14 @@ class FlukePeer(_Peer):
         super().__init__(**options)
         self.heating = False
         self._limit_K = 0.5
+        self._waiting = b""
         self._server: LineServer | None = None
 
     def __enter__(self) -> FlukePeer:
         self._open_terminal()
         if self.serial is not None:
-            threading.Thread(target=self._serve_line, daemon=True).start()
+            self._read(self._master, self._take)
             return self
-
         self._server = LineServer(self.host, self.port, self._obey, self.replies)
         self.port = self._server.port
         return self
@@ -210,16 +230,12 @@ class FlukePeer(_Peer):
         if self._server is not None:
             self._server.unplug()
 
-    def _serve_line(self) -> None:
-        waiting = b""
-        while True:
-            try:
-                waiting += os.read(self._master, 256)
-                while b"\n" in waiting:
-                    line, _, waiting = waiting.partition(b"\n")
-                    os.write(self._master, self.replies.passed(self._obey(line), TEXT, text_nan))
-            except OSError:
-                return
+    def _take(self, data: bytes) -> None:
+        """What came on the serial line."""
+        self._waiting += data
+        while b"\n" in self._waiting:
+            line, _, self._waiting = self._waiting.partition(b"\n")
+            _send(self._master, self.replies.passed(self._obey(line), TEXT, text_nan))
 
     def _obey(self, line: bytes) -> bytes:
         """The answer as bytes, none for a command."""
