@@ -124,7 +124,9 @@ class Rig:
     trigger: TriggerGenerator
     clock: Clock
     file: RigFile
+    # Names of devices that were connected, but for those that were made safe and closed since.
     _connected: set[str] = field(default_factory=set, init=False, repr=False, compare=False)
+    _safe: set[str] = field(default_factory=set, init=False, repr=False, compare=False)
 
     @property
     def devices(self) -> dict[str, Device]:
@@ -147,6 +149,7 @@ class Rig:
             for name, future in waiting.items()
             if (error := future.exception()) is not None
         ]
+        self._safe.clear()
         self._connected.update(
             name for name, future in waiting.items() if future.exception() is None
         )
@@ -155,7 +158,10 @@ class Rig:
 
     def make_safe(self, *, connect_s: float | None = None) -> RigSafety:
         """Makes every device safe, the last one first; see `cldit.rig.safety.make_safe`."""
-        return make_safe(self.devices, self._connected, connect_s=connect_s)
+        safety = make_safe(self.devices, self._connected, connect_s=connect_s)
+        self._safe.clear()
+        self._safe.update(safety.did)
+        return safety
 
     def close(self) -> list[str]:
         """Closes every device, the last one first; what went wrong, one line a device."""
@@ -165,6 +171,7 @@ class Rig:
                 device.close()
             except Exception as error:  # one broken device must not keep the others
                 problems.append(f"{name}: {error}")
+        self._connected.difference_update(self._safe)
         return problems
 
     def __enter__(self) -> Self:

@@ -19,7 +19,7 @@ from cldit.rig.clock import Clock, SystemClock
 from ..controller import KELVIN
 from ..heater import Dynamics, Heater
 from .line_server import TEXT, LineServer
-from .replies import Replies, binary_nan, text_nan
+from .replies import BINARY_NAN, Replies
 
 
 class _Peer:
@@ -96,6 +96,7 @@ class ModbusPeer(_Peer):
 
     def __init__(self, model: str, *, unit: int = 1, **options: Any) -> None:
         super().__init__(**options)
+        self.replies = Replies(BINARY_NAN)
         self._tenths, self._unit = model == "ir-2100", unit
         self._setpoint_at = 300 if self._tenths else 0x8000 + 2 * 24
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -155,7 +156,7 @@ class ModbusPeer(_Peer):
             return packet
         # Unit, function and number of bytes are before the data; six bytes or a check are around.
         data = slice(9, None) if self.serial is None else slice(3, -2)
-        return self.replies.passed(packet, data, binary_nan)
+        return self.replies.passed(packet, data)
 
     def _master_path(self) -> str:
         """The server opens one end of the line by its name, so there are two pairs, coupled."""
@@ -235,7 +236,7 @@ class FlukePeer(_Peer):
         self._waiting += data
         while b"\n" in self._waiting:
             line, _, self._waiting = self._waiting.partition(b"\n")
-            _send(self._master, self.replies.passed(self._obey(line), TEXT, text_nan))
+            _send(self._master, self.replies.passed(self._obey(line), TEXT))
 
     def _obey(self, line: bytes) -> bytes:
         """The answer as bytes, none for a command."""

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import gige_registers as reg
-from .replies import Replies, binary_nan
+from .replies import BINARY_NAN, Replies
 
 Image = Callable[[int, float], NDArray[np.uint16]]
 
@@ -67,7 +67,7 @@ class GigePeer:
         self.serial = f"{secrets.randbelow(10**8):08d}"
         self.loss, self.skip, self.cut, self.skipped = loss, 0, 0, 0
         self.taken = self.missed = self.lost_packets = self.resent_packets = 0
-        self.replies = Replies()
+        self.replies = Replies(BINARY_NAN)
         self.picture = image or pattern(sensor)
         self._rate_Hz = frame_rate_Hz
         self._random = random.Random(seed)
@@ -275,7 +275,7 @@ class GigePeer:
             status, answer = self._answer(command, body, sender)
         if command == 0x0002 or flags & 1:
             reply = struct.pack(">HHHH", status, command + 1, len(answer), number) + answer
-            reply = self.replies.passed(reply, slice(8, None), binary_nan)
+            reply = self.replies.passed(reply, slice(8, None))
             if reply:
                 self._control.sendto(reply, sender)
 

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from .replies import Replies, text_nan
+from .replies import Replies
 
 TEXT = slice(0, -2)  # of a reply that ends with CR LF
 
@@ -30,7 +30,7 @@ class LineServer:
                 links.add(self.connection)
                 try:
                     for line in self.rfile:
-                        self.wfile.write(replies.passed(answer(line), TEXT, text_nan))
+                        self.wfile.write(replies.passed(answer(line), TEXT))
                 except OSError:
                     return
                 finally:

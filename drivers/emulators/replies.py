@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from enum import StrEnum
 
 
@@ -15,14 +14,8 @@ class Fault(StrEnum):
     LATE = "late"  # it arrives when nobody waits for it any more, and holds up what follows
 
 
-def text_nan(size: int) -> bytes:
-    """What an instrument with text commands writes."""
-    return b"NAN"
-
-
-def binary_nan(size: int) -> bytes:
-    """Quiet NaN of float32, big-endian, over `size` bytes."""
-    return (b"\x7f\xc0\x00\x00" * (size // 4 + 1))[:size]
+TEXT_NAN = b"NAN"  # as an instrument with text commands writes it
+BINARY_NAN = b"\x7f\xc0\x00\x00"  # float32, big-endian
 
 
 class Replies:
@@ -31,9 +24,11 @@ class Replies:
     Attributes:
         sent: replies so far; a command without a reply does not count.
         struck: those of them that a fault befell.
+        no_number: what stands in for a reply's data; binary, it is repeated over all of them.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, no_number: bytes = TEXT_NAN) -> None:
+        self.no_number = no_number
         self.sent = self.struck = 0
         self._fault: Fault | None = None
         self._numbers = range(0)
@@ -51,12 +46,11 @@ class Replies:
         """No more faults."""
         self._fault = None
 
-    def passed(self, reply: bytes, data: slice, nan: Callable[[int], bytes]) -> bytes:
+    def passed(self, reply: bytes, data: slice) -> bytes:
         """What of `reply` arrives; returns when it does.
 
         Args:
             data: where the reply's data are; the rest frames them.
-            nan: so many bytes, or fewer, that are no number.
         """
         if not reply:
             return reply
@@ -74,6 +68,9 @@ class Replies:
                 time.sleep(self._late_s)
                 return reply
             case Fault.NAN:
-                return reply[:start] + nan(stop - start) + reply[stop:]
+                instead = self.no_number
+                if instead == BINARY_NAN:
+                    instead = (instead * (stop - start))[: stop - start]
+                return reply[:start] + instead + reply[stop:]
             case Fault.GARBAGE:
                 return reply[:start] + bytes(b ^ 0xA5 for b in reply[start:stop]) + reply[stop:]
