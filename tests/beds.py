@@ -60,7 +60,7 @@ class Bed:
     injections: Callable[[], int] = field(default=lambda: 0)
 
 
-Make = Callable[[ExitStack, dict[str, Any]], Bed]
+Make = Callable[[ExitStack, dict[str, Any], float], Bed]
 
 
 def _near(wanted_K: float) -> Callable[[Any], bool]:
@@ -157,11 +157,11 @@ def _context(clock: Any) -> RigContext:
 
 
 def _modbus(model: str, serial: bool) -> Make:
-    def make(stack: ExitStack, rig: dict[str, Any]) -> Bed:
+    def make(stack: ExitStack, rig: dict[str, Any], answer_s: float) -> Bed:
         pytest.importorskip("pymodbus", reason="pymodbus is missing; install cldit[rig]")
         clock = SimulatedClock()
         peer = stack.enter_context(ModbusPeer(model, clock=clock, serial=serial))
-        settings = {"model": model, "limits_K": [253.0, 873.0], "answer_s": ANSWER_s}
+        settings = {"model": model, "limits_K": [253.0, 873.0], "answer_s": answer_s}
         device = load_driver("modbus_blackbody")({**settings, **_line(peer)}, _context(clock))
         where = peer.serial or f"{peer.host}:{peer.port}"
         told = (f"{model} at {where}", "set point 420.0 K", "front panel")
@@ -171,11 +171,11 @@ def _modbus(model: str, serial: bool) -> Make:
 
 
 def _fluke(serial: bool) -> Make:
-    def make(stack: ExitStack, rig: dict[str, Any]) -> Bed:
+    def make(stack: ExitStack, rig: dict[str, Any], answer_s: float) -> Bed:
         pytest.importorskip("pyvisa_py", reason="pyvisa-py is missing; install cldit[rig]")
         clock = SimulatedClock()
         peer = stack.enter_context(FlukePeer(clock=clock, serial=serial, start_K=310.0))
-        device = load_driver("fluke418x")({**_line(peer), "answer_s": ANSWER_s}, _context(clock))
+        device = load_driver("fluke418x")({**_line(peer), "answer_s": answer_s}, _context(clock))
         where = peer.serial or f"{peer.host}:{peer.port}"
         told = (f"Fluke 418x at {where}", "heater on", "keypad")
         return Bed(device, _background(device, peer), lambda: _hot(peer), told, peer.replies)
@@ -183,10 +183,10 @@ def _fluke(serial: bool) -> Make:
     return make
 
 
-def _dg645(stack: ExitStack, rig: dict[str, Any]) -> Bed:
+def _dg645(stack: ExitStack, rig: dict[str, Any], answer_s: float) -> Bed:
     pytest.importorskip("pyvisa_py", reason="pyvisa-py is missing; install cldit[rig]")
     peer = stack.enter_context(Dg645Peer())
-    settings = {"host": peer.host, "port": peer.port, "answer_s": ANSWER_s}
+    settings = {"host": peer.host, "port": peer.port, "answer_s": answer_s}
     device = load_driver("dg645")(settings, _context(SystemClock()))
 
     def left_on() -> str:
@@ -210,7 +210,7 @@ def _dg645(stack: ExitStack, rig: dict[str, Any]) -> Bed:
 
 
 def _gige(driver: str) -> Make:
-    def make(stack: ExitStack, rig: dict[str, Any]) -> Bed:
+    def make(stack: ExitStack, rig: dict[str, Any], answer_s: float) -> Bed:
         if driver == "aravis_camera":
             needs_aravis()
         else:
@@ -231,7 +231,7 @@ def _gige(driver: str) -> Make:
 
 
 def _simulated(part: str) -> Make:
-    def make(stack: ExitStack, rig: dict[str, Any]) -> Bed:
+    def make(stack: ExitStack, rig: dict[str, Any], answer_s: float) -> Bed:
         after = {"camera": 1, "background": 2, "trigger": 1}[part]
         rig[part]["settings"]["unplug_after"] = after
         opened = open_rig(rig)
@@ -261,8 +261,6 @@ def _pulse() -> Any:
     return Pulse(0.0, False, 1)
 
 
-ANSWER_s, LATE_s = 0.06, 0.09
-
 BEDS: dict[str, dict[str, Make]] = {
     "simulated_camera": {"simulated": _simulated("camera")},
     "simulated_blackbody": {"simulated": _simulated("background")},
@@ -279,8 +277,11 @@ BEDS: dict[str, dict[str, Make]] = {
 
 
 @contextmanager
-def bed_of(driver: str, variant: str, rig: dict[str, Any]) -> Iterator[Bed]:
-    """A new bed, its peer switched on, its device not connected."""
+def bed_of(
+    driver: str, variant: str, rig: dict[str, Any], *, answer_s: float = 1.0
+) -> Iterator[Bed]:
+    """A new bed, its peer switched on, its device not connected; where that can be set, it waits
+    `answer_s` for an answer."""
     if driver not in BEDS:
         pytest.fail(
             f"the driver {driver!r} is installed, but nobody tries what it does when an answer is "
@@ -288,7 +289,7 @@ def bed_of(driver: str, variant: str, rig: dict[str, Any]) -> Iterator[Bed]:
             "cldit.drivers.emulators.replies.Replies"
         )
     with ExitStack() as stack:
-        bed = BEDS[driver][variant](stack, rig)
+        bed = BEDS[driver][variant](stack, rig, answer_s)
         try:
             yield bed
         finally:
