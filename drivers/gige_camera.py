@@ -17,6 +17,7 @@ from .genicam_client import GigeSettings, Picture, nanoseconds_a_tick
 T = TypeVar("T")
 
 _DISCOVERY_s = 0.3
+_NO_ANSWER = "timeout waiting"  # viva gives it the same class as a refusal
 
 ABOUT = DriverAbout(
     "camera",
@@ -67,6 +68,8 @@ class VivaClient:
         except self._viva.TransportError as error:
             raise NotConnected(f"camera: the link failed ({error}); check the cable") from error
         except self._viva.GenicamError as error:
+            if _NO_ANSWER in str(error):
+                raise NotConnected(f"camera: no answer ({error}); check the cable") from error
             raise ConfigRejected(f"camera: {error}") from error
 
     def has(self, name: str) -> bool:

@@ -16,6 +16,7 @@ from cldit.acquisition.plan import Plan, Shot
 from cldit.acquisition.preflight import Ready
 from cldit.acquisition.quality import References, frame_problem, saturated_percent
 from cldit.acquisition.storage import checksum
+from cldit.rig.checks import read_temperature
 from cldit.rig.errors import Aborted, FireUncertain, MissingFrames, RigError
 from cldit.rig.load import Rig
 from cldit.rig.protocols import Frame
@@ -72,7 +73,7 @@ class Shooter:
         camera, background, trigger = self._rig.camera, self._rig.background, self._rig.trigger
         flushed = camera.flush()
         expected_id = None if self._last_id is None else self._last_id + flushed + 1
-        before_K = background.read_temperature()
+        before_K = read_temperature(background)
         if not abs(before_K - shot.background_K) <= self._plan.drift_K:
             return Rejected(f"drift: {before_K:.2f} K before the shot", fired=False, drifted=True)
         burst = trigger.configure(self._plan.burst(shot))
@@ -113,7 +114,7 @@ class Shooter:
             raise
         camera.disarm()
         self._last_id = frames[-1].frame_id
-        after_K = background.read_temperature()
+        after_K = read_temperature(background)
         problem = frame_problem(frames, self._ready, expected_id=expected_id)
         if problem is not None:
             return Rejected(problem, fired=True)

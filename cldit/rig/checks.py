@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Protocol
 
 from cldit.rig.errors import ConfigRejected, NotConnected, OutOfLimits
 from cldit.rig.protocols import Burst, Capabilities, Limits, Roi, TriggerInfo, TriggerMode
@@ -13,6 +13,12 @@ from cldit.rig.protocols import Burst, Capabilities, Limits, Roi, TriggerInfo, T
 EDGES = ("rising", "falling")
 _SCPI_NONE = 9.9e37  # 9.9E37 is infinity, 9.91E37 not a number (SCPI 1999, volume 1, 7.2.1.4-5)
 _HOTTEST_K = 1e4
+
+
+class Thermometer(Protocol):
+    """The part of a background that is asked here."""
+
+    def read_temperature(self) -> float: ...
 
 
 def check_answer(kind: str, query: str, answer: str | float) -> float:
@@ -41,6 +47,11 @@ def check_temperature(kind: str, query: str, temperature_K: float) -> float:
             "another program talking to it?"
         )
     return temperature_K
+
+
+def read_temperature(background: Thermometer) -> float:
+    """Kelvin. Raises NotConnected where the driver gives what cannot be a temperature."""
+    return check_temperature("background", "read_temperature()", background.read_temperature())
 
 
 def check_exposure(can: Capabilities, integration_time_s: float) -> None:

@@ -34,14 +34,15 @@ _ANSWER_s, _LATE_s = 0.1, 0.15
 _CAMERAS = ("gige_camera", "aravis_camera")  # a session takes a second, and has many replies
 
 
-def _cases(*, cameras: bool = True) -> list[Any]:
+def _cases(*, cameras: bool = True, slow_cameras: bool = False) -> list[Any]:
     """Every bed of every installed driver; a driver without one fails."""
+    camera_marks = [pytest.mark.loopback_only, *([pytest.mark.slow] if slow_cameras else [])]
     return [
         pytest.param(
             name,
             variant,
             id=f"{name}-{variant}",
-            marks=[pytest.mark.loopback_only] if name in _CAMERAS else [],
+            marks=camera_marks if name in _CAMERAS else [],
         )
         for name, about in describe_drivers().items()
         if about.kind != "bench" and (cameras or name not in _CAMERAS)
@@ -154,7 +155,7 @@ def test_each_reply_each_fault(driver: str, variant: str, tiny_rig: dict[str, An
     _check(driver, variant, tiny_rig, lambda n: range(1, n + 1), lambda n: list(Fault))
 
 
-@pytest.mark.parametrize(("driver", "variant"), _cases())
+@pytest.mark.parametrize(("driver", "variant"), _cases(slow_cameras=True))
 def test_dead_after_its_session(driver: str, variant: str, tiny_rig: dict[str, Any]) -> None:
     """Not one answer comes any more: NotSafe says which instrument, where, what it was last told
     and what to do; asked again after it was closed it says so again; when it answers again it is

@@ -123,6 +123,29 @@ def test_stopped_before_it_begins(
     assert_safe(rig)
 
 
+@pytest.mark.parametrize("reading_K", [float("nan"), float("inf"), -5.0])
+@pytest.mark.parametrize("calls", [0, 3, 400])
+def test_what_is_no_temperature_ends_the_run(
+    reading_K: float, calls: int, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """Whatever driver gives it, and whenever: it is neither waited on nor taken for a drift."""
+    seen = 0
+
+    def odd(background: Any) -> dict[str, Any]:
+        def read_temperature() -> float:
+            nonlocal seen
+            seen += 1
+            return reading_K if seen > calls else float(background.read_temperature())
+
+        return {"read_temperature": read_temperature}
+
+    rig = wrapped(tiny_rig, background=odd)
+    with pytest.raises(NotConnected, match=r"K came for read_temperature\(\)"):
+        acquire(rig, tiny_plan, tmp_path / "a")
+    assert seen == calls + 1
+    assert rig.trigger.read_configuration()["inhibited"]
+
+
 def test_missing_frame_is_retaken(
     tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
 ) -> None:
