@@ -17,7 +17,8 @@ from .genicam_client import GigeSettings, Picture, nanoseconds_a_tick
 T = TypeVar("T")
 
 _DISCOVERY_s = 0.3
-_NO_ANSWER = "timeout waiting"  # viva gives it the same class as a refusal
+# viva raises one class for a feature that the camera refuses and for one that it never answers.
+_FAILED, _REFUSED = "register I/O failed", "device reported status"
 
 ABOUT = DriverAbout(
     "camera",
@@ -68,8 +69,8 @@ class VivaClient:
         except self._viva.TransportError as error:
             raise NotConnected(f"camera: the link failed ({error}); check the cable") from error
         except self._viva.GenicamError as error:
-            if _NO_ANSWER in str(error):
-                raise NotConnected(f"camera: no answer ({error}); check the cable") from error
+            if _FAILED in str(error) and _REFUSED not in str(error):
+                raise NotConnected(f"camera: the link failed ({error}); check the cable") from error
             raise ConfigRejected(f"camera: {error}") from error
 
     def has(self, name: str) -> bool:

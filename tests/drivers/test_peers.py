@@ -280,7 +280,7 @@ def test_camera_unplugged(client: str) -> None:
         camera = camera_before(peer, client)
         camera.connect()
         peer.switch_off()
-        with pytest.raises(RigError):
+        with pytest.raises(NotConnected, match="the link failed"):
             camera.prepare(TriggerInfo(TriggerMode.SOFTWARE))
         camera.close()
         with pytest.raises(NotConnected, match="check its power"):
