@@ -9,14 +9,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pytest
 
 from cldit.rig.clock import SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.load import open_rig
-from cldit.rig.protocols import Burst, TriggerInfo, TriggerMode
 from tests.aravis import needs_aravis
+from tests.sessions import Step, background_steps, camera_steps, trigger_steps
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.emulators.blackbody import FlukePeer, ModbusPeer
@@ -29,17 +28,6 @@ else:
     from cldit.drivers.emulators.dg645 import Dg645Peer
     from cldit.drivers.emulators.gige_camera import GigePeer
     from cldit.drivers.emulators.rig import CALIBRATION
-
-HOT_K = 420.0
-
-
-@dataclass(frozen=True)
-class Step:
-    """Part of a session. right: whether what `call` gave agrees with the instrument's side."""
-
-    name: str
-    call: Callable[[], Any]
-    right: Callable[[Any], bool] = lambda value: True
 
 
 @dataclass(frozen=True)
@@ -61,83 +49,6 @@ class Bed:
 
 
 Make = Callable[[ExitStack, dict[str, Any], float], Bed]
-
-
-def _near(wanted_K: float) -> Callable[[Any], bool]:
-    return lambda got_K: bool(abs(got_K - wanted_K) < 0.1)
-
-
-def _background(device: Any, peer: ModbusPeer | FlukePeer | None = None) -> list[Step]:
-    def configuration(stored: dict[str, Any]) -> bool:
-        heating = getattr(peer, "heating", None)
-        return peer is None or (
-            _near(peer.setpoint_K)(stored["setpoint_K"]) and stored.get("heating") == heating
-        )
-
-    def temperature(got_K: float) -> bool:
-        return peer is None or _near(peer.heater.now_K())(got_K)
-
-    def stable(got: bool | None) -> bool:
-        if not isinstance(peer, FlukePeer):
-            return peer is None or got is None
-        return got is (peer.heating and abs(peer.heater.now_K() - peer.setpoint_K) < 0.2)
-
-    return [
-        Step("configuration", device.read_configuration, configuration),
-        Step("set point", lambda: device.set_setpoint(HOT_K), _near(HOT_K)),
-        Step("temperature", device.read_temperature, temperature),
-        Step("stable", device.is_stable, stable),
-        Step("temperature again", device.read_temperature, temperature),
-        Step("configuration again", device.read_configuration, configuration),
-    ]
-
-
-def _trigger(device: Any, peer: Dg645Peer | None = None) -> list[Step]:
-    burst = Burst(camera_delay_s=1e-3, inject=True)
-
-    def configuration(stored: dict[str, Any]) -> bool:
-        return peer is None or (
-            np.allclose(
-                [stored["delays"][f"DLAY {channel}"] for channel in (2, 3, 4, 5)],
-                [peer.delays[channel] for channel in (2, 3, 4, 5)],
-                atol=1e-11,
-                rtol=0.0,
-            )
-            and stored["levels_V"] == [peer.values["LAMP 1"], peer.values["LAMP 2"]]
-            and stored["trigger_source"] == peer.values["TSRC"]
-        )
-
-    return [
-        Step("configuration", device.read_configuration, configuration),
-        Step("configure", lambda: device.configure(burst), lambda got: bool(got == burst)),
-        Step("fire", device.fire),
-        Step("wait", lambda: device.wait_done(1.0)),
-        Step("configure again", lambda: device.configure(burst), lambda got: bool(got == burst)),
-        Step("configuration again", device.read_configuration, configuration),
-    ]
-
-
-def _camera(device: Any, edge: Callable[[], None], peer: GigePeer | None = None) -> list[Step]:
-    def pictures() -> list[Any]:
-        edge()
-        return [frame.data for frame in device.read_frames(1, 0.5)]
-
-    def seen(images: list[Any]) -> bool:
-        return peer is None or np.array_equal(images, [peer.image(peer.taken)])
-
-    def settings(got: Any) -> bool:
-        seconds = got["integration_time_s"] if isinstance(got, dict) else got.integration_time_s
-        return bool(abs(seconds - 25e-6) < 1e-8)
-
-    external = TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=2)
-    return [
-        Step("ready", lambda: device.wait_ready(1.0)),
-        Step("configure", lambda: device.configure(25e-6), settings),
-        Step("prepare", lambda: device.prepare(external)),
-        Step("configuration", device.read_configuration, settings),
-        Step("arm", device.arm),
-        Step("pictures", pictures, seen),
-    ]
 
 
 def _hot(peer: ModbusPeer | FlukePeer) -> str:
@@ -165,7 +76,7 @@ def _modbus(model: str, serial: bool) -> Make:
         device = load_driver("modbus_blackbody")({**settings, **_line(peer)}, _context(clock))
         where = peer.serial or f"{peer.host}:{peer.port}"
         told = (f"{model} at {where}", "set point 420.0 K", "front panel")
-        return Bed(device, _background(device, peer), lambda: _hot(peer), told, peer.replies)
+        return Bed(device, background_steps(device, peer), lambda: _hot(peer), told, peer.replies)
 
     return make
 
@@ -178,7 +89,7 @@ def _fluke(serial: bool) -> Make:
         device = load_driver("fluke418x")({**_line(peer), "answer_s": answer_s}, _context(clock))
         where = peer.serial or f"{peer.host}:{peer.port}"
         told = (f"Fluke 418x at {where}", "heater on", "keypad")
-        return Bed(device, _background(device, peer), lambda: _hot(peer), told, peer.replies)
+        return Bed(device, background_steps(device, peer), lambda: _hot(peer), told, peer.replies)
 
     return make
 
@@ -205,7 +116,12 @@ def _dg645(stack: ExitStack, rig: dict[str, Any], answer_s: float) -> Bed:
 
     told = (f"DG645 at {peer.host}:{peer.port}", "CD 5 V", "output CD")
     return Bed(
-        device, _trigger(device, peer), left_on, told, peer.replies, lambda: len(peer.pulses("CD"))
+        device,
+        trigger_steps(device, peer),
+        left_on,
+        told,
+        peer.replies,
+        lambda: len(peer.pulses("CD")),
     )
 
 
@@ -221,7 +137,7 @@ def _gige(driver: str) -> Make:
         told = (f"camera at {peer.host}", "armed for 2 frames", "trigger cable")
         return Bed(
             device,
-            _camera(device, peer.line, peer),
+            camera_steps(device, peer.line, peer),
             lambda: "armed" if peer.armed else "",
             told,
             peer.replies,
@@ -237,9 +153,9 @@ def _simulated(part: str) -> Make:
         opened = open_rig(rig)
         device: Any = opened.devices[part]
         steps = {
-            "camera": lambda: _camera(device, lambda: device.hear(_pulse())),
-            "background": lambda: _background(device),
-            "trigger": lambda: _trigger(device),
+            "camera": lambda: camera_steps(device, lambda: device.hear(_pulse())),
+            "background": lambda: background_steps(device),
+            "trigger": lambda: trigger_steps(device),
         }[part]()
         if part == "background":
             opened.camera.connect()
