@@ -115,7 +115,15 @@ def _still_on(problem: str) -> str:
 
 
 def watch(stream: IO[bytes], folder: Path) -> int:
-    """What the guard's process does; its exit status, 0 where all is safe."""
+    """Runs the guard's process.
+
+    Args:
+        stream: the rig file's length and text, then what the acquisition says before it ends.
+        folder: that of the acquisition.
+
+    Returns:
+        Exit status; 0 where all is safe.
+    """
     rig_file = stream.read(int(stream.readline() or 0))
     if stream.read() == _SAFE or not rig_file:
         return 0

@@ -46,6 +46,11 @@ class Ready:
 def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int) -> Ready:
     """Connects and checks the rig for `plan`, and takes one test picture without injecting.
 
+    Args:
+        rig, plan: what is to be run.
+        folder: that of the acquisition.
+        shots_left: pictures that are still to be taken.
+
     Raises:
         NotConnected: all devices that do not answer.
         OutOfLimits: set points or settings that the instruments cannot take; nothing has moved.
@@ -157,6 +162,10 @@ def _test_picture(
 
 def check_same_rig(before: dict[str, Any], now: dict[str, Any], folder: Path) -> None:
     """Pictures of one folder are evaluated together, so they must mean the same.
+
+    Args:
+        before, now: configurations, as `configuration.json` holds them.
+        folder: named by the error.
 
     Raises:
         RunFolderError: the configuration stored in `folder` says that they do not.

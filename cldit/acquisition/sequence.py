@@ -103,6 +103,7 @@ class Sequence:
         self._picture_bytes = 0
 
     def run(self) -> Generator[SavedShot, None, Record]:
+        """Takes what is missing of the plan, and yields each shot after it is saved."""
         found = survey(self._folder, self._plan)
         self._done = found.done
         if found.entries:

@@ -1,4 +1,4 @@
-"""A scene made ready to be traced in many ways, and what a trace of it costs."""
+"""A scene made ready to be traced at many settings, and what a trace of it costs."""
 
 from __future__ import annotations
 

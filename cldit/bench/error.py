@@ -79,7 +79,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Row:
-    """One way of tracing.
+    """One method at one setting.
 
     traced: share of the picture's pixels that were traced. picture_core_s: for all of them, linear
     in the pixels but for what does not depend on them. rms_*, max_*: against the truth, of all
@@ -219,11 +219,11 @@ def bench_error(
                 stated=None if difference is None else lattice.pick(case.scene, difference),
             )
         )
-    ways = [
+    methods = [
         ("path", f"path, {count} samples", path_settings(case, count, phase=phase))
         for count in samples
     ]
-    for method, label, settings in ways:
+    for method, label, settings in methods:
         fixed = empty.run(settings)[1].core_s
         result, cost = part.run(settings)
         add(

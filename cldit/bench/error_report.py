@@ -25,7 +25,7 @@ _STYLES = {
 _LABELS = {"source": (-5, -8), "source, no gather": (-6, 3), "path": (4, 4), "branching": (4, 4)}
 _CLOSE = 1.4
 _HEAD = (
-    "way",
+    "method",
     "pixels traced",
     "core-s",
     "wall s",
@@ -39,7 +39,7 @@ _HEAD = (
     "stated, K",
 )
 _ORDER_HEAD = (
-    "way, order",
+    "method, order",
     "pixels traced",
     "core-s, whole picture",
     "T_app RMS, K",

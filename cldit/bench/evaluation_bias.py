@@ -40,7 +40,7 @@ FULL = Surroundings(
 
 
 @dataclass(frozen=True)
-class TruthRow:
+class BiasRow:
     """Pixels of one emissivity. bias_K, error_K: of T_app, in the mean, and as stated.
 
     chi2_K, chi2_emissivity: variance about the truth over the stated one; 1 is right.
@@ -79,9 +79,9 @@ class Recorded:
         return shot.image
 
 
-def truth_table(*, side: int = 64, shots: int = 40) -> list[TruthRow]:
+def evaluation_bias(*, side: int = 64, shots: int = 40) -> list[BiasRow]:
     """`side` x `side` pixels of each emissivity, at 430 K before five backgrounds."""
-    rows: list[TruthRow] = []
+    rows: list[BiasRow] = []
     for name, around in (
         ("none", BARE),
         ("grey background, two windows, pixels that differ", FULL),
@@ -99,7 +99,7 @@ def truth_table(*, side: int = 64, shots: int = 40) -> list[TruthRow]:
                 )
             )
             rows.append(
-                TruthRow(
+                BiasRow(
                     surroundings=name,
                     emissivity=epsilon,
                     bias_K=float(np.nanmean(kelvin) - TRUTH_K),

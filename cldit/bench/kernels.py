@@ -39,12 +39,12 @@ def quickest(case: Case, launch: Callable[[], Any], *, rounds: int = _ROUNDS) ->
 
 
 @dataclass(frozen=True)
-class Flights:
+class PathSegments:
     """From so many pixels, crossing so many cells in all, through a region of `region` cells of
     `record` numbers each."""
 
     pixels: int
-    flights: int
+    segments: int
     crossed: float
     region: int
     record: int
@@ -103,9 +103,9 @@ class Kernels:
             lambda: kernel(device.queue, *self.view.tiles(device), out, *medium, *arguments),
         )
 
-    def flights(self, count: int, *, vector: int | None = None) -> Flights | None:
+    def path_segments(self, count: int, *, vector: int | None = None) -> PathSegments | None:
         """So many from each pixel that sees thick cells, through the light that a trace has solved
-        for; None where there are none. vector: flights at once; None is what a trace takes."""
+        for; None where there are none. vector: segments at once; None is what a trace takes."""
         case, cells, view = self.case, self.cells, self.view
         settings = case.settings()
         flags: dict[str, Define] = {"COUNTED": 1}
@@ -132,8 +132,8 @@ class Kernels:
 
         crossed = float(fly()[-1].sum())
         region, record = made.light.ends.records.shape
-        flights = count * len(pixels)
-        return Flights(len(pixels), flights, crossed, region, record, quickest(case, fly))
+        segments = count * len(pixels)
+        return PathSegments(len(pixels), segments, crossed, region, record, quickest(case, fly))
 
     def steps(self) -> tuple[NDArray[np.int64], Cost]:
         """Steps of every line of sight, and those of them through something, (2, H, W)."""

@@ -28,7 +28,7 @@ def bench_orders(
     rows: list[Row] = []
     for order in range(3):
         own = _truth(compared, order)
-        found = [_source(compared, own, order, *way) for way in _ways(order)]
+        found = [_source(compared, own, order, *method) for method in _methods(order)]
         if phase == "isotropic":
             traced = compared
             if order == 2:
@@ -42,17 +42,17 @@ def bench_orders(
     return rows
 
 
-def _ways(order: int) -> list[tuple[str, str, dict[str, Any]]]:
+def _methods(order: int) -> list[tuple[str, str, dict[str, Any]]]:
     """Method, label and keys of the scene's `transport`: at order 0 all are one."""
     label = f"source, order {order}"
     if not order:
         return [("source", label, {})]
-    ways: list[tuple[str, str, dict[str, Any]]] = [
+    methods: list[tuple[str, str, dict[str, Any]]] = [
         ("source", f"{label}, {kelvin:g} K", {"accuracy_K": kelvin}) for kelvin in SOURCE_K
     ]
     kelvin = SOURCE_K[0]
     even = {"accuracy_K": kelvin, "gather": False}
-    return [*ways, ("source, no gather", f"{label}, no gather, {kelvin:g} K", even)]
+    return [*methods, ("source, no gather", f"{label}, no gather, {kelvin:g} K", even)]
 
 
 def _source(

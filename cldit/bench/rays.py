@@ -1,8 +1,8 @@
 """What several rays a pixel cost, and what they bring.
 
 Pictures are those of the middle of the field, a sixteenth of it, with pixels as large as the
-scene's. All ways see one and the same solution (same seed), so that the difference is that of the
-pixels. The truth has 256 rays a pixel: 64 in each quarter of it.
+scene's. All settings see the same solution (same seed): the difference is that of the pixels. The
+truth has 256 rays a pixel: 64 in each quarter of it.
 """
 
 from __future__ import annotations
@@ -126,9 +126,9 @@ def bench_rays(case: Case, *, say: Say) -> tuple[list[Row], int]:
     visible = (1 - background > VISIBLE_EMISSIVITY) & np.isfinite(kelvin)
     edge = at_edges(background)
     found = []
-    ways: list[tuple[int | str, float]] = [(number, 1.0) for number in EVEN]
-    ways += [("adaptive", kelvin) for kelvin in ADAPTIVE_K]
-    for rays, accuracy_K in ways:
+    settings: list[tuple[int | str, float]] = [(number, 1.0) for number in EVEN]
+    settings += [("adaptive", kelvin) for kelvin in ADAPTIVE_K]
+    for rays, accuracy_K in settings:
         painted = _Painted.of(part(rays), towards, accuracy_K=accuracy_K)
         name = str(rays) if rays in EVEN else f"adaptive, {accuracy_K:g} K"
         off = plain.temperature_K(painted.weights) - kelvin

@@ -1,4 +1,4 @@
-"""Ways to solve for the scattered source, against each other: plain Lambda iteration, Anderson
+"""Solvers for the scattered source, against each other: plain Lambda iteration, Anderson
 mixing, both also with the diagonal of Lambda taken out (Olson, Auer and Buchler 1986), and GMRES,
 which runs take. All see the same rays, so that there is one answer, known from double precision.
 """
@@ -75,7 +75,7 @@ class Row:
     error: likewise, of the source. stopped: why it ended."""
 
     medium: str
-    way: str
+    method: str
     passes: int
     core_s: float
     residual: float
@@ -154,7 +154,7 @@ def _worst(values: Array) -> float:
     return float(np.sqrt(np.mean(values.astype(np.float64) ** 2, axis=1)).max())
 
 
-def _ways(single: _Equation) -> dict[str, Iterator[Array]]:
+def _iterations(single: _Equation) -> dict[str, Iterator[Array]]:
     return {
         "Lambda": lambda_iteration(single.plain, single.guess),
         "Lambda, diagonal": lambda_iteration(single.diagonal, single.guess),
@@ -164,9 +164,9 @@ def _ways(single: _Equation) -> dict[str, Iterator[Array]]:
 
 
 def _iterated(
-    medium: Medium, way: str, sources: Iterator[Array], single: _Equation, truth: Array
+    medium: Medium, method: str, sources: Iterator[Array], single: _Equation, truth: Array
 ) -> Row:
-    """Until the true error is what is wanted: no way ends sooner, whatever it goes by."""
+    """Until the true error is what is wanted: no solver ends sooner, whatever it goes by."""
     core_s, least, passes = 0.0, np.inf, 0
     before = single.passes
     stopped = f"{MOST} passes"
@@ -183,7 +183,7 @@ def _iterated(
             break
     passes = single.passes - before
     residual = _worst(single.diagonal(source))
-    return Row(medium.name, way, passes, core_s, residual, _worst(source - truth), stopped)
+    return Row(medium.name, method, passes, core_s, residual, _worst(source - truth), stopped)
 
 
 def _gmres(medium: Medium, single: _Equation, double: Callable[[], _Equation], truth: Array) -> Row:
@@ -217,7 +217,7 @@ def _gmres(medium: Medium, single: _Equation, double: Callable[[], _Equation], t
 
 
 def compare(case: Case, media: tuple[Medium, ...] = MEDIA, *, say: Say) -> list[Row]:
-    """Every way on every medium."""
+    """Every solver on every medium."""
     rows: list[Row] = []
     for medium in media:
         some = replace(case, medium=replace(case.medium, trees=[medium.of(case.tree)], paper=None))
@@ -230,8 +230,8 @@ def compare(case: Case, media: tuple[Medium, ...] = MEDIA, *, say: Say) -> list[
         say(f"{medium.name}: reference after {exact.passes} passes")
         single = _Equation.of(some, double=False)
         single.diagonal(single.guess)  # builds
-        for way, sources in _ways(single).items():
-            rows.append(_iterated(medium, way, sources, single, truth))
+        for method, sources in _iterations(single).items():
+            rows.append(_iterated(medium, method, sources, single, truth))
             say(_line(rows[-1]))
         rows.append(_gmres(medium, single, lambda exact=exact: exact, truth))  # type: ignore[misc]
         say(_line(rows[-1]))
@@ -240,7 +240,7 @@ def compare(case: Case, media: tuple[Medium, ...] = MEDIA, *, say: Say) -> list[
 
 def _line(row: Row) -> str:
     return (
-        f"{row.medium}: {row.way}: {row.passes} passes, {row.core_s:.3g} core-s, error "
+        f"{row.medium}: {row.method}: {row.passes} passes, {row.core_s:.3g} core-s, error "
         f"{row.error:.1e} ({row.stopped})"
     )
 
@@ -249,12 +249,12 @@ def solver(case: Case, *, say: Say) -> Part:
     """The scene at half its resolution in space, and its droplets made stiff."""
     rows = compare(case, say=say)
     head = (
-        "medium", "way", "passes", "core-s", "residual", "true error of the source", "ended by",
+        "medium", "solver", "passes", "core-s", "residual", "true error of the source", "ended by",
     )  # fmt: skip
     lines = [
         (
             row.medium,
-            row.way,
+            row.method,
             str(row.passes),
             number(row.core_s),
             f"{row.residual:.1e}",

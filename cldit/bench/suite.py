@@ -12,11 +12,11 @@ from cldit.bench.error_report import error_part
 from cldit.bench.growth import growth
 from cldit.bench.leave_out import leave_out
 from cldit.bench.memory import memory
-from cldit.bench.mitsuba import peers
+from cldit.bench.mitsuba import renderers
 from cldit.bench.orders import bench_orders
 from cldit.bench.rays import rays
 from cldit.bench.report import Part
-from cldit.bench.roofline import floor
+from cldit.bench.roofline import roofline
 from cldit.bench.solver import solver
 from cldit.gpu.device import Device
 from cldit.scene import Scene
@@ -72,9 +72,9 @@ MEASUREMENTS: dict[str, Callable[[Bench], Part]] = {
     "growth": lambda bench: growth(bench.case(), cache=bench.cache, say=bench.say),
     "memory": lambda bench: memory(bench.scene, bench.device, say=bench.say),
     "leave-out": lambda bench: leave_out(bench.case(), say=bench.say),
-    "floor": lambda bench: floor(bench.case()),
+    "roofline": lambda bench: roofline(bench.case()),
     "solver": lambda bench: solver(bench.case(half=True), say=bench.say),
     "rays": lambda bench: rays(bench.case(), say=bench.say),
-    "peers": lambda bench: peers(bench.case(), say=bench.say),
+    "mitsuba": lambda bench: renderers(bench.case(), say=bench.say),
 }
-USUAL = tuple(name for name in MEASUREMENTS if name != "peers")
+USUAL = tuple(name for name in MEASUREMENTS if name != "mitsuba")

@@ -7,7 +7,7 @@ import numpy as np
 from cldit.spray.result import Parcels
 
 
-def spread(parcels: Parcels, *, radius_m: float, points: int, seed: int) -> Parcels:
+def spread_parcels(parcels: Parcels, *, radius_m: float, points: int, seed: int) -> Parcels:
     """Shares the droplets of every parcel evenly among `points` places in a ball about it.
 
     Places come in opposite pairs (and the middle, for an odd number), so that mass, centre of mass,

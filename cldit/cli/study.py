@@ -12,7 +12,7 @@ from cldit.acquisition.progress import Progress
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
 from cldit.errors import StudyError
 from cldit.gpu.device import open_device
-from cldit.run import KeptRuns, default_cache
+from cldit.run import RunCache, default_cache
 from cldit.scene import load_scene
 from cldit.study.grid import Grid, changed
 from cldit.study.lab import QUICK, Lab
@@ -64,7 +64,7 @@ def study(
             "is swept with --grid"
         )
     folder = out or Path("studies")
-    lab = Lab(KeptRuns(kept), quick, open_device(device), say)
+    lab = Lab(RunCache(kept), quick, open_device(device), say)
     pages: list[Page] = []
     wanted = list(STUDIES) if name == "all" else [name]
     start = time.perf_counter()

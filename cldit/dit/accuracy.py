@@ -20,7 +20,13 @@ def temperature_error_K(
     """RMS error of T_app over the pixels of emissivity above 0.05, to first order; NaN if none.
 
     Args:
+        maps: (H, W) of the same trace.
         error: error of every weight, for instance half the difference of two independent traces.
+        surroundings: before which they were evaluated.
+        filter_um: edges of the filter.
+
+    Returns:
+        RMS [K].
     """
     emissivity = maps.emissivity.astype(float)
     temperature = maps.apparent_temperature_K.astype(float)

@@ -30,7 +30,7 @@ from cldit.scene.schema import Scene
 Floats = NDArray[np.float64]
 
 MOST_SHOTS = 10_000  # of a kind, before one background
-LEAST_SHOTS = 3  # so that an odd shot can be told from the others
+LEAST_SHOTS = 3  # so that an outlier can be told from the others
 LEAST_BACKGROUNDS = 3  # so that there is a goodness of fit
 _LEVELS = 7  # of the lowest and of the highest background that are tried
 
@@ -77,7 +77,7 @@ class Design:
 
 
 def temperatures_K(low_K: float, high_K: float, count: int) -> tuple[float, ...]:
-    """Backgrounds in equal steps, to a tenth of a kelvin."""
+    """`count` backgrounds in equal steps from `low_K` to `high_K`, to a tenth of a kelvin."""
     return tuple(round(float(kelvin), 1) for kelvin in np.linspace(low_K, high_K, count))
 
 
@@ -91,14 +91,21 @@ class Goal:
 
     @property
     def wanted(self) -> Floats:
+        """(2,) errors of T_app [K] and emissivity."""
         return np.array([self.error_K, self.emissivity_error])
 
     def errors(self, variances: Floats, n: float, m: float) -> Floats:
-        """(2,) of T_app and emissivity with n injections and m references; see `variances`."""
+        """(2,) errors of T_app [K] and emissivity.
+
+        Args:
+            variances: (2, 2, P) as `Subject.variances` gives them.
+            n, m: number of injections and of references.
+        """
         total = variances[:, 0] / n + variances[:, 1] / m
         return np.sqrt(np.quantile(total, self.quantile, axis=-1))
 
     def met(self, variances: Floats, n: float, m: float) -> bool:
+        """Whether the errors are met; arguments as in `errors`: `variances` (2, 2, P), `n`, `m`."""
         return bool(np.all(self.errors(variances, n, m) <= self.wanted))
 
 
@@ -136,6 +143,16 @@ def designs(
     """For each number of backgrounds, the fastest way to the errors; the fastest of all first.
 
     The sensor is exposed for the hottest background of a set, so none saturates it.
+
+    Args:
+        subject: what is measured.
+        blackbody: limits and speed.
+        goal: errors wanted.
+        shot_s: time of one shot.
+        counts: numbers of backgrounds to try.
+
+    Returns:
+        The fastest design first.
 
     Raises:
         EvaluationError: none reaches them, with the smallest errors that can be reached.
@@ -191,7 +208,7 @@ def chosen(found: Sequence[Design]) -> Design:
 
 
 def plan_of(design: Design, scene: Scene) -> Plan:
-    """The plan to run."""
+    """The plan that carries out a `design` for a `scene`."""
     base = plan_from_scene(scene, integration_time_s=design.integration_time_s)
     return Plan.model_validate(
         {
@@ -216,7 +233,17 @@ def shot_time_s(scene: Scene) -> float:
 def error_against_time(
     subject: Subject, design: Design, goal: Goal, *, shot_s: float
 ) -> tuple[Floats, Floats]:
-    """Time in s and error of T_app in K with more and fewer shots before the same backgrounds."""
+    """Error with more and fewer shots before the same backgrounds.
+
+    Args:
+        subject: what is measured.
+        design: whose backgrounds are used.
+        goal: says which quantile of the pixels counts.
+        shot_s: time of one shot.
+
+    Returns:
+        (N,) time [s], and (N,) error of T_app [K].
+    """
     variances = subject.variances(design.backgrounds_K)
     factor = np.geomspace(1.0 / min(design.shots, design.references), 100.0, 60)
     errors = [goal.errors(variances, f * design.shots, f * design.references)[0] for f in factor]

@@ -52,6 +52,13 @@ class Subject:
     ) -> Subject:
         """The sensor's pixels before the background in which the spray is at least this emissive.
 
+        Args:
+            scene: what is planned.
+            quadrature: spectral nodes of the trace.
+            spectral: weights of each node.
+            reference: weights without spray.
+            least_emissivity: of the pixels that count.
+
         Raises:
             EvaluationError: there are none.
         """
@@ -162,9 +169,19 @@ def opaque_errors_K(
     shots: int = 1,
     references: int = 1,
 ) -> Floats:
-    """Standard error of T_app of sprays at these temperatures (N,).
+    """Standard error of T_app of sprays that only absorb, before an unobstructed background.
 
-    Sprays that only absorb, before an unobstructed background; scatter between shots is left out.
+    Scatter between shots is left out.
+
+    Args:
+        subject: the camera and its surroundings.
+        spray_K: (N,) temperatures of the sprays.
+        backgrounds_K: set points.
+        emissivity: of the sprays.
+        shots, references: exposures before each background.
+
+    Returns:
+        (N,) standard errors [K].
     """
     shape = (1, spray_K.size)
 
@@ -198,7 +215,18 @@ def coldest_K(
     shots: int = 1,
     references: int = 1,
 ) -> float:
-    """The coldest spray whose T_app so many shots before each background tell; NaN if none."""
+    """The coldest spray whose T_app is told well enough.
+
+    Args:
+        subject: the camera and its surroundings.
+        backgrounds_K: set points.
+        error_K: standard error that is allowed.
+        emissivity: of the spray.
+        shots, references: exposures before each background.
+
+    Returns:
+        Temperature [K]; NaN where there is none.
+    """
     kelvin = np.linspace(200.0, max(backgrounds_K), 2001)
     errors = opaque_errors_K(
         subject,

@@ -13,7 +13,7 @@ EDGES = ("rising", "falling")
 
 
 def check_exposure(can: Capabilities, integration_time_s: float) -> None:
-    """Raises OutOfLimits."""
+    """Raises OutOfLimits where a camera that `can` this does not take `integration_time_s`."""
     low, high = can.integration_time_limits_s
     if not low <= integration_time_s <= high:
         raise OutOfLimits(
@@ -22,7 +22,11 @@ def check_exposure(can: Capabilities, integration_time_s: float) -> None:
 
 
 def check_roi(can: Capabilities, roi: Roi | None) -> Roi:
-    """The part of the sensor that is meant, all of it for None. Raises OutOfLimits."""
+    """The part `roi` of the sensor of a camera that `can` this; None stands for all of it.
+
+    Raises:
+        OutOfLimits: it does not fit on the sensor.
+    """
     columns, rows = can.sensor_pixels
     part = Roi(0, 0, columns, rows) if roi is None else roi
     inside = part.x >= 0 and part.y >= 0 and part.width > 0 and part.height > 0
@@ -32,7 +36,8 @@ def check_roi(can: Capabilities, roi: Roi | None) -> Roi:
 
 
 def check_format(can: Capabilities, pixel_format: str | None) -> None:
-    """Raises ConfigRejected."""
+    """Raises ConfigRejected where a camera that `can` this has no such `pixel_format`; None is
+    allowed."""
     if pixel_format is not None and pixel_format not in can.pixel_formats:
         raise ConfigRejected(
             f"camera: pixel_format: {pixel_format!r}; allowed: {', '.join(can.pixel_formats)}"
@@ -40,7 +45,7 @@ def check_format(can: Capabilities, pixel_format: str | None) -> None:
 
 
 def check_trigger(modes: Collection[TriggerMode], trigger: TriggerInfo) -> None:
-    """Raises ConfigRejected."""
+    """Raises ConfigRejected where a camera with these `modes` cannot take this `trigger`."""
     enough = min(trigger.n_frames, trigger.frames_per_trigger) >= 1
     if trigger.mode not in modes or not enough or trigger.activation not in EDGES:
         raise ConfigRejected(
@@ -50,7 +55,7 @@ def check_trigger(modes: Collection[TriggerMode], trigger: TriggerInfo) -> None:
 
 
 def check_setpoint(limits: Limits, temperature_K: float) -> None:
-    """Raises OutOfLimits."""
+    """Raises OutOfLimits where `temperature_K` is outside `limits`."""
     if not limits.low_K <= temperature_K <= limits.high_K:
         raise OutOfLimits(
             f"background: {temperature_K:g} K is outside {limits.low_K:g}..{limits.high_K:g} K"

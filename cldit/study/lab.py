@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cldit.gpu.device import Device
-from cldit.run import KeptRuns, Run, Say
+from cldit.run import Run, RunCache, Say
 from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene, load_scene
 from cldit.spray.result import Spray
@@ -46,7 +46,7 @@ class Lab:
     used: every scene that was asked for, for the page.
     """
 
-    kept: KeptRuns = field(default_factory=KeptRuns)
+    kept: RunCache = field(default_factory=RunCache)
     quick: bool = False
     device: Device | None = None
     say: Say | None = None

@@ -20,7 +20,7 @@ from typing import Any
 from cldit.content import digest
 from cldit.errors import ClditError, StudyError
 from cldit.gpu.device import Device, list_devices, open_device
-from cldit.run import KeptRuns, default_cache
+from cldit.run import RunCache, default_cache
 from cldit.run.content import trace_key
 from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene
@@ -161,7 +161,7 @@ def _group(group: list[Point], spray: Spray | None, cache: Path | None) -> Finis
 
     What cldit refuses is a result, so that the other scenes go on; all else is dask's to report.
     """
-    kept = KeptRuns(cache or default_cache())
+    kept = RunCache(cache or default_cache())
     worker = f"{os.uname().nodename}:{os.getpid()}"
     finished: Finished = []
     for point in group:

@@ -22,7 +22,7 @@ class Asked:
 
     scene: str
     parts: tuple[str, ...]
-    peers: bool
+    mitsuba: bool
     every: int
     samples: int
     accuracies_K: tuple[float, ...]
@@ -57,7 +57,7 @@ def bench_transport(asked: Asked) -> None:
         say=say,
         save=save,
     )
-    for name in asked.parts or (*USUAL, *(["peers"] if asked.peers else [])):
+    for name in asked.parts or (*USUAL, *(["mitsuba"] if asked.mitsuba else [])):
         part = MEASUREMENTS[name](measured)
         _show(part)
         save(part)

@@ -34,6 +34,7 @@ class Life:
 
     @property
     def vanished(self) -> bool:
+        """Whether nothing is left at the end."""
         return bool(self.mass_kg[-1] == 0)
 
     def rows(self) -> Iterator[tuple[float, ...]]:
@@ -71,11 +72,17 @@ def follow(
     """One droplet from its injection until it vanishes.
 
     Args:
+        fuel: name of the fuel.
+        diameter_m, temperature_K: of the droplet at the start.
+        gas_temperature_K, pressure_Pa: of the gas.
         velocity_m_s: relative to the gas.
+        model: a key of `evaporation.MODELS`.
+        gas: name of the carrier gas.
         vapour: mass fraction of fuel in the gas.
         held: the droplet keeps its velocity (on a fibre in a flow), else drag brings it to rest.
         duration_s: ends it earlier, and is needed where the droplet never vanishes.
         points: times at which the columns are given, evenly spread.
+        tolerance: error allowed in a step.
         cache: folder for property tables; None keeps nothing.
 
     Raises:

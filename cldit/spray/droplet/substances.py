@@ -81,7 +81,11 @@ def fuel_columns(name: str) -> Columns:
 
 
 def gas_columns(name: str) -> Columns:
-    """Of a carrier gas, one of `GASES`; raises SprayError for another name."""
+    """Columns of a carrier gas, one of `GASES`.
+
+    Raises:
+        SprayError: another name.
+    """
     known = name.casefold().replace("-", " ")
     if known not in GASES:
         raise SprayError(f"gas {name!r}: allowed are {', '.join(GASES)}")

@@ -54,10 +54,12 @@ class Box:
 
     @property
     def upper_m(self) -> Floats:
+        """(3,) upper corner."""
         return np.asarray(self.origin_m + self.spacing_m * np.array(self.shape))
 
     @property
     def cell_m3(self) -> float:
+        """Volume of a cell."""
         return self.spacing_m**3
 
 
@@ -104,8 +106,10 @@ class GasFlow:
         """One step after the droplets have given what they gave in it.
 
         Args:
-            mass: of fuel vapour, kg/m3 (X, Y, Z). enthalpy: J/m3 on the mixture's zero.
-            momentum: kg m/(s m3) for the faces, (3, X, Y, Z).
+            step_s: length of the step.
+            mass: (X, Y, Z) of fuel vapour [kg/m3].
+            enthalpy: (X, Y, Z) on the mixture's zero [J/m3].
+            momentum: (3, X, Y, Z) for the faces [kg/(s m2)].
 
         Raises:
             SprayError: the gas left what is possible; the flow could not be followed.

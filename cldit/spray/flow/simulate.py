@@ -40,15 +40,19 @@ Watch = Callable[[float, float, int], None]  # time reached, time of the end, pa
 def simulate_spray(
     spec: LagrangianSpray, *, cache: Path | None = None, watch: Watch | None = None
 ) -> tuple[Spray, History, GasFlow]:
-    """The spray at `spec.time_s`, how it came there, and the gas's state.
+    """Computes the spray at `spec.time_s`.
 
     `notes` of the spray: injected, liquid, vapour and wall mass (kg), parcels, steps, cells, speed
     at the hole, flow coefficient, Sauter mean diameter (of all droplets now, and of those that
     passed 15 mm below the injector up to now), penetrations, coldest gas, pressure.
 
     Args:
+        spec: the scene's spray.
         cache: folder for property tables.
         watch: called after every step.
+
+    Returns:
+        The spray, how it came there, and the gas.
 
     Raises:
         SprayError: an impossible combination of values, or a flow that cannot be followed.
@@ -135,7 +139,10 @@ def simulate_spray(
 
 
 def make_box(spec: LagrangianSpray, injection: Injection) -> Box:
-    """The box of gas, injector tip in the middle of its top; large enough for the plumes.
+    """The box of gas for `spec`, injector tip in the middle of its top; large enough for the
+    plumes.
+
+    `injection` tells how fast they are.
 
     Raises:
         SprayError: too many cells.
