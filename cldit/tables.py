@@ -28,10 +28,16 @@ def digest(*arrays: NDArray[Any]) -> str:
 
 
 def cached(folder: Path | None, *, kind: str, text: str, make: Callable[[], Arrays]) -> Arrays:
-    """The arrays that `make` gives, kept as KIND-HASH.table in a folder; None keeps nothing.
+    """The arrays that `make` gives, kept as KIND-HASH.table in a folder.
 
     A file that is damaged, or holds another text, is made anew; a folder that cannot be written
     costs only the time.
+
+    Args:
+        folder: None keeps nothing.
+        kind: begins the file's name.
+        text: says what the arrays are made from.
+        make: computes them.
     """
     if folder is None:
         return make()

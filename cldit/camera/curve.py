@@ -49,12 +49,12 @@ class Curve:
         return np.asarray(self.stretch * rise)
 
     def temperature(self, radiance: ArrayLike) -> Floats:
-        """The inverse of `radiance`; K."""
+        """The inverse of `radiance`, any shape; K."""
         kelvin = temperature_of_radiance(radiance, filter_um=self.filter_um)
         return np.asarray(kelvin / self.stretch)
 
     def temperature_slope(self, radiance: ArrayLike) -> Floats:
-        """d T / d radiance."""
+        """d T / d radiance, any shape."""
         rise = temperature_slope_of_radiance(radiance, filter_um=self.filter_um)
         return np.asarray(rise / self.stretch)
 
@@ -90,6 +90,7 @@ def fit_curve(temperature_K: Floats, counts: Floats, *, filter_um: Filter) -> Cu
 
     Args:
         temperature_K, counts: (K,) each, K >= 3; means over the pixels that see the background.
+        filter_um: edges of the filter.
 
     Raises:
         EvaluationError: fewer than three different temperatures, or references that no stretch

@@ -33,7 +33,8 @@ class Lattice:
 
     @classmethod
     def of(cls, lower: Floats, upper: Floats) -> Lattice | None:
-        """The lattice of boxes (N, 3) in units of cells, or None where they are on none."""
+        """The lattice of boxes, `lower` and `upper` corners (N, 3) in cells; None where they are on
+        none."""
         if len(lower) < _FEWEST:
             return None
         origin, spacing = lower.min(axis=0), upper[0] - lower[0]

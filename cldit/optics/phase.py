@@ -68,7 +68,7 @@ class PhaseTable:
     scattering_m2: Floats
 
     def mean(self, diameter_m: ArrayLike, number: ArrayLike) -> PhaseFunction:
-        """Of `number` droplets (N,) of each diameter (N,), by what they scatter.
+        """Mean over `number` (N,) droplets of each `diameter_m` (N,), by what they scatter.
 
         Below 0.05 um the smallest entry, Rayleigh's, is used.
 
@@ -99,7 +99,11 @@ class PhaseTable:
 
 
 def phase_function(*, x: float, n: float, k: float) -> PhaseFunction:
-    """Of one sphere of size parameter x, exactly.
+    """Phase function of one sphere, exactly.
+
+    Args:
+        x: size parameter.
+        n, k: refractive index n - ik.
 
     Raises:
         DropletError: as `mie.check`, or n = 1 and k = 0, which scatters nothing.
@@ -116,6 +120,12 @@ def phase_table(
     *, wavelength_um: float, n: float, k: float, cache: Path | None, largest_m: float = 100e-6
 ) -> PhaseTable:
     """Phase functions from 0.05 um to `largest_m`.
+
+    Args:
+        wavelength_um: in vacuum.
+        n, k: refractive index n - ik.
+        cache: folder in which tables are kept by content; None keeps nothing.
+        largest_m: largest diameter.
 
     Raises:
         DropletError: as `mie.check`, or the largest diameter is not above 0.05 um.

@@ -104,6 +104,11 @@ def part_radiance(
 
     Args:
         temperature_K: (N,), positive and finite.
+        filter_um: edges of the filter, or a `Response`.
+        low_um, high_um: within the filter.
+
+    Returns:
+        (N,) photons s-1 m-2 sr-1.
     """
     pieces = _pieces(filter_um, low_um, high_um)
     if not pieces:
@@ -175,6 +180,9 @@ def band_radiance(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.
         temperature_K: any shape; the result has the same.
         filter_um: lower and upper wavelength, or a `Response`.
 
+    Returns:
+        Photons s-1 m-2 sr-1.
+
     Raises:
         SceneError: the filter is empty or not positive.
     """
@@ -182,7 +190,11 @@ def band_radiance(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.
 
 
 def band_radiance_slope(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
-    """d B / d T in photons s-1 m-2 sr-1 K-1; otherwise as `band_radiance`."""
+    """d B / d T at `temperature_K`, any shape, in the filter `filter_um`; otherwise as
+    `band_radiance`.
+
+    In photons s-1 m-2 sr-1 K-1.
+    """
     return _evaluate(temperature_K, filter_um, slope=True)
 
 
@@ -229,6 +241,9 @@ def temperature_of_radiance(radiance: ArrayLike, *, filter_um: Filter) -> NDArra
         radiance: photons s-1 m-2 sr-1, any shape; the result has the same.
         filter_um: lower and upper wavelength, or a `Response`.
 
+    Returns:
+        Temperature [K].
+
     Raises:
         SceneError: the filter is empty or not positive.
     """
@@ -236,5 +251,8 @@ def temperature_of_radiance(radiance: ArrayLike, *, filter_um: Filter) -> NDArra
 
 
 def temperature_slope_of_radiance(radiance: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
-    """d T / d B in K per photons s-1 m-2 sr-1; infinite at 0, otherwise as the temperature."""
+    """d T / d B at `radiance`, any shape, in `filter_um`; otherwise as `temperature_of_radiance`.
+
+    In K per photons s-1 m-2 sr-1; infinite at 0.
+    """
     return _invert(radiance, filter_um, slope=True)

@@ -66,15 +66,17 @@ class Quadrature:
 
     @classmethod
     def grey(cls, filter_um: Filter, *, reference_K: float) -> Quadrature:
-        """One node: all of the filter."""
+        """One node: all of `filter_um`; shares are told at `reference_K`."""
         return cls(filter_um, edges_um(filter_um), ((1.0,),), reference_K)
 
     @property
     def nodes(self) -> tuple[SpectralNode, ...]:
+        """The nodes, in order."""
         return tuple(SpectralNode(self, number) for number in range(len(self.members)))
 
     @cached_property
     def middles_um(self) -> Floats:
+        """(I,) middles of the intervals."""
         edges = np.array(self.edges_um)
         return np.asarray((edges[1:] + edges[:-1]) / 2.0)
 

@@ -95,6 +95,11 @@ class Spectrum:
     def of(cls, scene: Scene, spray: Spray, filter_um: Filter) -> Spectrum:
         """Over all of the filter.
 
+        Args:
+            scene: names the substances.
+            spray: gives their temperatures.
+            filter_um: which is covered.
+
         Raises:
             OpticsError: the filter or a temperature lies outside a substance's data.
         """

@@ -56,6 +56,7 @@ class Wavelengths:
 
     @property
     def nodes(self) -> tuple[SpectralNode, ...]:
+        """The nodes, in order."""
         return self.quadrature.nodes
 
 
@@ -65,6 +66,8 @@ def wavelengths(
     """Nodes for a scene: one with the preset `paper` and where coefficients are given (grey).
 
     Args:
+        scene: what is to be traced.
+        spray: its spray.
         cache: folder for Mie tables; None builds them afresh.
         paper: take the paper's properties whatever the scene's preset is.
 

@@ -100,7 +100,7 @@ class ReportContent:
 
 
 def write_report(path: Path, content: ReportContent) -> None:
-    """Writes the report; the file appears whole or not at all."""
+    """Writes the report of `content` to `path`; the file appears whole or not at all."""
     part = path.with_name(path.name + ".part")
     with part.open("w", encoding="utf-8", newline="\n") as stream:
         stream.write(report_html(content))
@@ -132,9 +132,15 @@ def report_html(content: ReportContent) -> str:
 
 
 def document(title: str, intro: str, sections: Sequence[tuple[str, str]]) -> str:
-    """A whole page: the text of its title, then HTML of an introduction and of titled sections.
+    """A whole page.
 
-    Sections without content are left out.
+    Args:
+        title: plain text.
+        intro: HTML.
+        sections: heading and HTML; those without content are left out.
+
+    Returns:
+        HTML.
     """
     name = escape(title)
     body = "".join(_section(heading, content) for heading, content in sections)
@@ -205,7 +211,8 @@ def _rows(rows: list[str]) -> str:
 
 
 def table_html(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of texts below their titles; columns of short ones, as numbers, are not broken."""
+    """A table of texts, `rows` below their `titles`; columns of short ones, as numbers, are not
+    broken."""
     short = [all(len(row[at]) <= _SHORT for row in rows) for at in range(len(titles))]
     kinds = [' class="n"' if each else "" for each in short]
     head = _row(*(f"<th{k}>{escape(title)}</th>" for k, title in zip(kinds, titles, strict=True)))

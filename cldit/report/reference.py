@@ -35,7 +35,12 @@ def markdown(model: type[BaseModel], *, title: str, file: str) -> str:
     """All sections of a file that `model` reads.
 
     Args:
-        title: heading of the whole. file: what the sections at the top are called in.
+        model: reads the file.
+        title: heading of the whole.
+        file: what the sections at the top are called in.
+
+    Returns:
+        Markdown.
     """
     schema = model.model_json_schema()
     places: dict[str, _Place] = {}

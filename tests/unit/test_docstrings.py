@@ -101,7 +101,9 @@ def faults_of(function: Function) -> list[str]:
         for one in node.args.posonlyargs + node.args.args + node.args.kwonlyargs
         if one.annotation
     )
-    if (len(parameters) > 1 or takes_array) and not _is_command(node):
+    if _is_command(node):
+        return []
+    if len(parameters) > 1 or takes_array:
         part = text.partition("Args:")[2]
         if not part and (len(parameters) <= 2 or len(node.body) == 2):  # 2: with the docstring
             part = text
