@@ -50,7 +50,7 @@ def _megabytes(size: int) -> str:
 
 
 def needed_bytes(shots: int, *, picture_bytes: int) -> int:
-    """Room that `shots` more pictures of `picture_bytes` each take, with a tenth to spare."""
+    """Bytes that `shots` more pictures of `picture_bytes` each take, with a tenth to spare."""
     return int(1.1 * shots * (picture_bytes + _OVERHEAD_bytes))
 
 
@@ -65,8 +65,7 @@ def check_room(folder: Path, needed: int) -> None:
 
 
 def write_checked(path: Path, write: Callable[[IO[bytes]], None]) -> None:
-    """Writes a file that carries its own checksum; on return it is on the disk, and so is its
-    entry.
+    """Writes a file that carries its own checksum; it is on the disk on return.
 
     It is renamed before it is synced, so that the system can write data and entry in one go:
     three times as fast as one after the other. A kill leaves it whole or absent; a power cut

@@ -139,8 +139,7 @@ class Plan(Section):
         )
 
     def background_order(self, wanted: Iterable[int], *, present_K: float) -> tuple[int, ...]:
-        """The order in which to visit the backgrounds with the indices `wanted`, from `present_K`
-        on.
+        """The order in which to visit the backgrounds `wanted` (indices), from `present_K` on.
 
         `fastest` goes to the nearer end of the range first and from there through it once.
         """

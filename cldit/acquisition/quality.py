@@ -20,15 +20,12 @@ _BLOCK_pixels = 8  # side of a block: averages noise, and is smaller than any pl
 def frame_problem(
     frames: Sequence[Frame], ready: Ready, *, expected_id: int | None = None
 ) -> str | None:
-    """Why the frames of one shot cannot be kept.
+    """Why the frames of one shot cannot be kept; None where they can.
 
     Args:
         frames: of one shot, in the order of their arrival.
         ready: what preflight found.
         expected_id: of the first frame; None where it is not known.
-
-    Returns:
-        None where they can be kept.
     """
     for number, frame in enumerate(frames):
         wanted = None if expected_id is None else expected_id + number
@@ -132,7 +129,6 @@ def _frames(image: NDArray[np.uint16]) -> NDArray[np.uint16]:
 
 
 def saturated_percent(image: NDArray[np.uint16], saturation_counts: float) -> float:
-    """Percentage of pixels at or above `saturation_counts`, in the worst frame of `image` (h, w) or
-    (n, h, w)."""
+    """Pixels at or above `saturation_counts`, in % of a frame; the worst of `image` (..., h, w)."""
     full = max(np.count_nonzero(frame >= saturation_counts) for frame in _frames(image))
     return 100.0 * full / float(image.shape[-2] * image.shape[-1])

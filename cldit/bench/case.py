@@ -42,7 +42,7 @@ class Cost:
 
 
 def clocked(device: Device, work: Callable[[], Any]) -> tuple[Any, Cost]:
-    """What `work` returns, and its cost."""
+    """What `work` returns, and what it costs on `device`."""
     wall, cpu = time.perf_counter(), time.process_time()
     result = work()
     device.queue.finish()
@@ -129,7 +129,7 @@ class Lattice:
         return found[0], found[1]
 
     def pick(self, scene: Scene, weights: Weights) -> Weights:
-        """These pixels out of the whole picture's weights."""
+        """These pixels of a picture of `scene` out of the whole picture's `weights`."""
         columns, rows = self.numbers(scene)
         where = np.ix_(rows, columns)
         return weights.map(lambda image: image[where])
@@ -150,10 +150,12 @@ class Case:
 
     @classmethod
     def of(cls, scene: Scene, device: Device, *, cache: Path) -> Case:
+        """Makes the medium of `scene`, to be traced on `device`; tables are kept in `cache`."""
         return cls(scene, device, make_medium(scene, Stages(None), cache))
 
     @property
     def tree(self) -> Octree:
+        """The octree of the middle wavelength."""
         return self.medium.trees[len(self.medium.trees) // 2]
 
     @property

@@ -38,7 +38,13 @@ class Truth:
 
     @classmethod
     def of(cls, case: Case, *, samples: int, phase: Any, order: int | None = None) -> Truth:
-        """By path tracing, whatever the scene's method is; of this order, if there is one.
+        """Makes the reference by path tracing, whatever the scene's method is.
+
+        Args:
+            case: to be traced.
+            samples: a pixel, in both halves together.
+            phase: phase function.
+            order: of scattering; None is all orders.
 
         Raises:
             BenchError: nothing in the picture can be compared.
@@ -57,14 +63,15 @@ class Truth:
         return cls((first, second), kelvin, visible, noise, samples)
 
     def rms(self, image: Floats, pair: tuple[Floats, Floats]) -> float:
-        """RMS over the visible pixels of `image` minus the truth, the truth's noise taken off.
+        """RMS over the visible pixels of `image` (H, W) minus the truth, without the truth's noise.
 
-        With independent halves the mean of (x - a)(x - b) holds nothing of their noise.
+        `pair` are two independent halves (H, W) of the truth: the mean of (x - a)(x - b) holds
+        nothing of their noise.
         """
         return self._root((image - pair[0]) * (image - pair[1]))
 
     def common(self, one: Floats, other: Floats) -> float:
-        """RMS of what two independent images of T_app have wrong alike."""
+        """RMS of what two independent images (H, W), `one` and `other`, have wrong alike."""
         a, b = self.kelvin
         return self._root(((one - a) * (other - b) + (one - b) * (other - a)) / 2)
 
@@ -73,7 +80,7 @@ class Truth:
         return float(np.sqrt(max(float(np.nanmean(products[self.visible])), 0.0)))
 
     def most(self, image: Floats, pair: tuple[Floats, Floats]) -> float:
-        """Largest difference from the mean of the halves, their noise included."""
+        """Largest difference of `image` (H, W) from the mean of `pair`, its noise included."""
         return float(np.nanmax(np.abs(image - (pair[0] + pair[1]) / 2)[self.visible]))
 
 
@@ -110,7 +117,15 @@ class Row:
 def path_settings(
     case: Case, samples: int, *, phase: Any, order: int | None = None, seed: int = 11
 ) -> Settings:
-    """So many samples in every pixel, whatever their error."""
+    """Settings of path tracing with a fixed number of samples, whatever the error.
+
+    Args:
+        case: to be traced.
+        samples: a pixel.
+        phase: phase function.
+        order: of scattering; None is all orders.
+        seed: of the paths.
+    """
     settings = case.settings(
         method="path", phase=phase, order=order, max_samples=max(samples, 128), seed=seed
     )
@@ -128,6 +143,7 @@ class Compared:
 
     @property
     def part(self) -> Case:
+        """The case with the lattice's pixels alone."""
         return self.case.seen(self.lattice.of(self.case.scene))
 
     def row(
@@ -141,8 +157,17 @@ class Compared:
         order: int | None = None,
         stated: Weights | None = None,
     ) -> Row:
-        """weights: of the part. fixed_core_s: what a trace costs without a picture, where the part
-        alone was traced; None: the whole picture was."""
+        """Compares one trace with the truth.
+
+        Args:
+            method, label: names in tables.
+            weights: of the part.
+            cost: of the trace.
+            fixed_core_s: what a trace costs without a picture, where the part alone was traced;
+                None where the whole picture was.
+            order: of scattering; None is all orders.
+            stated: the trace's own error, of the part.
+        """
         truth, traced, picture_core_s = self.truth, 1.0, cost.core_s
         if fixed_core_s is not None:
             traced = self.lattice.share(self.case.scene)
@@ -191,6 +216,18 @@ def bench_error(
 
     `source` makes the whole picture; it is compared on the lattice's pixels. `path` traces those
     alone.
+
+    Args:
+        case: to be traced.
+        phase: phase function.
+        lattice: pixels to compare.
+        say: takes lines of progress.
+        accuracies_K: asked of `source`.
+        samples: of `path`, a pixel.
+        reference_samples: of the reference, a pixel.
+
+    Returns:
+        The rows, and the reference.
     """
     part = case.seen(lattice.of(case.scene))
     empty = case.seen(one_pixel(case.scene))

@@ -50,7 +50,13 @@ _ORDER_HEAD = (
 
 
 def error_part(scene: Scene, rows: Sequence[Row], truths: dict[str, Truth]) -> Part:
-    """Rows of every phase function that was measured, with what they were measured against."""
+    """Tables and picture of every phase function that was measured.
+
+    Args:
+        scene: that was traced.
+        rows: of all phase functions.
+        truths: references by phase function.
+    """
     found = ratios(rows)
     tables = []
     text = []

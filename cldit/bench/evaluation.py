@@ -76,6 +76,11 @@ def bench_evaluation(
 
     Ten different pictures of each kind are written and read again and again: what the disk's cache
     saves by that is in `read_s`.
+
+    Args:
+        folder: for the pictures.
+        shots: number of pictures.
+        sensor: columns and rows.
     """
     columns, rows = sensor
     rng = np.random.default_rng(3)

@@ -76,11 +76,12 @@ class Recorded:
     bad_pixels: NDArray[np.bool_] | None = None
 
     def load(self, shot: Shot) -> NDArray[Any]:
+        """The picture of a shot, (rows, columns)."""
         return shot.image
 
 
 def evaluation_bias(*, side: int = 64, shots: int = 40) -> list[BiasRow]:
-    """`side` x `side` pixels of each emissivity, at 430 K before five backgrounds."""
+    """Evaluates `shots` of `side` x `side` pixels of each emissivity, at 430 K."""
     rows: list[BiasRow] = []
     for name, around in (
         ("none", BARE),
@@ -122,11 +123,18 @@ def record(
     filter_um: tuple[float, float] = FILTER_UM,
     seed: int = 5,
 ) -> Recorded:
-    """Blocks of side x side pixels in a row, one of `EMISSIVITIES` each, at `TRUTH_K`; 40 electrons
-    a count and 200 of read noise, rounded and clipped to the camera's counts.
+    """Records blocks of pixels in a row, one of `EMISSIVITIES` each, at `TRUTH_K`.
 
-    With `pattern` pixels differ by 3 % in gain and 20 counts in offset. `background_error_K` is
-    drawn anew for every pixel, as if each were an experiment of its own.
+    A count is 40 electrons, read noise 200; counts are rounded, and clipped to the camera's.
+
+    Args:
+        around: what the camera sees beside the spray.
+        side: of a block, in pixels.
+        shots: of each kind, before each background.
+        pattern: pixels differ by 3 % in gain and 20 counts in offset.
+        background_error_K: drawn anew for every pixel, as if each were an experiment of its own.
+        filter_um: edges of the filter.
+        seed: of the noise.
     """
     rng = np.random.default_rng(seed)
     epsilon = np.repeat(EMISSIVITIES, side)[None, :] * np.ones((side, 1))

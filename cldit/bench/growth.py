@@ -45,6 +45,7 @@ class Growth:
 
     @property
     def exponent(self) -> float:
+        """Of a power law through all points; NaN with fewer than two."""
         if len(self.points) < 2:
             return float("nan")
         amount, cost = np.log([(p.amount, p.core_s) for p in self.points]).T
@@ -52,6 +53,7 @@ class Growth:
 
     @property
     def last(self) -> float:
+        """Exponent between the last two points; NaN with fewer."""
         if len(self.points) < 2:
             return float("nan")
         a, b = self.points[-2:]
@@ -59,7 +61,13 @@ class Growth:
 
 
 def growth(case: Case, *, cache: Path, say: Say) -> Part:
-    """Every quantity on its own, on the scene at half its resolution in space and picture."""
+    """Varies every quantity on its own, on the scene at half its resolution in space and picture.
+
+    Args:
+        case: with the scene.
+        cache: folder of tables.
+        say: takes lines of progress.
+    """
     scene = case.scene
     half = halved(scene)
     base = Case.of(half, case.device, cache=cache)

@@ -41,7 +41,13 @@ class Peak:
 
 
 def memory(scene: Scene, device: Device, *, say: Say) -> Part:
-    """Whole runs; each once with empty kernel caches and once with filled ones."""
+    """Measures whole runs, each once with empty kernel caches and once with filled ones.
+
+    Args:
+        scene: to be run.
+        device: to run on.
+        say: takes lines of progress.
+    """
     mie = scene.spray.model not in ("none", "grid")
     lines, data = [], []
     for label, transport in _CASES:

@@ -61,13 +61,22 @@ class Stage:
 
     @classmethod
     def of(cls, case: Case, mi: Any) -> Stage:
-        """Isotropic scattering; the box that is swept, cell for cell, and the background disc."""
+        """The scene of `case` in Mitsuba, `mi`: the box that is swept, cell for cell, and the disc.
+
+        Scattering is isotropic.
+        """
         return cls(mi, mi.load_dict(_description(case, mi)), case)
 
     def render(self, row: int, *, samples: int, seed: int) -> Floats:
-        """Weights (2, W) of background and wall in one row of the picture.
+        """Renders one row of the picture; samples are spread over each pixel's area.
 
-        Samples are spread over each pixel's area.
+        Args:
+            row: its number.
+            samples: a pixel.
+            seed: of the samples.
+
+        Returns:
+            (2, W) weights of background and wall.
         """
         mi = self.mi
         sensor = mi.load_dict(_sensor(self.case, mi, row, samples))
@@ -177,7 +186,12 @@ def compare(
 ) -> RendererRow:
     """Two independent renders of some rows of the picture against two of `path`.
 
-    truth: (2, rows, W) weights of background and wall, two independent halves.
+    Args:
+        case: with the scene.
+        variant: of Mitsuba.
+        rows: about so many.
+        samples: a pixel.
+        truth: (2, rows, W) weights of background and wall, two independent halves.
     """
     stage = Stage.of(case, mitsuba(variant))
     lattice = row_lattice(case, rows)
@@ -232,13 +246,20 @@ def _gap(
 
 
 def row_lattice(case: Case, rows: int) -> Lattice:
-    """About so many rows of the picture."""
+    """The pixels of about `rows` rows of the picture of `case`."""
     spacing = max(case.scene.camera.pixels[1] // rows, 1)
     return Lattice((1, spacing - 1 + spacing % 2))
 
 
 def renderers(case: Case, *, say: Say, rows: int = 4, samples: int = 64) -> Part:
-    """Mitsuba's variants, `path` and `source`, on the same rows of the picture."""
+    """Runs Mitsuba's variants, `path` and `source` on the same rows of the picture.
+
+    Args:
+        case: with the scene.
+        say: takes lines of progress.
+        rows: about so many.
+        samples: of Mitsuba, a pixel.
+    """
     lattice = row_lattice(case, rows)
     part = case.seen(lattice.of(case.scene))
     halves = []

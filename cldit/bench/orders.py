@@ -18,11 +18,21 @@ _SEEDS = (1, 2)
 def bench_orders(
     case: Case, truth: Truth, *, phase: str, lattice: Lattice, say: Say, every: int = EVERY
 ) -> list[Row]:
-    """Orders 0 to 2; of `branching` if the phase function is isotropic, for it knows no other.
+    """Compares orders 0 to 2; of `branching` only if the phase function is isotropic.
 
-    `source` makes the whole picture, with light that changes within cells and with light that is
-    even in them, as `branching` has it. truth: of all orders, on the lattice's pixels. every:
-    spacing of the pixels that `branching` traces at order 2.
+    `source` makes the whole picture, with light that changes within cells, and with light that is
+    even in them, as `branching` has it.
+
+    Args:
+        case: with the scene.
+        truth: of all orders, on the lattice's pixels.
+        phase: phase function.
+        lattice: pixels to compare.
+        say: takes lines of progress.
+        every: spacing of the pixels that `branching` traces at order 2.
+
+    Returns:
+        A row for each order and method.
     """
     compared = Compared(case, lattice, truth, phase)
     rows: list[Row] = []

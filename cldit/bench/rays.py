@@ -107,7 +107,10 @@ class _Painted:
 
 
 def bench_rays(case: Case, *, say: Say) -> tuple[list[Row], int]:
-    """A row for each of `EVEN` and `ADAPTIVE_K`, and how many pixels lie at edges."""
+    """A row for each of `EVEN` and `ADAPTIVE_K` for `case`, and the number of edge pixels.
+
+    `say` takes lines of progress.
+    """
     (columns, rows), (width_m, height_m) = case.scene.camera.pixels, case.scene.camera.field_m
     few = (max(columns // PART, 1), max(rows // PART, 1))
     field_m = (width_m * few[0] / columns, height_m * few[1] / rows)
@@ -150,7 +153,10 @@ def bench_rays(case: Case, *, say: Say) -> tuple[list[Row], int]:
 
 
 def rays(case: Case, *, say: Say) -> Part:
-    """1, 4, 16, 64 and adaptive rays a pixel: error at edges against core seconds."""
+    """1, 4, 16, 64 and adaptive rays a pixel of `case`: error at edges against core seconds.
+
+    `say` takes lines of progress.
+    """
     found, edges = bench_rays(case, say=say)
     head = ("rays a pixel", "core-s, picture", "T_app RMS at edges, K", "over all, K", "largest, K",
             "w_bg RMS at edges", "pixels of several rays")  # fmt: skip

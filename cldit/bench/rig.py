@@ -183,8 +183,11 @@ def bench_rig(
     """Runs a plan of `frames` pictures at one background through the real runner, `repeats` times.
 
     Args:
-        folder: on the disk to be measured; that for temporary files if left out. What is written
-            is removed.
+        folder: on the disk to be measured; that for temporary files if left out. What is written is
+            removed.
+        frames: pictures in all.
+        frames_per_shot: pictures of a shot.
+        repeats: of the plan.
         sensor: columns and rows of a frame.
     """
     choice = DriverChoice(driver="bench")

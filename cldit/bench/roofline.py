@@ -51,6 +51,7 @@ class Machine:
 
     @classmethod
     def of(cls, case: Case) -> Machine:
+        """Measures the device of a case."""
         device = case.device
         vector = 8 if device.is_cpu else 1
         program = build(device, "roofline.cl", {"VECTOR": vector})
@@ -99,13 +100,27 @@ class Line:
         flops: float,
         exps: float,
     ) -> Line:
+        """Works out the roofline of one kernel.
+
+        Args:
+            machine: measured.
+            kernel, work: names in the table.
+            core_s: what it takes.
+            moved: bytes.
+            flops, exps: operations.
+        """
         arithmetic = flops / machine.flops_per_s + exps / machine.exps_per_s
         roofline_s = max(moved / machine.bytes_per_s, arithmetic)
         return cls(kernel, work, moved, flops, exps, roofline_s, core_s)
 
 
 def roofline(case: Case, *, directions: int = 96) -> Part:
-    """Sweep and path segments, with and without vectors; the image kernel, and its walk alone."""
+    """Sweep and path segments, with and without vectors; image kernel, and its traversal alone.
+
+    Args:
+        case: with the scene.
+        directions: swept.
+    """
     machine = Machine.of(case)
     kernels = Kernels(case)
     lines = []

@@ -43,6 +43,7 @@ class Medium:
     coalbedo: float | None = None
 
     def of(self, tree: Octree) -> Octree:
+        """The tree with this medium in its droplet cells."""
         if self.coalbedo is None:
             return tree
         fields = dict(tree.fields)
@@ -120,15 +121,25 @@ class _Equation:
 
 
 def lambda_iteration(lack: Lack, source: Array) -> Iterator[Array]:
-    """Sources after each pass: what is lacking is added."""
+    """Sources (C, N) after each pass from `source` (C, N) on: the residual `lack` is added."""
     while True:
         source = source + lack(source)
         yield source
 
 
 def anderson(lack: Lack, source: Array, *, depth: int = DEPTH) -> Iterator[Array]:
-    """Anderson (1965), each component on its own: of the last steps that combination whose
-    linear prediction of what is lacking is least."""
+    """Anderson mixing (1965), each component on its own.
+
+    Of the last steps that combination is taken whose linear prediction of the residual is least.
+
+    Args:
+        lack: residual of a source.
+        source: (C, N) to begin with.
+        depth: steps that are mixed.
+
+    Returns:
+        (C, N) after each pass.
+    """
     steps: list[Array] = []
     changes: list[Array] = []
     before: tuple[Array, Array] | None = None
@@ -217,7 +228,16 @@ def _gmres(medium: Medium, single: _Equation, double: Callable[[], _Equation], t
 
 
 def compare(case: Case, media: tuple[Medium, ...] = MEDIA, *, say: Say) -> list[Row]:
-    """Every solver on every medium."""
+    """Runs every solver on every medium.
+
+    Args:
+        case: with the scene.
+        media: to be tried.
+        say: takes lines of progress.
+
+    Returns:
+        A row for each pair.
+    """
     rows: list[Row] = []
     for medium in media:
         some = replace(case, medium=replace(case.medium, trees=[medium.of(case.tree)], paper=None))
@@ -246,7 +266,10 @@ def _line(row: Row) -> str:
 
 
 def solver(case: Case, *, say: Say) -> Part:
-    """The scene at half its resolution in space, and its droplets made stiff."""
+    """Solvers on the scene of `case` at half its resolution, and on its droplets made stiff.
+
+    `say` takes lines of progress.
+    """
     rows = compare(case, say=say)
     head = (
         "medium", "solver", "passes", "core-s", "residual", "true error of the source", "ended by",

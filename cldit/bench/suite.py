@@ -40,7 +40,7 @@ class Bench:
     save: Callable[[Part], None]
 
     def case(self, *, mie: bool = False, half: bool = False) -> Case:
-        """half: at half the resolution."""
+        """The case with Mie's phase function (`mie`) or isotropic, at full or `half` resolution."""
         phase = "mie" if mie else "isotropic"
         scene = halved(self.scene) if half else self.scene
         scene = changed(scene, transport={"phase": phase, "method": "source", "order": None})

@@ -49,8 +49,7 @@ def stretched(image: NDArray[np.uint16]) -> NDArray[np.float64]:
 
 
 def half_blocks(image: NDArray[np.uint16], columns: int = _COLUMNS) -> Text:
-    """A picture `image` (h, w) as text of `columns`; each character shows two pixels, one above the
-    other."""
+    """`image` (h, w) as text of `columns`; a character shows two pixels, one above the other."""
     height, width = image.shape
     columns = max(min(columns, width), 1)
     rows = max(round(columns * height / width / 2.0), 1)

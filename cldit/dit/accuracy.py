@@ -24,9 +24,6 @@ def temperature_error_K(
         error: error of every weight, for instance half the difference of two independent traces.
         surroundings: before which they were evaluated.
         filter_um: edges of the filter.
-
-    Returns:
-        RMS [K].
     """
     emissivity = maps.emissivity.astype(float)
     temperature = maps.apparent_temperature_K.astype(float)

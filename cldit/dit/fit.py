@@ -72,9 +72,6 @@ def fit_pair(
         usable: (K, N) False leaves a background out.
         shared: (K,) variance of the radiance of the background common to both kinds.
         slopes: (N,) g and s, as far as known, by which the shared error reaches the means.
-
-    Returns:
-        Both lines of every pixel.
     """
     unit = float(np.max(np.abs(source)))
     x_ref, x_inj = (one[:, None] / unit for one in source)

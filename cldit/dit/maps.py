@@ -85,8 +85,7 @@ class Maps:
         return {reason: n for reason in Reason if (n := int(np.sum(self.reason == reason)))}
 
     def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
-        """Writes one TIFF a map into `folder`, with names, units and scale; a pixel is `pixel_m`
-        large."""
+        """Writes a TIFF a map into `folder`, with names, units, and pixels of `pixel_m`."""
         folder.mkdir(parents=True, exist_ok=True)
         codes = {"codes": {str(int(reason)): reason.text for reason in Reason}}
         for item in fields(self):

@@ -67,8 +67,10 @@ class Evaluation:
 
 
 def evaluate_acquisition(acquisition: Acquisition, *, progress: Watch | None = None) -> Maps:
-    """The maps of `evaluate_shots` of an `acquisition`, with Planck's curve; `progress` as
-    there."""
+    """The maps of `evaluate_shots` of an `acquisition`, with Planck's curve.
+
+    `progress` is called with (shots read, shots in all).
+    """
     return evaluate_shots(acquisition, progress=progress).maps
 
 

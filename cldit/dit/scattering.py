@@ -151,7 +151,13 @@ def medium_temperature(maps: Maps, scattered: Scattered, curve: Curve) -> Medium
         medium = (radiance - scattered.radiance) / own
         mean = np.where(scattered.share > 0.0, scattered.radiance / scattered.share, 0.0)
         variance = (error / own) ** 2 + ((medium - mean) / own * scattered.share_error) ** 2
-    return _medium(medium, np.sqrt(variance), scattered.share, scattered.share_error, curve)
+    return _medium(
+        curve,
+        medium,
+        error=np.sqrt(variance),
+        share=scattered.share,
+        share_error=scattered.share_error,
+    )
 
 
 def apparent(maps: Maps, curve: Curve) -> tuple[Floats, Floats]:
@@ -161,7 +167,7 @@ def apparent(maps: Maps, curve: Curve) -> tuple[Floats, Floats]:
 
 
 def _medium(
-    radiance: Floats, error: Floats, share: Floats, share_error: Floats, curve: Curve
+    curve: Curve, radiance: Floats, *, error: Floats, share: Floats, share_error: Floats
 ) -> Medium:
     with np.errstate(invalid="ignore"):
         said = (1.0 - share >= LEAST_OWN) & (radiance > 0.0)
@@ -289,7 +295,7 @@ def medium_of_enclosures(
         change = line.gradients[-1][:, None, None] + medium * of_share[:, None, None]
         error = np.sqrt(np.sum((change * line.errors) ** 2, axis=0)) / own
     share_error = np.sqrt(np.tensordot(of_share**2, line.errors**2, axes=1))
-    return _medium(medium, error, share, share_error, curve)
+    return _medium(curve, medium, error=error, share=share, share_error=share_error)
 
 
 def droplet_radiance(

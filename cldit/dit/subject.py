@@ -215,7 +215,7 @@ def coldest_K(
     shots: int = 1,
     references: int = 1,
 ) -> float:
-    """The coldest spray whose T_app is told well enough.
+    """The coldest spray whose T_app is told well enough [K]; NaN if there is none.
 
     Args:
         subject: the camera and its surroundings.
@@ -223,9 +223,6 @@ def coldest_K(
         error_K: standard error that is allowed.
         emissivity: of the spray.
         shots, references: exposures before each background.
-
-    Returns:
-        Temperature [K]; NaN where there is none.
     """
     kelvin = np.linspace(200.0, max(backgrounds_K), 2001)
     errors = opaque_errors_K(

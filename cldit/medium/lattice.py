@@ -33,7 +33,7 @@ class Lattice:
 
     @classmethod
     def of(cls, lower: Floats, upper: Floats) -> Lattice | None:
-        """The lattice of boxes, `lower` and `upper` corners (N, 3) in cells; None where they are on
+        """The lattice of boxes from `lower` to `upper` (N, 3) in cells; None if they are on
         none."""
         if len(lower) < _FEWEST:
             return None

@@ -214,7 +214,7 @@ class TableError:
 
 
 def resolved(*, n: float, k: float, span: float, least: int) -> int:
-    """Samples over a span of ln x that resolve any resonance of the index n - ik.
+    """Number of samples over a span of ln x that resolve any resonance of the index n - ik.
 
     Two to its half width k / n: means of Mie's solutions are then exact. Below k = 1e-7 that is too
     many, and `mie.efficiencies` has to be told the spacing.
@@ -223,9 +223,6 @@ def resolved(*, n: float, k: float, span: float, least: int) -> int:
         n, k: refractive index.
         span: of ln x.
         least: samples at least.
-
-    Returns:
-        Number of samples.
     """
     return max(least, int(min(2.0 * span * n / k, _MOST_SAMPLES)) if k > 0 else least)
 

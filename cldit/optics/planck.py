@@ -190,8 +190,7 @@ def band_radiance(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.
 
 
 def band_radiance_slope(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
-    """d B / d T at `temperature_K`, any shape, in the filter `filter_um`; otherwise as
-    `band_radiance`.
+    """d B / d T at `temperature_K`, any shape, in `filter_um`; otherwise as `band_radiance`.
 
     In photons s-1 m-2 sr-1 K-1.
     """

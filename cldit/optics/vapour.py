@@ -76,14 +76,11 @@ class Elsasser:
     def fine_structure(
         self, *, temperature_K: float, pressure_Pa: float, mole_fraction: float
     ) -> float:
-        """y = half width over spacing of the lines.
+        """y, the half width over the spacing of the lines.
 
         Args:
             temperature_K, pressure_Pa: of the gas.
             mole_fraction: of the species, which broadens its own lines more.
-
-        Returns:
-            y.
         """
         warm = temperature_K / 273.0
         pressure = pressure_Pa / _ATMOSPHERE_Pa * (1 + self.self_share * mole_fraction)
@@ -111,8 +108,9 @@ class VapourBand:
     lines: Elsasser | None = None
 
     def absorption_m2_mol(self, wavenumber_per_cm: ArrayLike, temperature_K: float) -> Floats:
-        """Napierian molar cross section at `temperature_K`, mean over the lines; shaped as
-        `wavenumber_per_cm`.
+        """Napierian molar cross section at `temperature_K`, shaped as `wavenumber_per_cm`.
+
+        It is the mean over the lines.
 
         Raises:
             OpticsError: outside the range of wavenumbers or temperatures.

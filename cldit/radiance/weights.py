@@ -73,8 +73,7 @@ class Weights:
 
     @classmethod
     def load(cls, folder: Path, *, patches: Sequence[str] = ()) -> Weights:
-        """Reads what `save` wrote into `folder`; `patches` are the names of those that the scene
-        has.
+        """Reads what `save` wrote into `folder`; `patches` are names that the scene has.
 
         Raises:
             RunFolderError: a file is missing or damaged.
@@ -83,8 +82,7 @@ class Weights:
 
 
 def background_radiance(*, blackbody: float, wall: float, emissivity: float) -> float:
-    """Radiance that leaves a grey disc of `emissivity`: its own, of `blackbody`, and the
-    `wall`'s."""
+    """Radiance that leaves a grey disc of `emissivity`: of `blackbody`, and the `wall`'s."""
     return emissivity * blackbody + (1.0 - emissivity) * wall
 
 

@@ -52,8 +52,7 @@ def map_colours(
     range_K: tuple[float, float],
     scale: float,
 ) -> NDArray[np.float64]:
-    """Colours of a DIT map; the ends of either scale hold beyond it, and NaN temperatures are
-    hueless.
+    """Colours of a DIT map; ends of the scales hold beyond them, NaN temperatures are hueless.
 
     Args:
         emissivity, temperature_K: (...).

@@ -56,9 +56,6 @@ def convergence_picture(
     Args:
         found: of the integrator.
         euler: (N,) steps and (N,) errors of plain explicit steps, for comparison.
-
-    Returns:
-        PNG.
     """
     cases = list(dict.fromkeys(item.case for item in found))
     models = list(dict.fromkeys(item.model for item in found))

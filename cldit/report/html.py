@@ -132,15 +132,12 @@ def report_html(content: ReportContent) -> str:
 
 
 def document(title: str, intro: str, sections: Sequence[tuple[str, str]]) -> str:
-    """A whole page.
+    """HTML of a whole page.
 
     Args:
         title: plain text.
         intro: HTML.
         sections: heading and HTML; those without content are left out.
-
-    Returns:
-        HTML.
     """
     name = escape(title)
     body = "".join(_section(heading, content) for heading, content in sections)
@@ -211,8 +208,7 @@ def _rows(rows: list[str]) -> str:
 
 
 def table_html(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of texts, `rows` below their `titles`; columns of short ones, as numbers, are not
-    broken."""
+    """HTML of `rows` of texts below `titles`; columns of short ones, as numbers, do not break."""
     short = [all(len(row[at]) <= _SHORT for row in rows) for at in range(len(titles))]
     kinds = [' class="n"' if each else "" for each in short]
     head = _row(*(f"<th{k}>{escape(title)}</th>" for k, title in zip(kinds, titles, strict=True)))

@@ -105,7 +105,7 @@ def map_picture(
     range_K: tuple[float, float] | None = None,
     scale: float | None = None,
 ) -> bytes:
-    """Draws both maps in one: hue = apparent temperature, saturation = emissivity, value = 1.
+    """PNG of both maps in one: hue = apparent temperature, saturation = emissivity, value = 1.
 
     The colouring of the paper (Section 3). Where there is no temperature since the spray is
     transparent, white; where there is none for another reason, light grey.
@@ -116,9 +116,6 @@ def map_picture(
         title: above the picture.
         range_K: temperatures of blue and red; None: percentiles, see `temperature_range_K`.
         scale: emissivity of full saturation; None: see `emissivity_scale`.
-
-    Returns:
-        PNG.
     """
     chosen_K = temperature_range_K(maps) if range_K is None else range_K
     full = emissivity_scale(maps) if scale is None else scale
@@ -160,15 +157,12 @@ def map_picture(
 
 
 def panels_picture(panels: Sequence[Panel], frame: Frame, *, title: str) -> bytes:
-    """Draws one or more pictures with a colour bar each, at most two side by side.
+    """PNG of one or more pictures with a colour bar each, at most two side by side.
 
     Args:
         panels: the pictures.
         frame: axes.
         title: above all.
-
-    Returns:
-        PNG.
     """
     columns = min(2, len(panels))
     figure, places = sheet(
@@ -213,8 +207,7 @@ def _key(
 
 
 def robust_limits(values: NDArray[np.floating], *, cut: float = 0.1) -> tuple[float, float]:
-    """Percentiles `cut` and 100 - `cut` of what is finite in `values` (...,); never an empty
-    interval."""
+    """Percentiles `cut` and 100 - `cut` of finite `values` (...,); never an empty interval."""
     known = values[np.isfinite(values)]
     if not known.size:
         return 0.0, 1.0
@@ -223,7 +216,13 @@ def robust_limits(values: NDArray[np.floating], *, cut: float = 0.1) -> tuple[fl
 
 
 def weights_picture(weights: Weights, frame: Frame, *, title: str) -> bytes:
-    """PNG of the four `weights` and those of patches, with axes of `frame`, below `title`."""
+    """PNG of the four weights and those of patches.
+
+    Args:
+        weights: (H, W).
+        frame: axes.
+        title: above all.
+    """
     patches = [
         Panel(image, f"seen of {name}", "share", colours="gray")
         for name, image in weights.patches.items()
@@ -274,15 +273,12 @@ def camera_pictures(
 
 
 def errors_picture(maps: Maps, frame: Frame, *, title: str) -> bytes:
-    """Draws both standard errors; that of the temperature, which spans decades, in log colours.
+    """PNG of both standard errors; that of the temperature spans decades, in log colours.
 
     Args:
         maps: (H, W).
         frame: axes.
         title: above all.
-
-    Returns:
-        PNG.
     """
     error_K = maps.apparent_temperature_standard_error_K
     positive = error_K[np.isfinite(error_K) & (error_K > 0)].astype(np.float64)
@@ -312,15 +308,12 @@ def errors_picture(maps: Maps, frame: Frame, *, title: str) -> bytes:
 
 
 def nodes_picture(errors_K: Sequence[float], *, chosen: int, title: str) -> bytes:
-    """Draws the error in T_app with 1, 2, .. spectral nodes.
+    """PNG of the error in T_app with 1, 2, .. spectral nodes.
 
     Args:
         errors_K: of each number.
         chosen: the number that is marked.
         title: above the picture.
-
-    Returns:
-        PNG.
     """
     figure = figure_of(5.0, 3.4)
     axes = figure.subplots()

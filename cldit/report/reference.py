@@ -32,15 +32,12 @@ class _Place:
 
 
 def markdown(model: type[BaseModel], *, title: str, file: str) -> str:
-    """All sections of a file that `model` reads.
+    """Markdown of all sections of a file that `model` reads.
 
     Args:
         model: reads the file.
         title: heading of the whole.
         file: what the sections at the top are called in.
-
-    Returns:
-        Markdown.
     """
     schema = model.model_json_schema()
     places: dict[str, _Place] = {}

@@ -160,8 +160,7 @@ def _image(axes: Axes, seen: Projection, title: str, view: View) -> None:
 
 
 def history_figure(history: History, *, title: str) -> Figure:
-    """Penetration, droplet size, masses and coldest gas of `history` against time, below
-    `title`."""
+    """Penetration, droplet size, masses, coldest gas of `history` against time, below `title`."""
     figure = Figure(figsize=(10, 7), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title.replace("$", r"\$"))

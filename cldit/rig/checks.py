@@ -36,8 +36,7 @@ def check_roi(can: Capabilities, roi: Roi | None) -> Roi:
 
 
 def check_format(can: Capabilities, pixel_format: str | None) -> None:
-    """Raises ConfigRejected where a camera that `can` this has no such `pixel_format`; None is
-    allowed."""
+    """Raises ConfigRejected where a camera that `can` this lacks `pixel_format`; None is fine."""
     if pixel_format is not None and pixel_format not in can.pixel_formats:
         raise ConfigRejected(
             f"camera: pixel_format: {pixel_format!r}; allowed: {', '.join(can.pixel_formats)}"

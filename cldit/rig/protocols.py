@@ -225,9 +225,6 @@ class Background(Device, Protocol):
 
         Args:
             temperature_K, stability, should_stop, on_progress: as there.
-
-        Returns:
-            The last temperature read [K].
         """
 
 

@@ -30,7 +30,7 @@ def wait_stable(
     should_stop: StopCheck | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> float:
-    """Waits until `device` stays at `temperature_K`.
+    """Waits until `device` stays at `temperature_K`; gives the last temperature read [K].
 
     Stable is an unbroken window of hold_s, and settle_s more, in which every reading lies within
     tolerance_K and the controller never says "not stable"; a first crossing is never enough.
@@ -42,9 +42,6 @@ def wait_stable(
         stability: what counts as stable.
         should_stop: asked while it waits.
         on_progress: called with each temperature read [K].
-
-    Returns:
-        The last temperature read [K].
 
     Raises:
         DeviceTimeout: timeout_s passed.
@@ -98,9 +95,6 @@ class Settling(ABC):
 
         Args:
             temperature_K, stability, should_stop, on_progress: as there.
-
-        Returns:
-            The last temperature read [K].
         """
         return wait_stable(
             self,

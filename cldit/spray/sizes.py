@@ -103,12 +103,10 @@ def quantile_m(sizes: Sizes, share: ArrayLike, *, by: Weight) -> Floats:
 
 
 def strata_m(sizes: Sizes, count: int) -> Floats:
-    """`count` diameters (count,) of `sizes`, rising, one for each of as many equal shares of the
-    mass.
+    """Rising diameters of `sizes`, of shape (count,), for `count` equal shares of the mass.
 
     Each has the surface per mass of its share, so droplets of these diameters, equal in mass, have
-    the distribution's D32 exactly: 1/D32 is the mean of 1/D by mass. The result has the shape
-    (count,).
+    the distribution's D32 exactly: 1/D32 is the mean of 1/D by mass.
     """
     edges = np.linspace(0.0, 1.0, count + 1)
     if isinstance(sizes, Monodisperse):

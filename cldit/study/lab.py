@@ -54,7 +54,7 @@ class Lab:
     used: dict[str, Scene] = field(default_factory=dict)
 
     def gdi(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
-        """The paper's gasoline spray with some values changed (dotted keys)."""
+        """The paper's gasoline spray, called `name`, with some `values` changed (dotted keys)."""
         base = load_scene("gdi")
         spray = {"model": "lagrangian", **base.spray.model_dump(include=set(_INJECTOR))}
         fixed = {
@@ -68,15 +68,17 @@ class Lab:
         return changed(scene, self.always)
 
     def shipped(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
-        """A shipped scene with some values changed, reduced where the study is quick."""
+        """The shipped scene `name` with some `values` changed, reduced where the study is quick."""
         quick = QUICK if self.quick else {}
         return changed(changed(load_scene(name), {**quick, **(values or {})}), self.always)
 
     def run(self, scene: Scene) -> Run:
+        """The run of a scene, from the cache where it is there."""
         self._note(scene)
         return self.kept.run(scene, device=self.device, progress=self.say)
 
     def spray(self, scene: Scene) -> Spray:
+        """The spray of a scene, from the cache where it is there."""
         self._note(scene)
         return make_spray(scene.spray, cache=self.kept.cache)
 

@@ -70,14 +70,17 @@ def run_sweep(
     """Traces and evaluates every scene of a grid; the same call goes on where it was stopped.
 
     Args:
+        base: scene to begin with.
+        out: folder of the results.
         scheduler: address of a running dask scheduler; None starts workers on this machine.
         workers: on this machine; None is one a GPU, or one a core where there is none.
         cache: folder that workers keep tables, sprays and traces in; None is theirs by default.
+        watch: called after each trace.
 
     Raises:
         SceneError: a scene of the grid is not allowed.
-        StudyError: scenes of different pictures, a folder of something else, no such scheduler,
-            or the extra `studies` is not installed.
+        StudyError: scenes of different pictures, a folder of something else, no such scheduler, or
+            the extra `studies` is not installed.
     """
     points = list(grid.points(base))
     _check_pictures(points)

@@ -7,8 +7,9 @@ What must be said:
   parameters, or of a single statement, may name them in its summary instead, which then says what
   is returned; a single parameter needs no name there. Commands of the CLI are documented by the
   help of their options;
-- what a function with `Args` returns is said under `Returns`, or in a summary that begins with
-  `Returns` or with the shape of the array. A type of this package says it by its own docstring;
+- where a function with `Args` returns arrays or several things, they stand under `Returns`, or in
+  a summary that begins with the shape of the array. A number, a text and a type of this package are
+  said by the summary and by the type;
 - where arrays are taken or returned, a shape is given: `(N,)`, `(T, 3)`, or in words;
 - a `raise` of one of the package's errors stands under `Raises`.
 """
@@ -33,7 +34,7 @@ FILES = [
     if path.relative_to(ROOT).parts[0] not in NOT_CHECKED_YET and not path.name.startswith("__m")
 ]
 ARRAY = re.compile(r"NDArray|ArrayLike|\b(Floats|Ints|Bools|Reals|Array)\b")
-PLAIN = re.compile(r"\b(float|int|str|bytes|tuple|list|dict|set|Mapping|Sequence|Any)\b")
+SEVERAL = re.compile(r"\b(tuple|list|dict|set|Mapping|Sequence|Iterator|Generator)\b")
 SHAPE = re.compile(
     r"\((\.\.\.|[A-Z0-9hn]\w{0,2}|rows|cells|intervals)([ *+-]+\w+)*,[^()]*\)|\bshaped?\b"
 )
@@ -112,8 +113,9 @@ def faults_of(function: Function) -> list[str]:
         if missing:
             faults.append(f"{name}: Args lack {', '.join(missing)}")
         result = ast.unparse(node.returns) if node.returns else "None"
+        result = result.replace("Iterator[None]", "None")  # of a context manager
         says = "Returns" in text or SHAPE.match(text) or part is text
-        if (ARRAY.search(result) or PLAIN.search(result)) and not says:
+        if (ARRAY.search(result) or SEVERAL.search(result)) and not says:
             faults.append(f"{name}: Returns is missing for {result}")
         if (takes_array or ARRAY.search(result)) and not SHAPE.search(text):
             faults.append(f"{name}: no shape of an array")

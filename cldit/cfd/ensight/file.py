@@ -184,15 +184,14 @@ class Reader:
         return raw.split(b"\0")[0].decode("latin-1").strip()
 
     def integers(self, count: int, *, a_line: int = 1) -> Labels:
-        """`count` integers (count,); in ascii `a_line` of them in columns of ten. An array of shape
-        (count,)."""
+        """Integers (N,), `count` of them; in ascii `a_line` of them in columns of ten."""
         if self.binary:
             raw = np.frombuffer(self._bytes(4 * count), f"{self.order}i4")
             return raw.astype(np.int64)
         return self._numbers(count, 10, a_line).astype(np.int64)
 
     def floats(self, count: int, *, a_line: int = 1) -> Floats:
-        """`count` numbers of type float32; in ascii `a_line` of them in columns of twelve."""
+        """Float32 numbers (N,), `count` of them; in ascii `a_line` of them in columns of twelve."""
         if self.binary:
             with np.errstate(invalid="ignore"):  # NaN is for who knows what the number means
                 return np.frombuffer(self._bytes(4 * count), f"{self.order}f4").astype(np.float64)

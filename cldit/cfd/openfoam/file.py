@@ -172,8 +172,7 @@ def _list(file: FoamFile, kind: str, width: int, at: int) -> tuple[NDArray[np.ge
 
 
 def whole(file: FoamFile, values: NDArray[np.generic]) -> NDArray[np.int64]:
-    """`values` of a list in `file` as integers of the same shape; text such as 1.5 or 1e300 is
-    refused."""
+    """`values` in `file` as integers of the same shape; text such as 1.5 or 1e300 is refused."""
     numbers = np.asarray(values)
     if numbers.dtype.kind == "f" and not np.all(np.abs(numbers) < 2.0**53):
         raise file.fail("holds a label that is no whole number")

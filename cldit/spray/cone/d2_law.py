@@ -50,8 +50,7 @@ class D2Law:
 
 
 def d2_law(classes_m: Floats, bulb: WetBulb | None) -> D2Law:
-    """The evaporation of droplets of `classes_m` (C,), rising, each class an equal share of the
-    mass.
+    """Evaporation of droplets of `classes_m` (C,), rising, each an equal share of the mass.
 
     Without `bulb` nothing evaporates, and the two states are the whole and the end.
     """

@@ -48,8 +48,10 @@ _CPG = (1199.05392998284, 3992.85457666361, 1676.6, 2734.42177956968, 756.4)
 
 
 def heptane_liquid_cp_J_kg_K(temperature_K: ArrayLike) -> Floats:
-    """NSRDS 14, t = 1 - T/Tc: a^2/t + b - 2act - adt^2 - c^2t^3/3 - cdt^4/2 - d^2t^5/5; any
-    shape."""
+    """NSRDS 14 in t = 1 - T/Tc; any shape.
+
+    a^2/t + b - 2act - adt^2 - c^2t^3/3 - cdt^4/2 - d^2t^5/5
+    """
     a, b, c, d = _CPL
     t = 1 - np.minimum(np.asarray(temperature_K, dtype=float), _LIQUID_MAX_K) / HEPTANE_CRITICAL_K
     slow = t * (2 * a * c + t * (a * d + t * (c * c / 3 + t * (c * d / 2 + t * d * d / 5))))
@@ -57,8 +59,7 @@ def heptane_liquid_cp_J_kg_K(temperature_K: ArrayLike) -> Floats:
 
 
 def heptane_vapour_cp_J_kg_K(temperature_K: ArrayLike) -> Floats:
-    """Ideal gas, NSRDS 7 (Aly and Lee): a + b (c/T / sinh(c/T))^2 + d (e/T / cosh(e/T))^2; any
-    shape."""
+    """NSRDS 7 (Aly and Lee): a + b (c/T / sinh(c/T))^2 + d (e/T / cosh(e/T))^2; any shape."""
     a, b, c, d, e = _CPG
     t = np.asarray(temperature_K, dtype=float)
     return np.asarray(a + b * (c / t / np.sinh(c / t)) ** 2 + d * (e / t / np.cosh(e / t)) ** 2)
@@ -91,8 +92,7 @@ def heptane_liquid_enthalpy_J_kg(temperature_K: ArrayLike) -> Floats:
 
 
 def heptane_vapour_enthalpy_J_kg(temperature_K: ArrayLike) -> Floats:
-    """On the liquid's zero: latent heat at the normal boiling point, plus the vapour's cp; any
-    shape.
+    """On the liquid's zero: latent heat at the normal boiling point, plus cp; any shape.
 
     Energy is conserved on every path. The latent heat that follows at other temperatures
     (Kirchhoff, ideal vapour) is within 2 % of `heptane_latent_heat_J_kg` from 280 to 390 K, where
@@ -197,7 +197,6 @@ def heptane_vapour_viscosity_Pa_s(temperature_K: ArrayLike) -> Floats:
 
 
 def nitrogen_viscosity_Pa_s(temperature_K: ArrayLike) -> Floats:
-    """Sutherland's formula, any shape; F. M. White, Viscous Fluid Flow: 1.663e-5 Pa s at 273 K, S =
-    107 K."""
+    """Sutherland's formula, any shape: 1.663e-5 Pa s at 273 K, S = 107 K (White, Viscous Flow)."""
     t = np.asarray(temperature_K, dtype=float)
     return np.asarray(1.663e-5 * (t / 273.0) ** 1.5 * (273.0 + 107.0) / (t + 107.0))

@@ -91,8 +91,7 @@ def _fluids() -> tuple[Fuel, Gas]:
 def still(
     surface_K: ArrayLike, *, gas_K: ArrayLike, vapour_share: ArrayLike, pressure_Pa: float
 ) -> Rates:
-    """Rates of droplets of 10 um at rest; heat into the liquid is 0 at the wet bulb, falls through
-    it.
+    """Rates of droplets of 10 um at rest; heat into the liquid is 0 at the wet bulb.
 
     Args:
         surface_K, gas_K: temperatures, any shape.

@@ -43,9 +43,6 @@ def cubic(table: Floats, cell: int, column: int, part: float) -> float:
         cell: interval, and `part` how far into it.
         column: number of the property.
         part: from `place`.
-
-    Returns:
-        Its value.
     """
     c = table[cell, column]
     return float(((c[0] * part + c[1]) * part + c[2]) * part + c[3])

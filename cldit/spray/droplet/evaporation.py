@@ -110,8 +110,7 @@ def surface_vapour(drop: Drop) -> Floats:
 
 
 def film(drop: Drop, *, share: float = 1 / 3) -> Film:
-    """Film of `drop` at `share` of the way from the surface to the gas; see
-    `gasfilm.film_state`."""
+    """Film of `drop` at `share` of the way to the gas; see `gasfilm.film_state`."""
     found = np.empty((len(State._fields), len(drop.diameter_m)))
     _films(tables(drop.fuel, drop.gas), drop.columns, share, found)
     return Film(*found)
@@ -208,11 +207,10 @@ def abramzon_sirignano_of(here: Here, state: State, latent: float) -> tuple[floa
 
 @compiled
 def abramzon_sirignano_rule(tables: Tables, here: Here) -> tuple[float, float]:
-    """Abramzon and Sirignano, Int. J. Heat Mass Transfer 32, 1605 (1989): films thicken with
-    blowing.
+    """Abramzon and Sirignano (1989): film theory whose films thicken with blowing.
 
-    Clift's correlation for the droplet without blowing. Of `tables` and the droplet `here`: kg/s
-    and W.
+    Int. J. Heat Mass Transfer 32, 1605; Clift's correlation for the droplet without blowing. Of
+    `tables` and the droplet `here`: kg/s and W.
     """
     latent = liquid_at(tables, LATENT, here.temperature_K)
     return abramzon_sirignano_of(here, film_state(tables, here, 1 / 3), latent)
@@ -233,10 +231,10 @@ def _dukowicz(tables: Tables, here: Here) -> tuple[float, float, float]:
 
 @compiled
 def dukowicz_rule(tables: Tables, here: Here) -> tuple[float, float]:
-    """Dukowicz, LA-7997-MS (1979), Le = 1, without 0/0 at equal temperatures: pi d Nu (lam/cp_gas)
-    BM.
+    """Dukowicz, LA-7997-MS (1979), Le = 1, without 0/0 at equal temperatures.
 
-    Linear in BM; film half way. Of `tables` and the droplet `here`: kg/s and W.
+    pi d Nu (lam/cp_gas) BM: linear in BM; film half way. Of `tables` and the droplet `here`: kg/s
+    and W.
     """
     mass, heat, _ = _dukowicz(tables, here)
     return mass, heat

@@ -98,15 +98,12 @@ def tables(fuel: Fuel, gas: Gas) -> Tables:
 
 @compiled
 def liquid_at(tables: Tables, column: int, temperature_K: float) -> float:
-    """One property of the liquid.
+    """One property of the liquid, SI.
 
     Args:
         tables: of fuel and gas.
         column: number in `_LIQUID`.
         temperature_K: of the liquid.
-
-    Returns:
-        Its value, SI.
     """
     cell, part = place(
         temperature_K, tables.liquid_low_K, tables.liquid_step_K, tables.liquid.shape[0]
@@ -116,14 +113,11 @@ def liquid_at(tables: Tables, column: int, temperature_K: float) -> float:
 
 @compiled
 def diameter_m(tables: Tables, mass_kg: float, temperature_K: float) -> float:
-    """Diameter of a droplet of `mass_kg` at `temperature_K`, with `tables`.
+    """Diameter of a droplet.
 
     Args:
         tables: of fuel and gas.
         mass_kg, temperature_K: of the droplet.
-
-    Returns:
-        Diameter [m].
     """
     volume = mass_kg / liquid_at(tables, DENSITY, temperature_K)
     return float(np.cbrt(6 / np.pi * volume))
@@ -152,15 +146,12 @@ def _density(tables: Tables, here: Here, temperature_K: float, vapour: float) ->
 
 @compiled
 def cp_far(tables: Tables, here: Here, temperature_K: float) -> float:
-    """Heat capacity of the gas far away.
+    """Heat capacity of the gas far away [J/(kg K)].
 
     Args:
         tables: of fuel and gas.
         here: the droplet.
         temperature_K: at which it is wanted.
-
-    Returns:
-        J/(kg K).
     """
     at, u = place(temperature_K, tables.vapour_low_K, tables.vapour_step_K, tables.vapour.shape[0])
     of_fuel = cubic(tables.vapour, at, 0, u)

@@ -29,9 +29,6 @@ def neighbour(i: int, count: int, closed: bool) -> int:
         i: index.
         count: number of cells.
         closed: with walls; else periodic.
-
-    Returns:
-        0 <= index < count.
     """
     if closed:
         return min(max(i, 0), count - 1)

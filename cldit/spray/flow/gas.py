@@ -234,7 +234,9 @@ class GasFlow:
         def solve(part: slice) -> None:
             rho, y = density[part], fuel[part] / density[part]
             found[part] = self.mixture.temperature_K(y, heat[part] / rho, found[part])
-            pressure[part] = self.mixture.pressure_Pa(rho, fuel[part], found[part])
+            pressure[part] = self.mixture.pressure_Pa(
+                density=rho, fuel=fuel[part], temperature_K=found[part]
+            )
 
         if pool is None:
             solve(slice(None))

@@ -85,8 +85,7 @@ def velocities(flux: Floats, density: Floats, result: Floats) -> None:
 
 @compiled
 def centred(velocity: Floats, result: Floats) -> None:
-    """Writes the velocity in the cells, `result` (3, X, Y, Z), from that of the faces,
-    `velocity`."""
+    """Velocity in the cells, into `result` (3, X, Y, Z), from `velocity` (3, X, Y, Z) of faces."""
     nx, ny, nz = result.shape[1:]
     for i in range(nx):
         for j in range(ny):
@@ -146,14 +145,11 @@ def shear(
 
 @compiled
 def busy(velocity: Floats, low: Ints, high: Ints) -> float:
-    """Where the gas moves, and how fast.
+    """Largest sum of the three speeds of a cell, and where the gas moves.
 
     Args:
         velocity: (3, X, Y, Z).
         low, high: (3,), overwritten by the bounds of the cells where a speed is above STILL_M_S.
-
-    Returns:
-        Largest sum of the three speeds of a cell.
     """
     shape = velocity.shape[1:]
     top = 0.0

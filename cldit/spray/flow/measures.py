@@ -75,8 +75,7 @@ def axis_m_s(flow: GasFlow) -> float:
 
 
 def vapour_reach_m(flow: GasFlow, axes: Floats) -> float:
-    """Mean over the plumes that have vapour of how far along `flow` the share `VAPOUR_SHARE` is
-    found.
+    """How far the share `VAPOUR_SHARE` is found in `flow`: mean over plumes that have vapour.
 
     That is in the farthest cell and, from there outwards, linear to what is one cell on. A cell
     belongs to the plume whose axis, of `axes` (H, 3), points most to it.

@@ -34,7 +34,7 @@ class GasMixture:
     vapour_J_kg_K: float
     zero_J_kg: float
 
-    def pressure_Pa(self, density: Floats, fuel: Floats, temperature_K: Floats) -> Floats:
+    def pressure_Pa(self, *, density: Floats, fuel: Floats, temperature_K: Floats) -> Floats:
         """Ideal gas.
 
         Args:

@@ -139,8 +139,7 @@ def simulate_spray(
 
 
 def make_box(spec: LagrangianSpray, injection: Injection) -> Box:
-    """The box of gas for `spec`, injector tip in the middle of its top; large enough for the
-    plumes.
+    """The box of gas for `spec`, injector tip in the middle of its top, as large as the plumes.
 
     `injection` tells how fast they are.
 

@@ -63,7 +63,7 @@ def open_vapour(folder: Path) -> Path:
     return path
 
 
-def _scene(lab: Lab, pressure_MPa: float, gas_K: float, walls_K: float) -> Scene:
+def _scene(lab: Lab, *, pressure_MPa: float, gas_K: float, walls_K: float) -> Scene:
     name = "gdi" if pressure_MPa == 0.6 else f"gdi-{pressure_MPa:g}MPa-{gas_K:g}K"
     ambient = {"pressure_Pa": pressure_MPa * 1e6, "temperature_K": gas_K}
     return lab.gdi(name, {"spray.ambient": ambient, "walls.temperature_K": walls_K})
@@ -84,7 +84,12 @@ def _row(case: str, run: Run, walls_K: float) -> Row:
 
 def study(lab: Lab) -> Page:
     """Four conditions at one wavelength; the coldest through the filter and without it."""
-    runs = {f"{row[0]:g} MPa, {row[1]:g} K": lab.run(_scene(lab, *row)) for row in _CONDITIONS}
+    runs = {
+        f"{MPa:g} MPa, {gas_K:g} K": lab.run(
+            _scene(lab, pressure_MPa=MPa, gas_K=gas_K, walls_K=walls_K)
+        )
+        for MPa, gas_K, walls_K in _CONDITIONS
+    }
     filtered = lab.run(lab.gdi("cold-filter", _COLD))
     unfiltered = lab.run(
         lab.gdi(

@@ -57,7 +57,7 @@ def study(lab: Lab) -> Page:
         pictures=change_pictures(
             cold,
             {"370 K": warm},
-            named="330 K",
+            reference_name="330 K",
             about="0.3 ms, 0.6 MPa, 570 K, walls 450 K",
             limit_K=40.0,
             crop=_CROP,

@@ -57,7 +57,7 @@ def study(lab: Lab) -> Page:
         pictures=change_pictures(
             reference,
             shown,
-            named=f"n {_N}, k {_K}",
+            reference_name=f"n {_N}, k {_K}",
             about="0.95 ms, 0.6 MPa, 570 K, walls 450 K",
             limit_K=20.0,
         ),

@@ -50,10 +50,12 @@ class Said:
 
     @classmethod
     def of(cls, kelvin: Floats, noise_K: Floats) -> Said:
+        """Temperatures `kelvin` (H, W) with bounds by their standard error `noise_K` (H, W)."""
         return cls(kelvin, noise_K, kelvin - _SURE * noise_K, kelvin + _SURE * noise_K)
 
     @classmethod
     def of_medium(cls, medium: Medium) -> Said:
+        """The medium's temperature with bounds by its standard error."""
         return cls.of(medium.temperature_K, medium.standard_error_K)
 
 
@@ -81,7 +83,10 @@ class Estimator:
 
 
 def seen(truth: Traced, second: Traced) -> dict[str, Maps]:
-    """Plain DIT of every arrangement, without noise."""
+    """Plain DIT of every arrangement of `truth`, without noise.
+
+    `second` is the same scene through the second filter.
+    """
     walls_K = truth.scene.walls.temperature_K
     cold_K = walls_K - PLATE_APART_K
     found = {
@@ -102,7 +107,15 @@ def seen(truth: Traced, second: Traced) -> dict[str, Maps]:
 def estimators(
     truth: Traced, models: Mapping[str, Traced], second: Mapping[str, Traced]
 ) -> list[Estimator]:
-    """All of them, plain DIT first."""
+    """All estimators, plain DIT first.
+
+    Args:
+        truth: the traced scene.
+        models, second: traces of the models by name, in the filter and in the second one.
+
+    Returns:
+        The estimators.
+    """
     return [
         *_without(truth),
         *_plates(truth),
@@ -259,6 +272,7 @@ def _filters(scene: Scene, other: Scene) -> Iterator[Estimator]:
 
 
 def curve_of(scene: Scene) -> Curve:
+    """Planck's curve in a scene's filter."""
     return Curve(filter_um=scene_filter(scene))
 
 

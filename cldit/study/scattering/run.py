@@ -89,6 +89,7 @@ class Truth:
 
     @classmethod
     def of(cls, trace: Traced, maps: Maps) -> Truth:
+        """What the `trace` says that the evaluation should find; `maps` are plain DIT's."""
         lit = trace.reference.background > 0.999
         epsilon = maps.emissivity
         here = lit & (epsilon >= LEAST_EMISSIVITY) & np.isfinite(maps.apparent_temperature_K)
@@ -114,6 +115,12 @@ def scattering_study(
 ) -> Study:
     """Evaluates the traced scene by every estimator.
 
+    Args:
+        scene: to be varied.
+        device: to trace on.
+        cache: folder of tables.
+        progress: takes lines.
+
     Raises:
         EvaluationError: the scene cannot be varied, or has one background.
     """
@@ -133,7 +140,12 @@ def scattering_study(
 
 
 def evaluated(models: Mapping[str, Traced], second: Mapping[str, Traced], scene: Scene) -> Study:
-    """All estimators, with the model named `right` as the truth."""
+    """Runs all estimators, with the model named `right` as the truth.
+
+    Args:
+        models, second: traces of the models by name, in the filter and in the second one.
+        scene: that they are models of.
+    """
     exact = seen(models[RIGHT], second[RIGHT])
     noisy = _noisy(exact)
     truth = Truth.of(models[RIGHT], exact["as it is"])

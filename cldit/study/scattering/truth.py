@@ -112,6 +112,7 @@ class Traced:
 
     @property
     def curve(self) -> Curve:
+        """Planck's curve in the scene's filter."""
         return Curve(filter_um=scene_filter(self.scene))
 
     def surroundings(self, changed_K: Mapping[str, float] = _AS_IT_IS) -> Surroundings:
@@ -130,7 +131,10 @@ class Traced:
     def enclosure(
         self, changed_K: Mapping[str, float] = _AS_IT_IS, *, plate: str | None = None
     ) -> dict[str, float]:
-        """Radiances that leave the walls and the scene's own patches, and one plate if named."""
+        """Radiances that leave the walls, the scene's own patches, and one `plate` if named.
+
+        `changed_K` are temperatures that differ from the scene's.
+        """
         parts = enclosure(self.surroundings(changed_K), self.curve)
         return {
             name: leaving for name, leaving in parts.items() if name not in PLATES or name == plate
@@ -183,6 +187,11 @@ def _joined(weights: Weights, parts: Sequence[str], *, into: str) -> Weights:
 
 def traced(scene: Scene, device: Device, cache: Path) -> Traced:
     """What the scene emits, what it would if every phase emitted 1, and the scene without spray.
+
+    Args:
+        scene: with plates.
+        device: to trace on.
+        cache: folder of tables.
 
     Raises:
         EvaluationError: the scene is resolved into several wavelengths.
