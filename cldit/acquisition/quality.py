@@ -111,8 +111,8 @@ class References:
         camera = self._calibration
         half_K = 0.5 * self._plan.drift_K
         low, high = (
-            float(band_radiance(kelvin, filter_um=camera.filter_um))
-            for kelvin in (background_K - half_K, background_K + half_K)
+            float(band_radiance(end_K, filter_um=camera.filter_um))
+            for end_K in (background_K - half_K, background_K + half_K)
         )
         most = self._side**2 * camera.counts_per_radiance * (high - low)
         weight = deviation**-2

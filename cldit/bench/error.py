@@ -31,7 +31,7 @@ class Truth:
     """
 
     halves: tuple[Weights, Weights]
-    kelvin: tuple[Floats, Floats]
+    temperature_K: tuple[Floats, Floats]
     visible: NDArray[np.bool_]
     noise_K: float
     samples: int
@@ -51,16 +51,18 @@ class Truth:
         """
         half = path_settings(case, samples // 2, phase=phase, order=order)
         first, second = (case.run(replace(half, seed=seed))[0].weights for seed in _REFERENCE_SEEDS)
-        kelvin = case.temperature_K(first), case.temperature_K(second)
+        temperature_K = case.temperature_K(first), case.temperature_K(second)
         emissivity = 1.0 - (first.background.astype(float) + second.background) / 2
-        visible = (emissivity > VISIBLE_EMISSIVITY) & np.isfinite(kelvin[0] + kelvin[1])
+        visible = (emissivity > VISIBLE_EMISSIVITY) & np.isfinite(
+            temperature_K[0] + temperature_K[1]
+        )
         if not visible.any():
             raise BenchError(
                 f"scene {case.scene.name}: no pixel before the background has an emissivity above "
                 f"{VISIBLE_EMISSIVITY:g}; there is nothing to compare"
             )
-        noise = float(np.sqrt(np.mean((kelvin[0] - kelvin[1])[visible] ** 2))) / 2
-        return cls((first, second), kelvin, visible, noise, samples)
+        noise = float(np.sqrt(np.mean((temperature_K[0] - temperature_K[1])[visible] ** 2))) / 2
+        return cls((first, second), temperature_K, visible, noise, samples)
 
     def rms(self, image: Floats, pair: tuple[Floats, Floats]) -> float:
         """RMS over the visible pixels of `image` (H, W) minus the truth, without the truth's noise.
@@ -72,7 +74,7 @@ class Truth:
 
     def common(self, one: Floats, other: Floats) -> float:
         """RMS of what two independent images (H, W), `one` and `other`, have wrong alike."""
-        a, b = self.kelvin
+        a, b = self.temperature_K
         return self._root(((one - a) * (other - b) + (one - b) * (other - a)) / 2)
 
     def _root(self, products: Floats) -> float:
@@ -172,7 +174,7 @@ class Compared:
         if fixed_core_s is not None:
             traced = self.lattice.share(self.case.scene)
             picture_core_s = fixed_core_s + max(cost.core_s - fixed_core_s, 0.0) / traced
-        kelvin = self.part.temperature_K(weights)
+        temperature_K = self.part.temperature_K(weights)
         one, other = truth.halves
         background = one.background.astype(float), other.background.astype(float)
         wall = one.wall.astype(float), other.wall.astype(float)
@@ -181,7 +183,7 @@ class Compared:
             shifted = Weights.of(
                 {name: v + stated.images[name] for name, v in weights.images.items()}
             )
-            change = (self.part.temperature_K(shifted) - kelvin)[truth.visible]
+            change = (self.part.temperature_K(shifted) - temperature_K)[truth.visible]
             error_K = float(np.sqrt(np.nanmean(change**2)))
         return Row(
             method=method,
@@ -192,8 +194,8 @@ class Compared:
             core_s=cost.core_s,
             wall_s=cost.wall_s,
             picture_core_s=picture_core_s,
-            rms_K=truth.rms(kelvin, truth.kelvin),
-            max_K=truth.most(kelvin, truth.kelvin),
+            rms_K=truth.rms(temperature_K, truth.temperature_K),
+            max_K=truth.most(temperature_K, truth.temperature_K),
             rms_background=truth.rms(weights.background.astype(float), background),
             max_background=truth.most(weights.background.astype(float), background),
             rms_wall=truth.rms(weights.wall.astype(float), wall),

@@ -90,7 +90,7 @@ def evaluation_bias(*, side: int = 64, shots: int = 40) -> list[BiasRow]:
         maps = evaluate_shots(record(around, side=side, shots=shots, pattern=around is FULL)).maps
         for number, epsilon in enumerate(EMISSIVITIES):
             part = slice(number * side, (number + 1) * side)
-            kelvin, error, found, spread = (
+            temperature_K, error, found, spread = (
                 image[:, part].astype(float)
                 for image in (
                     maps.apparent_temperature_K,
@@ -103,9 +103,9 @@ def evaluation_bias(*, side: int = 64, shots: int = 40) -> list[BiasRow]:
                 BiasRow(
                     surroundings=name,
                     emissivity=epsilon,
-                    bias_K=float(np.nanmean(kelvin) - TRUTH_K),
+                    bias_K=float(np.nanmean(temperature_K) - TRUTH_K),
                     error_K=float(np.nanmean(error)),
-                    chi2_K=float(np.nanmean((kelvin - TRUTH_K) ** 2) / np.nanmean(error**2)),
+                    chi2_K=float(np.nanmean((temperature_K - TRUTH_K) ** 2) / np.nanmean(error**2)),
                     emissivity_bias=float(np.mean(found) - epsilon),
                     chi2_emissivity=float(np.mean((found - epsilon) ** 2) / np.mean(spread**2)),
                 )
@@ -143,8 +143,8 @@ def record(
     whole = Boundary.in_filter(around, filter_um, reference_K=480.0)
     own = float(band_radiance(TRUTH_K, filter_um=filter_um))
     found: list[Shot] = []
-    for kelvin in BACKGROUNDS_K:
-        real_K = kelvin + background_error_K * rng.standard_normal(epsilon.shape)
+    for background_K in BACKGROUNDS_K:
+        real_K = background_K + background_error_K * rng.standard_normal(epsilon.shape)
         leaving = whole.leaving(real_K)
         for kind in ("reference", "injection"):
             inside = leaving
@@ -156,5 +156,9 @@ def record(
                 noisy = rng.poisson(electrons) + 200.0 * rng.standard_normal(epsilon.shape)
                 counts = np.rint(CAMERA.offset_counts + offset + noisy / 40.0)
                 image = np.clip(counts, 0, 16383).astype(np.uint16)
-                found.append(Shot(f"{kelvin:g}-{kind}-{number}", kind, kelvin, kelvin, image))
+                found.append(
+                    Shot(
+                        f"{background_K:g}-{kind}-{number}", kind, background_K, background_K, image
+                    )
+                )
     return Recorded(found, around)

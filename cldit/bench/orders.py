@@ -58,11 +58,12 @@ def _methods(order: int) -> list[tuple[str, str, dict[str, Any]]]:
     if not order:
         return [("source", label, {})]
     methods: list[tuple[str, str, dict[str, Any]]] = [
-        ("source", f"{label}, {kelvin:g} K", {"accuracy_K": kelvin}) for kelvin in SOURCE_K
+        ("source", f"{label}, {accuracy_K:g} K", {"accuracy_K": accuracy_K})
+        for accuracy_K in SOURCE_K
     ]
-    kelvin = SOURCE_K[0]
-    even = {"accuracy_K": kelvin, "gather": False}
-    return [*methods, ("source, no gather", f"{label}, no gather, {kelvin:g} K", even)]
+    accuracy_K = SOURCE_K[0]
+    even = {"accuracy_K": accuracy_K, "gather": False}
+    return [*methods, ("source, no gather", f"{label}, no gather, {accuracy_K:g} K", even)]
 
 
 def _source(
@@ -73,8 +74,8 @@ def _source(
     result, cost = case.run(settings)
     weights = compared.lattice.pick(case.scene, result.weights)
     row = compared.row(method, label, weights, cost, order=order)
-    kelvin = compared.part.temperature_K(weights)
-    return replace(row, of_order_K=own.rms(kelvin, own.kelvin))
+    temperature_K = compared.part.temperature_K(weights)
+    return replace(row, of_order_K=own.rms(temperature_K, own.temperature_K))
 
 
 def _truth(compared: Compared, order: int) -> Truth:
@@ -107,6 +108,8 @@ def _branching(compared: Compared, own: Truth, order: int) -> Row:
         fixed_core_s=fixed,
         order=order,
     )
-    kelvin = [part.temperature_K(run.weights) for run, _ in runs]
-    squares = [own.rms(image, own.kelvin) ** 2 for image in kelvin]
-    return replace(row, of_order_K=float(np.mean(squares)) ** 0.5, left_K=own.common(*kelvin))
+    temperatures_K = [part.temperature_K(run.weights) for run, _ in runs]
+    squares = [own.rms(image, own.temperature_K) ** 2 for image in temperatures_K]
+    return replace(
+        row, of_order_K=float(np.mean(squares)) ** 0.5, left_K=own.common(*temperatures_K)
+    )

@@ -124,17 +124,17 @@ def bench_rays(case: Case, *, say: Say) -> tuple[list[Row], int]:
     solution = plain.run(case.settings(audit=False))[0].solution
     towards = None if solution is None else solution.towards
     truth = _quarters(_Painted.of(part(64, finer=2), towards, accuracy_K=1.0).weights)
-    kelvin = plain.temperature_K(truth)
+    truth_K = plain.temperature_K(truth)
     background = truth.background.astype(float)
-    visible = (1 - background > VISIBLE_EMISSIVITY) & np.isfinite(kelvin)
+    visible = (1 - background > VISIBLE_EMISSIVITY) & np.isfinite(truth_K)
     edge = at_edges(background)
     found = []
     settings: list[tuple[int | str, float]] = [(number, 1.0) for number in EVEN]
-    settings += [("adaptive", kelvin) for kelvin in ADAPTIVE_K]
+    settings += [("adaptive", accuracy_K) for accuracy_K in ADAPTIVE_K]
     for rays, accuracy_K in settings:
         painted = _Painted.of(part(rays), towards, accuracy_K=accuracy_K)
         name = str(rays) if rays in EVEN else f"adaptive, {accuracy_K:g} K"
-        off = plain.temperature_K(painted.weights) - kelvin
+        off = plain.temperature_K(painted.weights) - truth_K
         seen = visible & np.isfinite(off)
         found.append(
             Row(

@@ -78,7 +78,7 @@ class Design:
 
 def temperatures_K(low_K: float, high_K: float, count: int) -> tuple[float, ...]:
     """`count` backgrounds in equal steps from `low_K` to `high_K`, to a tenth of a kelvin."""
-    return tuple(round(float(kelvin), 1) for kelvin in np.linspace(low_K, high_K, count))
+    return tuple(round(float(each_K), 1) for each_K in np.linspace(low_K, high_K, count))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,13 +177,13 @@ def designs(
                 waiting_s = blackbody.time_s(backgrounds)
                 time_s = waiting_s + count * (shots + bare) * shot_s
                 if best is None or time_s < best.time_s:
-                    kelvin, emissivity = goal.errors(variances, shots, bare)
+                    error_K, emissivity = goal.errors(variances, shots, bare)
                     best = Design(
                         backgrounds_K=backgrounds,
                         shots=shots,
                         references=bare,
                         integration_time_s=subject.exposure(high).integration_time_s,
-                        error_K=float(kelvin),
+                        error_K=float(error_K),
                         emissivity_error=float(emissivity),
                         time_s=time_s,
                         waiting_s=waiting_s,

@@ -110,8 +110,8 @@ def evaluate_shots(
     chosen = Curve(filter_um=filter_um)
     if curve == "fitted":
         counts = [np.mean(sums[k, "reference"].mean(slice(None))[sees]) for k in setpoints]
-        kelvin = [sums[k, "reference"].temperature_K for k in setpoints]
-        fitted = fit_curve(np.array(kelvin), np.array(counts), filter_um=filter_um)
+        temperatures_K = [sums[k, "reference"].temperature_K for k in setpoints]
+        fitted = fit_curve(np.array(temperatures_K), np.array(counts), filter_um=filter_um)
         chosen = fitted.curve
     middle_K = reference_temperature_K(setpoints)
     whole = Boundary.of(
@@ -227,9 +227,9 @@ def _shared(
 ) -> Floats:
     """(K,) variance of the backgrounds' radiance that either kind has in common."""
     own_K = acquisition.surroundings.background_error_K
-    kelvin = np.array([sums[k, "injection"].temperature_K for k in setpoints])
+    backgrounds_K = np.array([sums[k, "injection"].temperature_K for k in setpoints])
     readings_K2 = np.array([sums[k, "injection"].temperature_variance_K2 for k in setpoints])
-    rise = (whole.leaving(kelvin + 0.01) - whole.leaving(kelvin - 0.01)) / 0.02
+    rise = (whole.leaving(backgrounds_K + 0.01) - whole.leaving(backgrounds_K - 0.01)) / 0.02
     return np.asarray(rise**2 * (own_K**2 + readings_K2))
 
 

@@ -162,8 +162,9 @@ def medium_temperature(maps: Maps, scattered: Scattered, curve: Curve) -> Medium
 
 def apparent(maps: Maps, curve: Curve) -> tuple[Floats, Floats]:
     """B(T_app) of `maps` by `curve`, (H, W), and its standard error."""
-    kelvin = maps.apparent_temperature_K.astype(float)
-    return curve.radiance(kelvin), curve.slope(kelvin) * maps.apparent_temperature_standard_error_K
+    apparent_K = maps.apparent_temperature_K.astype(float)
+    error_K = maps.apparent_temperature_standard_error_K
+    return curve.radiance(apparent_K), curve.slope(apparent_K) * error_K
 
 
 def _medium(

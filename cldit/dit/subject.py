@@ -90,12 +90,12 @@ class Subject:
             scatter=math.sqrt(2.0) * scene.rig.shot_scatter,
         )
 
-    def signals(self, kelvin: float) -> tuple[Floats, Floats]:
+    def signals(self, background_K: float) -> tuple[Floats, Floats]:
         """(N,) radiance at the camera without and with spray."""
         bare = [self.reference] * len(self.boundaries)
         return (
-            picture(bare, self.boundaries, background_K=kelvin)[0],
-            picture(self.spray, self.boundaries, background_K=kelvin)[0],
+            picture(bare, self.boundaries, background_K=background_K)[0],
+            picture(self.spray, self.boundaries, background_K=background_K)[0],
         )
 
     def exposure(self, hottest_K: float) -> SensorModel:
@@ -134,10 +134,10 @@ class Subject:
         )
         radiance, _ = apparent_radiance(lines)
         g, _, s, _ = lines.values.T
-        kelvin = self.curve.temperature_slope(np.maximum(radiance, 0.0)) / (g - s)
+        per_radiance = self.curve.temperature_slope(np.maximum(radiance, 0.0)) / (g - s)
         zero = np.zeros_like(g)
         gradients = (
-            np.stack([-radiance, -one, radiance, one], axis=1) * kelvin[:, None],
+            np.stack([-radiance, -one, radiance, one], axis=1) * per_radiance[:, None],
             np.stack([s / g**2, zero, -1.0 / g, zero], axis=1),
         )
         kinds = (slice(2, 4), slice(0, 2))
@@ -224,14 +224,14 @@ def coldest_K(
         emissivity: of the spray.
         shots, references: exposures before each background.
     """
-    kelvin = np.linspace(200.0, max(backgrounds_K), 2001)
+    sprays_K = np.linspace(200.0, max(backgrounds_K), 2001)
     errors = opaque_errors_K(
         subject,
-        kelvin,
+        sprays_K,
         backgrounds_K,
         emissivity=emissivity,
         shots=shots,
         references=references,
     )
     told = np.flatnonzero(errors <= error_K)
-    return float(kelvin[told[0]]) if told.size else math.nan
+    return float(sprays_K[told[0]]) if told.size else math.nan

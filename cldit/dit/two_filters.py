@@ -137,8 +137,8 @@ def one_filter(
     Returns:
         (H, W) temperature [K], and (H, W) standard error [K].
     """
-    kelvin, error = _over_sizes(band, np.array([diameter_um]), wall_temperature_K)
-    return kelvin[..., 0], error[..., 0]
+    temperature_K, error = _over_sizes(band, np.array([diameter_um]), wall_temperature_K)
+    return temperature_K[..., 0], error[..., 0]
 
 
 def _over_sizes(band: Band, diameters_um: Floats, wall_temperature_K: float) -> tuple[Floats, ...]:
@@ -177,17 +177,17 @@ def two_filters(bands: tuple[Band, Band], *, wall_temperature_K: float) -> SlabT
     with np.errstate(divide="ignore", invalid="ignore"):
         # Of T where one + rise d meets other + rise d, d between 0 and 1 of the step in size.
         step = -at_meeting(apart[..., :-1]) / (rises[0] - rises[1])
-        kelvin = first + rises[0] * step
+        temperature_K = first + rises[0] * step
         spread = np.hypot(rises[1] * errors[0], rises[0] * errors[1]) / abs(rises[0] - rises[1])
         diameter = np.exp(np.interp(at[..., 0] + step, np.arange(sizes.size), np.log(sizes)))
     everywhere = np.where(agree, 0.5 * (one + other), np.nan)
-    edges = [kelvin - _SURE * spread, kelvin + _SURE * spread]
+    edges = [temperature_K - _SURE * spread, temperature_K + _SURE * spread]
     every = np.concatenate([everywhere, np.stack(edges, axis=-1)], axis=-1)
     low = np.min(np.where(np.isnan(every), np.inf, every), axis=-1)
     high = np.max(np.where(np.isnan(every), -np.inf, every), axis=-1)
     said = np.isfinite(low)
     return SlabTemperature(
-        temperature_K=kelvin,
+        temperature_K=temperature_K,
         standard_error_K=spread,
         diameter_um=np.where(meets, diameter, np.nan),
         low_K=np.where(said, low, np.nan),

@@ -132,10 +132,12 @@ def _evaluate(temperature_K: ArrayLike, filter_um: Filter, *, slope: bool) -> ND
     for begin in range(0, usable.size, _CHUNK):
         part = usable[begin : begin + _CHUNK]
         # At a subnormal temperature x overflows to infinity; a picokelvin has B = 0 as well.
-        kelvin = np.maximum(flat[part], 1e-12)
-        log_band, power = _looked_up(kelvin, filter_um) if tabulated else _log_band(kelvin, pieces)
+        positive_K = np.maximum(flat[part], 1e-12)
+        log_band, power = (
+            _looked_up(positive_K, filter_um) if tabulated else _log_band(positive_K, pieces)
+        )
         if slope:
-            log_band = log_band + np.log(power) - np.log(kelvin)
+            log_band = log_band + np.log(power) - np.log(positive_K)
         with np.errstate(under="ignore", over="ignore"):
             out[part] = np.exp(log_band)
     return out.reshape(temperature.shape)

@@ -156,13 +156,13 @@ class SpectralNode:
 
     def share(self, temperature_K: ArrayLike) -> Floats:
         """Share of the filter's black-body radiance, any shape; over the nodes they add up to 1."""
-        kelvin = np.asarray(temperature_K, float)
+        given_K = np.asarray(temperature_K, float)
         if len(self.quadrature.members) == 1:
-            return np.ones_like(kelvin)
+            return np.ones_like(given_K)
         spline = self.quadrature.shares
         one = CubicSpline.construct_fast(spline.c[..., self.number], spline.x)
         with np.errstate(divide="ignore"):
-            place = np.log(np.maximum(kelvin, 0.0))
+            place = np.log(np.maximum(given_K, 0.0))
         return np.asarray(one(np.clip(place, spline.x[0], spline.x[-1])))
 
     def radiance(self, temperature_K: ArrayLike) -> Floats:

@@ -174,10 +174,12 @@ def _slider(camera: tuple[tuple[float, Picture], ...]) -> str:
     if not camera:
         return ""
     shots = "".join(
-        _figure(Picture(picture.png, f"Background at {kelvin:g} K. {picture.caption}".strip()))
-        for kelvin, picture in camera
+        _figure(
+            Picture(picture.png, f"Background at {background_K:g} K. {picture.caption}".strip())
+        )
+        for background_K, picture in camera
     )
-    labels = "|".join(f"{kelvin:g} K" for kelvin, _ in camera)
+    labels = "|".join(f"{background_K:g} K" for background_K, _ in camera)
     control = (
         f"<label hidden>Background <output>{labels}</output>\n"
         f'<input type="range" min="0" max="{len(camera) - 1}" value="0" step="1"></label>\n'

@@ -39,14 +39,14 @@ class Difference:
     def of(cls, maps: Maps, other: Maps) -> Difference | None:
         """`maps` minus `other`; None where no pixel has a temperature in both."""
         here = (maps.emissivity > VISIBLE_EMISSIVITY) & (other.emissivity > VISIBLE_EMISSIVITY)
-        kelvin = maps.apparent_temperature_K.astype(float) - other.apparent_temperature_K
-        here &= np.isfinite(kelvin)
+        difference_K = maps.apparent_temperature_K.astype(float) - other.apparent_temperature_K
+        here &= np.isfinite(difference_K)
         if not here.any():
             return None
         emissivity = maps.emissivity.astype(float) - other.emissivity
         return cls(
-            rms_K=float(np.sqrt(np.mean(kelvin[here] ** 2))),
-            mean_K=float(np.mean(kelvin[here])),
+            rms_K=float(np.sqrt(np.mean(difference_K[here] ** 2))),
+            mean_K=float(np.mean(difference_K[here])),
             mean_emissivity=float(np.mean(emissivity[here])),
             pixels=int(here.sum()),
         )

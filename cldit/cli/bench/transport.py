@@ -34,7 +34,7 @@ class Asked:
         command = f"cldit bench --scene {self.scene} --only {part} --out {self.out}"
         if part == "error":
             command += f" --every {self.every} --samples {self.samples}"
-            command += "".join(f" --accuracy {kelvin:g}K" for kelvin in self.accuracies_K)
+            command += "".join(f" --accuracy {accuracy_K:g}K" for accuracy_K in self.accuracies_K)
         return command
 
 

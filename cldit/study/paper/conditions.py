@@ -48,10 +48,10 @@ def open_vapour(folder: Path) -> Path:
     number = np.arange(2000.0, 5000.1, 5.0)
     inside = (number >= low) & (number <= high)
     text = []
-    for kelvin in (200.0, *(float(row) for row in band.rows_K)):
+    for row_K in (200.0, *(float(row) for row in band.rows_K)):
         values = np.zeros(len(number))
-        values[inside] = band.absorption_m2_mol(number[inside], kelvin) * 1e4 / _AVOGADRO
-        head = f"{'n-heptane':>20}{number[0]:10.3f}{number[-1]:10.3f}{len(number):7d}{kelvin:7.1f}"
+        values[inside] = band.absorption_m2_mol(number[inside], row_K) * 1e4 / _AVOGADRO
+        head = f"{'n-heptane':>20}{number[0]:10.3f}{number[-1]:10.3f}{len(number):7d}{row_K:7.1f}"
         cells = [f"{value:10.3E}" for value in values]
         rows = ["".join(cells[at : at + 10]) for at in range(0, len(cells), 10)]
         text += [f"{head}{760.0:6.1f}{values.max():10.3E}".ljust(100), *rows]

@@ -25,11 +25,11 @@ def study(lab: Lab) -> Page:
     cold = lab.run(lab.gdi("fuel-330", {**early, "spray.fuel_temperature_K": 330.0}))
     # Each trace serves all walls; those that follow the background are its light, not theirs.
     others = {
-        f"walls {kelvin:g} K": [
-            reevaluated(run, changed(run.scene, {"walls.temperature_K": kelvin}))
+        f"walls {wall_K:g} K": [
+            reevaluated(run, changed(run.scene, {"walls.temperature_K": wall_K}))
             for run in (warm, cold)
         ]
-        for kelvin in _OTHER_WALLS_K
+        for wall_K in _OTHER_WALLS_K
     }
     others["background all round"] = [all_round(run) for run in (warm, cold)]
     _, z = positions_m(warm)

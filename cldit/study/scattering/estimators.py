@@ -40,18 +40,23 @@ _SAUTER_UM = 9.0
 
 @dataclass(frozen=True)
 class Said:
-    """(H, W) each. kelvin: NaN where nothing is said; noise_K: its standard error, None where it
-    is not stated. low_K, high_K: the bound that is claimed; infinite where it is open."""
+    """What an estimator says, (H, W) each.
 
-    kelvin: Floats
+    temperature_K: NaN where nothing is said. noise_K: its standard error, None where it is not
+    stated. low_K, high_K: the bound that is claimed; infinite where it is open.
+    """
+
+    temperature_K: Floats
     noise_K: Floats | None
     low_K: Floats
     high_K: Floats
 
     @classmethod
-    def of(cls, kelvin: Floats, noise_K: Floats) -> Said:
-        """Temperatures `kelvin` (H, W) with bounds by their standard error `noise_K` (H, W)."""
-        return cls(kelvin, noise_K, kelvin - _SURE * noise_K, kelvin + _SURE * noise_K)
+    def of(cls, temperature_K: Floats, noise_K: Floats) -> Said:
+        """Bounds of `temperature_K` (H, W) by its standard error `noise_K` (H, W)."""
+        return cls(
+            temperature_K, noise_K, temperature_K - _SURE * noise_K, temperature_K + _SURE * noise_K
+        )
 
     @classmethod
     def of_medium(cls, medium: Medium) -> Said:
@@ -128,15 +133,15 @@ def _without(truth: Traced) -> Iterator[Estimator]:
     curve, walls_K = truth.curve, truth.scene.walls.temperature_K
 
     def plain(maps: Maps) -> Said:
-        kelvin = maps.apparent_temperature_K.astype(float)
-        return Said.of(kelvin, maps.apparent_temperature_standard_error_K.astype(float))
+        temperature_K = maps.apparent_temperature_K.astype(float)
+        return Said.of(temperature_K, maps.apparent_temperature_standard_error_K.astype(float))
 
     def away_from_walls(maps: Maps) -> Said:
         """What emits lies on the other side of T_app than the walls."""
         one = plain(maps)
-        warm = one.kelvin < walls_K
+        warm = one.temperature_K < walls_K
         return Said(
-            one.kelvin,
+            one.temperature_K,
             one.noise_K,
             np.where(warm, -np.inf, one.low_K),
             np.where(warm, one.high_K, np.inf),
@@ -290,12 +295,12 @@ def _with_model(models: Mapping[str, Traced], second: Mapping[str, Traced]) -> I
             radiance = droplet_radiance(
                 maps["as it is"], model.weights, model.liquid_share, model.scattered(), model.curve
             )
-            kelvin = model.curve.temperature(radiance)
+            temperature_K = model.curve.temperature(radiance)
             _, error = apparent(maps["as it is"], model.curve)
             with np.errstate(divide="ignore", invalid="ignore"):
                 share = model.liquid_share / (1.0 - model.weights.background.astype(float))
                 noise = error / share * model.curve.temperature_slope(radiance)
-            return Said.of(kelvin, noise)
+            return Said.of(temperature_K, noise)
 
         return say
 

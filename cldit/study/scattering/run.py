@@ -155,9 +155,10 @@ def evaluated(models: Mapping[str, Traced], second: Mapping[str, Traced], scene:
         _row(estimator, said[estimator.method, estimator.needs], estimator.say(noisy), truth)
         for estimator in every
     )
-    plain = said["plain DIT", "nothing"].kelvin
+    plain = said["plain DIT", "nothing"].temperature_K
     share, alone = (
-        said[method, f"model: {LARGER}"].kelvin for method in ("scattered share", "droplets alone")
+        said[method, f"model: {LARGER}"].temperature_K
+        for method in ("scattered share", "droplets alone")
     )
     errors = {
         "plain DIT - what emits": plain - truth.medium_K,
@@ -175,7 +176,7 @@ def evaluated(models: Mapping[str, Traced], second: Mapping[str, Traced], scene:
 
 def _row(estimator: Estimator, exact: Said, noisy: Said, truth: Truth) -> Row:
     after_K = truth.droplets_K if estimator.about == "droplets" else truth.medium_K
-    told = truth.here & np.isfinite(exact.kelvin)
+    told = truth.here & np.isfinite(exact.temperature_K)
     seen = told & truth.wet if estimator.about == "droplets" else told
     width = (noisy.high_K - noisy.low_K)[told]
     return Row(
@@ -190,14 +191,14 @@ def _row(estimator: Estimator, exact: Said, noisy: Said, truth: Truth) -> Row:
         width_K=_nan_median(width),
         told=float(told.sum() / truth.here.sum()),
         where={
-            name: _rms((exact.kelvin - after_K)[mask & seen])
+            name: _rms((exact.temperature_K - after_K)[mask & seen])
             for name, mask in truth.classes.items()
         },
     )
 
 
 def _error(exact: Said, noisy: Said, truth_K: Floats, here: Mask) -> Error:
-    off = (exact.kelvin - truth_K)[here]
+    off = (exact.temperature_K - truth_K)[here]
     off = off[np.isfinite(off)]
     sure = here & np.isfinite(truth_K) & ~np.isnan(noisy.low_K) & ~np.isnan(noisy.high_K)
     within = (noisy.low_K <= truth_K) & (truth_K <= noisy.high_K)
