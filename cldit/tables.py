@@ -42,11 +42,11 @@ def cached(folder: Path | None, *, kind: str, text: str, make: Callable[[], Arra
     if folder is None:
         return make()
     path = Path(folder) / f"{kind}-{hashlib.sha256(text.encode()).hexdigest()[:24]}.table"
-    kept = _read(path, text)
-    if kept is None:
-        kept = make()
-        _write(path, text, kept)
-    return kept
+    arrays = _read(path, text)
+    if arrays is None:
+        arrays = make()
+        _write(path, text, arrays)
+    return arrays
 
 
 def _read(path: Path, text: str) -> Arrays | None:

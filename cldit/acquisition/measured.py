@@ -95,7 +95,10 @@ class MeasuredShot:
 
 @dataclass(frozen=True)
 class Measured:
-    """Measured data, as the evaluation wants it (`cldit.dit.shots.Acquisition`)."""
+    """Measured data, as the evaluation wants it (`cldit.dit.shots.Acquisition`).
+
+    bad_pixels: (rows, columns) True where a pixel is not used.
+    """
 
     folder: Path
     name: str

@@ -27,7 +27,8 @@ _REFERENCE_SEEDS = (7001, 7002)
 class Truth:
     """A converged `path` picture in two independent halves.
 
-    noise_K: RMS over pixels of the standard error of their mean.
+    temperature_K: (H, W) T_app of either half. visible: (H, W) pixels that are compared. noise_K:
+    RMS over pixels of the standard error of their mean.
     """
 
     halves: tuple[Weights, Weights]

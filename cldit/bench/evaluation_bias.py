@@ -57,7 +57,7 @@ class BiasRow:
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture, as the evaluation wants its shots."""
+    """A picture (rows, columns), as the evaluation wants its shots."""
 
     id: str
     kind: str
@@ -68,7 +68,7 @@ class Shot:
 
 @dataclass
 class Recorded:
-    """Shots in memory, as the evaluation wants a recording."""
+    """Shots in memory, as the evaluation wants a recording; bad_pixels: (rows, columns) or None."""
 
     shots: list[Shot]
     surroundings: Surroundings

@@ -158,14 +158,14 @@ def _droplet_cells(base: Case) -> Growth:
     one = base.seen(changed(base.scene, camera={"pixels": [1, 1]}))
     scattering = np.flatnonzero(base.tree.fields["droplet_scattering"] > 0)
     for share in (8, 4, 2, 1):
-        kept = scattering[: len(scattering) // share]
-        points.append(Point(float(len(kept)), _cost(_with_tree(one, _only(base.tree, kept)))))
+        chosen = scattering[: len(scattering) // share]
+        points.append(Point(float(len(chosen)), _cost(_with_tree(one, _only(base.tree, chosen)))))
     return Growth("droplet cells", "the trace, one pixel", tuple(points))
 
 
-def _only(tree: Octree, kept: Any) -> Octree:
+def _only(tree: Octree, chosen: Any) -> Octree:
     mask = np.zeros(len(tree.fields["droplet_scattering"]), bool)
-    mask[kept] = True
+    mask[chosen] = True
     fields = {
         name: np.where(mask, values, np.float32(0)) if name.startswith("droplet") else values
         for name, values in tree.fields.items()

@@ -155,18 +155,18 @@ def roofline(case: Case, *, directions: int = 96) -> Part:
             f"precision, {machine.exps_per_s / 1e9:.2f} G exponentials. The roofline is the larger "
             "of the time that the counted bytes and that the counted operations take.",
             "What is left, as far as it is known. *Sweep*: every step of a direction looks up "
-            "where its rays are, for each row, also of a few cells; a tile's rays and cells lie in "
-            "the cache, but rays not as vectors do, for they go from cell to cell; filling the "
-            "source and listing the excess are part of it. One cell at a time shows what vectors "
-            "give, and tiles, of which it then has none. *Image*: every "
-            "step depends on the one before (which cell comes next, then its brick, then its "
-            "depth), so it waits for conversions and dependent loads and not for bandwidth, and "
-            "neighbouring pixels branch differently, so nothing is done eight at a time; the walk "
-            "alone, with no light, takes most of it. *Path segments*: eight cells at once wait for "
-            "each other's loads, which come from eight places, and are put together one by one, "
-            "as is what each cell sends; segments begin and end one by one, each in another cell "
-            "and in another line of the radiance at interfaces, which is larger than the cache. "
-            "One at a time shows what vectors give.",
+            "where its rays are, for each row, also of a few cells; a tile's rays and cells lie "
+            "in the cache, but rays not as vectors do, for they go from cell to cell; filling the"
+            " source and collecting I - S are part of it. One cell at a time shows what vectors "
+            "give, and tiles, of which it then has none. *Image*: every step depends on the one "
+            "before (which cell comes next, then its brick, then its depth), so it waits for "
+            "conversions and dependent loads and not for bandwidth, and neighbouring pixels "
+            "branch differently, so nothing is done eight at a time; the traversal alone, with no"
+            " light, takes most of it. *Path segments*: eight cells at once wait for each other's"
+            " loads, which come from eight places, and are put together one by one, as is what "
+            "each cell sends; segments begin and end one by one, each in another cell and in "
+            "another line of the radiance at interfaces, which is larger than the cache. One at a"
+            " time shows what vectors give.",
         ),
     )
 
@@ -205,7 +205,7 @@ def _sweeps(machine: Machine, kernels: Kernels, directions: int) -> list[Line]:
 
 
 def _images(machine: Machine, kernels: Kernels) -> list[Line]:
-    steps, walk = kernels.steps()
+    steps, traversal = kernels.steps()
     needs = kernels.cells.needs
     sources = len(needs.components) - (0 if needs.scattering else 2)
     total, through = (float(count.sum()) for count in steps)
@@ -240,9 +240,9 @@ def _images(machine: Machine, kernels: Kernels) -> list[Line]:
         lines.append(trace)
     alone = Line.of(
         machine,
-        "image, its walk alone",
+        "image, its traversal alone",
         work,
-        walk.core_s,
+        traversal.core_s,
         moved=walked + 2 * _REAL_BYTES * pixels,
         flops=IMAGE_STEP * total,
         exps=0.0,
@@ -251,12 +251,12 @@ def _images(machine: Machine, kernels: Kernels) -> list[Line]:
 
 
 def _segments(machine: Machine, kernels: Kernels) -> list[Line]:
-    flown, alone = kernels.path_segments(_SEGMENTS), kernels.path_segments(_SEGMENTS, vector=1)
-    if flown is None or alone is None:
+    found, alone = kernels.path_segments(_SEGMENTS), kernels.path_segments(_SEGMENTS, vector=1)
+    if found is None or alone is None:
         return []
     components = len(kernels.cells.needs.components)
     # What is met is read once, and the light at each end; all else stays in the cache.
-    moved = _REAL_BYTES * (flown.region * flown.record + flown.segments * components)
+    moved = _REAL_BYTES * (found.region * found.record + found.segments * components)
     cell = SEGMENT_STEP + SEGMENT_CELL + SEGMENT_SOURCE * components
     return [
         Line.of(
@@ -269,5 +269,5 @@ def _segments(machine: Machine, kernels: Kernels) -> list[Line]:
             flops=cell * each.crossed,
             exps=0.0,
         )
-        for name, each in (("path segments", flown), ("path segments, one at a time", alone))
+        for name, each in (("path segments", found), ("path segments, one at a time", alone))
     ]

@@ -24,7 +24,7 @@ from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 
 Array = NDArray[Any]
-Lack = Callable[[Array], Array]
+Residual = Callable[[Array], Array]
 
 WANTED = 1e-4  # RMS error of the source of the worst component: what 1 K asks for
 EXACT = 1e-8  # of the answer that the others are held to
@@ -120,20 +120,20 @@ class _Equation:
         return another_order(self.sweeper, source, self.rays) - source
 
 
-def lambda_iteration(lack: Lack, source: Array) -> Iterator[Array]:
-    """Sources (C, N) after each pass from `source` (C, N) on: the residual `lack` is added."""
+def lambda_iteration(residual: Residual, source: Array) -> Iterator[Array]:
+    """Sources (C, N) after each pass from `source` (C, N) on: `residual` is added."""
     while True:
-        source = source + lack(source)
+        source = source + residual(source)
         yield source
 
 
-def anderson(lack: Lack, source: Array, *, depth: int = DEPTH) -> Iterator[Array]:
+def anderson(residual: Residual, source: Array, *, depth: int = DEPTH) -> Iterator[Array]:
     """Anderson mixing (1965), each component on its own.
 
     Of the last steps that combination is taken whose linear prediction of the residual is least.
 
     Args:
-        lack: residual of a source.
+        residual: of a source, (C, N) to (C, N).
         source: (C, N) to begin with.
         depth: steps that are mixed.
 
@@ -144,7 +144,7 @@ def anderson(lack: Lack, source: Array, *, depth: int = DEPTH) -> Iterator[Array
     changes: list[Array] = []
     before: tuple[Array, Array] | None = None
     while True:
-        found = lack(source)
+        found = residual(source)
         if before is not None:
             steps = [*steps, source - before[0]][-depth:]
             changes = [*changes, found - before[1]][-depth:]

@@ -34,7 +34,7 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Injector:
-    """Where and whither the case's dictionary injects; `source` is that dictionary."""
+    """Where and whither the case's dictionary `source` injects, (3,) each."""
 
     source: str
     position_m: Floats

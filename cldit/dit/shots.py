@@ -65,7 +65,10 @@ class Acquisition(Protocol):
 
 @dataclass
 class Sums:
-    """Of the counts of one kind before one background."""
+    """Sums of the pictures (h, w) of one kind before one background.
+
+    total, squares: (h, w) weighted sums of counts and of their squares. Lists hold an entry a shot.
+    """
 
     temperatures_K: list[float]
     total: Floats

@@ -46,8 +46,8 @@ _FORM = 4  # of the file
 class DropletTable:
     """Efficiencies over ln x; made by `droplet_table`.
 
-    scattering, absorption: efficiencies over their Rayleigh forms, x^4 / (1 + x^4) and
-    x / sqrt(1 + x^2), which keeps them of order one; asymmetry: g. All (POINTS,).
+    scattering, absorption: (N,) efficiencies over their Rayleigh forms, x^4 / (1 + x^4) and x /
+    sqrt(1 + x^2), which keeps them of order one. asymmetry: (N,) g.
     """
 
     wavelength_um: float
@@ -140,14 +140,14 @@ def droplet_table(*, wavelength_um: float, n: float, k: float, cache: Path | Non
             f"droplet optics: wavelength {wavelength_um:g} um, n = {n:g}, k = {k:g}; allowed are "
             "finite numbers, wavelength and n above 0, k not below 0"
         )
-    kept = cached(
+    arrays = cached(
         cache,
         kind="mie",
         text=f"{_FORM} {_STEP} {_COARSER} {_FINER} {AVERAGED} {wavelength_um!r} {n!r} {k!r}",
         make=lambda: _solve(wavelength_um=wavelength_um, n=n, k=k),
     )
-    start, step = (float(value) for value in kept["axis"])
-    columns = (kept[name] for name in ("scattering", "absorption", "asymmetry"))
+    start, step = (float(value) for value in arrays["axis"])
+    columns = (arrays[name] for name in ("scattering", "absorption", "asymmetry"))
     return DropletTable(wavelength_um, n, k, start, step, *columns)
 
 

@@ -135,14 +135,14 @@ def phase_table(
             f"phase functions: wavelength {wavelength_um:g} um, largest diameter {largest_m:g} m; "
             f"allowed are wavelengths above 0 and diameters from {2 * SMALLEST_M:g} m"
         )
-    kept = cached(
+    arrays = cached(
         cache,
         kind="phase",
         text=f"{_FORM} {_SIZES} {_WITHIN} {wavelength_um!r} {n!r} {k!r} {largest_m!r}",
         make=lambda: _solve(wavelength_um=wavelength_um, n=n, k=k, largest_m=largest_m),
     )
     names = ("diameter_m", "cosine", "weights", "density_per_sr", "scattering_m2")
-    return PhaseTable(wavelength_um, n, k, *(kept[name] for name in names))
+    return PhaseTable(wavelength_um, n, k, *(arrays[name] for name in names))
 
 
 def _check_scatters(*, n: float, k: float) -> None:

@@ -90,13 +90,13 @@ def wavelengths(
         means = _Means.of(spectrum, lines, groups, light)
         return {"groups": groups.astype(float), "errors_K": np.array(errors_K), **vars(means)}
 
-    kept = cached(cache, kind="wavelengths", text=_content(scene, spray, spectrum), make=choose)
-    quadrature = _quadrature(spectrum, kept["groups"].astype(np.intp), filter_um, reference_K)
-    properties = _Means(**{field.name: kept[field.name] for field in fields(_Means)})
+    arrays = cached(cache, kind="wavelengths", text=_content(scene, spray, spectrum), make=choose)
+    quadrature = _quadrature(spectrum, arrays["groups"].astype(np.intp), filter_um, reference_K)
+    properties = _Means(**{field.name: arrays[field.name] for field in fields(_Means)})
     bands = tuple(
         properties.band(number, node, cache=cache) for number, node in enumerate(quadrature.nodes)
     )
-    return Wavelengths(quadrature, bands, tuple(kept["errors_K"].tolist()))
+    return Wavelengths(quadrature, bands, tuple(arrays["errors_K"].tolist()))
 
 
 def _content(scene: Scene, spray: Spray, spectrum: Spectrum) -> str:

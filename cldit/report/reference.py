@@ -27,8 +27,8 @@ class _Place:
     @property
     def anchor(self) -> str:
         """As GitHub and mkdocs make it from the heading."""
-        kept = "".join(c for c in self.heading.lower() if c.isalnum() or c in "_- ")
-        return "-".join(kept.split())
+        letters = "".join(c for c in self.heading.lower() if c.isalnum() or c in "_- ")
+        return "-".join(letters.split())
 
 
 def markdown(model: type[BaseModel], *, title: str, file: str) -> str:

@@ -98,13 +98,13 @@ def mean_phase(
     if not points.scattering_m2.any():
         return None
     indices = [(one.wavelength_um, one.n, one.k) for one in band.droplets.tables]
-    kept = cached(
+    arrays = cached(
         cache,
         kind="scattering",
         text=f"{_FORM} {indices!r} {band.droplets.temperature_K.tolist()!r} {content}",
         make=lambda: _plain(mean_of(spray.parcels, band.droplets, points.scattering_m2)),
     )
-    return ScatteringTable(kept["cosine"], kept["cumulative"])
+    return ScatteringTable(arrays["cosine"], arrays["cumulative"])
 
 
 def _plain(table: ScatteringTable | None) -> Arrays:

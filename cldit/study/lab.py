@@ -46,7 +46,7 @@ class Lab:
     used: every scene that was asked for, for the page.
     """
 
-    kept: RunCache = field(default_factory=RunCache)
+    runs: RunCache = field(default_factory=RunCache)
     quick: bool = False
     device: Device | None = None
     say: Say | None = None
@@ -75,12 +75,12 @@ class Lab:
     def run(self, scene: Scene) -> Run:
         """The run of a scene, from the cache where it is there."""
         self._note(scene)
-        return self.kept.run(scene, device=self.device, progress=self.say)
+        return self.runs.run(scene, device=self.device, progress=self.say)
 
     def spray(self, scene: Scene) -> Spray:
         """The spray of a scene, from the cache where it is there."""
         self._note(scene)
-        return make_spray(scene.spray, cache=self.kept.cache)
+        return make_spray(scene.spray, cache=self.runs.cache)
 
     def _note(self, scene: Scene) -> None:
         self.used.setdefault(scene.name, scene)

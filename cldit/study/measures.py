@@ -104,7 +104,7 @@ def mean_emissivity(run: Run, where: Mask) -> float:
 
 @dataclass(frozen=True)
 class Change:
-    """T_app of one run minus that of another, where both are visible; NaN elsewhere."""
+    """T_app of one run minus that of another, (H, W), where both are visible; NaN elsewhere."""
 
     image: NDArray[np.float32]
 

@@ -164,13 +164,13 @@ def _group(group: list[Point], spray: Spray | None, cache: Path | None) -> Finis
 
     What cldit refuses is a result, so that the other scenes go on; all else is dask's to report.
     """
-    kept = RunCache(cache or default_cache())
+    runs = RunCache(cache or default_cache())
     worker = f"{os.uname().nodename}:{os.getpid()}"
     finished: Finished = []
     for point in group:
         start = time.perf_counter()
         try:
-            run = kept.run(
+            run = runs.run(
                 point.scene, device=_device(), spray=None if spray is None else lambda: spray
             )
             found: Result | str = Result.of(run)

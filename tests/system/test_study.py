@@ -33,13 +33,13 @@ def test_walls(tmp_path: Path) -> None:
     """Six walls from one trace; then all of it from the cache."""
     lab = Lab(RunCache(tmp_path / "cache"), quick=True, always=_TINY)
     page = run_study("walls", lab)
-    assert lab.kept.computed == ["gdi"]
+    assert lab.runs.computed == ["gdi"]
     assert len(page.table) == 6 and set(page.scenes) == {"gdi"} and page.quick
     assert write_page(page, tmp_path / "out").is_file()
 
     again = Lab(RunCache(tmp_path / "cache"), quick=True, always=_TINY)
     repeated = run_study("walls", again)
-    assert again.kept.computed == []
+    assert again.runs.computed == []
     assert [v.value for v in repeated.verdicts] == pytest.approx(
         [v.value for v in page.verdicts], nan_ok=True
     )
@@ -74,7 +74,7 @@ from cldit.run import RunCache
 from cldit.study.lab import Lab
 
 def say(text):
-    if len(lab.kept.computed) == 2 and text.strip() == "octree":
+    if len(lab.runs.computed) == 2 and text.strip() == "octree":
         os.kill(os.getpid(), signal.SIGKILL)
 
 lab = Lab(RunCache(Path(sys.argv[1])), quick=True, always=eval(sys.argv[2]), say=say)
@@ -92,7 +92,7 @@ def test_what_a_killed_study_had_traced_is_not_traced_again(tmp_path: Path) -> N
         lab = Lab(RunCache(tmp_path), quick=True, always=_TINY)
         for order in range(4):
             lab.run(lab.gdi(f"order-{order}", {"transport.order": order}))
-        assert len(lab.kept.computed) == computed
+        assert len(lab.runs.computed) == computed
         assert not list((tmp_path / "runs").glob("*.part"))
 
 

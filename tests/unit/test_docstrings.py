@@ -10,7 +10,7 @@ What must be said:
 - where a function with `Args` returns arrays or several things, they stand under `Returns`, or in
   a summary that begins with the shape of the array. A number, a text and a type of this package are
   said by the summary and by the type;
-- where arrays are taken or returned, a shape is given: `(N,)`, `(T, 3)`, or in words;
+- where arrays are taken, returned or held by a class, a shape is given: `(N,)`, or in words;
 - a `raise` of one of the package's errors stands under `Raises`.
 """
 
@@ -31,7 +31,8 @@ NOT_CHECKED_YET = ("transport", "gpu")
 FILES = [
     path
     for path in sorted(ROOT.rglob("*.py"))
-    if path.relative_to(ROOT).parts[0] not in NOT_CHECKED_YET and not path.name.startswith("__m")
+    if path.relative_to(ROOT).parts[0] not in NOT_CHECKED_YET
+    and (path.name == "__init__.py" or not path.name.startswith("_"))
 ]
 ARRAY = re.compile(r"NDArray|ArrayLike|\b(Floats|Ints|Bools|Reals|Array)\b")
 SEVERAL = re.compile(r"\b(tuple|list|dict|set|Mapping|Sequence|Iterator|Generator)\b")
@@ -125,13 +126,53 @@ def faults_of(function: Function) -> list[str]:
     return faults
 
 
+def class_faults(node: ast.ClassDef) -> list[str]:
+    text = ast.get_docstring(node)
+    if text is None:
+        return [f"class {node.name}: no docstring"]
+    arrays = [
+        one
+        for one in node.body
+        if isinstance(one, ast.AnnAssign)
+        and not ast.unparse(one.target).startswith("_")
+        and ARRAY.search(ast.unparse(one.annotation))
+        and "Callable" not in ast.unparse(one.annotation)
+    ]
+    if arrays and not SHAPE.search(text):
+        return [f"class {node.name}: no shape of {ast.unparse(arrays[0].target)}"]
+    return []
+
+
+def faults_in(source: str) -> list[str]:
+    faults = []
+    for one in _public(ast.parse(source).body):
+        faults += faults_of(one) if isinstance(one, Function) else class_faults(one)
+    return faults
+
+
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_public_functions_say_what_they_take_give_and_raise(path: Path) -> None:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    faults = []
-    for one in _public(tree.body):
-        if isinstance(one, Function):
-            faults += faults_of(one)
-        elif ast.get_docstring(one) is None:
-            faults.append(f"class {one.name}: no docstring")
+    faults = faults_in(path.read_text(encoding="utf-8"))
     assert not faults, "\n".join(faults)
+
+
+@pytest.mark.parametrize(
+    ("source", "fault"),
+    [
+        ("def f(x: int) -> int: ...", "f: no docstring"),
+        ("class A:\n    x: int", "class A: no docstring"),
+        ("class A:\n    'An array.'\n    x: Floats", "class A: no shape of x"),
+        ("def f(x: Floats) -> None:\n    'Takes x.'", "f: no shape of an array"),
+        ("def f(a, b, c):\n    'Takes a.'\n    print(a)\n    print(b)", "f: Args lack a, b, c"),
+        (
+            "def f(a, b, c) -> list[int]:\n    'Args: a, b, c'\n    print(a)\n    return b",
+            "f: Returns is missing for list[int]",
+        ),
+        ("def f():\n    'Fails.'\n    raise SceneError('no')", "f: Raises lacks SceneError"),
+        ("class A:\n    'A class.'\n    def f(self): ...", "A.f: no docstring"),
+        ("def f(x: Floats) -> Floats:\n    'Any shape.'", None),
+        ("def _f(a, b, c): ...", None),
+    ],
+)
+def test_what_is_missing_is_noticed(source: str, fault: str | None) -> None:
+    assert faults_in(source) == ([] if fault is None else [fault])

@@ -43,8 +43,10 @@ CASES = (
 
 @dataclass(frozen=True)
 class Convergence:
-    """With fixed steps, and with steps chosen for falling tolerances. Errors are those of
-    `error_of`, seconds are processor time per droplet."""
+    """Errors with fixed steps, and with steps chosen for falling tolerances, (N,) each.
+
+    Errors are those of `error_of`, seconds are processor time per droplet.
+    """
 
     case: Case
     model: str

@@ -101,12 +101,12 @@ def fuel_table(name: str, *, cache: Path | None) -> Fuel:
     Raises:
         SprayError: the fuel is not known, or lacks what evaporation needs.
     """
-    return _fuel(name, _kept(f"fuel {name.casefold()}", lambda: fuel_columns(name), cache))
+    return _fuel(name, _cached(f"fuel {name.casefold()}", lambda: fuel_columns(name), cache))
 
 
 def gas_table(name: str, *, cache: Path | None) -> Gas:
     """The carrier gas `name`, one of `substances.GASES`; `cache` as in `fuel_table`."""
-    columns = _kept(f"gas {name.casefold()}", lambda: gas_columns(name), cache)
+    columns = _cached(f"gas {name.casefold()}", lambda: gas_columns(name), cache)
     return Gas(name=name, **columns.constants, vapour=curves(columns.vapour_K, columns.vapour))
 
 
@@ -148,7 +148,7 @@ def check_conditions(fuel: Fuel, *, temperature_K: float, gas_K: float, pressure
         )
 
 
-def _kept(text: str, build: Callable[[], Columns], cache: Path | None) -> Columns:
+def _cached(text: str, build: Callable[[], Columns], cache: Path | None) -> Columns:
     text = f"{_FORM} {version('CoolProp')} {text}"
     return _columns(cached(cache, kind="fluid", text=text, make=lambda: _arrays(build())))
 

@@ -23,8 +23,8 @@ _SCALE_K = 1000.0
 class GasMixture:
     """Enthalpies are zero at `reference_K` for both, so that mixing at that temperature keeps it.
 
-    carrier, vapour: coefficients of the enthalpies (J/kg) in powers of (T - reference) / 1000 K,
-    from the first power on. zero_J_kg: what the fuel's own zero differs by.
+    carrier, vapour: (N,) coefficients of the enthalpies (J/kg) in powers of (T - reference) / 1000
+    K, from the first power on. zero_J_kg: what the fuel's own zero differs by.
     """
 
     reference_K: float

@@ -97,7 +97,7 @@ def study(lab: Lab) -> Page:
             {
                 **_COLD,
                 "optics.filter_um": list(_OPEN_UM),
-                "optics.vapour": str(open_vapour(lab.kept.cache)),
+                "optics.vapour": str(open_vapour(lab.runs.cache)),
             },
         )
     )
