@@ -55,7 +55,7 @@ class ScriptRig(Rig):
         return iterate(self, _plan(plan), Path(folder), progress=progress, should_stop=should_stop)
 
     def dry_run(self, plan: AnyPlan, folder: str | Path) -> DryRun:
-        """As `cldit.acquisition.dry_run` of `plan` into `folder`."""
+        """Checks as `cldit.acquisition.dry_run` does, of `plan` into `folder`."""
         return dry_run(self, _plan(plan), Path(folder))
 
 

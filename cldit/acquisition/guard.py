@@ -148,7 +148,7 @@ def watch(stream: IO[bytes], folder: Path) -> int:
 
 
 def alarm(problems: list[str]) -> None:
-    """On the terminal, where the error itself may not reach it."""
+    """Prints to the terminal, where the error itself may not arrive."""
     print("\a\ncldit: THE RIG IS NOT SAFE:\n" + "\n".join(problems), file=sys.stderr, flush=True)
 
 

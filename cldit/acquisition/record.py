@@ -68,7 +68,7 @@ class Acquisition:
 
     @property
     def wall_temperature_K(self) -> float:
-        """Of the chamber."""
+        """Temperature of the chamber's walls."""
         return self.surroundings.wall_temperature_K
 
     @property

@@ -64,7 +64,7 @@ def iterate(
     progress: Callable[[Progress], None] | None = None,
     should_stop: StopCheck | None = None,
 ) -> Generator[SavedShot, None, Record]:
-    """As `acquire`, of the same arguments, and yields each shot after it is saved.
+    """Does the same as `acquire`, and yields each shot after it is saved.
 
     Closing the generator early ends the acquisition safely.
 

@@ -197,7 +197,7 @@ class Sequence:
         journal.append("finished", time=clock.wall_time())
 
     def _kept_references(self, background: int) -> list[Shot]:
-        """Those that an earlier run took."""
+        """References that an earlier run took."""
         return [
             shot
             for shot in self._steps

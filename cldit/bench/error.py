@@ -79,7 +79,7 @@ class Truth:
         return self._root(((one - a) * (other - b) + (one - b) * (other - a)) / 2)
 
     def _root(self, products: Floats) -> float:
-        """Of their mean over the visible pixels, which noise may have below 0."""
+        """Root of the mean over the visible pixels, which noise may have below 0."""
         return float(np.sqrt(max(float(np.nanmean(products[self.visible])), 0.0)))
 
     def most(self, image: Floats, pair: tuple[Floats, Floats]) -> float:

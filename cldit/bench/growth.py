@@ -45,7 +45,7 @@ class Growth:
 
     @property
     def exponent(self) -> float:
-        """Of a power law through all points; NaN with fewer than two."""
+        """Exponent of a power law through all points; NaN with fewer than two."""
         if len(self.points) < 2:
             return float("nan")
         amount, cost = np.log([(p.amount, p.core_s) for p in self.points]).T

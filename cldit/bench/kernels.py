@@ -46,8 +46,10 @@ def quickest(case: Case, launch: Callable[[], Any], *, rounds: int = _ROUNDS) ->
 
 @dataclass(frozen=True)
 class PathSegments:
-    """From so many pixels, crossing so many cells in all, through a region of `region` cells of
-    `record` numbers each."""
+    """Segments from `pixels` pixels that cross `crossed` cells in all.
+
+    They pass a region of `region` cells of `record` numbers each.
+    """
 
     pixels: int
     segments: int

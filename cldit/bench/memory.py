@@ -128,7 +128,7 @@ def _status() -> Mapping[str, str]:
 
 
 def _measure(arguments: list[str]) -> Peak:
-    """Of this process, which is to do nothing else: it counts every buffer that is made in it."""
+    """Measures this process, which does nothing else: every buffer that it makes is counted."""
     index, cache, *files = arguments
     counts = {"now": 0, "most": 0}
     cl.Buffer = _counting(counts)  # type: ignore[misc]

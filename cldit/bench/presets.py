@@ -115,7 +115,7 @@ def _grey_liquid(scene: Scene, folder: Path) -> Path:
 
 
 def _grey_vapour(scene: Scene, folder: Path) -> Path:
-    """In HITRAN's form, from a little below to a little above the filter."""
+    """Writes HITRAN's form, from a little below to a little above the filter."""
     path = folder / "paper.xsc"
     low, high = edges_um(scene_filter(scene))
     value = scene.optics.vapour_m2_mol / _M2_MOL_OF_CM2

@@ -217,7 +217,7 @@ def bench_rig(
 
 
 def _measure(rig: Rig, plan: Plan, folder: Path) -> tuple[float, float, int]:
-    """From the first shot to the last: frames per second, CPU seconds a frame; frames lost."""
+    """Frames per second from the first shot to the last, CPU seconds a frame, frames lost."""
     times: list[float] = []
     cpu_s: list[float] = []
 

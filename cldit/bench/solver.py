@@ -177,7 +177,7 @@ def _iterations(single: _Equation) -> dict[str, Iterator[Array]]:
 def _iterated(
     medium: Medium, method: str, sources: Iterator[Array], single: _Equation, truth: Array
 ) -> Row:
-    """Until the true error is what is wanted: no solver ends sooner, whatever it goes by."""
+    """Iterates until the true error is what is wanted: no solver ends sooner."""
     core_s, least, passes = 0.0, np.inf, 0
     before = single.passes
     stopped = f"{MOST} passes"
@@ -198,7 +198,7 @@ def _iterated(
 
 
 def _gmres(medium: Medium, single: _Equation, double: Callable[[], _Equation], truth: Array) -> Row:
-    """As runs do: to their own estimate of the error; where single precision ends, in double."""
+    """Solves to GMRES's own estimate, as runs do; where single precision ends, in double."""
     before = single.passes
     spent = 0.0
 

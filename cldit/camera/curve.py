@@ -73,7 +73,7 @@ class CurveFit:
 
     @property
     def text(self) -> str:
-        """For a reader of the report."""
+        """One line for the report."""
         low, high = (self.curve.stretch * edge for edge in edges_um(self.curve.filter_um))
         worst = max(abs(off_K) for off_K in self.residual_K)
         return (

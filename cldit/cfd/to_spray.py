@@ -28,7 +28,7 @@ _EDGE_OF_JET = 1e-3  # vapour mass fraction at which a jet's penetration is meas
 
 @dataclass(frozen=True)
 class _Gas:
-    """Per cell: temperature, mass fraction of the fuel, molecules of it per m3."""
+    """Temperature, mass fraction of the fuel, and molecules of it per m3, of each cell."""
 
     temperature_K: Floats
     mass_fraction: Floats

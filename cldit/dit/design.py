@@ -45,7 +45,7 @@ class BlackBody:
     stability: StabilitySection
 
     def time_s(self, backgrounds_K: Iterable[float]) -> float:
-        """To visit all, the nearer end first: until each is within the tolerance, and held."""
+        """Time to visit all, the nearer end first: until each is within the tolerance, and held."""
         stops = sorted(backgrounds_K)
         if abs(stops[-1] - self.start_K) < abs(stops[0] - self.start_K):
             stops.reverse()
@@ -140,7 +140,7 @@ def designs(
     shot_s: float,
     counts: Sequence[int] = (2, 3, 4, 5, 6, 7),
 ) -> list[Design]:
-    """For each number of backgrounds, the fastest way to the errors; the fastest of all first.
+    """The fastest way to the errors for each number of backgrounds; the fastest of all first.
 
     The sensor is exposed for the hottest background of a set, so none saturates it.
 

@@ -27,7 +27,7 @@ class Reason(IntEnum):
 
     @property
     def text(self) -> str:
-        """For a reader of the report."""
+        """One line for the report."""
         return _TEXT[self]
 
 

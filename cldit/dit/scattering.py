@@ -93,7 +93,7 @@ def enclosure(around: Surroundings, curve: Curve) -> dict[str, float]:
 
 
 def scattered_by(spray: Weights, reference: Weights, parts: Mapping[str, float]) -> Scattered:
-    """By a trace: each part's light gained over the background's light lost.
+    """Scattered shares by a trace: each part's light gained over the background's light lost.
 
     Args:
         spray, reference: weights (H, W) of the model with and without spray.

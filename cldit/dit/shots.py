@@ -129,7 +129,7 @@ class Sums:
 
     @property
     def temperature_variance_K2(self) -> float:
-        """Of the mean reading, from how the readings scatter; 0 of one exposure."""
+        """Variance of the mean reading, from how the readings scatter; 0 of one exposure."""
         if len(self.temperatures_K) < 2:
             return 0.0
         return float(np.var(self.temperatures_K, ddof=1) / len(self.temperatures_K))

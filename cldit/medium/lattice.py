@@ -33,8 +33,7 @@ class Lattice:
 
     @classmethod
     def of(cls, lower: Floats, upper: Floats) -> Lattice | None:
-        """The lattice of boxes from `lower` to `upper` (N, 3) in cells; None if they are on
-        none."""
+        """The lattice of boxes from `lower` to `upper` (N, 3) in cells; None if there is none."""
         if len(lower) < _FEWEST:
             return None
         origin, spacing = lower.min(axis=0), upper[0] - lower[0]

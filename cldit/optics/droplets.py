@@ -46,8 +46,8 @@ _FORM = 4  # of the file
 class DropletTable:
     """Efficiencies over ln x; made by `droplet_table`.
 
-    scattering, absorption: (N,) efficiencies over their Rayleigh forms, x^4 / (1 + x^4) and x /
-    sqrt(1 + x^2), which keeps them of order one. asymmetry: (N,) g.
+    scattering, absorption: (N,) efficiencies over their Rayleigh forms, x^4 / (1 + x^4) and
+    x/sqrt(1 + x^2), which keeps them of order one. asymmetry: (N,) g.
     """
 
     wavelength_um: float
@@ -154,7 +154,7 @@ def droplet_table(*, wavelength_um: float, n: float, k: float, cache: Path | Non
 def scaled(x: Floats, solved: mie.Efficiencies) -> tuple[Floats, Floats, Floats]:
     """Q_sca and Q_abs over their Rayleigh forms, and g, (N,): of order one at every size `x` (N,).
 
-    Of what Mie's series gives, `solved`.
+    `solved` is what Mie's series gives at these sizes.
     """
     x4 = x**4
     scattering = solved.scattering * (1 + x4) / x4

@@ -30,9 +30,9 @@ _FORM = 1
 
 @dataclass(frozen=True)
 class PhaseFunction:
-    """At Gauss-Legendre nodes: cosine (M,) rising, weights (M,), density_per_sr (M,).
+    """A phase function at Gauss-Legendre nodes.
 
-    2 pi * sum of weights * density = 1.
+    cosine: (M,) rising. weights: (M,). density_per_sr: (M,).
     """
 
     cosine: Floats

@@ -137,7 +137,7 @@ def product(filter_um: Filter, other: Response) -> Response:
 
 
 def to_plain(filter_um: Filter) -> list[float] | list[list[float]]:
-    """For JSON and YAML; `from_plain` reads it."""
+    """A filter for JSON and YAML; `from_plain` reads it."""
     if isinstance(filter_um, Response):
         return [list(pair) for pair in filter_um.pairs]
     return list(filter_um)

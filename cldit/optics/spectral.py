@@ -30,7 +30,7 @@ _KNOTS_K = np.geomspace(50.0, 5000.0, 256)  # shares are smooth; colder, they st
 
 
 def reference_temperature_K(background_temperatures_K: Sequence[float]) -> float:
-    """For whose light means over the filter are taken: the middle background."""
+    """The middle background, for whose light means over the filter are taken."""
     return float(np.median(background_temperatures_K))
 
 

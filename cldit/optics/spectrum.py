@@ -43,7 +43,7 @@ class Substances:
 
     @classmethod
     def of(cls, scene: Scene, spray: Spray) -> Substances:
-        """As the scene names them; the spray's fuel where it does not.
+        """Those that the scene names, or the spray's fuel.
 
         Raises:
             OpticsError: no such substance, or a table that cannot be read.
@@ -93,7 +93,7 @@ class Spectrum:
 
     @classmethod
     def of(cls, scene: Scene, spray: Spray, filter_um: Filter) -> Spectrum:
-        """Over all of the filter.
+        """The spectrum over all of the filter.
 
         Args:
             scene: names the substances.

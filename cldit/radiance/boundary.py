@@ -50,7 +50,7 @@ class Surroundings:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Surroundings:
-        """Those of a scene."""
+        """The surroundings that a scene describes."""
         return cls(
             wall_temperature_K=scene.walls.temperature_K,
             background_emissivity=scene.background.emissivity,

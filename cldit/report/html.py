@@ -62,7 +62,7 @@ class Picture:
 
     @property
     def wide(self) -> bool:
-        """Of several panels, whose labels a phone would make too small: there it scrolls."""
+        """Whether labels of several panels would be too small on a phone: there it scrolls."""
         width, height = (int.from_bytes(self.png[at : at + 4], "big") for at in (16, 20))
         return width > _WIDE_PX or width > _WIDE * height  # of the PNG's first chunk
 

@@ -26,7 +26,7 @@ class _Place:
 
     @property
     def anchor(self) -> str:
-        """As GitHub and mkdocs make it from the heading."""
+        """The anchor that GitHub and mkdocs make from the heading."""
         letters = "".join(c for c in self.heading.lower() if c.isalnum() or c in "_- ")
         return "-".join(letters.split())
 

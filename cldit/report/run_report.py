@@ -145,7 +145,7 @@ def _trace(run: Run) -> dict[str, str]:
     figures["precision"] = run.info.precision
     if run.info.closure is not None:
         balance = run.info.closure
-        figures["sum of weights and isothermal emission, less 1"] = (
+        figures["energy balance: weights and isothermal emission, less 1"] = (
             f"{balance.largest:+.2g} at most, {balance.mean:+.2g} in the mean; the "
             f"{balance.value} is allowed {balance.bound:.2g}"
         )

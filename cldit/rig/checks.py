@@ -75,5 +75,5 @@ def check_burst(burst: Burst) -> None:
 
 
 def plain_burst(burst: Burst | None) -> dict[str, Any] | None:
-    """As JSON can hold it."""
+    """A burst as JSON can hold it."""
     return None if burst is None else {**asdict(burst), "widths_s": list(burst.widths_s)}

@@ -131,7 +131,7 @@ class Rig:
 
     @property
     def devices(self) -> dict[str, Device]:
-        """In the order of connection; the trigger is made safe first."""
+        """Devices in the order of connection; the trigger is made safe first."""
         return {"camera": self.camera, "background": self.background, "trigger": self.trigger}
 
     def connect(self, timeout_s: float = 10.0) -> None:

@@ -195,7 +195,7 @@ class Camera(Device, Protocol):
         """Triggers are ignored from now on."""
 
     def statistics(self) -> dict[str, int]:
-        """At least `delivered`, `missed` (triggers not taken) and `flushed`."""
+        """Counts, at least `delivered`, `missed` (triggers not taken) and `flushed`."""
 
 
 class Background(Device, Protocol):
@@ -221,7 +221,7 @@ class Background(Device, Protocol):
         should_stop: StopCheck | None = None,
         on_progress: Callable[[float], None] | None = None,
     ) -> float:
-        """As `cldit.rig.stability.wait_stable`, which drivers call.
+        """Waits as `cldit.rig.stability.wait_stable` does, which drivers call.
 
         Args:
             temperature_K, stability, should_stop, on_progress: as there.

@@ -91,7 +91,7 @@ class Settling(ABC):
         should_stop: StopCheck | None = None,
         on_progress: Callable[[float], None] | None = None,
     ) -> float:
-        """As the function of that name.
+        """Waits as the function of that name does.
 
         Args:
             temperature_K, stability, should_stop, on_progress: as there.

@@ -28,7 +28,7 @@ _QUADRATURE = "quadrature.json"
 
 @dataclass(frozen=True)
 class Difference:
-    """Between two maps of one scene, over the pixels of emissivity above 0.05 in both."""
+    """Difference of two maps of one scene, over the pixels of emissivity above 0.05 in both."""
 
     rms_K: float
     mean_K: float
@@ -93,7 +93,7 @@ class SpectralInfo:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> SpectralInfo:
-        """From what `to_dict` gives."""
+        """Reads what `to_dict` gave."""
         other = data["from_paper"]
         return cls(
             float(data["reference_K"]),

@@ -40,7 +40,7 @@ class Axis:
 
     @property
     def unit(self) -> str:
-        """As the key's name says it; 1 without."""
+        """Unit that the key's name ends in; 1 without."""
         last = self.name.rpartition("_")[2]
         return last if last in _UNITS else "1"
 

@@ -72,7 +72,7 @@ class Phases:
 
     @classmethod
     def of(cls, run: Run) -> Phases:
-        """By the weights: droplets bring the walls' light into a pixel, vapour does not."""
+        """Phases by the weights: droplets bring the walls' light into a pixel, vapour does not."""
         weights, seen = run.weights, visible(run)
         before = np.maximum(run.reference.background, 1e-6)
         extinct = 1.0 - weights.background / before

@@ -155,12 +155,12 @@ def _results(client: Any, groups: list[list[Point]], cache: Path | None) -> Iter
 
 
 def _spray(spec: LagrangianSpray, cache: Path | None) -> Spray:
-    """On a worker."""
+    """Computes a spray on a worker."""
     return make_spray(spec, cache=cache or default_cache())
 
 
 def _group(group: list[Point], spray: Spray | None, cache: Path | None) -> Finished:
-    """On a worker: one trace, evaluated for every scene that it serves.
+    """Makes one trace on a worker, and evaluates it for every scene that it serves.
 
     What cldit refuses is a result, so that the other scenes go on; all else is dask's to report.
     """

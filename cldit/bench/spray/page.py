@@ -261,7 +261,7 @@ def _half(bench: Bench) -> list[str]:
 
 
 def _compared(found: Sequence[tuple[str, Found]]) -> list[str]:
-    """With the first."""
+    """Compares each with the first."""
     first = found[0][1]
     base = first.spray.notes
     rows = []

@@ -162,7 +162,7 @@ def alone(spec: LagrangianSpray) -> LagrangianSpray:
 
 
 def mean_liquid_K(spray: Spray) -> float:
-    """By mass; NaN without liquid."""
+    """Mean temperature of the liquid by mass; NaN without liquid."""
     if (parcels := spray.parcels) is None:
         return float("nan")
     mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3

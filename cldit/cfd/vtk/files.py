@@ -150,7 +150,7 @@ def _place(path: Path) -> tuple[Path, str | None]:
 
 
 def _top(folder: Path) -> Path:
-    """From `CASE_12` or `lagrangian/cloud` up to the folder that holds the steps."""
+    """Goes up from `CASE_12` or `lagrangian/cloud` to the folder that holds the steps."""
     for here in (folder, folder.parent):
         if here.name == "lagrangian":
             folder = here.parent

@@ -92,7 +92,7 @@ def heptane_liquid_enthalpy_J_kg(temperature_K: ArrayLike) -> Floats:
 
 
 def heptane_vapour_enthalpy_J_kg(temperature_K: ArrayLike) -> Floats:
-    """On the liquid's zero: latent heat at the normal boiling point, plus cp; any shape.
+    """The liquid's at the normal boiling point, the latent heat, and the vapour's cp; any shape.
 
     Energy is conserved on every path. The latent heat that follows at other temperatures
     (Kirchhoff, ideal vapour) is within 2 % of `heptane_latent_heat_J_kg` from 280 to 390 K, where
@@ -133,7 +133,7 @@ class IdealGas:
         return np.asarray(rise * self.gas_constant_J_kg_K + cold)
 
     def entropy_J_kg_K(self, temperature_K: ArrayLike) -> Floats:
-        """At constant pressure, zero at `mid_K`; any shape."""
+        """Entropy at constant pressure, zero at `mid_K`; any shape."""
         t = np.asarray(temperature_K, dtype=float)
         held = np.maximum(t, self.low_K)
         parts = []

@@ -31,7 +31,7 @@ def profile(xi: ArrayLike) -> Floats:
 
 
 def _area_mean(exponent: float) -> float:
-    """Of (1 - xi^1.5)^exponent over the disc: 4/3 Beta(4/3, exponent + 1)."""
+    """Mean of (1 - xi^1.5)^exponent over the disc: 4/3 Beta(4/3, exponent + 1)."""
     return 4 / 3 * gamma(4 / 3) * gamma(exponent + 1) / gamma(exponent + 7 / 3)
 
 
@@ -58,7 +58,7 @@ class Jet:
 
     @property
     def diameter_m(self) -> float:
-        """Of the hole that the flow would fill at that speed: sqrt(Ca) times the real one."""
+        """Hole that the flow would fill at that speed: sqrt(Ca) times the real one."""
         return sqrt(4 * self.rate_kg_s / (np.pi * self.fuel_kg_m3 * self.speed_m_s))
 
     @property

@@ -82,8 +82,7 @@ class Mixture:
         return State(gas, liquid, self.evaporated(np.exp(ratio), kinetic), np.exp(ratio))
 
     def evaporated(self, fuel_to_gas: ArrayLike, kinetic: ArrayLike = 1.0) -> Floats:
-        """The smaller of `kinetic` and what heat and saturation allow at `fuel_to_gas`, any
-        shape."""
+        """The smaller of `kinetic` and what heat and saturation allow at `fuel_to_gas` (...,)."""
         with np.errstate(divide="ignore"):
             wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
         allowed = np.interp(wanted, np.log(self.fuel_to_gas), self.equilibrium)

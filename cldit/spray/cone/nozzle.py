@@ -37,7 +37,7 @@ class Source:
     notes: Mapping[str, float] = field(default_factory=dict)
 
     def barrel_m(self, rate_kg_s: float) -> float:
-        """Of shocks, on the way of which a plume takes up no gas."""
+        """Length of the barrel of shocks, in which a plume takes up no gas."""
         return self.disc * float(np.sqrt(4 * rate_kg_s / (np.pi * self.flux_kg_m2_s)))
 
     def kinetic(self, age_s: Floats) -> Floats:

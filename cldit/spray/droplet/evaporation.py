@@ -58,7 +58,7 @@ class Drop:
 
     @cached_property
     def columns(self) -> Floats:
-        """Of every droplet what `Here` has, (N, 6)."""
+        """What `Here` has of every droplet, (N, 6)."""
         return np.stack([getattr(self, name) for name in Here._fields], axis=1).astype(float)
 
 

@@ -81,7 +81,7 @@ def diffusivity_m2_s(
         temperature_K, pressure_Pa: of the mixture, any shape.
 
     Returns:
-        The common shape.
+        (...,) of the common shape.
     """
     mass = 2e3 / (1 / fuel.molar_mass_kg_mol + 1 / gas.molar_mass_kg_mol)
     size = np.cbrt(fuel.diffusion_volume) + np.cbrt(gas.diffusion_volume)
@@ -154,7 +154,7 @@ def _cached(text: str, build: Callable[[], Columns], cache: Path | None) -> Colu
 
 
 def _arrays(columns: Columns) -> Arrays:
-    """By names with the part of `Columns` before the point."""
+    """Arrays by names with the part of `Columns` before the point."""
     arrays: Arrays = {"liquid_K.": columns.liquid_K, "vapour_K.": columns.vapour_K}
     arrays |= {f"constants.{name}": np.asarray(v) for name, v in columns.constants.items()}
     for part, values in (("liquid", columns.liquid), ("vapour", columns.vapour)):

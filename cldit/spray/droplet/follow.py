@@ -43,7 +43,7 @@ class Life:
         return zip(*columns, strict=True)
 
     def csv(self) -> str:
-        """With a heading, one row per time."""
+        """CSV with a heading, one row per time."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(COLUMNS)
@@ -134,7 +134,7 @@ def _follow(
     points: int,
     tolerance: float,
 ) -> Life:
-    """As `follow`, with everything checked and looked up."""
+    """Does what `follow` does, with everything checked and looked up."""
 
     def after(state: Droplets, seconds: float) -> tuple[Droplets, float]:
         found = advance(

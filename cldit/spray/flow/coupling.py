@@ -43,7 +43,7 @@ class Cloud:
 
     @property
     def liquid_kg(self) -> Floats:
-        """Of each parcel."""
+        """(N,) liquid mass of each parcel."""
         return self.mass_kg * self.droplets
 
 

@@ -73,8 +73,7 @@ class Jets:
         return np.where(along_m > 0, centre / profile, 0.0)
 
     def weight(self, along_m: Floats) -> Floats:
-        """How much of a jet counts at a distance (N,): it fades in the last third before
-        `reach_m`."""
+        """How much of a jet counts at a distance (N,); fades in the last third before `reach_m`."""
         fading = np.clip(3 * (1 - along_m / self.reach_m), 0.0, 1.0)
         return np.asarray(fading * (along_m > 0))
 

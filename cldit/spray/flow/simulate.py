@@ -183,7 +183,7 @@ def make_box(spec: LagrangianSpray, injection: Injection) -> Box:
 def _step_s(
     spec: LagrangianSpray, injection: Injection, flow: GasFlow, cloud: Cloud, time: float
 ) -> float:
-    """By the gas's CFL number, and so that no parcel passes more than a cell."""
+    """Step by the gas's CFL number, in which no parcel passes more than a cell."""
     fastest = float(np.abs(cloud.velocity_m_s).max(initial=0.0))
     if time < injection.end_s:
         fastest = max(fastest, injection.speed_m_s)

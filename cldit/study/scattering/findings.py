@@ -64,7 +64,7 @@ def _ranked(rows: Sequence[Row], plain: Row) -> Iterator[str]:
 
 
 def _bounds(rows: Sequence[Row]) -> Iterator[str]:
-    """Of estimators whose inputs are right."""
+    """Bounds of estimators whose inputs are right."""
     held = [row for row in rows if _error(row).held >= HOLDS]
     broken = [row for row in rows if _error(row).held < HOLDS]
     if held:
@@ -99,7 +99,7 @@ def _models(study: Study, about: Callable[[Row], Error | None], what: str) -> st
 
 
 def _classes(study: Study, plain: Row) -> Iterator[str]:
-    """By what the pixels see."""
+    """Errors by what the pixels see."""
     wrong = [row for row in study.rows if row.knows is Knows.MODEL_WRONG and row.medium is not None]
     said = []
     for name, part in study.classes.items():

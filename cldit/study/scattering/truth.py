@@ -116,7 +116,7 @@ class Traced:
         return Curve(filter_um=scene_filter(self.scene))
 
     def surroundings(self, changed_K: Mapping[str, float] = _AS_IT_IS) -> Surroundings:
-        """Those of the scene; `wall` moves walls and plates, a patch's name that patch."""
+        """Surroundings of the scene; `wall` moves walls and plates, a patch's name that patch."""
         around = Surroundings.from_scene(self.scene)
         wall_K = changed_K.get(WALL, around.wall_temperature_K)
         moved = {**dict.fromkeys(PLATES, wall_K), **changed_K}
@@ -141,7 +141,7 @@ class Traced:
         }
 
     def scattered(self) -> Scattered:
-        """By this trace, its plates as warm as the walls."""
+        """Scattered shares by this trace, its plates as warm as the walls."""
         spray, bare = (_joined(one, PLATES, into=WALL) for one in (self.weights, self.reference))
         return scattered_by(spray, bare, self.enclosure())
 
@@ -239,7 +239,7 @@ def traced(scene: Scene, device: Device, cache: Path) -> Traced:
 
 
 def solid_angles(scene: Scene) -> Mapping[str, float]:
-    """Of the background disc and of each plate, in sr, from the middle of the picture.
+    """Solid angles [sr] of the background disc and of each plate, from the middle of the picture.
 
     By 40 000 even directions: to about 1 %.
     """
