@@ -117,8 +117,8 @@ def _check_limits(rig: Rig, plan: Plan) -> None:
         raise OutOfLimits("the background cannot take the plan:\n" + "\n".join(outside))
 
 
-def _agree(what: str, wanted: float, got: float, *, floor: float = 0.0) -> None:
-    if not abs(got - wanted) <= max(_AGREE * abs(wanted), floor):
+def _agree(what: str, wanted: float, got: float, *, least: float = 0.0) -> None:
+    if not abs(got - wanted) <= max(_AGREE * abs(wanted), least):
         raise ConfigRejected(f"{what}: reads back {got:g} after {wanted:g} was written")
 
 
@@ -137,7 +137,7 @@ def _check_trigger(rig: Rig, plan: Plan) -> None:
     if got.n != 1 or got.inject != asked.inject:
         raise ConfigRejected(f"trigger: reads back {got} after {asked} was written")
     for name in ("camera_delay_s", "injector_delay_s"):
-        _agree(f"trigger: {name}", getattr(asked, name), getattr(got, name), floor=1e-6)
+        _agree(f"trigger: {name}", getattr(asked, name), getattr(got, name), least=1e-6)
 
 
 def _test_picture(
