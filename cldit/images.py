@@ -39,6 +39,8 @@ def put_image(
     Row 0 is at the top.
 
     Args:
+        stream: open for writing.
+        image: (H, W) or (N, H, W).
         name: what the picture shows, as the viewer's label.
         unit: unit of the pixel values ("K", "1", "counts").
         pixel_m: width and height of a pixel on the object, for the viewer's scale bar.
@@ -72,9 +74,13 @@ def write_image(
     pixel_m: tuple[float, float] | None = None,
     meta: dict[str, Any] | None = None,
 ) -> None:
-    """Writes one picture; arguments as those of `put_image`.
+    """Writes one picture, (H, W) or (N, H, W), as ImageJ TIFF.
 
     The file appears whole or not at all: it is written beside its place, synced, and renamed.
+
+    Args:
+        path: the file.
+        image, name, unit, pixel_m, meta: as in `put_image`.
     """
     part = path.with_name(path.name + ".part")
     with part.open("wb") as stream:

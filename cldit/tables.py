@@ -28,19 +28,25 @@ def digest(*arrays: NDArray[Any]) -> str:
 
 
 def cached(folder: Path | None, *, kind: str, text: str, make: Callable[[], Arrays]) -> Arrays:
-    """The arrays that `make` gives, kept as KIND-HASH.table in a folder; None keeps nothing.
+    """The arrays that `make` gives, kept as KIND-HASH.table in a folder.
 
     A file that is damaged, or holds another text, is made anew; a folder that cannot be written
     costs only the time.
+
+    Args:
+        folder: None keeps nothing.
+        kind: begins the file's name.
+        text: says what the arrays are made from.
+        make: computes them.
     """
     if folder is None:
         return make()
     path = Path(folder) / f"{kind}-{hashlib.sha256(text.encode()).hexdigest()[:24]}.table"
-    kept = _read(path, text)
-    if kept is None:
-        kept = make()
-        _write(path, text, kept)
-    return kept
+    arrays = _read(path, text)
+    if arrays is None:
+        arrays = make()
+        _write(path, text, arrays)
+    return arrays
 
 
 def _read(path: Path, text: str) -> Arrays | None:

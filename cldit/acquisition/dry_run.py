@@ -38,6 +38,11 @@ def dry_run(
 ) -> DryRun:
     """Connects, reads, and calculates; no set point is written and no burst configured.
 
+    Args:
+        rig, plan: what would be run.
+        folder: that of the acquisition; it need not exist.
+        seconds_per_kelvin: of the black body, on average.
+
     Raises:
         RunFolderError: `folder` belongs to another plan.
     """

@@ -32,8 +32,12 @@ def export(acquisition: Acquisition, form: str, target: Path | None = None) -> P
     """Writes all pictures of a run into one file, which appears whole or not at all.
 
     Args:
+        acquisition: the opened folder.
         form: `ome-tiff` or `nexus`, for which h5py is needed.
         target: the file; `<folder>/<folder's name>.ome.tif` or `.nxs` if left out.
+
+    Returns:
+        The file's path.
 
     Raises:
         ExportError: no such form, no pictures, or h5py is missing.

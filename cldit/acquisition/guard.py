@@ -106,7 +106,15 @@ class Guard:
 
 
 def watch(stream: IO[bytes], folder: Path) -> int:
-    """What the guard's process does; its exit status, 0 where all is safe."""
+    """Runs the guard's process.
+
+    Args:
+        stream: the rig file's length and text, then what the acquisition says before it ends.
+        folder: that of the acquisition.
+
+    Returns:
+        Exit status; 0 where all is safe.
+    """
     rig_file = stream.read(int(stream.readline() or 0))
     if stream.read() == _SAFE or not rig_file:
         return 0
@@ -133,7 +141,7 @@ def watch(stream: IO[bytes], folder: Path) -> int:
 
 
 def alarm(problems: list[str]) -> None:
-    """On the terminal, where the error itself may not reach it."""
+    """Prints to the terminal, where the error itself may not arrive."""
     print("\a\ncldit: THE RIG IS NOT SAFE:\n" + "\n".join(problems), file=sys.stderr, flush=True)
 
 

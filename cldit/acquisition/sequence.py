@@ -104,6 +104,7 @@ class Sequence:
         self._picture_bytes = 0
 
     def run(self) -> Generator[SavedShot, None, Record]:
+        """Takes what is missing of the plan, and yields each shot after it is saved."""
         found = survey(self._folder, self._plan)
         self._done = found.done
         if found.entries:
@@ -197,7 +198,7 @@ class Sequence:
         journal.append("finished", time=clock.wall_time())
 
     def _kept_references(self, background: int) -> list[Shot]:
-        """Those that an earlier run took."""
+        """References that an earlier run took."""
         return [
             shot
             for shot in self._steps

@@ -62,9 +62,10 @@ class Shooter:
         self._next_s = -math.inf  # before this the camera does not take a trigger
 
     def take(self, shot: Shot, attempt: int) -> Taken | Rejected:
-        """One attempt. The `fired` line is on the disk before the trigger goes out, and the
-        trigger goes out once: whatever fire() says, only a frame that is proven missing is a
-        reason to fire again.
+        """Makes attempt number `attempt` to take `shot`.
+
+        The `fired` line is on the disk before the trigger goes out. The trigger goes out once:
+        whatever fire() says, only a frame that is proven missing is a reason to fire again.
 
         Raises:
             FireUncertain: the generator does not know whether it fired, and no frame came.

@@ -111,7 +111,7 @@ def ablate(case: Case, *, phase: str, accuracy_K: float, seeds: int, say: Say) -
             result, cost = case.run(replace(settings, seed=settings.seed + seed))
             kelvin = part.temperature_K(lattice.pick(case.scene, result.weights))
             costs.append(cost.core_s)
-            squares.append(truth.rms(kelvin, truth.kelvin) ** 2)
+            squares.append(truth.rms(kelvin, truth.temperature_K) ** 2)
         merit = np.log(np.maximum(squares, truth.noise_K**2 / 100) * np.array(costs))
         base = merit if not rows else base
         ratio = merit - base

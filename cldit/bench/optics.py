@@ -46,11 +46,17 @@ class TableCheck:
 
     @property
     def largest(self) -> float:
+        """The largest error of all."""
         return max(self.single.largest, self.narrow)
 
 
 def check_table(*, wavelength_um: float, n: float, k: float, cache: Path | None) -> TableCheck:
-    """The table of droplets of refractive index n - ik.
+    """Checks the table of droplets of one refractive index.
+
+    Args:
+        wavelength_um: in vacuum.
+        n, k: refractive index n - ik.
+        cache: folder of tables; None keeps nothing.
 
     Raises:
         DropletError: as `droplet_table`.
@@ -101,7 +107,7 @@ class TableUse:
 
 
 def table_use(scene: Scene, spray: Spray) -> tuple[TableUse, TableUse]:
-    """The first and the second time that the optical properties of a scene are needed."""
+    """What tables cost the first and second time that `scene` with this `spray` needs them."""
     uses = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -17,9 +17,11 @@ class LazyGroup(click.Group):
         self.commands_at = dict(commands_at)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of the commands, none imported."""
         return list(self.commands_at)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Imports the command `cmd_name`, if there is one; `ctx` is click's."""
         if cmd_name not in self.commands_at:
             return None
         module, _, name = self.commands_at[cmd_name].partition(":")

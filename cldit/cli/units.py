@@ -21,6 +21,7 @@ class Quantity(_Float):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
+        """The number in `value`, with or without its unit; `param` and `ctx` are click's."""
         try:
             return float(str(value).strip().removesuffix(self.name))
         except ValueError:

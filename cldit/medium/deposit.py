@@ -31,15 +31,23 @@ class Touched:
     slots: int
 
     def address(self, cell: Ints) -> Ints:
-        """Storage address of finest cells (N, 3; x, y, z)."""
+        """Storage address (N,) of finest cells (N, 3; x, y, z)."""
         brick, inside = np.divmod(cell, BRICK)
         slot = self.directory[brick[:, 2], brick[:, 1], brick[:, 0]].astype(np.int64)
         local = (inside[:, 2] * BRICK + inside[:, 1]) * BRICK + inside[:, 0]
         return np.asarray(slot * _CELLS_PER_BRICK + local)
 
     def layer(self, z: int, y: Ints, x: Ints) -> tuple[Ints, NDArray[np.bool_]]:
-        """Storage addresses of those of the finest cells (z, y, x) that are stored, and which they
-        are of (len(y), len(x))."""
+        """Storage addresses of those finest cells of a layer that are stored.
+
+        Args:
+            z: of the layer.
+            y: (Y,) rows.
+            x: (X,) columns.
+
+        Returns:
+            (S,) addresses, and (Y, X) True where a cell is stored.
+        """
         slot = self.directory[z // BRICK][np.ix_(y // BRICK, x // BRICK)]
         local = (z % BRICK * BRICK + y[:, None] % BRICK) * BRICK + x % BRICK
         stored = slot >= 0
@@ -47,7 +55,16 @@ class Touched:
 
 
 def cells_of_points(frame: Frame, position_m: Floats, amount: Floats, *, what: str) -> Ints:
-    """Finest cell (N, 3) of every point.
+    """Finest cell of every point.
+
+    Args:
+        frame: the cube.
+        position_m: (N, 3).
+        amount: (N,); points without any may lie outside.
+        what: named by errors.
+
+    Returns:
+        (N, 3).
 
     Raises:
         MediumError: part of `amount` lies outside the cube.
@@ -82,6 +99,11 @@ class Boxes:
     @classmethod
     def place(cls, frame: Frame, lower_m: Floats, upper_m: Floats, *, what: str) -> Boxes:
         """Boxes in the cube.
+
+        Args:
+            frame: the cube.
+            lower_m, upper_m: (N, 3) corners.
+            what: named by errors.
 
         Raises:
             MediumError: a box reaches out of the cube by more than rounding.
@@ -142,6 +164,12 @@ class Boxes:
 def touched_bricks(frame: Frame, points: Ints, boxes: list[Boxes], *, limit: int) -> Touched:
     """Marks the bricks that hold a point's cell or touch a box.
 
+    Args:
+        frame: the cube.
+        points: (N, 3) cells of points.
+        boxes: in the cube.
+        limit: cells at most.
+
     Raises:
         MediumError: more finest cells than `limit` would have to be stored.
     """
@@ -173,14 +201,30 @@ def touched_bricks(frame: Frame, points: Ints, boxes: list[Boxes], *, limit: int
 
 
 def add_points(touched: Touched, cell: Ints, amounts: list[Floats]) -> list[Floats]:
-    """Sum of every amount (N,) over the points in each stored cell."""
+    """Sum of every amount over the points in each stored cell.
+
+    Args:
+        touched: the stored bricks.
+        cell: (N, 3) of the points.
+        amounts: (N,) each.
+
+    Returns:
+        (S,) each.
+    """
     address = touched.address(cell)
     size = touched.slots * _CELLS_PER_BRICK
     return [np.bincount(address, amount, minlength=size).astype(float) for amount in amounts]
 
 
 def add_boxes(touched: Touched, boxes: Boxes, amounts: list[Floats], targets: list[Floats]) -> None:
-    """Adds every amount (N,), spread evenly over its box, to the stored cells of its target."""
+    """Adds every amount, spread evenly over its box, to the stored cells of its target.
+
+    Args:
+        touched: the stored bricks.
+        boxes: N of them.
+        amounts: (N,) each.
+        targets: (S,) each, added to.
+    """
     lattice = Lattice.of(boxes.lower, boxes.upper)
     if lattice is not None:
         x, y = (

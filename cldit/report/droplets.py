@@ -20,7 +20,7 @@ _SHAPES = ("o", "s", "^", "v", "D")
 
 
 def life_picture(life: Life, *, title: str) -> bytes:
-    """d^2, temperature, speed and mass of one droplet against time."""
+    """PNG of d^2, temperature, speed and mass of the droplet `life` against time, below `title`."""
     figure = Figure(figsize=(9.0, 6.0), layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title)
@@ -51,9 +51,11 @@ def convergence_picture(
     found: Sequence[Convergence],
     euler: Mapping[Case, tuple[NDArray[np.float64], NDArray[np.float64]]],
 ) -> bytes:
-    """Error against step size (left) and run time (right), one row a case.
+    """PNG of error against step size (left) and run time (right), one row a case.
 
-    euler: steps and errors of plain explicit steps, for comparison.
+    Args:
+        found: of the integrator.
+        euler: (N,) steps and (N,) errors of plain explicit steps, for comparison.
     """
     cases = list(dict.fromkeys(item.case for item in found))
     models = list(dict.fromkeys(item.model for item in found))

@@ -62,7 +62,7 @@ class Picture:
 
     @property
     def wide(self) -> bool:
-        """Of several panels, whose labels a phone would make too small: there it scrolls."""
+        """Whether labels of several panels would be too small on a phone: there it scrolls."""
         width, height = (int.from_bytes(self.png[at : at + 4], "big") for at in (16, 20))
         return width > _WIDE_PX or width > _WIDE * height  # of the PNG's first chunk
 
@@ -100,7 +100,7 @@ class ReportContent:
 
 
 def write_report(path: Path, content: ReportContent) -> None:
-    """Writes the report; the file appears whole or not at all."""
+    """Writes the report of `content` to `path`; the file appears whole or not at all."""
     part = path.with_name(path.name + ".part")
     with part.open("w", encoding="utf-8", newline="\n") as stream:
         stream.write(report_html(content))
@@ -132,9 +132,12 @@ def report_html(content: ReportContent) -> str:
 
 
 def document(title: str, intro: str, sections: Sequence[tuple[str, str]]) -> str:
-    """A whole page: the text of its title, then HTML of an introduction and of titled sections.
+    """HTML of a whole page.
 
-    Sections without content are left out.
+    Args:
+        title: plain text.
+        intro: HTML.
+        sections: heading and HTML; those without content are left out.
     """
     name = escape(title)
     body = "".join(_section(heading, content) for heading, content in sections)
@@ -171,10 +174,12 @@ def _slider(camera: tuple[tuple[float, Picture], ...]) -> str:
     if not camera:
         return ""
     shots = "".join(
-        _figure(Picture(picture.png, f"Background at {kelvin:g} K. {picture.caption}".strip()))
-        for kelvin, picture in camera
+        _figure(
+            Picture(picture.png, f"Background at {background_K:g} K. {picture.caption}".strip())
+        )
+        for background_K, picture in camera
     )
-    labels = "|".join(f"{kelvin:g} K" for kelvin, _ in camera)
+    labels = "|".join(f"{background_K:g} K" for background_K, _ in camera)
     control = (
         f"<label hidden>Background <output>{labels}</output>\n"
         f'<input type="range" min="0" max="{len(camera) - 1}" value="0" step="1"></label>\n'
@@ -205,7 +210,7 @@ def _rows(rows: list[str]) -> str:
 
 
 def table_html(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of texts below their titles; columns of short ones, as numbers, are not broken."""
+    """HTML of `rows` of texts below `titles`; columns of short ones, as numbers, do not break."""
     short = [all(len(row[at]) <= _SHORT for row in rows) for at in range(len(titles))]
     kinds = [' class="n"' if each else "" for each in short]
     head = _row(*(f"<th{k}>{escape(title)}</th>" for k, title in zip(kinds, titles, strict=True)))

@@ -52,7 +52,13 @@ def extent(spray: Spray) -> tuple[Floats, Floats]:
 
 
 def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
-    """The paper's Fig. 5 from below: droplets of a column, added up. A mass is kept."""
+    """Mass of the droplets of a column (the paper's Fig. 5 from below); the sum is exact.
+
+    Args:
+        spray: what is looked at.
+        view: from where.
+        pixel_m: edge of a pixel.
+    """
     place, mass = np.empty((0, 3)), np.empty(0)
     if (parcels := spray.parcels) is not None:
         place = parcels.position_m
@@ -61,7 +67,13 @@ def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
 
 
 def vapour_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
-    """Fuel vapour of a column."""
+    """Mass of the fuel vapour of a column.
+
+    Args:
+        spray: what is looked at.
+        view: from where.
+        pixel_m: edge of a pixel.
+    """
     if (vapour := spray.vapour) is None:
         return _project(np.empty((0, 3)), np.empty(0), extent(spray), view, pixel_m, 0.0)
     edge = vapour.cells.upper_m - vapour.cells.lower_m
@@ -103,7 +115,13 @@ def _project(
 
 
 def views_figure(spray: Spray, *, title: str, pixel_m: float = 5e-4) -> Figure:
-    """Droplets and vapour, from the side and from below."""
+    """Droplets and vapour of `spray` from the side and from below, in pixels of `pixel_m`.
+
+    Args:
+        spray: what is looked at.
+        title: above all.
+        pixel_m: edge of a pixel.
+    """
     figure = Figure(figsize=(10, 9.5), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title.replace("$", r"\$"))
@@ -142,7 +160,7 @@ def _image(axes: Axes, seen: Projection, title: str, view: View) -> None:
 
 
 def history_figure(history: History, *, title: str) -> Figure:
-    """Penetration, droplet size, masses and coldest gas against time."""
+    """Penetration, droplet size, masses, coldest gas of `history` against time, below `title`."""
     figure = Figure(figsize=(10, 7), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title.replace("$", r"\$"))
@@ -180,7 +198,17 @@ def history_figure(history: History, *, title: str) -> Figure:
 
 
 def write_spray(spray: Spray, history: History | None, folder: Path, *, title: str) -> list[Path]:
-    """Pictures, the history as CSV, and files for ParaView, in a folder made if need be."""
+    """Writes pictures, the history as CSV, and files for ParaView.
+
+    Args:
+        spray: what is shown.
+        history: how it came there, where that is known.
+        folder: made if need be.
+        title: of the pictures.
+
+    Returns:
+        The files.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     written = [folder / "views.png"]
     views_figure(spray, title=title).savefig(written[0])

@@ -55,7 +55,7 @@ def read_temperature(background: Thermometer) -> float:
 
 
 def check_exposure(can: Capabilities, integration_time_s: float) -> None:
-    """Raises OutOfLimits."""
+    """Raises OutOfLimits where a camera that `can` this does not take `integration_time_s`."""
     low, high = can.integration_time_limits_s
     if not low <= integration_time_s <= high:
         raise OutOfLimits(
@@ -64,7 +64,11 @@ def check_exposure(can: Capabilities, integration_time_s: float) -> None:
 
 
 def check_roi(can: Capabilities, roi: Roi | None) -> Roi:
-    """The part of the sensor that is meant, all of it for None. Raises OutOfLimits."""
+    """The part `roi` of the sensor of a camera that `can` this; None stands for all of it.
+
+    Raises:
+        OutOfLimits: it does not fit on the sensor.
+    """
     columns, rows = can.sensor_pixels
     part = Roi(0, 0, columns, rows) if roi is None else roi
     inside = part.x >= 0 and part.y >= 0 and part.width > 0 and part.height > 0
@@ -74,7 +78,7 @@ def check_roi(can: Capabilities, roi: Roi | None) -> Roi:
 
 
 def check_format(can: Capabilities, pixel_format: str | None) -> None:
-    """Raises ConfigRejected."""
+    """Raises ConfigRejected where a camera that `can` this lacks `pixel_format`; None is fine."""
     if pixel_format is not None and pixel_format not in can.pixel_formats:
         raise ConfigRejected(
             f"camera: pixel_format: {pixel_format!r}; allowed: {', '.join(can.pixel_formats)}"
@@ -82,7 +86,7 @@ def check_format(can: Capabilities, pixel_format: str | None) -> None:
 
 
 def check_trigger(modes: Collection[TriggerMode], trigger: TriggerInfo) -> None:
-    """Raises ConfigRejected."""
+    """Raises ConfigRejected where a camera with these `modes` cannot take this `trigger`."""
     enough = min(trigger.n_frames, trigger.frames_per_trigger) >= 1
     if trigger.mode not in modes or not enough or trigger.activation not in EDGES:
         raise ConfigRejected(
@@ -92,7 +96,7 @@ def check_trigger(modes: Collection[TriggerMode], trigger: TriggerInfo) -> None:
 
 
 def check_setpoint(limits: Limits, temperature_K: float) -> None:
-    """Raises OutOfLimits."""
+    """Raises OutOfLimits where `temperature_K` is outside `limits`."""
     if not limits.low_K <= temperature_K <= limits.high_K:
         raise OutOfLimits(
             f"background: {temperature_K:g} K is outside {limits.low_K:g}..{limits.high_K:g} K"
@@ -113,5 +117,5 @@ def check_burst(burst: Burst) -> None:
 
 
 def plain_burst(burst: Burst | None) -> dict[str, Any] | None:
-    """As JSON can hold it."""
+    """A burst as JSON can hold it."""
     return None if burst is None else {**asdict(burst), "widths_s": list(burst.widths_s)}

@@ -41,6 +41,7 @@ class ClockChoice(Section):
         return self
 
     def make(self) -> Clock:
+        """The clock that was chosen."""
         if self.model == "system":
             return SystemClock()
         return SimulatedClock(
@@ -51,6 +52,8 @@ class ClockChoice(Section):
 
 
 class DriverChoice(Section):
+    """One device: its driver and the driver's settings."""
+
     driver: str
     """Name of the driver; `cldit devices` lists them."""
     settings: dict[str, Any] = Field(default_factory=dict)
@@ -79,6 +82,7 @@ class Setup(Section):
 
     @property
     def surroundings(self) -> Surroundings:
+        """What the camera sees beside the spray."""
         return Surroundings(
             wall_temperature_K=self.wall_temperature_K,
             background_emissivity=self.background_emissivity,
@@ -130,7 +134,7 @@ class Rig:
 
     @property
     def devices(self) -> dict[str, Device]:
-        """In the order of connection; the trigger is made safe first."""
+        """Devices in the order of connection; the trigger is made safe first."""
         return {"camera": self.camera, "background": self.background, "trigger": self.trigger}
 
     def connect(self, timeout_s: float = 10.0) -> None:
@@ -215,6 +219,7 @@ def open_rig(path_or_mapping: str | Path | dict[str, Any], *, clock: Clock | Non
     """The rig that a file (or the mapping in it) describes. Nothing is connected yet.
 
     Args:
+        path_or_mapping: the YAML file, or what is in it.
         clock: in place of the one that the file names.
 
     Raises:

@@ -15,7 +15,8 @@ from cldit.rig.protocols import Stability
 class Settled(Thermometer, Protocol):
     """The part of a background that is asked here."""
 
-    def is_stable(self) -> bool | None: ...
+    def is_stable(self) -> bool | None:
+        """What the controller says; None where it says nothing."""
 
 
 def wait_stable(
@@ -27,10 +28,18 @@ def wait_stable(
     should_stop: StopCheck | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> float:
-    """Waits until `device` stays at `temperature_K`; the last temperature read, in kelvin.
+    """Waits until `device` stays at `temperature_K`; gives the last temperature read [K].
 
     Stable is an unbroken window of hold_s, and settle_s more, in which every reading lies within
     tolerance_K and the controller never says "not stable"; a first crossing is never enough.
+
+    Args:
+        device: the background.
+        clock: on which to wait.
+        temperature_K: set point.
+        stability: what counts as stable.
+        should_stop: asked while it waits.
+        on_progress: called with each temperature read [K].
 
     Raises:
         DeviceTimeout: timeout_s passed.
@@ -67,10 +76,12 @@ class Settling(ABC):
     _clock: Clock
 
     @abstractmethod
-    def read_temperature(self) -> float: ...
+    def read_temperature(self) -> float:
+        """Present temperature [K]."""
 
     @abstractmethod
-    def is_stable(self) -> bool | None: ...
+    def is_stable(self) -> bool | None:
+        """What the controller says; None where it says nothing."""
 
     def wait_stable(
         self,
@@ -79,7 +90,11 @@ class Settling(ABC):
         should_stop: StopCheck | None = None,
         on_progress: Callable[[float], None] | None = None,
     ) -> float:
-        """As the function of that name."""
+        """Waits as the function of that name does.
+
+        Args:
+            temperature_K, stability, should_stop, on_progress: as there.
+        """
         return wait_stable(
             self,
             self._clock,

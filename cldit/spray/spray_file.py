@@ -28,7 +28,7 @@ _VAPOUR = ("lower_m", "upper_m", "number_density_m3", "temperature_K")
 
 
 def write_spray(path: Path, spray: Spray) -> None:
-    """Writes parcels and vapour.
+    """Writes parcels and vapour of `spray` to `path`.
 
     Raises:
         SprayError: the name does not end in .npz, or the file cannot be written.

@@ -61,6 +61,7 @@ class Result:
 
     @classmethod
     def of(cls, run: Run) -> Result:
+        """What a data set holds of a run."""
         figures = {name: run.info.spray.get(name, float("nan")) for name in _FIGURES}
         accuracy = run.info.accuracy_K
         figures["accuracy_K"] = float("nan") if accuracy is None else accuracy
@@ -80,7 +81,14 @@ class SweepFolder:
         return {int(each.stem) for each in points.glob("*.json")} if points.is_dir() else set()
 
     def write(self, point: Point, result: Result, *, worker: str, seconds: float) -> None:
-        """Puts a scene's result into the store; its mark comes last."""
+        """Puts a scene's result into the store; its mark comes last.
+
+        Args:
+            point: the scene's place.
+            result: of the scene.
+            worker: who computed it.
+            seconds: that it took.
+        """
         store = extra("zarr").open_group(self.path / _STORE, mode="r+")
         for name, image in result.maps.items():
             store[name][point.place] = image
@@ -98,6 +106,11 @@ class SweepFolder:
 
 def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
     """The folder of a sweep: made, or found again.
+
+    Args:
+        path: the folder.
+        base: scene that the sweep starts from.
+        grid: of the sweep.
 
     Raises:
         StudyError: it holds something else, or the sweep of another scene or grid.

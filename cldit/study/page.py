@@ -41,6 +41,7 @@ class Page:
 
     @property
     def summary(self) -> str:
+        """The verdicts in a sentence."""
         return summary(self.verdicts) if self.verdicts else "Nothing is claimed."
 
 
@@ -97,6 +98,8 @@ def page_html(page: Page) -> str:
 
 
 def markdown_table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown, `rows` below their `titles`."""
+
     def line(cells: Sequence[str]) -> str:
         return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
 
@@ -122,4 +125,5 @@ def page_markdown(page: Page) -> str:
 
 
 def picture_file(page: Page, name: str) -> str:
+    """Name of the file of a picture `name` of a `page`."""
     return f"study-{page.name}-{name}.png"

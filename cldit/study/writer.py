@@ -20,7 +20,13 @@ from cldit.study.page import Page, Row, markdown_table, page_html, page_markdown
 def write_page(page: Page, folder: Path, *, markdown_only: bool = False) -> Path:
     """Writes NAME.md, .json and the pictures, and NAME.html, .csv and the scenes too.
 
-    Returns the page's path: HTML, or Markdown where only that is wanted.
+    Args:
+        page: of a study.
+        folder: made if need be.
+        markdown_only: nothing but Markdown, JSON and pictures.
+
+    Returns:
+        The page's path: HTML, or Markdown where only that is wanted.
 
     Raises:
         StudyError: a file cannot be written.
@@ -94,7 +100,15 @@ def _json(page: Page) -> str:
 
 
 def write_overview(folder: Path, names: Sequence[str], *, markdown_only: bool = False) -> Path:
-    """overview.md and overview.html: a line for each of `names` whose page lies in the folder.
+    """Writes overview.md and .html: a line for each of `names` whose page lies in the folder.
+
+    Args:
+        folder: with the pages.
+        names: of studies.
+        markdown_only: no HTML.
+
+    Returns:
+        The overview's path: HTML, or Markdown where only that is wanted.
 
     Raises:
         StudyError: a page's file is damaged, or the overview cannot be written.

@@ -16,7 +16,7 @@ from cldit.bench.kernels import Kernels
 from cldit.bench.orders import bench_orders
 from cldit.bench.ratios import ratios
 from cldit.bench.report import write_part
-from cldit.bench.roofline import floor
+from cldit.bench.roofline import roofline
 from cldit.gpu.device import Device
 from cldit.run import simulate
 from cldit.scene import Scene
@@ -153,6 +153,6 @@ def test_what_is_compiled_in_by_force_changes_nothing(case: Case) -> None:
 
 
 def test_floor_is_below_what_kernels_take(case: Case) -> None:
-    part = floor(case, directions=2)
+    part = roofline(case, directions=2)
     for line in part.data["lines"]:
-        assert 0 < line["floor_s"] < line["core_s"]
+        assert 0 < line["roofline_s"] < line["core_s"]

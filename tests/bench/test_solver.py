@@ -50,7 +50,7 @@ def test_ways_on_a_matrix() -> None:
 
 def test_gmres_ends_where_others_do_not(case: Case) -> None:
     rows = compare(case, MEDIA[:2], say=lambda _: None)
-    found = {(row.medium, row.way): row for row in rows}
+    found = {(row.medium, row.method): row for row in rows}
     stiff = MEDIA[1].name
     # Its estimate goes by the smallest singular value that it met; 2.3 times that was seen.
     for medium in (MEDIA[0].name, stiff):

@@ -22,13 +22,27 @@ _COMMANDS = {
     "stability": "cldit.cli.bench.stability:bench_stability_command",
 }
 
+_OLD_PARTS = {"floor": "roofline", "peers": "mitsuba"}  # names of 0.1.0
+
 
 @click.group(cls=LazyGroup, commands_at=_COMMANDS, invoke_without_command=True)
 @click.option("--scene", default="gdi", show_default=True, help="A shipped name or a YAML file.")
 @click.option(
-    "--only", "parts", multiple=True, type=click.Choice(PARTS), help="One part; may be repeated."
+    "--only",
+    "parts",
+    multiple=True,
+    type=click.Choice([*PARTS, *_OLD_PARTS]),
+    metavar=f"[{'|'.join(PARTS)}]",
+    callback=lambda _, __, parts: tuple(_OLD_PARTS.get(part, part) for part in parts),
+    help="One part; may be repeated.",
 )
-@click.option("--peers", is_flag=True, help="Also what others need, where it is installed.")
+@click.option(
+    "--mitsuba",
+    "--peers",
+    "mitsuba",
+    is_flag=True,
+    help="Also Mitsuba 3, if it is installed.",
+)
 @click.option(
     "--every",
     type=click.IntRange(1),
@@ -64,7 +78,7 @@ _COMMANDS = {
 @plain_errors
 def bench(context: click.Context, /, **options: Any) -> None:
     """Measure this computer: error against run time of all methods, growth of cost, memory, what
-    leaving out saves, kernels against the machine's floor, ways to solve, several rays a pixel."""
+    leaving out saves, kernels against their roofline, solvers, several rays a pixel."""
     if context.invoked_subcommand is not None:
         return
     from cldit.cli.bench.transport import Asked, bench_transport  # not for the commands below

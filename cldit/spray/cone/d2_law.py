@@ -15,7 +15,7 @@ _STEPS = 500
 
 
 @dataclass(frozen=True)
-class Shrinking:
+class D2Law:
     """States of the distribution, from whole to gone.
 
     loss_m2: K t, by which d^2 has fallen, (N,); evaporated: share of the mass, rising from 0 to
@@ -28,7 +28,7 @@ class Shrinking:
     diameter_m: Floats
 
     def kinetic(self, age_s: ArrayLike, *, rate_m2_s: float) -> Floats:
-        """Evaporated share after a time in hot gas."""
+        """Evaporated share after `age_s`, any shape, in hot gas where d^2 falls at `rate_m2_s`."""
         known, first = self.loss_m2, np.searchsorted(self.loss_m2, 0.0, side="right") - 1
         loss = np.asarray(age_s, dtype=float) * rate_m2_s
         return np.interp(loss, known[first:], self.evaporated[first:])
@@ -39,6 +39,9 @@ class Shrinking:
         Args:
             evaporated: (N,), 0..1.
             rank: (N, M), 0..1: share of the mass left that is in smaller droplets.
+
+        Returns:
+            (N, M).
         """
         state = np.searchsorted(self.evaporated, np.asarray(evaporated, dtype=float))
         state = np.minimum(state, len(self.evaporated) - 2)  # the last has nothing left
@@ -46,8 +49,8 @@ class Shrinking:
         return np.asarray(self.diameter_m[state[:, None], place])
 
 
-def shrinking(classes_m: Floats, bulb: WetBulb | None) -> Shrinking:
-    """For droplets of `classes_m` (rising), each class an equal share of the mass.
+def d2_law(classes_m: Floats, bulb: WetBulb | None) -> D2Law:
+    """Evaporation of droplets of `classes_m` (C,), rising, each an equal share of the mass.
 
     Without `bulb` nothing evaporates, and the two states are the whole and the end.
     """
@@ -69,4 +72,4 @@ def shrinking(classes_m: Floats, bulb: WetBulb | None) -> Shrinking:
         within = np.cumsum(mass[row])
         chosen = np.searchsorted(within, middles * within[-1]) if within[-1] > 0 else -1
         diameter[row] = classes_m[chosen] * np.sqrt(left[row, chosen])
-    return Shrinking(loss, 1 - total / len(squares), diameter)
+    return D2Law(loss, 1 - total / len(squares), diameter)

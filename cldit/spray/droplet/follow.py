@@ -34,6 +34,7 @@ class Life:
 
     @property
     def vanished(self) -> bool:
+        """Whether nothing is left at the end."""
         return bool(self.mass_kg[-1] == 0)
 
     def rows(self) -> Iterator[tuple[float, ...]]:
@@ -42,7 +43,7 @@ class Life:
         return zip(*columns, strict=True)
 
     def csv(self) -> str:
-        """With a heading, one row per time."""
+        """CSV with a heading, one row per time."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(COLUMNS)
@@ -71,11 +72,17 @@ def follow(
     """One droplet from its injection until it vanishes.
 
     Args:
+        fuel: name of the fuel.
+        diameter_m, temperature_K: of the droplet at the start.
+        gas_temperature_K, pressure_Pa: of the gas.
         velocity_m_s: relative to the gas.
+        model: a key of `evaporation.MODELS`.
+        gas: name of the carrier gas.
         vapour: mass fraction of fuel in the gas.
         held: the droplet keeps its velocity (on a fibre in a flow), else drag brings it to rest.
         duration_s: ends it earlier, and is needed where the droplet never vanishes.
         points: times at which the columns are given, evenly spread.
+        tolerance: error allowed in a step.
         cache: folder for property tables; None keeps nothing.
 
     Raises:
@@ -127,7 +134,7 @@ def _follow(
     points: int,
     tolerance: float,
 ) -> Life:
-    """As `follow`, with everything checked and looked up."""
+    """Does what `follow` does, with everything checked and looked up."""
 
     def after(state: Droplets, seconds: float) -> tuple[Droplets, float]:
         found = advance(
