@@ -1,11 +1,14 @@
-"""The list of packages is the tree; what it lacks works when editable, and not as a wheel."""
+"""What lies in the tree is in the wheel, and type checkers find it in the editable install."""
 
 from __future__ import annotations
 
+import sys
 import tomllib
+from importlib.metadata import distribution
 from pathlib import Path
 
 import pytest
+from mypy.modulefinder import FindModuleCache, SearchPaths, get_search_dirs
 
 ROOT = Path(__file__).parents[2]
 
@@ -14,13 +17,17 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def test_every_package_is_listed() -> None:
-    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
-    found = [
-        ".".join(init.parent.relative_to(ROOT).parts)
-        for init in (ROOT / "cldit").rglob("__init__.py")
-    ]
-    assert sorted(listed) == sorted([*found, "cldit.drivers", "cldit.kernels"])
+def test_every_folder_of_code_is_a_package() -> None:
+    """The wheel holds the packages that are found, and a folder without `__init__.py` is none."""
+    for top in ("cldit", "drivers", "kernels"):
+        for path in (ROOT / top).rglob("*.py"):
+            assert (path.parent / "__init__.py").is_file(), f"{path} is in no package"
+
+
+@pytest.mark.parametrize("name", ["drivers", "kernels"])
+def test_folders_beside_the_package_are_linked_into_it(name: str) -> None:
+    """As links to a sibling, which hold wherever the checkout lies."""
+    assert (ROOT / "cldit" / name).readlink() == Path("..", name)
 
 
 def test_every_data_file_matches_a_pattern() -> None:
@@ -43,3 +50,30 @@ def test_top_level_is_as_stated() -> None:
         "drivers", "kernels", "make.py", "pyproject.toml", "runs", "tests",
     }  # fmt: skip
     assert names <= allowed
+
+
+@pytest.mark.parametrize(
+    "module", ["cldit", "cldit.scene.load", "cldit.drivers.dg645", "cldit.kernels"]
+)
+def test_mypy_finds_the_installed_package(module: str) -> None:
+    """Where it looks from any other folder: in site-packages and what `.pth` files add to them.
+
+    `tests/system/test_types_outside.py` runs it whole.
+    """
+    installed = tuple(path for paths in get_search_dirs(sys.executable) for path in paths)
+    found = FindModuleCache(SearchPaths((), (), installed, ()), None, None).find_module(module)
+    assert isinstance(found, str), f"mypy: {module}: {found}"
+    wanted = Path(*module.split("."))
+    wanted = wanted / "__init__.py" if len(wanted.parts) < 3 else wanted.with_suffix(".py")
+    assert Path(found).parts[-len(wanted.parts) :] == wanted.parts
+
+
+def test_no_import_hook_stands_before_the_package() -> None:
+    """An editable install is one line of a `.pth` file, which is a path."""
+    lines = [
+        line
+        for file in distribution("cldit").files or ()
+        if file.suffix == ".pth"
+        for line in str(file.read_text()).splitlines()
+    ]
+    assert not any(line.startswith("import ") for line in lines), lines
