@@ -8,6 +8,7 @@ from importlib.metadata import distribution
 from pathlib import Path
 
 import pytest
+import yaml
 from mypy.modulefinder import FindModuleCache, SearchPaths, get_search_dirs
 
 ROOT = Path(__file__).parents[2]
@@ -43,11 +44,29 @@ def test_every_data_file_matches_a_pattern() -> None:
         assert any(path.match(pattern) for pattern in patterns), f"{path} is not package data"
 
 
+def test_citation_is_of_this_version() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["cff-version"] == "1.2.0"
+    assert {"message", "title", "authors", "type"} <= citation.keys()
+    assert citation["title"] == project["name"]
+    assert citation["version"] == project["version"]
+    assert citation["license"] == project["license"]
+    assert citation["keywords"] == project["keywords"]
+    assert citation["authors"] == project["authors"]
+
+
+def test_changelog_tells_of_this_version() -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert f"\n## {version}\n" in (ROOT / "CHANGELOG.md").read_text()
+
+
 def test_top_level_is_as_stated() -> None:
     names = {path.name for path in ROOT.iterdir() if not path.name.startswith(".")}
     allowed = {
-        "CHANGELOG.md", "LICENSE", "README.md", "build", "cldit", "cldit.egg-info", "dist", "docs",
-        "drivers", "kernels", "make.py", "pyproject.toml", "runs", "tests",
+        "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "README.md", "build", "cldit",
+        "cldit.egg-info", "dist", "docs", "drivers", "kernels", "make.py", "pyproject.toml", "runs",
+        "tests",
     }  # fmt: skip
     assert names <= allowed
 
