@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,7 +10,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from cldit.images import fsync_folder
+from cldit.files import write_text
 
 _PAGES = Environment(
     loader=PackageLoader("cldit.report", ""),
@@ -76,13 +75,7 @@ class ReportContent:
 
 def write_report(path: Path, content: ReportContent) -> None:
     """Writes the report; the file appears whole or not at all."""
-    part = path.with_name(path.name + ".part")
-    with part.open("w", encoding="utf-8", newline="\n") as stream:
-        stream.write(report_html(content))
-        stream.flush()
-        os.fsync(stream.fileno())
-    part.replace(path)
-    fsync_folder(path.parent)
+    write_text(path, report_html(content))
 
 
 def report_html(content: ReportContent) -> str:
