@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from cldit.acquisition.disk import write_text
 from cldit.acquisition.measured import Measured, is_measured, open_measured
 from cldit.acquisition.plan import plan_from_scene
 from cldit.acquisition.progress import Progress
@@ -22,6 +21,7 @@ from cldit.camera.view import SensorView
 from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
 from cldit.dit.scattering import Medium, enclosure, medium_temperature, scattered_by
 from cldit.errors import EvaluationError, RunFolderError
+from cldit.files import write_text
 from cldit.gpu.device import Device
 from cldit.images import write_image
 from cldit.report.run_report import write_run_report

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import IO, Any
 
@@ -12,17 +11,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from cldit.errors import RunFolderError
-
-
-def fsync_folder(folder: Path) -> None:
-    """Makes a rename in `folder` survive a power cut (where the system can: not on Windows)."""
-    if os.name == "nt":
-        return
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+from cldit.files import whole
 
 
 def put_image(
@@ -82,13 +71,8 @@ def write_image(
         path: the file.
         image, name, unit, pixel_m, meta: as in `put_image`.
     """
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as stream:
+    with whole(path) as part, part.open("wb") as stream:
         put_image(stream, image, name=name, unit=unit, pixel_m=pixel_m, meta=meta)
-        stream.flush()
-        os.fsync(stream.fileno())
-    part.replace(path)
-    fsync_folder(path.parent)
 
 
 def read_image(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from cldit.files import whole
 
 Floats = NDArray[np.float64]
 Arrays = dict[str, Floats]
@@ -73,14 +74,7 @@ def _write(path: Path, text: str, arrays: Arrays) -> None:
     values = b"".join(np.asarray(array, "<f8").tobytes() for array in arrays.values())
     shapes = {name: np.shape(array) for name, array in arrays.items()}
     head = json.dumps({"text": text, "shapes": shapes, "check": zlib.crc32(values)})
-    try:
+    with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    except OSError:
-        return
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(head.encode() + b"\n" + values)
-        os.replace(part, path)
-    except OSError:
-        Path(part).unlink(missing_ok=True)
+        with whole(path, sync=False) as part:
+            part.write_bytes(head.encode() + b"\n" + values)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO
 
 from cldit.errors import ClditError, RunFolderError
-from cldit.images import fsync_folder
+from cldit.files import fsync_folder
 
 _FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 _OVERHEAD_bytes = 16_384  # TIFF header, metadata, journal lines of one shot
@@ -90,14 +90,3 @@ def write_checked(path: Path, write: Callable[[IO[bytes]], None]) -> None:
         for name in (part, path):
             name.unlink(missing_ok=True)
         raise
-
-
-def write_text(path: Path, text: str) -> None:
-    """Writes `text` to `path`; the file appears whole or not at all."""
-    part = path.with_name(path.name + ".part")
-    with part.open("w", encoding="utf-8") as stream:
-        stream.write(text)
-        stream.flush()
-        os.fsync(stream.fileno())
-    part.replace(path)
-    fsync_folder(path.parent)

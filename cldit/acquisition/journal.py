@@ -11,7 +11,7 @@ from typing import Any
 
 from cldit.acquisition.disk import written
 from cldit.errors import RunFolderError
-from cldit.images import fsync_folder
+from cldit.files import fsync_folder
 
 Entry = dict[str, Any]
 

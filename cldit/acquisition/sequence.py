@@ -33,7 +33,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from cldit.acquisition.disk import needed_bytes, write_text, written
+from cldit.acquisition.disk import needed_bytes, written
 from cldit.acquisition.interrupts import Interrupts
 from cldit.acquisition.journal import Entry, Journal
 from cldit.acquisition.plan import Plan, Shot
@@ -55,6 +55,7 @@ from cldit.acquisition.storage import (
     survey,
 )
 from cldit.errors import ClditError
+from cldit.files import write_text
 from cldit.rig.checks import read_temperature
 from cldit.rig.errors import Aborted, RetakesExhausted, RigError
 from cldit.rig.load import Rig

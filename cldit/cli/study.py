@@ -10,6 +10,7 @@ from rich.table import Table
 
 from cldit.acquisition.progress import Progress
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
+from cldit.cli.units import device_option
 from cldit.errors import StudyError
 from cldit.gpu.device import open_device
 from cldit.run import RunCache, default_cache
@@ -32,7 +33,7 @@ from cldit.study.writer import write_overview, write_page
 @click.option("--scheduler", help="Address of a dask scheduler; this machine's cores without.")
 @click.option("--workers", type=click.IntRange(1, 1024), help="On this machine; one a core.")
 @click.option("--cache", type=click.Path(path_type=Path), help="Folder of cached runs and sprays.")
-@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@device_option
 @plain_errors
 def study(
     name: str | None,

@@ -1,4 +1,4 @@
-"""Options that take a number with or without its unit."""
+"""What options of several commands take: a number with or without its unit; a device."""
 
 from __future__ import annotations
 
@@ -30,3 +30,6 @@ class Quantity(_Float):
 
 KELVIN = Quantity("K")
 SECOND = Quantity("s")
+device_option = click.option(
+    "--device", help="OpenCL device: platform:device, or part of its name."
+)

@@ -10,12 +10,12 @@ from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from cldit.report.sheet import figure_of, plain
 from cldit.spray.flow.measures import History
 from cldit.spray.result import Spray
 from cldit.spray.vtk_export import write_vtk
@@ -23,7 +23,6 @@ from cldit.spray.vtk_export import write_vtk
 Floats = NDArray[np.float64]
 View = Literal["side", "below"]
 
-_DPI = 130
 _DECADES = 3.0  # of the colours
 _SMOOTHING = 1.0  # pixels, of the liquid: parcels are points
 _AXES = {"side": (0, 2), "below": (0, 1)}
@@ -122,9 +121,8 @@ def views_figure(spray: Spray, *, title: str, pixel_m: float = 5e-4) -> Figure:
         title: above all.
         pixel_m: edge of a pixel.
     """
-    figure = Figure(figsize=(10, 9.5), dpi=_DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(title.replace("$", r"\$"))
+    figure = figure_of(10, 9.5)
+    figure.suptitle(plain(title))
     axes = figure.subplots(2, 2)
     views: tuple[View, View] = ("side", "below")
     for row, view in enumerate(views):
@@ -161,9 +159,8 @@ def _image(axes: Axes, seen: Projection, title: str, view: View) -> None:
 
 def history_figure(history: History, *, title: str) -> Figure:
     """Penetration, droplet size, masses, coldest gas of `history` against time, below `title`."""
-    figure = Figure(figsize=(10, 7), dpi=_DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(title.replace("$", r"\$"))
+    figure = figure_of(10, 7)
+    figure.suptitle(plain(title))
     panels: Sequence[tuple[str, tuple[tuple[Floats, str], ...]]] = (
         (
             "penetration / mm",

@@ -13,7 +13,8 @@ from typing import Any
 
 import cldit.acquisition.journal as journal_module
 import cldit.acquisition.sequence as sequence_module
-from cldit.acquisition import acquire, disk, load_plan, storage
+from cldit import files
+from cldit.acquisition import acquire, load_plan, storage
 from cldit.errors import ClditError
 from cldit.rig.load import Rig, open_rig
 
@@ -33,7 +34,7 @@ def arm(point: str, number: int, rig: Rig) -> None:
         count += 1
         return count == number
 
-    save_shot, write_text = storage.save_shot, disk.write_text
+    save_shot, write_text = storage.save_shot, files.write_text
     append, fire = journal_module.Journal.append, rig.trigger.fire
     replace = Path.replace
 

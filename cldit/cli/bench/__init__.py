@@ -10,7 +10,7 @@ import click
 from cldit.bench import ACCURACIES_K, PARTS
 from cldit.cli.console import plain_errors
 from cldit.cli.lazy import LazyGroup
-from cldit.cli.units import KELVIN
+from cldit.cli.units import KELVIN, device_option
 
 _COMMANDS = {
     "rig": "cldit.cli.bench.rig:bench_rig_command",
@@ -73,7 +73,7 @@ _OLD_PARTS = {"floor": "roofline", "peers": "mitsuba"}  # names of 0.1.0
     show_default=True,
     help="Folder of benchmarks.md and of tables, pictures and JSON.",
 )
-@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@device_option
 @click.pass_context
 @plain_errors
 def bench(context: click.Context, /, **options: Any) -> None:

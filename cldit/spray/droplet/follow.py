@@ -13,7 +13,7 @@ import numpy as np
 from cldit.errors import SprayError
 from cldit.spray.droplet.curves import Floats
 from cldit.spray.droplet.evaporation import MODELS
-from cldit.spray.droplet.fluids import Fuel, Gas, check_conditions, fuel_table, gas_table
+from cldit.spray.droplet.fluids import check_conditions, fuel_table, gas_table
 from cldit.spray.droplet.integrator import Droplets, Surroundings, advance
 
 COLUMNS = ("time_s", "diameter_m", "temperature_K", "velocity_m_s", "mass_kg")
@@ -109,40 +109,14 @@ def follow(
         np.array([vapour]),
         np.zeros((1, 1)),
     )
-    return _follow(
-        start,
-        around,
-        fuel=liquid,
-        gas=carrier,
-        model=model,
-        held=held,
-        duration_s=duration_s,
-        points=points,
-        tolerance=tolerance,
-    )
-
-
-def _follow(
-    start: Droplets,
-    around: Surroundings,
-    *,
-    fuel: Fuel,
-    gas: Gas,
-    model: str,
-    held: bool,
-    duration_s: float | None,
-    points: int,
-    tolerance: float,
-) -> Life:
-    """Does what `follow` does, with everything checked and looked up."""
 
     def after(state: Droplets, seconds: float) -> tuple[Droplets, float]:
         found = advance(
             state,
             around,
             seconds,
-            fuel=fuel,
-            gas=gas,
+            fuel=liquid,
+            gas=carrier,
             model=MODELS[model],
             tolerance=tolerance,
             drag=not held,
@@ -153,7 +127,7 @@ def _follow(
     life = after(start, LONGEST_S if end is None else end)[1]
     if end is None and np.isinf(life):
         raise SprayError(
-            f"a droplet of {fuel.name} does not vanish in gas of {around.temperature_K[0]:g} K "
+            f"a droplet of {liquid.name} does not vanish in gas of {around.temperature_K[0]:g} K "
             f"with {around.vapour[0]:g} vapour within {LONGEST_S:g} s; give a duration"
         )
     end = min(life, np.inf if end is None else end)
@@ -167,7 +141,7 @@ def _follow(
     warm = np.array([state.temperature_K[0] for state in states])
     return Life(
         time_s=times,
-        diameter_m=fuel.diameter_m(mass, warm),
+        diameter_m=liquid.diameter_m(mass, warm),
         temperature_K=warm,
         velocity_m_s=np.array([state.velocity_m_s[0, 0] for state in states]),
         mass_kg=mass,
