@@ -1,13 +1,12 @@
-/* How many steps the picture's lines of sight take, and how many of them through something: what
-   image.cl does for every pixel, without the light. For `cldit bench`. */
+/* Cells that the lines of sight cross, and how many of these are not empty, for `cldit bench`: the
+   traversal of image.cl without the radiance. */
 
-#include "boundary.h"
 #include "boundary.h"
 #include "ray.h"
 #include "octree_traversal.h"
 
 __kernel void count(
-    __global int2 *steps,             /* out: steps, and steps through cells that hold something */
+    __global int2 *steps,             /* out: cells crossed, and those that are not empty */
     __global const int *directory, __global const int *span, __global const real *depth,
     const int coarse, const int stored, const int bricks,
     const int4 low, const int4 high,
