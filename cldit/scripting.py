@@ -42,7 +42,8 @@ class ScriptRig(Rig):
         Leaving the loop early ends the acquisition after the present shot.
 
         Raises:
-            As `cldit.acquisition.acquire`; SceneError: the plan is not allowed.
+            SceneError: the plan is not allowed.
+            ClditError: as `cldit.acquisition.acquire`.
         """
         return iterate(self, _plan(plan), Path(folder), progress=progress, should_stop=should_stop)
 

@@ -93,19 +93,19 @@ class Kernels:
             source = np.zeros((len(cells.needs.components), len(cells.address)), real)
         listed = [source] * pictures
         records = filled.records(listed, np.zeros(len(cells.address)), None, None, real)
-        medium = [
-            *upload_directory(device, cells),
-            upload(device, "records' numbers", filled.number),
-            upload(device, "records", records),
-        ]
+        arguments = {
+            **upload_directory(device, cells),
+            "number": upload(device, "records' numbers", filled.number),
+            "records": upload(device, "records", records),
+            **self.view.geometry(device, cells, real),
+        }
         if linear:
             changes = np.zeros((len(cells.address), 3 * len(cells.needs.components)), real)
-            medium += [upload(device, "changes", changes), np.int32(len(changes))]
-        arguments = self.view.arguments(device, cells, real)
-        kernel = program["image"]
+            arguments["changes"] = upload(device, "changes", changes)
+            arguments["scattering"] = len(changes)
+        tiles = self.view.tiles(program, "image")
         return quickest(
-            self.case,
-            lambda: kernel(device.queue, *self.view.tiles(device), out, *medium, *arguments),
+            self.case, lambda: program.launch("image", *tiles, {"planes": out, **arguments})
         )
 
     def flights(self, count: int, *, vector: int | None = None) -> Flights | None:
@@ -158,12 +158,13 @@ class Kernels:
         program = build(device, "count.cl", {**self.view.defines, **(self.defines or {})})
         columns, rows = self.view.pixels
         out = zeros(device, "steps", 2 * rows * columns, np.int32)
-        tree = upload_tree(device, cells, real)
-        arguments = self.view.arguments(device, cells, real)
-        kernel = program["count"]
+        arguments = {
+            **upload_tree(device, cells, real),
+            **self.view.geometry(device, cells, real),
+        }
+        tiles = self.view.tiles(program, "count")
         cost = quickest(
-            self.case,
-            lambda: kernel(device.queue, *self.view.tiles(device), out, *tree, *arguments),
+            self.case, lambda: program.launch("count", *tiles, {"steps": out, **arguments})
         )
         counted = download(device, out, np.empty((rows, columns, 2), np.int32))
         return counted.transpose(2, 0, 1).astype(np.int64), cost

@@ -55,15 +55,14 @@ class Machine:
         count -= count % (64 * vector)
         target, source = (zeros(device, "copy", count, np.float32) for _ in range(2))
 
-        def cost(kernel: str, lanes: int, *more: Any) -> Cost:
-            run = program[kernel]
-            return quickest(case, lambda: run(device.queue, (lanes,), None, target, source, *more))
+        def cost(kernel: str, lanes: int, **more: Any) -> Cost:
+            arguments = {"out": target, "in": source, **more}
+            return quickest(case, lambda: program.launch(kernel, (lanes,), None, arguments))
 
         lanes = _LANES if device.is_cpu else 32 * _LANES
-        rounds = np.int32(_ROUNDS)
         copied = cost("copy", count // vector)
-        summed = cost("multiply_add", lanes, rounds)
-        raised = cost("exponentials", lanes, rounds)
+        summed = cost("multiply_add", lanes, rounds=_ROUNDS)
+        raised = cost("exponentials", lanes, rounds=_ROUNDS)
         work = lanes * vector * _ROUNDS
         return cls(
             bytes_per_s=2 * _REAL_BYTES * count / copied.core_s,

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from cldit.bench.ablation import ablation
 from cldit.bench.case import Case, Lattice, Say, changed, halved
 from cldit.bench.error import bench_error
 from cldit.bench.error_report import error_part
@@ -75,6 +76,7 @@ MEASUREMENTS: dict[str, Callable[[Bench], Part]] = {
     "floor": lambda bench: floor(bench.case()),
     "solver": lambda bench: solver(bench.case(half=True), say=bench.say),
     "rays": lambda bench: rays(bench.case(), say=bench.say),
+    "ablation": lambda bench: ablation(bench.device, cache=bench.cache, say=bench.say),
     "peers": lambda bench: peers(bench.case(), say=bench.say),
 }
-USUAL = tuple(name for name in MEASUREMENTS if name != "peers")
+USUAL = tuple(name for name in MEASUREMENTS if name not in ("peers", "ablation"))

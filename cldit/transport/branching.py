@@ -64,17 +64,19 @@ def trace_branching(
         out = zeros(one, "picture", components * rows * columns, real)
         rays = zeros(one, "rays", rows * columns, np.uint32)
         if mine:
-            program["branching"](
-                one.queue,
-                *view.tiles(one, len(mine)),
-                out,
-                rays,
-                np.array([settings.seed, 1], np.uint32),
-                *upload_tree(one, cells, real),
-                upload(one, "thermal source", cells.thermal_planes(real)),
-                upload(one, "albedo", albedo),
-                *view.arguments(one, cells, real),
-                global_offset=(0, mine.start),
+            program.launch(
+                "branching",
+                *view.tiles(program, "branching", len(mine)),
+                {
+                    "weights": out,
+                    "started": rays,
+                    "key": np.array([settings.seed, 1], np.uint32),
+                    "thermal": upload(one, "thermal source", cells.thermal_planes(real)),
+                    "albedo": upload(one, "albedo", albedo),
+                    **upload_tree(one, cells, real),
+                    **view.geometry(one, cells, real),
+                },
+                offset=(0, mine.start),
             )
             one.queue.flush()  # the next device starts while this one works
         outs.append((out, rays))

@@ -36,8 +36,7 @@ class _Part:
     device: Device
     program: Program
     rows: range
-    tree: list[Any]  # kernel arguments `directory` to `number`
-    arguments: list[Any]
+    arguments: dict[str, Any]  # of either kernel: the octree and the geometry
 
 
 @dataclass(frozen=True)
@@ -88,11 +87,11 @@ class FormalSolution:
                 device=one,
                 program=build(one, "image.cl", defines),
                 rows=rows,
-                tree=[
-                    *upload_directory(one, cells),
-                    upload(one, "records' numbers", filled.number),
-                ],
-                arguments=view.arguments(one, cells, real),
+                arguments={
+                    **upload_directory(one, cells),
+                    "number": upload(one, "records' numbers", filled.number),
+                    **view.geometry(one, cells, real),
+                },
             )
             for one, rows in shares(device, view.pixels[1])
         ]
@@ -145,17 +144,18 @@ class FormalSolution:
         defect: Floats,
         gradient: NDArray[np.floating] | None,
         control_variate: NDArray[np.floating] | None,
-    ) -> list[list[Any]]:
-        """On each device: kernel arguments from `records` to before `coarse`."""
+    ) -> list[dict[str, Any]]:
+        """On each device: kernel arguments of what cells send."""
         made = self.filled.records(listed, defect, self.thick, control_variate, self.real)
-        records = [[upload(part.device, "records", made)] for part in self.parts]
+        records = [{"records": upload(part.device, "records", made)} for part in self.parts]
         if gradient is None:
             return records
         changes = gradient.reshape(-1, gradient.shape[2]).T.astype(self.real)
         if self.thick is not None:
             changes[self.thick] = 0.0
         for part, some in zip(self.parts, records, strict=True):
-            some += [upload(part.device, "changes", changes), np.int32(len(changes))]
+            some["changes"] = upload(part.device, "changes", changes)
+            some["scattering"] = len(changes)
         return records
 
     def _images(self, planes: Reals) -> tuple[Reals, NDArray[np.int64]]:
@@ -187,21 +187,22 @@ class FormalSolution:
         parts = len(self.cells.needs.components) + 1
         return self.at_once * parts + (0 if self.thick is None else 1)
 
-    def _whole(self, records: list[list[Any]]) -> Reals:
+    def _whole(self, records: list[dict[str, Any]]) -> Reals:
         """One ray through the middle of every pixel: planes (P, H W), each device its rows."""
         columns, rows = self.view.pixels
         outs = []
         for part, some in zip(self.parts, records, strict=True):
             out = unset(part.device, "picture", self._planes * rows * columns, self.real)
             if part.rows:
-                part.program["image"](
-                    part.device.queue,
-                    *self.view.tiles(part.device, len(part.rows)),
-                    out,
-                    *part.tree,
-                    *some,
-                    *part.arguments,
-                    global_offset=(0, part.rows.start),
+                part.program.launch(
+                    "image",
+                    *self.view.tiles(part.program, "image", len(part.rows)),
+                    {
+                        "planes": out,
+                        **some,
+                        **part.arguments,
+                    },
+                    offset=(0, part.rows.start),
                 )
                 part.device.queue.flush()  # the next device starts while this one works
             outs.append(out)
@@ -213,24 +214,26 @@ class FormalSolution:
                 download(part.device, out, plane[mine], first=first)
         return planes
 
-    def _listed(self, records: list[list[Any]], pixels: NDArray[np.int64]) -> Reals:
+    def _listed(self, records: list[dict[str, Any]], pixels: NDArray[np.int64]) -> Reals:
         """Means, planes (P, N), of several rays through the listed pixels."""
         outs = []
         divided = shares(self.parts[0].device, len(pixels))
         for part, some, (_, mine) in zip(self.parts, records, divided, strict=True):
-            count, group = len(mine), min(_GROUP, part.device.info.largest_group)
+            count = len(mine)
             out = unset(part.device, "picture", self._planes * count, self.real)
             if count:
-                part.program["refine"](
-                    part.device.queue,
-                    (-(-count // group) * group,),
-                    (group,),
-                    out,
-                    upload(part.device, "pixels", pixels[mine.start : mine.stop].astype(np.int32)),
-                    np.int32(count),
-                    *part.tree,
-                    *some,
-                    *part.arguments,
+                some_pixels = pixels[mine.start : mine.stop].astype(np.int32)
+                part.program.launch(
+                    "refine",
+                    (count,),
+                    (min(_GROUP, part.program.largest_group("refine")),),
+                    {
+                        "planes": out,
+                        "list": upload(part.device, "pixels", some_pixels),
+                        "count": count,
+                        **some,
+                        **part.arguments,
+                    },
                 )
                 part.device.queue.flush()
             outs.append((out, count))

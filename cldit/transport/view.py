@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cldit.errors import TransportError
 from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
+from cldit.gpu.program import Program
 from cldit.medium.frame import BRICK
 from cldit.scene.schema import Scene
 from cldit.transport.attenuation import boundary_seen
@@ -61,13 +62,14 @@ class View:
         )
 
     def tiles(
-        self, device: Device, rows: int | None = None
+        self, program: Program, kernel: str, rows: int | None = None
     ) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Global and local size of a kernel that has one work-item a pixel, of so many rows."""
+        """Size, and that of a group, of a kernel with one work-item a pixel, of so many rows."""
         columns, all_rows = self.pixels
-        rows = all_rows if rows is None else rows
-        edge = min(_TILE, device.info.tile)
-        return (-(-columns // edge) * edge, -(-rows // edge) * edge), (edge, edge)
+        edge = _TILE
+        while edge > 1 and edge**2 > program.largest_group(kernel):
+            edge //= 2
+        return (columns, all_rows if rows is None else rows), (edge, edge)
 
     @cached_property
     def before_background(self) -> NDArray[np.bool_]:
@@ -103,38 +105,50 @@ class View:
             out[some] = seen == 0
         return out
 
-    def arguments(self, device: Device, cells: OpticalCells, real: type[np.floating]) -> list[Any]:
-        """Kernel arguments `coarse` to `disc`, and `patches` where there are any."""
-        patches = [upload(device, "patches", self.patches.astype(real))]
+    def geometry(
+        self, device: Device, cells: OpticalCells, real: type[np.floating]
+    ) -> dict[str, Any]:
+        """Kernel arguments of the octree's size, and all of `lines_of_sight`."""
         bounds = cells.bounds()
-        return [
-            np.int32(cells.tree.slots * BRICK**3),
-            np.int32(len(cells.depth)),
-            np.int32(cells.tree.frame.bricks),
-            np.array([*bounds.low, 0], np.int32),
-            np.array([*np.add(bounds.low, bounds.shape), 0], np.int32),
-            np.int32(self.pixels[0]),
-            np.int32(self.pixels[1]),
-            self.middle.astype(real),
-            real(self.pitch[0]),
-            real(self.pitch[1]),
-            real(self.distance),
-            self.disc.astype(real),
-            *(patches if len(self.patches) else []),
-        ]
+        return {
+            "coarse": cells.tree.slots * BRICK**3,
+            "stored": len(cells.depth),
+            "bricks": cells.tree.frame.bricks,
+            "low": np.array([*bounds.low, 0], np.int32),
+            "high": np.array([*np.add(bounds.low, bounds.shape), 0], np.int32),
+            **self.lines_of_sight(device, real),
+        }
+
+    def lines_of_sight(self, device: Device, real: type[np.floating]) -> dict[str, Any]:
+        """Kernel arguments of the camera, the disc, and patches where there are any."""
+        out = {
+            "columns": self.pixels[0],
+            "rows": self.pixels[1],
+            "middle": self.middle.astype(real),
+            "pitch_x": float(self.pitch[0]),
+            "pitch_z": float(self.pitch[1]),
+            "distance": float(self.distance),
+            "disc": self.disc.astype(real),
+        }
+        if len(self.patches):
+            out["patches"] = upload(device, "patches", self.patches.astype(real))
+        return out
 
 
-def upload_directory(device: Device, cells: OpticalCells) -> list[Any]:
-    """Kernel arguments `directory` and `span`."""
+def upload_directory(device: Device, cells: OpticalCells) -> dict[str, Any]:
+    """Kernel arguments of the octree's directory."""
     tree = cells.tree
     spans = np.maximum(1, tree.frame.cells >> tree.coarse_level).astype(np.int32)
-    return [upload(device, "octree", tree.directory), upload(device, "coarse leaves", spans)]
+    return {
+        "directory": upload(device, "octree", tree.directory),
+        "span": upload(device, "coarse leaves", spans),
+    }
 
 
-def upload_tree(device: Device, cells: OpticalCells, real: type[np.floating]) -> list[Any]:
-    """Kernel arguments `directory`, `span` and `depth`."""
+def upload_tree(device: Device, cells: OpticalCells, real: type[np.floating]) -> dict[str, Any]:
+    """As `upload_directory`, and the optical depths."""
     depth = upload(device, "optical depth", cells.depth.astype(real))
-    return [*upload_directory(device, cells), depth]
+    return {**upload_directory(device, cells), "depth": depth}
 
 
 def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:

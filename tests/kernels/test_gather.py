@@ -210,19 +210,21 @@ def test_control_variate(device: Device) -> None:
     table = np.column_stack([directions.unit, np.cumsum(share) / share.sum()]).astype(np.float32)
     camera = np.array([12.0, -40.0, 9.0, 0.0], np.float32)
     out = zeros(device, "means", cells * 3, np.float32)
-    program["control_variate"](
-        device.queue,
+    program.launch(
+        "control_variate",
         (cells,),
         None,
-        out,
-        upload(device, "cells", np.column_stack([at, own]).astype(np.int32)),
-        np.int32(cells),
-        upload(device, "light", light),
-        upload(device, "directions", table),
-        upload(device, "directions", number.astype(np.int32)),
-        np.int32(24),
-        upload(device, "phase", phase),
-        camera,
+        {
+            "means": out,
+            "cells": upload(device, "cells", np.column_stack([at, own]).astype(np.int32)),
+            "count": cells,
+            "light": upload(device, "light", light),
+            "directions": upload(device, "directions", table),
+            "number_of": upload(device, "directions", number.astype(np.int32)),
+            "direction_count": 24,
+            "steps": upload(device, "phase", phase),
+            "camera": camera,
+        },
     )
     got = download(device, out, np.empty((cells, 3), np.float32))
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.kernel_source import assemble
-from cldit.gpu.program import OPTIONS
+from cldit.gpu.program import compiled
 from cldit.transport.angular_moments import MOMENTS
 
 Floats = NDArray[np.float64]
@@ -172,7 +172,7 @@ def _traced(
     defines += f"#define MIN_TRANSMISSION {cutoff}f\n#define PENDING_READS 3\n"
     defines += f"#define SIMD_WIDTH {vector}\n"
     source = f"{defines}\n{assemble('simd.h')}\n{assemble('path_segment.h')}\n{KERNEL}"
-    program = cl.Program(device.context, source).build(options=list(OPTIONS))
+    program = compiled(device, source)
     depth = region.records[:, 0] * np.where(region.records[:, 1] > 0, -1, 1)
     sums = zeros(device, "sums", count // vector * (COMPONENTS + 1), np.float32)
     ends = zeros(device, "ends", count * 5, np.float32)

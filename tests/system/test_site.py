@@ -9,8 +9,11 @@ from urllib.parse import unquote, urldefrag
 
 import pytest
 
+import cldit
+
 config = pytest.importorskip("mkdocs.config", reason="mkdocs is missing; install cldit[docs]")
 build = pytest.importorskip("mkdocs.commands.build")
+pytest.importorskip("mkdocstrings", reason="mkdocstrings is missing; install cldit[docs]")
 
 _DOCS = Path(__file__).parents[2] / "docs"
 
@@ -64,6 +67,13 @@ def test_every_page_is_there(site: Path) -> None:
     assert not list(site.rglob("*.json.html"))
 
 
+def test_search_has_its_index_as_a_script(site: Path) -> None:
+    script = (site / "search" / "search_index.js").read_text(encoding="utf-8")
+    assert script.startswith("var searchIndex = {") and "GMRES" in script
+    assert (site / "search" / "lunr.js").is_file()
+    assert 'site/search.js"' in (site / "search.html").read_text(encoding="utf-8")
+
+
 def test_links_lead_somewhere_and_nothing_is_loaded_from_outside(site: Path) -> None:
     pages = {path: _Links(path.read_text(encoding="utf-8")) for path in site.rglob("*.html")}
     for path, page in pages.items():
@@ -79,3 +89,20 @@ def test_links_lead_somewhere_and_nothing_is_loaded_from_outside(site: Path) -> 
             assert other.exists(), f"{path.name}: {address}"
             if place and other in pages:
                 assert place in pages[other].ids, f"{path.name}: {address}"
+
+
+def test_the_api_has_every_public_name(site: Path) -> None:
+    ids: set[str] = set()
+    for path in (site / "api").glob("*.html"):
+        ids |= _Links(path.read_text(encoding="utf-8")).ids
+    for name in set(cldit.__all__) - {"__version__"}:
+        public = getattr(cldit, name)
+        assert f"{public.__module__}.{public.__qualname__}" in ids, name
+    assert {"cldit.rig.protocols.Camera.read_frames", "cldit.rig.drivers.RigContext"} <= ids
+
+
+def test_arguments_that_are_described_together_have_a_row_each(site: Path) -> None:
+    page = (site / "api" / "evaluation.html").read_text(encoding="utf-8")
+    for name in ("shots", "references"):  # of evaluate_radiance
+        assert f"<code>{name}</code>" in page
+    assert "shots, references" not in page

@@ -33,7 +33,7 @@ class CameraSweep:
     phase: Any
     place: NDArray[np.float64]
     shares: dict[bool, Any]
-    seen: dict[bool, list[Any]]
+    seen: dict[bool, dict[str, Any]]
 
     @classmethod
     def of(
@@ -52,12 +52,14 @@ class CameraSweep:
         sine
         of half the angle, or a single number where the program has no PHASE_STEPS."""
 
-        seen: dict[bool, list[Any]] = {turned: [] for turned in groups}
+        seen: dict[bool, dict[str, Any]] = {turned: {} for turned in groups}
         if "VIEW_TRANSMISSION" in program.defines:
-            for values in (medium.depth, 1.0 / mean_transmission(medium.depth)):
+            asked = {"seen": medium.depth, "even": 1.0 / mean_transmission(medium.depth)}
+            for name, values in asked.items():
                 dense = turned_too(medium.dense(box, values.astype(real)))
                 for turned, some in groups.items():
-                    seen[turned].append(upload(device, "optical depth", some.packed(dense[turned])))
+                    packed = some.packed(dense[turned])
+                    seen[turned][name] = upload(device, "optical depth", packed)
         return cls(
             device=device,
             real=real,

@@ -18,11 +18,11 @@ from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule, swe
 
 @dataclass(frozen=True)
 class DeviceOrdinates:
-    """routes: with what kernels/sweep.cl takes of each, from `tiles` to `origins`, and then with
-    SPATIAL_MOMENTS."""
+    """sweep_schedules: each with the arguments that kernels/sweep.cl takes of it; and those that it
+    takes with SPATIAL_MOMENTS besides."""
 
     directions: Ordinates
-    sweep_schedules: tuple[tuple[SweepSchedule, list[Any], list[Any]], ...]
+    sweep_schedules: tuple[tuple[SweepSchedule, dict[str, Any], dict[str, Any]], ...]
 
     @classmethod
     def of(
@@ -43,25 +43,27 @@ class DeviceOrdinates:
             nothing = np.zeros((len(schedule), 1))
             most = schedule.layout.size[2] + 1  # that rays move
             origin = np.where([schedule.rightwards, schedule.upwards], most, 1)
-            tables = [
-                schedule.tiles,
-                schedule.begins,
-                schedule.faces,
-                schedule.shifts,
-                np.column_stack([schedule.middle, schedule.part]).astype(real),
-                np.column_stack([schedule.back, nothing]).astype(real),
-                np.column_stack([schedule.stretch, schedule.weight]).astype(real),
-                np.column_stack([*origin, schedule.number, nothing]).astype(np.int32),
-            ]
-            across = [
-                np.column_stack([schedule.basis, schedule.part]).astype(real),
-                np.column_stack([schedule.gain * schedule.back, nothing]).astype(real),
-            ]
+            tables = {
+                "tiles": schedule.tiles,
+                "begins_at": schedule.begins,
+                "sides": schedule.faces,
+                "shifts": schedule.shifts,
+                "parts": np.column_stack([schedule.middle, schedule.part]).astype(real),
+                "backs": np.column_stack([schedule.back, nothing]).astype(real),
+                "beams": np.column_stack([schedule.stretch, schedule.weight]).astype(real),
+                "origins": np.column_stack([*origin, schedule.number, nothing]).astype(np.int32),
+            }
+            across = {
+                "basis": np.column_stack([schedule.basis, schedule.part]).astype(real),
+                "basis_slopes": np.column_stack([schedule.gain * schedule.back, nothing]).astype(
+                    real
+                ),
+            }
             ready.append(
                 (
                     schedule,
-                    [upload(device, "routes", table) for table in tables],
-                    [upload(device, "routes", table) for table in across],
+                    {name: upload(device, "routes", table) for name, table in tables.items()},
+                    {name: upload(device, "routes", table) for name, table in across.items()},
                 )
             )
         return cls(directions, tuple(ready))

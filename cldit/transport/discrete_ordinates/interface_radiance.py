@@ -72,12 +72,12 @@ class InterfaceRadiance:
         clear(device, kept, own * each, real, first=(thick.interfaces - own) * each)
         return cls(kept, thick.interfaces, directions, rows, listed)
 
-    def arguments(self, layout: AxisOrder) -> list[Any]:
-        """Kernel arguments `light` to `rim_faces`."""
-        return [
-            self.buffer,
-            np.int32(self.first),
-            np.int32(self.directions),
-            self.rows[layout.number],
-            self.faces[layout.number],
-        ]
+    def arguments(self, layout: AxisOrder) -> dict[str, Any]:
+        """What the sweep takes with INTERFACE_RADIANCE."""
+        return {
+            "light": self.buffer,
+            "earlier": self.first,
+            "all": self.directions,
+            "interface_rows": self.rows[layout.number],
+            "interfaces": self.faces[layout.number],
+        }

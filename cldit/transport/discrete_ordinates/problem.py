@@ -149,8 +149,10 @@ class SweepProblem:
 
         0 at a fixed order, where forward scattering counts as any other.
         """
-        phase = self.settings.phase
-        return 0.0 if phase is None or self.settings.order is not None else phase.forward
+        phase, settings = self.settings.phase, self.settings
+        if phase is None or settings.order is not None or not settings.tuning.delta_m:
+            return 0.0
+        return phase.forward
 
     @property
     def half(self) -> int:

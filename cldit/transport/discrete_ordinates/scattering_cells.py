@@ -40,14 +40,13 @@ class ScatteringCells:
         source = zeros(device, "list", components * count, real)
         return cls(device, kernels, components, count, real, source)
 
-    def run(self, kernel: str, *arguments: Any, count: int | None = None, planes: int = 1) -> None:
-        """Runs a kernel over the cells, or so many items; and over planes."""
-        items = self.count if count is None else count
-        if items:
+    def run(self, kernel: str, items: dict[str, int], *, high: int = 1, **arguments: Any) -> None:
+        """Runs a kernel over items, whose number is an argument of this name, times `high`."""
+        ((_, count),) = items.items()
+        if count:
             # PoCL's own choice divides the number of cells, which may be a prime.
-            group = min(_GROUP, self.device.info.largest_group)
-            size = -(-items // group) * group, planes
-            self.kernels[kernel](self.device.queue, size, (group, 1), *arguments, np.int32(items))
+            group = min(_GROUP, self.kernels.largest_group(kernel))
+            self.kernels.launch(kernel, (count, high), (group, 1), {**items, **arguments})
 
     def take(self, planes: NDArray[Any]) -> None:
         """Makes these (C, N) the source, or (C, M) of fewer cells, in its first numbers."""
@@ -57,15 +56,30 @@ class ScatteringCells:
         """Of the planes, C at a time, into the box; the first stay in the list."""
         for first in reversed(range(0, len(planes), self.components)):
             self.take(planes[first : first + self.components])
-            numbers = np.int32(first), np.int32(len(planes))
-            self.run("set_source", into, self.source, place, *numbers, count=planes.shape[1])
+            self.run(
+                "set_source",
+                {"count": planes.shape[1]},
+                source=into,
+                listed=self.source,
+                place=place,
+                first=first,
+                planes=len(planes),
+            )
 
     def find(
         self, out: Any, box: Any, place: Any, *, turned: bool, planes: int, count: int | None = None
     ) -> None:
         """Lists so many planes of the box; what is in the turned groups comes on top."""
-        numbers = np.int32(turned), np.int32(planes)
-        self.run("collect_i_minus_s", out, box, place, *numbers, count=count, planes=planes)
+        self.run(
+            "collect_i_minus_s",
+            {"count": self.count if count is None else count},
+            high=planes,
+            out=out,
+            box=box,
+            place=place,
+            more=int(turned),
+            planes=planes,
+        )
 
     def read(self, listed: Any) -> NDArray[Any]:
         """The first C planes of a list."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pyopencl as cl
 from numpy.typing import NDArray
 
 from cldit.gpu.buffers import clear, download, unset, upload, zeros
@@ -82,11 +80,11 @@ class Sweeper:
         self._real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
         self._disc = disc.copy()
         self._disc[:3] -= self.box.low
-        self._patches = []
+        self._patches: dict[str, Any] = {}
         real = self._real
         if len(patches):
             moved = shifted(patches, -np.asarray(self.box.low, float))
-            self._patches = [upload(device, "patches", moved.astype(real))]
+            self._patches = {"patches": upload(device, "patches", moved.astype(real))}
         self.groups = CellPackets.both(cells, self.box)
         self._order = {
             turned: SweepArrays.of(
@@ -105,7 +103,6 @@ class Sweeper:
         self._source = unset(device, "source", self._planes * most, real)
         self._given: NDArray[Any] = np.zeros((self._planes, self.count), real)
         self._shining = False
-        self._lanes = device.info.largest_group
         each = max(
             layout.ray_rows * self.components * layout.slots
             for layout in axis_orders(self.box.shape).values()
@@ -119,12 +116,13 @@ class Sweeper:
         self.gradients = (
             Gradients.of(cells, self.box, self.tuning) if linear and linear_cells is None else None
         )
-        self._neighbours: list[Any] = []
+        self._neighbours: dict[str, Any] = {}
         if self.gradients is not None:
-            self._neighbours = [
-                upload(device, "neighbours", self.gradients.neighbours),
-                upload(device, "neighbours' weights", self.gradients.weights.astype(real)),
-            ]
+            weights = self.gradients.weights.astype(real)
+            self._neighbours = {
+                "neighbours": upload(device, "neighbours", self.gradients.neighbours),
+                "weights": upload(device, "neighbours' weights", weights),
+            }
         self._emission = upload(device, "emission", self.thermal)
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
@@ -166,9 +164,17 @@ class Sweeper:
                 )
         if self._neighbours:
             self._cells.take(listed[: self.components])
-            across, changed = zip(*((order.across, order.changed) for order in orders), strict=True)
-            source = self._cells.source
-            self._cells.run("set_gradients", *across, source, *changed, *self._neighbours)
+            straight, turned = self._order[False], self._order[True]
+            self._cells.run(
+                "set_gradients",
+                {"count": self.count},
+                gradient=straight.across,
+                gradient_turned=turned.across,
+                listed=self._cells.source,
+                place=straight.changed,
+                turned=turned.changed,
+                **self._neighbours,
+            )
 
     def _fill(self, order: SweepArrays, *, cavity: bool) -> None:
         """Puts the present source into the box, in one order of its cells. cavity: all cells emit
@@ -181,8 +187,10 @@ class Sweeper:
             thermal = upload(self.device, "thermal sources", ones)
         clear(self.device, self._source, self._planes * count, self._real)
         if emitters and self._shining:
-            planes = np.int32(self._planes)
-            self._cells.run("emit", self._source, thermal, planes, count=len(order.groups))
+            groups = {"groups": len(order.groups)}
+            self._cells.run(
+                "emit", groups, source=self._source, thermal=thermal, planes=self._planes
+            )
         self._cells.put(self._given, self._source, order.place)
 
     def room(self, moments: int) -> tuple[Any, ...]:
@@ -195,10 +203,16 @@ class Sweeper:
             unset(self.device, "list", planes * self.count, self._real),
         )
 
-    def _answer(self, kernel: str, *arguments: Any, listed: Any = None) -> NDArray[Any]:
+    def _answer(self, kernel: str, *, excess: Any = None, **arguments: Any) -> NDArray[Any]:
         """What a kernel makes of the source and the excess (C, N) of the listed cells."""
-        i_minus_s = self._listed if listed is None else listed
-        self._cells.run(kernel, self._out, i_minus_s, self._cells.source, *arguments)
+        self._cells.run(
+            kernel,
+            {"count": self.count},
+            out=self._out,
+            i_minus_s=self._listed if excess is None else excess,
+            listed=self._cells.source,
+            **arguments,
+        )
         return self._cells.read(self._out)
 
     def rays(self, directions: Ordinates, starts: NDArray[np.float64]) -> DeviceOrdinates:
@@ -275,13 +289,20 @@ class Sweeper:
                 clear(self.device, across[0], 3 * order.linear_size, self._real)
             if camera is not None:
                 clear(self.device, camera.shares[turned], order.groups.cells, self._real)
-            changes = [order.across, *across[:1]] if "LINEAR_SOURCE" in program.defines else []
+            linear: dict[str, Any] = {}
+            if "LINEAR_SOURCE" in program.defines:
+                linear["gradient"] = order.across
+            if across:
+                linear["spatial_moments"] = across[0]
             for schedule, tables, basis in rays.sweep_schedules:
                 if schedule.layout.turned is turned:
-                    extra = [] if camera is None else self._towards(camera, schedule.layout)
-                    extra += [] if interfaces is None else interfaces.arguments(schedule.layout)
-                    arguments = [i_minus_s, *changes, *(basis if across else [])]
-                    self._along(program, schedule, tables, shining, arguments, extra)
+                    arguments = {"i_minus_s": i_minus_s, **tables, **linear}
+                    arguments |= basis if across else {}
+                    if camera is not None:
+                        arguments |= self._towards(camera, schedule.layout)
+                    if interfaces is not None:
+                        arguments |= interfaces.arguments(schedule.layout)
+                    self._along(program, schedule, shining, arguments)
             self._cells.find(listed, i_minus_s, order.place, turned=turned, planes=planes)
             if across:
                 some, count = (across[1], across[0], order.changed), len(self.linear_cells)
@@ -300,55 +321,53 @@ class Sweeper:
         real = self._real
         return unset(self.device, "excess", most, real), unset(self.device, "list", listed, real)
 
-    def _towards(self, camera: CameraSweep, layout: AxisOrder) -> list[Any]:
+    def _towards(self, camera: CameraSweep, layout: AxisOrder) -> dict[str, Any]:
         """What the kernel takes with CAMERA_SWEEP."""
         place = np.zeros(4)
         place[:3] = camera.place - self.box.low
-        return [
-            camera.shares[layout.turned],
-            *camera.seen[layout.turned],
-            camera.phase,
-            place.astype(self._real),
-        ]
+        return {
+            "shares": camera.shares[layout.turned],
+            "phase": camera.phase,
+            "camera": place.astype(self._real),
+            **camera.seen[layout.turned],
+        }
 
     def _along(
-        self,
-        program: Program,
-        schedule: SweepSchedule,
-        tables: list[Any],
-        shining: bool,
-        i_minus_s: list[Any],
-        extra: Sequence[Any] = (),
+        self, program: Program, schedule: SweepSchedule, shining: bool, arguments: dict[str, Any]
     ) -> None:
-        """excess: kernel arguments from that to before `layout`; extra: after the boundary's."""
-        kernel, layout, real = program["sweep"], schedule.layout, self._real
+        """arguments: of the kernel, beside those of the box and the boundaries."""
+        layout = schedule.layout
         order = self._order[layout.turned]
-        kernel.set_args(
-            np.int32(0),
-            *tables,
-            self._rays,
-            np.int32(layout.slots),
-            np.int32(layout.ray_rows),
-            order.first,
-            order.begins,
-            order.depth,
-            self._source,
-            *i_minus_s,
-            np.int32(layout.number),
-            *(np.int32(count) for count in layout.size),
-            np.int32(layout.stride_v),
-            np.int32(layout.stride_l),
-            real(shining),
-            self._disc.astype(real),
-            *self._patches,
-            *extra,
+        nu, nv, nl = (int(count) for count in layout.size)
+        lanes = 1
+        if self._vector == 1:
+            lanes = min(order.groups.widest, program.largest_group("sweep"))
+        program.launch_each(
+            "sweep",
+            [lanes * int(end - first) for first, end in schedule.launches],
+            lanes,
+            "first_tile",
+            [int(first) for first, _ in schedule.launches],
+            {
+                "rays": self._rays,
+                "slots": int(layout.slots),
+                "ray_rows": int(layout.ray_rows),
+                "groups": order.first,
+                "begins": order.begins,
+                "depth": order.depth,
+                "source": self._source,
+                "layout": int(layout.number),
+                "nu": nu,
+                "nv": nv,
+                "nl": nl,
+                "stride_v": int(layout.stride_v),
+                "stride_l": int(layout.stride_l),
+                "inflow": float(shining),
+                "disc": self._disc.astype(self._real),
+                **self._patches,
+                **arguments,
+            },
         )
-        simd_defines = 1 if self._vector > 1 else min(order.groups.widest, self._lanes)
-        for first, end in schedule.launches:
-            kernel.set_arg(0, first)
-            cl.enqueue_nd_range_kernel(
-                self.device.queue, kernel, (simd_defines * int(end - first),), (simd_defines,)
-            )
 
     def defect(self, listed: NDArray[Any], rays: DeviceOrdinates) -> NDArray[np.float64]:
         """Mean radiance (N,) of the scattering cells, less 1, in a cavity of radiance 1.
@@ -391,8 +410,13 @@ class Sweeper:
         across = self._along_all(
             camera.program, rays, True, i_minus_s, listed, planes, camera, interfaces=interfaces
         )
-        places = [order.place for order in self._order.values()]
-        mean = self._answer("weighted_mean", *camera.shares.values(), *places)
+        mean = self._answer(
+            "weighted_mean",
+            shares=camera.shares[False],
+            shares_turned=camera.shares[True],
+            place=self._order[False].place,
+            turned=self._order[True].place,
+        )
         if across is None:
             return mean, None
         for turned, order in self._order.items():
@@ -409,14 +433,14 @@ class Sweeper:
         where that has taken the excess."""
         return self._answer(
             "residual",
-            self._emission,
-            self._albedo,
-            self._coalbedo,
-            self._lost,
-            self._real(shining),
-            listed=listed,
+            excess=listed,
+            emission=self._emission,
+            albedo=self._albedo,
+            coalbedo=self._coalbedo,
+            lost=self._lost,
+            shine=float(shining),
         )
 
     def next_order(self) -> NDArray[Any]:
         """The source a (S + D) + E, (C, N), of one scattering more."""
-        return self._answer("next_order", self._emission, self._albedo)
+        return self._answer("next_order", emission=self._emission, albedo=self._albedo)

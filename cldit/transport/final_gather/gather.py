@@ -47,35 +47,31 @@ _STRETCH = 8  # numbers of a stretch within a thick cell, as in gather.cl
 
 @dataclass(frozen=True)
 class GatherPaths:
-    """One device, and what chains from given rays need there.
-
-    rays: kernel arguments `list` to `stretches`; fixed: those from `table` on.
-    """
+    """One device, and the kernel's arguments for chains from given rays there."""
 
     device: Device
     program: Program
-    rays: list[Any]
-    fixed: list[Any]
+    arguments: dict[str, Any]
 
     def launch(
         self, chosen: NDArray[np.int32], some: range, key: NDArray[np.uint32], half: int, out: Any
     ) -> None:
         """Starts the chains of some points of a half for each chosen ray."""
-        group = min(_GROUP, self.device.info.largest_group)
-        self.program["gather"](
-            self.device.queue,
-            (-(-len(chosen) // group) * group,),
-            (group,),
-            out,
-            upload(self.device, "chosen rays", chosen),
-            np.int32(len(chosen)),
-            np.uint32(len(some)),
-            np.uint32(some.start),
-            key,
-            np.uint32(half),
-            upload(self.device, "Sobol", points(some.start, len(some))),
-            *self.rays,
-            *self.fixed,
+        self.program.launch(
+            "gather",
+            (len(chosen),),
+            (min(_GROUP, self.program.largest_group("gather")),),
+            {
+                "means": out,
+                "chosen": upload(self.device, "chosen rays", chosen),
+                "count": len(chosen),
+                "samples": len(some),
+                "from_point": some.start,
+                "key": key,
+                "half_": half,
+                "points": upload(self.device, "Sobol", points(some.start, len(some))),
+                **self.arguments,
+            },
         )
         self.device.queue.flush()  # the next device starts while this one works
 
@@ -166,48 +162,51 @@ class Gather:
         at[:, :3] = thick.at + np.asarray(box.low)
         self._own = thick.own[thick.own >= 0]  # in the order of the region's cells
         self._at = thick.at[thick.own >= 0] + np.asarray(box.low)
-        self._walks, self._fixed = [], []
+        painter_view = formal_solution.view
+        self._walks: list[dict[str, Any]] = []
+        self._fixed: list[dict[str, Any]] = []
         for part in formal_solution.parts:
             one, kept = part.device, light.buffer
             if one is not self.device:
                 host = download(self.device, light.buffer, np.empty(size, real))
                 kept = upload(one, "light of the rim", host)
             self._walks.append(
-                [
-                    upload(one, "albedo", albedo),
-                    *upload_tree(one, cells, real),
-                    *part.arguments,
-                ]
+                {
+                    "albedo": upload(one, "albedo", albedo),
+                    **upload_tree(one, cells, real),
+                    **painter_view.geometry(one, cells, real),
+                }
             )
             by_angle = upload(one, "phase function", steps.astype(real))
-            last = [
-                kept,
-                upload(one, "directions", shared),
-                upload(one, "directions", order),
-            ]
+            last = {
+                "light": kept,
+                "directions": upload(one, "directions", shared),
+                "number_of": upload(one, "directions", order),
+                "direction_count": len(directions),
+                "steps": by_angle,
+            }
             if one is self.device:
-                self._last = [*last, np.int32(len(directions)), by_angle]
+                self._last = last
                 self.control_variate = self._control_variate()
                 means = np.zeros((1, 1)) if self.control_variate is None else self.control_variate.T
+            start = np.minimum(starts, len(shared) - 1).astype(np.int32)
             self._fixed.append(
-                [
-                    upload(one, "phase function", table.astype(real)),
-                    by_angle,
-                    upload(one, "places", thick.places),
-                    upload(one, "cells' places", at),
-                    upload(one, "faces", thick.beside),
-                    upload(one, "thick cells", ends.depth.astype(real)),
-                    upload(one, "thick cells", records),
-                    *last,
-                    upload(one, "directions", np.minimum(starts, len(shared) - 1).astype(np.int32)),
-                    upload(one, "directions", near),
-                    upload(one, "expected light", means.astype(real)),
-                    np.int32(light.interfaces - len(self._own)),
-                    np.int32(len(directions)),
-                    np.array([*(box.low + thick.low), 0], np.int32),
-                    np.array([*thick.places.shape[::-1], 0], np.int32),
-                    *part.arguments[5:],  # from `columns` on
-                ]
+                {
+                    "table": upload(one, "phase function", table.astype(real)),
+                    "places": upload(one, "places", thick.places),
+                    "at": upload(one, "cells' places", at),
+                    "beside": upload(one, "faces", thick.beside),
+                    "region_depth": upload(one, "thick cells", ends.depth.astype(real)),
+                    "cells": upload(one, "thick cells", records),
+                    "start": upload(one, "directions", start),
+                    "nearest": upload(one, "directions", near),
+                    "light_means": upload(one, "expected light", means.astype(real)),
+                    "first_own": light.interfaces - len(self._own),
+                    "box_low": np.array([*(box.low + thick.low), 0], np.int32),
+                    "box_shape": np.array([*thick.places.shape[::-1], 0], np.int32),
+                    **last,
+                    **painter_view.lines_of_sight(one, real),
+                }
             )
         self.samples, self.seconds = 0, 0.0
         self.short = ""  # says so where chains stopped short of what was wanted
@@ -220,17 +219,19 @@ class Gather:
         view = self._painter.view
         camera = view.middle - np.array([0.0, view.distance, 0.0, 0.0])
         out = unset(device, "expected light", count * (self._components - 1), self._real)
-        group = min(_GROUP, device.info.largest_group)
         cells = np.column_stack([self._at, self._own]).astype(np.int32)
-        self._programs[0]["control_variate"](
-            device.queue,
-            (-(-count // group) * group,),
-            (group,),
-            out,
-            upload(device, "thick cells", cells),
-            np.int32(count),
-            *self._last,
-            camera.astype(self._real),
+        program = self._programs[0]
+        program.launch(
+            "control_variate",
+            (count,),
+            (min(_GROUP, program.largest_group("control_variate")),),
+            {
+                "means": out,
+                "cells": upload(device, "thick cells", cells),
+                "count": count,
+                "camera": camera.astype(self._real),
+                **self._last,
+            },
         )
         means = download(device, out, np.empty((count, self._components - 1), self._real))
         return np.asarray(means[np.argsort(self._own)].T)
@@ -343,29 +344,38 @@ class Gather:
             self._painter.parts, self._programs, self._walks, self._fixed, strict=True
         ):
             one, count = part.device, len(rays)
-            group = min(_GROUP, one.info.largest_group)
+            group = min(_GROUP, program.largest_group("thick_intervals"))
             listed = upload(one, "rays", rays.astype(self._real))
             met = zeros(one, "stretches", count, np.int32)
-            stretches, first = met, met  # not read before their number is known
+            # Neither is read before their number is known.
+            stretches, first = unset(one, "stretches", 1, self._real), met
             for fill in (0, 1):
-                program["thick_intervals"](
-                    one.queue,
-                    (-(-count // group) * group,),
+                program.launch(
+                    "thick_intervals",
+                    (count,),
                     (group,),
-                    met,
-                    stretches,
-                    first,
-                    np.int32(fill),
-                    listed,
-                    np.int32(count),
-                    *walk,
+                    {
+                        "number": met,
+                        "intervals": stretches,
+                        "first": first,
+                        "fill": fill,
+                        "list": listed,
+                        "count": count,
+                        **walk,
+                    },
                 )
                 if not fill:
                     ends = np.cumsum(download(one, met, np.empty(count, np.int32)))
                     first = upload(one, "stretches", np.array([0, *ends], np.int32))
                     stretches = zeros(one, "stretches", _STRETCH * int(ends[-1]), self._real)
-            uploaded = upload(one, "rays", numbers.astype(np.uint32))
-            out.append(GatherPaths(one, program, [listed, uploaded, first, stretches], fixed))
+            arguments = {
+                "list": listed,
+                "numbers": upload(one, "rays", numbers.astype(np.uint32)),
+                "first": first,
+                "intervals": stretches,
+                **fixed,
+            }
+            out.append(GatherPaths(one, program, arguments))
         return out
 
     def means(

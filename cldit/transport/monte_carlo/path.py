@@ -70,8 +70,7 @@ class _PathTracer:
     program: Program
     count: int
     out: Any
-    listing: list[Any]
-    fixed: list[Any]
+    arguments: dict[str, Any]
 
     @classmethod
     def of(
@@ -81,35 +80,35 @@ class _PathTracer:
         *,
         pixels: NDArray[np.int32],
         scattered: NDArray[np.floating],
-        fixed: list[Any],
+        fixed: dict[str, Any],
         components: int,
     ) -> _PathTracer:
-        """scattered: of all of the picture. fixed: the kernel's arguments from `table` on."""
+        """scattered: of all of the picture. fixed: arguments that all of the picture shares."""
         return cls(
             device,
             program,
             len(pixels),
             zeros(device, "means", components * len(pixels), scattered.dtype.type),
-            [
-                upload(device, "pixels", pixels),
-                upload(device, "scattered light", scattered[pixels]),
-            ],
-            fixed,
+            {
+                "list": upload(device, "pixels", pixels),
+                "scattered": upload(device, "scattered light", scattered[pixels]),
+                **fixed,
+            },
         )
 
     def launch(self, seed: int, batch: int) -> None:
         """Starts a batch and does not wait for it."""
-        group = min(_GROUP, self.device.info.largest_group)
-        self.program["scatter"](
-            self.device.queue,
-            (-(-self.count // group) * group,),
-            (group,),
-            self.out,
-            *self.listing,
-            np.int32(self.count),
-            np.array([seed, 0], np.uint32),
-            np.uint32(batch),
-            *self.fixed,
+        self.program.launch(
+            "scatter",
+            (self.count,),
+            (min(_GROUP, self.program.largest_group("scatter")),),
+            {
+                "means": self.out,
+                "count": self.count,
+                "key": np.array([seed, 0], np.uint32),
+                "batch": batch,
+                **self.arguments,
+            },
         )
         self.device.queue.flush()
 
@@ -157,18 +156,26 @@ def trace_path(
     albedo = np.zeros(len(cells.depth))
     albedo[cells.address] = cells.albedo
 
-    def medium(one: Device) -> list[Any]:
-        return [
-            *upload_tree(one, cells, real),
-            upload(one, "source", cells.thermal_planes(real)),
-            upload(one, "albedo", albedo.astype(real)),
-            *view.arguments(one, cells, real),
-        ]
+    def medium(one: Device) -> dict[str, Any]:
+        return {
+            "thermal": upload(one, "source", cells.thermal_planes(real)),
+            "albedo": upload(one, "albedo", albedo.astype(real)),
+            **upload_tree(one, cells, real),
+            **view.geometry(one, cells, real),
+        }
 
     first = medium(device)
     out = zeros(device, "picture", components * pixels, real)
     one_minus_lambda = zeros(device, "scattered light", pixels, real)
-    programs[0]["straight"](device.queue, *view.tiles(device), out, one_minus_lambda, *first)
+    programs[0].launch(
+        "straight",
+        *view.tiles(programs[0], "straight"),
+        {
+            "weights": out,
+            "scattered": one_minus_lambda,
+            **first,
+        },
+    )
     image = download(device, out, np.empty((components, pixels), real))
     scattered = download(device, one_minus_lambda, np.empty(pixels, real))
     listed = np.flatnonzero(scattered > 0)
@@ -191,11 +198,11 @@ def trace_path(
             program,
             pixels=listed[mine.start : mine.stop].astype(np.int32),
             scattered=scattered,
-            fixed=[
-                upload(one, "phase function", table),
-                upload(one, "Sobol", columns()),
-                *(first if one is device else medium(one)),
-            ],
+            fixed={
+                "table": upload(one, "phase function", table),
+                "sobol_columns": upload(one, "Sobol", columns()),
+                **(first if one is device else medium(one)),
+            },
             components=components,
         )
         for program, (one, mine) in zip(programs, shares(device, count), strict=True)

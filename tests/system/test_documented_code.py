@@ -1,0 +1,103 @@
+"""Files and names of the code that the docs point to are there."""
+
+from __future__ import annotations
+
+import ast
+import re
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+_ROOT = Path(__file__).parents[2]
+_PAGES = ["README.md", "CONTRIBUTING.md"]
+_PAGES += [str(page.relative_to(_ROOT)) for page in sorted((_ROOT / "docs").rglob("*.md"))]
+_FILE = re.compile(r"`((?:cldit|kernels|drivers|tests|docs)/[\w./-]+)`")
+_PLACE = re.compile(r"`([\w./-]+\.(?:py|cl|h))`(?:: ((?:`[\w.]+`(?:, )?)+))?")
+_C_NAME = r"^(?:(?:INLINE|__kernel) [\w \*]*?\*?{0}\(|#define {0}\b)"
+
+
+def places(text: str) -> list[tuple[str, list[str]]]:
+    """Files in backticks, and the names that follow each after a colon."""
+    return [(file, re.findall(r"`([\w.]+)`", names)) for file, names in _PLACE.findall(text)]
+
+
+@cache
+def _defined(file: str) -> frozenset[str]:
+    """Functions, classes and constants of a module; of a class `Class.method`, and `method`."""
+    found: set[str] = set()
+
+    def into(body: list[ast.stmt], within: str) -> None:
+        for node in body:
+            names = []
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                names = [node.name]
+            elif isinstance(node, ast.Assign):
+                names = [target.id for target in node.targets if isinstance(target, ast.Name)]
+            elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+                names = [node.target.id]
+            found.update(names)
+            found.update(f"{within}{name}" for name in names)
+            if isinstance(node, ast.ClassDef):
+                into(node.body, f"{node.name}.")
+
+    into(ast.parse((_ROOT / file).read_text(encoding="utf-8")).body, "")
+    return frozenset(found)
+
+
+def is_defined(file: str, name: str) -> bool:
+    if file.endswith(".py"):
+        return name in _defined(file)
+    text = (_ROOT / file).read_text(encoding="utf-8")
+    return re.search(_C_NAME.format(re.escape(name)), text, re.MULTILINE) is not None
+
+
+@pytest.mark.parametrize("page", _PAGES)
+def test_files_named_in_the_docs_exist(page: str) -> None:
+    named = _FILE.findall((_ROOT / page).read_text(encoding="utf-8"))
+    assert [file for file in named if not (_ROOT / file).exists()] == []
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])  # others: test_site.py
+def test_links_lead_to_files(page: str) -> None:
+    linked = re.findall(r"\]\(([^)#:]+)[)#]", (_ROOT / page).read_text(encoding="utf-8"))
+    assert linked and [file for file in linked if not (_ROOT / file).exists()] == []
+
+
+@pytest.mark.parametrize("page", ["docs/glossary.md", "CONTRIBUTING.md"])
+def test_names_are_defined_where_the_page_says(page: str) -> None:
+    found = places((_ROOT / page).read_text(encoding="utf-8"))
+    wrong = [(f, name) for f, names in found for name in names if not is_defined(f, name)]
+    assert wrong == []
+
+
+def test_every_row_of_the_glossary_has_a_meaning_and_a_place() -> None:
+    text = (_ROOT / "docs/glossary.md").read_text(encoding="utf-8")
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    rows = [row for row in rows if row[0] not in ("term", "---")]
+    assert len(rows) > 50
+    for term, meaning, where in rows:
+        assert meaning.endswith(".") and places(where), term
+
+
+def test_the_new_readers_path_is_short_and_each_file_leads_to_the_next() -> None:
+    text = (_ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    section = text.partition("## A new reader's path")[2].partition("\n## ")[0]
+    steps = [places(line)[0] for line in re.findall(r"^\d+\. .*$", section, re.MULTILINE)]
+    assert 0 < len(steps) <= 8
+    assert steps[0][0] == "cldit/cli/run.py" and steps[-1][0].startswith("kernels/")
+    for (file, _), (following, (name, *_)) in pairwise(steps):
+        called = Path(following).name if following.endswith(".cl") else name.split(".")[-1]
+        assert called in (_ROOT / file).read_text(encoding="utf-8"), f"{file}: no {called}"
+    line = re.findall(r"`([^`]+)`\.", section)[-1]
+    assert line in (_ROOT / steps[-1][0]).read_text(encoding="utf-8")
+
+
+def test_a_wrong_name_is_noticed() -> None:
+    assert is_defined("kernels/image.cl", "add_source") and is_defined(
+        "kernels/moments.h", "MOMENTS"
+    )
+    assert not is_defined("kernels/image.cl", "add_sources")
+    assert not is_defined("cldit/transport/trace.py", "tracer")
+    assert places("`a/b.py`: `f`, `C.g`; `k.cl`") == [("a/b.py", ["f", "C.g"]), ("k.cl", [])]
