@@ -43,11 +43,11 @@
 #if defined(PHASE_STEPS) && defined(CAMERA_PINHOLE)
 #define PHASE_WEIGHT
 #endif
-INLINE real phase_weight(real4 direction, real3 sight, __global const real *steps)
+INLINE real phase_weight(real4 direction, real3 sight, __global const real *by_half_sine)
 {
 #ifdef PHASE_WEIGHT
     const real cosine = direction.x * sight.x + direction.y * sight.y + direction.z * sight.z;
-    return steps[half_sine_bin(cosine)] / steps[half_sine_bin(direction.y)];
+    return by_half_sine[half_sine_bin(cosine)] / by_half_sine[half_sine_bin(direction.y)];
 #else
     return R(1);
 #endif
@@ -80,14 +80,14 @@ typedef struct {
    along the ordinate, whose integral `control_variate` sums. */
 INLINE void start_path(
     Segments *f, PendingScores *pending, int lane, Path *path, uint point, int cell, real3 p, real weight,
-    const Chances *chance, const ThickRegion *m, __global const real *steps)
+    const Chances *chance, const ThickRegion *m, __global const real *by_half_sine)
 {
     __global const uint *word = chance->points + point * DIMENSIONS;
     const int drawn =
         direction_at(unit(word[1] ^ chance->shift0.x), m->directions, m->start, m->count);
     const real4 d = m->directions[drawn];
     const int number = m->number_of[drawn];
-    weight *= phase_weight(d, chance->sight, steps);
+    weight *= phase_weight(d, chance->sight, by_half_sine);
     const int own = m->beside[SIDES * cell + OWN];
     if (own >= 0) score_later(pending, -weight, m->light + ((size_t)own * m->count + number) * COMPONENTS);
     path->point = point;
@@ -167,7 +167,7 @@ __kernel void control_variate(
     const int count,
     __global const real *light, __global const real4 *directions,
     __global const int *number_of, const int direction_count,
-    __global const real *steps, const real4 camera)
+    __global const real *by_half_sine, const real4 camera)
 {
     const int item = get_global_id(0);
     if (item >= count) return;
@@ -186,7 +186,7 @@ __kernel void control_variate(
     for (int c = 0; c < COMPONENTS; ++c) more[c] = R(0);
     real all = R(0), before = R(0);
     for (int k = 0; k < direction_count; ++k) {
-        const real share = (directions[k].w - before) * phase_weight(directions[k], sight, steps);
+        const real share = (directions[k].w - before) * phase_weight(directions[k], sight, by_half_sine);
         before = directions[k].w;
         all += share;
         __global const real *seen = lit + number_of[k] * COMPONENTS;
@@ -269,7 +269,7 @@ __kernel void gather(
     __global const uint *numbers, /* in: of rays, for random numbers */
     __global const int *first,    /* in: of each ray's intervals, and the end */
     __global const real *intervals,
-    __global const real *table, __global const real *steps,
+    __global const real *table, __global const real *by_half_sine,
     __global const int *places,   /* in: from here to `box_shape`, see ThickRegion */
     __global const int4 *at, __global const int *beside, __global const real *region_depth,
     __global const real *cells, __global const real *light,
@@ -312,7 +312,7 @@ __kernel void gather(
     for (uint k = 0; k < samples; ++k) {
         const uint word = points[k * DIMENSIONS + 1] ^ chance.shift0.x;
         const int drawn = direction_at(unit(word), directions, start, direction_count);
-        weights += phase_weight(directions[drawn], sight, steps);
+        weights += phase_weight(directions[drawn], sight, by_half_sine);
     }
     const real path_weight = all / weights;
 #else
@@ -341,7 +341,7 @@ __kernel void gather(
                 number_in((int3)((int)corner.x, (int)corner.y, (int)corner.z), &region);
             start_path(
                 &f, &pending, lane, &paths[lane], started++, cell, from + along * sight - corner,
-                path_weight, &chance, &region, steps);
+                path_weight, &chance, &region, by_half_sine);
         }
         if (!any_of(f.active)) break;
         const SegmentEnd e = cross_cell(sum, &pending, &f, &region);

@@ -69,7 +69,7 @@ typedef struct {
     __global const int *number;    /* of a stored cell's record; below 0 where it is empty */
     __global const real *records;
 #ifdef LINEAR_SOURCE
-    __global const real *changes;  /* spatial gradient of the source along x, y, z, of the first ... */
+    __global const real *gradient;  /* spatial gradient of the source along x, y, z, of the first ... */
     int scattering;                /* ... so many records */
 #endif
     Grid grid;
@@ -97,7 +97,7 @@ INLINE void add_source(real *sum, real taken, __global const real *record)
    optical depth of the crossing. */
 INLINE void add_gradient(
     real *sum, real transmitted, real t, real share, const Traversal *traversal, const Crossing *cell,
-    __global const real *change)
+    __global const real *gradient)
 {
     const real taken = transmitted * share;
     const real nearer = transmitted * t * rising(t, share, mean_transmission(t, share));
@@ -106,8 +106,8 @@ INLINE void add_gradient(
     const real x = where * traversal->dx + taken * (traversal->px - traversal->x - R(0.5));
     const real y = where * traversal->dy + taken * (traversal->py - traversal->y - R(0.5));
     const real z = where * traversal->dz + taken * (traversal->pz - traversal->z - R(0.5));
-    UNROLL for (int c = 0; c < COMPONENTS; ++c, ++change) {
-        const real more = x * change[0] + y * change[COMPONENTS] + z * change[2 * COMPONENTS];
+    UNROLL for (int c = 0; c < COMPONENTS; ++c, ++gradient) {
+        const real more = x * gradient[0] + y * gradient[COMPONENTS] + z * gradient[2 * COMPONENTS];
         UNROLL for (int p = 0; p < IMAGES; ++p) {
             sum[p * PARTS + c] += more;
             if (c < BOUNDARIES) sum[p * PARTS + WITHIN] -= more;
@@ -136,7 +136,7 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
             if (number < m->scattering)
                 add_gradient(
                     sum, transmitted, t, share, &traversal, &cell,
-                    m->changes + number * (3 * COMPONENTS));
+                    m->gradient + number * (3 * COMPONENTS));
 #endif
             transmitted -= taken;
         }
@@ -158,19 +158,19 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
 
 /* coarse: address of coarse leaf 0; low..high: cells outside these bounds are empty. */
 #ifdef LINEAR_SOURCE
-#define CHANGE_ARGUMENTS __global const real *changes, const int scattering,
-#define CHANGES changes, scattering,
+#define GRADIENT_ARGUMENTS __global const real *gradient, const int scattering,
+#define GRADIENTS gradient, scattering,
 #else
-#define CHANGE_ARGUMENTS
-#define CHANGES
+#define GRADIENT_ARGUMENTS
+#define GRADIENTS
 #endif
 #define ARGUMENTS \
     __global const int *directory, __global const int *span, __global const int *number, \
-    __global const real *records, CHANGE_ARGUMENTS const int coarse, const int stored, \
+    __global const real *records, GRADIENT_ARGUMENTS const int coarse, const int stored, \
     const int bricks, const int4 low, const int4 high, const int columns, const int rows, \
     const real4 middle, const real pitch_x, const real pitch_z, const real distance, \
     BOUNDARY_ARGUMENTS
-#define MEDIUM {directory, span, number, records, CHANGES {coarse, bricks, low, high}, BOUNDARY}
+#define MEDIUM {directory, span, number, records, GRADIENTS {coarse, bricks, low, high}, BOUNDARY}
 
 /* The image of one ray a pixel. planes, out: [plane][row][column]. */
 __kernel void image(__global real *planes, ARGUMENTS)

@@ -10,14 +10,14 @@
 
 /* Puts the emission, [emitter][cell], into a box's source of so many planes a cell. */
 __kernel void emit(
-    __global real *source, __global const real *thermal, const int planes, const int groups)
+    __global real *source, __global const real *thermal, const int planes, const int packets)
 {
     const int i = get_global_id(0);
-    if (i >= groups) return;
+    if (i >= packets) return;
     __global real *to = source + (i * planes + BOUNDARIES) * PACKET;
     __global const real *from = thermal + i * PACKET;
     UNROLL for (int e = 0; e < EMITTERS; ++e)
-        UNROLL for (int k = 0; k < PACKET; ++k) to[e * PACKET + k] = from[e * groups * PACKET + k];
+        UNROLL for (int k = 0; k < PACKET; ++k) to[e * PACKET + k] = from[e * packets * PACKET + k];
 }
 
 /* Puts the list into the planes from `first` on of a box. */
@@ -70,11 +70,11 @@ __kernel void collect_i_minus_s(
        (a D - (1 - a) S + shine E) / (1 - Lambda*)
    Lambda* is the diagonal approximate operator (Kunasz and Auer, JQSRT 39, 1988): the share of its own
    emission that a cell gets back at once. So the residual is about the error, in thin and thick cells
-   alike. lost: 1 - Lambda*. */
+   alike. */
 __kernel void residual(
     __global real *out, __global const real *i_minus_s, __global const real *listed,
     __global const real *emission, __global const real *albedo, __global const real *coalbedo,
-    __global const real *lost, const real shine, const int count)
+    __global const real *one_minus_lambda, const real shine, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
@@ -82,7 +82,7 @@ __kernel void residual(
         const int k = c * count + i;
         const real unbalanced =
             albedo[i] * i_minus_s[k] - coalbedo[i] * listed[k] + shine * emission[k];
-        out[k] = unbalanced / lost[i];
+        out[k] = unbalanced / one_minus_lambda[i];
     }
 }
 

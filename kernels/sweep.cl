@@ -147,7 +147,7 @@ __kernel void sweep(
                                       have moved, and its number in the quadrature */
     __global real *rays,           /* inout: I, [ordinate][row of rays][component][slot] */
     const int slots, const int ray_rows,
-    __global const int *groups,    /* in: first packet of each row, and the end */
+    __global const int *packets,    /* in: first packet of each row, and the end */
     __global const int2 *begins,   /* in, per packet: u of its first cell; -1 - u: no cell of it scatters,
                                       and its D is not needed. LINEAR_SOURCE: its number among packets
                                       with a gradient, from 1; or 0 */
@@ -164,14 +164,14 @@ __kernel void sweep(
 #endif
     const int layout,
     const int nu, const int nv, const int nl,
-    const int stride_v, const int stride_l, /* of rows in `groups` */
+    const int stride_v, const int stride_l, /* of rows in `packets` */
     const real inflow,             /* 1: boundaries shine; 0: black */
     BOUNDARY_ARGUMENTS             /* in cells of this box */
 #ifdef CAMERA_SWEEP
     , __global real *shares,       /* inout: sum of weights */
 #ifdef VIEW_TRANSMISSION
     __global const real *seen,     /* in: optical depth of a cell's edge for the camera */
-    __global const real *even,     /* in: 1 over the mean transmission of that */
+    __global const real *inverse_mean,     /* in: 1 over the mean transmission of that */
 #endif
     __global const real *phase, const real4 camera
 #endif
@@ -212,8 +212,8 @@ __kernel void sweep(
             const int l = sense ? nl - 1 - layer : layer;
             const int v = tile.x + number * along.w;
             const int place = l * stride_l + v * stride_v;
-            const int begin_units = groups[place] * (PACKET / SIMD_WIDTH);
-            const int end_units = groups[place + 1] * (PACKET / SIMD_WIDTH);
+            const int begin_units = packets[place] * (PACKET / SIMD_WIDTH);
+            const int end_units = packets[place + 1] * (PACKET / SIMD_WIDTH);
 #ifdef INTERFACE_RADIANCE
             const int ordinate = earlier + origin.z;
             const int first_interface = interface_rows[l * nv + v];
@@ -277,7 +277,7 @@ __kernel void sweep(
                     const real isotropic_weight = weight * phase_at(u, v, l, layout, back, camera, phase);
 #ifdef VIEW_TRANSMISSION
                     const lane_t view_weight =
-                        seen_at(middle.y, CELLS_OF(seen + cell), CELLS_OF(even + cell)) * isotropic_weight;
+                        seen_at(middle.y, CELLS_OF(seen + cell), CELLS_OF(inverse_mean + cell)) * isotropic_weight;
 #else
                     const real view_weight = isotropic_weight;
 #endif

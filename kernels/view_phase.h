@@ -9,8 +9,8 @@
 #include "attenuation.h"
 #include "phase.h"
 
-/* Weight of light at the height y; its mean over the cell is 1. even: 1 / mean. */
-INLINE REAL seen_at(real y, REAL seen, REAL even) { return decay(y * seen) * even; }
+/* Weight of light at the height y; its mean over the cell is 1. inverse_mean: 1 / mean. */
+INLINE REAL seen_at(real y, REAL seen, REAL inverse_mean) { return decay(y * seen) * inverse_mean; }
 
 #ifdef PHASE_STEPS
 

@@ -222,7 +222,7 @@ def test_control_variate(device: Device) -> None:
             "directions": upload(device, "directions", table),
             "number_of": upload(device, "directions", number.astype(np.int32)),
             "direction_count": 24,
-            "steps": upload(device, "phase", phase),
+            "by_half_sine": upload(device, "phase", phase),
             "camera": camera,
         },
     )

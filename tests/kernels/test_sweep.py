@@ -145,7 +145,7 @@ def moments(
     sweeper.set_source(
         given.reshape(-1, sweeper.count),
         shining=True,
-        changes=None if linear_cells is None else changes,
+        gradient=None if linear_cells is None else changes,
     )
     if sweeper.gradients is not None:
         changes = sweeper.gradients(given[0])
@@ -262,7 +262,7 @@ def test_light_to_the_camera_changes_as_the_light_does(device: Device) -> None:
     sweeper = Sweeper(device, cells, program, iterate, disc=DISC, linear_cells=linear_cells)
     given = rng.uniform(0.0, 1.0, (sweeper.components, sweeper.count))
     changes = rng.uniform(-0.5, 0.5, (3, sweeper.components, len(sweeper.linear_cells)))
-    sweeper.set_source(given, shining=True, changes=changes)
+    sweeper.set_source(given, shining=True, gradient=changes)
     rays = sweeper.rays(isotropic(12, rng), rng.random((12, 2)))
     light = np.empty((1, *given.shape), np.float32)
     more = sweeper.moments(program, rays, out=light)

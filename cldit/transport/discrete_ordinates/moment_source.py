@@ -86,7 +86,7 @@ def moment_source(
         programs = (*programs, program)
         for _ in range(times):
             source = _scattered(problem, sweeper, light)
-            sweeper.set_source(source.angular, shining=True, changes=source.gradient)
+            sweeper.set_source(source.angular, shining=True, gradient=source.gradient)
             ordinates = problem.ordinates(sweeper, count, rng)
             more = sweeper.moments(program, ordinates, out=light.angular, room=solved.scratch)
             if more is not None and source.gradient is not None:
@@ -94,7 +94,7 @@ def moment_source(
     isotropic = solved.albedo * light.angular[0] + solved.thermal
     solution = replace(solved.solution, source=isotropic.astype(sweeper.real))
     source = _scattered(problem, sweeper, light)
-    sweeper.set_source(source.angular, shining=True, changes=source.gradient)
+    sweeper.set_source(source.angular, shining=True, gradient=source.gradient)
     return FinalSource(sweeper, medium, source, solution, solved.defect, programs, solved.sweeps)
 
 

@@ -24,18 +24,18 @@ class SweepArrays:
     place: places of the N scattering cells among the cells of all packets.
     depth: optical depth of the cells' edges.
     thermal: thermal sources, [emitter][cell].
-    changed: places of the linear cells among the cells of packets that have any.
-    across: spatial gradient of the source in these; x, y and z are `linear_size` numbers each.
+    gradient_place: places of the linear cells among the cells of packets that have any.
+    gradient: spatial gradient of the source in these; x, y and z are `linear_size` numbers each.
     """
 
-    groups: CellPackets
+    packets: CellPackets
     first: Any
     begins: Any
     place: Any
     depth: Any
     thermal: Any
-    changed: Any
-    across: Any
+    gradient_place: Any
+    gradient: Any
     linear_size: int
 
     @classmethod
@@ -44,7 +44,7 @@ class SweepArrays:
         device: Device,
         cells: OpticalCells,
         box: Box,
-        groups: CellPackets,
+        packets: CellPackets,
         real: Real,
         *,
         turned: bool,
@@ -53,25 +53,25 @@ class SweepArrays:
         """Uploads a box; `linear_cells` (K,): which scattering cells have a linear source."""
 
         def packed(values: NDArray[np.float64]) -> NDArray[Any]:
-            return groups.packed(turned_too(cells.dense(box, values.astype(real)))[turned])
+            return packets.packed(turned_too(cells.dense(box, values.astype(real)))[turned])
 
         thermal = np.array([packed(cells.emitted[name]) for name in cells.needs.emitters], real)
         x, y, z = (cells.positions(cells.address) - np.asarray(box.low)).T
         _, ny, nz = box.shape
-        place = groups.places(x * nz + z, y) if turned else groups.places(z * ny + y, x)
+        place = packets.places(x * nz + z, y) if turned else packets.places(z * ny + y, x)
         packet, lane = np.divmod(place[linear_cells], PACKET)
         some, within = np.unique(packet, return_inverse=True)
-        number = np.zeros(len(groups), np.int32)
+        number = np.zeros(len(packets), np.int32)
         number[some] = np.arange(1, len(some) + 1)
         linear_size = len(some) * PACKET * len(cells.needs.components)
         return cls(
-            groups=groups,
-            first=upload(device, "packets of rows", groups.first),
-            begins=upload(device, "packets", np.column_stack([groups.along, number])),
+            packets=packets,
+            first=upload(device, "packets of rows", packets.first),
+            begins=upload(device, "packets", np.column_stack([packets.along, number])),
             place=upload(device, "places", place),
             depth=upload(device, "optical depth", packed(cells.depth)),
             thermal=upload(device, "thermal sources", thermal),
-            changed=upload(device, "places", (within * PACKET + lane).astype(np.int32)),
-            across=zeros(device, "spatial gradient", 3 * linear_size, real),
+            gradient_place=upload(device, "places", (within * PACKET + lane).astype(np.int32)),
+            gradient=zeros(device, "spatial gradient", 3 * linear_size, real),
             linear_size=linear_size,
         )

@@ -29,13 +29,13 @@ class SweepSchedule:
     tiles, launches: of the box, see kba_tiles.py.
     begins: (K, layers + 1) first segment of each layer in the order of the sweep, and the end.
     shifts: (N, 4) as in `Segments`.
-    part: (N,) as in `Segments`.
-    middle, basis: (N, 3) as in `Segments`, along x, y, z.
-    gain: (K, 3) as in `Segments`, along x, y, z.
-    faces: (N,) faces through which rays leave cells after the segment. They are bits of the
+    layer_share: (N,) as in `Segments`.
+    midpoint, basis: (N, 3) as in `Segments`, along x, y, z.
+    basis_scale: (K, 3) as in `Segments`, along x, y, z.
+    exit_faces: (N,) faces through which rays leave cells after the segment. They are bits of the
         sides of the next cell from which light comes: down and up along u, v, l.
     back: (K, 3) unit vectors to where light comes from.
-    stretch: (K,) path in a layer over the cell's edge.
+    path_per_layer: (K,) path in a layer over the cell's edge.
     weight: (K,) quadrature weights.
     rightwards, upwards: (K,) whether rays move to larger u, to larger v.
     """
@@ -46,13 +46,13 @@ class SweepSchedule:
     launches: NDArray[np.int32]
     begins: NDArray[np.int32]
     shifts: NDArray[np.int32]
-    part: Floats
-    middle: Floats
+    layer_share: Floats
+    midpoint: Floats
     basis: Floats
-    gain: Floats
-    faces: NDArray[np.int32]
+    basis_scale: Floats
+    exit_faces: NDArray[np.int32]
     back: Floats
-    stretch: Floats
+    path_per_layer: Floats
     weight: Floats
     rightwards: NDArray[np.bool_]
     upwards: NDArray[np.bool_]
@@ -95,13 +95,13 @@ class SweepSchedule:
             launches=launches,
             begins=np.column_stack([begins, [*begins[1:, 0], len(layer)]]).astype(np.int32),
             shifts=segments.shifts(),
-            part=segments.layer_share,
-            middle=segments.midpoint[:, inverse],
+            layer_share=segments.layer_share,
+            midpoint=segments.midpoint[:, inverse],
             basis=segments.basis[:, inverse],
-            gain=segments.basis_scale[:, inverse],
-            faces=(segments.exits << side[segments.ordinate]).sum(axis=1).astype(np.int32),
+            basis_scale=segments.basis_scale[:, inverse],
+            exit_faces=(segments.exits << side[segments.ordinate]).sum(axis=1).astype(np.int32),
             back=directions.unit[number],
-            stretch=path,
+            path_per_layer=path,
             weight=directions.weight[number],
             rightwards=runs[:, 0] > 0,
             upwards=runs[:, 1] > 0,
