@@ -34,7 +34,7 @@ def mean_transmission(depth: Floats) -> Floats:
 
 
 def sees_disc(point: Floats, toward: Floats, *, centre: Floats, radius: float) -> NDArray[np.bool_]:
-    """Whether (N,) lines from points (N, 3) along directions (N, 3) hit a disc that faces -y."""
+    """Whether lines (N,) hit a disc that faces -y; the arguments are those of `boundary_seen`."""
     forward = toward[:, 1] > 0
     s = (centre[1] - point[:, 1]) / np.where(forward, toward[:, 1], 1.0)
     hit = point + s[:, None] * toward

@@ -49,7 +49,7 @@ def patch_rows(patches: Sequence[Patch], frame: Frame) -> Floats:
 
 
 def shifted(rows: Floats, by: Floats) -> Floats:
-    """Rows (P, 4, 4) of patches moved by a vector (3,)."""
+    """Rows (P, 4, 4) of patches that are shifted by a vector (3,)."""
     out = rows.copy()
     out[:, 0, 3] += rows[:, 0, :3] @ by
     out[:, 1, :3] += by

@@ -141,9 +141,11 @@ def formal_solution(
     device: Device,
     settings: Settings,
 ) -> FormalSolution:
-    """The formal solution for one image of either half of the ordinates.
+    """The formal solution for an image of either half of the ordinates.
 
-    It is made after the sweeps, which need the most memory.
+    Args:
+        region: thick region, left to the final gather; None: there is no gather.
+        settings: cut-off, accuracy, and whether sources are linear.
     """
     scatters = cells.needs.scattering
     return FormalSolution.of(

@@ -71,7 +71,7 @@ class Tuning:
     margin: int = _number(1, "cells around thick ones that segments cross", ABLATION)
     stored_bytes: int = _number(2**29, "stored radiance of thick cells: memory, noise", ABLATION)
     roulette: float = _number(0.45, "weight below which paths may end: time, noise", ABLATION)
-    least_transmission: float = _number(0.03, "where segments end, per kelvin asked", ERROR)
+    least_transmission: float = _number(0.03, "where segments end, per K asked", ERROR)
     segments: int = _number(128, "of a path, at most: time, bias", STABILITY)
     first_samples: int = _number(16, "a pixel in the first round, a power of two", ERROR)
     growth: int = _number(8, "of samples from one round to the next, at most", ERROR)

@@ -113,7 +113,7 @@ class View:
     def geometry(
         self, device: Device, cells: OpticalCells, real: type[np.floating]
     ) -> dict[str, Any]:
-        """Kernel arguments of the octree's size, and all of `lines_of_sight`."""
+        """Kernel arguments of the octree's size and of `lines_of_sight`, in the type `real`."""
         bounds = cells.bounds()
         return {
             "coarse": cells.tree.slots * BRICK**3,
@@ -125,7 +125,7 @@ class View:
         }
 
     def lines_of_sight(self, device: Device, real: type[np.floating]) -> dict[str, Any]:
-        """Kernel arguments of the camera, the disc, and patches where there are any."""
+        """Kernel arguments of camera, disc and patches, in the type `real`."""
         out = {
             "columns": self.pixels[0],
             "rows": self.pixels[1],

@@ -59,7 +59,15 @@ def order_0(sweeper: Sweeper, albedo: NDArray[np.float64]) -> Array:
 
 
 def next_order(sweeper: Sweeper, source: Array, rays: DeviceOrdinates) -> Array:
-    """The source (C, N) after one more scattering of `source` (C, N) (Lambda iteration)."""
+    """One more order of scattering (Lambda iteration).
+
+    Args:
+        source: (C, N) of the scattering cells.
+        rays: the ordinates.
+
+    Returns:
+        (C, N) source.
+    """
     sweeper.set_source(source, shining=True)
     sweeper.sweep(rays, shining=True)
     return sweeper.next_order()

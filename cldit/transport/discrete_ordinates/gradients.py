@@ -4,7 +4,7 @@ The image uses them, since a cell is many pixels wide (`spatial_gradients`, stag
 `trace_source`). The solver's sweeps use them where light diffuses through thick cells (`Gradients`,
 stage 1): with a constant source the flux between two cells of optical depth t that scatter nearly
 all light is 3 t / 4 times that of diffusion (Larsen, Morel and Miller, J. Comput. Phys. 69, 1987,
-on the step method). A linear source that joins its neighbours' keeps the diffusion limit.
+on the step method). A linear source that joins its neighbours' has the diffusion limit.
 """
 
 from __future__ import annotations
@@ -35,7 +35,12 @@ class Gradients:
 
     @classmethod
     def of(cls, cells: OpticalCells, box: Box, tuning: Tuning) -> Gradients:
-        """For the scattering cells in which light diffuses."""
+        """Finite differences of the scattering cells in which light diffuses.
+
+        Args:
+            cells, box: the medium, and its swept box.
+            tuning: `linear_lengths` and `diffusion_most`, the limits of such cells; `alike`.
+        """
         depth = cells.depth[cells.address]
         lengths = np.sqrt(3.0 * cells.coalbedo) * depth
         chosen = (lengths < tuning.linear_lengths) & (depth < tuning.diffusion_most)

@@ -100,7 +100,7 @@ def _frame_about(axis: Floats) -> Floats:
 
 
 def isotropic(count: int, rng: np.random.Generator) -> Ordinates:
-    """A randomly rotated Fibonacci sphere of equal weights."""
+    """A randomly rotated Fibonacci sphere of `count` equal weights."""
     return Ordinates(
         unit=_band(count, -1.0, 1.0, 0.0) @ _rotation(rng).T, weight=np.full(count, 1 / count)
     )
@@ -121,6 +121,9 @@ def focused(
     by `isotropic`, and what lies in the cone is sampled more finely.
 
     Args:
+        count: number of ordinates.
+        rng: rotates either stratum about the axis.
+        axis, half_angle_rad: of the cone; the axis is (3,).
         share: of the ordinates in the cone.
         lean: density around the cone is in proportion to 1 - lean x the cosine to the axis.
     """
@@ -143,6 +146,11 @@ def about_camera(count: int, rng: np.random.Generator, phase: ScatteringTable) -
 
     Half of the ordinates are isotropic, for cells off the middle of the image. Weights are
     1 / (4 pi x density): they are multiplied with the phase function at each cell's own angle.
+
+    Args:
+        count: number of ordinates.
+        rng: random shift along the polar angle, and rotation.
+        phase: the phase function.
     """
     density = phase.density * -np.diff(phase.cosine)
     mixed = 0.5 * np.concatenate([[0.0], np.cumsum(density)]) + 0.25 * (1 - phase.cosine)
@@ -175,6 +183,8 @@ def for_boundary(
     where the odds of an ordinate for the cone are (odds of s)^0.8.
 
     Args:
+        count: number of ordinates.
+        rng: random rotations.
         low, high: (3,) corners of the box.
         disc_centre, disc_radius: of the disc, (3,) and a length.
         enclosure: whether the background is all round.

@@ -83,7 +83,16 @@ class ScatteringCells:
     def collect(
         self, out: Any, box: Any, place: Any, *, turned: bool, planes: int, count: int | None = None
     ) -> None:
-        """Collects planes of a box into the list `out`; a turned box is added to what is there."""
+        """Collects planes of a box into a list.
+
+        Args:
+            out: buffer of the list (planes, count).
+            box: buffer of the box.
+            place: buffer of the cells' places in it.
+            turned: whether to add to what is there, after the other order of packets.
+            planes: number of planes.
+            count: number of cells; None: all.
+        """
         self.run(
             "collect_i_minus_s",
             {"count": self.count if count is None else count},

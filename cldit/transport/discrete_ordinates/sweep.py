@@ -415,7 +415,7 @@ class Sweeper:
         phase: NDArray[np.float64],
         place: NDArray[np.float64],
     ) -> CameraSweep:
-        """See `CameraSweep.of`."""
+        """The camera's weights in this box; the arguments are those of `CameraSweep.of`."""
         return CameraSweep.of(
             self.device, self.box, self._real, program, seen, self.packets, phase=phase, place=place
         )

@@ -47,6 +47,11 @@ def audited(
     `audit_K` is the RMS error of T_app over pixels before the background, of emissivity above 0.05,
     estimated from a sample of them, plus one standard error. A trace without simplifications
     (isotropic, no thick cell) is returned as it is.
+
+    Args:
+        view: of the scene.
+        settings: of the trace.
+        result: the trace, by method `source`.
     """
     deepest = float(cells.depth[cells.address].max(initial=0.0))
     if not cells.needs.scattering or settings.order == 0:
@@ -86,6 +91,10 @@ def mean_square_error(
 
     The mean is over the pixels before the background of emissivity above 0.05; those that scatter
     nothing have no error.
+
+    Args:
+        view: of the scene.
+        weights: of the image to audit.
 
     Returns:
         Mean square error in K^2, below 0 where noise has it so; its standard error; and the
