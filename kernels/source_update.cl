@@ -46,10 +46,10 @@ __kernel void set_gradients(
         const int one = 2 * axis * count + i, other = one + count;
         for (int c = 0; c < COMPONENTS; ++c) {
             __global const real *plane = listed + c * count;
-            const real change = weights[one] * (plane[neighbours[one]] - plane[i])
+            const real slope = weights[one] * (plane[neighbours[one]] - plane[i])
                 + weights[other] * (plane[neighbours[other]] - plane[i]);
-            gradient[at + (axis * COMPONENTS + c) * PACKET] = change;
-            gradient_turned[also + (axis * COMPONENTS + c) * PACKET] = change;
+            gradient[at + (axis * COMPONENTS + c) * PACKET] = slope;
+            gradient_turned[also + (axis * COMPONENTS + c) * PACKET] = slope;
         }
     }
 }

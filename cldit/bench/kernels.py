@@ -164,7 +164,7 @@ class Kernels:
         }
         tiles = self.view.tiles(program, "count")
         cost = quickest(
-            self.case, lambda: program.launch("count", *tiles, {"steps": out, **arguments})
+            self.case, lambda: program.launch("count", *tiles, {"crossings": out, **arguments})
         )
         counted = download(device, out, np.empty((rows, columns, 2), np.int32))
         return counted.transpose(2, 0, 1).astype(np.int64), cost

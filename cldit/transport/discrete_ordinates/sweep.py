@@ -43,6 +43,14 @@ class Sweeper:
     It holds the cells in packets along x, and once more along y (turned), so that rays along x run
     through rows of memory as those along y and z do. For each order of packets a sweep puts the
     source of the scattering cells into the box, and collects D = sum w (I - S) q from it.
+
+    box, count, components: what is swept, N scattering cells, C components.
+    albedo: (N,) of the scattering cells.
+    thermal: (C, N) their thermal source.
+    one_minus_lambda: (N,) 1 - Lambda*, the preconditioner (Kunasz and Auer, JQSRT 39, 1988).
+    linear_cells: (K,) which scattering cells have a gradient.
+    gradients: gives it from neighbours; None: `set_source` gets it.
+    sweeps: ordinates swept so far.
     """
 
     def __init__(

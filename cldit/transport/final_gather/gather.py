@@ -166,7 +166,7 @@ class Gather:
         records = ends.records.astype(real)
         order = hilbert_order(directions.unit)
         drawn = Ordinates(directions.unit[order], directions.weight[order])
-        shared = self._shares(drawn, steps).astype(real)
+        shared = self._cumulative(drawn, steps).astype(real)
         starts = np.searchsorted(shared[:, 3], np.arange(len(shared)) / len(shared), "right")
         near = nearest(directions)
         size = light.interfaces * light.directions * (self._components - 1)
@@ -260,7 +260,7 @@ class Gather:
         means = download(device, out, np.empty((count, self._components - 1), self._real))
         return np.asarray(means[np.argsort(self._own)].T)
 
-    def _shares(self, directions: Ordinates, steps: Floats) -> Floats:
+    def _cumulative(self, directions: Ordinates, steps: Floats) -> Floats:
         """Ordinates (K, 4): unit vectors and cumulative weight of what is scattered along +y."""
         weight = directions.weight
         if self._settings.phase is not None:
