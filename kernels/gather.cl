@@ -74,28 +74,28 @@ typedef struct {
     uint first;                   /* number of the first point */
     uint pixel, half_;
     uint2 key;
-} Chances;
+} PixelPaths;
 
 /* Starts a path at p in a thick `cell`; subtracts the control variate, the stored radiance of the cell
    along the ordinate, whose integral `control_variate` sums. */
 INLINE void start_path(
     Segments *f, PendingScores *pending, int lane, Path *path, uint point, int cell, real3 p, real weight,
-    const Chances *chance, const ThickRegion *m, __global const real *by_half_sine)
+    const PixelPaths *common, const ThickRegion *m, __global const real *by_half_sine)
 {
-    __global const uint *word = chance->points + point * DIMENSIONS;
+    __global const uint *word = common->points + point * DIMENSIONS;
     const int drawn =
-        direction_at(unit(word[1] ^ chance->shift0.x), m->directions, m->start, m->count);
+        direction_at(unit(word[1] ^ common->shift0.x), m->directions, m->start, m->count);
     const real4 d = m->directions[drawn];
     const int number = m->number_of[drawn];
-    weight *= phase_weight(d, chance->sight, by_half_sine);
+    weight *= phase_weight(d, common->sight, by_half_sine);
     const int own = m->beside[SIDES * cell + OWN];
     if (own >= 0) score_later(pending, -weight, m->light + ((size_t)own * m->count + number) * COMPONENTS);
     path->point = point;
     path->event = 0;
     path->number = number;
-    path->chance = word[6] ^ chance->shift0.z;
+    path->chance = word[6] ^ common->shift0.z;
     path->floor = ROULETTE * weight;
-    start_segment(f, lane, cell, p, d.xyz, weight, unit(word[2] ^ chance->shift0.y));
+    start_segment(f, lane, cell, p, d.xyz, weight, unit(word[2] ^ common->shift0.y));
 }
 
 /* Ends a path, or a part of its weight, in the sweeps' source along d at p of a cell. */
@@ -108,7 +108,7 @@ INLINE void end_at(real *sum, real weight, real3 p, real3 d, __global const real
 
 /* Continues a path from the place that was drawn on its segment. Returns 0 where the path has ended. */
 INLINE int continue_path(
-    real *sum, PendingScores *pending, Segments *f, int lane, Path *path, const Chances *chance,
+    real *sum, PendingScores *pending, Segments *f, int lane, Path *path, const PixelPaths *common,
     const ThickRegion *m, __global const real *table)
 {
     const int cell = LANE_I(f->drawn, lane);
@@ -131,11 +131,11 @@ INLINE int continue_path(
     }
     if (known != R(0)) end_at(sum, known, p, d, record);
     if (last) return 0;
-    __global const uint *word = chance->points + path->point * DIMENSIONS;
+    __global const uint *word = common->points + path->point * DIMENSIONS;
     const uint4 counter =
-        (uint4)(chance->pixel, chance->first + path->point, path->event, chance->half_);
+        (uint4)(common->pixel, common->first + path->point, path->event, common->half_);
     const uint4 words = path->event == 1
-        ? (uint4)(word[3], word[4], word[5], word[7]) ^ chance->shift1 : philox(counter, chance->key);
+        ? (uint4)(word[3], word[4], word[5], word[7]) ^ common->shift1 : philox(counter, common->key);
 #ifdef PHASE_BINS
     const real3 on = turned(d, phase_cosine(unit(words.x), table), unit(words.y));
     path->number = m->nearest[direction_near(on)];
@@ -290,7 +290,7 @@ __kernel void gather(
     const real3 from = (real3)(ray.px, ray.py, ray.pz);
     const real3 sight = (real3)(ray.dx, ray.dy, ray.dz);
     const uint pixel = numbers[number];
-    const Chances chance = {
+    const PixelPaths common = {
         sight, points, philox((uint4)(pixel, 0, 0xFFFFFFFFu, half_), key),
         philox((uint4)(pixel, 1, 0xFFFFFFFFu, half_), key), from_point, pixel, half_, key};
     /* Two sums: a long path's scores are far smaller than the total. */
@@ -310,7 +310,7 @@ __kernel void gather(
 #ifdef PHASE_WEIGHT
     real weights = R(0);
     for (uint k = 0; k < samples; ++k) {
-        const uint word = points[k * DIMENSIONS + 1] ^ chance.shift0.x;
+        const uint word = points[k * DIMENSIONS + 1] ^ common.shift0.x;
         const int drawn = direction_at(unit(word), directions, start, direction_count);
         weights += phase_weight(directions[drawn], sight, by_half_sine);
     }
@@ -328,7 +328,7 @@ __kernel void gather(
         for (int lane = 0; lane < SIMD_WIDTH && started < samples; ++lane) {
             if (!idle[lane]) continue;
             idle[lane] = 0;
-            const real goal = unit(points[started * DIMENSIONS] ^ chance.shift0.w) * all;
+            const real goal = unit(points[started * DIMENSIONS] ^ common.shift0.w) * all;
             int here = 0;
             while (here < interval_last && goal >= interval[here * INTERVAL + CUMULATIVE]) ++here;
             __global const real *one = interval + here * INTERVAL;
@@ -341,7 +341,7 @@ __kernel void gather(
                 number_in((int3)((int)corner.x, (int)corner.y, (int)corner.z), &region);
             start_path(
                 &f, &pending, lane, &paths[lane], started++, cell, from + along * sight - corner,
-                path_weight, &chance, &region, by_half_sine);
+                path_weight, &common, &region, by_half_sine);
         }
         if (!any_of(f.active)) break;
         const SegmentEnd e = cross_cell(sum, &pending, &f, &region);
@@ -350,7 +350,7 @@ __kernel void gather(
             if (!LANE_I(e.ended, lane)) continue;
             LANE_I(f.active, lane) = 0;
             end_segment(sum, &pending, &f, lane, &e, paths[lane].number, &region);
-            idle[lane] = !continue_path(sum, &pending, &f, lane, &paths[lane], &chance, &region, table);
+            idle[lane] = !continue_path(sum, &pending, &f, lane, &paths[lane], &common, &region, table);
         }
         UNROLL for (int c = 0; c < PARTS; ++c) {
             total[c] += sum[c];

@@ -18,8 +18,8 @@
    VIEW_TRANSMISSION: w also contains the transmission from the segment to the camera's side of the cell.
    It is for images without spatial gradients.
    SPATIAL_MOMENTS, with LINEAR_SOURCE: also accumulates the first spatial moments of I - S along x, y, z,
-   tested against a zero-mean basis, so that a uniform field contributes nothing. They have the isotropic
-   weight, without VIEW_TRANSMISSION.
+   tested against a zero-mean basis, so that a uniform field contributes nothing. Their weight is uniform
+   in the cell, without VIEW_TRANSMISSION.
    ANGULAR_MOMENTS: also accumulates the first and second angular moments of I - S (moments.h).
    MOMENT_SOURCE: S has such angular moments too; D is then over S_0, the isotropic part.
    LINEAR_SOURCE: S has a spatial gradient G along x, y, z in some cells. S at a segment's middle then
@@ -274,16 +274,17 @@ __kernel void sweep(
                         continue;
                     }
 #ifdef CAMERA_SWEEP
-                    const real isotropic_weight = weight * phase_at(u, v, l, layout, back, camera, phase);
+                    const real uniform_weight = weight * phase_at(u, v, l, layout, back, camera, phase);
 #ifdef VIEW_TRANSMISSION
                     const lane_t view_weight =
-                        seen_at(middle.y, CELLS_OF(seen + cell), CELLS_OF(inverse_mean + cell)) * isotropic_weight;
+                        seen_at(middle.y, CELLS_OF(seen + cell), CELLS_OF(inverse_mean + cell))
+                        * uniform_weight;
 #else
-                    const real view_weight = isotropic_weight;
+                    const real view_weight = uniform_weight;
 #endif
                     CELLS(shares + cell) += view_weight;
 #else
-                    const real view_weight = weight, isotropic_weight = weight;
+                    const real view_weight = weight, uniform_weight = weight;
 #endif
                     const lane_t mean = mean_transmission(t, share);
                     const lane_t q = view_weight * mean;
@@ -325,8 +326,8 @@ __kernel void sweep(
                             outgoing += curved * t;
                             own = gap * q - curved * view_weight;
 #ifdef SPATIAL_MOMENTS
-                            const lane_t mean_here = (gap * mean - curved) * isotropic_weight;
-                            const lane_t path_moment = run * isotropic_weight
+                            const lane_t mean_here = (gap * mean - curved) * uniform_weight;
+                            const lane_t path_moment = run * uniform_weight
                                 * (gap * rise + rise_along * (R(0.5) * rise + rising_over(t, rise)));
                             __global real *e = spatial_moments + gradient_at + c * PACKET;
                             MOMENT(e, 0) += basis_here.x * mean_here - basis_slope.x * path_moment;
