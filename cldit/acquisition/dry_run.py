@@ -11,6 +11,7 @@ import numpy as np
 from cldit.acquisition.disk import needed_bytes
 from cldit.acquisition.plan import Plan
 from cldit.acquisition.storage import survey
+from cldit.rig.checks import read_temperature
 from cldit.rig.errors import RigError
 from cldit.rig.load import Rig
 from cldit.rig.protocols import TriggerMode
@@ -46,7 +47,7 @@ def dry_run(
     present_K, pixels, period_s = plan.backgrounds_K[0], 0, 0.0
     try:
         rig.connect()
-        present_K = rig.background.read_temperature()
+        present_K = read_temperature(rig.background)
         can = rig.camera.capabilities
         pixels, period_s = int(np.prod(can.sensor_pixels)), can.minimum_period_s
         low_s, high_s = can.integration_time_limits_s

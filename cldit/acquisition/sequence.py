@@ -55,6 +55,7 @@ from cldit.acquisition.storage import (
     survey,
 )
 from cldit.errors import ClditError
+from cldit.rig.checks import read_temperature
 from cldit.rig.errors import Aborted, RetakesExhausted, RigError
 from cldit.rig.load import Rig
 from cldit.rig.stability import wait_stable
@@ -170,7 +171,7 @@ class Sequence:
         left = [shot for shot in self._steps if shot.id not in self._done]
         order = self._plan.background_order(
             {shot.background for shot in left},
-            present_K=self._rig.background.read_temperature(),
+            present_K=read_temperature(self._rig.background),
         )
         self._eta.plan(backgrounds=len(order), shots=len(left))
         self._rig.camera.prepare(ready.trigger)

@@ -31,6 +31,7 @@ from cldit.rig.protocols import (
     Frame,
     Limits,
     Roi,
+    Safety,
     Settings,
     Stability,
     TriggerInfo,
@@ -79,7 +80,8 @@ class _Device:
 
     def close(self) -> None: ...
 
-    def make_safe(self) -> None: ...
+    def make_safe(self) -> Safety:
+        return Safety(connected=True, did="nothing: it has no parts")
 
     def identify(self) -> DeviceInfo:
         return DeviceInfo(self.kind, "cldit", f"bench {self.kind}", simulated=True)

@@ -15,12 +15,12 @@ from cldit.gpu.device import Device
 class Numbers(cl.Buffer):
     """A buffer that knows the type of its numbers, so that a kernel is given no others."""
 
-    dtype: np.dtype[Any]
+    dtype: type[np.generic]
 
 
 def _buffer(device: Device, flags: Any, dtype: Any, **content: Any) -> Numbers:
     out = Numbers(device.context, flags, **content)
-    out.dtype = np.dtype(dtype)
+    out.dtype = np.dtype(dtype).type
     return out
 
 

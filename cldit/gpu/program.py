@@ -102,16 +102,20 @@ class Program:
 
     def _kernel(self, name: str) -> tuple[Any, Signature]:
         """This thread's kernel, as arguments that are set stay with it; and what it takes."""
-        try:
-            kernels: dict[str, tuple[Any, Signature]] = self._own.kernels
-        except AttributeError:
-            real = np.float64 if "USE_FLOAT64" in self.defines else np.float32
-            kernels = self._own.kernels = {
-                made.function_name: (made, Signature.of(made, self.device.opened.handle, real))
-                for made in self.built.all_kernels()
-            }
+        kernels: dict[str, tuple[Any, Signature]] = self._own.__dict__
         if name not in kernels:
-            raise KernelError(f"kernels/{self.name}: no kernel {name}; it has {', '.join(kernels)}")
+            names = self.built.kernel_names.split(";")
+            if name not in names:
+                known = ", ".join(names)
+                raise KernelError(f"kernels/{self.name}: no kernel {name}; it has {known}")
+            made, known_as = cl.Kernel(self.built, name), (id(self.built), name)
+            opened = self.device.opened  # which keeps the program, and so its id
+            signature = opened.signatures.get(known_as)
+            if signature is None:
+                real = np.float64 if "USE_FLOAT64" in self.defines else np.float32
+                signature = Signature.of(made, opened.handle, real)
+                opened.signatures[known_as] = signature
+            kernels[name] = made, signature
         return kernels[name]
 
 

@@ -69,10 +69,11 @@ class Argument:
         if self.buffer:
             if not isinstance(given, cl.MemoryObject):
                 raise TypeError(f"is a {type(given).__name__}; expected is a buffer, {self.kind}")
-            held = getattr(given, "dtype", None)
-            if held is not None and held != self.dtype:
+            held = getattr(given, "dtype", self.dtype)
+            if held is not self.dtype:
                 raise TypeError(
-                    f"is a buffer of {held}; expected is {np.dtype(self.dtype)}, {self.kind}"
+                    f"is a buffer of {np.dtype(held)}; expected is {np.dtype(self.dtype)}, "
+                    f"{self.kind}"
                 )
             return given
         if self.width > 1:
@@ -135,10 +136,8 @@ class Signature:
             KernelError: one is missing, not known, or of another type; the message names the
                 kernel, the argument and what is expected.
         """
-        if len(given) != len(self.arguments) or any(
-            argument.name not in given for argument in self.arguments
-        ):
-            names = [argument.name for argument in self.arguments]
+        names = [argument.name for argument in self.arguments]
+        if given.keys() != set(names):
             missing = [name for name in names if name not in given]
             unknown = [name for name in given if name not in names]
             said = f"misses {', '.join(missing)}" if missing else ""

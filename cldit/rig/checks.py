@@ -2,14 +2,56 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Protocol
 
-from cldit.rig.errors import ConfigRejected, OutOfLimits
+from cldit.rig.errors import ConfigRejected, NotConnected, OutOfLimits
 from cldit.rig.protocols import Burst, Capabilities, Limits, Roi, TriggerInfo, TriggerMode
 
 EDGES = ("rising", "falling")
+_SCPI_NONE = 9.9e37  # 9.9E37 is infinity, 9.91E37 not a number (SCPI 1999, volume 1, 7.2.1.4-5)
+_HOTTEST_K = 1e4
+
+
+class Thermometer(Protocol):
+    """The part of a background that is asked here."""
+
+    def read_temperature(self) -> float: ...
+
+
+def check_answer(kind: str, query: str, answer: str | float) -> float:
+    """The number that `kind` answers to `query`.
+
+    Raises:
+        NotConnected: the answer is no finite number, so that the link is not to be trusted.
+    """
+    try:
+        value = float(answer)
+    except ValueError:
+        value = math.nan
+    if not abs(value) < _SCPI_NONE:
+        raise NotConnected(
+            f"{kind}: {answer!r} came for {query}, expected a finite number; is another program "
+            "talking to it?"
+        )
+    return value
+
+
+def check_temperature(kind: str, query: str, temperature_K: float) -> float:
+    """`temperature_K`. Raises NotConnected where nothing can be so hot or so cold."""
+    if not 0.0 < temperature_K < _HOTTEST_K:
+        raise NotConnected(
+            f"{kind}: {temperature_K:g} K came for {query}, expected 0 to {_HOTTEST_K:g} K; is "
+            "another program talking to it?"
+        )
+    return temperature_K
+
+
+def read_temperature(background: Thermometer) -> float:
+    """Kelvin. Raises NotConnected where the driver gives what cannot be a temperature."""
+    return check_temperature("background", "read_temperature()", background.read_temperature())
 
 
 def check_exposure(can: Capabilities, integration_time_s: float) -> None:

@@ -131,6 +131,18 @@ class Limits:
     high_K: float
 
 
+@dataclass(frozen=True)
+class Safety:
+    """What `make_safe` did, which is checked and stored.
+
+    connected: False where there was nothing to do, because the device was never connected; whoever
+    connected it takes that for a failure. did: in words.
+    """
+
+    connected: bool
+    did: str
+
+
 class Device(Protocol):
     def connect(self, timeout_s: float = 10.0) -> None:
         """Raises NotConnected; does nothing where it is connected already."""
@@ -143,8 +155,12 @@ class Device(Protocol):
     def read_configuration(self) -> dict[str, Any]:
         """Present settings, as JSON can hold them; stored with every acquisition."""
 
-    def make_safe(self) -> None:
-        """Leaves the instrument harmless and usable. Idempotent, bounded in time."""
+    def make_safe(self) -> Safety:
+        """Leaves the instrument harmless and usable. Idempotent, bounded in time.
+
+        An instrument that was connected and lost is reached for again. Raises NotSafe where that
+        fails: it never returns from an instrument that may be on.
+        """
 
 
 class Camera(Device, Protocol):
@@ -190,7 +206,7 @@ class Background(Device, Protocol):
         """The set point as read back. Raises OutOfLimits before anything moves."""
 
     def read_temperature(self) -> float:
-        """Kelvin."""
+        """Kelvin, finite. Raises NotConnected, also for an answer that is no temperature."""
 
     def is_stable(self) -> bool | None:
         """The controller's own opinion, None where it has none. Never relied on alone."""

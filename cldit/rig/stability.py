@@ -6,21 +6,20 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Protocol
 
+from cldit.rig.checks import Thermometer, read_temperature
 from cldit.rig.clock import Clock, StopCheck
 from cldit.rig.errors import Aborted, DeviceTimeout
 from cldit.rig.protocols import Stability
 
 
-class Thermometer(Protocol):
+class Settled(Thermometer, Protocol):
     """The part of a background that is asked here."""
-
-    def read_temperature(self) -> float: ...
 
     def is_stable(self) -> bool | None: ...
 
 
 def wait_stable(
-    device: Thermometer,
+    device: Settled,
     clock: Clock,
     temperature_K: float,
     stability: Stability,
@@ -36,15 +35,16 @@ def wait_stable(
     Raises:
         DeviceTimeout: timeout_s passed.
         Aborted: `should_stop` said so.
+        NotConnected: a reading is no temperature.
     """
     start = clock.now_s()
     poll_s = min(1.0, max(stability.hold_s / 4.0, 0.05))
     since: float | None = None  # when the present unbroken window began
     while True:
-        reading = device.read_temperature()
+        reading = read_temperature(device)
         if on_progress is not None:
             on_progress(reading)
-        good = abs(reading - temperature_K) <= stability.tolerance_K  # False for NaN
+        good = abs(reading - temperature_K) <= stability.tolerance_K
         good = good and device.is_stable() is not False
         now = clock.now_s()
         since = (now if since is None else since) if good else None

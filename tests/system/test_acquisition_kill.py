@@ -191,7 +191,8 @@ def test_ctrl_c_finishes_the_shot(bench: Bench) -> None:
         out, err = process.communicate(timeout=60)
     assert process.returncode == 0, err
     assert out.splitlines()[-1] == "stopped 0"
-    assert [entry["event"] for entry in bench.lines()[-3:]] == ["fired", "saved", "stopped"]
+    ended = [entry["event"] for entry in bench.lines()[-4:]]
+    assert ended == ["fired", "saved", "stopped", "made safe"]
     assert len(open_acquisition(bench.folder).shots) == bench.pulses()[True] == 3
     assert bench.run()[0] == 0
     bench.check()
@@ -215,8 +216,8 @@ def test_ctrl_c_twice_aborts_the_shot(how: str, bench: Bench) -> None:
     assert time.monotonic() - begin < 8.0
     assert process.returncode == 3 and err.startswith("Aborted: stopped within a shot"), err
     entries = bench.lines()
-    assert [entry["event"] for entry in entries[-2:]] == ["fired", "lost"]
-    assert entries[-1]["inject"] is True
+    assert [entry["event"] for entry in entries[-3:]] == ["fired", "lost", "made safe"]
+    assert entries[-2]["inject"] is True
     assert open_acquisition(bench.folder).shots == ()
 
 

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyopencl as cl
 import pytest
 
 import cldit
 from cldit.errors import DeviceError, TransportError
+from cldit.gpu import buffers
 from cldit.gpu.device import Device, open_device, split
 from cldit.run import Run
 
@@ -186,12 +186,12 @@ def test_no_buffer_is_larger_than_a_device_takes(
     is refused, or makes that buffer smaller, as with sweeps: none is made without asking."""
     sizes: list[int] = []
 
-    class Noted(cl.Buffer):  # type: ignore[misc, unused-ignore]
+    class Noted(buffers.Numbers):
         def __init__(self, *given: Any, **named: Any) -> None:
             super().__init__(*given, **named)
             sizes.append(self.size)
 
-    monkeypatch.setattr(cl, "Buffer", Noted)
+    monkeypatch.setattr(buffers, "Numbers", Noted)
     first = run_block(
         {"droplet_scattering_per_m": 30.0, "droplet_absorption_per_m": 10.0},
         size_m=(0.05, 0.07, 0.06),
