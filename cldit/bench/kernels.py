@@ -111,7 +111,7 @@ class Kernels:
         }
         if linear:
             changes = np.zeros((len(cells.address), 3 * len(cells.needs.components)), real)
-            arguments["changes"] = upload(device, "changes", changes)
+            arguments["gradient"] = upload(device, "changes", changes)
             arguments["scattering"] = len(changes)
         tiles = self.view.tiles(program, "image")
         return quickest(
@@ -155,7 +155,7 @@ class Kernels:
         pixels = np.concatenate([np.zeros(0, np.int64), *found])
         if not len(pixels):
             return None
-        chains, every = gather.chains(pixels, 1), np.arange(len(pixels))
+        chains, every = gather.paths(pixels, 1), np.arange(len(pixels))
 
         def fly() -> Floats:
             return gather.means(chains, every, 1, range(count), 0)
@@ -178,7 +178,7 @@ class Kernels:
         }
         tiles = self.view.tiles(program, "count")
         cost = quickest(
-            self.case, lambda: program.launch("count", *tiles, {"steps": out, **arguments})
+            self.case, lambda: program.launch("count", *tiles, {"crossings": out, **arguments})
         )
         counted = download(device, out, np.empty((rows, columns, 2), np.int32))
         return counted.transpose(2, 0, 1).astype(np.int64), cost

@@ -126,7 +126,7 @@ def bench_rays(case: Case, *, say: Say) -> tuple[list[Row], int]:
 
     plain = part(1)
     solution = plain.run(case.settings(audit=False))[0].solution
-    towards = None if solution is None else solution.towards
+    towards = None if solution is None else solution.camera_source
     truth = _quarters(_Painted.of(part(64, finer=2), towards, accuracy_K=1.0).weights)
     truth_K = plain.temperature_K(truth)
     background = truth.background.astype(float)

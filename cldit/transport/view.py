@@ -1,4 +1,4 @@
-"""What every kernel that walks through the bricks is told of the scene's geometry."""
+"""The scene's geometry for every kernel with an octree traversal: camera, boundary, octree."""
 
 from __future__ import annotations
 
@@ -26,11 +26,15 @@ _AT_ONCE = 2**14  # pixels whose lines of sight are followed together
 
 @dataclass(frozen=True)
 class View:
-    """Camera and background in units of finest cells from the cube's lower corner.
+    """Camera and background in finest cells from the cube's lower corner.
 
-    disc: (4,) centre x, y, z and squared radius. patches: (P, 4, 4), see `patches.py`. middle:
-    (4,) the target, and 0. pitch: width and height of a pixel in the target's plane. pixels:
-    columns, rows.
+    disc: (4,) centre x, y, z and squared radius.
+    patches: (P, 4, 4), see patches.py.
+    middle: (4,) the target point, and 0.
+    pitch: width and height of a pixel in the target plane.
+    distance: from the camera to the target.
+    pixels: columns, rows.
+    defines: compile-time defines of the kernels.
     """
 
     disc: Floats
@@ -43,6 +47,7 @@ class View:
 
     @classmethod
     def of(cls, scene: Scene, cells: OpticalCells) -> View:
+        """The view of a scene, in the units of its octree."""
         frame, camera = cells.tree.frame, scene.camera
         centre = frame.to_cells(np.asarray([scene.background_centre_m]))[0]
         (columns, rows), (width_m, height_m) = camera.pixels, camera.field_m
@@ -64,7 +69,7 @@ class View:
     def tiles(
         self, program: Program, kernel: str, rows: int | None = None
     ) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Size, and that of a group, of a kernel with one work-item a pixel, of so many rows."""
+        """Global size and work-group of a kernel with one work-item a pixel, for `rows` rows."""
         columns, all_rows = self.pixels
         edge = _TILE
         while edge > 1 and edge**2 > program.largest_group(kernel):
@@ -73,15 +78,15 @@ class View:
 
     @cached_property
     def before_background(self) -> NDArray[np.bool_]:
-        """(H, W) pixels whose line of sight ends on the background, were there no medium."""
+        """Pixels (H, W) whose line of sight ends on the background, without the medium."""
         columns, rows = self.pixels
         return self.on_background(np.arange(columns * rows)).reshape(rows, columns)
 
     def on_background(self, pixels: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """(N,) as `before_background`, of flat numbers of pixels alone."""
+        """`before_background` (N,) for flat numbers of pixels (N,)."""
         columns, rows = self.pixels
         centre, radius = self.disc[:3], float(self.disc[3]) ** 0.5
-        if "BOUNDARY_ENCLOSURE" in self.defines:  # behind every patch, wherever one looks
+        if "BOUNDARY_ENCLOSURE" in self.defines:  # behind every patch
             centre, radius = np.array([0.0, 1e12, 0.0]), np.inf
         away = np.array([0.0, self.distance, 0.0])
         out = np.zeros(len(pixels), np.bool_)
@@ -108,7 +113,7 @@ class View:
     def geometry(
         self, device: Device, cells: OpticalCells, real: type[np.floating]
     ) -> dict[str, Any]:
-        """Kernel arguments of the octree's size, and all of `lines_of_sight`."""
+        """Kernel arguments of the octree's size and of `lines_of_sight`, in the type `real`."""
         bounds = cells.bounds()
         return {
             "coarse": cells.tree.slots * BRICK**3,
@@ -120,7 +125,7 @@ class View:
         }
 
     def lines_of_sight(self, device: Device, real: type[np.floating]) -> dict[str, Any]:
-        """Kernel arguments of the camera, the disc, and patches where there are any."""
+        """Kernel arguments of camera, disc and patches, in the type `real`."""
         out = {
             "columns": self.pixels[0],
             "rows": self.pixels[1],
@@ -146,13 +151,13 @@ def upload_directory(device: Device, cells: OpticalCells) -> dict[str, Any]:
 
 
 def upload_tree(device: Device, cells: OpticalCells, real: type[np.floating]) -> dict[str, Any]:
-    """As `upload_directory`, and the optical depths."""
+    """Kernel arguments of the octree's directory and the optical depths."""
     depth = upload(device, "optical depth", cells.depth.astype(real))
     return {**upload_directory(device, cells), "depth": depth}
 
 
 def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:
-    """Rays that leave the medium must still have the disc and the patches' fronts before them.
+    """Checks that no ray leaves the medium beyond the disc or a patch.
 
     Raises:
         TransportError: names what lies inside the medium.

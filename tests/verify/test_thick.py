@@ -161,7 +161,7 @@ def test_chains_that_stop_short_say_so(
 
     def short(**transport: Any) -> bool:
         run = run_block(BLOCK, **SCENE, transport={"directions": 16, **transport})
-        return any("chains in thick cells: stopped" in text for text in run.info.remarks)
+        return any("paths in thick cells: stopped" in text for text in run.info.remarks)
 
     assert short(accuracy_K=1e-3, max_samples=128)
     assert not short(accuracy_K=100.0)
