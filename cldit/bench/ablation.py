@@ -93,7 +93,18 @@ def slab_scene(folder: Path) -> Scene:
 
 
 def ablate(case: Case, *, phase: str, accuracy_K: float, seeds: int, say: Say) -> list[Ablation]:
-    """Every mechanism on one scene; the first row is with all of them."""
+    """Switches every mechanism off in turn, on one scene.
+
+    Args:
+        case: of the scene.
+        phase: how droplets scatter, as in `transport.phase`.
+        accuracy_K: that `source` is asked for.
+        seeds: so many runs of each.
+        say: told of each row.
+
+    Returns:
+        A row a mechanism; the first is with all of them.
+    """
     pixels = case.scene.camera.pixels
     every = max(1, round(min(pixels) / 100)) | 1
     lattice = Lattice((every, every))
@@ -133,7 +144,14 @@ def ablate(case: Case, *, phase: str, accuracy_K: float, seeds: int, say: Say) -
 
 
 def ablation(device: Device, *, cache: Path, say: Say, seeds: int = SEEDS) -> Part:
-    """gdi, droplets with Mie, and a thick slab."""
+    """Measures gdi, droplets with Mie, and a thick slab.
+
+    Args:
+        device: that traces.
+        cache: folder of tables.
+        say: told of each row.
+        seeds: so many runs of each.
+    """
     small = {"camera": {"pixels": [300, 300]}}
     gdi = changed(load_scene("gdi"), **small)
     droplets = changed(load_scene("droplets-only"), **small)
