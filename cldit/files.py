@@ -28,7 +28,11 @@ def whole(path: Path, *, sync: bool = True) -> Iterator[Path]:
     write the same file do not meet: the last one stays.
 
     Args:
+        path: of the file.
         sync: False for what can be made again: a power cut may leave it torn.
+
+    Returns:
+        The path to write to, in a context.
     """
     part = path.with_name(f"{path.name}.{os.getpid()}-{threading.get_ident()}.part")
     try:
@@ -44,6 +48,6 @@ def whole(path: Path, *, sync: bool = True) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """A text file that appears whole or not at all."""
+    """Writes `text` to `path`; the file appears whole or not at all."""
     with whole(path) as part:
         part.write_text(text, encoding="utf-8", newline="\n")

@@ -96,7 +96,13 @@ class SolverCheck:
 
 
 def compare_solvers(*, n: float, k: float, x: float = 45.0, spacing: float = 4.1e-5) -> SolverCheck:
-    """At size parameters around x, `spacing` apart in ln x, as a table has them at small k."""
+    """Compares the own Mie series with miepython's, as a table's samples have them at small k.
+
+    Args:
+        n, k: refractive index.
+        x: size parameter in the middle.
+        spacing: of the samples in ln x.
+    """
 
     def samples(apart: float) -> tuple[Floats, Floats]:
         reach = int(AVERAGED / apart)

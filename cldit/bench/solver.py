@@ -127,7 +127,7 @@ def lambda_iteration(residual_rms: Residual, source: Array) -> Iterator[Array]:
         yield source
 
 
-def anderson(residual_rms: Residual, source: Array, *, depth: int = DEPTH) -> Iterator[Array]:
+def anderson(residual: Residual, source: Array, *, depth: int = DEPTH) -> Iterator[Array]:
     """Anderson mixing (1965), each component on its own.
 
     Of the last steps that combination is taken whose linear prediction of the residual is least.
@@ -144,7 +144,7 @@ def anderson(residual_rms: Residual, source: Array, *, depth: int = DEPTH) -> It
     changes: list[Array] = []
     before: tuple[Array, Array] | None = None
     while True:
-        found = residual_rms(source)
+        found = residual(source)
         if before is not None:
             steps = [*steps, source - before[0]][-depth:]
             changes = [*changes, found - before[1]][-depth:]

@@ -33,7 +33,8 @@ class LazyGroup(click.Group):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Docstrings come from the sources: importing every command takes seconds."""
+        """Writes commands from `ctx` to `formatter`, by docstrings in the sources: importing all
+        of them takes seconds."""
         room = formatter.width - 6 - max(map(len, self.commands_at))
         with formatter.section("Commands"):
             formatter.write_dl(

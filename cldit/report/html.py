@@ -38,6 +38,7 @@ class Picture:
 
     @property
     def base64(self) -> str:
+        """The PNG as text, for a page that holds it."""
         return b64encode(self.png).decode("ascii")
 
 

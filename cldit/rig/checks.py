@@ -18,11 +18,17 @@ _HOTTEST_K = 1e4
 class Thermometer(Protocol):
     """The part of a background that is asked here."""
 
-    def read_temperature(self) -> float: ...
+    def read_temperature(self) -> float:
+        """Present temperature [K]."""
 
 
 def check_answer(kind: str, query: str, answer: str | float) -> float:
-    """The number that `kind` answers to `query`.
+    """The number that an instrument gives.
+
+    Args:
+        kind: of instrument, for the message.
+        query: that was asked.
+        answer: that came.
 
     Raises:
         NotConnected: the answer is no finite number, so that the link is not to be trusted.
@@ -40,7 +46,16 @@ def check_answer(kind: str, query: str, answer: str | float) -> float:
 
 
 def check_temperature(kind: str, query: str, temperature_K: float) -> float:
-    """`temperature_K`. Raises NotConnected where nothing can be so hot or so cold."""
+    """Gives the temperature back, where anything can be so hot.
+
+    Args:
+        kind: of instrument, for the message.
+        query: that was asked.
+        temperature_K: that came.
+
+    Raises:
+        NotConnected: nothing can be so hot or so cold.
+    """
     if not 0.0 < temperature_K < _HOTTEST_K:
         raise NotConnected(
             f"{kind}: {temperature_K:g} K came for {query}, expected 0 to {_HOTTEST_K:g} K; is "

@@ -28,6 +28,8 @@ _TRIES = 3  # a link that is only out of step is in step again at the second
 
 
 class LinkState(Enum):
+    """Where an instrument stands; see the head of this file."""
+
     NEVER = "never connected, or let go of harmless"
     OPENING = "being opened"
     OPEN = "connected"
@@ -43,9 +45,11 @@ class Told:
         self._words = ["not written"]
 
     def written(self, text: str) -> None:
+        """Notes what was written without an answer."""
         self._words.append(text)
 
     def confirmed(self, text: str) -> None:
+        """Notes what the instrument confirmed."""
         self._words = [text]
 
     def __str__(self) -> str:

@@ -39,6 +39,7 @@ def make_safe(
     others hot.
 
     Args:
+        devices: by name.
         connected: names of those that were connected; of these none may say that it never was.
         connect_s: connects each first, and waits so long for it; None: as they are.
     """
