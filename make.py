@@ -79,7 +79,7 @@ def run(arguments: list[str]) -> None:
 
 def test(arguments: list[str]) -> None:
     python = install("pocl,cfd,rig,studies,dev")
-    call(python, "-m", "pytest", *(arguments or ["--numprocesses", "auto"]))
+    call(python, "-m", "pytest", *(arguments or ["--numprocesses", "auto", "--dist", "worksteal"]))
 
 
 def loopback() -> None:

@@ -1,4 +1,4 @@
-"""The error of the picture: what each cause of the simulation adds to T_app, and how it was found."""
+"""The error of the picture: what each cause of the simulation adds to T_app, and how it is known."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from cldit.transport.trace import trace
 
 
 @pytest.fixture(scope="module")
-def case(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Case:
+def case(device: Device, tables: Path) -> Case:
     """Droplets alone at low resolution."""
     scene = changed(
         cldit.load_scene("droplets-only"),
@@ -24,7 +25,7 @@ def case(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Case:
         domain={"leaf_edge_m": 4e-3},
         transport={"phase": "isotropic"},
     )
-    return Case.of(scene, device, cache=tmp_path_factory.mktemp("cache"))
+    return Case.of(scene, device, cache=tables)
 
 
 def test_ways_on_a_matrix() -> None:
