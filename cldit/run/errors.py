@@ -1,4 +1,4 @@
-"""The error of the picture: what each cause of the simulation adds to T_app, and how it is known."""
+"""The error of the picture: what each cause adds to T_app, and how that is known."""
 
 from __future__ import annotations
 
