@@ -53,7 +53,7 @@ def quickest(case: Case, launch: Callable[[], Any], *, rounds: int = _ROUNDS) ->
 class PathSegments:
     """Segments from `pixels` pixels that cross `crossed` cells in all.
 
-    They pass a region of `region` cells of `record` numbers each.
+    The region that they cross has `region` cells, with records of `record` numbers each.
     """
 
     pixels: int
@@ -97,29 +97,29 @@ class Kernels:
         columns, rows = self.view.pixels
         planes = pictures * (len(cells.needs.components) + 1)
         out = zeros(device, "picture", planes * rows * columns, real)
-        filled = CellRecords.of(cells)
+        cell_records = CellRecords.of(cells)
         source = None
         if cells.needs.scattering:
             source = np.zeros((len(cells.needs.components), len(cells.address)), real)
         listed = [source] * pictures
-        records = filled.records(listed, np.zeros(len(cells.address)), None, None, real)
+        records = cell_records.records(listed, np.zeros(len(cells.address)), None, None, real)
         arguments = {
             **upload_directory(device, cells),
-            "number": upload(device, "records' numbers", filled.number),
+            "number": upload(device, "records' numbers", cell_records.number),
             "records": upload(device, "records", records),
             **self.view.geometry(device, cells, real),
         }
         if linear:
-            changes = np.zeros((len(cells.address), 3 * len(cells.needs.components)), real)
-            arguments["gradient"] = upload(device, "changes", changes)
-            arguments["scattering"] = len(changes)
+            gradient = np.zeros((len(cells.address), 3 * len(cells.needs.components)), real)
+            arguments["gradient"] = upload(device, "gradient", gradient)
+            arguments["scattering"] = len(gradient)
         tiles = self.view.tiles(program, "image")
         return quickest(
             self.case, lambda: program.launch("image", *tiles, {"planes": out, **arguments})
         )
 
     def path_segments(self, count: int, *, vector: int | None = None) -> PathSegments | None:
-        """`count` segments through the solved light from each pixel that sees thick cells.
+        """`count` segments through the solved source from each pixel with thick intervals.
 
         None where there are no such pixels. `vector` is the number of segments at once; None is
         what a trace takes.
@@ -141,30 +141,30 @@ class Kernels:
         gather = Gather(image, cells.box(), region, camera.cell_sources, settings, flags)
         found: list[NDArray[np.int64]] = []
 
-        def meet(pixels: NDArray[np.int64], _: int, seen: Reals, __: int) -> Floats:
+        def collect(pixels: NDArray[np.int64], _: int, seen: Reals, __: int) -> Floats:
             found.append(pixels)
             return np.zeros((image.at_once, len(seen) + 1, len(pixels)))
 
         image.images(
             list(camera.halves),
             camera.defect,
-            meet,
+            collect,
             gradient=camera.gradient,
             control_variate=gather.control_variate,
         )
         pixels = np.concatenate([np.zeros(0, np.int64), *found])
         if not len(pixels):
             return None
-        chains, every = gather.paths(pixels, 1), np.arange(len(pixels))
+        paths, every = gather.paths(pixels, 1), np.arange(len(pixels))
 
-        def fly() -> Floats:
-            return gather.means(chains, every, 1, range(count), 0)
+        def cross() -> Floats:
+            return gather.means(paths, every, 1, range(count), 0)
 
-        crossed = float(fly()[-1].sum())
-        cells_met, record = camera.cell_sources.records.shape
+        crossed = float(cross()[-1].sum())
+        region_cells, record = camera.cell_sources.records.shape
         segments = count * len(pixels)
-        timed = quickest(case, fly)
-        return PathSegments(len(pixels), segments, crossed, cells_met, record, timed)
+        timed = quickest(case, cross)
+        return PathSegments(len(pixels), segments, crossed, region_cells, record, timed)
 
     def steps(self) -> tuple[NDArray[np.int64], Cost]:
         """Steps of every line of sight, and those of them through something, (2, H, W)."""
@@ -186,7 +186,7 @@ class Kernels:
     def sweeper(
         self, *, vector: int | None = None, phase: ScatteringTable | None = None
     ) -> tuple[Sweeper, CameraSweep | None]:
-        """The swept box on the device; with a phase function also what sweeps towards the camera.
+        """The swept box on the device; with a phase function also the camera's weights.
 
         vector: cells at once; None is what a trace takes.
         """
@@ -206,10 +206,10 @@ class Kernels:
         if phase is None:
             return sweeper, None
         flags: dict[str, Define] = {"CAMERA_SWEEP": 1, "PHASE_STEPS": _PHASE_STEPS}
-        towards = build(device, "sweep.cl", {**specialised, **flags})
+        program = build(device, "sweep.cl", {**specialised, **flags})
         place = self.view.middle[:3] - np.array([0.0, self.view.distance, 0.0])
         table = phase.by_half_sine(_PHASE_STEPS)
-        return sweeper, sweeper.to_camera(towards, cells, table, place)
+        return sweeper, sweeper.to_camera(program, cells, table, place)
 
     def sweep(
         self, count: int, *, vector: int | None = None, phase: ScatteringTable | None = None

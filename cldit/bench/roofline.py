@@ -188,10 +188,10 @@ def _sweeps(machine: Machine, kernels: Kernels, directions: int) -> list[Line]:
     # For all directions of a quadrant of an axis (at most 32 of an axis together): depth, S, and D
     # read and written, of cells in groups that scatter; elsewhere depth and S of what is emitted.
     # Not the rays, which stay in the cache.
-    passes = directions * STEPS
+    segments = directions * STEPS
     cells_once = (1 + 3 * components) * lit + (1 + emitters) * (computed - lit)
     moved = 3 * 4 * _REAL_BYTES * cells_once
-    flops = passes * (computed * SWEEP_CELL + SWEEP_COMPONENT * components * computed)
+    flops = segments * (computed * SWEEP_CELL + SWEEP_COMPONENT * components * computed)
     work = f"{directions} directions, {box.cells / 1e6:.2f} M cells, {computed / 1e6:.2f} M filled"
     lines = []
     for vector in (None, 1):
@@ -254,7 +254,7 @@ def _segments(machine: Machine, kernels: Kernels) -> list[Line]:
     if found is None or alone is None:
         return []
     components = len(kernels.cells.needs.components)
-    # What is met is read once, and the light at each end; all else stays in the cache.
+    # Each record is read once, and the radiance at each end; all else stays in the cache.
     moved = _REAL_BYTES * (found.region * found.record + found.segments * components)
     cell = SEGMENT_STEP + SEGMENT_CELL + SEGMENT_SOURCE * components
     return [

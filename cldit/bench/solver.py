@@ -28,7 +28,7 @@ Residual = Callable[[Array], Array]
 
 WANTED = 1e-4  # RMS error of the source of the worst component: what 1 K asks for
 EXACT = 1e-8  # of the answer that the others are held to
-MOST = 60  # passes of those that have no end of their own
+MOST = 60  # iterations of those that have no end of their own
 DEPTH = 5  # steps that Anderson remembers
 DIRECTIONS = 16
 
@@ -72,8 +72,13 @@ MEDIA = (
 
 @dataclass(frozen=True)
 class Row:
-    """passes: sets of sweeps. residual: preconditioned, RMS of the worst component, at the end.
-    error: likewise, of the source. stopped: why it ended."""
+    """One solver on one medium.
+
+    iterations: sets of sweeps.
+    residual_rms, error: of the preconditioned residual and of the source at the end, RMS of the
+        worst component.
+    stopped: why it ended.
+    """
 
     medium: str
     method: str
@@ -110,20 +115,20 @@ class _Equation:
         return self.sweeper.sweeps // DIRECTIONS
 
     def diagonal(self, source: Array) -> Array:
-        """What the source lacks, divided by what each cell keeps of its own light."""
+        """Residual of the source (C, N), preconditioned by 1 - Lambda*."""
         self.sweeper.set_source(source, shining=True)
         self.sweeper.sweep(self.rays, shining=True)
         return self.sweeper.residual(shining=True)
 
     def plain(self, source: Array) -> Array:
-        """What one more scattering changes."""
+        """Residual of the source (C, N): what one more scattering changes."""
         return next_order(self.sweeper, source, self.rays) - source
 
 
-def lambda_iteration(residual_rms: Residual, source: Array) -> Iterator[Array]:
-    """Sources (C, N) after each pass from `source` (C, N) on: `residual_rms` is added."""
+def lambda_iteration(residual: Residual, source: Array) -> Iterator[Array]:
+    """Sources (C, N) after each iteration from `source` (C, N) on, which adds `residual`."""
     while True:
-        source = source + residual_rms(source)
+        source = source + residual(source)
         yield source
 
 
@@ -138,7 +143,7 @@ def anderson(residual: Residual, source: Array, *, depth: int = DEPTH) -> Iterat
         depth: steps that are mixed.
 
     Returns:
-        (C, N) after each pass.
+        (C, N) after each iteration.
     """
     steps: list[Array] = []
     changes: list[Array] = []
@@ -180,7 +185,7 @@ def _iterated(
     """Iterates until the true error is what is wanted: no solver ends sooner."""
     core_s, least, iterations = 0.0, np.inf, 0
     before = single.iterations
-    stopped = f"{MOST} passes"
+    stopped = f"{MOST} iterations"
     source = single.guess
     for _ in range(MOST):
         source, cost = clocked(single.case.device, lambda: next(sources))
@@ -220,7 +225,7 @@ def _gmres(medium: Medium, single: _Equation, double: Callable[[], _Equation], t
         before = again.iterations
         found, cost = attempt(again)
         spent += cost.core_s
-        stopped = f"own estimate, in double precision after {iterations} passes in single"
+        stopped = f"own estimate, in double precision after {iterations} iterations in single"
         iterations += again.iterations - before
         if isinstance(found, NotConvergedError):
             return Row(medium.name, "GMRES", iterations, spent, np.nan, np.nan, str(found))
@@ -255,7 +260,7 @@ def compare(case: Case, media: tuple[Medium, ...] = MEDIA, *, say: Say) -> list[
         except NotConvergedError as error:
             say(f"{medium.name}: no reference: {error}")
             raise
-        say(f"{medium.name}: reference after {exact.iterations} passes")
+        say(f"{medium.name}: reference after {exact.iterations} iterations")
         single = _Equation.of(some, double=False)
         single.diagonal(single.guess)  # builds
         for method, sources in _iterations(single).items():
@@ -268,7 +273,7 @@ def compare(case: Case, media: tuple[Medium, ...] = MEDIA, *, say: Say) -> list[
 
 def _line(row: Row) -> str:
     return (
-        f"{row.medium}: {row.method}: {row.iterations} passes, {row.core_s:.3g} core-s, error "
+        f"{row.medium}: {row.method}: {row.iterations} iterations, {row.core_s:.3g} core-s, error "
         f"{row.error:.1e} ({row.stopped})"
     )
 
@@ -280,7 +285,8 @@ def solver(case: Case, *, say: Say) -> Part:
     """
     rows = compare(case, say=say)
     head = (
-        "medium", "solver", "passes", "core-s", "residual", "true error of the source", "ended by",
+        "medium", "solver", "iterations", "core-s", "residual", "true error of the source",
+        "ended by",
     )  # fmt: skip
     lines = [
         (
@@ -301,13 +307,13 @@ def solver(case: Case, *, say: Say) -> Part:
         tables=(Table.of(head, lines),),
         data=[asdict(row) for row in rows],
         text=(
-            f"{count} scattering cells, {DIRECTIONS} directions; a pass sweeps all of them once. "
-            "Stiff media are the scene's droplets alone. Errors are RMS over cells, of the worst "
-            f"of the light's parts, against GMRES in double precision to {EXACT:g} with the same "
-            "rays; residuals are those that are divided by what a cell keeps of its own light. "
+            f"{count} scattering cells, {DIRECTIONS} directions; an iteration sweeps all of them "
+            "once. Stiff media are the scene's droplets alone. Errors are RMS over cells, of the "
+            f"worst component, against GMRES in double precision to {EXACT:g} with the same "
+            "rays; residuals are preconditioned by 1 - Lambda*. "
             f"All but GMRES end as soon as their true error is {WANTED:g}, which no run could "
-            f"know, or after {MOST} passes; GMRES ends by its own estimate, from the residual and "
-            "the smallest singular value that it met, which takes a pass to confirm. "
+            f"know, or after {MOST} iterations; GMRES ends by its own estimate, from the residual "
+            "and the smallest singular value that it found, which takes an iteration to confirm. "
             "Where it stalls in single precision, it goes on in double, and says so.",
         ),
     )

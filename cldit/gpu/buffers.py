@@ -25,7 +25,7 @@ def _buffer(device: Device, flags: Any, dtype: Any, **content: Any) -> Numbers:
 
 
 def check_size(device: Device, what: str, size: int) -> None:
-    """Refuses a buffer that the device cannot hold in one piece.
+    """Refuses a buffer of `size` bytes for `what`, where `device` cannot hold it in one piece.
 
     Raises:
         DeviceError: names the buffer, its size, and the limit.
@@ -38,7 +38,13 @@ def check_size(device: Device, what: str, size: int) -> None:
 
 
 def upload(device: Device, what: str, array: NDArray[Any]) -> Any:
-    """A device buffer with the array's content; an empty array gets one element of padding."""
+    """A device buffer with an array's content; an empty array gets one element of padding.
+
+    Args:
+        device: holds the buffer.
+        what: names the content in the error of `check_size`.
+        array: of any shape.
+    """
     data = np.ascontiguousarray(array)
     if data.nbytes == 0:
         data = np.zeros(1, data.dtype)
@@ -48,7 +54,13 @@ def upload(device: Device, what: str, array: NDArray[Any]) -> Any:
 
 
 def unset(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any:
-    """A device buffer of `count` numbers (at least one): any, until they are written."""
+    """A device buffer whose numbers are undefined until they are written.
+
+    Args:
+        device, what: as in `upload`.
+        count: how many numbers; one is allocated at least.
+        dtype: of a number.
+    """
     size = max(1, count) * np.dtype(dtype).itemsize
     check_size(device, what, size)
     buffer = _buffer(device, cl.mem_flags.READ_WRITE, dtype, size=size)
@@ -64,7 +76,11 @@ def _poison(dtype: type[np.generic]) -> NDArray[Any]:
 
 
 def zeros(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any:
-    """A device buffer of `count` zeros (at least one)."""
+    """A device buffer of zeros.
+
+    Args:
+        device, what, count, dtype: as in `unset`.
+    """
     buffer = unset(device, what, count, dtype)
     clear(device, buffer, max(1, count), dtype)
     return buffer
@@ -73,7 +89,7 @@ def zeros(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any
 def clear(
     device: Device, buffer: Any, count: int, dtype: type[np.generic], *, first: int = 0
 ) -> None:
-    """Sets so many numbers of the buffer to zero, from its number `first` on."""
+    """Sets `count` numbers of type `dtype` to 0 in a `buffer` of `device`, from number `first`."""
     if count:
         size = np.dtype(dtype).itemsize
         zero = np.zeros(1, np.uint8)
@@ -81,7 +97,17 @@ def clear(
 
 
 def download(device: Device, buffer: Any, out: NDArray[Any], *, first: int = 0) -> NDArray[Any]:
-    """Copies as much of the buffer as `out` takes, from its number `first` on, and waits for it."""
+    """Copies as much of a buffer as `out` takes, and waits for it.
+
+    Args:
+        device: holds the buffer.
+        buffer: of numbers in the type of `out`.
+        out: contiguous, of any shape.
+        first: number in the buffer from which it is copied.
+
+    Returns:
+        `out`.
+    """
     if out.size:
         cl.enqueue_copy(device.queue, out, buffer, src_offset=first * out.itemsize)
     return out

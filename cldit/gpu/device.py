@@ -57,6 +57,7 @@ class Device:
 
     @property
     def is_cpu(self) -> bool:
+        """Whether it is a CPU."""
         return self.info.kind == "cpu"
 
     @property
@@ -146,11 +147,10 @@ def list_devices() -> list[DeviceInfo]:
 
 
 def choose(devices: list[DeviceInfo], wanted: str | None) -> tuple[int, str]:
-    """Number of the device to use, and the reason.
+    """Number in `devices` of the one to use, and the reason.
 
-    Args:
-        wanted: `platform:device` or part of a device's or platform's name; None lets cldit choose
-            the GPU with the most memory, or else the CPU with the most compute units.
+    `wanted` is `platform:device`, or part of a device's or platform's name. None chooses the GPU
+    with the most memory, or else the device with the most compute units.
 
     Raises:
         DeviceError: nothing fits `wanted`; the message lists what there is.
@@ -196,7 +196,7 @@ def open_device(wanted: str | None = None) -> Device:
 
 
 def split(device: Device, counts: Sequence[int]) -> Device:
-    """The device as several, of these numbers of its compute units (clCreateSubDevices).
+    """Divides `device` into several, of `counts` compute units each (clCreateSubDevices).
 
     Raises:
         DeviceError: the device cannot be divided so.

@@ -41,20 +41,33 @@ def like_processor(flags: frozenset[str]) -> bytes | None:
 
 
 def mistaken_for(platform: Any, device: Any, flags: frozenset[str]) -> bytes | None:
-    """PoCL's name of the device's processor, at the end of its version, if that is not what has
-    these instructions; None as well where the device is not PoCL's."""
+    """PoCL's name of the processor, at the end of the device's version, where it is mistaken.
+
+    Args:
+        platform, device: pyopencl's.
+        flags: instruction sets of the processor.
+
+    Returns:
+        The name; None where it is right, or the device is not PoCL's.
+    """
     name = device.version.strip().rpartition("-")[2].encode()
     mistaken = platform.name.strip() == _PLATFORM and name in _MISTAKEN
     return name if mistaken and _MISTAKEN[name] <= flags else None
 
 
 def name_processor(device: Any, mistaken: bytes, flags: frozenset[str]) -> bytes | None:
-    """Gives PoCL's record of a device the name of a processor with no more than these instructions,
-    and returns that; None where it could not be done.
+    """Gives PoCL's record of a device the name of a processor with no more than these instructions.
 
-    The name is found as a pointer to the mistaken one after one to the name of a platform, which
-    together with it are the end of the device's version. Memory is read through /proc, where a
-    wrong address is an error and no crash.
+    The record points to the target's triple and then to the processor's name; the device's version
+    ends with both. Memory is read through /proc, where a wrong address is an error and no crash.
+
+    Args:
+        device: pyopencl's.
+        mistaken: the present name, see `mistaken_for`.
+        flags: instruction sets of the processor.
+
+    Returns:
+        The new name; None where it could not be set.
     """
     name = like_processor(flags)
     if name is None:

@@ -88,7 +88,16 @@ class Program:
         values: Iterable[int],
         arguments: Mapping[str, Any],
     ) -> None:
-        """As `launch`, once for each size, where one argument alone is another each time."""
+        """Queues a kernel once for each size, with one argument that varies; raises as `launch`.
+
+        Args:
+            kernel: its name.
+            sizes: work-items of each launch, in whole groups.
+            group: work-items of a group.
+            varying: name of the argument that varies.
+            values: its value in each launch.
+            arguments: the others by name, as in `launch`.
+        """
         made, signature = self._kernel(kernel)
         number, values = signature.place(varying), list(values)
         if not values:
@@ -124,9 +133,14 @@ _FILTERS = threading.Lock()
 
 
 def compiled(device: Device, source: str, options: Sequence[str] = ()) -> Any:
-    """pyopencl's program of a source, with `OPTIONS` besides; built once a device.
+    """pyopencl's program of a source, built once a device.
 
     A compiler's log without errors is no warning: Intel's is never empty.
+
+    Args:
+        device: runs the program.
+        source: in OpenCL C.
+        options: of the compiler, beside `OPTIONS`.
 
     Raises:
         pyopencl.Error: it does not build.
@@ -150,7 +164,12 @@ def _literal(value: Define) -> str:
 
 
 def build(device: Device, name: str, defines: Mapping[str, Define]) -> Program:
-    """Builds `kernels/name` for the device; floats become single-precision literals.
+    """Builds a source of kernels/.
+
+    Args:
+        device: runs the program.
+        name: of the file in kernels/.
+        defines: by name; floats become single-precision literals.
 
     Raises:
         KernelError: the source does not assemble or build; the message holds the compiler's log.

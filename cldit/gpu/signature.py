@@ -46,7 +46,16 @@ class Argument:
 
     @classmethod
     def of(cls, kernel: Any, number: int, real: type[np.generic]) -> Argument:
-        """real: what the type of that name is in this program."""
+        """One argument of a kernel.
+
+        Args:
+            kernel: pyopencl's.
+            number: of the argument.
+            real: what the type of that name is in this program.
+
+        Raises:
+            KernelError: the argument's type is none that cldit can set.
+        """
         info = cl.kernel_arg_info
         # PoCL's headers rename what is called as a function of OpenCL C is, arguments too.
         name = kernel.get_arg_info(number, info.NAME).removeprefix("_cl_")
@@ -110,7 +119,12 @@ class Signature:
 
     @classmethod
     def of(cls, kernel: Any, device: Any, real: type[np.generic]) -> Signature:
-        """Of pyopencl's kernel on pyopencl's device; real: see `Argument.of`."""
+        """The signature of a built kernel; raises as `Argument.of`.
+
+        Args:
+            kernel, device: pyopencl's.
+            real: see `Argument.of`.
+        """
         limit = cl.kernel_work_group_info.WORK_GROUP_SIZE
         return cls(
             kernel.function_name,

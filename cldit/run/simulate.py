@@ -214,14 +214,14 @@ def _evaluate(
 def _traced(result: NodeTraces, order: int | None) -> list[Stage]:
     """What the traces did, step by step, and how long it took."""
     counts = result.counts
-    passes = [one.solution.iterations for one in result.traces if one.solution is not None]
+    iterations = [one.solution.iterations for one in result.traces if one.solution is not None]
     samples = f"{counts['samples']} samples a pixel" if "samples" in counts else ""
     notes = {"audit": "of some pixels, by path tracing", "gather": samples}
     scattering = []
     if order is not None:
         scattering.append(f"up to order {order}, beyond it the wall is seen")
-    if passes:
-        scattering.append(f"{counts['sweeps']} sweeps; {sum(passes)} passes")
+    if iterations:
+        scattering.append(f"{counts['sweeps']} sweeps; {sum(iterations)} iterations")
     if "gather" not in result.seconds and samples:
         scattering.append(samples)
     if "scattered_rays" in counts:

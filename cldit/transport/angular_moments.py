@@ -33,7 +33,6 @@ def moment_to_discrete(unit: Floats) -> Floats:
 def phase_coefficients(first: float, second: float) -> Floats:
     """Ratios (8,) of a source's moments to the radiance's, over the albedo.
 
-    Args:
-        first, second: Legendre moments g and h of the phase function.
+    `first` and `second` are the Legendre moments g and h of the phase function.
     """
     return np.array([*[3 * first] * 3, *[7.5 * second] * 2, *[15 * second] * 3])

@@ -23,18 +23,22 @@ _GAUSS = tuple(
 
 
 def absorbed(depth: Floats) -> Floats:
-    """Absorbed share 1 - exp(-t) along the optical depth t."""
+    """Absorbed share 1 - exp(-t) along optical depths t of any shape."""
     return np.asarray(-np.expm1(-depth))
 
 
 def mean_transmission(depth: Floats) -> Floats:
-    """Mean of exp(-t') over an optical depth t: (1 - exp(-t)) / t, and 1 at t = 0."""
+    """Mean of exp(-t') over optical depths t of any shape: (1 - exp(-t)) / t, and 1 at t = 0."""
     safe = np.where(depth > 0, depth, 1.0)
     return np.where(depth > 0, -np.expm1(-safe) / safe, 1.0)
 
 
 def sees_disc(point: Floats, toward: Floats, *, centre: Floats, radius: float) -> NDArray[np.bool_]:
-    """Whether lines (N,) hit a disc that faces -y; the arguments are those of `boundary_seen`."""
+    """(N,) whether lines hit a disc that faces -y.
+
+    Args:
+        point, toward, centre, radius: as in `boundary_seen`.
+    """
     forward = toward[:, 1] > 0
     s = (centre[1] - point[:, 1]) / np.where(forward, toward[:, 1], 1.0)
     hit = point + s[:, None] * toward
@@ -51,7 +55,7 @@ def boundary_seen(
     patches: Floats,
     start: float = 0.0,
 ) -> NDArray[np.int64]:
-    """Component (N,) of the boundary that lines hit: 0 the disc, 1 the walls, 2.. the patches.
+    """(N,) component of the boundary that lines hit: 0 the disc, 1 the walls, 2.. the patches.
 
     Args:
         point, toward: (N, 3) points of the lines and their unit vectors.
@@ -217,7 +221,7 @@ def _spatial_moments(
 
 
 def march(depth: Floats, source: Floats, *, point: Floats, toward: Floats) -> tuple[Floats, float]:
-    """Formal solution (C,) along a line through a cube of cells, and the line's transmission.
+    """Formal solution along a line through a cube of cells.
 
     Every crossing of a cell face is computed on its own, not from the one before.
 
@@ -225,6 +229,9 @@ def march(depth: Floats, source: Floats, *, point: Floats, toward: Floats) -> tu
         depth: (n, n, n) [z, y, x] optical depth of a cell's edge.
         source: (C, n, n, n).
         point, toward: (3,) any point of the line in cells, and its unit vector.
+
+    Returns:
+        The radiance (C,), and the line's transmission.
     """
     n = len(depth)
     cuts = []

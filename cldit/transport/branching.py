@@ -31,6 +31,9 @@ def trace_branching(
     """Weights by the paper's method; light below the cut-off is dropped, as there.
 
     Args:
+        cells, scene: the medium, and its camera and boundary.
+        device: traces; its others share the rows of the image.
+        settings: of the trace.
         report: takes lines of progress.
 
     Raises:

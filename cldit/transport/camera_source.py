@@ -50,7 +50,10 @@ class CameraSource:
 
 
 def order_0_source(medium: OpticalCells, real: type[np.floating]) -> CameraSource:
-    """The source of order 0: all scattered light comes from the wall (paper, "Ray Tracing")."""
+    """The source of order 0 in `medium`, of type `real` (paper, "Ray Tracing").
+
+    All scattered light comes from the wall.
+    """
     source = medium.thermal_source()
     source[1] += medium.albedo
     camera = source.astype(real)
@@ -66,7 +69,7 @@ def order_0_source(medium: OpticalCells, real: type[np.floating]) -> CameraSourc
 
 
 def final_sweeps(problem: SweepProblem, final: FinalSource) -> CameraSource:
-    """Sweeps both halves of the final ordinates and scatters the radiance to the camera."""
+    """Sweeps the final ordinates of `problem` from `final`, and scatters radiance to the camera."""
     settings, medium, sweeper = problem.settings, problem.medium, final.sweeper
     region, program = problem.region, problem.final_program
     rng = np.random.default_rng([settings.seed, 1])  # alike whatever the order, to compare orders

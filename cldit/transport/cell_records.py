@@ -45,7 +45,7 @@ class CellRecords:
         control_variate: NDArray[np.floating] | None,
         real: type[np.floating],
     ) -> NDArray[np.floating]:
-        """Records (F, R), in the type `real`.
+        """(F, R) records of the cells, in the type `real`.
 
         A record has the optical depth of the cell's edge; with `thick`, the albedo of thick cells,
         else 0; and for each image the source of all components and the emission at radiance 1.
@@ -54,6 +54,7 @@ class CellRecords:
         Args:
             listed, defect, control_variate: as in `FormalSolution.images`.
             thick: (T,) which scattering cells the final gather refines; None: there is no gather.
+            real: the device's precision.
         """
         cells, needs = self.cells, self.cells.needs
         thermal = cells.thermal_planes(real, self.at).T

@@ -112,6 +112,7 @@ class OpticalCells:
         """Coefficients of a tree, in double precision.
 
         Args:
+            tree: the medium.
             patches: names of the enclosure's patches.
             scattered: share of the scattering that counts; 1 - g is the transport correction.
             compiled_in: physics to compile even if unused, to measure its cost.
@@ -206,7 +207,7 @@ class OpticalCells:
         return np.where(slot >= 0, slot * _BRICK_CELLS + (z * BRICK + y) * BRICK + x, -1)
 
     def dense(self, box: Box, values: NDArray[Any]) -> NDArray[Any]:
-        """Values (P,) of stored cells as a dense box [z, y, x]; coarse leaves in it are 0."""
+        """`values` (P,) of stored cells as a dense `box` [z, y, x]; coarse leaves in it are 0."""
         z, y, x = np.nonzero(self.tree.directory >= 0)
         slot = self.tree.directory[z, y, x]
         bx, by, bz = (low // BRICK for low in box.low)
@@ -219,7 +220,7 @@ class OpticalCells:
         return padded[:nz, :ny, :nx]
 
     def place(self, box: Box, address: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Places (N,) of stored addresses in the box's flat [z, y, x] order."""
+        """Places (N,) of the stored cells `address` (N,) in the flat [z, y, x] order of `box`."""
         x, y, z = (self.positions(address) - np.asarray(box.low)).T
         return np.asarray((z * box.shape[1] + y) * box.shape[0] + x)
 

@@ -80,7 +80,10 @@ class FormalSolution:
         """Builds the programs and uploads the octree; raises as `trace`.
 
         Args:
+            cells, view, scene, accuracy_K, at_once: see `FormalSolution`.
+            device: makes the images; its others share the rows.
             defines: of the kernels.
+            thick: (T,) see `FormalSolution`.
             linear: whether sources have spatial gradients.
         """
         defines = {**defines, "IMAGES": at_once}

@@ -25,7 +25,7 @@ _UPRIGHT = 0.999  # cosine to the z axis above which a patch faces up or down
 
 
 def patch_rows(patches: Sequence[Patch], frame: Frame) -> Floats:
-    """Rows (P, 4, 4) of patches, see above, in cells from the cube's lower corner.
+    """Rows (P, 4, 4) of `patches`, see above, in cells from the lower corner of `frame`.
 
     The height of a rectangle runs along z, or along y where it faces up or down.
     """
@@ -49,7 +49,7 @@ def patch_rows(patches: Sequence[Patch], frame: Frame) -> Floats:
 
 
 def shifted(rows: Floats, by: Floats) -> Floats:
-    """Rows (P, 4, 4) of patches that are shifted by a vector (3,)."""
+    """`rows` (P, 4, 4) of patches, shifted by a vector `by` (3,)."""
     out = rows.copy()
     out[:, 0, 3] += rows[:, 0, :3] @ by
     out[:, 1, :3] += by

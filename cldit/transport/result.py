@@ -63,7 +63,7 @@ class Settings:
         return np.float64 if self.precision == "float64" else np.float32
 
     def defines(self, cells: OpticalCells, view: View) -> dict[str, Define]:
-        """Compile-time defines of all kernels of a trace."""
+        """Compile-time defines of all kernels of a trace of `cells` from `view`."""
         double: dict[str, Define] = {"USE_FLOAT64": 1} if self.precision == "float64" else {}
         return {**cells.needs.defines, **view.defines, **double}
 

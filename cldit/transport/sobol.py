@@ -43,7 +43,7 @@ def columns(bits: int = BITS) -> NDArray[np.uint32]:
 
 
 def points(first: int, count: int) -> NDArray[np.uint32]:
-    """Words (count, DIMENSIONS) of points `first` to `first` + count - 1, at most 2^32 - 1."""
+    """Words, of shape (count, DIMENSIONS), of points `first` to `first` + count - 1 < 2^32."""
     number = np.arange(first, first + count, dtype=np.uint32)[:, None]
     out = np.zeros((count, DIMENSIONS), np.uint32)
     for bit, column in enumerate(columns(max(int(first + count - 1).bit_length(), 1)).T):

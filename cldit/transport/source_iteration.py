@@ -50,6 +50,8 @@ def trace_source(
     """Weights by source iteration.
 
     Args:
+        cells, scene, view: the medium, and its camera and boundary.
+        device: traces; its others share the image and its final gather.
         settings: of a precision other than `auto`.
         report: takes lines of progress.
 
@@ -120,7 +122,7 @@ def trace_source(
 
 
 def thick_region(cells: OpticalCells, settings: Settings) -> ThickRegion | None:
-    """The region that the final gather refines; None where there is none."""
+    """The region of `cells` that the final gather refines by `settings`; None: there is none."""
     if not (settings.within_cells and cells.needs.scattering):
         return None
     size = np.dtype(settings.real).itemsize
@@ -144,6 +146,8 @@ def formal_solution(
     """The formal solution for an image of either half of the ordinates.
 
     Args:
+        cells, scene, view: the medium, and its camera and boundary.
+        device: traces; its others share the image.
         region: thick region, left to the final gather; None: there is no gather.
         settings: cut-off, accuracy, and whether sources are linear.
     """

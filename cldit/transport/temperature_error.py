@@ -49,9 +49,10 @@ def _sum(radiances: Floats, weights: NDArray[np.floating]) -> Floats:
 def counted(
     view: View, emissivity: NDArray[np.floating], pixels: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Which (N,) pixels have a T_app: they see the background, with emissivity above 0.05.
+    """(N,) which pixels have a T_app: they see the background, with emissivity above 0.05.
 
     Args:
+        view: camera and background.
         emissivity: (N,) of the medium.
         pixels: (N,) flat numbers.
     """
@@ -76,6 +77,7 @@ def temperature_error_K(
     Args:
         mean: (C, N) weights.
         difference: (C, N) error of the weights.
+        cells, scene: give the radiance of each weight, and the filter.
         outside: radiance for walls and patches, where the answer must not depend on theirs.
 
     Returns:
@@ -109,6 +111,7 @@ def pixels_to_refine(
 
     Args:
         image: (C, H, W) weights from one ray a pixel.
+        cells, scene: as in `temperature_error_K`.
         accuracy_K: largest error to leave.
 
     Returns:

@@ -52,10 +52,11 @@ class ThickRegion:
         tuning: Tuning,
         light_bytes: int = 0,
     ) -> ThickRegion | None:
-        """The region of scattering cells of an optical depth above `deeper_than`.
+        """The thick scattering cells and the cells around them.
 
         Args:
-            box: the swept box.
+            cells, box: the medium, and its swept box.
+            deeper_than: optical depth of a cell's edge above which it is thick.
             tuning: `margin` cells around thick ones; `stored_bytes` for their radiance.
             light_bytes: memory of the radiance in one cell along all final ordinates. Where all
                 thick cells need too much, none is stored, and there is no control variate.
@@ -124,7 +125,7 @@ class ThickRegion:
         path_depth: float | None,
         tuning: Tuning,
     ) -> NDArray[np.floating]:
-        """Records of the region's cells, as in kernels/cell_record.h, one a row.
+        """(R, ...) records of the region's cells, as in kernels/cell_record.h.
 
         A record has the optical depth; albedo and emission where paths go on; the source of the
         final sweeps and its gradient, of which cells where paths go on have the scattered part over

@@ -86,6 +86,9 @@ def trace(
     device has it; `Trace.precision` tells. Where nothing scatters all methods are the same.
 
     Args:
+        tree, scene: the medium, and its camera and boundary.
+        device: traces, together with its others.
+        settings: see `settings_for`.
         report: takes lines of progress.
 
     Raises:

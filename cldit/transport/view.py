@@ -47,7 +47,7 @@ class View:
 
     @classmethod
     def of(cls, scene: Scene, cells: OpticalCells) -> View:
-        """The view of a scene, in the units of its octree."""
+        """The view of `scene`, in finest cells of the octree of `cells`."""
         frame, camera = cells.tree.frame, scene.camera
         centre = frame.to_cells(np.asarray([scene.background_centre_m]))[0]
         (columns, rows), (width_m, height_m) = camera.pixels, camera.field_m
@@ -69,7 +69,15 @@ class View:
     def tiles(
         self, program: Program, kernel: str, rows: int | None = None
     ) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Global size and work-group of a kernel with one work-item a pixel, for `rows` rows."""
+        """Work-items of a kernel with one for each pixel.
+
+        Args:
+            program, kernel: the program, and the kernel's name in it.
+            rows: of the image; None: all.
+
+        Returns:
+            Global size and work-group, both along columns and rows.
+        """
         columns, all_rows = self.pixels
         edge = _TILE
         while edge > 1 and edge**2 > program.largest_group(kernel):
@@ -113,7 +121,16 @@ class View:
     def geometry(
         self, device: Device, cells: OpticalCells, real: type[np.floating]
     ) -> dict[str, Any]:
-        """Kernel arguments of the octree's size and of `lines_of_sight`, in the type `real`."""
+        """Kernel arguments of the octree's size and of `lines_of_sight`.
+
+        Args:
+            device: holds the patches.
+            cells: the medium.
+            real: type of real numbers on the device.
+
+        Returns:
+            The arguments by name.
+        """
         bounds = cells.bounds()
         return {
             "coarse": cells.tree.slots * BRICK**3,
@@ -125,7 +142,7 @@ class View:
         }
 
     def lines_of_sight(self, device: Device, real: type[np.floating]) -> dict[str, Any]:
-        """Kernel arguments of camera, disc and patches, in the type `real`."""
+        """Kernel arguments of camera, disc and patches on `device`, in the type `real`."""
         out = {
             "columns": self.pixels[0],
             "rows": self.pixels[1],
@@ -141,7 +158,7 @@ class View:
 
 
 def upload_directory(device: Device, cells: OpticalCells) -> dict[str, Any]:
-    """Kernel arguments of the octree's directory."""
+    """Kernel arguments on `device` of the directory of the octree of `cells`."""
     tree = cells.tree
     spans = np.maximum(1, tree.frame.cells >> tree.coarse_level).astype(np.int32)
     return {
@@ -151,13 +168,18 @@ def upload_directory(device: Device, cells: OpticalCells) -> dict[str, Any]:
 
 
 def upload_tree(device: Device, cells: OpticalCells, real: type[np.floating]) -> dict[str, Any]:
-    """Kernel arguments of the octree's directory and the optical depths."""
-    depth = upload(device, "optical depth", cells.depth.astype(real))
-    return {**upload_directory(device, cells), "depth": depth}
+    """Kernel arguments on `device` of the octree of `cells`, with optical depths as `real`."""
+    return {
+        **upload_directory(device, cells),
+        "depth": upload(device, "optical depth", cells.depth.astype(real)),
+    }
 
 
 def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:
     """Checks that no ray leaves the medium beyond the disc or a patch.
+
+    Args:
+        scene, cells, view: the boundary and the medium, and both in one unit.
 
     Raises:
         TransportError: names what lies inside the medium.

@@ -51,6 +51,7 @@ class CameraSweep:
         """Uploads the weights.
 
         Args:
+            device, box, real: as the sweeper has them.
             program: sweep.cl with CAMERA_SWEEP.
             medium: for the camera's optical depths.
             packets: of the swept box.

@@ -40,8 +40,7 @@ class CellPackets:
         """Packets of a box.
 
         Args:
-            filled: (l, v, u) which cells are not empty.
-            scatters: (l, v, u) which cells scatter.
+            filled, scatters: which cells are not empty, and which scatter; the shape is (l, v, u).
         """
         some = np.asarray(_split(filled).any(axis=2))
         row, place = np.nonzero(some)
@@ -56,7 +55,7 @@ class CellPackets:
 
     @classmethod
     def both(cls, cells: OpticalCells, box: Box) -> dict[bool, CellPackets]:
-        """Packets along x, of rows [z][y], and turned ones along y, of rows [x][z]."""
+        """Packets of `cells` in `box` along x, of rows [z][y]; turned along y, of rows [x][z]."""
         scatters = np.zeros(len(cells.depth), np.bool_)
         scatters[cells.address] = True
         filled = turned_too(cells.dense(box, cells.depth > 0))
@@ -81,16 +80,15 @@ class CellPackets:
         return np.asarray(_split(dense)[self.number >= 0])
 
     def places(self, row: NDArray[np.int64], u: NDArray[np.int64]) -> NDArray[np.int32]:
-        """Numbers of cells, counted through all packets.
+        """Numbers (N,) of cells, counted through all packets.
 
-        Args:
-            row, u: rows of the cells and their places in these; packets must not be empty.
+        The cells are at `u` (N,) in the rows `row` (N,); their packets must not be empty.
         """
         return np.asarray(self.number[row, u // PACKET] * PACKET + u % PACKET, np.int32)
 
 
 def turned_too(dense: NDArray[Any]) -> dict[bool, NDArray[Any]]:
-    """An array (z, y, x), and turned to (x, z, y)."""
+    """An array of shape (z, y, x), and turned to (x, z, y)."""
     return {False: dense, True: dense.transpose(2, 0, 1)}
 
 

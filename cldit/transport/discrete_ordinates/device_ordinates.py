@@ -41,6 +41,8 @@ class DeviceOrdinates:
         """Uploads a quadrature.
 
         Args:
+            device, box, real: as the sweeper has them.
+            directions: the N ordinates.
             starts: (N, 2) where rays of each ordinate cross the cells of the first layer, 0 to 1.
             together, edge: as in `sweep_schedules`.
         """

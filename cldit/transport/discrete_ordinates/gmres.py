@@ -50,8 +50,7 @@ class Solution:
 def order_0(sweeper: Sweeper, albedo: NDArray[np.float64]) -> Array:
     """The source (C, N) of order 0: all scattered light comes from the wall (paper, "Ray Tracing").
 
-    Args:
-        albedo: (N,) of the scattering cells.
+    `sweeper` has the thermal source of the scattering cells; `albedo` (N,) is theirs.
     """
     guess = sweeper.thermal.copy()
     guess[1] += albedo.astype(guess.dtype)
@@ -62,6 +61,7 @@ def next_order(sweeper: Sweeper, source: Array, rays: DeviceOrdinates) -> Array:
     """One more order of scattering (Lambda iteration).
 
     Args:
+        sweeper: of the medium.
         source: (C, N) of the scattering cells.
         rays: the ordinates.
 
@@ -102,6 +102,7 @@ def gmres(
     its own Krylov space.
 
     Args:
+        sweeper: of the medium.
         guess: (C, N) to start from.
         rays: the ordinates.
         tolerance: RMS error allowed in the source of any component.

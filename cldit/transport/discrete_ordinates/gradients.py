@@ -69,7 +69,9 @@ def diffusion_matters(cells: OpticalCells, *, scattered: float, tuning: Tuning) 
     left out: the solver would not converge where linear sources do not join.
 
     Args:
+        cells: the medium.
         scattered: share of the scattering that counts.
+        tuning: its `diffusion_` numbers are the limits of such cells.
     """
     counts = cells.coalbedo + scattered * cells.albedo
     depth, coalbedo = counts * cells.depth[cells.address], cells.coalbedo / counts
@@ -94,6 +96,7 @@ def spatial_gradients(
 
     Args:
         light: (C, N) mean radiance of the cells.
+        cells, box: the medium, and its swept box.
         known: cells (M,) and their gradients (3, C, M), which take precedence.
 
     Returns:
@@ -116,10 +119,9 @@ def spatial_gradients(
 
 
 def limit(gradient: NDArray[np.floating], light: NDArray[np.floating]) -> None:
-    """Limits gradients (3, C, N) in place, so that the sum of components is nowhere negative.
+    """Limits `gradient` (3, C, N) in place, so that the sum of components is nowhere negative.
 
-    Args:
-        light: (C, N) mean of each cell.
+    `light` (C, N) is the mean of each cell.
     """
     total, most = light.sum(axis=0), np.abs(gradient.sum(axis=1)).sum(axis=0)
     gradient *= np.divide(2 * total, most, out=np.ones_like(total), where=most > 2 * total)

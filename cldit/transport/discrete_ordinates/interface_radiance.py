@@ -51,7 +51,13 @@ class InterfaceRadiance:
         directions: int,
         real: type[np.floating],
     ) -> InterfaceRadiance:
-        """Allocates the buffer for `directions` ordinates, and the tables of interfaces."""
+        """Allocates the buffer, and makes the tables of interfaces.
+
+        Args:
+            device, box, real: as the sweeper has them.
+            thick: the region that the interfaces bound.
+            components, directions: numbers of components and of ordinates.
+        """
         owner, side = np.nonzero(thick.faces >= 0)
         number = thick.faces[owner, side]
         at = thick.at[owner]  # then of the cell that light leaves

@@ -73,6 +73,7 @@ def iterate_source(
     """Solves for the source of every scattering cell to the tolerance of the settings.
 
     Args:
+        problem: medium, programs and settings.
         rng: rotates the quadratures and shifts the rays.
         report: takes lines of progress.
 

@@ -38,7 +38,7 @@ class FinalSource:
 
     sweeper: of these sweeps; it holds the source.
     medium, source: the cells that they sweep, and these cells' source.
-    solution, defect: of the solver's medium, as in `SolvedSource`.
+    solution, defect: of the solver's medium, as in `SolvedSource`; the defect is (N,).
     programs: built so far.
     sweeps: ordinates swept before by another sweeper.
     """
@@ -58,6 +58,8 @@ def moment_source(
     """The source with all moments of the final sweeps, from the solver's isotropic one.
 
     Args:
+        problem: medium, programs and settings.
+        solved: the result of stage 1.
         rng: rotates the quadratures and shifts the rays.
     """
     light = solved.light
@@ -104,6 +106,7 @@ def limited_gradient(
     """Gradient of the source in the sweeper's linear cells, limited so that sources stay positive.
 
     Args:
+        sweeper: has the albedo and the linear cells.
         light: (3, C, K) gradient of the radiance there.
         source: (C or more, N) source of all scattering cells, the mean first.
 

@@ -65,6 +65,9 @@ class SweepProblem:
     ) -> SweepProblem:
         """Chooses the physics of the sweeps, and builds the program of the final ones.
 
+        Args:
+            medium, region, scene, view, device, settings: see `SweepProblem`.
+
         Raises:
             DeviceError, KernelError: the device cannot do it.
         """
@@ -131,7 +134,7 @@ class SweepProblem:
     def sweeper(
         self, cells: OpticalCells, sweep: Program, linear_cells: NDArray[np.bool_] | None = None
     ) -> Sweeper:
-        """A sweeper of this trace's box; see `Sweeper`."""
+        """A sweeper of `cells` by the program `sweep`; `linear_cells` (N,) as in `Sweeper`."""
         return Sweeper(
             self.device,
             cells,
@@ -174,13 +177,16 @@ class SweepProblem:
         return 2 if self.settings.phase is None and enough else 1
 
     def solver_ordinates(self, sweeper: Sweeper, rng: np.random.Generator) -> DeviceOrdinates:
-        """The few ordinates along which GMRES solves."""
+        """The few `ordinates` along which GMRES solves; `sweeper` and `rng` as there."""
         all_of, tuning = self.settings.directions, self.settings.tuning
         count = min(max(tuning.solver_fewest, round(tuning.solver_share * all_of)), all_of)
         return self.ordinates(sweeper, count, rng)
 
     def ordinates(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> DeviceOrdinates:
-        """Ordinates over the sphere, with balanced weights and random places of rays."""
+        """`count` ordinates over the sphere for `sweeper`, with balanced weights.
+
+        `rng` rotates the quadrature and shifts the rays.
+        """
         return sweeper.rays(
             self._over_sphere(sweeper, count, rng).balanced(), rng.random((count, 2))
         )
@@ -188,7 +194,7 @@ class SweepProblem:
     def camera_ordinates(
         self, sweeper: Sweeper, rng: np.random.Generator
     ) -> tuple[DeviceOrdinates, DeviceOrdinates]:
-        """Both halves of the final ordinates."""
+        """Both halves of the final ordinates; `sweeper` and `rng` as in `ordinates`."""
         phase, count = self.settings.phase, 2 * self.half
         if phase is not None:
             one, other = (half.by_axis() for half in about_camera(count, rng, phase).halves())

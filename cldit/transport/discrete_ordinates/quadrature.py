@@ -100,7 +100,7 @@ def _frame_about(axis: Floats) -> Floats:
 
 
 def isotropic(count: int, rng: np.random.Generator) -> Ordinates:
-    """A randomly rotated Fibonacci sphere of `count` equal weights."""
+    """A Fibonacci sphere of `count` equal weights, randomly rotated by `rng`."""
     return Ordinates(
         unit=_band(count, -1.0, 1.0, 0.0) @ _rotation(rng).T, weight=np.full(count, 1 / count)
     )

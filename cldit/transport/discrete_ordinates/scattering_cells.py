@@ -39,7 +39,11 @@ class ScatteringCells:
     def of(
         cls, device: Device, kernels: Program, *, components: int, count: int, real: Real
     ) -> ScatteringCells:
-        """A list with a source of 0."""
+        """A list with a source of 0.
+
+        Args:
+            device, kernels, components, count, real: see `ScatteringCells`; `count` is N.
+        """
         source = zeros(device, "list", components * count, real)
         return cls(device, kernels, components, count, real, source)
 
@@ -62,9 +66,10 @@ class ScatteringCells:
         cl.enqueue_copy(self.device.queue, self.source, np.ascontiguousarray(planes, self.real))
 
     def put(self, planes: NDArray[Any], into: Any, place: Any) -> None:
-        """Puts planes (M C, N) into a box, C at a time; the first C stay in `source`.
+        """Puts planes into a box, C at a time; the first C stay in `source`.
 
         Args:
+            planes: (M C, N) values of the cells.
             into: the box's buffer.
             place: buffer of the cells' places in it.
         """

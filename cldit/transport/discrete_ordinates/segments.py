@@ -25,10 +25,10 @@ def visible_gradient(slope: Floats) -> Floats:
     least a half.
 
     Args:
-        slope: cells that rays move along an axis of the layer in one layer, -1 to 1.
+        slope: cells that rays move along an axis of the layer in one layer, -1 to 1; any shape.
 
     Returns:
-        The part, 0.5 to 1.
+        The part, 0.5 to 1, in the same shape.
     """
     rest = 1.0 - np.minimum(np.abs(slope), 1.0)
     return np.maximum(1.0 - rest**2, _LEAST_VISIBLE)

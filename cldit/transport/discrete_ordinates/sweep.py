@@ -228,10 +228,9 @@ class Sweeper:
         return self._cells.read(self._out)
 
     def rays(self, directions: Ordinates, starts: NDArray[np.float64]) -> DeviceOrdinates:
-        """The ordinates on the device, for any number of sweeps.
+        """The ordinates `directions` on the device, for any number of sweeps.
 
-        Args:
-            starts: (N, 2) where rays of each ordinate cross the cells of the first layer, 0 to 1.
+        Rays of each cross the cells of the first layer at `starts` (N, 2), 0 to 1.
         """
         return DeviceOrdinates.of(
             self.device,
@@ -247,6 +246,7 @@ class Sweeper:
         """Sweeps all ordinates; D of the present source is then on the device.
 
         Args:
+            rays: the ordinates.
             shining: whether the boundary emits; else it is black.
             cavity: whether all cells that do not scatter emit 1.
         """
@@ -269,6 +269,7 @@ class Sweeper:
 
         Args:
             program: sweep.cl, for 9 moments with ANGULAR_MOMENTS.
+            rays: the ordinates.
             out: (9 or 1, C, N) takes the moments.
             room: buffers of `room(MOMENTS)`, with ANGULAR_MOMENTS.
             interfaces: takes the stored radiance, with INTERFACE_RADIANCE.
@@ -400,10 +401,8 @@ class Sweeper:
     def defect(self, listed: NDArray[Any], rays: DeviceOrdinates) -> NDArray[np.float64]:
         """Mean radiance (N,) of the scattering cells, less 1, in a cavity of radiance 1.
 
-        The cells emit 1 less the boundary's part of their source; all other cells emit 1.
-
-        Args:
-            listed: (C, N) source.
+        The cells emit 1 less the boundary's part of their source `listed` (C, N); all other cells
+        emit 1. The sweep is along `rays`.
         """
         b, real = self._boundaries, self._real
         parts = np.zeros((self.components, self.count), real)
@@ -423,7 +422,10 @@ class Sweeper:
         phase: NDArray[np.float64],
         place: NDArray[np.float64],
     ) -> CameraSweep:
-        """The camera's weights in this box; the arguments are those of `CameraSweep.of`."""
+        """The camera's weights in this box, see `CameraSweep.of`.
+
+        `program`, `phase` (P,) and `place` (3,) are as there; `seen` is its medium.
+        """
         return CameraSweep.of(
             self.device, self.box, self._real, program, seen, self.packets, phase=phase, place=place
         )
@@ -437,6 +439,7 @@ class Sweeper:
         """Sweeps all ordinates for the mean radiance with the camera's weights.
 
         Args:
+            camera, rays: the camera's weights, and the ordinates.
             interfaces: takes the stored radiance, with INTERFACE_RADIANCE.
 
         Returns:
@@ -465,7 +468,7 @@ class Sweeper:
         return mean, self._real(_PER_MOMENT) * share * gradient
 
     def residual(self, *, shining: bool, listed: Any = None) -> NDArray[Any]:
-        """Preconditioned residual (C, N) after a sweep of the present source.
+        """(C, N) preconditioned residual after a sweep of the present source.
 
         Args:
             shining: whether the emission counts.

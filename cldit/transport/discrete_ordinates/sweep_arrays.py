@@ -50,7 +50,13 @@ class SweepArrays:
         turned: bool,
         linear_cells: NDArray[np.intp],
     ) -> SweepArrays:
-        """Uploads a box; `linear_cells` (K,): which scattering cells have a linear source."""
+        """Uploads a box.
+
+        Args:
+            device, cells, box, real: as the sweeper has them.
+            packets, turned: the box's cell packets, and whether they lie along y.
+            linear_cells: (K,) which scattering cells have a linear source.
+        """
 
         def packed(values: NDArray[np.float64]) -> NDArray[Any]:
             return packets.packed(turned_too(cells.dense(box, values.astype(real)))[turned])

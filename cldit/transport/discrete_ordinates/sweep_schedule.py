@@ -70,7 +70,13 @@ class SweepSchedule:
         *,
         edge: int,
     ) -> SweepSchedule:
-        """Schedule of ordinates `number` of a quadrature; for the rest see `sweep_schedules`."""
+        """Schedule of some ordinates of a quadrature.
+
+        Args:
+            layout: their order of axes.
+            number: (K,) of each in the quadrature.
+            directions, starts, edge: as in `sweep_schedules`.
+        """
         # Light travels away from where it comes from.
         runs = -directions.unit[number][:, layout.axes]
         quadrant = 2 * (runs[:, 2] < 0) + (runs[:, 1] < 0)
@@ -111,12 +117,17 @@ class SweepSchedule:
 def sweep_schedules(
     box: Box, directions: Ordinates, starts: Floats, *, together: int, edge: int
 ) -> Iterator[SweepSchedule]:
-    """Schedules of all ordinates of a quadrature.
+    """Divides the ordinates of a quadrature into schedules.
 
     Args:
+        box: the swept box.
+        directions: the N ordinates.
         starts: (N, 2) where rays of each ordinate cross the cells of the first layer, 0 to 1.
         together: ordinates of a schedule, at most.
         edge: of tiles, see `kba_tiles`.
+
+    Returns:
+        Schedules, one order of axes after the other.
     """
     main = np.argmax(np.abs(directions.unit), axis=1)
     for axis, layout in axis_orders(box.shape).items():

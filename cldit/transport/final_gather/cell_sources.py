@@ -50,6 +50,8 @@ def records(
     they would be one order more, so those before are taken.
 
     Args:
+        problem, region: of the trace.
+        final: input of the final sweeps.
         light: (C, N) mean radiance of the cells from the final sweeps.
         gradient: (3, C, K) of the same in the linear cells; None: it was not accumulated.
 

@@ -61,6 +61,7 @@ class GatherPaths:
         Args:
             chosen: (N,) which of the rays.
             some: numbers of the low-discrepancy points.
+            key: (2,) of the random generator, Philox.
             half: which random shift of the points.
             out: buffer of the means.
         """
@@ -360,10 +361,9 @@ class Gather:
         return self._programs
 
     def paths(self, pixels: NDArray[np.int64], across: int) -> list[GatherPaths]:
-        """For each device, paths from the thick cells on across^2 rays through each pixel.
+        """Paths from the thick cells on `across`^2 rays through each pixel, for each device.
 
-        Args:
-            pixels: (N,) flat numbers.
+        `pixels` (N,) are flat numbers.
         """
         row, column = np.divmod(pixels, self._image.view.pixels[0])
         place = (np.arange(across) + 0.5) / across
@@ -419,7 +419,7 @@ class Gather:
         some: range,
         half: int,
     ) -> Floats:
-        """Means (C + 1, N) of paths for across^2 rays of each chosen pixel.
+        """(C + 1, N) means of paths for across^2 rays of each chosen pixel.
 
         Args:
             paths: of `paths(pixels, across)`.

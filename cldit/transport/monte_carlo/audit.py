@@ -49,6 +49,7 @@ def audited(
     (isotropic, no thick cell) is returned as it is.
 
     Args:
+        cells, scene, device: of the trace.
         view: of the scene.
         settings: of the trace.
         result: the trace, by method `source`.
@@ -93,6 +94,7 @@ def mean_square_error(
     nothing have no error.
 
     Args:
+        cells, scene, device, settings: of the trace.
         view: of the scene.
         weights: of the image to audit.
 
@@ -144,6 +146,7 @@ def scatterings(cells: OpticalCells, deepest: float, order: int | None) -> float
     Math. 40, 1981).
 
     Args:
+        cells: the medium.
         deepest: largest optical depth of a cell's edge.
         order: most scatterings, None for all.
     """

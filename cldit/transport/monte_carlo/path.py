@@ -131,6 +131,9 @@ def trace_path(
     """Weights by path tracing; raises as `trace`.
 
     Args:
+        cells, scene: the medium, and its camera and boundary.
+        device: traces; its others share the pixels.
+        settings: of the trace.
         report: takes lines of progress.
         draw: chooses the pixels to trace from what the line of sight of each scatters (P,). The
             images are then these pixels in one row, and the noise is theirs.

@@ -31,6 +31,7 @@ class PixelSample:
         Args:
             importance: (P,); pixels of 0 are never drawn.
             most: about so many are drawn, or all of importance above 0 if they are no more.
+            seed: of the random start.
         """
         listed = np.flatnonzero(importance > 0)
         weight = importance[listed].astype(np.float64)
