@@ -14,6 +14,7 @@ from cldit.experiment import run_experiment
 from cldit.gpu.device import open_device
 from cldit.report.figures import human_figures
 from cldit.run import Run, simulate
+from cldit.run.errors import Errors
 from cldit.scene import Scene, load_scene, parse_scene
 
 
@@ -112,12 +113,23 @@ def _changed(
     return parse_scene(data, source="command line")
 
 
+def _print_errors(errors: Errors) -> None:
+    """Prints the error of T_app, and what each cause adds."""
+    OUT.print(f"error of T_app, RMS over the pixels that have one: {errors.text}")
+    table = Table("cause", "K", "how it is known", box=None)
+    for cause in errors.causes:
+        table.add_row(cause.name, cause.text.removesuffix(" K"), cause.how)
+    OUT.print(table)
+
+
 def _summary(result: Run) -> None:
     table = Table("stage", "s", "", box=None)
     for stage in result.info.stages:
         table.add_row(stage.name, f"{stage.seconds:.2f}", stage.note)
     OUT.print(table)
-    if result.info.accuracy_K is not None:
+    if result.errors is not None:
+        _print_errors(result.errors)
+    elif result.info.accuracy_K is not None:
         OUT.print(f"estimated error of the trace in T_app: {result.info.accuracy_K:.2g} K RMS")
     for name, text in human_figures(result.info.spray).items():
         OUT.print(f"  {name}: {text}", style="dim")

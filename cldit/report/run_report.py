@@ -149,6 +149,10 @@ def _trace(run: Run) -> dict[str, str]:
             f"{balance.largest:+.2g} at most, {balance.mean:+.2g} in the mean; the "
             f"{balance.value} is allowed {balance.bound:.2g}"
         )
+    if run.errors is not None:
+        figures["error of T_app, RMS over the pixels that have one"] = run.errors.text
+        for cause in run.errors.causes:
+            figures[f"error of T_app by {cause.name}"] = f"{cause.text}: {cause.how}"
     if run.info.accuracy_K is not None:
         figures["estimated error of the trace in T_app"] = f"{run.info.accuracy_K:.2g} K RMS"
     for file, defines in run.info.defines.items():

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from cldit.dit.accuracy import temperature_error_K
 from cldit.dit.maps import Maps
 from cldit.optics.response import scene_filter
 from cldit.radiance.boundary import Surroundings
+from cldit.run.errors import Cause
 from cldit.run.spectral import NodeTraces
 from cldit.scene import Scene
 from cldit.scene.transport import Transport
@@ -49,6 +52,16 @@ class StatedError:
         )
         alone = scene.transport.method == "source" and not result.audit_K
         return cls(_SHARED * halves if alone else halves, result.audit_K)
+
+    @property
+    def cause(self) -> Cause:
+        """The trace's part of the picture's errors."""
+        if not np.isfinite(self.error_K):
+            return Cause("trace", None, "no pixel has a T_app")
+        how = "half the difference of two images, each by half of the ordinates or samples"
+        if self.audit_K > self.halves_K:
+            how = "some pixels traced by `path` as well, one standard error added"
+        return Cause("trace", self.error_K, how)
 
     @property
     def error_K(self) -> float:

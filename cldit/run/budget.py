@@ -45,13 +45,15 @@ class ParcelVariants:
 class Probed:
     """What the causes of the medium are measured on.
 
-    frame, sources: of the traced medium, at the wavelength of `node`. parcels: None where the
+    frame, sources: of the traced medium, at the wavelength of `node`, its `number`. parcels: None
+    where the
     droplets are no sample. gas: why the error of the gas's own grid is not known; empty: there is
     no gas, or it has no error of its own.
     """
 
     frame: Frame
     sources: Sources
+    number: int
     node: SpectralNode
     parcels: ParcelVariants | None
     gas: str
@@ -66,6 +68,10 @@ class Budget:
     device: Device
     settings: Settings
     probed: Probed
+
+    def traced(self) -> Weights:
+        """The medium itself, by the budget's settings."""
+        return self._traced(self.probed.sources, self.probed.frame)
 
     def causes(self, weights: Weights, say: Callable[[str], None] | None) -> list[Cause | None]:
         """The errors of cells, parcels, width and gas.

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, PointSource, build_octrees
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
+from cldit.run.budget import Probed
 from cldit.run.phases import droplets_content, mean_phase, phase_choice
 from cldit.run.spray_factory import make_spray
 from cldit.run.stages import Stages
@@ -76,13 +79,15 @@ def properties_of(scene: Scene, spray: Spray, *, cache: Path | None) -> Properti
 class Medium:
     """A tree for each spectral node, and one with the paper's properties where that is wanted.
 
-    properties: without `sources` and `paper`, which are in the trees.
+    properties: without `sources` and `paper`, which are in the trees. probed: what the errors of
+    cells and parcels are measured on; None where the scene wants no audit.
     """
 
     trees: list[Octree]
     paper: Octree | None
     properties: Properties
     notes: dict[str, float]
+    probed: Probed | None = None
 
 
 def make_medium(scene: Scene, stages: Stages, cache: Path, spray: Spray | None = None) -> Medium:
@@ -105,13 +110,36 @@ def make_medium(scene: Scene, stages: Stages, cache: Path, spray: Spray | None =
         count = len(found.sources)
         note.append(f"{count} wavelength{'s' if count > 1 else ''}")
         stages.remark(found.remarks)
-    del spray  # with what the trees are made of, as large as the trace that follows
     domain = scene.domain
     frame = Frame.around(
         centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=domain.leaf_edge_m
     )
+    probed = _probed(scene, frame, spray, found) if scene.transport.audit else None
+    del spray  # with what the trees are made of, as large as the trace that follows
     with stages.stage("octree") as note:
         trees = build_octrees(frame, sources, optical_depth_split=domain.optical_depth_split)
         note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
     paper = trees.pop() if found.paper is not None else None
-    return Medium(trees, paper, replace(found, sources=(), paper=None), notes)
+    return Medium(trees, paper, replace(found, sources=(), paper=None), notes, probed)
+
+
+def _probed(scene: Scene, frame: Frame, spray: Spray, found: Properties) -> Probed:
+    """What is measured on: the wavelength with most of the light."""
+    chosen = found.chosen
+    at_K = chosen.quadrature.reference_K
+    number = int(np.argmax([float(node.share(at_K)) for node in chosen.nodes]))
+    gas = ""
+    if spray.vapour is not None:
+        gas = (
+            f"the gas of {scene.spray.model} is known on one grid alone; compare with a run on a "
+            "finer one"
+        )
+    return Probed(
+        frame=frame,
+        sources=found.sources[number],
+        number=number,
+        node=chosen.nodes[number],
+        parcels=None,
+        gas=gas,
+        optical_depth_split=scene.domain.optical_depth_split,
+    )

@@ -10,6 +10,7 @@ from typing import Any
 from cldit.dit.maps import Maps
 from cldit.optics.spectral import Quadrature
 from cldit.radiance.weights import Weights
+from cldit.run.errors import Errors
 from cldit.run.spectral import (
     SpectralInfo,
 )
@@ -44,11 +45,16 @@ class RunInfo:
     closure: EnergyBalance | None = None  # how far the sum of weights is from 1
     remarks: tuple[str, ...] = ()  # what was inferred, or is not as asked
     phase: str = ""  # how droplets were taken to scatter
+    errors: Errors | None = None  # of T_app, by cause; None where nothing was asked for
 
     def to_json(self) -> str:
         """JSON that `from_json` reads."""
         data = {**self.__dict__, "stages": [stage.__dict__ for stage in self.stages]}
-        for name, part in (("spectral", self.spectral), ("closure", self.closure)):
+        for name, part in (
+            ("spectral", self.spectral),
+            ("closure", self.closure),
+            ("errors", self.errors),
+        ):
             data[name] = None if part is None else part.to_dict()
         return json.dumps(data, indent=2)
 
@@ -58,6 +64,7 @@ class RunInfo:
         data = json.loads(text)
         stages = tuple(Stage(**stage) for stage in data["stages"])
         spectral, closure = data.get("spectral"), data.get("closure")
+        errors = data.get("errors")
         return cls(
             **{
                 **data,
@@ -65,6 +72,7 @@ class RunInfo:
                 "remarks": tuple(data["remarks"]),
                 "spectral": None if spectral is None else SpectralInfo.from_dict(spectral),
                 "closure": None if closure is None else EnergyBalance.from_dict(closure),
+                "errors": None if errors is None else Errors.from_dict(errors),
             }
         )
 
@@ -93,6 +101,11 @@ class Run:
     spectral: tuple[Weights, ...]
     measured: Maps | None = None
     folder: Path | None = None
+
+    @property
+    def errors(self) -> Errors | None:
+        """What each cause adds to the error of T_app; None where the scene asked for no audit."""
+        return self.info.errors
 
     @property
     def pixel_m(self) -> tuple[float, float]:

@@ -8,6 +8,7 @@ run.maps.apparent_temperature_K
 from __future__ import annotations
 
 import platform
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -26,9 +27,11 @@ from cldit.radiance.boundary import Boundary, Surroundings, picture
 from cldit.radiance.effective import effective_weights
 from cldit.radiance.weights import Weights
 from cldit.run.accuracy import StatedError
+from cldit.run.budget import Budget
 from cldit.run.content import trace_content
+from cldit.run.errors import Cause, Errors
 from cldit.run.folder import save_run, stored_run
-from cldit.run.medium import make_medium
+from cldit.run.medium import Medium, make_medium
 from cldit.run.result import Run, RunInfo, Stage
 from cldit.run.spectral import (
     Difference,
@@ -40,7 +43,7 @@ from cldit.run.spectral import (
 from cldit.run.stages import Say, Stages
 from cldit.scene import Scene
 from cldit.spray.result import Spray
-from cldit.transport.trace import settings_for, trace
+from cldit.transport.trace import Settings, settings_for, trace
 
 _VERSIONS = ("cldit", "numpy", "scipy", "pyopencl")
 
@@ -95,6 +98,8 @@ def simulate(
     stages.remark((*result.unaudited, *result.short))
     if stated is not None:
         stages.remark(stated.remarks(scene.transport))
+    with stages.stage("errors"):
+        errors = _errors(scene, device, medium, result, settings, stated, progress)
     from_paper = None
     if medium.paper is not None:
         with stages.stage("the paper's properties"):
@@ -117,6 +122,7 @@ def simulate(
             medium.properties.phase,
             sensor.integration_time_s,
             SpectralInfo.of(chosen.quadrature, chosen.errors_K, from_paper),
+            errors,
         ),
         quadrature=chosen.quadrature,
         spectral=result.spectral,
@@ -211,6 +217,34 @@ def _evaluate(
     )
 
 
+def _errors(
+    scene: Scene,
+    device: Device,
+    medium: Medium,
+    result: NodeTraces,
+    settings: Sequence[Settings],
+    stated: StatedError | None,
+    say: Say | None,
+) -> Errors | None:
+    """What each cause adds to the error of T_app; None where the scene wants no audit."""
+    probed = medium.probed
+    if probed is None:
+        return None
+    spectral = medium.properties.chosen
+    causes: list[Cause | None] = []
+    if stated is not None:
+        causes.append(stated.cause)
+    if len(spectral.nodes) > 1 or spectral.errors_K:
+        error = spectral.errors_K[len(spectral.nodes) - 1] if spectral.errors_K else 0.0
+        causes.append(Cause("wavelengths", error, f"{len(spectral.nodes)} nodes against many"))
+    one = replace(settings[probed.number], method="source", audit=False)
+    budget = Budget(scene, device, one, probed)
+    base = result.traces[probed.number].weights
+    if scene.transport.method != "source":
+        base = budget.traced()
+    return Errors.of([*causes, *budget.causes(base, say)])
+
+
 def _traced(result: NodeTraces, order: int | None) -> list[Stage]:
     """What the traces did, step by step, and how long it took."""
     counts = result.counts
@@ -246,6 +280,7 @@ def _info(
     phase: str,
     integration_time_s: float,
     spectral: SpectralInfo,
+    errors: Errors | None,
 ) -> RunInfo:
     last = result.traces[-1]  # all are compiled alike
     versions = {name: version(name) for name in _VERSIONS}
@@ -266,4 +301,5 @@ def _info(
         integration_time_s=integration_time_s,
         spectral=spectral,
         versions=versions,
+        errors=errors,
     )
