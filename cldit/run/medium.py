@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from cldit.medium.cloud import Kernel
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, PointSource, build_octrees
 from cldit.optics.emitters import emitters
@@ -67,6 +68,21 @@ def properties_of(scene: Scene, spray: Spray, *, cache: Path | None) -> Properti
     return Properties(chosen, sources, tuple(phases), paper, paper_phase, words, choice.remarks)
 
 
+def deposited(scene: Scene, spray: Spray) -> Spray:
+    """The spray with its parcels spread as the scene wants it: as clouds, or in points.
+
+    Parcels that come with an extent, boxes or clouds, stay as they are.
+    """
+    if spray.parcels is None or spray.parcels.extent is not None:
+        return spray
+    wanted = getattr(scene.spray, "deposit", None)
+    if wanted is None:  # droplets that the user has spread already stay where they are
+        wanted = "points" if getattr(scene.spray, "spread_m", None) else "kernel"
+    if wanted == "points":
+        return spray
+    return replace(spray, parcels=Kernel().spread(spray.parcels))
+
+
 @dataclass(frozen=True)
 class Medium:
     """A tree for each spectral node, and one with the paper's properties where that is wanted.
@@ -84,7 +100,7 @@ def make_medium(scene: Scene, stages: Stages, cache: Path, spray: Spray | None =
     """The scene's medium; `spray` is that of the scene where it is there already."""
     with stages.stage("spray") as note:
         note.append(scene.spray.model if spray is None else "given")
-        spray = spray or make_spray(scene.spray, cache=cache)
+        spray = deposited(scene, spray or make_spray(scene.spray, cache=cache))
         stages.remark(spray.remarks)
         notes = dict(spray.notes)
     with stages.stage("optics") as note:
