@@ -46,6 +46,7 @@ class Shots:
         self._rig, self._plan, self._folder, self.name = rig, plan, Path(folder), name
 
     def stage(self) -> list[Any]:
+        """Starts the acquisition's thread."""
         self._stop, self._worker, self._shots = Event(), ThreadPoolExecutor(1), self._run()
         return [self]
 
@@ -54,6 +55,7 @@ class Shots:
             yield from rig.acquire(self._plan, self._folder, should_stop=self._stop.is_set)
 
     def trigger(self) -> _Status:
+        """Lets the runner go on to its next saved shot."""
         self._taken = self._worker.submit(next, self._shots, None)
         return _Status(self._taken)
 
@@ -62,6 +64,7 @@ class Shots:
         return self._taken.result()
 
     def read(self) -> dict[str, Any]:
+        """The last shot, as bluesky reads it."""
         if (saved := self.saved()) is None:
             raise RuntimeError(f"{self._folder}: there are no more shots to read")
         values = {**saved.meta, "file": str(shot_path(self._folder, saved.shot.id))}
@@ -69,6 +72,7 @@ class Shots:
         return {f"{self.name}_{k}": {"value": values[k], "timestamp": when} for k in _UNITS}
 
     def describe(self) -> dict[str, Any]:
+        """Types and units of what `read` gives."""
         common = {"source": f"cldit:{self._folder}", "shape": []}
         kinds = {k: {"dtype": "number" if u else "string", "units": u} for k, u in _UNITS.items()}
         return {f"{self.name}_{key}": common | kind for key, kind in kinds.items()}
@@ -82,7 +86,10 @@ class Shots:
 
 
 def all_shots(shots: Shots, md: dict[str, Any] | None = None) -> Iterator[Any]:
-    """A bluesky plan: one run, an event for each shot; after a pause nothing is done again."""
+    """A bluesky plan: one run, an event for each of `shots`; after a pause nothing is done again.
+
+    `md` goes into the run's start document.
+    """
 
     def steps() -> Iterator[Any]:
         while True:

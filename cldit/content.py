@@ -20,7 +20,7 @@ def digest(*parts: Any) -> str:
 
 @cache
 def code_digest(*packages: str) -> str:
-    """Of cldit's version and all sources of these packages of it, with what lies below them.
+    """Digest of cldit's version and all sources of these packages, with what lies below them.
 
     A result that was kept is no longer found once the code that makes it has changed.
     """

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from cldit.acquisition.disk import write_text
 from cldit.acquisition.measured import Measured, is_measured, open_measured
 from cldit.acquisition.plan import plan_from_scene
 from cldit.acquisition.progress import Progress
@@ -22,6 +21,7 @@ from cldit.camera.view import SensorView
 from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
 from cldit.dit.scattering import Medium, enclosure, medium_temperature, scattered_by
 from cldit.errors import EvaluationError, RunFolderError
+from cldit.files import write_text
 from cldit.gpu.device import Device
 from cldit.images import write_image
 from cldit.report.run_report import write_run_report
@@ -46,12 +46,16 @@ def run_experiment(
     Whatever ended it before, the same call goes on where it stopped.
 
     Args:
+        scene: what is simulated.
         out: the run's folder; the acquisition goes into its folder `acquisition`.
-        progress: called with a line of text as things happen; watch: with the rig's progress.
+        device: to trace on; None chooses.
+        progress: called with a line of text as things happen.
+        watch: called with the rig's progress.
 
     Raises:
         RunFolderError: the acquisition was interrupted; the same call resumes it.
         ClditError: a subclass that says what is wrong and what to do.
+        EvaluationError: the scene has one background temperature only.
     """
     folder = Path(out)
     if len(set(scene.background.temperatures_K)) < 2:
@@ -143,8 +147,9 @@ def evaluate_scattering(folder: str | Path, model: Run, evaluation: Evaluation) 
 
     Args:
         folder: as given to `evaluate_folder`, which must have gone before.
-        model: a run whose spray and camera stand for the measurement's, and whose patches are
-            those of its enclosure, temperatures included.
+        model: a run whose spray and camera stand for the measurement's, and whose patches are those
+            of its enclosure, temperatures included.
+        evaluation: what `evaluate_folder` gave.
 
     Raises:
         EvaluationError: the model's sensor has another number of pixels.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import IO, Any
 
@@ -12,17 +11,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from cldit.errors import RunFolderError
-
-
-def fsync_folder(folder: Path) -> None:
-    """Makes a rename in `folder` survive a power cut (where the system can: not on Windows)."""
-    if os.name == "nt":
-        return
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+from cldit.files import whole
 
 
 def put_image(
@@ -39,6 +28,8 @@ def put_image(
     Row 0 is at the top.
 
     Args:
+        stream: open for writing.
+        image: (H, W) or (N, H, W).
         name: what the picture shows, as the viewer's label.
         unit: unit of the pixel values ("K", "1", "counts").
         pixel_m: width and height of a pixel on the object, for the viewer's scale bar.
@@ -72,17 +63,16 @@ def write_image(
     pixel_m: tuple[float, float] | None = None,
     meta: dict[str, Any] | None = None,
 ) -> None:
-    """Writes one picture; arguments as those of `put_image`.
+    """Writes one picture, (H, W) or (N, H, W), as ImageJ TIFF.
 
     The file appears whole or not at all: it is written beside its place, synced, and renamed.
+
+    Args:
+        path: the file.
+        image, name, unit, pixel_m, meta: as in `put_image`.
     """
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as stream:
+    with whole(path) as part, part.open("wb") as stream:
         put_image(stream, image, name=name, unit=unit, pixel_m=pixel_m, meta=meta)
-        stream.flush()
-        os.fsync(stream.fileno())
-    part.replace(path)
-    fsync_folder(path.parent)
 
 
 def read_image(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:

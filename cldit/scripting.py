@@ -41,6 +41,14 @@ class ScriptRig(Rig):
         Everything that `cldit.acquisition.acquire` promises holds: Ctrl-C, resuming, the journal.
         Leaving the loop early ends the acquisition after the present shot.
 
+        Args:
+            plan: a plan, or the path of one.
+            folder: of the shots.
+            progress, should_stop: as in `cldit.acquisition.acquire`.
+
+        Returns:
+            The record, as the generator's return value.
+
         Raises:
             SceneError: the plan is not allowed.
             ClditError: as `cldit.acquisition.acquire`.
@@ -48,7 +56,7 @@ class ScriptRig(Rig):
         return iterate(self, _plan(plan), Path(folder), progress=progress, should_stop=should_stop)
 
     def dry_run(self, plan: AnyPlan, folder: str | Path) -> DryRun:
-        """As `cldit.acquisition.dry_run`."""
+        """Checks as `cldit.acquisition.dry_run` does, of `plan` into `folder`."""
         return dry_run(self, _plan(plan), Path(folder))
 
 
@@ -59,7 +67,7 @@ def _plan(plan: AnyPlan) -> Plan:
 
 
 def open_rig(file: str | Path | dict[str, Any], *, clock: Clock | None = None) -> ScriptRig:
-    """The rig that a file describes; see `cldit.rig.load.open_rig`.
+    """The rig that `file` describes, on its own `clock` or another; see `cldit.rig.load.open_rig`.
 
     Raises:
         SceneError: names every key that is not allowed, every driver that is missing.

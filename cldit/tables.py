@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from cldit.files import whole
 
 Floats = NDArray[np.float64]
 Arrays = dict[str, Floats]
@@ -28,19 +29,25 @@ def digest(*arrays: NDArray[Any]) -> str:
 
 
 def cached(folder: Path | None, *, kind: str, text: str, make: Callable[[], Arrays]) -> Arrays:
-    """The arrays that `make` gives, kept as KIND-HASH.table in a folder; None keeps nothing.
+    """The arrays that `make` gives, kept as KIND-HASH.table in a folder.
 
     A file that is damaged, or holds another text, is made anew; a folder that cannot be written
     costs only the time.
+
+    Args:
+        folder: None keeps nothing.
+        kind: begins the file's name.
+        text: says what the arrays are made from.
+        make: computes them.
     """
     if folder is None:
         return make()
     path = Path(folder) / f"{kind}-{hashlib.sha256(text.encode()).hexdigest()[:24]}.table"
-    kept = _read(path, text)
-    if kept is None:
-        kept = make()
-        _write(path, text, kept)
-    return kept
+    arrays = _read(path, text)
+    if arrays is None:
+        arrays = make()
+        _write(path, text, arrays)
+    return arrays
 
 
 def _read(path: Path, text: str) -> Arrays | None:
@@ -67,14 +74,7 @@ def _write(path: Path, text: str, arrays: Arrays) -> None:
     values = b"".join(np.asarray(array, "<f8").tobytes() for array in arrays.values())
     shapes = {name: np.shape(array) for name, array in arrays.items()}
     head = json.dumps({"text": text, "shapes": shapes, "check": zlib.crc32(values)})
-    try:
+    with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    except OSError:
-        return
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(head.encode() + b"\n" + values)
-        os.replace(part, path)
-    except OSError:
-        Path(part).unlink(missing_ok=True)
+        with whole(path, sync=False) as part:
+            part.write_bytes(head.encode() + b"\n" + values)

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from cldit.rig.checks import check_answer
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, NotConnected, RigError
 
@@ -101,7 +102,7 @@ class AravisClient:
         self._ask(lambda d: d.set_integer_feature_value(name, value))
 
     def get_float(self, name: str) -> float:
-        return float(self._ask(lambda d: d.get_float_feature_value(name)))
+        return check_answer("camera", name, self._ask(lambda d: d.get_float_feature_value(name)))
 
     def set_float(self, name: str, value: float) -> None:
         self._ask(lambda d: d.set_float_feature_value(name, value))

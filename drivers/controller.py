@@ -10,6 +10,7 @@ from pydantic import model_validator
 from cldit.rig.checks import check_setpoint
 from cldit.rig.clock import Clock
 from cldit.rig.errors import ConfigRejected
+from cldit.rig.link import Told
 from cldit.rig.protocols import Limits
 from cldit.rig.stability import Settling
 from cldit.scene.checks import Section, Within
@@ -43,6 +44,11 @@ class ControllerSettings(BlackBodyLimits):
         return self
 
     @property
+    def where(self) -> str:
+        """For messages, and the name of a serial line."""
+        return f"{self.host}:{self.port}" if self.host is not None else str(self.serial)
+
+    @property
     def safe_setpoint_K(self) -> float:
         low, high = self.limits_K
         return min(max(self.safe_K, low), high)
@@ -57,10 +63,25 @@ class BlackBody(Settling, Generic[S]):
     def __init__(self, settings: S, clock: Clock) -> None:
         self._settings = settings
         self._clock = clock
+        self._setpoint = Told("set point")
 
     @property
     def limits(self) -> Limits:
         return Limits(*self._settings.limits_K)
+
+    def _confirmed(self, wanted_K: float, got_K: float) -> float:
+        """`got_K`, the set point as read back.
+
+        Raises:
+            ConfigRejected: it is another one.
+        """
+        if not abs(got_K - wanted_K) <= _AGREE_K:
+            raise ConfigRejected(
+                f"background: the set point reads back {got_K:.2f} K after {wanted_K:.2f} K was "
+                "written; is the controller in local mode, or limited?"
+            )
+        self._setpoint.confirmed(f"{got_K:.1f} K")
+        return got_K
 
     def set_setpoint(self, temperature_K: float) -> float:
         check_setpoint(self.limits, temperature_K)
@@ -69,17 +90,3 @@ class BlackBody(Settling, Generic[S]):
     @abstractmethod
     def _aim(self, temperature_K: float) -> float:
         """The set point as read back."""
-
-
-def check_readback(wanted_K: float, got_K: float) -> float:
-    """`got_K`.
-
-    Raises:
-        ConfigRejected: it is another set point.
-    """
-    if not abs(got_K - wanted_K) <= _AGREE_K:
-        raise ConfigRejected(
-            f"background: the set point reads back {got_K:.2f} K after {wanted_K:.2f} K was "
-            "written; is the controller in local mode, or limited?"
-        )
-    return got_K

@@ -17,11 +17,12 @@ from pydantic import model_validator
 
 from cldit.rig.checks import check_burst, plain_burst
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
-from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, NotConnected, RigError
+from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, RigError
+from cldit.rig.link import Linked
 from cldit.rig.protocols import Burst, DeviceInfo
 from cldit.scene.checks import Section, Within
 
-from .scpi import ScpiLink
+from .scpi import ScpiLine
 
 Pair = Literal["AB", "CD", "EF", "GH"]
 
@@ -58,36 +59,40 @@ class Dg645Settings(Section):
         return self
 
 
-class Dg645:
+class Dg645(Linked):
     """A `cldit.rig.protocols.TriggerGenerator`."""
 
     def __init__(self, settings: Dg645Settings, context: RigContext) -> None:
+        where = f"{settings.host}:{settings.port}"
+        super().__init__(
+            "trigger",
+            f"DG645 at {where}",
+            by_hand=f"take the cable off the output {settings.injector}, or switch the DG645 off",
+        )
         self._settings = settings
         self._clock = context.clock
         resource = f"TCPIP::{settings.host}::{settings.port}::SOCKET"
-        self._link = ScpiLink("trigger", resource)
+        self._line = ScpiLine("trigger", resource, self._asking)
         maker = "Stanford Research Systems"
         self._info = DeviceInfo("trigger", maker, "DG645", tested_on_hardware=False)
         self._burst: Burst | None = None
         self._inhibited = True
+        self._told = "only identified"
 
-    def connect(self, timeout_s: float = 10.0) -> None:
-        if self._link.is_open:
-            return
-        self._link.open(min(timeout_s, self._settings.answer_s))
-        try:
-            info = self._link.identity("DG645")
-            serial, firmware = info.serial.removeprefix("s/n"), info.firmware.removeprefix("ver")
-            self._info = replace(info, serial=serial, firmware=firmware)
-            self._link.write("*CLS")
-            self._still()
-        except RigError as error:
-            self._link.close()
-            raise NotConnected(str(error)) from error
+    def _open(self, timeout_s: float) -> None:
+        self._line.open(min(timeout_s, self._settings.answer_s))
+        info = self._line.identity("DG645")
+        serial, firmware = info.serial.removeprefix("s/n"), info.firmware.removeprefix("ver")
+        self._info = replace(info, serial=serial, firmware=firmware)
+        self._line.integer("*CLS;LERR?")
+        self._still()
 
-    def close(self) -> None:
-        self._link.close()
+    def _drop(self) -> None:
+        self._line.close()
         self._inhibited = True
+
+    def _last_known(self) -> str:
+        return self._told
 
     def identify(self) -> DeviceInfo:
         return self._info
@@ -98,23 +103,24 @@ class Dg645:
             **self._settings.model_dump(mode="json"),
             "burst": plain_burst(self._burst),
             "inhibited": self._inhibited,
-            "delays": {f"DLAY {edge}": self._link.query(f"DLAY? {edge}") for edge in edges},
-            "levels_V": [self._link.number(f"LAMP? {_OUTPUTS[pair]}") for pair in self._pairs],
-            "trigger_source": round(self._link.number("TSRC?")),
-            "inhibit_input": round(self._link.number("INHB?")),
+            "delays": {f"DLAY {edge}": self._line.numbers(f"DLAY? {edge}", 2) for edge in edges},
+            "levels_V": [self._line.number(f"LAMP? {_OUTPUTS[pair]}") for pair in self._pairs],
+            "trigger_source": self._line.integer("TSRC?"),
+            "inhibit_input": self._line.integer("INHB?"),
         }
 
     @property
     def _pairs(self) -> tuple[Pair, Pair]:
         return self._settings.camera, self._settings.injector
 
-    def make_safe(self) -> None:
-        if self._link.is_open:
-            self._still()
-
     def configure(self, burst: Burst) -> Burst:
         self.inhibit()
         check_burst(burst)
+        injector_level = f"{self._settings.injector_V:g} V" if burst.inject else "at rest"
+        self._told = (
+            f"a burst of {burst.n}, injector's output {self._settings.injector} {injector_level}; "
+            "a trigger sends it"
+        )
         delays = (burst.camera_delay_s, burst.injector_delay_s)
         camera, injector = self._pairs
         got_delays = [
@@ -148,13 +154,11 @@ class Dg645:
         return self._burst
 
     def fire(self) -> None:
-        if not self._link.is_open:
-            raise NotConnected("trigger: is not connected; call connect()")
+        self._line.integer("INSR?")  # reading clears it; a link that is dead shows here, unfired
         if self._burst is None or self._inhibited:
             raise ConfigRejected("trigger: is inhibited; configure a burst first")
-        self._link.query("INSR?")  # reading clears it; a link that is dead shows here, unfired
         try:
-            status = int(self._link.number("*TRG;INSR?"))
+            status = self._line.integer("*TRG;INSR?")
         except RigError as error:
             raise FireUncertain(
                 f"trigger: the link failed while the trigger went out ({error})"
@@ -171,11 +175,11 @@ class Dg645:
 
     def wait_done(self, timeout_s: float) -> None:
         end_s = self._clock.now_s() + timeout_s
-        while int(self._link.number("*STB?")) & (_BUSY | _IN_BURST):
+        while self._line.integer("*STB?") & (_BUSY | _IN_BURST):
             if self._clock.now_s() >= end_s:
                 raise DeviceTimeout(f"trigger: the burst is not over after {timeout_s:g} s")
             self._clock.sleep(1e-3)
-        if int(self._link.number("INSR?")) & _RATE_ERROR:
+        if self._line.integer("INSR?") & _RATE_ERROR:
             raise FireUncertain("trigger: rate error within the burst; pulses are missing")
 
     def inhibit(self) -> None:
@@ -183,43 +187,43 @@ class Dg645:
         self._still()
 
     def abort(self) -> None:
-        self._link.write("BURM 0")  # a change of settings ends the running cycle
+        self._line.write("BURM 0")  # a change of settings ends the running cycle
 
-    def _still(self) -> None:
+    def _still(self) -> str:
         """Only *TRG triggers, it would give one cycle, and the injector's output would not move."""
         self._inhibited = True
-        first, second = _EDGES[self._settings.injector]
+        injector = self._settings.injector
+        first, second = _EDGES[injector]
         self._set("TSRC", None, _SINGLE_SHOT)
         self._set("BURM", None, 0)
         self._edge(second, first, 0.0)
-        self._set("LAMP", _OUTPUTS[self._settings.injector], _LOWEST_V)
+        self._set("LAMP", _OUTPUTS[injector], _LOWEST_V)
         self._no_error("being inhibited")
+        self._told = f"inhibited, output {injector} still"
+        return f"inhibited: no burst, output {injector} without a pulse and at {_LOWEST_V:g} V"
 
     def _edge(self, channel: int, reference: int, delay_s: float) -> float:
-        answer = self._link.query(f"DLAY {channel},{reference},{delay_s:.12f};DLAY? {channel}")
-        try:
-            against, delay = answer.split(",")
-            agrees = int(against) == reference and abs(float(delay) - delay_s) <= _STEP_S
-        except ValueError:
-            agrees = False
-        if not agrees:
+        command = f"DLAY {channel},{reference},{delay_s:.12f};DLAY? {channel}"
+        against, delay = self._line.numbers(command, 2)
+        if against != reference or not abs(delay - delay_s) <= _STEP_S:
             raise ConfigRejected(
-                f"trigger: DLAY {channel} reads back {answer!r} after {reference},{delay_s:.12f}"
+                f"trigger: DLAY {channel} reads back {against:g},{delay:.12f} after "
+                f"{reference},{delay_s:.12f}"
             )
-        return float(delay)
+        return delay
 
     def _set(self, command: str, channel: int | None, value: float) -> float:
         index = "" if channel is None else f"{channel}"
         comma = "," if index else ""
-        got = self._link.number(f"{command} {index}{comma}{value:.12g};{command}? {index}")
+        got = self._line.number(f"{command} {index}{comma}{value:.12g};{command}? {index}")
         if not abs(got - value) <= 1e-6 * abs(value):
             raise ConfigRejected(f"trigger: {command} {index} reads back {got:g} after {value:g}")
         return got
 
     def _no_error(self, what: str) -> None:
-        code = int(self._link.number("LERR?"))
+        code = self._line.integer("LERR?")
         if code:
-            self._link.write("*CLS")
+            self._line.write("*CLS")
             raise ConfigRejected(f"trigger: error {code} at {what}; see the DG645's manual")
 
 

@@ -7,14 +7,16 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
+from cldit.rig.checks import check_temperature
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
-from cldit.rig.errors import ConfigRejected, NotConnected, RigError
+from cldit.rig.errors import ConfigRejected
+from cldit.rig.link import Linked, Told
 from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
 from cldit.scene.values import Temperature
 
-from .controller import KELVIN, BlackBody, ControllerSettings, check_readback
-from .scpi import ScpiLink
+from .controller import KELVIN, BlackBody, ControllerSettings
+from .scpi import ScpiLine
 
 ABOUT = DriverAbout(
     "background",
@@ -32,33 +34,37 @@ class FlukeSettings(ControllerSettings):
     answer_s: Annotated[float, Within(0.01, 60.0)] = 2.0
 
 
-class Fluke418x(BlackBody[FlukeSettings]):
+class Fluke418x(Linked, BlackBody[FlukeSettings]):
     """A `cldit.rig.protocols.Background`."""
 
     def __init__(self, settings: FlukeSettings, context: RigContext) -> None:
-        super().__init__(settings, context.clock)
+        where = settings.where
+        Linked.__init__(
+            self,
+            "background",
+            f"Fluke 418x at {where}",
+            by_hand="switch its heater off at its keypad, or its mains switch",
+        )
+        BlackBody.__init__(self, settings, context.clock)
         if settings.host is not None:
-            self._link = ScpiLink("background", f"TCPIP::{settings.host}::{settings.port}::SOCKET")
+            resource, options = f"TCPIP::{settings.host}::{settings.port}::SOCKET", {}
         else:
-            self._link = ScpiLink(
-                "background", f"ASRL{settings.serial}::INSTR", baud_rate=settings.baudrate
-            )
+            resource, options = f"ASRL{where}::INSTR", {"baud_rate": settings.baudrate}
+        self._line = ScpiLine("background", resource, self._asking, **options)
         self._info = DeviceInfo("background", "Fluke", "418x", tested_on_hardware=False)
+        self._heater = Told("heater")
 
-    def connect(self, timeout_s: float = 10.0) -> None:
-        if self._link.is_open:
-            return
-        self._link.open(min(timeout_s, self._settings.answer_s))
-        try:
-            self._info = self._link.identity("418")
-            self._link.write("UNIT:TEMP C")
-            self._link.write(f"SOUR:STAB:LIM {self._settings.stable_within_K:g}")
-        except RigError as error:
-            self._link.close()
-            raise NotConnected(str(error)) from error
+    def _open(self, timeout_s: float) -> None:
+        self._line.open(min(timeout_s, self._settings.answer_s))
+        self._info = self._line.identity("418")
+        self._line.write("UNIT:TEMP C")
+        self._line.write(f"SOUR:STAB:LIM {self._settings.stable_within_K:g}")
 
-    def close(self) -> None:
-        self._link.close()
+    def _drop(self) -> None:
+        self._line.close()
+
+    def _last_known(self) -> str:
+        return f"{self._setpoint}, {self._heater}"
 
     def identify(self) -> DeviceInfo:
         return self._info
@@ -66,16 +72,16 @@ class Fluke418x(BlackBody[FlukeSettings]):
     def read_configuration(self) -> dict[str, Any]:
         return {
             **self._settings.model_dump(mode="json"),
-            "setpoint_K": self._link.number("SOUR:SPO?") + KELVIN,
-            "heating": self._link.number("OUTP:STAT?") == 1.0,
-            "stability_limit_K": self._link.number("SOUR:STAB:LIM?"),
+            "setpoint_K": self._kelvin("SOUR:SPO?"),
+            "heating": self._line.flag("OUTP:STAT?"),
+            "stability_limit_K": self._line.number("SOUR:STAB:LIM?"),
         }
 
-    def make_safe(self) -> None:
-        """The lowest harmless set point, and the heater off."""
-        if self._link.is_open:
-            self._write(self._settings.safe_setpoint_K)
-            self._output(False)
+    def _still(self) -> str:
+        """The lowest harmless set point, and the heater off: that first, it works by itself."""
+        self._output(False)
+        got_K = self._write(self._settings.safe_setpoint_K)
+        return f"heater off, set point {got_K:.1f} K"
 
     def _aim(self, temperature_K: float) -> float:
         got_K = self._write(temperature_K)
@@ -83,19 +89,26 @@ class Fluke418x(BlackBody[FlukeSettings]):
         return got_K
 
     def read_temperature(self) -> float:
-        return self._link.number("SOUR:SENS:DATA?") + KELVIN
+        return self._kelvin("SOUR:SENS:DATA?")
 
     def is_stable(self) -> bool | None:
-        return self._link.number("SOUR:STAB:TEST?") == 1.0
+        return self._line.flag("SOUR:STAB:TEST?")
+
+    def _kelvin(self, command: str) -> float:
+        return check_temperature("background", command, self._line.number(command) + KELVIN)
 
     def _write(self, temperature_K: float) -> float:
-        self._link.write(f"SOUR:SPO {temperature_K - KELVIN:.2f}")
-        return check_readback(temperature_K, self._link.number("SOUR:SPO?") + KELVIN)
+        self._setpoint.written(f"{temperature_K:.1f} K")
+        self._line.write(f"SOUR:SPO {temperature_K - KELVIN:.2f}")
+        return self._confirmed(temperature_K, self._kelvin("SOUR:SPO?"))
 
     def _output(self, on: bool) -> None:
-        self._link.write(f"OUTP:STAT {int(on)}")
-        if (self._link.number("OUTP:STAT?") == 1.0) is not on:
-            raise ConfigRejected(f"background: the heater does not switch {'on' if on else 'off'}")
+        state = "on" if on else "off"
+        self._heater.written(state)
+        self._line.write(f"OUTP:STAT {int(on)}")
+        if self._line.flag("OUTP:STAT?") is not on:
+            raise ConfigRejected(f"background: the heater does not switch {state}")
+        self._heater.confirmed(state)
 
 
 def open_fluke418x(settings: dict[str, Any], context: RigContext) -> Fluke418x:

@@ -16,6 +16,7 @@ import numpy as np
 from cldit.camera.calibration import Calibration
 from cldit.rig.checks import check_exposure, check_format, check_roi, check_trigger
 from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, RigError
+from cldit.rig.link import Linked
 from cldit.rig.protocols import (
     Capabilities,
     DeviceInfo,
@@ -27,24 +28,34 @@ from cldit.rig.protocols import (
 )
 
 from .genicam import Features
-from .genicam_client import Client, GigeSettings
+from .genicam_client import Client, GigeSettings, watched
 
 _SOURCES = {TriggerMode.SOFTWARE: "Software", TriggerMode.EXTERNAL_EDGE: ""}
 _MODES = frozenset({TriggerMode.INTERNAL, *_SOURCES})
 _EDGES = {"rising": "RisingEdge", "falling": "FallingEdge"}
 _BLOCKS = 65535  # 16-bit block ids count 1..65535 and again
+_REACH_s = 3.0  # for a lost camera to come back, beyond its heartbeat
 _IN_FLIGHT_s = 0.5  # a picture arrives this long after its exposure, or never
 
 
-class GenicamCamera:
+class GenicamCamera(Linked):
     """A `cldit.rig.protocols.Camera`; `take_control` gives the client, or raises NotConnected."""
 
     def __init__(
         self, take_control: Callable[[GigeSettings], Client], settings: GigeSettings
     ) -> None:
+        super().__init__(
+            "camera",
+            f"GigE Vision camera at {settings.address}",
+            by_hand="pull its trigger cable, or switch it off",
+            # What died in this process, the camera holds until its heartbeat is over.
+            reach_s=settings.heartbeat_s + _REACH_s,
+        )
         self._take_control = take_control
         self._settings = settings
+        self._client: Client | None = None
         self._features: Features | None = None
+        self._told = "not armed"
         self._streams = False
         self._info = DeviceInfo("camera", "?", "GigE Vision camera", tested_on_hardware=False)
         self._trigger: TriggerInfo | None = None
@@ -60,18 +71,16 @@ class GenicamCamera:
 
     # Life
 
-    def connect(self, timeout_s: float = 10.0) -> None:
-        if self._features is not None:
-            return
+    def _open(self, timeout_s: float) -> None:
         end_s = time.monotonic() + timeout_s
         while True:
             try:
-                self._open()
+                self._begin()
                 return
+            except ConfigRejected:
+                raise
             except RigError as error:
-                self.close()
-                if isinstance(error, ConfigRejected):
-                    raise
+                self._drop()
                 # After a crash the camera is held until the last heartbeat is old enough.
                 if time.monotonic() + 0.2 >= end_s:
                     raise NotConnected(
@@ -80,25 +89,36 @@ class GenicamCamera:
                     ) from error
                 time.sleep(0.2)
 
-    def _open(self) -> None:
+    def _begin(self) -> None:
         wanted = self._settings
-        features = self._features = Features(self._take_control(wanted))
+        self._client = self._take_control(wanted)
+        features = self._features = Features(watched(self._client, self._asking))
         if features.has("GevHeartbeatTimeout"):
             features.client.set_integer("GevHeartbeatTimeout", round(1e3 * wanted.heartbeat_s))
         names = ("DeviceVendorName", "DeviceModelName", "DeviceSerialNumber", "DeviceVersion")
         maker, model, serial, firmware = (features.text(name) for name in names)
         self._info = DeviceInfo("camera", maker, model, serial, firmware, tested_on_hardware=False)
-        self._period_s = 1.0 / (wanted.maximum_rate_Hz or features.maximum_rate_Hz())
+        rate_Hz = wanted.maximum_rate_Hz or features.maximum_rate_Hz()
+        if not rate_Hz > 0.0:
+            raise NotConnected(f"camera: {rate_Hz:g} Hz came for its frame rate, expected more")
+        self._period_s = 1.0 / rate_Hz
         self._clock_offset_ns = features.clock_offset_ns()
         features.client.stop()
         features.choose("PixelFormat", wanted.pixel_format)
         self.configure(wanted.calibration.integration_time_s)
 
-    def close(self) -> None:
-        features, self._features = self._features, None
+    def _drop(self) -> None:
+        client, self._client, self._features = self._client, None, None
         self._armed = self._streams = False
-        if features is not None:
-            features.client.close()
+        if client is not None:
+            client.close()
+
+    def _still(self) -> str:
+        self.disarm()
+        return "disarmed"
+
+    def _last_known(self) -> str:
+        return self._told
 
     def identify(self) -> DeviceInfo:
         return self._info
@@ -114,10 +134,6 @@ class GenicamCamera:
             "pixel_format": settings.pixel_format,
             "calibration": self._calibration(settings.integration_time_s).to_dict(),
         }
-
-    def make_safe(self) -> None:
-        if self._features is not None:
-            self.disarm()
 
     def wait_ready(self, timeout_s: float) -> None:
         """Nothing in the SFNC says that a cooler is ready: watch the camera's own display."""
@@ -184,6 +200,7 @@ class GenicamCamera:
         client.open_stream(self._trigger.n_frames)
         self._streams = True
         self._base, self._first_block = self._last_id, None
+        self._told = f"armed for {self._trigger.n_frames} frames, trigger {self._trigger.mode}"
         client.start()
         self._armed, self._triggered, self._received = True, 0, 0
 
@@ -228,7 +245,7 @@ class GenicamCamera:
 
     def disarm(self) -> None:
         self._connected().client.stop()
-        self._armed = False
+        self._armed, self._told = False, "disarmed"
 
     def statistics(self) -> dict[str, int]:
         return dict(self._counts)
@@ -288,6 +305,6 @@ class GenicamCamera:
         )
 
     def _connected(self) -> Features:
-        if self._features is None:
-            raise NotConnected("camera: is not connected; call connect()")
-        return self._features
+        with self._asking():  # says so where it is not connected
+            assert self._features is not None
+            return self._features

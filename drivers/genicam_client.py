@@ -6,8 +6,10 @@ errors as the rig's. `genicam.py` and `genicam_camera.py` do the rest, once for 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Annotated, Protocol
+from typing import Annotated, Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,3 +107,22 @@ def nanoseconds_a_tick(client: Client) -> float | None:
     high, low = (client.read_register(at) for at in TICKS)
     ticks_per_s = (high << 32) | low
     return 1e9 / ticks_per_s if ticks_per_s else None
+
+
+class _Watched:
+    def __init__(self, client: Client, asking: Callable[[], AbstractContextManager[None]]) -> None:
+        self._client, self._asking = client, asking
+
+    def __getattr__(self, name: str) -> Any:
+        method = getattr(self._client, name)
+
+        def call(*args: Any) -> Any:
+            with self._asking():
+                return method(*args)
+
+        return call
+
+
+def watched(client: Client, asking: Callable[[], AbstractContextManager[None]]) -> Client:
+    """`client`, each call of it an exchange in the sense of `cldit.rig.link.Linked`."""
+    return cast(Client, _Watched(client, asking))

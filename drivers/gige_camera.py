@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from cldit.rig.checks import check_answer
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, NotConnected, RigError
 
@@ -16,6 +17,8 @@ from .genicam_client import GigeSettings, Picture, nanoseconds_a_tick
 T = TypeVar("T")
 
 _DISCOVERY_s = 0.3
+# viva raises one class for a feature that the camera refuses and for one that it never answers.
+_FAILED, _REFUSED = "register I/O failed", "device reported status"
 
 ABOUT = DriverAbout(
     "camera",
@@ -66,6 +69,8 @@ class VivaClient:
         except self._viva.TransportError as error:
             raise NotConnected(f"camera: the link failed ({error}); check the cable") from error
         except self._viva.GenicamError as error:
+            if _FAILED in str(error) and _REFUSED not in str(error):
+                raise NotConnected(f"camera: the link failed ({error}); check the cable") from error
             raise ConfigRejected(f"camera: {error}") from error
 
     def has(self, name: str) -> bool:
@@ -78,7 +83,7 @@ class VivaClient:
         self._ask(lambda c: c.set_integer(name, value))
 
     def get_float(self, name: str) -> float:
-        return float(self._ask(lambda c: c.get_float(name)))
+        return check_answer("camera", name, self._ask(lambda c: c.get_float(name)))
 
     def set_float(self, name: str, value: float) -> None:
         self._ask(lambda c: c.set_float(name, value))

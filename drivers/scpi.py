@@ -2,42 +2,56 @@
 
 from __future__ import annotations
 
-from typing import Any
+import threading
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
+from typing import Any, TypeVar
 
-from cldit.rig.errors import DeviceTimeout, NotConnected
+from cldit.rig.checks import check_answer
+from cldit.rig.errors import DeviceTimeout, NotConnected, RigError
 from cldit.rig.protocols import DeviceInfo
 
+T = TypeVar("T")
 
-class ScpiLink:
-    """One line out, one line back. Every failure of the link is one of the rig's errors.
+_MANAGER = threading.Lock()  # pyvisa makes one resource manager a process, without a lock
+_QUIET_MS = 20  # a serial line is drained when nothing has come for so long
+_STALE = 5  # late answers, and rests of some, that may come before an identity
+
+
+class ScpiLine:
+    """One line out, one line back. Every failure is one of the rig's errors.
+
+    pyvisa's resource manager belongs to all lines of the process, so that none of them closes it.
 
     Args:
-        name: the device in messages.
+        kind: the device in messages.
         resource: as VISA writes it: `TCPIP::HOST::PORT::SOCKET` or `ASRL/dev/ttyUSB0::INSTR`.
+        asking: entered around each exchange; see `cldit.rig.link.Linked`.
         options: further attributes of the pyvisa resource (`baud_rate`).
     """
 
-    def __init__(self, name: str, resource: str, **options: Any) -> None:
-        self._name = name
+    def __init__(
+        self,
+        kind: str,
+        resource: str,
+        asking: Callable[[], AbstractContextManager[None]],
+        **options: Any,
+    ) -> None:
+        self._kind = kind
         self._resource = resource
+        self._asking = asking
         self._options = options
-        self._manager: Any = None
         self._visa: Any = None
 
-    @property
-    def is_open(self) -> bool:
-        return self._visa is not None
-
     def open(self, timeout_s: float) -> None:
-        """Raises NotConnected; does nothing where it is open."""
-        if self._visa is not None:
-            return
+        """Raises NotConnected."""
         import pyvisa
 
         milliseconds = max(1, round(1e3 * timeout_s))
         try:
-            self._manager = pyvisa.ResourceManager("@py")
-            self._visa = self._manager.open_resource(
+            with _MANAGER:
+                manager = pyvisa.ResourceManager("@py")
+            self._visa = manager.open_resource(
                 self._resource,
                 open_timeout=milliseconds,
                 timeout=milliseconds,
@@ -45,69 +59,120 @@ class ScpiLink:
                 write_termination="\n",
                 **self._options,
             )
+            if self._resource.startswith("ASRL"):
+                self._drain()
         except Exception as error:  # pyvisa, pyserial and the system raise their own
             self.close()
             raise NotConnected(
-                f"{self._name}: {self._resource} does not answer ({error}); check that it is "
+                f"{self._kind}: {self._resource} does not answer ({error}); check that it is "
                 "switched on, and its address"
             ) from error
 
+    def _drain(self) -> None:
+        """Throws away what came for somebody before."""
+        import pyvisa
+
+        usual, self._visa.timeout = self._visa.timeout, _QUIET_MS
+        try:
+            while True:
+                self._visa.read_bytes(1)
+        except pyvisa.errors.VisaIOError:  # nothing more
+            self._visa.timeout = usual
+
     def close(self) -> None:
-        visa, manager, self._visa, self._manager = self._visa, self._manager, None, None
-        for item in (visa, manager):
-            if item is not None:
-                try:
-                    item.close()
-                except Exception:  # it is gone already
-                    continue
+        visa, self._visa = self._visa, None
+        if visa is not None:
+            with suppress(Exception):  # it is gone already
+                visa.close()
 
     def write(self, command: str) -> None:
-        """Raises NotConnected, DeviceTimeout."""
-        self._guard(lambda: self._visa.write(command), command)
+        """Raises NotConnected."""
+        self._exchange(command, lambda: self._visa.write(command))
 
     def query(self, command: str) -> str:
         """The answer without white space around it. Raises NotConnected, DeviceTimeout."""
-        return str(self._guard(lambda: self._visa.query(command), command)).strip()
+        return self._ask(command, str)
 
-    def identity(self, model: str) -> DeviceInfo:
-        """Who answers. Raises NotConnected where the model does not begin with `model`."""
-        answer = self.query("*IDN?")
-        parts = [part.strip() for part in answer.split(",")]
-        if len(parts) != 4 or not parts[1].startswith(model):
-            raise NotConnected(f"{self._name}: {answer!r} answers, expected a {model}")
-        maker, name, serial, firmware = parts
-        return DeviceInfo(self._name, maker, name, serial, firmware, tested_on_hardware=False)
+    def numbers(self, command: str, count: int) -> list[float]:
+        """As many finite numbers, with commas between. Raises NotConnected, DeviceTimeout."""
+
+        def parse(answer: str) -> list[float]:
+            values = [check_answer(self._kind, command, part) for part in answer.split(",")]
+            if len(values) != count:
+                raise self._odd(command, answer, f"{count} numbers")
+            return values
+
+        return self._ask(command, parse)
 
     def number(self, command: str) -> float:
-        """Raises NotConnected, also where the answer is no number."""
-        answer = self.query(command)
-        try:
-            return float(answer)
-        except ValueError as error:
-            raise NotConnected(
-                f"{self._name}: {answer!r} came for {command}, expected a number; is another "
-                "program talking to it?"
-            ) from error
+        """A finite one. Raises NotConnected, DeviceTimeout."""
+        return self.numbers(command, 1)[0]
 
-    def _guard(self, action: Any, command: str) -> Any:
-        if self._visa is None:
-            raise NotConnected(f"{self._name}: is not connected; call connect()")
+    def integer(self, command: str) -> int:
+        """Raises NotConnected, DeviceTimeout."""
+
+        def parse(answer: str) -> int:
+            value = check_answer(self._kind, command, answer)
+            if not value.is_integer():
+                raise self._odd(command, answer, "a whole number")
+            return int(value)
+
+        return self._ask(command, parse)
+
+    def flag(self, command: str) -> bool:
+        """Raises NotConnected, DeviceTimeout."""
+
+        def parse(answer: str) -> bool:
+            value = check_answer(self._kind, command, answer)
+            if value not in (0.0, 1.0):
+                raise self._odd(command, answer, "0 or 1")
+            return value == 1.0
+
+        return self._ask(command, parse)
+
+    def identity(self, model: str) -> DeviceInfo:
+        """Who answers: the first question on a line, because no other answer looks like this one.
+        What comes before it was late for somebody.
+
+        Raises:
+            NotConnected: no model that begins with `model` answers.
+        """
+
+        def ask() -> DeviceInfo:
+            answer = str(self._visa.query("*IDN?"))
+            for _ in range(_STALE):
+                parts = [part.strip() for part in answer.split(",")]
+                if len(parts) == 4 and parts[1].startswith(model):
+                    maker, name, serial, firmware = parts
+                    return DeviceInfo(
+                        self._kind, maker, name, serial, firmware, tested_on_hardware=False
+                    )
+                if len(parts) == 4:
+                    break
+                answer = str(self._visa.read())
+            raise NotConnected(f"{self._kind}: {answer.strip()!r} answers, expected a {model}")
+
+        return self._exchange("*IDN?", ask)
+
+    def _ask(self, command: str, parse: Callable[[str], T]) -> T:
+        return self._exchange(command, lambda: parse(str(self._visa.query(command)).strip()))
+
+    def _odd(self, command: str, answer: str, expected: str) -> NotConnected:
+        return NotConnected(f"{self._kind}: {answer!r} came for {command}, expected {expected}")
+
+    def _exchange(self, command: str, action: Callable[[], T]) -> T:
         import pyvisa
 
-        try:
-            return action()
-        except pyvisa.errors.VisaIOError as error:
-            # After a time-out the late answer would be taken for that of the next command.
-            self.close()
-            if error.error_code == pyvisa.constants.StatusCode.error_timeout:
-                raise DeviceTimeout(f"{self._name}: no answer to {command}") from error
-            raise self._broken(command, error) from error
-        except Exception as error:
-            self.close()
-            raise self._broken(command, error) from error
-
-    def _broken(self, command: str, error: Exception) -> NotConnected:
-        return NotConnected(
-            f"{self._name}: {self._resource} does not answer {command} ({error}); check that it "
-            "is switched on, its address and its cable"
-        )
+        with self._asking():
+            try:
+                return action()
+            except RigError:
+                raise
+            except Exception as error:
+                timeout = pyvisa.constants.StatusCode.error_timeout
+                if getattr(error, "error_code", None) == timeout:
+                    raise DeviceTimeout(f"{self._kind}: no answer to {command}") from error
+                raise NotConnected(
+                    f"{self._kind}: {self._resource} does not answer {command} ({error}); check "
+                    "that it is switched on, its address and its cable"
+                ) from error

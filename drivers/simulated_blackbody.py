@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import NotConnected
+from cldit.rig.link import Linked
 from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
 from cldit.scene.values import Temperature
@@ -29,24 +30,30 @@ class BlackBodySettings(Dynamics, BlackBodyLimits):
     stable_within_K: Annotated[float, Within(0.0, 100.0)] = 0.5  # the controller's own flag
 
 
-class SimulatedBlackBody(BlackBody[BlackBodySettings]):
+class SimulatedBlackBody(Linked, BlackBody[BlackBodySettings]):
     """A `cldit.rig.protocols.Background`."""
 
     def __init__(
         self, settings: BlackBodySettings, context: RigContext, bench: SimulatedScene
     ) -> None:
-        super().__init__(settings, context.clock)
+        Linked.__init__(self, "background", "simulated black body", by_hand="mend `unplug_after`")
+        BlackBody.__init__(self, settings, context.clock)
         self._bench = bench
-        self._connected = False
         self._heater = Heater(settings, context.clock, settings.start_K)
         self._readings = 0
 
-    def connect(self, timeout_s: float = 10.0) -> None:
+    def _open(self, timeout_s: float) -> None:
+        self._check()
         self._bench.attach_blackbody(self._heater.temperature_K)
-        self._connected = True
 
-    def close(self) -> None:
-        self._connected = False
+    def _drop(self) -> None:
+        """There is no line."""
+
+    def _still(self) -> str:
+        return f"set point {self._aim(self._settings.start_K):.1f} K"
+
+    def _last_known(self) -> str:
+        return str(self._setpoint)
 
     def identify(self) -> DeviceInfo:
         return DeviceInfo("background", "cldit", "simulated black body", simulated=True)
@@ -55,14 +62,11 @@ class SimulatedBlackBody(BlackBody[BlackBodySettings]):
         self._check()
         return {**self._settings.model_dump(mode="json"), "setpoint_K": self._heater.setpoint_K}
 
-    def make_safe(self) -> None:
-        if self._connected:
-            self._heater.aim(self._settings.start_K)
-
     def _aim(self, temperature_K: float) -> float:
+        self._setpoint.written(f"{temperature_K:.1f} K")
         self._check()
         self._heater.aim(temperature_K)
-        return self._heater.setpoint_K
+        return self._confirmed(temperature_K, self._heater.setpoint_K)
 
     def read_temperature(self) -> float:
         self._check()
@@ -77,11 +81,10 @@ class SimulatedBlackBody(BlackBody[BlackBodySettings]):
         return off <= self._settings.stable_within_K
 
     def _check(self) -> None:
-        if not self._connected:
-            raise NotConnected("background: simulated black body is not connected; call connect()")
         gone = self._settings.unplug_after
-        if gone is not None and self._readings >= gone:
-            raise NotConnected("background: black body was unplugged (its fault unplug_after)")
+        with self._asking():
+            if gone is not None and self._readings >= gone:
+                raise NotConnected("background: black body was unplugged (its fault unplug_after)")
 
 
 def open_blackbody(settings: dict[str, Any], context: RigContext) -> SimulatedBlackBody:

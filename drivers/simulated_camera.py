@@ -14,6 +14,7 @@ from cldit.camera.sensor import SensorModel
 from cldit.rig.checks import check_exposure, check_format, check_roi, check_trigger
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, MissingFrames, NotConnected
+from cldit.rig.link import Linked
 from cldit.rig.protocols import (
     Capabilities,
     DeviceInfo,
@@ -53,12 +54,13 @@ class CameraSettings(Section):
     unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # frames, then it is gone
 
 
-class SimulatedCamera:
+class SimulatedCamera(Linked):
     """A `cldit.rig.protocols.Camera`."""
 
     def __init__(
         self, settings: CameraSettings, context: RigContext, bench: SimulatedScene
     ) -> None:
+        super().__init__("camera", "simulated camera", by_hand="mend `unplug_after`")
         self._faults = settings
         self._rate_Hz = _FRAME_RATE_Hz
         self._warm_until_s = -np.inf
@@ -71,7 +73,7 @@ class SimulatedCamera:
         self._model: SensorModel | None = None
         self._settings: Settings | None = None
         self._trigger: TriggerInfo | None = None
-        self._armed = False
+        self._armed, self._told = False, "not armed"
         self._taken = 0  # since armed
         self._frame_id = -1
         self._last_s = -np.inf
@@ -92,17 +94,24 @@ class SimulatedCamera:
             pixel_formats=(_FORMAT,),
         )
 
-    def connect(self, timeout_s: float = 10.0) -> None:
-        if self._model is None:
-            self._bench.open()
-            self._warm_until_s = self._clock.now_s() + self._faults.warm_up_s
-            self._pattern = self._non_uniformity()
-            self._model = SensorModel.from_scene(self._bench.scene)
-            self.configure(SensorModel.from_scene(self._bench.scene).integration_time_s)
+    def _open(self, timeout_s: float) -> None:
+        self._bench.open()
+        self._warm_until_s = self._clock.now_s() + self._faults.warm_up_s
+        self._pattern = self._non_uniformity()
+        self._model = SensorModel.from_scene(self._bench.scene)
+        self.configure(self._model.integration_time_s)
 
-    def close(self) -> None:
+    def _drop(self) -> None:
         self._armed = False
         self._model = None
+
+    def _still(self) -> str:
+        self.disarm()
+        self._buffer.clear()
+        return "disarmed"
+
+    def _last_known(self) -> str:
+        return self._told
 
     def identify(self) -> DeviceInfo:
         return DeviceInfo("camera", "cldit", "simulated camera", simulated=True)
@@ -124,11 +133,6 @@ class SimulatedCamera:
         bad = self._connected().bad_pixels()
         inside = bad[roi.y : roi.y + roi.height, roi.x : roi.x + roi.width]
         return [[int(row), int(column)] for row, column in np.argwhere(inside)]
-
-    def make_safe(self) -> None:
-        if self._model is not None:
-            self.disarm()
-            self._buffer.clear()
 
     def wait_ready(self, timeout_s: float) -> None:
         self._connected()
@@ -173,7 +177,7 @@ class SimulatedCamera:
         self._connected()
         if self._trigger is None:
             raise ConfigRejected("camera: prepare() before arm()")
-        self._armed, self._taken = True, 0
+        self._armed, self._told, self._taken = True, "armed", 0
         if self._trigger.mode is TriggerMode.INTERNAL:
             start_s = max(self._clock.now_s(), self._last_s + 1.0 / _FRAME_RATE_Hz)
             for index in range(self._trigger.n_frames):
@@ -207,7 +211,7 @@ class SimulatedCamera:
 
     def disarm(self) -> None:
         self._connected()
-        self._armed = False
+        self._armed, self._told = False, "not armed"
 
     def statistics(self) -> dict[str, int]:
         return dict(self._counts)
@@ -271,11 +275,14 @@ class SimulatedCamera:
         )
 
     def _connected(self) -> SensorModel:
-        if self._model is None:
-            raise NotConnected("camera: simulated camera is not connected; call connect()")
-        if self._faults.unplug_after is not None and self._exposed >= self._faults.unplug_after:
-            raise NotConnected("camera: simulated camera was unplugged (its fault unplug_after)")
-        return self._model
+        gone = self._faults.unplug_after
+        with self._asking():
+            if gone is not None and self._exposed >= gone:
+                raise NotConnected(
+                    "camera: simulated camera was unplugged (its fault unplug_after)"
+                )
+            assert self._model is not None  # connect() makes it
+            return self._model
 
     def _ready(self) -> Settings:
         assert self._settings is not None  # connect() configures

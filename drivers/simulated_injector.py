@@ -11,6 +11,7 @@ from typing import Annotated, Any
 from cldit.rig.checks import check_burst, plain_burst
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, NotConnected
+from cldit.rig.link import Linked
 from cldit.rig.protocols import Burst, DeviceInfo
 from cldit.scene.checks import Section, Within
 
@@ -33,17 +34,17 @@ class InjectorSettings(Section):
     pulse_log: Path | None = None  # one JSON line a burst: what the device itself counts
 
 
-class SimulatedInjector:
+class SimulatedInjector(Linked):
     """A `cldit.rig.protocols.TriggerGenerator`."""
 
     def __init__(
         self, settings: InjectorSettings, context: RigContext, bench: SimulatedScene
     ) -> None:
+        super().__init__("trigger", "simulated injector", by_hand="mend `unplug_after`")
         self._log = None if settings.pulse_log is None else context.folder / settings.pulse_log
         self._faults = settings
         self._clock = context.clock
         self._bench = bench
-        self._connected = False
         self._burst: Burst | None = None
         self._inhibited = True
         self._starts_s: list[float] = []
@@ -51,13 +52,22 @@ class SimulatedInjector:
         self._pulses = 0
         self._fired = 0
 
-    def connect(self, timeout_s: float = 10.0) -> None:
+    def _open(self, timeout_s: float) -> None:
         if self._log is not None and not self._log.parent.is_dir():
             raise NotConnected(f"trigger: {self._log.parent}: no such folder for pulse_log")
-        self._connected = True
+        self._check()
 
-    def close(self) -> None:
-        self._connected = False
+    def _drop(self) -> None:
+        """There is no line."""
+
+    def _still(self) -> str:
+        self.abort()
+        self.inhibit()
+        return "inhibited"
+
+    def _last_known(self) -> str:
+        inject = self._burst is not None and self._burst.inject and not self._inhibited
+        return "a trigger injects" if inject else "a trigger does not inject"
 
     def identify(self) -> DeviceInfo:
         return DeviceInfo("trigger", "cldit", "simulated injector", simulated=True)
@@ -65,11 +75,6 @@ class SimulatedInjector:
     def read_configuration(self) -> dict[str, Any]:
         self._check()
         return {"burst": plain_burst(self._burst), "inhibited": self._inhibited}
-
-    def make_safe(self) -> None:
-        if self._connected:
-            self.abort()
-            self.inhibit()
 
     def configure(self, burst: Burst) -> Burst:
         self._check()
@@ -145,11 +150,10 @@ class SimulatedInjector:
             os.fsync(stream.fileno())
 
     def _check(self) -> None:
-        if not self._connected:
-            raise NotConnected("trigger: simulated injector is not connected; call connect()")
         gone = self._faults.unplug_after
-        if gone is not None and self._fired >= gone:
-            raise NotConnected("trigger: injector was unplugged (its fault unplug_after)")
+        with self._asking():
+            if gone is not None and self._fired >= gone:
+                raise NotConnected("trigger: injector was unplugged (its fault unplug_after)")
 
 
 def _rounded(seconds: float) -> float:

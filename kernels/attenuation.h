@@ -1,10 +1,11 @@
-/* Attenuation along a path of optical depth t >= 0 in a uniform cell. */
+/* Attenuation along a path of optical depth t >= 0 in a uniform cell (Beer-Lambert). All methods use
+   it. */
 #ifndef ATTENUATION_H
 #define ATTENUATION_H
 
 #include "real.h"
 
-/* The type that the functions work on: one number, or a vector of them. */
+/* The type of the functions: one number or a vector. */
 #ifndef REAL
 #define REAL real
 #ifdef USE_FLOAT64
@@ -16,13 +17,10 @@
 #endif
 #endif
 
-/* Absorbed share, 1 - exp(-t), and mean transmission, (1 - exp(-t)) / t: what a ray's intensity
-   falls to on average while it crosses the cell (1 at t = 0, 1/t for large t). */
-
-/* exp(-t) as 2^n, the result, and exp(r) - 1, for t >= 0, in line (PoCL calls exp, which empties the
-   vector registers, and PoCL 3.0 cannot build expm1 of double8 where there is no AVX-512): n is the
-   whole number next to -t / ln 2, r = -t - n ln 2 by Cody and Waite's two parts of ln 2, and exp(r) - 1
-   by Taylor's series. Adding 1.5 x 2^23, or 2^52, rounds, and leaves n in the last bits. */
+/* exp(-t) for t >= 0 as 2^n, the result, and exp(r) - 1, in `rest`. n is the whole number next to
+   -t / ln 2; r = -t - n ln 2 uses Cody and Waite's two parts of ln 2; exp(r) - 1 is Taylor's series.
+   Adding 1.5 x 2^23 (2^52) rounds and leaves n in the last bits. In line: PoCL's exp is a call that
+   spills the vector registers, and PoCL 3.0 cannot build expm1 of double8 without AVX-512. */
 #ifdef USE_FLOAT64
 #define THIN 1e-4 /* for `rising` */
 INLINE REAL power_of_two(REAL t, REAL *rest)
@@ -53,7 +51,7 @@ INLINE REAL power_of_two(REAL t, REAL *rest)
     const REAL shifted = x * 1.44269504f + 12582912.0f;
     const REAL n = shifted - 12582912.0f;
     const REAL r = (x - n * 0.693145752f) - n * 1.42860677e-6f;
-    const REAL square = r * r; /* in pairs that do not wait for each other */
+    const REAL square = r * r; /* in independent pairs */
     *rest = r + square * ((0.5f + r * 0.166666667f)
         + square * ((0.0416666667f + r * 8.33333333e-3f) + square * 1.38888889e-3f));
     return AS_FLOAT((AS_INT(shifted) << 23) + 0x3F800000);
@@ -68,7 +66,7 @@ INLINE REAL decay(REAL t)
     return two + two * rest;
 }
 
-/* As exactly: in thin cells 2^n is 1, and the rest is all of it. */
+/* 1 - exp(-t), as accurate as `decay`: in thin cells 2^n is 1, and the rest is all of it. */
 INLINE REAL absorbed(REAL t)
 {
     REAL rest;
@@ -76,31 +74,31 @@ INLINE REAL absorbed(REAL t)
     return (R(1) - two) - two * rest;
 }
 
-/* One division serves all that is over t. */
+/* One division, which the compiler shares among all quotients by t. */
 INLINE REAL per(REAL t) { return R(1) / t; }
 
-/* share: absorbed(t), which the caller has at hand. */
+/* (1 - exp(-t)) / t, the mean of exp(-t') over the path; 1 at t = 0. share: absorbed(t). */
 INLINE REAL mean_transmission(REAL t, REAL share) { return t > R(0) ? share * per(t) : (REAL)R(1); }
 
-/* A source that rises by 1 on the way, evenly, brings so much more than its mean would to the
-   intensity at the end, over t: ((1 + exp(-t)) / 2 - (1 - exp(-t)) / t) / t. share: absorbed(t);
-   mean: mean_transmission(t, share). */
+/* ((1 + exp(-t)) / 2 - (1 - exp(-t)) / t) / t: what a source that rises linearly by 1 along the path
+   adds to the intensity at its end beyond the source's mean, over t. share: absorbed(t); mean:
+   mean_transmission(t, share). */
 INLINE REAL rising(REAL t, REAL share, REAL mean)
 {
     const REAL thin = t * (R(0.08333333333333333) - t * R(0.041666666666666664));
     return t < R(THIN) ? thin : (R(1) - R(0.5) * share - mean) * per(t);
 }
 
-/* The same, rising(t), over t. */
+/* rising(t) / t. */
 INLINE REAL rising_over(REAL t, REAL rise)
 {
     const REAL thin = R(0.08333333333333333) - t * R(0.041666666666666664);
     return t < R(THIN) ? thin : rise * per(t);
 }
 
-/* Optical depth that absorbs this share of the light, -log(1 - share), to 3e-7 of it, for shares from
-   0 to below 1; in line, as above: log(2^n m) with m next to 1, by the series of 2 artanh(f / (2 + f)),
-   f = m - 1. Where n = 0, f is taken from the share, which loses nothing. */
+/* Optical depth -log(1 - share) that absorbs this share, 0 to below 1, of the light, to 3e-7 of it. In
+   line, as above: log(2^n m) with m next to 1, by the series of 2 artanh(f / (2 + f)), f = m - 1. Where
+   n = 0, f comes from the share itself, which avoids cancellation. */
 INLINE real depth_of(real share)
 {
 #ifdef USE_FLOAT64
@@ -116,7 +114,7 @@ INLINE real depth_of(real share)
 #endif
 }
 
-/* Path within a cell at which a ray that loses `share` in all of it has lost `part` of that. */
+/* Length within a cell up to which a ray has lost `part` of the `share` that the whole cell absorbs. */
 INLINE real length_at(real part, real share, real density)
 {
     return depth_of(part * share) / density;

@@ -1,4 +1,5 @@
-/* What a straight line sees once it has left the medium: background, walls or a patch of these. */
+/* The boundary that a straight line ends on beyond the medium: background, walls or a patch. All
+   methods use it. */
 #ifndef BOUNDARY_H
 #define BOUNDARY_H
 
@@ -6,15 +7,15 @@
 #include "real.h"
 
 /* BOUNDARY_ENCLOSURE: the background surrounds everything.
-   BOUNDARY_DISC: a disc that faces the camera (normal along y) in the plane disc.y.
-   N_PATCHES: patches that stand before it or beside it. */
+   BOUNDARY_DISC: a disc in the plane disc.y faces the camera (normal along y).
+   N_PATCHES: patches stand before it or beside it. */
 #if defined(BOUNDARY_ENCLOSURE) == defined(BOUNDARY_DISC)
 #error "define one of BOUNDARY_ENCLOSURE and BOUNDARY_DISC"
 #endif
 
 /* disc: centre x, y, z and squared radius. patches, four rows each: normal and offset of the plane;
-   centre, and 1 for a rectangle; unit vectors across and up, each divided by the half-width or
-   half-height. In the unit of the lines. */
+   centre, and 1 for a rectangle; unit vectors across and up, over the half-width and half-height. All
+   in the unit of the lines. */
 typedef struct {
     real4 disc;
 #ifdef N_PATCHES
@@ -30,8 +31,8 @@ typedef struct {
 #define BOUNDARY {disc}
 #endif
 
-/* 1 where the line from (px, py, pz) along (dx, dy, dz) meets the background, else 0. Only lines
-   with dy > 0 meet the disc's front. disc: centre x, y, z and squared radius, in the unit of p. */
+/* 1 where the line from (px, py, pz) along (dx, dy, dz) intersects the background, else 0. Only lines
+   with dy > 0 intersect the disc's front. disc: as in Boundary. */
 INLINE real sees_background(real px, real py, real pz, real dx, real dy, real dz, real4 disc)
 {
 #ifdef BOUNDARY_ENCLOSURE
@@ -46,8 +47,8 @@ INLINE real sees_background(real px, real py, real pz, real dx, real dy, real dz
 
 INLINE real along(real4 a, real x, real y, real z) { return a.x * x + a.y * y + a.z * z; }
 
-/* The component whose light comes to p along d from beyond p + from d. Of what stands in one plane
-   the background is seen, then the first patch: distances are equal there, and `<` keeps it. */
+/* The component whose radiance reaches p along the line p + t d, t >= from. In one plane the background
+   comes first, then the patches in their order: at equal distances `<` keeps the first. */
 INLINE int boundary_seen(
     real px, real py, real pz, real dx, real dy, real dz, real from, const Boundary *b)
 {

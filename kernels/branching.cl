@@ -1,13 +1,13 @@
-/* The paper's own ray tracing (Section "Ray Tracing"): in each cell that scatters, new rays leave
-   random places of the cell in random directions: as many as 1000 times the share of the ray that is
-   scattered there, at most 100. They do the same in turn, up to the order; what is scattered beyond
-   it is what the walls emit. A ray ends where it is attenuated to CUTOFF of what it was.
+/* The paper's own ray tracing (Section "Ray Tracing"), the method `branching`. In each cell that
+   scatters, new rays leave random places in random directions: 1000 times the share of the ray that is
+   scattered there, at most 100. These branch in turn, up to the order; light scattered beyond it comes
+   from the walls. A ray ends where it is attenuated to CUTOFF of what it was.
 
-   Rays wait on a stack of one place an order while those that they started are followed. Where the
-   rule gives a broken number of rays the last is started by chance, so that no light is lost.
+   A ray waits on a stack, of one place an order, while the rays that it started are followed. Where the
+   rule gives a fraction of a ray, chance decides about it, so that the mean is kept.
 
-   A ray has sums of its own, which go to those of the ray that started it when it ends: a million
-   small numbers added to a large one would be lost to rounding in part. */
+   Each ray has sums of its own, which it adds to its parent's when it ends: a million small numbers
+   added to a large one would in part be rounded away. */
 
 #include "attenuation.h"
 #include "boundary.h"
@@ -27,14 +27,14 @@
 #error "ORDER: most scatterings of a ray"
 #endif
 
-/* Of a sum: the components, and the part from within a medium of radiance 1. */
+/* Parts of a sum: the components, and what a medium of radiance 1 adds from within. */
 #define WITHIN COMPONENTS
 #define PARTS (COMPONENTS + 1)
 
 #define RAYS_PER_SHARE R(1000)
 #define MOST_RAYS R(100)
 
-/* A ray on its way, and the rays that the cell it has just crossed still has to start. */
+/* A ray, and the rays that are still to start in the cell that it has just crossed. */
 typedef struct {
     Traversal traversal;
     real weight;      /* of the ray when it started */
@@ -46,8 +46,8 @@ typedef struct {
 } Branch;
 
 __kernel void branching(
-    __global real *weights,           /* out: [component][row][column], and the part from within */
-    __global uint *started,           /* out: rays of each pixel, for the record */
+    __global real *weights,           /* out: [part][row][column] */
+    __global uint *started,           /* out: rays of each pixel */
     const uint2 key,
     __global const int *directory, __global const int *span, __global const real *depth,
     __global const real *thermal, __global const real *albedo,
@@ -78,9 +78,9 @@ __kernel void branching(
         real *sum = sums[level];
         if (b.waiting > 0) {
             const uint4 place = philox((uint4)(pixel, draws++, 0, 0), key);
-            const uint4 way = philox((uint4)(pixel, draws++, 0, 0), key);
+            const uint4 direction = philox((uint4)(pixel, draws++, 0, 0), key);
             const real3 up = (real3)(R(0), R(0), R(1));
-            const real3 d = turned(up, R(1) - R(2) * unit(way.x), unit(way.y));
+            const real3 d = turned(up, R(1) - R(2) * unit(direction.x), unit(direction.y));
             --stack[level].waiting;
             ++count;
             ++level;

@@ -1,4 +1,5 @@
-/* What flights know of a cell, and what they score of it. */
+/* The record of a cell that path segments read, and the scores that they take from it (final gather,
+   stage 5 of `trace_source`). */
 #ifndef CELL_RECORD_H
 #define CELL_RECORD_H
 
@@ -6,20 +7,20 @@
 #include "components.h"
 #include "moments.h"
 
-/* Of a chain's sum: the components, and what it would bring from within a medium of radiance 1. */
+/* Parts of a path's sum: the components, and what a medium of radiance 1 adds from within. */
 #define WITHIN COMPONENTS
 #define PARTS (COMPONENTS + 1)
 
-/* Components by fours, the last filled up with zeros: so they stay in vector registers. */
+/* Components in fours, padded with zeros: so they stay in vector registers. */
 #define FOURS ((COMPONENTS + 3) / 4)
 typedef real4 four_t __attribute__((aligned(sizeof(real))));
 typedef struct { real4 of[FOURS]; } Light;
 #define FOUR(p, k) (((__global const four_t *)(p))[k])
 
-/* A cell's record: optical depth of its edge; albedo of a deep cell, 0 of others; then, in fours, what
-   it emits, if it is deep; and the source of the last sweep: S_0 of all components, MOMENT_SOURCE: its moments
-   (moments.h), LINEAR_SOURCE: how S_0 changes across the cell along x, y, z. Of deep cells, the light that is
-   scattered in the same form, not yet times the albedo, and without what is emitted. */
+/* A cell's record: optical depth of its edge; albedo where paths go on in the cell, else 0; in fours, the
+   emission where paths go on; and the source of the final sweeps: S_0 of all components, its angular
+   moments (MOMENT_SOURCE, moments.h), its spatial gradient along x, y, z (LINEAR_SOURCE). Where paths go
+   on the source is the scattered part alone, over the albedo. */
 #define DEPTH 0
 #define ALBEDO 1
 #define EMISSION 4
@@ -42,7 +43,7 @@ INLINE Light no_light(void)
     return light;
 }
 
-/* Adds light of known components, and what of it is from within. */
+/* Scores radiance whose components are given; WITHIN gets what the boundary does not bring. */
 INLINE void score(real *sum, real weight, __global const real *light)
 {
     real outside = R(0);
@@ -53,7 +54,7 @@ INLINE void score(real *sum, real weight, __global const real *light)
     sum[WITHIN] += weight * (R(1) - outside);
 }
 
-/* Adds light, `all` of which is from within but for what is from the boundary. */
+/* Scores light whose components sum to `all` at radiance 1; WITHIN gets all but the boundary's. */
 INLINE void score_light(real *sum, real all, const Light *light)
 {
     UNROLL for (int c = 0; c < COMPONENTS; ++c) {
@@ -64,17 +65,18 @@ INLINE void score_light(real *sum, real all, const Light *light)
     sum[WITHIN] += all;
 }
 
-/* Adds what of a cell's source is seen along d: `all` of S_0 and its moments, and of how it changes
-   along x, y, z as much as the place lies off the cell's middle, times `all`. */
+/* Adds the source of a cell along d: `all` times S_0 and its moments, and the gradient times `place`,
+   which is the distance from the cell's middle times `all`. */
 INLINE void add_source(Light *light, real all, real3 place, real3 d, __global const real *record)
 {
 #ifdef MOMENT_SOURCE
-    const real sent[MOMENTS] = MOMENT_TO_DISCRETE(d);
+    const real to_discrete[MOMENTS] = MOMENT_TO_DISCRETE(d);
 #endif
     UNROLL for (int k = 0; k < FOURS; ++k) {
         real4 seen = FOUR(record + SOURCE, k);
 #ifdef MOMENT_SOURCE
-        UNROLL for (int m = 0; m < MOMENTS; ++m) seen += sent[m] * FOUR(record + SOURCE, k + (1 + m) * FOURS);
+        UNROLL for (int m = 0; m < MOMENTS; ++m)
+            seen += to_discrete[m] * FOUR(record + SOURCE, k + (1 + m) * FOURS);
 #endif
         seen *= all;
 #ifdef LINEAR_SOURCE

@@ -1,7 +1,6 @@
-/* The parts into which the light at a pixel is divided, each carried through the same trace: first
-   those that enter from outside, background and wall always and N_PATCHES patches of the enclosure
-   where the scene names any; then those that begin in the medium, vapour and liquid where the scene
-   has them. */
+/* Components: the parts of the radiance by origin. All go through the same trace. First come the
+   boundary's: background, wall, and N_PATCHES patches of the enclosure where the scene names any; then
+   the emitters in the medium: vapour and liquid where the scene has them. */
 #ifndef COMPONENTS_H
 #define COMPONENTS_H
 

@@ -1,13 +1,12 @@
-/* How many steps the picture's lines of sight take, and how many of them through something: what
-   image.cl does for every pixel, without the light. For `cldit bench`. */
+/* Cells that the lines of sight cross, and how many of these are not empty, for `cldit bench`: the
+   traversal of image.cl without the radiance. */
 
-#include "boundary.h"
 #include "boundary.h"
 #include "ray.h"
 #include "octree_traversal.h"
 
 __kernel void count(
-    __global int2 *steps,             /* out: steps, and steps through cells that hold something */
+    __global int2 *crossings,         /* out: cells crossed, and those that are not empty */
     __global const int *directory, __global const int *span, __global const real *depth,
     const int coarse, const int stored, const int bricks,
     const int4 low, const int4 high,
@@ -21,11 +20,11 @@ __kernel void count(
     const Ray ray = pixel_ray(column, row, columns, rows, middle, pitch_x, pitch_z, distance);
     const Grid grid = {coarse, bricks, low, high};
     Traversal traversal = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
-    int2 met = (int2)(0, 0);
+    int2 crossed = (int2)(0, 0);
     if (traversal_enter(&traversal, &grid, ray.start)) for (;;) {
         const Crossing cell = traversal_cell(&traversal, &grid, directory, span);
-        met += (int2)(1, depth[cell.address] > R(0) ? 1 : 0);
+        crossed += (int2)(1, depth[cell.address] > R(0) ? 1 : 0);
         if (!traversal_advance(&traversal, &cell, &grid)) break;
     }
-    steps[row * columns + column] = met;
+    crossings[row * columns + column] = crossed;
 }

@@ -1,16 +1,18 @@
-/* Which direction of a set: the nearest to another, or the one at a share of what all bring. */
+/* Lookup of ordinates: the nearest to a direction, or by the cumulative weight (final gather, stage 5 of
+   `trace_source`). */
 #ifndef DIRECTIONS_H
 #define DIRECTIONS_H
 
 #include "real.h"
 
 #ifndef NEAREST_SIDE
-#error "NEAREST_SIDE: entries of the table of nearest directions along a side of an octant"
+#error "NEAREST_SIDE: entries of the table of nearest ordinates along a side of an octant"
 #endif
 
-/* Entry of the table of nearest directions: [octant][NEAREST_SIDE][NEAREST_SIDE], an octant of the sphere on a face of
-   the octahedron (Cigolle et al., J. Computer Graphics Techniques 3, 2014), seen along z. No entry is
-   of two octants. On a plane between two it is of the lower one, as in flights and sweeps. */
+/* Entry of the table of nearest ordinates, [octant][NEAREST_SIDE][NEAREST_SIDE]. An octant of the sphere
+   is a face of the octahedron (Cigolle et al., J. Computer Graphics Techniques 3, 2014), projected along
+   z. Every entry belongs to one octant; the plane between two belongs to the lower one, as in path
+   segments and sweeps. */
 INLINE int direction_near(real3 d)
 {
     const real x = size_of(d.x), y = size_of(d.y), z = size_of(d.z);
@@ -21,7 +23,7 @@ INLINE int direction_near(real3 d)
     return (octant * NEAREST_SIDE + j) * NEAREST_SIDE + i;
 }
 
-/* Number of the direction at which the cumulative share reaches u. */
+/* Number of the ordinate at which the cumulative weight, `directions[].w`, reaches u. */
 INLINE int direction_at(
     real u, __global const real4 *directions, __global const int *start, int count)
 {

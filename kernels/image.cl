@@ -1,20 +1,19 @@
-/* Pictures: one ray a pixel from the camera through the bricks, front to back.
+/* The formal solution of the equation of transfer along one ray a pixel, front to back: the images
+   (stage 4 of `trace_source`).
 
-   Each cell of optical depth t adds T (1 - exp(-t)) S to the pixel, T being what is still
-   transmitted. S, the source of the cell, has a component for the light that began at the
-   background, at the walls and their patches, in the vapour and in the droplets. Without scattering
-   those from outside are nothing, and are not compiled in. IMAGES of as many sources are made at
-   once: the way through the cells is the same.
+   A cell of optical depth t adds T (1 - exp(-t)) S to the pixel; T is the transmission up to the cell, S
+   its source function. S has a component for each origin of light: background, walls, patches, vapour,
+   droplets. Without scattering the boundary's components of S are 0 and are not compiled in. IMAGES
+   images, of as many sources, share one traversal.
 
-   With LINEAR_SOURCE the source of cells that scatter changes across them, as the light in them does that the
-   sweeps found: a cell is many pixels wide.
+   LINEAR_SOURCE: S has a spatial gradient in cells that scatter, since a cell is many pixels wide.
 
-   With GATHER the source of thick cells is what they emit alone; what they scatter is gathered later
-   (gather.cl), where the last plane says that there is any.
+   GATHER: S of thick cells is their emission and the control variate. The final gather (gather.cl) adds
+   the rest, where the last plane is above 0.
 
-   After its components each picture has a plane of what a medium and an enclosure of radiance 1 add
-   from within the medium: with the weights of what is outside it makes 1 in every pixel, unless light
-   is made or lost. */
+   After its components each image has the plane WITHIN: what a medium and an enclosure of radiance 1 add
+   from within the medium. With the boundary's weights it sums to 1 in every pixel where energy is
+   conserved (cldit/transport/energy_balance.py). */
 
 #include "attenuation.h"
 #include "boundary.h"
@@ -33,14 +32,14 @@
 #error "CUTOFF: transmission at which a ray ends"
 #endif
 #ifndef IMAGES
-#error "IMAGES: how many are made at once"
+#error "IMAGES: images that share one traversal"
 #endif
 
-/* Of a picture's sum: the components, and the part from within at radiance 1. */
+/* Parts of an image's sum: the components, and what a medium of radiance 1 adds from within. */
 #define WITHIN COMPONENTS
 #define PARTS (COMPONENTS + 1)
 
-/* Of all sums: the pictures', and what is left to gather. */
+/* Planes: those of the images; then what is left to the gather. */
 #define LEFT (IMAGES * PARTS)
 #ifdef GATHER
 #define PLANES (LEFT + 1)
@@ -48,8 +47,8 @@
 #define PLANES LEFT
 #endif
 
-/* A cell's record: optical depth of its edge; albedo, if it is thick; for each picture the source,
-   and what is emitted at radiance 1, which is all where nothing scatters. */
+/* A cell's record: optical depth of its edge; albedo, if it is thick; for each image the source, and the
+   emission at radiance 1, which is 1 where nothing scatters. */
 #ifdef GATHER
 #define ALBEDO 1
 #define FIRST 2
@@ -63,15 +62,15 @@
 #endif
 #define RECORD (FIRST + IMAGES * ONE)
 
-/* What a line meets. */
+/* The medium, by stored cells. */
 typedef struct {
     __global const int *directory; /* brick -> slot, or -1 - coarse leaf; [z][y][x] */
     __global const int *span;      /* cells along the edge of each coarse leaf */
     __global const int *number;    /* of a stored cell's record; below 0 where it is empty */
     __global const real *records;
 #ifdef LINEAR_SOURCE
-    __global const real *changes;  /* of the sources across each cell along x, y, z: of the first */
-    int scattering;                /* so many records */
+    __global const real *gradient;  /* spatial gradient of the source along x, y, z, of the first ... */
+    int scattering;                /* ... so many records */
 #endif
     Grid grid;
     Boundary boundary;
@@ -94,11 +93,11 @@ INLINE void add_source(real *sum, real taken, __global const real *record)
 }
 
 #ifdef LINEAR_SOURCE
-/* What a cell's source is more where the ray sees it than in the cell's middle: the nearer to the
-   camera, the more is taken out on the way, over the optical depth t. */
-INLINE void add_change(
+/* Adds the gradient's part of the source, at the mean place of what reaches the camera from the cell. t:
+   optical depth of the crossing. */
+INLINE void add_gradient(
     real *sum, real transmitted, real t, real share, const Traversal *traversal, const Crossing *cell,
-    __global const real *change)
+    __global const real *gradient)
 {
     const real taken = transmitted * share;
     const real nearer = transmitted * t * rising(t, share, mean_transmission(t, share));
@@ -107,8 +106,8 @@ INLINE void add_change(
     const real x = where * traversal->dx + taken * (traversal->px - traversal->x - R(0.5));
     const real y = where * traversal->dy + taken * (traversal->py - traversal->y - R(0.5));
     const real z = where * traversal->dz + taken * (traversal->pz - traversal->z - R(0.5));
-    UNROLL for (int c = 0; c < COMPONENTS; ++c, ++change) {
-        const real more = x * change[0] + y * change[COMPONENTS] + z * change[2 * COMPONENTS];
+    UNROLL for (int c = 0; c < COMPONENTS; ++c, ++gradient) {
+        const real more = x * gradient[0] + y * gradient[COMPONENTS] + z * gradient[2 * COMPONENTS];
         UNROLL for (int p = 0; p < IMAGES; ++p) {
             sum[p * PARTS + c] += more;
             if (c < BOUNDARIES) sum[p * PARTS + WITHIN] -= more;
@@ -117,7 +116,7 @@ INLINE void add_change(
 }
 #endif
 
-/* Adds what one ray brings to sum. */
+/* Adds one ray to sum. */
 INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
 {
     Traversal traversal = {ray->px, ray->py, ray->pz, ray->dx, ray->dy, ray->dz, R(0), 0, 0, 0};
@@ -135,9 +134,9 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
             add_source(sum, taken, last);
 #ifdef LINEAR_SOURCE
             if (number < m->scattering)
-                add_change(
+                add_gradient(
                     sum, transmitted, t, share, &traversal, &cell,
-                    m->changes + number * (3 * COMPONENTS));
+                    m->gradient + number * (3 * COMPONENTS));
 #endif
             transmitted -= taken;
         }
@@ -151,30 +150,29 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
             UNROLL for (int c = 0; c < BOUNDARIES; ++c)
                 sum[p * PARTS + c] += c == seen ? transmitted : R(0);
     } else {
-        /* The little that is left goes as deep as the last cell looks: it takes that cell's source,
-           which costs no light and errs by CUTOFF times the change of S beyond. */
+        /* The rest takes the last cell's source. So energy is conserved, and the error is CUTOFF times
+           the change of S beyond. */
         add_source(sum, transmitted, last);
     }
 }
 
 /* coarse: address of coarse leaf 0; low..high: cells outside these bounds are empty. */
 #ifdef LINEAR_SOURCE
-#define CHANGE_ARGUMENTS __global const real *changes, const int scattering,
-#define CHANGES changes, scattering,
+#define GRADIENT_ARGUMENTS __global const real *gradient, const int scattering,
+#define GRADIENTS gradient, scattering,
 #else
-#define CHANGE_ARGUMENTS
-#define CHANGES
+#define GRADIENT_ARGUMENTS
+#define GRADIENTS
 #endif
 #define ARGUMENTS \
     __global const int *directory, __global const int *span, __global const int *number, \
-    __global const real *records, CHANGE_ARGUMENTS const int coarse, const int stored, \
+    __global const real *records, GRADIENT_ARGUMENTS const int coarse, const int stored, \
     const int bricks, const int4 low, const int4 high, const int columns, const int rows, \
     const real4 middle, const real pitch_x, const real pitch_z, const real distance, \
     BOUNDARY_ARGUMENTS
-#define MEDIUM {directory, span, number, records, CHANGES {coarse, bricks, low, high}, BOUNDARY}
+#define MEDIUM {directory, span, number, records, GRADIENTS {coarse, bricks, low, high}, BOUNDARY}
 
-/* planes, out: [plane][row][column]: of each picture the components and the part from within; then
-   what is left to gather */
+/* The image of one ray a pixel. planes, out: [plane][row][column]. */
 __kernel void image(__global real *planes, ARGUMENTS)
 {
     const int column = get_global_id(0);
@@ -190,8 +188,8 @@ __kernel void image(__global real *planes, ARGUMENTS)
 }
 
 #ifdef RAYS_ACROSS
-/* The mean of RAYS_ACROSS^2 rays through each listed pixel, one in the middle of each of as many
-   equal parts of it. planes, out: [plane][list]. */
+/* The mean of RAYS_ACROSS^2 rays through each listed pixel, one in the middle of each equal part of it.
+   planes, out: [plane][list]. */
 __kernel void refine(
     __global real *planes, __global const int *list, const int count, ARGUMENTS)
 {

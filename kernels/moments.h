@@ -1,5 +1,5 @@
-/* Moments of light over the directions that it comes from, the mean aside: three of the first
-   order, five of the second (cldit/transport/angular_moments.py). */
+/* Angular moments of radiance without the mean: three of the first order, five of the second. See
+   cldit/transport/angular_moments.py. They serve stages 2, 3 and 5 of `trace_source`. */
 #ifndef MOMENTS_H
 #define MOMENTS_H
 
@@ -7,12 +7,12 @@
 
 #define MOMENTS 8
 
-/* By what light from the unit vector d counts in each. */
+/* Weight of radiance from the unit vector d in each moment. */
 #define DISCRETE_TO_MOMENT(d) { \
     (d).x, (d).y, (d).z, (d).x * (d).x - R(1) / 3, (d).y * (d).y - R(1) / 3, \
     (d).x * (d).y, (d).x * (d).z, (d).y * (d).z}
 
-/* By what each counts in a source that is seen along d. */
+/* Weight of each moment in the source along d. */
 #define MOMENT_TO_DISCRETE(d) { \
     (d).x, (d).y, (d).z, (d).x * (d).x - (d).z * (d).z, (d).y * (d).y - (d).z * (d).z, \
     (d).x * (d).y, (d).x * (d).z, (d).y * (d).z}

@@ -1,7 +1,9 @@
-/* A straight line through the bricks, cell by cell: the way of every ray but those of the sweeps.
+/* Octree traversal: a straight line from cell to cell through the bricks (3-D DDA: Amanatides and Woo,
+   Eurographics 1987). Every ray takes it but those of the sweeps. It serves the image and the final
+   gather (stages 4 and 5 of `trace_source`) and path tracing.
 
-   `directory` says where a brick's cells lie (slot >= 0), or which coarse leaf the brick is in
-   (-1 - leaf); that, `span` cells along its edge, is crossed in one step. Lengths are in finest
+   `directory` holds a brick's slot of stored cells (>= 0), or -1 - the coarse leaf that the brick lies
+   in. A coarse leaf has `span` cells along its edge and is crossed at once. Lengths are in finest
    cells. */
 #ifndef OCTREE_TRAVERSAL_H
 #define OCTREE_TRAVERSAL_H
@@ -18,8 +20,7 @@ typedef struct {
     int4 low, high;
 } Grid;
 
-/* A place on the line p + t d, and the cell that lies ahead of it. rx, ry, rz: 1 / d, set by
-   walk_in. */
+/* A place on the line p + t d, and the cell ahead of it. rx, ry, rz: 1 / d, set by traversal_enter. */
 typedef struct {
     real px, py, pz, dx, dy, dz;
     real t;
@@ -27,8 +28,8 @@ typedef struct {
     real rx, ry, rz;
 } Traversal;
 
-/* The cell, or coarse leaf, that is being crossed: its far sides, which is its lower one where the
-   line runs down, and where the line meets these; next: where it leaves. */
+/* The cell or coarse leaf that is being crossed. fx, fy, fz: its far sides, the lower ones where the
+   line runs down. tx, ty, tz: where the line intersects them. next: where it leaves. */
 typedef struct {
     int address;
     int mask; /* cells along the edge of a coarse leaf, less one; 0 for a stored cell */
@@ -54,8 +55,8 @@ INLINE int cell_at(real place, int low, int high)
     return within(floor_of(place), low, high);
 }
 
-/* Sets the walk, whose line is given, to where it meets the grid's bounds, or to `start` if that
-   lies inside already; 0 where it misses them. */
+/* Sets a traversal, whose line is given, to the place where the line enters the grid's bounds, or to
+   `start` if that lies inside. Returns 0 where the line misses them. */
 INLINE int traversal_enter(Traversal *w, const Grid *g, real start)
 {
     w->t = most(most(distance_from(w->px, w->dx, g->low.x, g->high.x),
@@ -121,18 +122,18 @@ INLINE void traversal_bounds(const Traversal *w, const Crossing *c, const Grid *
 /* Length of the crossing. */
 INLINE real traversal_length(const Traversal *w, const Crossing *c) { return most(c->next - w->t, R(0)); }
 
-/* Cell beyond the far side, where that is met; else the one within the leaf that the line is in. */
-INLINE int cell_beyond(int cell, int mask, int side, int meets, real place, real slope, int limit)
+/* The cell beyond the far side, where the line crosses it; else the cell within the leaf. */
+INLINE int cell_beyond(int cell, int mask, int side, int crosses, real place, real slope, int limit)
 {
     const int down = slope < R(0);
-    if (meets) return down ? side - 1 : side;
+    if (crosses) return down ? side - 1 : side;
     if (mask == 0) return cell;
     const int other = down ? (cell | mask) : (cell & ~mask);
     return down ? cell_at(place, side, smaller(other, limit))
         : cell_at(place, larger(other, limit), side - 1);
 }
 
-/* Goes on to the next cell; 0 where the line leaves the bounds. */
+/* Advances to the next cell. Returns 0 where the line leaves the bounds. */
 INLINE int traversal_advance(Traversal *w, const Crossing *c, const Grid *g)
 {
     w->t = most(w->t, c->next);
@@ -145,7 +146,7 @@ INLINE int traversal_advance(Traversal *w, const Crossing *c, const Grid *g)
         w->z = cell_beyond(w->z, c->mask, c->fz, mz, w->pz + w->t * w->dz, w->dz,
                            w->dz < R(0) ? g->high.z - 1 : g->low.z);
     } else {
-        /* Without branches, which no machine would guess: one in three is taken. */
+        /* No branches: one in three would be taken, which no processor predicts. */
         w->x += mx ? (w->dx < R(0) ? -1 : 1) : 0;
         w->y += my ? (w->dy < R(0) ? -1 : 1) : 0;
         w->z += mz ? (w->dz < R(0) ? -1 : 1) : 0;

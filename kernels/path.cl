@@ -1,11 +1,10 @@
-/* Path tracing, unbiased: one chain of scatterings a sample.
+/* Path tracing, unbiased, the method `path` and the audit: backward Monte Carlo, one path a sample.
 
-   A flight scores what it meets at its expected value: in every cell the emission, and at its end
-   the boundary, each times what the line transmits up to there. One place of the flight is chosen to
-   scatter from. On the line of sight this is forced: what scatters there in all is known from
-   `straight`, and the samples of a pixel divide it evenly among them, so that one walk along the
-   line serves them all. On later flights it is chosen by the extinction, or does not happen.
-   Chains of little weight end by Russian roulette; after the last order the wall is seen. */
+   A path segment scores by expected values: the emission of every cell and the boundary at its end, each
+   times the transmission up to there. One place of the segment scatters. On the line of sight this is
+   forced: `straight` finds what the line scatters in all, and the samples of a pixel are stratified over
+   it, so that one traversal serves them all. On later segments the extinction draws the place, or none.
+   Russian roulette ends paths of little weight; after the last order the wall is seen. */
 
 #include "attenuation.h"
 #include "boundary.h"
@@ -25,14 +24,14 @@
 #error "SAMPLES: a pixel and batch, a power of two up to 1024"
 #endif
 
-/* Of a chain's sum: the components, and what it would bring from within a medium of radiance 1. */
+/* Parts of a path's sum: the components, and what a medium of radiance 1 adds from within. */
 #define WITHIN COMPONENTS
 #define PARTS (COMPONENTS + 1)
 #ifndef ROULETTE
 #error "ROULETTE: weight under which a path may end"
 #endif
 
-/* What the light meets, stored cell by stored cell. */
+/* The medium, by stored cells. */
 typedef struct {
     __global const int *directory;
     __global const int *span;
@@ -57,8 +56,8 @@ INLINE void score_boundary(real *sum, real weight, const Traversal *w, real from
     for (int c = 0; c < BOUNDARIES; ++c) sum[c] += c == seen ? weight : R(0);
 }
 
-/* Follows one chain from p, where light that runs on along d is scattered; adds to sum what it
-   brings, times weight. */
+/* Traces one path from p, where light is scattered into the direction -d; adds its score times weight
+   to sum. */
 INLINE void path(
     real *sum, real weight, real3 p, real3 d, uint pixel, uint sample, uint batch, uint2 key,
     uint4 shift0, uint4 shift1, const Medium *m, __global const real *table,
@@ -80,11 +79,11 @@ INLINE void path(
             word.z = sobol(sample, 3 * event + 3, columns) ^ shift.z;
         }
         d = turned(d, phase_cosine(unit(word.x), table), unit(word.y));
-        const real goal = unit(word.z); /* transmission at which this flight is scattered */
+        const real goal = unit(word.z); /* transmission at which this segment is scattered */
 
         Traversal traversal = {p.x, p.y, p.z, d.x, d.y, d.z, R(0), 0, 0, 0};
         real transmitted = R(1), albedo = R(0);
-        int met = 0, last = m->grid.coarse;
+        int has_scattered = 0, last = m->grid.coarse;
         int inside = traversal_enter(&traversal, &m->grid, R(0));
         while (inside && transmitted > R(CUTOFF)) {
             const Crossing cell = traversal_cell(&traversal, &m->grid, m->directory, m->span);
@@ -93,12 +92,12 @@ INLINE void path(
                 const real share = absorbed(density * traversal_length(&traversal, &cell));
                 const real taken = transmitted * share;
                 score_thermal(sum, weight * taken, cell.address, m);
-                if (!met && transmitted - taken <= goal) {
+                if (!has_scattered && transmitted - taken <= goal) {
                     const real part = most(R(0), least((transmitted - goal) / taken, R(1)));
                     const real at = least(traversal.t + length_at(part, share, density), cell.next);
                     p = (real3)(traversal.px, traversal.py, traversal.pz) + at * d;
                     albedo = m->albedo[cell.address];
-                    met = 1;
+                    has_scattered = 1;
                 }
                 transmitted -= taken;
                 last = cell.address;
@@ -108,17 +107,17 @@ INLINE void path(
         if (transmitted > R(CUTOFF)) {
             score_boundary(sum, weight * transmitted, &traversal, R(0), m);
         } else {
-            /* What is left ends in the last cell, as if that went on for ever. */
+            /* The rest ends in the last cell, as if that had no end. */
             score_thermal(sum, weight * transmitted, last, m);
-            if (!met) {
+            if (!has_scattered) {
                 p = (real3)(traversal.px, traversal.py, traversal.pz) + traversal.t * d;
                 albedo = m->albedo[last];
-                met = 1;
+                has_scattered = 1;
             }
         }
-        if (met) sum[WITHIN] += weight * (R(1) - albedo);
+        if (has_scattered) sum[WITHIN] += weight * (R(1) - albedo);
         weight *= albedo;
-        if (!met || weight <= R(0)) return;
+        if (!has_scattered || weight <= R(0)) return;
         if (weight < floor_) {
             if (unit(word.w) * floor_ >= weight) return;
             weight = floor_;
@@ -136,9 +135,9 @@ INLINE void path(
 #define MEDIUM {directory, span, depth, thermal, albedo, stored, {coarse, bricks, low, high}, \
     BOUNDARY}
 
-/* What is seen without scattering, in every pixel, and what the line of sight scatters in all. */
+/* Unscattered radiance of every pixel, and what its line of sight scatters in all. */
 __kernel void straight(
-    __global real *weights,   /* out: [component][row][column], and the part from within */
+    __global real *weights,   /* out: [part][row][column] */
     __global real *scattered, /* out: [row][column] */
     MEDIUM_ARGUMENTS)
 {
@@ -179,10 +178,10 @@ __kernel void straight(
     scattered[pixel] = loss;
 }
 
-/* Mean of SAMPLES chains for each listed pixel. Sample k scatters for the first time where the share
-   (k + something) / SAMPLES of all that the line of sight scatters has been scattered. */
+/* Mean of SAMPLES paths for each listed pixel. Sample k scatters for the first time where the line of
+   sight has scattered the share (k + offset) / SAMPLES of all that it scatters. */
 __kernel void scatter(
-    __global real *means,           /* out: [component][list], and the part from within */
+    __global real *means,           /* out: [part][list] */
     __global const int *list,       /* in: pixels that scatter */
     __global const real *scattered, /* in: what they scatter in all */
     const int count, const uint2 key, const uint batch,
@@ -215,7 +214,7 @@ __kernel void scatter(
             const real taken = transmitted * share;
             const real here = taken * albedo[cell.address];
             transmitted -= taken;
-            /* At the end of the light all that remains is scattered; rounding must lose no sample. */
+            /* The end of the line takes all samples that are left: rounding must lose none. */
             const int end = transmitted <= R(CUTOFF) || loss + here >= all * R(0.999999);
             while (sample < SAMPLES && here > R(0)) {
                 const real goal = (sample + offset) * (all / SAMPLES) - loss;

@@ -1,5 +1,5 @@
-/* Flights through thick cells and those around them, back to where light comes from; SIMD_WIDTH of them
-   at once, cell by cell. */
+/* Path segments through the thick region, traced backwards to where light comes from, cell by cell,
+   SIMD_WIDTH of them at once (final gather, stage 5 of `trace_source`). */
 #ifndef PATH_SEGMENT_H
 #define PATH_SEGMENT_H
 
@@ -7,49 +7,49 @@
 #include "cell_record.h"
 
 #ifndef PENDING_READS
-#error "PENDING_READS: reads of kept light that are made together"
+#error "PENDING_READS: reads of stored radiance that are made together"
 #endif
 #ifndef MIN_TRANSMISSION
-#error "MIN_TRANSMISSION: transmission at which a flight ends"
+#error "MIN_TRANSMISSION: transmission at which a path segment ends"
 #endif
 
-/* What lies beside a cell of the region: down and up along x, y and z the number of the next cell, or
-   BOUNDARY_THERE, or where the region ends its face, INTERFACE - number in the light that sweeps kept; then
-   the number of the light in the cell itself, -1 where it was not kept. */
+/* Neighbours of a cell of the region, down and up along x, y and z: the number of the next cell, or
+   BOUNDARY_THERE, or INTERFACE - the number of the interface in the stored radiance. Then the number of
+   the stored radiance in the cell itself; -1: there is none. */
 #define SIDES 8
 #define OWN 6
 #define BOUNDARY_THERE (-1)
 #define INTERFACE (-2)
 
-/* What flights meet. */
+/* The thick region: thick cells and those around them. */
 typedef struct {
-    __global const int *places;    /* of the box that the cells lie in: their numbers; -1: others */
-    __global const int4 *at;       /* of the cells: where they are in the cube */
+    __global const int *places;    /* number of each cell of a box around the region; -1: outside it */
+    __global const int4 *at;       /* place of each cell in the cube */
     __global const int *beside;    /* SIDES a cell */
-    __global const real *depth;    /* of the cells: optical depth of their edges, below 0: deep */
-    __global const real *cells;    /* records */
-    __global const real *light;    /* that comes through faces: [face][direction][component] */
-    __global const real4 *directions; /* where it comes from, and the share of directions up to here
-                                         in what a cell scatters along +y; neighbours are close by */
-    __global const int *number_of; /* of the directions: theirs in `light` */
-    __global const int *start;     /* of the directions, the one at which the share k / count lies */
-    __global const int *nearest;   /* of the directions, -1: none: see direction_near */
-    __global const real *means;    /* of the light kept in thick cells: [cell][component] */
-    int first_own;                 /* number in `light` of the first of these */
-    int count;                     /* of directions */
-    int4 low, shape;               /* the box */
+    __global const real *depth;    /* optical depth of each cell's edge, below 0 where paths go on */
+    __global const real *cells;    /* records, see cell_record.h */
+    __global const real *light;    /* stored radiance: [interface or cell][ordinate][component] */
+    __global const real4 *directions; /* ordinates along Hilbert's curve; w: cumulative weight of what
+                                         they scatter along +y */
+    __global const int *number_of; /* number of each of these in `light` */
+    __global const int *start;     /* first of these whose cumulative weight exceeds k / count */
+    __global const int *nearest;   /* table of nearest ordinates, see direction_near; -1: none */
+    __global const real *means;    /* control variate of thick cells: [cell][component] */
+    int first_own;                 /* number in `light` of the first thick cell */
+    int count;                     /* of ordinates */
+    int4 low, shape;               /* the box of `places` */
     Boundary boundary;
 } ThickRegion;
 
-/* Kept light that is still to be scored, and the sum of what was. Flights end anywhere in some hundred
-   megabytes of it: one by one, a fifth of their time would be waiting for memory. */
+/* Stored radiance that is still to be scored, and the sum of what was. Segments end anywhere in some
+   hundred megabytes: read one by one, a fifth of the time would be waiting for memory. */
 typedef struct {
     __global const real *light[PENDING_READS];
     real weight[PENDING_READS];
     int count;
     real sum[PARTS];
 #ifdef COUNTED
-    int crossed; /* cells, by all flights */
+    int crossed; /* cells, by all segments */
 #endif
 } PendingScores;
 
@@ -74,27 +74,27 @@ INLINE int number_in(int3 cell, const ThickRegion *m)
     return m->places[(z * m->shape.y + y) * m->shape.x + x];
 }
 
-/* Flights, one a lane. Lengths are in cells from where each began. */
+/* Path segments, one a lane. Lengths are in cells from where each began. */
 typedef struct {
-    lane_t tx, ty, tz;    /* where it meets the far sides of its cell */
-    lane_t dx, dy, dz;    /* how far it is from side to side */
-    lane_t ax, ay, az;    /* how far it gets along x, y, z in a length of 1 */
-    lane_i ux, uy, uz;    /* mask: upwards */
-    lane_t t;             /* where it is */
-    lane_t weight, floor; /* what is left of it; with how much it ends */
-    lane_t scattered;     /* what deep cells on the way have scattered */
-    lane_t u;             /* chance: serves all draws of one of these, and of a place in it */
-    lane_t x, y, z, share; /* of the one drawn: where in it the flight comes in; what it takes out */
-    lane_i met;           /* its number, -1: none */
-    lane_i cell;          /* number */
+    lane_t tx, ty, tz;     /* distance to the far sides of the present cell */
+    lane_t dx, dy, dz;     /* distance from side to side */
+    lane_t ax, ay, az;     /* |direction| along x, y, z */
+    lane_i ux, uy, uz;     /* mask: upwards */
+    lane_t t;              /* distance so far */
+    lane_t weight, floor;  /* weight, and the weight at which it ends */
+    lane_t scattered;      /* weight scattered so far in cells where paths go on */
+    lane_t u;              /* random number that draws one of these cells, and a place in it */
+    lane_t x, y, z, share; /* of the cell drawn: where the segment enters it, and the absorbed share */
+    lane_i drawn;          /* number of the cell drawn, -1: none */
+    lane_i cell;           /* number of the present cell */
     lane_i active;         /* mask */
-    real3 way[SIMD_WIDTH];    /* where light comes from */
+    real3 direction[SIMD_WIDTH]; /* to where light comes from */
 } Segments;
 
-/* How one ended: with what is left of it at `beside` of its cell, or within that. */
+/* The ends of segments: at the neighbour `beside`, or within the cell. */
 typedef struct {
     lane_i ended;  /* mask */
-    lane_i within; /* mask: nothing is left */
+    lane_i within; /* mask: no weight is left */
     lane_i beside;
 } SegmentEnd;
 
@@ -103,27 +103,27 @@ INLINE Segments no_segments(void)
     Segments f;
     f.tx = f.ty = f.tz = (lane_t)R(1);
     f.dx = f.dy = f.dz = f.ax = f.ay = f.az = (lane_t)R(0);
-    f.ux = f.uy = f.uz = f.met = f.cell = f.active = (lane_i)0;
+    f.ux = f.uy = f.uz = f.drawn = f.cell = f.active = (lane_i)0;
     f.t = f.weight = f.floor = f.scattered = f.u = f.x = f.y = f.z = f.share = (lane_t)R(0);
     return f;
 }
 
-/* One axis of a line from `place` in a cell, 0 to 1; the far side of one that runs along it is never
-   met. */
+/* Sets one axis of a segment from `place` in a cell, 0 to 1. A line parallel to the side never reaches
+   it. */
 INLINE void set_axis(
-    lane_t *meets, lane_t *across, lane_t *gets, lane_i *up, int lane, real place, real slope)
+    lane_t *to_side, lane_t *spacing, lane_t *rate, lane_i *up, int lane, real place, real slope)
 {
     const real part = most(slope > R(0) ? R(1) - place : place, R(0));
-    const int along_it = slope == R(0);
-    const real size = along_it ? part * R(1e-30) : size_of(slope);
-    const real side = along_it ? R(0) : R(1) / size;
-    LANE(*meets, lane) = along_it ? R(1e30) : part * side;
-    LANE(*across, lane) = side;
-    LANE(*gets, lane) = size;
+    const int parallel = slope == R(0);
+    const real size = parallel ? part * R(1e-30) : size_of(slope);
+    const real side = parallel ? R(0) : R(1) / size;
+    LANE(*to_side, lane) = parallel ? R(1e30) : part * side;
+    LANE(*spacing, lane) = side;
+    LANE(*rate, lane) = size;
     LANE_I(*up, lane) = -(slope > R(0));
 }
 
-/* Begins a flight from p in a cell, 0 to 1 along x, y, z. */
+/* Starts a segment at p in a cell, 0 to 1 along x, y, z. */
 INLINE void start_segment(Segments *f, int lane, int cell, real3 p, real3 d, real weight, real u)
 {
     set_axis(&f->tx, &f->dx, &f->ax, &f->ux, lane, p.x, d.x);
@@ -134,23 +134,23 @@ INLINE void start_segment(Segments *f, int lane, int cell, real3 p, real3 d, rea
     LANE(f->floor, lane) = weight * R(MIN_TRANSMISSION);
     LANE(f->scattered, lane) = R(0);
     LANE(f->u, lane) = u;
-    LANE_I(f->met, lane) = -1;
+    LANE_I(f->drawn, lane) = -1;
     LANE_I(f->cell, lane) = cell;
     LANE_I(f->active, lane) = -1;
-    f->way[lane] = d;
+    f->direction[lane] = d;
 }
 
-/* Place in the cell, along one axis, a way before the far side. */
-#define PLACE(left, gets, up) ((up) ? R(1) - (left) * (gets) : (left) * (gets))
+/* Place in the cell, along one axis, a distance `left` before the far side. */
+#define PLACE(left, rate, up) ((up) ? R(1) - (left) * (rate) : (left) * (rate))
 
-/* Crosses a cell with each flight, and scores what it sends. Of all that deep cells on a flight's way
-   scatter, `scattered` becomes the sum and one place is drawn. Light scored, what is left and
-   `scattered` make the weight that a flight began with. */
+/* Advances each segment by a cell and scores the cell's source. Where paths go on, `scattered` sums the
+   weight scattered, and one of these cells is drawn in proportion to it (reservoir sampling). Weight
+   scored, weight left and `scattered` sum to the segment's first weight. */
 INLINE SegmentEnd cross_cell(real *sum, PendingScores *pending, Segments *f, const ThickRegion *m)
 {
     const lane_t depth_there = from_table(m->depth, f->cell);
-    const lane_i deep = depth_there < R(0);
-    const lane_t depth = deep ? -depth_there : depth_there;
+    const lane_i goes_on = depth_there < R(0);
+    const lane_t depth = goes_on ? -depth_there : depth_there;
     const lane_t end = lower(f->tx, lower(f->ty, f->tz));
     const lane_t length = end - f->t;
     const lane_t t = depth * length;
@@ -158,12 +158,12 @@ INLINE SegmentEnd cross_cell(real *sum, PendingScores *pending, Segments *f, con
     lane_t taken = f->weight * share;
     const lane_t left = f->weight - taken;
     SegmentEnd e;
-    /* What is left in the end goes no further than the last cell. */
+    /* Below the floor the last cell gets all of the weight. */
     e.within = left <= f->floor;
     taken = e.within ? f->weight : taken;
     lane_t x = taken, y = taken, z = taken;
 #ifdef LINEAR_SOURCE
-    /* Where it is seen: less deep in the cell than in the middle of the way. */
+    /* Mean place of emission: nearer than the middle of the crossing. */
     const lane_t middle = f->t + R(0.5) * length;
     const lane_t nearer = f->weight * t * rising(t, share, mean_transmission(t, share)) * length;
     x = taken * (R(0.5) - (f->tx - middle) * f->ax) - nearer * f->ax;
@@ -173,9 +173,9 @@ INLINE SegmentEnd cross_cell(real *sum, PendingScores *pending, Segments *f, con
     y = f->uy ? y : -y;
     z = f->uz ? z : -z;
 #endif
-    Light sent = no_light();
+    Light collected = no_light();
     real all = R(0);
-    lane_t albedo = (lane_t)R(0); /* of deep cells that are crossed */
+    lane_t albedo = (lane_t)R(0); /* where paths go on */
     UNROLL for (int lane = 0; lane < SIMD_WIDTH; ++lane) {
         if (!LANE_I(f->active, lane)) continue;
 #ifdef COUNTED
@@ -183,42 +183,42 @@ INLINE SegmentEnd cross_cell(real *sum, PendingScores *pending, Segments *f, con
 #endif
         __global const real *it = m->cells + (size_t)LANE_I(f->cell, lane) * RECORD;
         const real here = LANE(taken, lane);
-        if (LANE_I(deep, lane)) {
-            add_emission(&sent, here, it);
+        if (LANE_I(goes_on, lane)) {
+            add_emission(&collected, here, it);
             LANE(albedo, lane) = it[ALBEDO];
             all += here * (R(1) - it[ALBEDO]);
         } else {
             const real3 off = (real3)(LANE(x, lane), LANE(y, lane), LANE(z, lane));
-            add_source(&sent, here, off, f->way[lane], it);
+            add_source(&collected, here, off, f->direction[lane], it);
             all += here;
         }
     }
-    score_light(sum, all, &sent);
-    if (any_of(deep)) {
+    score_light(sum, all, &collected);
+    if (any_of(goes_on)) {
         const lane_t here = taken * albedo;
         f->scattered += here;
         const lane_t chance = here > R(0) ? here / f->scattered : (lane_t)R(0);
-        const lane_i drawn = f->u < chance;
-        /* What is left of a chance after a draw is as random as before. */
-        f->u = drawn ? lower(f->u / chance, (lane_t)R(0.9999999))
+        const lane_i draw = f->u < chance;
+        /* The rest of a random number after a draw is uniform again. */
+        f->u = draw ? lower(f->u / chance, (lane_t)R(0.9999999))
             : (f->u - chance) / (R(1) - chance);
-        f->met = drawn ? f->cell : f->met;
-        f->share = drawn ? share : f->share;
-        f->x = drawn ? PLACE(f->tx - f->t, f->ax, f->ux) : f->x;
-        f->y = drawn ? PLACE(f->ty - f->t, f->ay, f->uy) : f->y;
-        f->z = drawn ? PLACE(f->tz - f->t, f->az, f->uz) : f->z;
+        f->drawn = draw ? f->cell : f->drawn;
+        f->share = draw ? share : f->share;
+        f->x = draw ? PLACE(f->tx - f->t, f->ax, f->ux) : f->x;
+        f->y = draw ? PLACE(f->ty - f->t, f->ay, f->uy) : f->y;
+        f->z = draw ? PLACE(f->tz - f->t, f->az, f->uz) : f->z;
     }
     const lane_i along_x = (f->tx <= f->ty) & (f->tx <= f->tz);
     const lane_i along_y = (f->ty <= f->tz) & !along_x;
     const lane_i side = along_x ? -f->ux : along_y ? 2 - f->uy : 4 - f->uz;
     e.beside = from_numbers(m->beside, f->cell * SIDES + side);
     e.ended = f->active & (e.within | (e.beside < 0));
-    const lane_i goes = f->active & !e.ended;
-    f->tx += (goes & along_x) ? f->dx : (lane_t)R(0);
-    f->ty += (goes & along_y) ? f->dy : (lane_t)R(0);
-    f->tz += (goes & !along_x & !along_y) ? f->dz : (lane_t)R(0);
-    f->cell = goes ? e.beside : f->cell;
-    /* The depth alone is waited for; what the cells send is read after much else. */
+    const lane_i continues = f->active & !e.ended;
+    f->tx += (continues & along_x) ? f->dx : (lane_t)R(0);
+    f->ty += (continues & along_y) ? f->dy : (lane_t)R(0);
+    f->tz += (continues & !along_x & !along_y) ? f->dz : (lane_t)R(0);
+    f->cell = continues ? e.beside : f->cell;
+    /* The depth is read at once; the rest of the record is needed much later. */
     UNROLL for (int lane = 0; lane < SIMD_WIDTH; ++lane) {
         __global const real *soon = m->cells + (size_t)LANE_I(f->cell, lane) * RECORD;
         UNROLL for (int k = 0; k < RECORD; k += LINE) SOON_READ(soon + k);
@@ -228,19 +228,21 @@ INLINE SegmentEnd cross_cell(real *sum, PendingScores *pending, Segments *f, con
     return e;
 }
 
-/* Scores what is left of a flight that ended. */
+/* Scores the weight of a segment at its end. */
 INLINE void end_segment(
-    real *sum, PendingScores *pending, const Segments *f, int lane, const SegmentEnd *e, int number, const ThickRegion *m)
+    real *sum, PendingScores *pending, const Segments *f, int lane, const SegmentEnd *e, int number,
+    const ThickRegion *m)
 {
     if (LANE_I(e->within, lane)) return;
     const real weight = LANE(f->weight, lane);
     const int beside = LANE_I(e->beside, lane);
     if (beside != BOUNDARY_THERE) {
-        score_later(pending, weight, m->light + ((size_t)(INTERFACE - beside) * m->count + number) * COMPONENTS);
+        score_later(
+            pending, weight, m->light + ((size_t)(INTERFACE - beside) * m->count + number) * COMPONENTS);
         return;
     }
     const int4 cell = m->at[LANE_I(f->cell, lane)];
-    const real3 d = f->way[lane];
+    const real3 d = f->direction[lane];
     const real t = LANE(f->t, lane);
     const real x = PLACE(LANE(f->tx, lane) - t, LANE(f->ax, lane), d.x > R(0));
     const real y = PLACE(LANE(f->ty, lane) - t, LANE(f->ay, lane), d.y > R(0));

@@ -1,4 +1,5 @@
-/* Directions after scattering: isotropic, or by a table of the cumulative phase function. */
+/* Sampling of the phase function: isotropic, or a table of its cumulative distribution. It serves the
+   final sweeps and the final gather (stages 3 and 5 of `trace_source`) and path tracing. */
 #ifndef PHASE_H
 #define PHASE_H
 
@@ -6,10 +7,10 @@
 
 #ifdef PHASE_BINS
 
-/* Cosine of the scattering angle at which the cumulative phase function reaches u. The table:
-   PHASE_BINS + 1 cosines from 1 down to -1, as many shares scattered into larger cosines, from 0 to
-   1, and the bins in which the shares k / PHASE_BINS lie, from which the search starts; within a bin
-   the phase function is constant. */
+/* Cosine of the scattering angle at which the cumulative phase function reaches u. The table holds
+   PHASE_BINS + 1 cosines from 1 down to -1, the shares scattered into larger cosines (0 to 1), and the
+   bins of the shares k / PHASE_BINS, where the search starts. The phase function is constant in a
+   bin. */
 INLINE real phase_cosine(real u, __global const real *table)
 {
     __global const real *share = table + PHASE_BINS + 1;
@@ -30,7 +31,7 @@ INLINE real phase_cosine(real u, __global const real *table) { return R(1) - R(2
 
 #ifdef PHASE_STEPS
 
-/* Bin of a table that is even in the sine of half the scattering angle, PHASE_STEPS of them. */
+/* Bin of the phase function in PHASE_STEPS equal steps of the sine of half the scattering angle. */
 INLINE int half_sine_bin(real cosine)
 {
     const real sine = root(most(R(0), (R(1) - cosine) / 2));
@@ -39,8 +40,8 @@ INLINE int half_sine_bin(real cosine)
 
 #endif
 
-/* Cosine and sine of u of a whole turn, 0 to 1, to 1e-7; in line, which PoCL's are not: by Taylor's
-   series in the nearest quarter. */
+/* Cosine and sine of u of a whole turn, 0 to 1, to 1e-7, by Taylor's series in the nearest quarter.
+   PoCL's own are calls, not in line. */
 INLINE real2 on_circle(real u)
 {
 #ifdef USE_FLOAT64
@@ -59,8 +60,8 @@ INLINE real2 on_circle(real u)
 #endif
 }
 
-/* Unit vector at an angle of this cosine to d, turned by u of a whole turn about it (basis: Duff et
-   al., J. Computer Graphics Techniques 6, 2017). */
+/* Unit vector at an angle of this cosine to d, turned about d by u of a whole turn (orthonormal basis:
+   Duff et al., J. Computer Graphics Techniques 6, 2017). */
 INLINE real3 turned(real3 d, real cosine, real u)
 {
     const real side = (d.z < R(0) ? R(-1) : R(1));

@@ -1,5 +1,6 @@
-/* Random numbers that are functions of what they are for: Philox4x32-10 (Salmon et al., "Parallel
-   random numbers: as easy as 1, 2, 3", SC 2011), and Sobol points for a path's first dimensions. */
+/* Counter-based random numbers, Philox4x32-10 (Salmon et al., "Parallel random numbers: as easy as 1,
+   2, 3", SC 2011), and Sobol points for the first dimensions of a path. They serve the final gather and
+   path tracing. */
 #ifndef RANDOM_H
 #define RANDOM_H
 
@@ -8,7 +9,7 @@
 /* Four random words of a counter and a key. */
 INLINE uint4 philox(uint4 counter, uint2 key)
 {
-    /* Word by word: PoCL would put vectors together and take them apart in every round. */
+    /* Word by word: PoCL would build and split vectors in every round. */
     uint x = counter.x, y = counter.y, z = counter.z, w = counter.w, k = key.x, l = key.y;
     UNROLL for (int round = 0; round < 10; ++round, k += 0x9E3779B9u, l += 0xBB67AE85u) {
         const ulong first = (ulong)x * 0xD2511F53u;
@@ -21,7 +22,7 @@ INLINE uint4 philox(uint4 counter, uint2 key)
     return (uint4)(x, y, z, w);
 }
 
-/* A word as a number above 0 and below 1; 23 bits, so that single precision holds the halves. */
+/* A word as a number between 0 and 1, both excluded. 23 bits: single precision holds the halves. */
 INLINE real unit(uint word) { return ((real)(word >> 9) + R(0.5)) * R(1.1920928955078125e-7); }
 
 /* Word `dimension` (below SOBOL_DIMENSIONS) of Sobol point `index` (below 1024); columns: direction
@@ -36,8 +37,8 @@ INLINE uint sobol(uint index, int dimension, __global const uint *columns)
     return word;
 }
 
-/* The bits of sample, SAMPLES being two to their number, in reverse: the Sobol point that is in the
-   sample's place along the first dimension. */
+/* The bits of `sample` in reverse; SAMPLES is two to the number of bits. This is the Sobol point whose
+   first coordinate has the rank `sample`. */
 #ifdef SAMPLES
 INLINE uint van_der_corput(uint sample)
 {

@@ -1,4 +1,4 @@
-/* The line of sight of a pixel, in units of finest cells from the cube's lower corner. */
+/* Camera model: the line of sight of a pixel, in finest cells from the cube's lower corner. */
 #ifndef RAY_H
 #define RAY_H
 
@@ -9,14 +9,13 @@
 #endif
 
 typedef struct {
-    real px, py, pz;   /* where the line crosses the target plane */
+    real px, py, pz;   /* intersection of the line and the target plane */
     real dx, dy, dz;   /* unit vector away from the camera */
     real start;        /* the camera's place on the line: p + start d */
 } Ray;
 
-/* across, down: place in the picture in pixels, from its upper left corner; middle: target point;
-   pitch: pixel width and height in the target plane; distance: from the camera to the target. All
-   in cells. */
+/* across, down: place in the image in pixels, from its upper left corner. In cells: middle, the target
+   point; pitch, pixel width and height in the target plane; distance, from camera to target. */
 INLINE Ray ray_at(
     real across, real down, int columns, int rows, real4 middle, real pitch_x, real pitch_z,
     real distance)
@@ -42,7 +41,7 @@ INLINE Ray ray_at(
     return ray;
 }
 
-/* Through the middle of a pixel; row 0 is on top. */
+/* The line through the middle of a pixel; row 0 is on top. */
 INLINE Ray pixel_ray(
     int column, int row, int columns, int rows, real4 middle, real pitch_x, real pitch_z,
     real distance)

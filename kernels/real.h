@@ -1,4 +1,4 @@
-/* The working precision: float, or double where the build asks for it and the device has it. */
+/* The working precision, float or double (USE_FLOAT64), and scalar functions in it. */
 #ifndef REAL_H
 #define REAL_H
 
@@ -16,20 +16,20 @@ typedef float4 real4;
 #endif
 #define R(x) ((real)(x))
 
-/* Of every helper: a call would keep the ray's state in memory, not in registers. */
+/* For every function: a call would keep the ray's state in memory, not in registers. */
 #define INLINE static inline __attribute__((always_inline))
 
-/* Before a loop over few numbers, that are known to the compiler: PoCL unrolls none by itself. With it
-   pictures took a tenth less time, and sweeps a twentieth. Not in double precision, in which sweeps of
-   eight cells at once crashed when unrolled (PoCL 3.0). */
+/* For loops of few iterations, whose number the compiler knows; PoCL unrolls none by itself. Images take
+   a tenth less time with it, and sweeps a twentieth. Not in double precision: unrolled sweeps of eight
+   cells at once crash there (PoCL 3.0). */
 #ifdef USE_FLOAT64
 #define UNROLL
 #else
 #define UNROLL _Pragma("unroll")
 #endif
 
-/* As fmin, fmax, fabs, clamp, floor and sqrt, but for numbers alone. PoCL calls those as functions, of
-   which a walk through cells is full; these are an instruction or two everywhere. */
+/* fmin, fmax, fabs, clamp, floor and sqrt for finite numbers. A traversal is full of them: PoCL's are
+   calls, these an instruction or two. */
 INLINE real least(real a, real b) { return a < b ? a : b; }
 INLINE real most(real a, real b) { return a > b ? a : b; }
 INLINE real size_of(real x) { return x < R(0) ? -x : x; }
@@ -40,8 +40,8 @@ INLINE real root(real x) { return __builtin_sqrt(x); }
 #else
 INLINE real root(real x) { return __builtin_sqrtf(x); }
 #endif
-/* Has memory fetched that is to be read a little later, where a work-item has no others to wait with;
-   LINE: numbers that come with one. */
+/* Prefetches memory that is read soon, on CPUs: their work-items have no others to hide the latency.
+   LINE: numbers of a cache line. */
 #define LINE (64 / (int)sizeof(real))
 #if defined(__x86_64__) || defined(__aarch64__)
 #define SOON_READ(p) __builtin_prefetch(p)

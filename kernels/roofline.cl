@@ -1,5 +1,5 @@
-/* The device's floor: how fast it copies memory, multiplies and adds, and evaluates exp. For
-   `cldit bench`. */
+/* Roofline of the device for `cldit bench`: rates of memory copies, multiply-adds and exponentials
+   (Williams, Waterman and Patterson, Comm. ACM 52, 2009). */
 
 #include "real.h"
 
@@ -19,7 +19,7 @@ __kernel void copy(__global float *out, __global const float *in)
     STORE(LOAD(i, in), i, out);
 }
 
-/* Eight sums that do not wait for each other, one multiplication and addition each a round. */
+/* Eight independent sums; each takes one multiplication and addition a round. */
 __kernel void multiply_add(__global float *out, __global const float *in, const int rounds)
 {
     const int i = get_global_id(0);
@@ -32,7 +32,7 @@ __kernel void multiply_add(__global float *out, __global const float *in, const 
     STORE(((s0 + s1) + (s2 + s3)) + ((s4 + s5) + (s6 + s7)), i, out);
 }
 
-/* Each exponential waits for the last, so that none can be left out; two at a time. */
+/* Two series of exponentials; each depends on the one before, so that none can be optimised away. */
 __kernel void exponentials(__global float *out, __global const float *in, const int rounds)
 {
     const int i = get_global_id(0);

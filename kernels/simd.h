@@ -1,7 +1,7 @@
-/* Numbers that a work-item takes at once: 8 on CPUs, in vector registers; 1 on GPUs.
+/* SIMD width of a work-item: 8 on CPUs, in vector registers; 1 on GPUs.
 
-   Comparisons make masks: of a vector's lanes -1 and 0, of a number 1 and 0. What is kept as a mask
-   is -1 or 0 in both. */
+   Comparisons make masks: -1 and 0 in a vector's lanes, 1 and 0 of a number. A stored mask is -1 or 0
+   in both. */
 #ifndef SIMD_H
 #define SIMD_H
 
@@ -36,7 +36,7 @@ typedef int lane_int;
 
 INLINE lane_t lower(lane_t a, lane_t b) { return a < b ? a : b; }
 
-/* Whether a mask is set in any lane; and each lane's number from a table. */
+/* Whether a mask is set in any lane; and a table's entry for each lane. */
 #if SIMD_WIDTH == 8
 INLINE int any_of(lane_i m)
 {

@@ -1,25 +1,26 @@
-/* Between sweeps: sources into the box, and how far they are from the equation of transfer.
+/* Source update between the sweeps of source iteration: the source goes into the swept box, and the
+   residual of the equation of transfer comes out (stages 1 to 3 of `trace_source`).
 
-   Scattering cells are handled as a list, [component][cell]. The box is swept in groups along x and
-   in groups along y (the turned ones): `place` and `turned` say where a cell lies. */
+   Scattering cells form a list, [component][cell]. The box has packets of cells along x, and once more
+   along y (turned): `place` and `turned` are a cell's places in either. */
 
 #include "real.h"
 #include "components.h"
 #include "cell_packets.h"
 
-/* A box's source, of so many planes a cell: what its cells emit, [emitter][cell], by groups. */
+/* Puts the emission, [emitter][cell], into a box's source of so many planes a cell. */
 __kernel void emit(
-    __global real *source, __global const real *thermal, const int planes, const int groups)
+    __global real *source, __global const real *thermal, const int planes, const int packets)
 {
     const int i = get_global_id(0);
-    if (i >= groups) return;
+    if (i >= packets) return;
     __global real *to = source + (i * planes + BOUNDARIES) * PACKET;
     __global const real *from = thermal + i * PACKET;
     UNROLL for (int e = 0; e < EMITTERS; ++e)
-        UNROLL for (int k = 0; k < PACKET; ++k) to[e * PACKET + k] = from[e * groups * PACKET + k];
+        UNROLL for (int k = 0; k < PACKET; ++k) to[e * PACKET + k] = from[e * packets * PACKET + k];
 }
 
-/* A box's planes, of so many a cell: those from `first` on, from the list. */
+/* Puts the list into the planes from `first` on of a box. */
 __kernel void set_source(
     __global real *source, __global const real *listed, __global const int *place,
     const int first, const int planes, const int count)
@@ -30,8 +31,8 @@ __kernel void set_source(
     UNROLL for (int c = 0; c < COMPONENTS; ++c) source[at + c * PACKET] = listed[c * count + i];
 }
 
-/* Change of the listed source across each cell along x, y, z, from neighbours' (see
-   cldit/transport/discrete_ordinates/gradients.py), into both boxes. */
+/* Spatial gradient of the listed source in each cell from its neighbours, into both boxes; see
+   cldit/transport/discrete_ordinates/gradients.py. */
 __kernel void set_gradients(
     __global real *gradient, __global real *gradient_turned, __global const real *listed,
     __global const int *place, __global const int *turned,
@@ -45,15 +46,15 @@ __kernel void set_gradients(
         const int one = 2 * axis * count + i, other = one + count;
         for (int c = 0; c < COMPONENTS; ++c) {
             __global const real *plane = listed + c * count;
-            const real change = weights[one] * (plane[neighbours[one]] - plane[i])
+            const real slope = weights[one] * (plane[neighbours[one]] - plane[i])
                 + weights[other] * (plane[neighbours[other]] - plane[i]);
-            gradient[at + (axis * COMPONENTS + c) * PACKET] = change;
-            gradient_turned[also + (axis * COMPONENTS + c) * PACKET] = change;
+            gradient[at + (axis * COMPONENTS + c) * PACKET] = slope;
+            gradient_turned[also + (axis * COMPONENTS + c) * PACKET] = slope;
         }
     }
 }
 
-/* Excess D of the listed cells over their source, from one box; with `more`, added to what is there. */
+/* Collects D = sum w (I - S) q of the listed cells from one box; `more`: adds to what is there. */
 __kernel void collect_i_minus_s(
     __global real *out, __global const real *box, __global const int *place, const int more,
     const int planes, const int count)
@@ -66,13 +67,14 @@ __kernel void collect_i_minus_s(
 }
 
 /* Preconditioned residual of S = a J + E, with J = S + D:
-       (a D - (1 - a) S + shine E) / lost
-   lost: share of its own light that a cell does not get back at once (approximate Lambda): the
-   residual is then about the error, in thin and thick cells alike. */
+       (a D - (1 - a) S + shine E) / (1 - Lambda*)
+   Lambda* is the diagonal approximate operator (Kunasz and Auer, JQSRT 39, 1988): the share of its own
+   emission that a cell gets back at once. So the residual is about the error, in thin and thick cells
+   alike. */
 __kernel void residual(
     __global real *out, __global const real *i_minus_s, __global const real *listed,
     __global const real *emission, __global const real *albedo, __global const real *coalbedo,
-    __global const real *lost, const real shine, const int count)
+    __global const real *one_minus_lambda, const real shine, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
@@ -80,11 +82,11 @@ __kernel void residual(
         const int k = c * count + i;
         const real unbalanced =
             albedo[i] * i_minus_s[k] - coalbedo[i] * listed[k] + shine * emission[k];
-        out[k] = unbalanced / lost[i];
+        out[k] = unbalanced / one_minus_lambda[i];
     }
 }
 
-/* S = a (S + D) + E: one plain order of scattering. */
+/* S = a (S + D) + E: one order of scattering (Lambda iteration). */
 __kernel void next_order(
     __global real *out, __global const real *i_minus_s, __global const real *listed,
     __global const real *emission, __global const real *albedo, const int count)
@@ -97,7 +99,7 @@ __kernel void next_order(
     }
 }
 
-/* Mean radiance S + D / (sum of the weights), as the camera sees it. */
+/* Mean radiance S + D / (sum of weights); the weights are the camera's. */
 __kernel void weighted_mean(
     __global real *out, __global const real *i_minus_s, __global const real *listed,
     __global const real *shares, __global const real *shares_turned,

@@ -1,34 +1,32 @@
-/* Sweeps: radiance carried along many directions through a box of cells, and what each cell receives
-   from it.
+/* Transport sweeps of the discrete ordinates method, by long characteristics: radiance along the ordinates
+   of a quadrature through a box of cells, and its moments in each cell (stages 1 to 3 of `trace_source`;
+   Askew, AEEW-M 1108, 1972, for the method of characteristics).
 
-   Rays run along directions whose largest component is along the layer axis. For each direction, each
-   layer of nu x nv cells is crossed by nu x nv parallel rays, all at the same place in their cells;
-   where one goes from a cell into the next, all do. A layer is crossed in one to three steps between
-   these places, and in every step each cell is crossed by one ray and each ray crosses one cell. Where
-   rays leave a row sideways, others come in on its opposite side with what is seen there.
+   The largest component of an ordinate is along the layer axis. nu x nv parallel rays cross each layer
+   of nu x nv cells, all at the same place in their cells; where one enters the next cell, all do. These
+   places cut a layer into one to three segments, so that in a segment each ray crosses one cell and each
+   cell is crossed by one ray. Rays that leave a row sideways are replaced by rays from the boundary on
+   its opposite side.
 
-   Of a row only the groups of cells that hold something are gone through (cell_packets.h).
+   Only the packets of a row that are not empty are swept (cell_packets.h).
 
-   Over an optical depth t the intensity I goes to I exp(-t) + S (1 - exp(-t)); its mean is
-   S + (I - S) q(t). Stored is the excess D = sum w (I - S) q over the source, not the mean: in thick
-   cells it is far below S, and the difference would be lost to rounding. w is the direction's weight
-   times the share of the layer that a step crosses.
+   Over an optical depth t the intensity I becomes I exp(-t) + S (1 - exp(-t)); its mean is
+   S + (I - S) q(t). The sweep accumulates D = sum w (I - S) q, not the mean: in thick cells D is far
+   below S and would be rounded away. w is the quadrature weight times the segment's share of the layer.
 
-   CAMERA_SWEEP, for the last sweep: light counts by the phase function where there is one (PHASE_STEPS);
-   VIEW_TRANSMISSION: and by how much of it the camera sees from there in the cell, where the picture knows no light
-   that changes across cells.
-   SPATIAL_MOMENTS, with LINEAR_SOURCE: the excess is also found times the lever of where in the cell it is; of this
-   lies how light changes across it, as evenly as it is there, wherever the camera sees it from. Neither
-   counts what is linear in the source itself.
-   ANGULAR_MOMENTS: the excess is also found times what the direction that light comes from counts in its first
-   and second moments (moments.h); of this lie those of the light in a cell.
-   MOMENT_SOURCE: a cell's source is more in one direction than in others, by such moments of its own; the
-   excess is then over S_0, which is the same in all.
-   LINEAR_SOURCE: it changes across some cells, by G along x, y, z from side to side. What a ray meets then is
-   less at its middle than S by what that lies off the cell's; over all rays this is nothing, and is
-   left out of the excess, where it would only be noise.
-   INTERFACE_RADIANCE: the light that comes into thick cells from others is kept, for gather.cl, by the face; and
-   that in thick cells, the mean over the steps of what comes in and what leaves. */
+   CAMERA_SWEEP, the final sweeps: w contains the phase function, if there is one (PHASE_STEPS).
+   VIEW_TRANSMISSION: w also contains the transmission from the segment to the camera's side of the cell.
+   It is for images without spatial gradients.
+   SPATIAL_MOMENTS, with LINEAR_SOURCE: also accumulates the first spatial moments of I - S along x, y, z,
+   tested against a zero-mean basis, so that a uniform field contributes nothing. Their weight is uniform
+   in the cell, without VIEW_TRANSMISSION.
+   ANGULAR_MOMENTS: also accumulates the first and second angular moments of I - S (moments.h).
+   MOMENT_SOURCE: S has such angular moments too; D is then over S_0, the isotropic part.
+   LINEAR_SOURCE: S has a spatial gradient G along x, y, z in some cells. S at a segment's middle then
+   differs from the cell's mean. This sums to 0 over all rays, and is left out of D, where it would only
+   be noise.
+   INTERFACE_RADIANCE: stores the radiance that enters the thick region, for gather.cl, by the interface;
+   and that in thick cells, the mean over the segments of entry and exit. */
 
 #include "boundary.h"
 #include "components.h"
@@ -41,10 +39,10 @@
 #endif
 
 #if defined(VIEW_TRANSMISSION) && (!defined(CAMERA_SWEEP) || defined(SPATIAL_MOMENTS))
-#error "VIEW_TRANSMISSION: with CAMERA_SWEEP, where light is even in cells"
+#error "VIEW_TRANSMISSION: with CAMERA_SWEEP and without SPATIAL_MOMENTS"
 #endif
 
-/* Groups of cells are aligned; rays may begin anywhere. Not vload8, which PoCL calls as a function. */
+/* Cell packets are aligned; rays may begin anywhere. Not vload8, which is a call in PoCL. */
 typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 #define CELLS(p) (*(__global lane_t *)(p))
 #define CELLS_OF(p) (*(__global const lane_t *)(p))
@@ -52,8 +50,8 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 
 #include "attenuation.h"
 
-/* Planes of a cell: of S, S_0 of all components, then its moments; of D likewise; of G, and of the
-   excess times the lever, x, y and z. */
+/* Planes of a cell. S: S_0 of all components, then its angular moments. D: likewise. G and the spatial
+   moments: x, y and z of all components. */
 #ifdef MOMENT_SOURCE
 #define SOURCE_PLANES ((1 + MOMENTS) * COMPONENTS)
 #else
@@ -71,11 +69,11 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 /* How the axes u, v (of a layer) and l (across layers) lie in space. */
 #define LAYERS_Z 0 /* u = x, v = y, l = z */
 #define LAYERS_Y 1 /* u = x, v = z, l = y */
-#define LAYERS_X 2 /* u = y, v = z, l = x: the turned groups */
+#define LAYERS_X 2 /* u = y, v = z, l = x: the turned packets */
 
-#define NO_FACE 64 /* in place of a face: all of the cell */
+#define NO_FACE 64 /* in place of a face: the radiance in the cell */
 
-/* The component of the ray that comes into the box at cell (u, v, l), from `back`. */
+/* The boundary component of a ray that enters the box at cell (u, v, l), from `back`. */
 INLINE int seen_from(int u, int v, int l, int layout, real4 back, const Boundary *boundary)
 {
     const real pu = u + R(0.5);
@@ -91,9 +89,9 @@ INLINE int seen_from(int u, int v, int l, int layout, real4 back, const Boundary
 #ifdef CAMERA_SWEEP
 #include "view_phase.h"
 
-/* What light from `back` counts for in the cells of a vector from (u, v, l) on: by the phase function
-   as it is in their middle. */
-INLINE real counts_for(
+/* Phase function for light from `back` that the cells of a vector from (u, v, l) on scatter to the
+   camera, at their common middle. */
+INLINE real phase_at(
     int u, int v, int l, int layout, real4 back, real4 camera, __global const real *phase)
 {
 #ifdef PHASE_STEPS
@@ -111,8 +109,8 @@ INLINE real counts_for(
 #endif
 
 #ifdef INTERFACE_RADIANCE
-/* Keeps light as it leaves a cell through one of these faces; of light in the cell, half of what is
-   there, before rays cross it and after. number: of the direction. */
+/* Stores the radiance that leaves a cell through one of these faces. With NO_FACE it adds half of the
+   radiance in the cell, before rays cross it and after. number: of the ordinate. */
 INLINE void store_interface(
     __global real *light, int4 face, int sides, real part, int all, int number,
     __global const real *crossing, int slots)
@@ -127,64 +125,63 @@ INLINE void store_interface(
 }
 #endif
 
-/* A work-group crosses a tile of rows and layers along each direction of a quadrant, as
-   cldit/transport/discrete_ordinates/kba_tiles.py has it, from row to row as rays go: so those that come into a row within a
-   layer have crossed the row before, and a row's cells are at hand for all steps of its layer.
+/* A work-group sweeps a tile of rows and layers (kba_tiles.py) along each ordinate of a quadrant, from row
+   to row as rays go. So rays that enter a row within a layer have crossed the row before, and a row's
+   cells stay in the cache for all segments of its layer.
 
-   A ray keeps its slot and its row of rays; the cell u finds the ray that crosses it at slot u - moved +
-   origin, so that rays shift along the row at no cost, those that come in take the next unused slot,
-   and every access to a row is contiguous. */
+   A ray keeps its slot and its row of rays; cell u has the ray of slot u - shift + origin. So rays shift
+   along a row at no cost, those that enter take the next unused slot, and access to a row is contiguous. */
 __kernel void sweep(
     const int first_tile,
-    __global const int4 *tiles,    /* two each, see tiles.py */
-    __global const int *begins_at, /* in, [direction][layer]: its first step, and the end */
-    __global const int *sides,     /* in, per step: through which faces rays leave their cells after
-                                      it, a bit each */
-    __global const int4 *shifts,   /* in, per step: cells by which rays have moved in u and v, and both
-                                      since the step before: -1, 0 or 1; 2: they come in */
-    __global const real4 *parts,   /* in, per step: its middle in the cells, x y z, 0 to 1; share of
-                                      the layer that it crosses */
-    __global const real4 *backs,   /* in, per direction: where its rays come from, x y z */
-    __global const real2 *beams,   /* in, per direction: path in a layer / cell edge, and its weight */
-    __global const int4 *origins,  /* in, per direction: slot of cell 0 and row of rays of row 0 before
-                                      rays have moved, and its number among all */
-    __global real *rays,           /* inout: I, [direction][row of rays][component][slot] */
+    __global const int4 *tiles,    /* in: two rows each, see kba_tiles.py */
+    __global const int *begins_at, /* in, [ordinate][layer]: its first segment, and the end */
+    __global const int *sides,     /* in, per segment: faces through which rays then leave cells, a bit
+                                      each */
+    __global const int4 *shifts,   /* in, per segment: cells by which rays have moved in u and v, and both
+                                      since the segment before: -1, 0 or 1; 2: rays enter the box */
+    __global const real4 *parts,   /* in, per segment: its middle in the cells, x y z, 0 to 1; its share of
+                                      the layer */
+    __global const real4 *backs,   /* in, per ordinate: unit vector to where light comes from, x y z */
+    __global const real2 *beams,   /* in, per ordinate: path in a layer / cell edge, and its weight */
+    __global const int4 *origins,  /* in, per ordinate: slot of cell 0 and row of rays of row 0 before rays
+                                      have moved, and its number in the quadrature */
+    __global real *rays,           /* inout: I, [ordinate][row of rays][component][slot] */
     const int slots, const int ray_rows,
-    __global const int *groups,    /* in: first of a row's groups, and the end */
-    __global const int2 *begins,   /* in: u of a group's first cell; -1 - u: no cell of it scatters,
-                                      and nobody asks what it receives. LINEAR_SOURCE: number of the group
-                                      among those across whose cells sources change, from 1; or 0 */
+    __global const int *packets,    /* in: first packet of each row, and the end */
+    __global const int2 *begins,   /* in, per packet: u of its first cell; -1 - u: no cell of it scatters,
+                                      and its D is not needed. LINEAR_SOURCE: its number among packets
+                                      with a gradient, from 1; or 0 */
     __global const real *depth,    /* in: optical depth of a cell's edge */
-    __global const real *source,   /* in: S, a plane a component */
-    __global real *i_minus_s,         /* inout: D, likewise */
+    __global const real *source,   /* in: S, see SOURCE_PLANES */
+    __global real *i_minus_s,      /* inout: D, see I_MINUS_S_PLANES */
 #ifdef LINEAR_SOURCE
-    __global const real *gradient,   /* in: G, of the groups that have it */
+    __global const real *gradient, /* in: G, of packets that have it */
 #endif
 #ifdef SPATIAL_MOMENTS
-    __global real *spatial_moments,  /* inout: of these, the excess times the lever */
-    __global const real4 *basis,  /* in, per step: as in cldit/transport/discrete_ordinates/segments.py, x y z */
-    __global const real4 *basis_slopes,   /* in, per direction: by how much that falls along the ray */
+    __global real *spatial_moments, /* inout: of I - S in these packets */
+    __global const real4 *basis,   /* in, per segment: zero-mean basis at its middle, x y z (segments.py) */
+    __global const real4 *basis_slopes, /* in, per ordinate: slope of the basis towards `back` */
 #endif
     const int layout,
     const int nu, const int nv, const int nl,
-    const int stride_v, const int stride_l, /* of rows in `groups` */
+    const int stride_v, const int stride_l, /* of rows in `packets` */
     const real inflow,             /* 1: boundaries shine; 0: black */
     BOUNDARY_ARGUMENTS             /* in cells of this box */
 #ifdef CAMERA_SWEEP
     , __global real *shares,       /* inout: sum of weights */
 #ifdef VIEW_TRANSMISSION
-    __global const real *seen,     /* in: optical depth of a cell's edge as the camera sees it */
-    __global const real *even,     /* in: 1 over the mean transmission of that */
+    __global const real *seen,     /* in: optical depth of a cell's edge for the camera */
+    __global const real *inverse_mean,     /* in: 1 over the mean transmission of that */
 #endif
     __global const real *phase, const real4 camera
 #endif
 #ifdef INTERFACE_RADIANCE
-    , __global real *light,        /* out: what comes in through faces, [face][number][component] */
-    const int earlier,             /* directions in it before these */
-    const int all,                 /* directions in it */
-    __global const int *interface_rows,  /* in: first of a row's faces in rim_faces, [l][v], and the end */
-    __global const int4 *interfaces /* in: u of the cell before it; which of that cell's faces, as a
-                                      bit, or NO_FACE, the light in the cell; number */
+    , __global real *light,        /* out: stored radiance, [interface or cell][ordinate][component] */
+    const int earlier,             /* ordinates in it before these */
+    const int all,                 /* ordinates in it */
+    __global const int *interface_rows, /* in: first of a row's `interfaces`, [l][v], and the end */
+    __global const int4 *interfaces /* in: u of the cell that light leaves; which of its faces, as a bit, or
+                                      NO_FACE; number in `light` */
 #endif
     )
 {
@@ -202,39 +199,40 @@ __kernel void sweep(
         const real4 basis_slope = basis_slopes[k];
 #endif
 #ifdef MOMENT_SOURCE
-        const real sent[MOMENTS] = MOMENT_TO_DISCRETE(back);
+        const real to_discrete[MOMENTS] = MOMENT_TO_DISCRETE(back);
 #endif
 #ifdef ANGULAR_MOMENTS
-        const real found[MOMENTS] = DISCRETE_TO_MOMENT(back);
+        const real to_moment[MOMENTS] = DISCRETE_TO_MOMENT(back);
 #endif
-        /* All rows of a layer, then of the next. */
-        for (int met = tile.z, number = 0; met < tile.z + tile.w;
-             number = number + 1 < tile.y ? number + 1 : 0, met += number == 0) {
-            const int first_step = begins_at[k * (nl + 1) + met];
-            const int end_step = begins_at[k * (nl + 1) + met + 1];
-            const int l = sense ? nl - 1 - met : met;
+        /* All rows of a layer, then of the next; `layer` counts them in the order of the sweep. */
+        for (int layer = tile.z, number = 0; layer < tile.z + tile.w;
+             number = number + 1 < tile.y ? number + 1 : 0, layer += number == 0) {
+            const int first_segment = begins_at[k * (nl + 1) + layer];
+            const int end_segment = begins_at[k * (nl + 1) + layer + 1];
+            const int l = sense ? nl - 1 - layer : layer;
             const int v = tile.x + number * along.w;
             const int place = l * stride_l + v * stride_v;
-            const int begin_units = groups[place] * (PACKET / SIMD_WIDTH);
-            const int end_units = groups[place + 1] * (PACKET / SIMD_WIDTH);
+            const int begin_units = packets[place] * (PACKET / SIMD_WIDTH);
+            const int end_units = packets[place + 1] * (PACKET / SIMD_WIDTH);
 #ifdef INTERFACE_RADIANCE
             const int ordinate = earlier + origin.z;
-            const int first_interface = interface_rows[l * nv + v], end_interface = interface_rows[l * nv + v + 1];
-            const int nothing = begin_units == end_units && first_interface == end_interface;
+            const int first_interface = interface_rows[l * nv + v];
+            const int end_interface = interface_rows[l * nv + v + 1];
+            const int row_empty = begin_units == end_units && first_interface == end_interface;
             for (int i = first_interface + lane; i < end_interface; i += lanes)
                 SOON_READ(light + ((size_t)interfaces[i].z * all + ordinate) * COMPONENTS);
 #else
-            const int nothing = begin_units == end_units;
+            const int row_empty = begin_units == end_units;
 #endif
-            for (int step = first_step; step < end_step; ++step) {
-                const int4 shift = shifts[step];
-                /* Rays that come in: all of the row where it enters the box, else one at its end. */
+            for (int segment = first_segment; segment < end_segment; ++segment) {
+                const int4 shift = shifts[segment];
+                /* Rays that enter: all of a row at the side of the box, else one at the row's end. */
                 const int enters =
                     shift.w == 2 || (shift.w > 0 && v == 0) || (shift.w < 0 && v == nv - 1);
-                if (nothing && !enters && shift.z == 0) continue;
+                if (row_empty && !enters && shift.z == 0) continue;
                 const int row = k * ray_rows + origin.y + v - shift.y;
-                /* Cell u's ray; a group may reach beyond its row: what lies there is empty, and no ray
-                   that counts. */
+                /* Cell u's ray. A packet may reach beyond its row, where cells are empty and no ray
+                   counts. */
                 __global real *crossing =
                     rays + (size_t)row * (COMPONENTS * slots) + origin.x - shift.x;
                 const int first = !enters && shift.z < 0 ? nu - 1 : 0;
@@ -246,24 +244,24 @@ __kernel void sweep(
                 }
                 barrier(CLK_GLOBAL_MEM_FENCE);
 
-                const real4 middle = parts[step];
+                const real4 middle = parts[segment];
                 const real part = middle.w;
 #ifdef INTERFACE_RADIANCE
                 for (int i = first_interface + lane; i < end_interface; i += lanes)
                     store_interface(light, interfaces[i], 0, part, all, ordinate, crossing, slots);
                 barrier(CLK_GLOBAL_MEM_FENCE);
 #endif
-                const real stretch = beams[k].x * part;
+                const real path = beams[k].x * part;
                 const real weight = beams[k].y * part;
 #ifdef SPATIAL_MOMENTS
-                const real4 basis_here = basis[step];
+                const real4 basis_here = basis[segment];
 #endif
                 for (int i = begin_units + lane; i < end_units; i += lanes) {
                     const int cell = i * SIMD_WIDTH;
                     const int begin = begins[cell / PACKET].x;
                     const int u = (begin < 0 ? -1 - begin : begin) + cell % PACKET;
                     __global const real *s = source + first_plane(cell, SOURCE_PLANES);
-                    const lane_t t = CELLS_OF(depth + cell) * stretch;
+                    const lane_t t = CELLS_OF(depth + cell) * path;
                     const lane_t share = absorbed(t);
                     if (begin < 0) {
                         UNROLL for (int c = 0; c < COMPONENTS; ++c) {
@@ -276,24 +274,25 @@ __kernel void sweep(
                         continue;
                     }
 #ifdef CAMERA_SWEEP
-                    const real evenly = weight * counts_for(u, v, l, layout, back, camera, phase);
+                    const real uniform_weight = weight * phase_at(u, v, l, layout, back, camera, phase);
 #ifdef VIEW_TRANSMISSION
-                    const lane_t counts =
-                        seen_at(middle.y, CELLS_OF(seen + cell), CELLS_OF(even + cell)) * evenly;
+                    const lane_t view_weight =
+                        seen_at(middle.y, CELLS_OF(seen + cell), CELLS_OF(inverse_mean + cell))
+                        * uniform_weight;
 #else
-                    const real counts = evenly;
+                    const real view_weight = uniform_weight;
 #endif
-                    CELLS(shares + cell) += counts;
+                    CELLS(shares + cell) += view_weight;
 #else
-                    const real counts = weight, evenly = weight;
+                    const real view_weight = weight, uniform_weight = weight;
 #endif
                     const lane_t mean = mean_transmission(t, share);
-                    const lane_t q = counts * mean;
+                    const lane_t q = view_weight * mean;
 #ifdef LINEAR_SOURCE
-                    const int changes = begins[cell / PACKET].y;
-                    const int changed =
-                        first_plane((changes - 1) * PACKET + cell % PACKET, SPATIAL_MOMENT_PLANES);
-                    const lane_t rise = changes ? rising(t, share, mean) : (lane_t)R(0);
+                    const int linear = begins[cell / PACKET].y;
+                    const int gradient_at =
+                        first_plane((linear - 1) * PACKET + cell % PACKET, SPATIAL_MOMENT_PLANES);
+                    const lane_t rise = linear ? rising(t, share, mean) : (lane_t)R(0);
                     const real run = -beams[k].x * part;
 #endif
                     __global real *d = i_minus_s + first_plane(cell, I_MINUS_S_PLANES);
@@ -301,54 +300,54 @@ __kernel void sweep(
                         __global real *ray = crossing + c * slots + u;
                         const lane_t intensity = RAYS(ray);
 #ifdef MOMENT_SOURCE
-                        const lane_t slope = sent[0] * MOMENT_OF(s, 1) + sent[1] * MOMENT_OF(s, 2)
-                            + sent[2] * MOMENT_OF(s, 3) + sent[3] * MOMENT_OF(s, 4)
-                            + sent[4] * MOMENT_OF(s, 5) + sent[5] * MOMENT_OF(s, 6)
-                            + sent[6] * MOMENT_OF(s, 7) + sent[7] * MOMENT_OF(s, 8);
+                        const lane_t slope = to_discrete[0] * MOMENT_OF(s, 1) + to_discrete[1] * MOMENT_OF(s, 2)
+                            + to_discrete[2] * MOMENT_OF(s, 3) + to_discrete[3] * MOMENT_OF(s, 4)
+                            + to_discrete[4] * MOMENT_OF(s, 5) + to_discrete[5] * MOMENT_OF(s, 6)
+                            + to_discrete[6] * MOMENT_OF(s, 7) + to_discrete[7] * MOMENT_OF(s, 8);
                         lane_t gap = intensity - CELLS_OF(s) - slope;
-                        lane_t more = slope * counts;
+                        lane_t more = slope * view_weight;
 #else
                         lane_t gap = intensity - CELLS_OF(s);
                         lane_t more = (lane_t)R(0);
 #endif
-                        lane_t leaves = intensity;
+                        lane_t outgoing = intensity;
                         lane_t own = gap * q;
 #ifdef LINEAR_SOURCE
-                        if (changes) {
-                            __global const real *g = gradient + changed + c * PACKET;
-                            const lane_t along_x = MOMENT_OF(g, 0);
-                            const lane_t along_y = MOMENT_OF(g, 1);
-                            const lane_t along_z = MOMENT_OF(g, 2);
-                            gap -= (middle.x - R(0.5)) * along_x + (middle.y - R(0.5)) * along_y
-                                + (middle.z - R(0.5)) * along_z;
-                            const lane_t change =
-                                run * (back.x * along_x + back.y * along_y + back.z * along_z);
-                            const lane_t bent = change * rise;
-                            leaves += bent * t;
-                            own = gap * q - bent * counts;
+                        if (linear) {
+                            __global const real *g = gradient + gradient_at + c * PACKET;
+                            const lane_t gradient_x = MOMENT_OF(g, 0);
+                            const lane_t gradient_y = MOMENT_OF(g, 1);
+                            const lane_t gradient_z = MOMENT_OF(g, 2);
+                            gap -= (middle.x - R(0.5)) * gradient_x + (middle.y - R(0.5)) * gradient_y
+                                + (middle.z - R(0.5)) * gradient_z;
+                            const lane_t rise_along =
+                                run * (back.x * gradient_x + back.y * gradient_y + back.z * gradient_z);
+                            const lane_t curved = rise_along * rise;
+                            outgoing += curved * t;
+                            own = gap * q - curved * view_weight;
 #ifdef SPATIAL_MOMENTS
-                            const lane_t here = (gap * mean - bent) * evenly;
-                            const lane_t late = run * evenly
-                                * (gap * rise + change * (R(0.5) * rise + rising_over(t, rise)));
-                            __global real *e = spatial_moments + changed + c * PACKET;
-                            MOMENT(e, 0) += basis_here.x * here - basis_slope.x * late;
-                            MOMENT(e, 1) += basis_here.y * here - basis_slope.y * late;
-                            MOMENT(e, 2) += basis_here.z * here - basis_slope.z * late;
+                            const lane_t mean_here = (gap * mean - curved) * uniform_weight;
+                            const lane_t path_moment = run * uniform_weight
+                                * (gap * rise + rise_along * (R(0.5) * rise + rising_over(t, rise)));
+                            __global real *e = spatial_moments + gradient_at + c * PACKET;
+                            MOMENT(e, 0) += basis_here.x * mean_here - basis_slope.x * path_moment;
+                            MOMENT(e, 1) += basis_here.y * mean_here - basis_slope.y * path_moment;
+                            MOMENT(e, 2) += basis_here.z * mean_here - basis_slope.z * path_moment;
 #endif
                         }
 #endif
                         more += own;
                         CELLS(d) += more;
 #ifdef ANGULAR_MOMENTS
-                        UNROLL for (int m = 0; m < MOMENTS; ++m) MOMENT(d, 1 + m) += found[m] * more;
+                        UNROLL for (int m = 0; m < MOMENTS; ++m) MOMENT(d, 1 + m) += to_moment[m] * more;
 #endif
-                        RAYS(ray) = leaves - gap * share;
+                        RAYS(ray) = outgoing - gap * share;
                     }
                 }
                 barrier(CLK_GLOBAL_MEM_FENCE);
 #ifdef INTERFACE_RADIANCE
                 for (int i = first_interface + lane; i < end_interface; i += lanes)
-                    store_interface(light, interfaces[i], sides[step], part, all, ordinate, crossing, slots);
+                    store_interface(light, interfaces[i], sides[segment], part, all, ordinate, crossing, slots);
                 barrier(CLK_GLOBAL_MEM_FENCE);
 #endif
             }

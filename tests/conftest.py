@@ -39,6 +39,21 @@ def device() -> Device:
 
 
 @pytest.fixture(scope="session")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of tables and computed sprays: what one test has made, none makes again.
+
+    All workers of a session share it (what is kept there appears whole or not at all), and no two
+    sessions. A test of what is kept, and when, has a folder of its own.
+    """
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    folder = folder / "tables"
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+@pytest.fixture(scope="session")
 def tiny_scene() -> Scene:
     """16 x 12 pixels on the sensor, two backgrounds, a hot wall so that every pixel sees light."""
     return parse_scene(

@@ -10,6 +10,7 @@ from typing import Any
 
 from cldit.acquisition.journal import read_journal
 from cldit.rig.load import Rig, open_rig
+from cldit.rig.protocols import Safety
 
 
 class Wrapped:
@@ -23,9 +24,10 @@ class Wrapped:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.inner, name)
 
-    def make_safe(self) -> None:
+    def make_safe(self) -> Safety:
         self.made_safe += 1
-        self.inner.make_safe()
+        result: Safety = self.inner.make_safe()
+        return result
 
 
 def wrapped(data: dict[str, Any], **devices: Callable[[Any], dict[str, Any]]) -> Rig:

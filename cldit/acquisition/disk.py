@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO
 
 from cldit.errors import ClditError, RunFolderError
-from cldit.images import fsync_folder
+from cldit.files import fsync_folder
 
 _FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 _OVERHEAD_bytes = 16_384  # TIFF header, metadata, journal lines of one shot
@@ -26,8 +26,13 @@ class DiskFull(ClditError):
 def written(where: Path, *, needed_bytes: int = 0) -> Iterator[None]:
     """Turns what the system says about a write into what to do about it.
 
+    Args:
+        where: path that errors name.
+        needed_bytes: room that a full disk's error asks for.
+
     Raises:
-        DiskFull: no room. RunFolderError: anything else.
+        DiskFull: the disk is full.
+        RunFolderError: any other failure of the system.
     """
     try:
         yield
@@ -45,12 +50,12 @@ def _megabytes(size: int) -> str:
 
 
 def needed_bytes(shots: int, *, picture_bytes: int) -> int:
-    """Room that `shots` more pictures take, with a tenth to spare."""
+    """Bytes that `shots` more pictures of `picture_bytes` each take, with a tenth to spare."""
     return int(1.1 * shots * (picture_bytes + _OVERHEAD_bytes))
 
 
 def check_room(folder: Path, needed: int) -> None:
-    """Raises DiskFull where the disk has not `needed` bytes left."""
+    """Raises DiskFull where the disk of `folder` has not `needed` bytes left."""
     free = shutil.disk_usage(folder).free
     if free < needed:
         raise DiskFull(
@@ -60,12 +65,16 @@ def check_room(folder: Path, needed: int) -> None:
 
 
 def write_checked(path: Path, write: Callable[[IO[bytes]], None]) -> None:
-    """A file that carries its own checksum, on the disk with its folder's entry on return.
+    """Writes a file that carries its own checksum; it is on the disk on return.
 
     It is renamed before it is synced, so that the system can write data and entry in one go:
     three times as fast as one after the other. A kill leaves it whole or absent; a power cut
     before the return may leave it torn, which its reader must find by the checksum. Leaves
     nothing behind on failure.
+
+    Args:
+        path: the file.
+        write: puts the content into the open stream.
     """
     part = path.with_name(path.name + ".part")
     try:
@@ -81,14 +90,3 @@ def write_checked(path: Path, write: Callable[[IO[bytes]], None]) -> None:
         for name in (part, path):
             name.unlink(missing_ok=True)
         raise
-
-
-def write_text(path: Path, text: str) -> None:
-    """A text file that appears whole or not at all."""
-    part = path.with_name(path.name + ".part")
-    with part.open("w", encoding="utf-8") as stream:
-        stream.write(text)
-        stream.flush()
-        os.fsync(stream.fileno())
-    part.replace(path)
-    fsync_folder(path.parent)

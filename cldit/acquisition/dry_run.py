@@ -11,6 +11,7 @@ import numpy as np
 from cldit.acquisition.disk import needed_bytes
 from cldit.acquisition.plan import Plan
 from cldit.acquisition.storage import survey
+from cldit.rig.checks import read_temperature
 from cldit.rig.errors import RigError
 from cldit.rig.load import Rig
 from cldit.rig.protocols import TriggerMode
@@ -37,6 +38,11 @@ def dry_run(
 ) -> DryRun:
     """Connects, reads, and calculates; no set point is written and no burst configured.
 
+    Args:
+        rig, plan: what would be run.
+        folder: that of the acquisition; it need not exist.
+        seconds_per_kelvin: of the black body, on average.
+
     Raises:
         RunFolderError: `folder` belongs to another plan.
     """
@@ -46,7 +52,7 @@ def dry_run(
     present_K, pixels, period_s = plan.backgrounds_K[0], 0, 0.0
     try:
         rig.connect()
-        present_K = rig.background.read_temperature()
+        present_K = read_temperature(rig.background)
         can = rig.camera.capabilities
         pixels, period_s = int(np.prod(can.sensor_pixels)), can.minimum_period_s
         low_s, high_s = can.integration_time_limits_s

@@ -7,7 +7,6 @@ folder stays the original: it alone carries the journal and survives a kill.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from cldit.acquisition.record import Acquisition, Picture
 from cldit.errors import ClditError, RunFolderError
+from cldit.files import whole
 
 FORMATS = {"ome-tiff": ".ome.tif", "nexus": ".nxs"}
 
@@ -32,8 +32,12 @@ def export(acquisition: Acquisition, form: str, target: Path | None = None) -> P
     """Writes all pictures of a run into one file, which appears whole or not at all.
 
     Args:
+        acquisition: the opened folder.
         form: `ome-tiff` or `nexus`, for which h5py is needed.
         target: the file; `<folder>/<folder's name>.ome.tif` or `.nxs` if left out.
+
+    Returns:
+        The file's path.
 
     Raises:
         ExportError: no such form, no pictures, or h5py is missing.
@@ -45,17 +49,12 @@ def export(acquisition: Acquisition, form: str, target: Path | None = None) -> P
         raise ExportError(f"{acquisition.folder}: holds no pictures yet")
     folder = acquisition.folder
     path = target or folder / f"{folder.resolve().name}{FORMATS[form]}"
-    part = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        (_write_ome if form == "ome-tiff" else _write_nexus)(acquisition, part)
-        with part.open("r+b") as stream:
-            os.fsync(stream.fileno())
-        part.replace(path)
+        with whole(path) as part:
+            (_write_ome if form == "ome-tiff" else _write_nexus)(acquisition, part)
     except OSError as error:
         raise RunFolderError(f"{path}: cannot be written ({error})") from error
-    finally:
-        part.unlink(missing_ok=True)
     return path
 
 

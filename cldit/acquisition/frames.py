@@ -36,6 +36,7 @@ class Source:
 
     @property
     def text(self) -> str:
+        """The file and the data set in it, as the user names them."""
         return f"{self.path}::{self.dataset}" if self.dataset else str(self.path)
 
 
@@ -44,9 +45,11 @@ class Stack(Protocol):
 
     def __len__(self) -> int: ...
 
-    def read(self, number: int) -> NDArray[Any]: ...
+    def read(self, number: int) -> NDArray[Any]:
+        """Picture `number`, (rows, columns)."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Closes the file."""
 
 
 def parse_source(text: str) -> tuple[str, Source]:
@@ -211,10 +214,11 @@ class FrameReader:
         self._stack: Stack | None = None
 
     def count(self, source: Source) -> int:
+        """Number of pictures in a file."""
         return len(self._open(source))
 
     def read(self, source: Source, number: int) -> NDArray[Any]:
-        """Picture `number` of a file.
+        """Picture `number` of the file `source`, (rows, columns).
 
         Raises:
             EvaluationError: it cannot be read.

@@ -23,6 +23,7 @@ from cldit.acquisition.storage import GUARD, JOURNAL, exclusive
 from cldit.errors import ClditError
 from cldit.rig.clock import SystemClock
 from cldit.rig.load import Rig, open_rig
+from cldit.rig.safety import RigSafety
 
 _SAFE = b"safe\n"
 _CONNECT_s = 15.0  # longer than any camera's heartbeat
@@ -32,11 +33,6 @@ _PROCESS = (
     "import pathlib, sys; from cldit.acquisition.guard import watch; "
     "sys.exit(watch(sys.stdin.buffer, pathlib.Path(sys.argv[1])))"
 )
-STILL_ON = {
-    "camera": "the camera may still be armed",
-    "background": "the black body may still be hot",
-    "trigger": "the generator may still inject on a trigger",
-}
 
 
 class Guard:
@@ -72,11 +68,12 @@ class Guard:
 
         Where the rig's own attempt fails, the devices are closed and the guard tries.
         """
-        problems = [_still_on(line) for line in self._rig.make_safe()]
+        safety = self._rig.make_safe()
+        _note(self._folder, safety, self._rig.clock.wall_time())
+        problems = safety.problems
         if not problems:
             self._safe = True
             return []
-        _note(self._folder, problems)
         if self._process is None or self._process.stdin is None:
             return problems
         self._rig.close()  # one that is held could not be opened by the guard
@@ -86,7 +83,6 @@ class Guard:
         except subprocess.TimeoutExpired:
             return [*problems, f"the guard still tries; see {self._folder / GUARD}"]
         if code == 0:
-            _note(self._folder, [])
             return [*problems, "the guard then made every device safe, in a process of its own"]
         return [*problems, f"the guard could not help either; see {self._folder / GUARD}"]
 
@@ -109,24 +105,29 @@ class Guard:
         self._process.wait(_WAIT_s)
 
 
-def _still_on(problem: str) -> str:
-    what = STILL_ON.get(problem.partition(":")[0])
-    return problem if what is None else f"{problem}; {what}: switch it off by hand"
-
-
 def watch(stream: IO[bytes], folder: Path) -> int:
-    """What the guard's process does; its exit status, 0 where all is safe."""
+    """Runs the guard's process.
+
+    Args:
+        stream: the rig file's length and text, then what the acquisition says before it ends.
+        folder: that of the acquisition.
+
+    Returns:
+        Exit status; 0 where all is safe.
+    """
     rig_file = stream.read(int(stream.readline() or 0))
     if stream.read() == _SAFE or not rig_file:
         return 0
     log = [f"{_now()} the acquisition ended unsafe; making the rig safe"]
-    problems: list[str] = []
+    safety = RigSafety({}, [])
     for attempt, pause_s in enumerate(_PAUSES_s, start=1):
         time.sleep(pause_s)
-        problems = [_still_on(line) for line in _make_safe(rig_file)]
-        if not problems:
+        safety = _make_safe(rig_file)
+        log += [f"{name}: {did}" for name, did in safety.did.items()]
+        if not safety.problems:
             break
-        log += [*problems, f"attempt {attempt} of {len(_PAUSES_s)} failed"]
+        log += [*safety.problems, f"attempt {attempt} of {len(_PAUSES_s)} failed"]
+    problems = safety.problems
     log.append("NOT SAFE:\n" + "\n".join(problems) if problems else "every device is safe")
     with (folder / GUARD).open("a", encoding="utf-8") as out:
         out.write("\n".join(log) + "\n")
@@ -135,39 +136,32 @@ def watch(stream: IO[bytes], folder: Path) -> int:
     if problems:
         alarm(problems)
     with suppress(ClditError), exclusive(folder):  # in use: that process sees the rig itself
-        _note(folder, problems)
+        _note(folder, safety, SystemClock().wall_time())
     return int(bool(problems))
 
 
 def alarm(problems: list[str]) -> None:
-    """On the terminal, where the error itself may not reach it."""
+    """Prints to the terminal, where the error itself may not arrive."""
     print("\a\ncldit: THE RIG IS NOT SAFE:\n" + "\n".join(problems), file=sys.stderr, flush=True)
 
 
-def _note(folder: Path, problems: list[str]) -> None:
-    """Into the journal, where one was begun."""
-    if not (folder / JOURNAL).exists():
+def _note(folder: Path, safety: RigSafety, time: str) -> None:
+    """Into the journal, where one was begun and anything was done."""
+    if not safety.moved or not (folder / JOURNAL).exists():
         return
     with suppress(ClditError), Journal(folder / JOURNAL) as journal:  # guard.log has it too
-        event = "unsafe" if problems else "made safe"
-        journal.append(event, time=SystemClock().wall_time(), problems=problems)
+        event = "unsafe" if safety.problems else "made safe"
+        journal.append(event, time=time, did=safety.did, problems=safety.problems)
 
 
 def _now() -> str:
     return time.strftime("%Y-%m-%dT%H:%M:%S%z")
 
 
-def _make_safe(rig_file: bytes) -> list[str]:
-    """Each device by itself, the trigger first: one that is dead must not keep the others hot."""
+def _make_safe(rig_file: bytes) -> RigSafety:
     try:
         rig = open_rig(yaml.safe_load(rig_file))
     except ClditError as error:
-        return [str(error)]
-    problems: list[str] = []
-    for name, device in reversed(rig.devices.items()):
-        try:
-            device.connect(_CONNECT_s)
-            device.make_safe()
-        except Exception as error:  # as above
-            problems.append(f"{name}: {error}")
-    return problems + rig.close()
+        return RigSafety({}, [str(error)])
+    safety = rig.make_safe(connect_s=_CONNECT_s)
+    return RigSafety(safety.did, safety.problems + rig.close())

@@ -112,7 +112,7 @@ class HccReader:
             )
 
     def frames(self, first: int, last: int) -> NDArray[np.uint16]:
-        """(last - first, h, w) counts, row 0 at the top."""
+        """Counts (N, h, w) of the pictures from `first` to before `last`, row 0 at the top."""
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
@@ -122,6 +122,7 @@ class HccReader:
         return found.astype(np.uint16, copy=False)
 
     def close(self) -> None:
+        """Closes the film."""
         self._reader.close()
 
     def __enter__(self) -> HccReader:

@@ -11,7 +11,7 @@ from typing import Any
 
 from cldit.acquisition.disk import written
 from cldit.errors import RunFolderError
-from cldit.images import fsync_folder
+from cldit.files import fsync_folder
 
 Entry = dict[str, Any]
 
@@ -80,8 +80,14 @@ class Journal:
         """Adds one line.
 
         Args:
-            sync: False for what the rest of the folder says too: a power cut may take the line,
-                a kill does not.
+            event: what happened.
+            time: wall time, ISO 8601.
+            sync: False for what the rest of the folder says too: a power cut may take the line, a
+                kill does not.
+            values: whatever else is known, as JSON can hold it.
+
+        Returns:
+            The line as it was written.
 
         Raises:
             DiskFull, RunFolderError: not written; the journal is as it was before.
@@ -104,6 +110,7 @@ class Journal:
         return entry
 
     def close(self) -> None:
+        """Closes the file."""
         os.close(self._file)
 
     def __enter__(self) -> Journal:

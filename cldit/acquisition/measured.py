@@ -95,7 +95,10 @@ class MeasuredShot:
 
 @dataclass(frozen=True)
 class Measured:
-    """Measured data, as the evaluation wants it (`cldit.dit.shots.Acquisition`)."""
+    """Measured data, as the evaluation wants it (`cldit.dit.shots.Acquisition`).
+
+    bad_pixels: (rows, columns) True where a pixel is not used.
+    """
 
     folder: Path
     name: str
@@ -147,18 +150,18 @@ def open_measured(path: str | Path) -> Measured:
     owners: dict[Source, str] = {}
     setpoints: set[float] = set()
     for background in given.backgrounds:
-        kelvin = background.temperature_K
-        if kelvin in setpoints:
+        setpoint_K = background.temperature_K
+        if setpoint_K in setpoints:
             raise EvaluationError(
-                f"{file}: backgrounds: {kelvin:g} K stands there twice; give its files together"
+                f"{file}: backgrounds: {setpoint_K:g} K stands there twice; give its files together"
             )
-        setpoints.add(kelvin)
+        setpoints.add(setpoint_K)
         wanted: tuple[tuple[Kind, tuple[str, ...], int | None], ...] = (
             ("reference", background.references, given.references),
             ("injection", background.injections, given.shots),
         )
         for kind, patterns, count in wanted:
-            where = f"{kind}s before {kelvin:g} K"
+            where = f"{kind}s before {setpoint_K:g} K"
             found: list[MeasuredShot] = []
             for source in _sources(folder, patterns, where):
                 if source in owners:
@@ -168,7 +171,12 @@ def open_measured(path: str | Path) -> Measured:
                 owners[source] = where
                 found += [
                     MeasuredShot(
-                        f"{source.path.name}[{number}]", kind, kelvin, kelvin, source, number
+                        f"{source.path.name}[{number}]",
+                        kind,
+                        setpoint_K,
+                        setpoint_K,
+                        source,
+                        number,
                     )
                     for number in range(reader.count(source))
                 ]

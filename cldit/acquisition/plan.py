@@ -139,7 +139,7 @@ class Plan(Section):
         )
 
     def background_order(self, wanted: Iterable[int], *, present_K: float) -> tuple[int, ...]:
-        """In which order to visit the backgrounds with these indices.
+        """The order in which to visit the backgrounds `wanted` (indices), from `present_K` on.
 
         `fastest` goes to the nearer end of the range first and from there through it once.
         """
@@ -171,7 +171,7 @@ class Plan(Section):
 
 
 def parse_plan(data: dict[str, Any], *, source: str = "plan") -> Plan:
-    """A plan from plain data.
+    """A plan from plain `data`; errors name `source`.
 
     Raises:
         SceneError: names every key that is not allowed.
@@ -188,7 +188,7 @@ def load_plan(path: str | Path) -> Plan:
 
 
 def plan_from_scene(scene: Scene, *, integration_time_s: float = USUAL_INTEGRATION_S) -> Plan:
-    """The plan that a scene asks for."""
+    """The plan that a scene asks for, with `integration_time_s` as exposure."""
     # 20 time constants bring a first-order black body from anywhere to within a millikelvin.
     timeout_s = max(3600.0, 20.0 * scene.rig.background_time_constant_s)
     trigger = TriggerSection()

@@ -46,6 +46,11 @@ class Ready:
 def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int) -> Ready:
     """Connects and checks the rig for `plan`, and takes one test picture without injecting.
 
+    Args:
+        rig, plan: what is to be run.
+        folder: that of the acquisition.
+        shots_left: pictures that are still to be taken.
+
     Raises:
         NotConnected: all devices that do not answer.
         OutOfLimits: set points or settings that the instruments cannot take; nothing has moved.
@@ -112,8 +117,8 @@ def _check_limits(rig: Rig, plan: Plan) -> None:
         raise OutOfLimits("the background cannot take the plan:\n" + "\n".join(outside))
 
 
-def _agree(what: str, wanted: float, got: float, *, floor: float = 0.0) -> None:
-    if not abs(got - wanted) <= max(_AGREE * abs(wanted), floor):
+def _agree(what: str, wanted: float, got: float, *, least: float = 0.0) -> None:
+    if not abs(got - wanted) <= max(_AGREE * abs(wanted), least):
         raise ConfigRejected(f"{what}: reads back {got:g} after {wanted:g} was written")
 
 
@@ -132,7 +137,7 @@ def _check_trigger(rig: Rig, plan: Plan) -> None:
     if got.n != 1 or got.inject != asked.inject:
         raise ConfigRejected(f"trigger: reads back {got} after {asked} was written")
     for name in ("camera_delay_s", "injector_delay_s"):
-        _agree(f"trigger: {name}", getattr(asked, name), getattr(got, name), floor=1e-6)
+        _agree(f"trigger: {name}", getattr(asked, name), getattr(got, name), least=1e-6)
 
 
 def _test_picture(
@@ -157,6 +162,10 @@ def _test_picture(
 
 def check_same_rig(before: dict[str, Any], now: dict[str, Any], folder: Path) -> None:
     """Pictures of one folder are evaluated together, so they must mean the same.
+
+    Args:
+        before, now: configurations, as `configuration.json` holds them.
+        folder: named by the error.
 
     Raises:
         RunFolderError: the configuration stored in `folder` says that they do not.

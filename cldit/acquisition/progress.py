@@ -23,12 +23,15 @@ class Eta:
         self._took_s: dict[str, list[float]] = {"background": [], "shot": []}
 
     def plan(self, *, backgrounds: int, shots: int) -> None:
+        """Sets how many backgrounds and shots are left."""
         self._left = {"background": backgrounds, "shot": shots}
 
     def background(self, took_s: float) -> None:
+        """One background more is reached, after `took_s`."""
         self._add("background", took_s)
 
     def shot(self, took_s: float) -> None:
+        """One shot more is taken, after `took_s`."""
         self._add("shot", took_s)
 
     def _add(self, what: str, took_s: float) -> None:
@@ -36,6 +39,7 @@ class Eta:
         self._left[what] = max(self._left[what] - 1, 0)
 
     def left_s(self) -> float | None:
+        """Seconds that are left; None before there is one of each."""
         if not all(self._took_s.values()):
             return None
         return sum(

@@ -20,7 +20,13 @@ _BLOCK_pixels = 8  # side of a block: averages noise, and is smaller than any pl
 def frame_problem(
     frames: Sequence[Frame], ready: Ready, *, expected_id: int | None = None
 ) -> str | None:
-    """Why the frames of one shot cannot be kept; None where they can."""
+    """Why the frames of one shot cannot be kept; None where they can.
+
+    Args:
+        frames: of one shot, in the order of their arrival.
+        ready: what preflight found.
+        expected_id: of the first frame; None where it is not known.
+    """
     for number, frame in enumerate(frames):
         wanted = None if expected_id is None else expected_id + number
         if number and wanted is None:
@@ -55,7 +61,7 @@ class References:
         self._counts: dict[int, int] = {}
 
     def learn(self, shot: Shot, image: NDArray[np.uint16]) -> None:
-        """A reference shot that is kept: (h, w), or (n, h, w)."""
+        """Learns from a kept reference `shot`; its `image` is (h, w) or (n, h, w)."""
         for frame in _frames(image):
             known = self._sums.get(shot.background)
             blocks = self._blocks(frame)
@@ -63,7 +69,10 @@ class References:
             self._counts[shot.background] = self._counts.get(shot.background, 0) + 1
 
     def problem(self, shot: Shot, image: NDArray[np.uint16]) -> str | None:
-        """Why an injection cannot be kept; None too where there is no reference to compare."""
+        """Why an injection cannot be kept: `shot` with its `image`, (h, w) or (n, h, w).
+
+        The result is None also where there is no reference to compare.
+        """
         count = self._counts.get(shot.background, 0)
         if not self._plan.expect_fuel or shot.kind != "injection" or count == 0:
             return None
@@ -102,8 +111,8 @@ class References:
         camera = self._calibration
         half_K = 0.5 * self._plan.drift_K
         low, high = (
-            float(band_radiance(kelvin, filter_um=camera.filter_um))
-            for kelvin in (background_K - half_K, background_K + half_K)
+            float(band_radiance(end_K, filter_um=camera.filter_um))
+            for end_K in (background_K - half_K, background_K + half_K)
         )
         most = self._side**2 * camera.counts_per_radiance * (high - low)
         weight = deviation**-2
@@ -120,6 +129,6 @@ def _frames(image: NDArray[np.uint16]) -> NDArray[np.uint16]:
 
 
 def saturated_percent(image: NDArray[np.uint16], saturation_counts: float) -> float:
-    """Of the frame that has most of it."""
+    """Pixels at or above `saturation_counts`, in % of a frame; the worst of `image` (..., h, w)."""
     full = max(np.count_nonzero(frame >= saturation_counts) for frame in _frames(image))
     return 100.0 * full / float(image.shape[-2] * image.shape[-1])

@@ -58,6 +58,7 @@ class Acquisition:
 
     @property
     def complete(self) -> bool:
+        """Whether every shot of the plan was taken."""
         return not self.missing
 
     @property
@@ -67,7 +68,7 @@ class Acquisition:
 
     @property
     def wall_temperature_K(self) -> float:
-        """Of the chamber."""
+        """Temperature of the chamber's walls."""
         return self.surroundings.wall_temperature_K
 
     @property
@@ -87,7 +88,11 @@ class Acquisition:
         return image
 
     def load_frames(self, shot: Picture) -> tuple[NDArray[np.uint16], dict[str, Any]]:
-        """All pictures of a shot (n, h, w), and what is stored beside them; raises as `load`."""
+        """All pictures of a shot (n, h, w), and what is stored beside them.
+
+        Raises:
+            RunFolderError: as `load`, or the shape is not the plan's.
+        """
         image, meta = load_shot(self.folder, shot.id, plan_hash=self.plan.hash())
         frames = image.reshape(-1, *image.shape[-2:])
         if frames.shape != (self.plan.frames, *self.shape):

@@ -33,8 +33,12 @@ def acquire(
     returns a record that is not complete; twice aborts the shot. The rig is left safe, connected.
 
     Args:
-        preview: called in a thread of its own with the newest picture; while it is busy,
-            pictures pass it by, and saving never waits for it.
+        rig, plan: what is run.
+        folder: where pictures and journal go.
+        progress: called after every step.
+        should_stop: asked now and then; True ends the acquisition after the present shot.
+        preview: called in a thread of its own with the newest picture; while it is busy, pictures
+            pass it by, and saving never waits for it.
 
     Raises:
         As `iterate`.
@@ -60,7 +64,15 @@ def iterate(
     progress: Callable[[Progress], None] | None = None,
     should_stop: StopCheck | None = None,
 ) -> Generator[SavedShot, None, Record]:
-    """As `acquire`, and hands out each shot after it is saved; closing it early ends it safely.
+    """Does the same as `acquire`, and yields each shot after it is saved.
+
+    Closing the generator early ends the acquisition safely.
+
+    Args:
+        rig, plan, folder, progress, should_stop: as in `acquire`.
+
+    Returns:
+        The record, as the generator's return value.
 
     Raises:
         RunFolderError: the folder is in use, belongs to another plan, or is damaged.

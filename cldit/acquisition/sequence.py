@@ -33,7 +33,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from cldit.acquisition.disk import needed_bytes, write_text, written
+from cldit.acquisition.disk import needed_bytes, written
 from cldit.acquisition.interrupts import Interrupts
 from cldit.acquisition.journal import Entry, Journal
 from cldit.acquisition.plan import Plan, Shot
@@ -55,6 +55,8 @@ from cldit.acquisition.storage import (
     survey,
 )
 from cldit.errors import ClditError
+from cldit.files import write_text
+from cldit.rig.checks import read_temperature
 from cldit.rig.errors import Aborted, RetakesExhausted, RigError
 from cldit.rig.load import Rig
 from cldit.rig.stability import wait_stable
@@ -103,6 +105,7 @@ class Sequence:
         self._picture_bytes = 0
 
     def run(self) -> Generator[SavedShot, None, Record]:
+        """Takes what is missing of the plan, and yields each shot after it is saved."""
         found = survey(self._folder, self._plan)
         self._done = found.done
         if found.entries:
@@ -170,7 +173,7 @@ class Sequence:
         left = [shot for shot in self._steps if shot.id not in self._done]
         order = self._plan.background_order(
             {shot.background for shot in left},
-            present_K=self._rig.background.read_temperature(),
+            present_K=read_temperature(self._rig.background),
         )
         self._eta.plan(backgrounds=len(order), shots=len(left))
         self._rig.camera.prepare(ready.trigger)
@@ -196,7 +199,7 @@ class Sequence:
         journal.append("finished", time=clock.wall_time())
 
     def _kept_references(self, background: int) -> list[Shot]:
-        """Those that an earlier run took."""
+        """References that an earlier run took."""
         return [
             shot
             for shot in self._steps

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,8 @@ from cldit.acquisition.plan import Plan, Shot
 from cldit.acquisition.preflight import Ready
 from cldit.acquisition.quality import References, frame_problem, saturated_percent
 from cldit.acquisition.storage import checksum
-from cldit.rig.errors import Aborted, FireUncertain, MissingFrames
+from cldit.rig.checks import read_temperature
+from cldit.rig.errors import Aborted, FireUncertain, MissingFrames, RigError
 from cldit.rig.load import Rig
 from cldit.rig.protocols import Frame
 
@@ -60,9 +62,10 @@ class Shooter:
         self._next_s = -math.inf  # before this the camera does not take a trigger
 
     def take(self, shot: Shot, attempt: int) -> Taken | Rejected:
-        """One attempt. The `fired` line is on the disk before the trigger goes out, and the
-        trigger goes out once: whatever fire() says, only a frame that is proven missing is a
-        reason to fire again.
+        """Makes attempt number `attempt` to take `shot`.
+
+        The `fired` line is on the disk before the trigger goes out. The trigger goes out once:
+        whatever fire() says, only a frame that is proven missing is a reason to fire again.
 
         Raises:
             FireUncertain: the generator does not know whether it fired, and no frame came.
@@ -71,7 +74,7 @@ class Shooter:
         camera, background, trigger = self._rig.camera, self._rig.background, self._rig.trigger
         flushed = camera.flush()
         expected_id = None if self._last_id is None else self._last_id + flushed + 1
-        before_K = background.read_temperature()
+        before_K = read_temperature(background)
         if not abs(before_K - shot.background_K) <= self._plan.drift_K:
             return Rejected(f"drift: {before_K:.2f} K before the shot", fired=False, drifted=True)
         burst = trigger.configure(self._plan.burst(shot))
@@ -100,15 +103,19 @@ class Shooter:
                 frames = self._read()
         except MissingFrames as error:
             if uncertain is not None:
+                _then(uncertain, camera.disarm)
                 raise uncertain from error
-            return Rejected(f"missing frame: {error}", fired=True)
-        except Aborted:
-            trigger.abort()
-            raise
-        finally:
             camera.disarm()
+            return Rejected(f"missing frame: {error}", fired=True)
+        except Aborted as error:
+            _then(error, trigger.abort, camera.disarm)
+            raise
+        except BaseException as error:
+            _then(error, camera.disarm)
+            raise
+        camera.disarm()
         self._last_id = frames[-1].frame_id
-        after_K = background.read_temperature()
+        after_K = read_temperature(background)
         problem = frame_problem(frames, self._ready, expected_id=expected_id)
         if problem is not None:
             return Rejected(problem, fired=True)
@@ -151,3 +158,13 @@ class Shooter:
         if len(whole) != wanted:
             raise MissingFrames(wanted, len(whole), incomplete=len(frames) - len(whole))
         return whole
+
+
+def _then(error: BaseException, *actions: Callable[[], None]) -> None:
+    """What is done while `error` is on its way. What fails of it is noted there and does not take
+    its place; the rig is made safe next, and that is checked."""
+    for action in actions:
+        try:
+            action()
+        except RigError as failed:
+            error.add_note(f"then: {failed}")

@@ -52,15 +52,17 @@ class Found:
 
     @property
     def done(self) -> set[str]:
+        """Ids of the shots whose pictures are there."""
         return {*self.saved, *self.adoptable}
 
 
 def shot_path(folder: Path, shot_id: str) -> Path:
+    """The file of a shot's pictures in `folder`, by `shot_id`."""
     return folder / SHOTS / f"{shot_id}.tif"
 
 
 def checksum(image: NDArray[Any]) -> str:
-    """SHA-256 of the pixels, row by row, little endian."""
+    """SHA-256 of the pixels of `image` (..., h, w), row by row, little endian."""
     return hashlib.sha256(np.ascontiguousarray(image, dtype="<u2").data).hexdigest()
 
 
@@ -94,7 +96,15 @@ def save_shot(
     pixel_m: tuple[float, float],
     meta: dict[str, Any],
 ) -> None:
-    """Writes the picture(s) of a shot, durable on return; leaves nothing behind on failure."""
+    """Writes the picture(s) of a shot, durable on return; leaves nothing behind on failure.
+
+    Args:
+        folder: that of the acquisition.
+        shot: whose picture it is.
+        image: (h, w) or (n, h, w) counts.
+        pixel_m: width and height of a pixel at the target.
+        meta: stored with the picture, as JSON can hold it.
+    """
 
     def write(stream: IO[bytes]) -> None:
         put_image(stream, image, name=shot.id, unit="counts", pixel_m=pixel_m, meta=meta)
@@ -105,7 +115,14 @@ def save_shot(
 def load_shot(
     folder: Path, shot_id: str, *, plan_hash: str
 ) -> tuple[NDArray[np.uint16], dict[str, Any]]:
-    """Picture (h, w) of raw counts, or a shot's (n, h, w), and its metadata, after every check.
+    """Raw counts and metadata of a shot, after every check.
+
+    Args:
+        folder: that of the acquisition.
+        shot_id, plan_hash: what the metadata must say.
+
+    Returns:
+        Counts (h, w) or (n, h, w), and the metadata.
 
     Raises:
         DamagedPicture: cannot be read, or its pixels are not those that were recorded.

@@ -1,7 +1,9 @@
-"""What this computer can do: error against run time, growth, memory, the machine's floor."""
+"""What this computer can do: error against run time, growth, memory, the kernels' roofline."""
 
 # In the order of the page.
-PARTS = ("error", "growth", "memory", "leave-out", "floor", "solver", "rays", "ablation", "peers")
+PARTS = (
+    "error", "growth", "memory", "leave-out", "roofline", "solver", "rays", "ablation", "mitsuba",
+)  # fmt: skip
 
 ACCURACIES_K = (1.0, 0.3, 0.1, 0.05)
 """What `source` is asked for where nothing else is said."""

@@ -76,7 +76,7 @@ def slab_scene(folder: Path) -> Scene:
     np.savez(
         folder / "slab.npz",
         origin_m=(-edge / 2, -thickness / 2, -edge / 2),
-        spacing_m=edge / cells,
+        spacing_m=(edge / cells,) * 3,
         droplet_absorption_per_m=np.full(shape, 0.1 * depth),
         droplet_scattering_per_m=np.full(shape, 0.9 * depth),
         droplet_temperature_K=np.full(shape, 400.0),
@@ -93,7 +93,18 @@ def slab_scene(folder: Path) -> Scene:
 
 
 def ablate(case: Case, *, phase: str, accuracy_K: float, seeds: int, say: Say) -> list[Ablation]:
-    """Every mechanism on one scene; the first row is with all of them."""
+    """Switches every mechanism off in turn, on one scene.
+
+    Args:
+        case: of the scene.
+        phase: how droplets scatter, as in `transport.phase`.
+        accuracy_K: that `source` is asked for.
+        seeds: so many runs of each.
+        say: told of each row.
+
+    Returns:
+        A row a mechanism; the first is with all of them.
+    """
     pixels = case.scene.camera.pixels
     every = max(1, round(min(pixels) / 100)) | 1
     lattice = Lattice((every, every))
@@ -111,7 +122,7 @@ def ablate(case: Case, *, phase: str, accuracy_K: float, seeds: int, say: Say) -
             result, cost = case.run(replace(settings, seed=settings.seed + seed))
             kelvin = part.temperature_K(lattice.pick(case.scene, result.weights))
             costs.append(cost.core_s)
-            squares.append(truth.rms(kelvin, truth.kelvin) ** 2)
+            squares.append(truth.rms(kelvin, truth.temperature_K) ** 2)
         merit = np.log(np.maximum(squares, truth.noise_K**2 / 100) * np.array(costs))
         base = merit if not rows else base
         ratio = merit - base
@@ -133,7 +144,14 @@ def ablate(case: Case, *, phase: str, accuracy_K: float, seeds: int, say: Say) -
 
 
 def ablation(device: Device, *, cache: Path, say: Say, seeds: int = SEEDS) -> Part:
-    """gdi, droplets with Mie, and a thick slab."""
+    """Measures gdi, droplets with Mie, and a thick slab.
+
+    Args:
+        device: that traces.
+        cache: folder of tables.
+        say: told of each row.
+        seeds: so many runs of each.
+    """
     small = {"camera": {"pixels": [300, 300]}}
     gdi = changed(load_scene("gdi"), **small)
     droplets = changed(load_scene("droplets-only"), **small)

@@ -1,4 +1,4 @@
-"""A scene made ready to be traced in many ways, and what a trace of it costs."""
+"""A scene made ready to be traced at many settings, and what a trace of it costs."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Cost:
 
 
 def clocked(device: Device, work: Callable[[], Any]) -> tuple[Any, Cost]:
-    """What `work` returns, and its cost."""
+    """What `work` returns, and what it costs on `device`."""
     wall, cpu = time.perf_counter(), time.process_time()
     result = work()
     device.queue.finish()
@@ -129,7 +129,7 @@ class Lattice:
         return found[0], found[1]
 
     def pick(self, scene: Scene, weights: Weights) -> Weights:
-        """These pixels out of the whole picture's weights."""
+        """These pixels of a picture of `scene` out of the whole picture's `weights`."""
         columns, rows = self.numbers(scene)
         where = np.ix_(rows, columns)
         return weights.map(lambda image: image[where])
@@ -150,10 +150,12 @@ class Case:
 
     @classmethod
     def of(cls, scene: Scene, device: Device, *, cache: Path) -> Case:
+        """Makes the medium of `scene`, to be traced on `device`; tables are kept in `cache`."""
         return cls(scene, device, make_medium(scene, Stages(None), cache))
 
     @property
     def tree(self) -> Octree:
+        """The octree of the middle wavelength."""
         return self.medium.trees[len(self.medium.trees) // 2]
 
     @property
@@ -182,9 +184,9 @@ class Case:
 
     @cached_property
     def _inverse(self) -> tuple[Floats, Floats]:
-        kelvin = np.geomspace(20.0, 5000.0, 20_000)
+        grid_K = np.geomspace(20.0, 5000.0, 20_000)
         nodes = self.medium.properties.chosen.nodes
-        return np.asarray(nodes[len(nodes) // 2].radiance(kelvin), float), kelvin
+        return np.asarray(nodes[len(nodes) // 2].radiance(grid_K), float), grid_K
 
     @cached_property
     def _before_background(self) -> NDArray[np.bool_]:
@@ -197,15 +199,15 @@ class Case:
         DIT without noise: emissivity = 1 - w_bg, and B(T_app) = what does not come from the
         background, over the emissivity.
         """
-        radiance, kelvin = self._inverse
-        wall = np.interp(self.scene.walls.temperature_K, kelvin, radiance)
+        radiance, grid_K = self._inverse
+        wall = np.interp(self.scene.walls.temperature_K, grid_K, radiance)
         own = weights.wall * wall + weights.vapour.astype(float) + weights.liquid
         for patch in self.scene.patches:
-            lit = np.interp(patch.temperature_K, kelvin, radiance)
+            lit = np.interp(patch.temperature_K, grid_K, radiance)
             own += weights.patches[patch.name] * lit
         emissivity = 1.0 - weights.background.astype(float)
         apparent = np.divide(own, emissivity, out=np.zeros_like(own), where=emissivity > 1e-6)
         # Interpolated between logarithms, whose curve over 1 / T is nearly straight.
         known = (apparent > radiance[0]) & self._before_background
-        inverse = np.interp(np.log(np.where(known, apparent, 1.0)), np.log(radiance), -1.0 / kelvin)
+        inverse = np.interp(np.log(np.where(known, apparent, 1.0)), np.log(radiance), -1.0 / grid_K)
         return np.where(known, -1.0 / inverse, np.nan)

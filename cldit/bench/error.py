@@ -27,59 +27,69 @@ _REFERENCE_SEEDS = (7001, 7002)
 class Truth:
     """A converged `path` picture in two independent halves.
 
-    noise_K: RMS over pixels of the standard error of their mean.
+    temperature_K: (H, W) T_app of either half. visible: (H, W) pixels that are compared. noise_K:
+    RMS over pixels of the standard error of their mean.
     """
 
     halves: tuple[Weights, Weights]
-    kelvin: tuple[Floats, Floats]
+    temperature_K: tuple[Floats, Floats]
     visible: NDArray[np.bool_]
     noise_K: float
     samples: int
 
     @classmethod
     def of(cls, case: Case, *, samples: int, phase: Any, order: int | None = None) -> Truth:
-        """By path tracing, whatever the scene's method is; of this order, if there is one.
+        """Makes the reference by path tracing, whatever the scene's method is.
+
+        Args:
+            case: to be traced.
+            samples: a pixel, in both halves together.
+            phase: phase function.
+            order: of scattering; None is all orders.
 
         Raises:
             BenchError: nothing in the picture can be compared.
         """
         half = path_settings(case, samples // 2, phase=phase, order=order)
         first, second = (case.run(replace(half, seed=seed))[0].weights for seed in _REFERENCE_SEEDS)
-        kelvin = case.temperature_K(first), case.temperature_K(second)
+        temperature_K = case.temperature_K(first), case.temperature_K(second)
         emissivity = 1.0 - (first.background.astype(float) + second.background) / 2
-        visible = (emissivity > VISIBLE_EMISSIVITY) & np.isfinite(kelvin[0] + kelvin[1])
+        visible = (emissivity > VISIBLE_EMISSIVITY) & np.isfinite(
+            temperature_K[0] + temperature_K[1]
+        )
         if not visible.any():
             raise BenchError(
                 f"scene {case.scene.name}: no pixel before the background has an emissivity above "
                 f"{VISIBLE_EMISSIVITY:g}; there is nothing to compare"
             )
-        noise = float(np.sqrt(np.mean((kelvin[0] - kelvin[1])[visible] ** 2))) / 2
-        return cls((first, second), kelvin, visible, noise, samples)
+        noise = float(np.sqrt(np.mean((temperature_K[0] - temperature_K[1])[visible] ** 2))) / 2
+        return cls((first, second), temperature_K, visible, noise, samples)
 
     def rms(self, image: Floats, pair: tuple[Floats, Floats]) -> float:
-        """RMS over the visible pixels of `image` minus the truth, the truth's noise taken off.
+        """RMS over the visible pixels of `image` (H, W) minus the truth, without the truth's noise.
 
-        With independent halves the mean of (x - a)(x - b) holds nothing of their noise.
+        `pair` are two independent halves (H, W) of the truth: the mean of (x - a)(x - b) holds
+        nothing of their noise.
         """
         return self._root((image - pair[0]) * (image - pair[1]))
 
     def common(self, one: Floats, other: Floats) -> float:
-        """RMS of what two independent images of T_app have wrong alike."""
-        a, b = self.kelvin
+        """RMS of what two independent images (H, W), `one` and `other`, have wrong alike."""
+        a, b = self.temperature_K
         return self._root(((one - a) * (other - b) + (one - b) * (other - a)) / 2)
 
     def _root(self, products: Floats) -> float:
-        """Of their mean over the visible pixels, which noise may have below 0."""
+        """Root of the mean over the visible pixels, which noise may have below 0."""
         return float(np.sqrt(max(float(np.nanmean(products[self.visible])), 0.0)))
 
     def most(self, image: Floats, pair: tuple[Floats, Floats]) -> float:
-        """Largest difference from the mean of the halves, their noise included."""
+        """Largest difference of `image` (H, W) from the mean of `pair`, its noise included."""
         return float(np.nanmax(np.abs(image - (pair[0] + pair[1]) / 2)[self.visible]))
 
 
 @dataclass(frozen=True)
 class Row:
-    """One way of tracing.
+    """One method at one setting.
 
     traced: share of the picture's pixels that were traced. picture_core_s: for all of them, linear
     in the pixels but for what does not depend on them. rms_*, max_*: against the truth, of all
@@ -110,7 +120,15 @@ class Row:
 def path_settings(
     case: Case, samples: int, *, phase: Any, order: int | None = None, seed: int = 11
 ) -> Settings:
-    """So many samples in every pixel, whatever their error."""
+    """Settings of path tracing with a fixed number of samples, whatever the error.
+
+    Args:
+        case: to be traced.
+        samples: a pixel.
+        phase: phase function.
+        order: of scattering; None is all orders.
+        seed: of the paths.
+    """
     settings = case.settings(
         method="path", phase=phase, order=order, max_samples=max(samples, 128), seed=seed
     )
@@ -128,6 +146,7 @@ class Compared:
 
     @property
     def part(self) -> Case:
+        """The case with the lattice's pixels alone."""
         return self.case.seen(self.lattice.of(self.case.scene))
 
     def row(
@@ -141,13 +160,22 @@ class Compared:
         order: int | None = None,
         stated: Weights | None = None,
     ) -> Row:
-        """weights: of the part. fixed_core_s: what a trace costs without a picture, where the part
-        alone was traced; None: the whole picture was."""
+        """Compares one trace with the truth.
+
+        Args:
+            method, label: names in tables.
+            weights: of the part.
+            cost: of the trace.
+            fixed_core_s: what a trace costs without a picture, where the part alone was traced;
+                None where the whole picture was.
+            order: of scattering; None is all orders.
+            stated: the trace's own error, of the part.
+        """
         truth, traced, picture_core_s = self.truth, 1.0, cost.core_s
         if fixed_core_s is not None:
             traced = self.lattice.share(self.case.scene)
             picture_core_s = fixed_core_s + max(cost.core_s - fixed_core_s, 0.0) / traced
-        kelvin = self.part.temperature_K(weights)
+        temperature_K = self.part.temperature_K(weights)
         one, other = truth.halves
         background = one.background.astype(float), other.background.astype(float)
         wall = one.wall.astype(float), other.wall.astype(float)
@@ -156,7 +184,7 @@ class Compared:
             shifted = Weights.of(
                 {name: v + stated.images[name] for name, v in weights.images.items()}
             )
-            change = (self.part.temperature_K(shifted) - kelvin)[truth.visible]
+            change = (self.part.temperature_K(shifted) - temperature_K)[truth.visible]
             error_K = float(np.sqrt(np.nanmean(change**2)))
         return Row(
             method=method,
@@ -167,8 +195,8 @@ class Compared:
             core_s=cost.core_s,
             wall_s=cost.wall_s,
             picture_core_s=picture_core_s,
-            rms_K=truth.rms(kelvin, truth.kelvin),
-            max_K=truth.most(kelvin, truth.kelvin),
+            rms_K=truth.rms(temperature_K, truth.temperature_K),
+            max_K=truth.most(temperature_K, truth.temperature_K),
             rms_background=truth.rms(weights.background.astype(float), background),
             max_background=truth.most(weights.background.astype(float), background),
             rms_wall=truth.rms(weights.wall.astype(float), wall),
@@ -191,6 +219,18 @@ def bench_error(
 
     `source` makes the whole picture; it is compared on the lattice's pixels. `path` traces those
     alone.
+
+    Args:
+        case: to be traced.
+        phase: phase function.
+        lattice: pixels to compare.
+        say: takes lines of progress.
+        accuracies_K: asked of `source`.
+        samples: of `path`, a pixel.
+        reference_samples: of the reference, a pixel.
+
+    Returns:
+        The rows, and the reference.
     """
     part = case.seen(lattice.of(case.scene))
     empty = case.seen(one_pixel(case.scene))
@@ -219,11 +259,11 @@ def bench_error(
                 stated=None if difference is None else lattice.pick(case.scene, difference),
             )
         )
-    ways = [
+    methods = [
         ("path", f"path, {count} samples", path_settings(case, count, phase=phase))
         for count in samples
     ]
-    for method, label, settings in ways:
+    for method, label, settings in methods:
         fixed = empty.run(settings)[1].core_s
         result, cost = part.run(settings)
         add(

@@ -25,7 +25,7 @@ _STYLES = {
 _LABELS = {"source": (-5, -8), "source, no gather": (-6, 3), "path": (4, 4), "branching": (4, 4)}
 _CLOSE = 1.4
 _HEAD = (
-    "way",
+    "method",
     "pixels traced",
     "core-s",
     "wall s",
@@ -39,7 +39,7 @@ _HEAD = (
     "stated, K",
 )
 _ORDER_HEAD = (
-    "way, order",
+    "method, order",
     "pixels traced",
     "core-s, whole picture",
     "T_app RMS, K",
@@ -50,7 +50,13 @@ _ORDER_HEAD = (
 
 
 def error_part(scene: Scene, rows: Sequence[Row], truths: dict[str, Truth]) -> Part:
-    """Rows of every phase function that was measured, with what they were measured against."""
+    """Tables and picture of every phase function that was measured.
+
+    Args:
+        scene: that was traced.
+        rows: of all phase functions.
+        truths: references by phase function.
+    """
     found = ratios(rows)
     tables = []
     text = []

@@ -76,6 +76,11 @@ def bench_evaluation(
 
     Ten different pictures of each kind are written and read again and again: what the disk's cache
     saves by that is in `read_s`.
+
+    Args:
+        folder: for the pictures.
+        shots: number of pictures.
+        sensor: columns and rows.
     """
     columns, rows = sensor
     rng = np.random.default_rng(3)
@@ -83,8 +88,8 @@ def bench_evaluation(
     own = float(band_radiance(430.0, filter_um=FILTER_UM))
     wanted = max(shots // (2 * len(BACKGROUNDS_K)), 1)
     found: list[_Shot] = []
-    for kelvin in BACKGROUNDS_K:
-        light = float(band_radiance(kelvin, filter_um=FILTER_UM))
+    for background_K in BACKGROUNDS_K:
+        light = float(band_radiance(background_K, filter_um=FILTER_UM))
         for kind in ("reference", "injection"):
             seen = np.full((rows, columns), light)
             if kind == "injection":
@@ -93,15 +98,15 @@ def bench_evaluation(
             deviation = np.sqrt(CAMERA.variance_counts2(counts))
             for number in range(min(10, wanted)):
                 noisy = counts + deviation * rng.standard_normal(counts.shape)
-                path = folder / f"{kelvin:g}_{kind}_{number}.tif"
+                path = folder / f"{background_K:g}_{kind}_{number}.tif"
                 tifffile.imwrite(path, np.rint(noisy).astype(np.uint16))
             found += [
                 _Shot(
-                    f"{kelvin:g}-{kind}-{number}",
+                    f"{background_K:g}-{kind}-{number}",
                     kind,
-                    kelvin,
-                    kelvin,
-                    folder / f"{kelvin:g}_{kind}_{number % 10}.tif",
+                    background_K,
+                    background_K,
+                    folder / f"{background_K:g}_{kind}_{number % 10}.tif",
                 )
                 for number in range(wanted)
             ]

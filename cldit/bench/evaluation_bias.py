@@ -40,7 +40,7 @@ FULL = Surroundings(
 
 
 @dataclass(frozen=True)
-class TruthRow:
+class BiasRow:
     """Pixels of one emissivity. bias_K, error_K: of T_app, in the mean, and as stated.
 
     chi2_K, chi2_emissivity: variance about the truth over the stated one; 1 is right.
@@ -57,7 +57,7 @@ class TruthRow:
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture, as the evaluation wants its shots."""
+    """A picture (rows, columns), as the evaluation wants its shots."""
 
     id: str
     kind: str
@@ -68,7 +68,7 @@ class Shot:
 
 @dataclass
 class Recorded:
-    """Shots in memory, as the evaluation wants a recording."""
+    """Shots in memory, as the evaluation wants a recording; bad_pixels: (rows, columns) or None."""
 
     shots: list[Shot]
     surroundings: Surroundings
@@ -76,12 +76,13 @@ class Recorded:
     bad_pixels: NDArray[np.bool_] | None = None
 
     def load(self, shot: Shot) -> NDArray[Any]:
+        """The picture of a shot, (rows, columns)."""
         return shot.image
 
 
-def truth_table(*, side: int = 64, shots: int = 40) -> list[TruthRow]:
-    """`side` x `side` pixels of each emissivity, at 430 K before five backgrounds."""
-    rows: list[TruthRow] = []
+def evaluation_bias(*, side: int = 64, shots: int = 40) -> list[BiasRow]:
+    """Evaluates `shots` of `side` x `side` pixels of each emissivity, at 430 K."""
+    rows: list[BiasRow] = []
     for name, around in (
         ("none", BARE),
         ("grey background, two windows, pixels that differ", FULL),
@@ -89,7 +90,7 @@ def truth_table(*, side: int = 64, shots: int = 40) -> list[TruthRow]:
         maps = evaluate_shots(record(around, side=side, shots=shots, pattern=around is FULL)).maps
         for number, epsilon in enumerate(EMISSIVITIES):
             part = slice(number * side, (number + 1) * side)
-            kelvin, error, found, spread = (
+            temperature_K, error, found, spread = (
                 image[:, part].astype(float)
                 for image in (
                     maps.apparent_temperature_K,
@@ -99,12 +100,12 @@ def truth_table(*, side: int = 64, shots: int = 40) -> list[TruthRow]:
                 )
             )
             rows.append(
-                TruthRow(
+                BiasRow(
                     surroundings=name,
                     emissivity=epsilon,
-                    bias_K=float(np.nanmean(kelvin) - TRUTH_K),
+                    bias_K=float(np.nanmean(temperature_K) - TRUTH_K),
                     error_K=float(np.nanmean(error)),
-                    chi2_K=float(np.nanmean((kelvin - TRUTH_K) ** 2) / np.nanmean(error**2)),
+                    chi2_K=float(np.nanmean((temperature_K - TRUTH_K) ** 2) / np.nanmean(error**2)),
                     emissivity_bias=float(np.mean(found) - epsilon),
                     chi2_emissivity=float(np.mean((found - epsilon) ** 2) / np.mean(spread**2)),
                 )
@@ -122,11 +123,18 @@ def record(
     filter_um: tuple[float, float] = FILTER_UM,
     seed: int = 5,
 ) -> Recorded:
-    """Blocks of side x side pixels in a row, one of `EMISSIVITIES` each, at `TRUTH_K`; 40 electrons
-    a count and 200 of read noise, rounded and clipped to the camera's counts.
+    """Records blocks of pixels in a row, one of `EMISSIVITIES` each, at `TRUTH_K`.
 
-    With `pattern` pixels differ by 3 % in gain and 20 counts in offset. `background_error_K` is
-    drawn anew for every pixel, as if each were an experiment of its own.
+    A count is 40 electrons, read noise 200; counts are rounded, and clipped to the camera's.
+
+    Args:
+        around: what the camera sees beside the spray.
+        side: of a block, in pixels.
+        shots: of each kind, before each background.
+        pattern: pixels differ by 3 % in gain and 20 counts in offset.
+        background_error_K: drawn anew for every pixel, as if each were an experiment of its own.
+        filter_um: edges of the filter.
+        seed: of the noise.
     """
     rng = np.random.default_rng(seed)
     epsilon = np.repeat(EMISSIVITIES, side)[None, :] * np.ones((side, 1))
@@ -135,8 +143,8 @@ def record(
     whole = Boundary.in_filter(around, filter_um, reference_K=480.0)
     own = float(band_radiance(TRUTH_K, filter_um=filter_um))
     found: list[Shot] = []
-    for kelvin in BACKGROUNDS_K:
-        real_K = kelvin + background_error_K * rng.standard_normal(epsilon.shape)
+    for background_K in BACKGROUNDS_K:
+        real_K = background_K + background_error_K * rng.standard_normal(epsilon.shape)
         leaving = whole.leaving(real_K)
         for kind in ("reference", "injection"):
             inside = leaving
@@ -148,5 +156,9 @@ def record(
                 noisy = rng.poisson(electrons) + 200.0 * rng.standard_normal(epsilon.shape)
                 counts = np.rint(CAMERA.offset_counts + offset + noisy / 40.0)
                 image = np.clip(counts, 0, 16383).astype(np.uint16)
-                found.append(Shot(f"{kelvin:g}-{kind}-{number}", kind, kelvin, kelvin, image))
+                found.append(
+                    Shot(
+                        f"{background_K:g}-{kind}-{number}", kind, background_K, background_K, image
+                    )
+                )
     return Recorded(found, around)

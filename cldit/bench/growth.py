@@ -45,6 +45,7 @@ class Growth:
 
     @property
     def exponent(self) -> float:
+        """Exponent of a power law through all points; NaN with fewer than two."""
         if len(self.points) < 2:
             return float("nan")
         amount, cost = np.log([(p.amount, p.core_s) for p in self.points]).T
@@ -52,6 +53,7 @@ class Growth:
 
     @property
     def last(self) -> float:
+        """Exponent between the last two points; NaN with fewer."""
         if len(self.points) < 2:
             return float("nan")
         a, b = self.points[-2:]
@@ -59,7 +61,13 @@ class Growth:
 
 
 def growth(case: Case, *, cache: Path, say: Say) -> Part:
-    """Every quantity on its own, on the scene at half its resolution in space and picture."""
+    """Varies every quantity on its own, on the scene at half its resolution in space and picture.
+
+    Args:
+        case: with the scene.
+        cache: folder of tables.
+        say: takes lines of progress.
+    """
     scene = case.scene
     half = halved(scene)
     base = Case.of(half, case.device, cache=cache)
@@ -150,14 +158,14 @@ def _droplet_cells(base: Case) -> Growth:
     one = base.seen(changed(base.scene, camera={"pixels": [1, 1]}))
     scattering = np.flatnonzero(base.tree.fields["droplet_scattering"] > 0)
     for share in (8, 4, 2, 1):
-        kept = scattering[: len(scattering) // share]
-        points.append(Point(float(len(kept)), _cost(_with_tree(one, _only(base.tree, kept)))))
+        chosen = scattering[: len(scattering) // share]
+        points.append(Point(float(len(chosen)), _cost(_with_tree(one, _only(base.tree, chosen)))))
     return Growth("droplet cells", "the trace, one pixel", tuple(points))
 
 
-def _only(tree: Octree, kept: Any) -> Octree:
+def _only(tree: Octree, chosen: Any) -> Octree:
     mask = np.zeros(len(tree.fields["droplet_scattering"]), bool)
-    mask[kept] = True
+    mask[chosen] = True
     fields = {
         name: np.where(mask, values, np.float32(0)) if name.startswith("droplet") else values
         for name, values in tree.fields.items()

@@ -37,19 +37,27 @@ _PHASE_STEPS = 1024
 
 
 def quickest(case: Case, launch: Callable[[], Any], *, rounds: int = _ROUNDS) -> Cost:
-    """The least of several rounds, each number by itself; one more before them builds and warms."""
+    """The least cost of several rounds, each number by itself, after one that builds and warms.
+
+    Args:
+        case: names the device.
+        launch: starts the work.
+        rounds: number of rounds.
+    """
     launch()
     costs = [clocked(case.device, launch)[1] for _ in range(rounds)]
     return Cost(min(c.core_s for c in costs), min(c.wall_s for c in costs))
 
 
 @dataclass(frozen=True)
-class Flights:
-    """From so many pixels, crossing so many cells in all, through a region of `region` cells of
-    `record` numbers each."""
+class PathSegments:
+    """Segments from `pixels` pixels that cross `crossed` cells in all.
+
+    They pass a region of `region` cells of `record` numbers each.
+    """
 
     pixels: int
-    flights: int
+    segments: int
     crossed: float
     region: int
     record: int
@@ -66,11 +74,13 @@ class Kernels:
 
     @cached_property
     def cells(self) -> OpticalCells:
+        """The cells that kernels see."""
         names = tuple(patch.name for patch in self.case.scene.patches)
         return OpticalCells.of(self.case.tree, patches=names, compiled_in=self.compiled_in)
 
     @cached_property
     def view(self) -> View:
+        """The camera."""
         return View.of(self.case.scene, self.cells)
 
     def _defines(self) -> dict[str, Define]:
@@ -93,24 +103,27 @@ class Kernels:
             source = np.zeros((len(cells.needs.components), len(cells.address)), real)
         listed = [source] * pictures
         records = filled.records(listed, np.zeros(len(cells.address)), None, None, real)
-        medium = [
-            *upload_directory(device, cells),
-            upload(device, "records' numbers", filled.number),
-            upload(device, "records", records),
-        ]
+        arguments = {
+            **upload_directory(device, cells),
+            "number": upload(device, "records' numbers", filled.number),
+            "records": upload(device, "records", records),
+            **self.view.geometry(device, cells, real),
+        }
         if linear:
             changes = np.zeros((len(cells.address), 3 * len(cells.needs.components)), real)
-            medium += [upload(device, "changes", changes), np.int32(len(changes))]
-        arguments = self.view.arguments(device, cells, real)
-        kernel = program["image"]
+            arguments["gradient"] = upload(device, "changes", changes)
+            arguments["scattering"] = len(changes)
+        tiles = self.view.tiles(program, "image")
         return quickest(
-            self.case,
-            lambda: kernel(device.queue, *self.view.tiles(device), out, *medium, *arguments),
+            self.case, lambda: program.launch("image", *tiles, {"planes": out, **arguments})
         )
 
-    def flights(self, count: int, *, vector: int | None = None) -> Flights | None:
-        """So many from each pixel that sees thick cells, through the light that a trace has solved
-        for; None where there are none. vector: flights at once; None is what a trace takes."""
+    def path_segments(self, count: int, *, vector: int | None = None) -> PathSegments | None:
+        """`count` segments through the solved light from each pixel that sees thick cells.
+
+        None where there are no such pixels. `vector` is the number of segments at once; None is
+        what a trace takes.
+        """
         case, cells, view = self.case, self.cells, self.view
         settings = case.settings()
         flags: dict[str, Define] = {"COUNTED": 1}
@@ -142,15 +155,16 @@ class Kernels:
         pixels = np.concatenate([np.zeros(0, np.int64), *found])
         if not len(pixels):
             return None
-        chains, every = gather.chains(pixels, 1), np.arange(len(pixels))
+        chains, every = gather.paths(pixels, 1), np.arange(len(pixels))
 
         def fly() -> Floats:
             return gather.means(chains, every, 1, range(count), 0)
 
         crossed = float(fly()[-1].sum())
         cells_met, record = camera.cell_sources.records.shape
-        flights = count * len(pixels)
-        return Flights(len(pixels), flights, crossed, cells_met, record, quickest(case, fly))
+        segments = count * len(pixels)
+        timed = quickest(case, fly)
+        return PathSegments(len(pixels), segments, crossed, cells_met, record, timed)
 
     def steps(self) -> tuple[NDArray[np.int64], Cost]:
         """Steps of every line of sight, and those of them through something, (2, H, W)."""
@@ -158,12 +172,13 @@ class Kernels:
         program = build(device, "count.cl", {**self.view.defines, **(self.defines or {})})
         columns, rows = self.view.pixels
         out = zeros(device, "steps", 2 * rows * columns, np.int32)
-        tree = upload_tree(device, cells, real)
-        arguments = self.view.arguments(device, cells, real)
-        kernel = program["count"]
+        arguments = {
+            **upload_tree(device, cells, real),
+            **self.view.geometry(device, cells, real),
+        }
+        tiles = self.view.tiles(program, "count")
         cost = quickest(
-            self.case,
-            lambda: kernel(device.queue, *self.view.tiles(device), out, *tree, *arguments),
+            self.case, lambda: program.launch("count", *tiles, {"crossings": out, **arguments})
         )
         counted = download(device, out, np.empty((rows, columns, 2), np.int32))
         return counted.transpose(2, 0, 1).astype(np.int64), cost
@@ -199,7 +214,12 @@ class Kernels:
     def sweep(
         self, count: int, *, vector: int | None = None, phase: ScatteringTable | None = None
     ) -> Cost:
-        """A set of sweeps with `count` directions over the sphere; others as in `sweeper`."""
+        """Cost of a set of sweeps.
+
+        Args:
+            count: directions over the sphere.
+            vector, phase: as in `sweeper`.
+        """
         sweeper, camera = self.sweeper(vector=vector, phase=phase)
         rng = np.random.default_rng(1)
         rays = sweeper.rays(isotropic(count, rng), rng.random((count, 2)))

@@ -34,7 +34,13 @@ class Saving:
 
 
 def leave_out(case: Case, *, say: Say, directions: int = 6) -> Part:
-    """Every part on a variant of the scene that has no use for it."""
+    """Measures every part on a variant of the scene that has no use for it.
+
+    Args:
+        case: with the scene.
+        say: takes lines of progress.
+        directions: swept.
+    """
     tree = case.tree
     gas = _tree(case, _without(tree, "droplet"))
     drops = _tree(case, _without(tree, "vapour"))

@@ -41,7 +41,13 @@ class Peak:
 
 
 def memory(scene: Scene, device: Device, *, say: Say) -> Part:
-    """Whole runs; each once with empty kernel caches and once with filled ones."""
+    """Measures whole runs, each once with empty kernel caches and once with filled ones.
+
+    Args:
+        scene: to be run.
+        device: to run on.
+        say: takes lines of progress.
+    """
     mie = scene.spray.model not in ("none", "grid")
     lines, data = [], []
     for label, transport in _CASES:
@@ -122,7 +128,7 @@ def _status() -> Mapping[str, str]:
 
 
 def _measure(arguments: list[str]) -> Peak:
-    """Of this process, which is to do nothing else: it counts every buffer that is made in it."""
+    """Measures this process, which does nothing else: every buffer that it makes is counted."""
     index, cache, *files = arguments
     counts = {"now": 0, "most": 0}
     cl.Buffer = _counting(counts)  # type: ignore[misc]

@@ -61,13 +61,22 @@ class Stage:
 
     @classmethod
     def of(cls, case: Case, mi: Any) -> Stage:
-        """Isotropic scattering; the box that is swept, cell for cell, and the background disc."""
+        """The scene of `case` in Mitsuba, `mi`: the box that is swept, cell for cell, and the disc.
+
+        Scattering is isotropic.
+        """
         return cls(mi, mi.load_dict(_description(case, mi)), case)
 
     def render(self, row: int, *, samples: int, seed: int) -> Floats:
-        """Weights (2, W) of background and wall in one row of the picture.
+        """Renders one row of the picture; samples are spread over each pixel's area.
 
-        Samples are spread over each pixel's area.
+        Args:
+            row: its number.
+            samples: a pixel.
+            seed: of the samples.
+
+        Returns:
+            (2, W) weights of background and wall.
         """
         mi = self.mi
         sensor = mi.load_dict(_sensor(self.case, mi, row, samples))
@@ -156,7 +165,7 @@ def _sensor(case: Case, mi: Any, row: int, samples: int) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class PeerRow:
+class RendererRow:
     """error: RMS of the background's weight over the pixels compared, without the noise of `path`.
     picture_core_s: core seconds of all pixels at the samples taken; wanted_core_s: for 1 % error.
     bias: RMS difference from `path` beyond the noise of both; mean: signed."""
@@ -174,10 +183,15 @@ class PeerRow:
 
 def compare(
     case: Case, variant: str, *, rows: int, samples: int, truth: tuple[Floats, Floats]
-) -> PeerRow:
+) -> RendererRow:
     """Two independent renders of some rows of the picture against two of `path`.
 
-    truth: (2, rows, W) weights of background and wall, two independent halves.
+    Args:
+        case: with the scene.
+        variant: of Mitsuba.
+        rows: about so many.
+        samples: a pixel.
+        truth: (2, rows, W) weights of background and wall, two independent halves.
     """
     stage = Stage.of(case, mitsuba(variant))
     lattice = row_lattice(case, rows)
@@ -198,7 +212,7 @@ def compare(
     noise = float(np.sqrt(np.mean((one - other)[0][sees] ** 2) / 2))
     picture_s = cost.core_s / lattice.share(case.scene)
     bias, mean = _gap(one, other, truth, sees)
-    return PeerRow(
+    return RendererRow(
         tool=f"Mitsuba {version('mitsuba')}, {variant}",
         samples=samples,
         error=noise,
@@ -232,13 +246,20 @@ def _gap(
 
 
 def row_lattice(case: Case, rows: int) -> Lattice:
-    """About so many rows of the picture."""
+    """The pixels of about `rows` rows of the picture of `case`."""
     spacing = max(case.scene.camera.pixels[1] // rows, 1)
     return Lattice((1, spacing - 1 + spacing % 2))
 
 
-def peers(case: Case, *, say: Say, rows: int = 4, samples: int = 64) -> Part:
-    """Mitsuba's variants, `path` and `source`, on the same rows of the picture."""
+def renderers(case: Case, *, say: Say, rows: int = 4, samples: int = 64) -> Part:
+    """Runs Mitsuba's variants, `path` and `source` on the same rows of the picture.
+
+    Args:
+        case: with the scene.
+        say: takes lines of progress.
+        rows: about so many.
+        samples: of Mitsuba, a pixel.
+    """
     lattice = row_lattice(case, rows)
     part = case.seen(lattice.of(case.scene))
     halves = []
@@ -283,7 +304,7 @@ def peers(case: Case, *, say: Say, rows: int = 4, samples: int = 64) -> Part:
         "w_wall",
     )
     return Part(
-        name="peers",
+        name="mitsuba",
         title=f"Beside others: {case.scene.name}",
         tables=(Table.of(head, lines),),
         data={"rows": [asdict(row) for row in found], "missing": missing},
@@ -300,16 +321,18 @@ def peers(case: Case, *, say: Say, rows: int = 4, samples: int = 64) -> Part:
     )
 
 
-def _ours(case: Case, part: Case, lattice: Lattice, truth: tuple[Floats, Floats]) -> list[PeerRow]:
+def _ours(
+    case: Case, part: Case, lattice: Lattice, truth: tuple[Floats, Floats]
+) -> list[RendererRow]:
     sees = _seen(truth)
     out = []
     plain = case.settings(phase="isotropic", accuracy_K=1.0, audit=False)
-    ways = (
+    runs = (
         ("cldit path", part, path_settings(part, 128, phase="isotropic", seed=5)),
         ("cldit source, 1 K", case, plain),
         ("cldit source, 8 directions", case, replace(plain, directions=8, final_directions=16)),
     )
-    for tool, some, settings in ways:
+    for tool, some, settings in runs:
         some.run(settings)
         result, cost = some.run(settings)
         weights = result.weights if some is part else lattice.pick(case.scene, result.weights)
@@ -318,5 +341,5 @@ def _ours(case: Case, part: Case, lattice: Lattice, truth: tuple[Floats, Floats]
         whole = cost.core_s / (lattice.share(case.scene) if some is part else 1.0)
         samples = int(result.counts.get("samples", 0))
         wanted = whole * max((bias[0] / _WANTED) ** 2, 1.0)
-        out.append(PeerRow(tool, samples, bias[0], whole, wanted, *bias, *mean))
+        out.append(RendererRow(tool, samples, bias[0], whole, wanted, *bias, *mean))
     return out

@@ -18,17 +18,27 @@ _SEEDS = (1, 2)
 def bench_orders(
     case: Case, truth: Truth, *, phase: str, lattice: Lattice, say: Say, every: int = EVERY
 ) -> list[Row]:
-    """Orders 0 to 2; of `branching` if the phase function is isotropic, for it knows no other.
+    """Compares orders 0 to 2; of `branching` only if the phase function is isotropic.
 
-    `source` makes the whole picture, with light that changes within cells and with light that is
-    even in them, as `branching` has it. truth: of all orders, on the lattice's pixels. every:
-    spacing of the pixels that `branching` traces at order 2.
+    `source` makes the whole picture, with light that changes within cells, and with light that is
+    even in them, as `branching` has it.
+
+    Args:
+        case: with the scene.
+        truth: of all orders, on the lattice's pixels.
+        phase: phase function.
+        lattice: pixels to compare.
+        say: takes lines of progress.
+        every: spacing of the pixels that `branching` traces at order 2.
+
+    Returns:
+        A row for each order and method.
     """
     compared = Compared(case, lattice, truth, phase)
     rows: list[Row] = []
     for order in range(3):
         own = _truth(compared, order)
-        found = [_source(compared, own, order, *way) for way in _ways(order)]
+        found = [_source(compared, own, order, *method) for method in _methods(order)]
         if phase == "isotropic":
             traced = compared
             if order == 2:
@@ -42,17 +52,18 @@ def bench_orders(
     return rows
 
 
-def _ways(order: int) -> list[tuple[str, str, dict[str, Any]]]:
+def _methods(order: int) -> list[tuple[str, str, dict[str, Any]]]:
     """Method, label and keys of the scene's `transport`: at order 0 all are one."""
     label = f"source, order {order}"
     if not order:
         return [("source", label, {})]
-    ways: list[tuple[str, str, dict[str, Any]]] = [
-        ("source", f"{label}, {kelvin:g} K", {"accuracy_K": kelvin}) for kelvin in SOURCE_K
+    methods: list[tuple[str, str, dict[str, Any]]] = [
+        ("source", f"{label}, {accuracy_K:g} K", {"accuracy_K": accuracy_K})
+        for accuracy_K in SOURCE_K
     ]
-    kelvin = SOURCE_K[0]
-    even = {"accuracy_K": kelvin, "gather": False}
-    return [*ways, ("source, no gather", f"{label}, no gather, {kelvin:g} K", even)]
+    accuracy_K = SOURCE_K[0]
+    even = {"accuracy_K": accuracy_K, "gather": False}
+    return [*methods, ("source, no gather", f"{label}, no gather, {accuracy_K:g} K", even)]
 
 
 def _source(
@@ -63,8 +74,8 @@ def _source(
     result, cost = case.run(settings)
     weights = compared.lattice.pick(case.scene, result.weights)
     row = compared.row(method, label, weights, cost, order=order)
-    kelvin = compared.part.temperature_K(weights)
-    return replace(row, of_order_K=own.rms(kelvin, own.kelvin))
+    temperature_K = compared.part.temperature_K(weights)
+    return replace(row, of_order_K=own.rms(temperature_K, own.temperature_K))
 
 
 def _truth(compared: Compared, order: int) -> Truth:
@@ -97,6 +108,8 @@ def _branching(compared: Compared, own: Truth, order: int) -> Row:
         fixed_core_s=fixed,
         order=order,
     )
-    kelvin = [part.temperature_K(run.weights) for run, _ in runs]
-    squares = [own.rms(image, own.kelvin) ** 2 for image in kelvin]
-    return replace(row, of_order_K=float(np.mean(squares)) ** 0.5, left_K=own.common(*kelvin))
+    temperatures_K = [part.temperature_K(run.weights) for run, _ in runs]
+    squares = [own.rms(image, own.temperature_K) ** 2 for image in temperatures_K]
+    return replace(
+        row, of_order_K=float(np.mean(squares)) ** 0.5, left_K=own.common(*temperatures_K)
+    )

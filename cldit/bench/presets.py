@@ -50,7 +50,18 @@ def compare_presets(
     cache: Path | None = None,
     say: Callable[[str], None],
 ) -> list[Step]:
-    """Every combination of the causes against none, in a picture of `pixels` a side.
+    """Compares every combination of the causes with none.
+
+    Args:
+        scene: with a spray.
+        pixels: of the picture, a side.
+        accuracy_K: of the traces.
+        device: to trace on.
+        cache: folder of tables; None keeps nothing.
+        say: takes lines of progress.
+
+    Returns:
+        A step for each combination.
 
     Raises:
         SceneError: no pixel shows the spray.
@@ -75,7 +86,15 @@ def compare_presets(
 def variant(
     scene: Scene, taken: tuple[str, ...], folder: Path, *, pixels: int, accuracy_K: float
 ) -> Scene:
-    """The scene with `taken` from `spectral` and the rest as in `paper`, from files in a folder."""
+    """The scene with some properties from `spectral` and the rest as in `paper`, by files.
+
+    Args:
+        scene: with a spray.
+        taken: from `spectral`.
+        folder: for the files.
+        pixels: of the picture, a side.
+        accuracy_K: of the trace.
+    """
     data = scene.model_dump(mode="json")
     optics = data["optics"]
     optics.update(preset="spectral" if taken else "paper", compare_paper=False)
@@ -96,7 +115,7 @@ def _grey_liquid(scene: Scene, folder: Path) -> Path:
 
 
 def _grey_vapour(scene: Scene, folder: Path) -> Path:
-    """In HITRAN's form, from a little below to a little above the filter."""
+    """Writes HITRAN's form, from a little below to a little above the filter."""
     path = folder / "paper.xsc"
     low, high = edges_um(scene_filter(scene))
     value = scene.optics.vapour_m2_mol / _M2_MOL_OF_CM2

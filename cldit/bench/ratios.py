@@ -1,4 +1,4 @@
-"""How many times the core seconds of one way another takes."""
+"""How many times the core seconds one method takes of those of another."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """What several rays a pixel cost, and what they bring.
 
 Pictures are those of the middle of the field, a sixteenth of it, with pixels as large as the
-scene's. All ways see one and the same solution (same seed), so that the difference is that of the
-pixels. The truth has 256 rays a pixel: 64 in each quarter of it.
+scene's. All settings see the same solution (same seed): the difference is that of the pixels. The
+truth has 256 rays a pixel: 64 in each quarter of it.
 """
 
 from __future__ import annotations
@@ -111,7 +111,10 @@ class _Painted:
 
 
 def bench_rays(case: Case, *, say: Say) -> tuple[list[Row], int]:
-    """A row for each of `EVEN` and `ADAPTIVE_K`, and how many pixels lie at edges."""
+    """A row for each of `EVEN` and `ADAPTIVE_K` for `case`, and the number of edge pixels.
+
+    `say` takes lines of progress.
+    """
     (columns, rows), (width_m, height_m) = case.scene.camera.pixels, case.scene.camera.field_m
     few = (max(columns // PART, 1), max(rows // PART, 1))
     field_m = (width_m * few[0] / columns, height_m * few[1] / rows)
@@ -123,19 +126,19 @@ def bench_rays(case: Case, *, say: Say) -> tuple[list[Row], int]:
 
     plain = part(1)
     solution = plain.run(case.settings(audit=False))[0].solution
-    towards = None if solution is None else solution.towards
+    towards = None if solution is None else solution.camera_source
     truth = _quarters(_Painted.of(part(64, finer=2), towards, accuracy_K=1.0).weights)
-    kelvin = plain.temperature_K(truth)
+    truth_K = plain.temperature_K(truth)
     background = truth.background.astype(float)
-    visible = (1 - background > VISIBLE_EMISSIVITY) & np.isfinite(kelvin)
+    visible = (1 - background > VISIBLE_EMISSIVITY) & np.isfinite(truth_K)
     edge = at_edges(background)
     found = []
-    ways: list[tuple[int | str, float]] = [(number, 1.0) for number in EVEN]
-    ways += [("adaptive", kelvin) for kelvin in ADAPTIVE_K]
-    for rays, accuracy_K in ways:
+    settings: list[tuple[int | str, float]] = [(number, 1.0) for number in EVEN]
+    settings += [("adaptive", accuracy_K) for accuracy_K in ADAPTIVE_K]
+    for rays, accuracy_K in settings:
         painted = _Painted.of(part(rays), towards, accuracy_K=accuracy_K)
         name = str(rays) if rays in EVEN else f"adaptive, {accuracy_K:g} K"
-        off = plain.temperature_K(painted.weights) - kelvin
+        off = plain.temperature_K(painted.weights) - truth_K
         seen = visible & np.isfinite(off)
         found.append(
             Row(
@@ -154,7 +157,10 @@ def bench_rays(case: Case, *, say: Say) -> tuple[list[Row], int]:
 
 
 def rays(case: Case, *, say: Say) -> Part:
-    """1, 4, 16, 64 and adaptive rays a pixel: error at edges against core seconds."""
+    """1, 4, 16, 64 and adaptive rays a pixel of `case`: error at edges against core seconds.
+
+    `say` takes lines of progress.
+    """
     found, edges = bench_rays(case, say=say)
     head = ("rays a pixel", "core-s, picture", "T_app RMS at edges, K", "over all, K", "largest, K",
             "w_bg RMS at edges", "pixels of several rays")  # fmt: skip

@@ -26,9 +26,11 @@ class Table:
 
     @classmethod
     def of(cls, head: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+        """A table of `rows` below their `head`."""
         return cls(tuple(head), tuple(tuple(row) for row in rows))
 
     def markdown(self) -> str:
+        """The table as Markdown."""
         lines = [self.head, ("---",) * len(self.head), *self.rows]
         return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
@@ -47,9 +49,15 @@ class Part:
 
 
 def write_part(part: Part, folder: Path, *, command: str, device: Device) -> Path:
-    """Writes `folder`/bench/NAME.json, .md, .png, and `folder`/benchmarks.md of all parts there.
+    """Writes `folder`/bench/NAME.json, .md, .png, and `folder`/benchmarks.md, whose path it gives.
 
-    Returns the page's path. Parts of other runs stay, each with the command that made it.
+    Parts of other runs stay, each with the command that made it.
+
+    Args:
+        part: measured.
+        folder: made if need be.
+        command: makes the part again.
+        device: measured on.
     """
     inside = folder / "bench"
     inside.mkdir(parents=True, exist_ok=True)
@@ -83,7 +91,7 @@ def _machine(device: Device) -> str:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """For a table: `digits` significant ones."""
+    """`value` for a table, with `digits` significant ones; a dash for None and NaN."""
     if value is None or value != value:
         return "-"
     return f"{value:.{digits}g}" if abs(value) < 10**digits else f"{value:,.0f}"

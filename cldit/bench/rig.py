@@ -1,6 +1,6 @@
 """How many full frames a second the runner saves, with nothing but the computer to wait for.
 
-Beside it the disk's own floor: how often a bare loop can append a line to a file and sync it,
+Beside it the disk's own limit: how often a bare loop can append a line to a file and sync it,
 which a shot needs once before its trigger and once more, with its pictures, after it.
 """
 
@@ -31,6 +31,7 @@ from cldit.rig.protocols import (
     Frame,
     Limits,
     Roi,
+    Safety,
     Settings,
     Stability,
     TriggerInfo,
@@ -67,7 +68,7 @@ class BenchResult:
     def shots_per_sync(self) -> float:
         """Median over the repetitions; 0.5 were a shot that costs two syncs and nothing else."""
         pairs = zip(self.frames_per_s, self.syncs_per_s, strict=True)
-        return statistics.median(rate / self.frames_per_shot / floor for rate, floor in pairs)
+        return statistics.median(rate / self.frames_per_shot / syncs for rate, syncs in pairs)
 
 
 class _Device:
@@ -79,7 +80,8 @@ class _Device:
 
     def close(self) -> None: ...
 
-    def make_safe(self) -> None: ...
+    def make_safe(self) -> Safety:
+        return Safety(connected=True, did="nothing: it has no parts")
 
     def identify(self) -> DeviceInfo:
         return DeviceInfo(self.kind, "cldit", f"bench {self.kind}", simulated=True)
@@ -183,8 +185,11 @@ def bench_rig(
     """Runs a plan of `frames` pictures at one background through the real runner, `repeats` times.
 
     Args:
-        folder: on the disk to be measured; that for temporary files if left out. What is written
-            is removed.
+        folder: on the disk to be measured; that for temporary files if left out. What is written is
+            removed.
+        frames: pictures in all.
+        frames_per_shot: pictures of a shot.
+        repeats: of the plan.
         sensor: columns and rows of a frame.
     """
     choice = DriverChoice(driver="bench")
@@ -200,7 +205,7 @@ def bench_rig(
             "stability": {"hold_s": 0.0, "settle_s": 0.0},
         }
     )
-    rates, floors, cpu_s, lost = [], [], [], 0
+    rates, syncs, cpu_s, lost = [], [], [], 0
     for _ in range(repeats):
         rig = Rig(_Camera(sensor), _Background(), _Trigger(), SystemClock(), file)
         with tempfile.TemporaryDirectory(dir=folder, prefix="cldit-bench-") as place:
@@ -209,12 +214,12 @@ def bench_rig(
             rates.append(rate)
             cpu_s.append(used_s)
             lost += missing
-            floors.append((before + _syncs_per_s(Path(place))) / 2.0)
-    return BenchResult(frames_per_shot, tuple(rates), tuple(floors), tuple(cpu_s), lost, sensor)
+            syncs.append((before + _syncs_per_s(Path(place))) / 2.0)
+    return BenchResult(frames_per_shot, tuple(rates), tuple(syncs), tuple(cpu_s), lost, sensor)
 
 
 def _measure(rig: Rig, plan: Plan, folder: Path) -> tuple[float, float, int]:
-    """From the first shot to the last: frames per second, CPU seconds a frame; frames lost."""
+    """Frames per second from the first shot to the last, CPU seconds a frame, frames lost."""
     times: list[float] = []
     cpu_s: list[float] = []
 
@@ -238,7 +243,7 @@ def _measure(rig: Rig, plan: Plan, folder: Path) -> tuple[float, float, int]:
 
 def _syncs_per_s(folder: Path) -> float:
     line = b"x" * 200 + b"\n"
-    with (folder / "floor").open("wb", buffering=0) as stream:
+    with (folder / "syncs").open("wb", buffering=0) as stream:
         start = time.perf_counter()
         for _ in range(_FLOOR_SYNCS):
             stream.write(line)

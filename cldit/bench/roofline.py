@@ -1,4 +1,7 @@
-"""Kernel times beside the least that this device's memory and arithmetic allow."""
+"""Roofline: kernel times beside the least that this device's memory and arithmetic allow.
+
+After Williams, Waterman and Patterson 2009.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +31,10 @@ SWEEP_COMPONENT = 5  # gap, two multiplications and additions
 IMAGE_STEP = 30  # walk_ahead: sides, and distances to them; walk_on: six bounds; index sums
 IMAGE_CELL = 10  # absorbed and what is still transmitted
 IMAGE_SOURCE = 2
-FLIGHT_STEP = 15  # the nearest side, what lies beside it, and on
-FLIGHT_CELL = 55  # decay, absorbed, mean_transmission, rising; where it is seen, along three axes
-FLIGHT_SOURCE = 8  # of a component: S_0 and three changes, each times what counts of it
-_FLIGHTS = 64  # of a pixel
+SEGMENT_STEP = 15  # the nearest side, what lies beside it, and on
+SEGMENT_CELL = 55  # decay, absorbed, mean_transmission, rising; where it is seen, along three axes
+SEGMENT_SOURCE = 8  # of a component: S_0 and three changes, each times what counts of it
+_SEGMENTS = 64  # of a pixel
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ class Machine:
 
     @classmethod
     def of(cls, case: Case) -> Machine:
+        """Measures the device of a case."""
         device = case.device
         vector = 8 if device.is_cpu else 1
         program = build(device, "roofline.cl", {"SIMD_WIDTH": vector})
@@ -55,15 +59,14 @@ class Machine:
         count -= count % (64 * vector)
         target, source = (zeros(device, "copy", count, np.float32) for _ in range(2))
 
-        def cost(kernel: str, lanes: int, *more: Any) -> Cost:
-            run = program[kernel]
-            return quickest(case, lambda: run(device.queue, (lanes,), None, target, source, *more))
+        def cost(kernel: str, lanes: int, **more: Any) -> Cost:
+            arguments = {"out": target, "in": source, **more}
+            return quickest(case, lambda: program.launch(kernel, (lanes,), None, arguments))
 
         lanes = _LANES if device.is_cpu else 32 * _LANES
-        rounds = np.int32(_ROUNDS)
         copied = cost("copy", count // vector)
-        summed = cost("multiply_add", lanes, rounds)
-        raised = cost("exponentials", lanes, rounds)
+        summed = cost("multiply_add", lanes, rounds=_ROUNDS)
+        raised = cost("exponentials", lanes, rounds=_ROUNDS)
         work = lanes * vector * _ROUNDS
         return cls(
             bytes_per_s=2 * _REAL_BYTES * count / copied.core_s,
@@ -81,7 +84,7 @@ class Line:
     bytes: float
     flops: float
     exps: float
-    floor_s: float
+    roofline_s: float
     core_s: float
 
     @classmethod
@@ -96,22 +99,36 @@ class Line:
         flops: float,
         exps: float,
     ) -> Line:
+        """Works out the roofline of one kernel.
+
+        Args:
+            machine: measured.
+            kernel, work: names in the table.
+            core_s: what it takes.
+            moved: bytes.
+            flops, exps: operations.
+        """
         arithmetic = flops / machine.flops_per_s + exps / machine.exps_per_s
-        floor_s = max(moved / machine.bytes_per_s, arithmetic)
-        return cls(kernel, work, moved, flops, exps, floor_s, core_s)
+        roofline_s = max(moved / machine.bytes_per_s, arithmetic)
+        return cls(kernel, work, moved, flops, exps, roofline_s, core_s)
 
 
-def floor(case: Case, *, directions: int = 96) -> Part:
-    """The sweep and flights, with and without vectors; the image kernel, and its walk alone."""
+def roofline(case: Case, *, directions: int = 96) -> Part:
+    """Sweep and path segments, with and without vectors; image kernel, and its traversal alone.
+
+    Args:
+        case: with the scene.
+        directions: swept.
+    """
     machine = Machine.of(case)
     kernels = Kernels(case)
     lines = []
     if kernels.cells.needs.scattering:
         lines += _sweeps(machine, kernels, directions)
     lines += _images(machine, kernels)
-    lines += _flights(machine, kernels)
+    lines += _segments(machine, kernels)
     table = Table.of(
-        ("kernel", "work", "GB", "Gflop", "Gexp", "floor, core-s", "taken, core-s", "times"),
+        ("kernel", "work", "GB", "Gflop", "Gexp", "roofline, core-s", "taken, core-s", "times"),
         [
             (
                 line.kernel,
@@ -119,36 +136,36 @@ def floor(case: Case, *, directions: int = 96) -> Part:
                 number(line.bytes / 1e9),
                 number(line.flops / 1e9),
                 number(line.exps / 1e9),
-                number(line.floor_s),
+                number(line.roofline_s),
                 number(line.core_s),
-                number(line.core_s / line.floor_s, 2),
+                number(line.core_s / line.roofline_s, 2),
             )
             for line in lines
         ],
     )
     return Part(
-        name="floor",
-        title=f"Kernels against the machine's floor: {case.scene.name}",
+        name="roofline",
+        title=f"Kernels against the roofline: {case.scene.name}",
         tables=(table,),
         data={"machine": asdict(machine), "lines": [asdict(line) for line in lines]},
         text=(
             f"Measured in the same run, for each core second: {machine.bytes_per_s / 1e9:.1f} GB "
             f"copied (read and written), {machine.flops_per_s / 1e9:.1f} Gflop in single "
-            f"precision, {machine.exps_per_s / 1e9:.2f} G exponentials. The floor is the larger "
+            f"precision, {machine.exps_per_s / 1e9:.2f} G exponentials. The roofline is the larger "
             "of the time that the counted bytes and that the counted operations take.",
             "What is left, as far as it is known. *Sweep*: every step of a direction looks up "
-            "where its rays are, for each row, also of a few cells; a tile's rays and cells lie in "
-            "the cache, but rays not as vectors do, for they go from cell to cell; filling the "
-            "source and listing the excess are part of it. One cell at a time shows what vectors "
-            "give, and tiles, of which it then has none. *Image*: every "
-            "step depends on the one before (which cell comes next, then its brick, then its "
-            "depth), so it waits for conversions and dependent loads and not for bandwidth, and "
-            "neighbouring pixels branch differently, so nothing is done eight at a time; the walk "
-            "alone, with no light, takes most of it. *Flights*: eight cells at once wait for each "
-            "other's loads, which come from eight places, and are put together one by one, as is "
-            "what each cell sends; flights begin and end one by one, each in another cell and in "
-            "another line of the kept light, which is larger than the cache. One at a time "
-            "shows what vectors give.",
+            "where its rays are, for each row, also of a few cells; a tile's rays and cells lie "
+            "in the cache, but rays not as vectors do, for they go from cell to cell; filling the"
+            " source and collecting I - S are part of it. One cell at a time shows what vectors "
+            "give, and tiles, of which it then has none. *Image*: every step depends on the one "
+            "before (which cell comes next, then its brick, then its depth), so it waits for "
+            "conversions and dependent loads and not for bandwidth, and neighbouring pixels "
+            "branch differently, so nothing is done eight at a time; the traversal alone, with no"
+            " light, takes most of it. *Path segments*: eight cells at once wait for each other's"
+            " loads, which come from eight places, and are put together one by one, as is what "
+            "each cell sends; segments begin and end one by one, each in another cell and in "
+            "another line of the radiance at interfaces, which is larger than the cache. One at a"
+            " time shows what vectors give.",
         ),
     )
 
@@ -187,7 +204,7 @@ def _sweeps(machine: Machine, kernels: Kernels, directions: int) -> list[Line]:
 
 
 def _images(machine: Machine, kernels: Kernels) -> list[Line]:
-    steps, walk = kernels.steps()
+    steps, traversal = kernels.steps()
     needs = kernels.cells.needs
     sources = len(needs.components) - (0 if needs.scattering else 2)
     total, through = (float(count.sum()) for count in steps)
@@ -222,9 +239,9 @@ def _images(machine: Machine, kernels: Kernels) -> list[Line]:
         lines.append(trace)
     alone = Line.of(
         machine,
-        "image, its walk alone",
+        "image, its traversal alone",
         work,
-        walk.core_s,
+        traversal.core_s,
         moved=walked + 2 * _REAL_BYTES * pixels,
         flops=IMAGE_STEP * total,
         exps=0.0,
@@ -232,24 +249,24 @@ def _images(machine: Machine, kernels: Kernels) -> list[Line]:
     return [*lines, alone]
 
 
-def _flights(machine: Machine, kernels: Kernels) -> list[Line]:
-    flown, alone = kernels.flights(_FLIGHTS), kernels.flights(_FLIGHTS, vector=1)
-    if flown is None or alone is None:
+def _segments(machine: Machine, kernels: Kernels) -> list[Line]:
+    found, alone = kernels.path_segments(_SEGMENTS), kernels.path_segments(_SEGMENTS, vector=1)
+    if found is None or alone is None:
         return []
     components = len(kernels.cells.needs.components)
     # What is met is read once, and the light at each end; all else stays in the cache.
-    moved = _REAL_BYTES * (flown.region * flown.record + flown.flights * components)
-    cell = FLIGHT_STEP + FLIGHT_CELL + FLIGHT_SOURCE * components
+    moved = _REAL_BYTES * (found.region * found.record + found.segments * components)
+    cell = SEGMENT_STEP + SEGMENT_CELL + SEGMENT_SOURCE * components
     return [
         Line.of(
             machine,
             name,
-            f"{each.pixels} pixels, {each.flights / 1e6:.2f} M flights through "
-            f"{each.crossed / each.flights:.1f} cells each",
+            f"{each.pixels} pixels, {each.segments / 1e6:.2f} M path segments through "
+            f"{each.crossed / each.segments:.1f} cells each",
             each.cost.core_s,
             moved=moved,
             flops=cell * each.crossed,
             exps=0.0,
         )
-        for name, each in (("flights", flown), ("flights, one at a time", alone))
+        for name, each in (("path segments", found), ("path segments, one at a time", alone))
     ]

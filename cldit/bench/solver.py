@@ -1,4 +1,4 @@
-"""Ways to solve for the scattered source, against each other: plain Lambda iteration, Anderson
+"""Solvers for the scattered source, against each other: plain Lambda iteration, Anderson
 mixing, both also with the diagonal of Lambda taken out (Olson, Auer and Buchler 1986), and GMRES,
 which runs take. All see the same rays, so that there is one answer, known from double precision.
 """
@@ -24,7 +24,7 @@ from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 
 Array = NDArray[Any]
-Lack = Callable[[Array], Array]
+Residual = Callable[[Array], Array]
 
 WANTED = 1e-4  # RMS error of the source of the worst component: what 1 K asks for
 EXACT = 1e-8  # of the answer that the others are held to
@@ -43,6 +43,7 @@ class Medium:
     coalbedo: float | None = None
 
     def of(self, tree: Octree) -> Octree:
+        """The tree with this medium in its droplet cells."""
         if self.coalbedo is None:
             return tree
         fields = dict(tree.fields)
@@ -75,7 +76,7 @@ class Row:
     error: likewise, of the source. stopped: why it ended."""
 
     medium: str
-    way: str
+    method: str
     iterations: int
     core_s: float
     residual_rms: float
@@ -119,16 +120,26 @@ class _Equation:
         return next_order(self.sweeper, source, self.rays) - source
 
 
-def lambda_iteration(residual: Lack, source: Array) -> Iterator[Array]:
-    """Sources after each pass: what is lacking is added."""
+def lambda_iteration(residual_rms: Residual, source: Array) -> Iterator[Array]:
+    """Sources (C, N) after each pass from `source` (C, N) on: `residual_rms` is added."""
     while True:
-        source = source + residual(source)
+        source = source + residual_rms(source)
         yield source
 
 
-def anderson(residual: Lack, source: Array, *, depth: int = DEPTH) -> Iterator[Array]:
-    """Anderson (1965), each component on its own: of the last steps that combination whose
-    linear prediction of what is lacking is least."""
+def anderson(residual: Residual, source: Array, *, depth: int = DEPTH) -> Iterator[Array]:
+    """Anderson mixing (1965), each component on its own.
+
+    Of the last steps that combination is taken whose linear prediction of the residual is least.
+
+    Args:
+        residual: of a source, (C, N) to (C, N).
+        source: (C, N) to begin with.
+        depth: steps that are mixed.
+
+    Returns:
+        (C, N) after each pass.
+    """
     steps: list[Array] = []
     changes: list[Array] = []
     before: tuple[Array, Array] | None = None
@@ -154,7 +165,7 @@ def _worst(values: Array) -> float:
     return float(np.sqrt(np.mean(values.astype(np.float64) ** 2, axis=1)).max())
 
 
-def _ways(single: _Equation) -> dict[str, Iterator[Array]]:
+def _iterations(single: _Equation) -> dict[str, Iterator[Array]]:
     return {
         "Lambda": lambda_iteration(single.plain, single.guess),
         "Lambda, diagonal": lambda_iteration(single.diagonal, single.guess),
@@ -164,9 +175,9 @@ def _ways(single: _Equation) -> dict[str, Iterator[Array]]:
 
 
 def _iterated(
-    medium: Medium, way: str, sources: Iterator[Array], single: _Equation, truth: Array
+    medium: Medium, method: str, sources: Iterator[Array], single: _Equation, truth: Array
 ) -> Row:
-    """Until the true error is what is wanted: no way ends sooner, whatever it goes by."""
+    """Iterates until the true error is what is wanted: no solver ends sooner."""
     core_s, least, iterations = 0.0, np.inf, 0
     before = single.iterations
     stopped = f"{MOST} passes"
@@ -183,11 +194,13 @@ def _iterated(
             break
     iterations = single.iterations - before
     residual_rms = _worst(single.diagonal(source))
-    return Row(medium.name, way, iterations, core_s, residual_rms, _worst(source - truth), stopped)
+    return Row(
+        medium.name, method, iterations, core_s, residual_rms, _worst(source - truth), stopped
+    )
 
 
 def _gmres(medium: Medium, single: _Equation, double: Callable[[], _Equation], truth: Array) -> Row:
-    """As runs do: to their own estimate of the error; where single precision ends, in double."""
+    """Solves to GMRES's own estimate, as runs do; where single precision ends, in double."""
     before = single.iterations
     spent = 0.0
 
@@ -223,7 +236,16 @@ def _gmres(medium: Medium, single: _Equation, double: Callable[[], _Equation], t
 
 
 def compare(case: Case, media: tuple[Medium, ...] = MEDIA, *, say: Say) -> list[Row]:
-    """Every way on every medium."""
+    """Runs every solver on every medium.
+
+    Args:
+        case: with the scene.
+        media: to be tried.
+        say: takes lines of progress.
+
+    Returns:
+        A row for each pair.
+    """
     rows: list[Row] = []
     for medium in media:
         some = replace(case, medium=replace(case.medium, trees=[medium.of(case.tree)], paper=None))
@@ -236,8 +258,8 @@ def compare(case: Case, media: tuple[Medium, ...] = MEDIA, *, say: Say) -> list[
         say(f"{medium.name}: reference after {exact.iterations} passes")
         single = _Equation.of(some, double=False)
         single.diagonal(single.guess)  # builds
-        for way, sources in _ways(single).items():
-            rows.append(_iterated(medium, way, sources, single, truth))
+        for method, sources in _iterations(single).items():
+            rows.append(_iterated(medium, method, sources, single, truth))
             say(_line(rows[-1]))
         rows.append(_gmres(medium, single, lambda exact=exact: exact, truth))  # type: ignore[misc]
         say(_line(rows[-1]))
@@ -246,21 +268,24 @@ def compare(case: Case, media: tuple[Medium, ...] = MEDIA, *, say: Say) -> list[
 
 def _line(row: Row) -> str:
     return (
-        f"{row.medium}: {row.way}: {row.iterations} passes, {row.core_s:.3g} core-s, error "
+        f"{row.medium}: {row.method}: {row.iterations} passes, {row.core_s:.3g} core-s, error "
         f"{row.error:.1e} ({row.stopped})"
     )
 
 
 def solver(case: Case, *, say: Say) -> Part:
-    """The scene at half its resolution in space, and its droplets made stiff."""
+    """Solvers on the scene of `case` at half its resolution, and on its droplets made stiff.
+
+    `say` takes lines of progress.
+    """
     rows = compare(case, say=say)
     head = (
-        "medium", "way", "passes", "core-s", "residual", "true error of the source", "ended by",
+        "medium", "solver", "passes", "core-s", "residual", "true error of the source", "ended by",
     )  # fmt: skip
     lines = [
         (
             row.medium,
-            row.way,
+            row.method,
             str(row.iterations),
             number(row.core_s),
             f"{row.residual_rms:.1e}",

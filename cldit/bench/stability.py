@@ -48,7 +48,14 @@ class Bench:
         cells: int = CELLS,
         **scene: Any,
     ) -> Run:
-        """A block of these coefficients, centred in a cube of `cells`^3 leaves."""
+        """Traces a block of these coefficients, centred in a cube of `cells`^3 leaves.
+
+        Args:
+            arrays: of the grid file, of any shape (X, Y, Z).
+            size_m: of the block.
+            cells: leaves along an edge of the cube.
+            scene: other sections of the scene.
+        """
         full = {name: np.array(value, float, ndmin=3) for name, value in arrays.items()}
         file = self.folder / f"{sum(1 for _ in self.folder.iterdir())}.npz"
         np.savez(
@@ -90,6 +97,7 @@ class Outcome:
 
     @property
     def holds(self) -> bool:
+        """Whether the error is within the bound."""
         return self.error <= self.case.bound
 
 
@@ -335,7 +343,16 @@ def bench_stability(
     *,
     say: Callable[[str], None] | None = None,
 ) -> list[Outcome]:
-    """Runs the cases; a case that ends with an error has no error figure, but its message."""
+    """Runs the cases; a case that ends with an error has no error figure, but its message.
+
+    Args:
+        device: to trace on.
+        chosen: the cases.
+        say: takes lines of progress.
+
+    Returns:
+        An outcome for each case.
+    """
     outcomes = []
     with TemporaryDirectory(prefix="cldit-stability-") as place:
         bench = Bench(device, Path(place))
@@ -358,7 +375,13 @@ def _reached(outcome: Outcome) -> str:
 
 
 def page(outcomes: list[Outcome], device: Device, *, command: str) -> str:
-    """The table as Markdown."""
+    """The tables as Markdown.
+
+    Args:
+        outcomes: of all cases.
+        device: traced on.
+        command: makes the page again.
+    """
     blocks = [
         "# Stability: stiff and extreme cases",
         "Every case has an answer that is known without another solver: a cavity at one\n"

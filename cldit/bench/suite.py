@@ -13,11 +13,11 @@ from cldit.bench.error_report import error_part
 from cldit.bench.growth import growth
 from cldit.bench.leave_out import leave_out
 from cldit.bench.memory import memory
-from cldit.bench.mitsuba import peers
+from cldit.bench.mitsuba import renderers
 from cldit.bench.orders import bench_orders
 from cldit.bench.rays import rays
 from cldit.bench.report import Part
-from cldit.bench.roofline import floor
+from cldit.bench.roofline import roofline
 from cldit.bench.solver import solver
 from cldit.gpu.device import Device
 from cldit.scene import Scene
@@ -41,7 +41,7 @@ class Bench:
     save: Callable[[Part], None]
 
     def case(self, *, mie: bool = False, half: bool = False) -> Case:
-        """half: at half the resolution."""
+        """The case with Mie's phase function (`mie`) or isotropic, at full or `half` resolution."""
         phase = "mie" if mie else "isotropic"
         scene = halved(self.scene) if half else self.scene
         scene = changed(scene, transport={"phase": phase, "method": "source", "order": None})
@@ -73,10 +73,10 @@ MEASUREMENTS: dict[str, Callable[[Bench], Part]] = {
     "growth": lambda bench: growth(bench.case(), cache=bench.cache, say=bench.say),
     "memory": lambda bench: memory(bench.scene, bench.device, say=bench.say),
     "leave-out": lambda bench: leave_out(bench.case(), say=bench.say),
-    "floor": lambda bench: floor(bench.case()),
+    "roofline": lambda bench: roofline(bench.case()),
     "solver": lambda bench: solver(bench.case(half=True), say=bench.say),
     "rays": lambda bench: rays(bench.case(), say=bench.say),
     "ablation": lambda bench: ablation(bench.device, cache=bench.cache, say=bench.say),
-    "peers": lambda bench: peers(bench.case(), say=bench.say),
+    "mitsuba": lambda bench: renderers(bench.case(), say=bench.say),
 }
-USUAL = tuple(name for name in MEASUREMENTS if name not in ("peers", "ablation"))
+USUAL = tuple(name for name in MEASUREMENTS if name not in ("mitsuba", "ablation"))

@@ -84,7 +84,7 @@ class Calibration:
         return self.offset_counts + np.asarray(radiance, np.float64) * self.counts_per_radiance
 
     def variance_counts2(self, counts: ArrayLike) -> NDArray[np.float64]:
-        """Variance of one exposure whose mean is `counts`: shot, read, and rounding (1/12).
+        """Variance of one exposure of mean `counts`, any shape: shot, read, and rounding (1/12).
 
         Electrons are Poisson, so their variance is their number.
         """

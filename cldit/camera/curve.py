@@ -39,22 +39,22 @@ class Curve:
 
     def radiance(self, temperature_K: ArrayLike) -> Floats:
         """Photons s-1 m-2 sr-1 of a black body, any shape."""
-        kelvin = np.asarray(temperature_K, np.float64)
-        return band_radiance(self.stretch * kelvin, filter_um=self.filter_um)
+        given_K = np.asarray(temperature_K, np.float64)
+        return band_radiance(self.stretch * given_K, filter_um=self.filter_um)
 
     def slope(self, temperature_K: ArrayLike) -> Floats:
         """d radiance / d T, any shape."""
-        kelvin = np.asarray(temperature_K, np.float64)
-        rise = band_radiance_slope(self.stretch * kelvin, filter_um=self.filter_um)
+        given_K = np.asarray(temperature_K, np.float64)
+        rise = band_radiance_slope(self.stretch * given_K, filter_um=self.filter_um)
         return np.asarray(self.stretch * rise)
 
     def temperature(self, radiance: ArrayLike) -> Floats:
-        """The inverse of `radiance`; K."""
-        kelvin = temperature_of_radiance(radiance, filter_um=self.filter_um)
-        return np.asarray(kelvin / self.stretch)
+        """The inverse of `radiance`, any shape; K."""
+        given_K = temperature_of_radiance(radiance, filter_um=self.filter_um)
+        return np.asarray(given_K / self.stretch)
 
     def temperature_slope(self, radiance: ArrayLike) -> Floats:
-        """d T / d radiance."""
+        """d T / d radiance, any shape."""
         rise = temperature_slope_of_radiance(radiance, filter_um=self.filter_um)
         return np.asarray(rise / self.stretch)
 
@@ -73,9 +73,9 @@ class CurveFit:
 
     @property
     def text(self) -> str:
-        """For a reader of the report."""
+        """One line for the report."""
         low, high = (self.curve.stretch * edge for edge in edges_um(self.curve.filter_um))
-        worst = max(abs(kelvin) for kelvin in self.residual_K)
+        worst = max(abs(off_K) for off_K in self.residual_K)
         return (
             f"wavelengths {self.curve.stretch:.4f} ± {self.stretch_error:.4f} times the filter's "
             f"({low:.3f} to {high:.3f} um), references within {worst:.2g} K"
@@ -90,6 +90,7 @@ def fit_curve(temperature_K: Floats, counts: Floats, *, filter_um: Filter) -> Cu
 
     Args:
         temperature_K, counts: (K,) each, K >= 3; means over the pixels that see the background.
+        filter_um: edges of the filter.
 
     Raises:
         EvaluationError: fewer than three different temperatures, or references that no stretch
@@ -104,11 +105,15 @@ def fit_curve(temperature_K: Floats, counts: Floats, *, filter_um: Filter) -> Cu
     def line(stretch: float) -> tuple[Floats, float]:
         """Residuals in kelvin, and the gain."""
         curve = Curve(filter_um=filter_um, stretch=stretch)
-        radiance, kelvin = curve.radiance(temperature_K), 1.0 / curve.slope(temperature_K)
+        radiance, per_radiance = curve.radiance(temperature_K), 1.0 / curve.slope(temperature_K)
         unit = float(np.max(radiance))
-        matrix = np.stack([radiance / unit * kelvin, kelvin], axis=1) / np.max(kelvin)
-        (gain, offset), *_ = np.linalg.lstsq(matrix, counts * kelvin / np.max(kelvin), rcond=None)
-        off = (counts - gain * radiance / unit - offset) * kelvin
+        matrix = np.stack([radiance / unit * per_radiance, per_radiance], axis=1) / np.max(
+            per_radiance
+        )
+        (gain, offset), *_ = np.linalg.lstsq(
+            matrix, counts * per_radiance / np.max(per_radiance), rcond=None
+        )
+        off = (counts - gain * radiance / unit - offset) * per_radiance
         return np.asarray(off * unit / gain), float(gain)
 
     def residuals(free: Floats) -> Floats:

@@ -32,7 +32,7 @@ class PhotonTransfer:
 def photon_transfer(
     mean: Floats, variance: Floats, *, exposures: int, offset_counts: float | None
 ) -> PhotonTransfer:
-    """From means and sample variances of equal exposures.
+    """Gain and read noise from means and sample variances of equal exposures.
 
     Pixels are sorted by their mean into bins; the median of a bin's variances, divided by that of
     chi-square, is the bin's variance, whatever a few defective pixels do.
@@ -40,8 +40,8 @@ def photon_transfer(
     Args:
         mean, variance: (N,) counts, counts^2, of one exposure, at any levels of light.
         exposures: behind each variance; 2 or more.
-        offset_counts: counts without light. None: where the variance comes to rounding alone,
-            which puts the read noise into the offset; for the errors it comes to the same.
+        offset_counts: counts without light. None: where the variance comes to rounding alone, which
+            puts the read noise into the offset; for the errors it comes to the same.
 
     Raises:
         EvaluationError: the variance does not rise with the light.

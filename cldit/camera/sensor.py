@@ -62,7 +62,7 @@ class SensorModel:
 
     @classmethod
     def from_scene(cls, scene: Scene, integration_time_s: float | None = None) -> SensorModel:
-        """The scene's sensor; another integration time than the scene's may be asked for.
+        """The sensor of `scene`; another `integration_time_s` than the scene's may be asked for.
 
         Raises:
             SceneError: more bad pixels than pixels, or an offset above saturation.
@@ -134,10 +134,14 @@ class SensorModel:
     def expose(
         self, radiance: NDArray[np.floating], rng: np.random.Generator
     ) -> NDArray[np.uint16]:
-        """One exposure (rows, columns) in counts: shot noise, read noise, rounding, saturation.
+        """Takes one exposure: shot noise, read noise, rounding, saturation.
 
         Args:
             radiance: (rows, columns), photons s-1 m-2 sr-1; below 0 counts as 0.
+            rng: draws the noise.
+
+        Returns:
+            (rows, columns) counts.
 
         Raises:
             TransportError: the radiance has another shape than the sensor or is not finite.

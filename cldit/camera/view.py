@@ -16,9 +16,12 @@ from cldit.scene.schema import Scene
 
 @lru_cache(maxsize=16)
 def overlap_matrix(count_in: int, count_out: int, share: float) -> csr_array:
-    """(count_out, count_in): mean of `count_in` equal pixels within each of `count_out`.
+    """Mean of equal pixels within each of others, (count_out, count_in); rows sum to 1.
 
-    The output pixels fill the middle `share` (0..1) of the input's length. Rows sum to 1.
+    Args:
+        count_in: pixels of the input.
+        count_out: pixels of the output.
+        share: part (0..1) of the input's length, its middle, that the output fills.
     """
     edges = count_in * (0.5 + share * (np.arange(count_out + 1) / count_out - 0.5))
     edges = np.clip(edges, 0.0, count_in)  # rounding only: share is at most 1
@@ -48,6 +51,7 @@ class SensorView:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> SensorView:
+        """What the scene's sensor sees."""
         x, _, z = scene.target_m
         return cls(
             field_m=scene.camera.field_m,

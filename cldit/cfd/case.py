@@ -34,7 +34,7 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Injector:
-    """Where and whither the case's dictionary injects; `source` is that dictionary."""
+    """Where and whither the case's dictionary `source` injects, (3,) each."""
 
     source: str
     position_m: Floats
@@ -60,6 +60,14 @@ class CfdCase:
 def nearest_time(source: str, times: Iterable[float], wanted: float | None) -> float:
     """The time asked for, or the latest.
 
+    Args:
+        source: named by errors.
+        times: those that there are [s].
+        wanted: None is the latest [s].
+
+    Returns:
+        One of `times`.
+
     Raises:
         SprayError: there is none, or none within `TIME_TOLERANCE`; the message lists what there is.
     """
@@ -76,7 +84,19 @@ def nearest_time(source: str, times: Iterable[float], wanted: float | None) -> f
 
 
 def choose_cloud(source: str, names: Iterable[str], wanted: str | None) -> str | None:
-    """The cloud asked for, the only one, or None where there is none and none was asked for."""
+    """The cloud asked for, the only one, or None where there is none and none was asked for.
+
+    Args:
+        source: named by errors.
+        names: of the clouds that there are.
+        wanted: None is the only one.
+
+    Returns:
+        A name; None where there is no cloud and none was asked for.
+
+    Raises:
+        SprayError: there are several, or none of that name.
+    """
     known = sorted(set(names))
     shown = ", ".join(known) or "none"
     if wanted is not None:
@@ -92,6 +112,12 @@ def complete_cloud(
     name: str, source: str, position_m: Column, fields: Mapping[str, Column]
 ) -> Cloud:
     """The cloud, once it has parcels and all that a droplet needs.
+
+    Args:
+        name: of the cloud.
+        source: named by errors.
+        position_m: (N, 3).
+        fields: (N,) or (N, 3) each, by OpenFOAM's names.
 
     Raises:
         SprayError: no parcel, a field is missing, or has another length than the positions.

@@ -135,7 +135,7 @@ S = TypeVar("S", CellColumns, ParcelColumns)
 
 
 def merged(given: S | None, default: S) -> S:
-    """The default, with what the mapping file gives in its place; a pair's other half goes."""
+    """`default`, with what the mapping file has `given` in its place; a pair's other half goes."""
     if given is None:
         return default
     chosen = {name: getattr(given, name) for name in given.model_fields_set}
@@ -157,6 +157,11 @@ class Source:
     def scalar(self, wanted: Scalar, kind: str, key: str) -> Column:
         """A column (or constant) in SI, (N,).
 
+        Args:
+            wanted: column or constant, and unit.
+            kind: of the unit.
+            key: named by errors.
+
         Raises:
             SprayError: there is no such column, or no such unit for this kind.
         """
@@ -168,7 +173,13 @@ class Source:
         return Column(found.label, found.values * factor + offset)
 
     def vector(self, wanted: Vector, kind: str, key: str) -> Column:
-        """Three columns in SI, (N, 3); errors as `scalar`."""
+        """Three columns in SI, (N, 3).
+
+        Args:
+            wanted: columns and unit.
+            kind: of the unit.
+            key: named by errors.
+        """
         factor, _ = self._unit(wanted.unit, kind, key)
         parts = [self._column(name, key) for name in wanted.columns]
         label = f"{self.name}: {', '.join(wanted.columns)}"
@@ -193,7 +204,16 @@ class Source:
 
 
 def gas_columns(source: Source, wanted: CellColumns, fuel_field: str) -> dict[str, Column]:
-    """T, p, rho and the fuel's mass fraction, those that are mapped, in SI."""
+    """T, p, rho and the fuel's mass fraction, those that are mapped, in SI.
+
+    Args:
+        source: the table.
+        wanted: the mapping.
+        fuel_field: name of the fuel's mass fraction.
+
+    Returns:
+        Columns (N,) by OpenFOAM's names.
+    """
     keys = (
         ("T", "temperature", "temperature"),
         ("p", "pressure", "pressure"),
@@ -208,7 +228,9 @@ def gas_columns(source: Source, wanted: CellColumns, fuel_field: str) -> dict[st
 
 
 def cloud_columns(source: Source, wanted: ParcelColumns) -> dict[str, Column]:
-    """d, nParticle, T, rho, U and age, those that are mapped, in SI; d and T, rho first.
+    """The columns of `source` that are mapped by `wanted`, in SI, by OpenFOAM's names.
+
+    d, T and rho come first, then nParticle, U and age.
 
     Raises:
         SprayError: the number is to come from the mass, and a diameter or density is not above 0.
@@ -250,7 +272,16 @@ def mapped_cloud(
     names: ColumnMap,
     default: ParcelColumns,
 ) -> Cloud:
-    """The cloud of these columns by the mapping, or by the default names that there are."""
+    """The cloud of these columns by the mapping, or by the default names that there are.
+
+    Args:
+        name: of the cloud.
+        source: named by errors.
+        position_m: (N, 3).
+        columns: all that there are, by name.
+        names: the mapping.
+        default: used where the mapping gives nothing and the columns are there.
+    """
     parcels = merged(names.parcels, default)
     given = names.parcels.model_fields_set if names.parcels is not None else set()
     missing: dict[str, None] = {}

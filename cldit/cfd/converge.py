@@ -67,7 +67,11 @@ def open_post(path: Path) -> Iterator[Any]:
 
 
 def post_files(path: Path) -> list[Path]:
-    """The file, or all .h5 files of a folder."""
+    """The file, or all .h5 files of a folder.
+
+    Raises:
+        SprayError: the folder has none.
+    """
     found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
     if not found:
         raise SprayError(f"{path}: holds no .h5 file")
@@ -237,7 +241,15 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
 def list_converge(
     path: Path, time_s: float | None
 ) -> tuple[list[float], list[str], dict[str, list[str]]]:
-    """Times, cell fields, and clouds with their fields, of the file at a time or the last."""
+    """Times, cell fields, and clouds with their fields, of the file `path` at `time_s` or the last.
+
+    Args:
+        path: a file, or a folder of them.
+        time_s: None is the latest.
+
+    Returns:
+        Times [s], cell fields, and the fields of each cloud.
+    """
     files = {time_of(file): file for file in post_files(path)}
     known = [time for time in files if time is not None]
     at = nearest_time(str(path), known, time_s) if known else None

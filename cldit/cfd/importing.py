@@ -64,7 +64,7 @@ def list_case(spec: CfdSpray) -> list[str]:
 
 
 def import_case(spec: CfdSpray, out: Path | None) -> list[str]:
-    """Reads and checks a case, and writes cldit's own file of it if `out` names one.
+    """Reads and checks the case of `spec`, and writes cldit's own file of it if `out` names one.
 
     Returns:
         Lines on what came over: masses, sizes, penetration, and what was inferred.

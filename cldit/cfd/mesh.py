@@ -192,7 +192,12 @@ _BOX = np.array(
 
 
 def box_mesh(lower_m: Floats, upper_m: Floats, source: str) -> Mesh:
-    """A mesh of boxes, lower and upper corner (N, 3), that share no face."""
+    """A mesh of boxes that share no face.
+
+    Args:
+        lower_m, upper_m: (N, 3) corners.
+        source: named by errors.
+    """
     count = len(lower_m)
     bit = (np.arange(8)[:, None] >> np.arange(3)) & 1
     points = np.where(bit[None] == 1, upper_m[:, None], lower_m[:, None]).reshape(-1, 3)

@@ -41,7 +41,7 @@ class Frame:
 
 
 def find_frame(spec: CfdSpray, case: CfdCase) -> Frame:
-    """Nozzle and axis from the scene, else the case's injectors, else its parcels.
+    """Nozzle and axis from the scene's `spec`, else the injectors of `case`, else its parcels.
 
     Raises:
         SprayError: they cannot be told; the message names the scene keys to set.

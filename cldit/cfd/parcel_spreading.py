@@ -7,12 +7,18 @@ import numpy as np
 from cldit.spray.result import Parcels
 
 
-def spread(parcels: Parcels, *, radius_m: float, points: int, seed: int) -> Parcels:
-    """Shares the droplets of every parcel evenly among `points` places in a ball about it.
+def spread_parcels(parcels: Parcels, *, radius_m: float, points: int, seed: int) -> Parcels:
+    """Shares the droplets of every parcel evenly among places in a ball about it.
 
     Places come in opposite pairs (and the middle, for an odd number), so that mass, centre of mass,
     diameters and temperatures of each parcel stay as they are. Uniform in the ball; the same seed
     gives the same places.
+
+    Args:
+        parcels: to be shared.
+        radius_m: of the ball.
+        points: number of places.
+        seed: of their draw.
     """
     count = len(parcels.diameter_m)
     random = np.random.default_rng(seed)

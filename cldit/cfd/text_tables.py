@@ -27,6 +27,11 @@ def read_tables(path: Path, *, time_s: float | None, fuel_field: str) -> CfdCase
 
     A cell is a box about its centre: of edges `size`, or a cube of its `volume`.
 
+    Args:
+        path: the mapping file.
+        time_s: must be that of the mapping; None takes it.
+        fuel_field: name of the fuel's mass fraction.
+
     Raises:
         SprayError: the mapping or a table is missing or damaged, lacks a column, or a cell has no
             volume.
@@ -84,7 +89,7 @@ def _cloud(path: Path, mapping: ColumnMap) -> Cloud | None:
 
 
 def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
-    """The names in the header of a table.
+    """The names in the header of a table, as `wanted` says where it is in `file`.
 
     Raises:
         SprayError: the file cannot be read, or names a column twice.
@@ -105,7 +110,7 @@ def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
 
 
 def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
-    """The columns of a table that the mapping uses; the others are named only.
+    """The columns of the table `file` that the mapping `wanted` uses; the others are named only.
 
     Raises:
         SprayError: the file cannot be read, is cut off, or holds text where a number is expected.

@@ -9,7 +9,7 @@ import numpy as np
 from cldit.cfd.case import CfdCase, Cloud, Column, nearest_time
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.orientation import Frame, find_frame
-from cldit.cfd.parcel_spreading import spread
+from cldit.cfd.parcel_spreading import spread_parcels
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Cells, Floats, Parcels, Spray, Vapour
@@ -28,7 +28,7 @@ _EDGE_OF_JET = 1e-3  # vapour mass fraction at which a jet's penetration is meas
 
 @dataclass(frozen=True)
 class _Gas:
-    """Per cell: temperature, mass fraction of the fuel, molecules of it per m3."""
+    """Temperature, mass fraction of the fuel, and molecules of it per m3, of each cell."""
 
     temperature_K: Floats
     mass_fraction: Floats
@@ -42,7 +42,7 @@ def read_cfd(spec: CfdSpray) -> Spray:
     `spec.fuel_field`. Parcels: d (the diameter), nParticle (a real number), T, rho. The nozzle
     becomes the origin and the axis of injection -z; where the scene does not give them they are
     inferred, see `frame.find_frame`, and `remarks` say how. Cells without vapour are left out.
-    With `spec.spread_m` each parcel becomes several points, see `spread.spread`.
+    With `spec.spread_m` each parcel becomes several points, see `spread_parcels`.
 
     Returns:
         Spray with `vapour` (None without any), `parcels` (None for a case without a cloud), and
@@ -55,7 +55,7 @@ def read_cfd(spec: CfdSpray) -> Spray:
     spray = _stored(spec) if find_format(spec) == "cldit" else _imported(spec)
     if spec.spread_m is None or spray.parcels is None:
         return spray
-    parcels = spread(
+    parcels = spread_parcels(
         spray.parcels, radius_m=spec.spread_m, points=spec.spread_points, seed=spec.seed
     )
     return replace(spray, parcels=parcels)

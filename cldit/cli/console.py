@@ -46,10 +46,12 @@ def plain_errors(command: Callable[P, None]) -> Callable[P, None]:
 
 
 def escaped(text: str) -> str:
+    """Text without rich's markup."""
     return text.replace("[", r"\[")
 
 
 def say(text: str) -> None:
+    """Prints a line of progress."""
     OUT.print(f"  {escaped(text)}", style="dim")
 
 
@@ -74,6 +76,7 @@ class ProgressBar:
         self._bar.stop()
 
     def say(self, text: str) -> None:
+        """Prints a line; the bar starts anew below it."""
         if self._task is not None:
             self._bar.stop()
             self._bar.remove_task(self._task)
@@ -81,6 +84,7 @@ class ProgressBar:
         say(text)
 
     def watch(self, progress: Progress) -> None:
+        """Shows how far the work is."""
         if self._task is None:
             self._task = self._bar.add_task(progress.phase, total=progress.total)
             self._bar.start()

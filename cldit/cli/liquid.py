@@ -39,7 +39,7 @@ def fit_liquid(table: Path, shipped: str | None, bands: int, out: Path | None) -
 
 
 def _text(bands: Bands, error: object) -> str:
-    """As in the files of the shipped liquids, without what only their maker knows."""
+    """YAML as in the files of the shipped liquids, without what only their maker knows."""
     lines = [
         f'fit: "{error}"',
         "background: [" + ", ".join(f"{c:.7g}" for c in bands.background) + "]",

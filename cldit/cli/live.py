@@ -41,7 +41,7 @@ Labelled = tuple[str, NDArray[np.uint16]]
 
 
 def stretched(image: NDArray[np.uint16]) -> NDArray[np.float64]:
-    """Counts as 0..1, from the 1st to the 99th percentile; 0 where all are the same."""
+    """Counts (h, w) as 0..1, from the 1st to the 99th percentile; 0 where all are the same."""
     low, high = np.percentile(image, (1.0, 99.0))
     if high <= low:
         return np.zeros(image.shape)
@@ -49,7 +49,7 @@ def stretched(image: NDArray[np.uint16]) -> NDArray[np.float64]:
 
 
 def half_blocks(image: NDArray[np.uint16], columns: int = _COLUMNS) -> Text:
-    """A picture (h, w) of characters, each of which shows two pixels, one above the other."""
+    """`image` (h, w) as text of `columns`; a character shows two pixels, one above the other."""
     height, width = image.shape
     columns = max(min(columns, width), 1)
     rows = max(round(columns * height / width / 2.0), 1)
@@ -104,6 +104,7 @@ class LiveView:
         self._close_window()
 
     def watch(self, progress: Progress) -> None:
+        """Shows how far the acquisition is."""
         with self._lock:
             self._bar.update(
                 self._task,
@@ -114,6 +115,7 @@ class LiveView:
             self._live.update(Group(self._picture, self._bar))
 
     def show(self, saved: SavedShot) -> None:
+        """Shows the last picture."""
         frame = saved.image.reshape(-1, *saved.image.shape[-2:])[0]
         low, high = int(frame.min()), int(frame.max())
         picture = half_blocks(frame, min(_COLUMNS, OUT.width))
@@ -195,7 +197,13 @@ def window(stream: IO[bytes] | None = None) -> None:
 
 
 def draw(axes: Axes, label: str, image: NDArray[np.uint16]) -> None:
-    """The picture in these axes, in place of the last one."""
+    """Draws a picture in place of the last one.
+
+    Args:
+        axes: where.
+        label: above it.
+        image: (h, w) counts.
+    """
     if axes.images and axes.images[0].get_size() == image.shape:
         axes.images[0].set_data(stretched(image))
     else:

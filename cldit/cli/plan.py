@@ -11,7 +11,7 @@ from rich.table import Table
 
 from cldit.acquisition.plan import StabilitySection
 from cldit.cli.console import OUT, plain_errors, say
-from cldit.cli.units import KELVIN
+from cldit.cli.units import KELVIN, device_option
 from cldit.dit.design import (
     BlackBody,
     Design,
@@ -64,7 +64,7 @@ _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
     help="Of the black body; the scene's lowest and highest background.",
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder; runs/SCENE-plan.")
-@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@device_option
 @plain_errors
 def plan_command(
     scene: str,

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from cldit.cli.console import OUT, escaped, plain_errors, say
+from cldit.cli.units import device_option
 from cldit.gpu.device import open_device
 from cldit.run.simulate import default_cache
 from cldit.scene import load_scene, parse_scene
@@ -30,7 +31,7 @@ from cldit.study.writer import write_page
     help="Finest cell, m; truth and models share it.",
 )
 @click.option("--phase", type=click.Choice(["isotropic", "mie"]), help="How droplets scatter.")
-@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@device_option
 @plain_errors
 def scattering_command(
     scene: str,

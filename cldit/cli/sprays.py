@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.table import Table
 
 from cldit.acquisition.progress import Progress
-from cldit.bench.droplet.verification import page
 from cldit.cfd.importing import cfd_spray, import_case, list_case
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
 from cldit.report.droplets import life_picture
@@ -53,45 +53,23 @@ def spray_command(scene: str, out: Path | None) -> None:
 
 
 @click.command("import")
-@click.argument("case", type=click.Path(path_type=Path))
+@click.argument("file", metavar="CASE", type=click.Path(path_type=Path))
 @click.option("--list", "listed", is_flag=True, help="Only list times, fields and clouds.")
 @click.option("--out", type=click.Path(path_type=Path), help="cldit's own file, .npz.")
-@click.option("--format", "kind", help="openfoam, vtk, ensight, converge or tables; else told.")
+@click.option("--format", help="openfoam, vtk, ensight, converge or tables; else told.")
 @click.option("--mapping", type=click.Path(path_type=Path), help="Names and units of fields, YAML.")
 @click.option("--time", "time_s", type=float, help="Time, s; the last one.")
 @click.option("--cloud", help="Cloud of parcels, where there are several.")
 @click.option("--fuel-field", help="Cell field of the fuel's mass fraction; C7H16.")
-@click.option("--fuel-molar-mass", "molar_mass", type=float, help="kg/mol; 0.100204.")
-@click.option("--nozzle", type=(float, float, float), help="In the case's coordinates, m.")
+@click.option("--fuel-molar-mass", "fuel_molar_mass_kg_mol", type=float, help="kg/mol; 0.100204.")
+@click.option(
+    "--nozzle", "nozzle_m", type=(float, float, float), help="In the case's coordinates, m."
+)
 @click.option("--axis", help="Of the injection: -y, +z, or three numbers as 0,-1,0.")
 @plain_errors
-def import_command(
-    case: Path,
-    listed: bool,
-    out: Path | None,
-    kind: str | None,
-    mapping: Path | None,
-    time_s: float | None,
-    cloud: str | None,
-    fuel_field: str | None,
-    molar_mass: float | None,
-    nozzle: tuple[float, float, float] | None,
-    axis: str | None,
-) -> None:
+def import_command(listed: bool, out: Path | None, axis: str | None, **keys: Any) -> None:
     """Check a CFD result CASE, print its figures, and keep it as cldit's own file."""
-    spec = cfd_spray(
-        {
-            "file": case,
-            "format": kind,
-            "mapping": mapping,
-            "time_s": time_s,
-            "cloud": cloud,
-            "fuel_field": fuel_field,
-            "fuel_molar_mass_kg_mol": molar_mass,
-            "nozzle_m": nozzle,
-            "axis": _axis(axis),
-        }
-    )
+    spec = cfd_spray({**keys, "axis": _axis(axis)})
     lines = list_case(spec) if listed else import_case(spec, out)
     for line in lines:
         OUT.print(escaped(line))
@@ -113,7 +91,7 @@ def _axis(text: str | None) -> str | list[float] | None:
 @click.option("--model", default=next(iter(MODELS)), help=", ".join(MODELS))
 @click.option("--diameter-um", type=float, default=9.0, show_default=True)
 @click.option("--temperature", "temperature_K", type=float, default=370.0, help="Of the liquid, K.")
-@click.option("--gas-temperature", "gas_K", type=float, default=573.0, help="K.")
+@click.option("--gas-temperature", "gas_temperature_K", type=float, default=573.0, help="K.")
 @click.option("--pressure", "pressure_Pa", type=float, default=0.6e6, help="Pa.")
 @click.option("--velocity", "velocity_m_s", type=float, default=0.0, help="Through the gas, m/s.")
 @click.option("--vapour", type=float, default=0.0, help="Mass fraction of fuel in the gas.")
@@ -128,46 +106,24 @@ def _axis(text: str | None) -> str | list[float] | None:
 )
 @plain_errors
 def droplet(
-    fuel: str,
-    gas: str,
-    model: str,
-    diameter_um: float,
-    temperature_K: float,
-    gas_K: float,
-    pressure_Pa: float,
-    velocity_m_s: float,
-    vapour: float,
-    held: bool,
-    duration_s: float | None,
-    as_csv: bool,
-    out: Path | None,
-    verification: Path | None,
+    diameter_um: float, as_csv: bool, out: Path | None, verification: Path | None, **given: Any
 ) -> None:
     """Follow one droplet of fuel through hot gas until it has evaporated."""
     cache = default_cache()
     if verification is not None:
+        from cldit.bench.droplet.verification import page  # a benchmark
+
         verification.write_bytes(page(cache).encode())
         OUT.print(f"{verification}")
         return
-    life = follow(
-        fuel=fuel,
-        gas=gas,
-        model=model,
-        diameter_m=diameter_um * 1e-6,
-        temperature_K=temperature_K,
-        gas_temperature_K=gas_K,
-        pressure_Pa=pressure_Pa,
-        velocity_m_s=velocity_m_s,
-        vapour=vapour,
-        held=held,
-        duration_s=duration_s,
-        cache=cache,
-    )
+    life = follow(diameter_m=diameter_um * 1e-6, cache=cache, **given)
     if as_csv:
         click.echo(life.csv(), nl=False)
     if out is not None:
-        title = f"{fuel}, {diameter_um:g} µm, in {gas} of {gas_K:g} K, {pressure_Pa / 1e6:g} MPa"
-        out.write_bytes(life_picture(life, title=f"{title}: {model}"))
+        title = (
+            "{fuel}, {um:g} µm, in {gas} of {gas_temperature_K:g} K, {MPa:g} MPa: {model}"
+        ).format(um=diameter_um, MPa=given["pressure_Pa"] / 1e6, **given)
+        out.write_bytes(life_picture(life, title=title))
     if not as_csv:
         _life_table(life)
 

@@ -10,9 +10,10 @@ from rich.table import Table
 
 from cldit.acquisition.progress import Progress
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
+from cldit.cli.units import device_option
 from cldit.errors import StudyError
 from cldit.gpu.device import open_device
-from cldit.run import KeptRuns, default_cache
+from cldit.run import RunCache, default_cache
 from cldit.scene import load_scene
 from cldit.study.grid import Grid, changed
 from cldit.study.lab import QUICK, Lab
@@ -31,8 +32,8 @@ from cldit.study.writer import write_overview, write_page
 @click.option("--grid", "grid_text", help="KEY=VALUES,...: a sweep over the scene NAME.")
 @click.option("--scheduler", help="Address of a dask scheduler; this machine's cores without.")
 @click.option("--workers", type=click.IntRange(1, 1024), help="On this machine; one a core.")
-@click.option("--cache", type=click.Path(path_type=Path), help="Folder of kept runs and sprays.")
-@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@click.option("--cache", type=click.Path(path_type=Path), help="Folder of cached runs and sprays.")
+@device_option
 @plain_errors
 def study(
     name: str | None,
@@ -50,11 +51,10 @@ def study(
     --grid "walls.temperature_K=300:600:25,fuel.temperature_K=330,350,370": all combinations;
     start:stop:step includes the stop.
     """
-    kept = default_cache() if cache is None else cache
     if grid_text is not None:
         if device is not None:
             raise StudyError("--device: a sweep deals out the devices itself; leave it out")
-        _sweep(name or "gdi", grid_text, quick, out, scheduler, workers, kept if cache else None)
+        _sweep(name or "gdi", grid_text, quick, out, scheduler, workers, cache)
         return
     if scheduler is not None or workers is not None:
         raise StudyError("--scheduler and --workers are for sweeps; give --grid too")
@@ -64,7 +64,7 @@ def study(
             "is swept with --grid"
         )
     folder = out or Path("studies")
-    lab = Lab(KeptRuns(kept), quick, open_device(device), say)
+    lab = Lab(RunCache(cache or default_cache()), quick, open_device(device), say)
     pages: list[Page] = []
     wanted = list(STUDIES) if name == "all" else [name]
     start = time.perf_counter()

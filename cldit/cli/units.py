@@ -1,4 +1,4 @@
-"""Options that take a number with or without its unit."""
+"""What options of several commands take: a number with or without its unit; a device."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ class Quantity(_Float):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
+        """The number in `value`, with or without its unit; `param` and `ctx` are click's."""
         try:
             return float(str(value).strip().removesuffix(self.name))
         except ValueError:
@@ -29,3 +30,6 @@ class Quantity(_Float):
 
 KELVIN = Quantity("K")
 SECOND = Quantity("s")
+device_option = click.option(
+    "--device", help="OpenCL device: platform:device, or part of its name."
+)

@@ -20,7 +20,10 @@ def temperature_error_K(
     """RMS error of T_app over the pixels of emissivity above 0.05, to first order; NaN if none.
 
     Args:
+        maps: (H, W) of the same trace.
         error: error of every weight, for instance half the difference of two independent traces.
+        surroundings: before which they were evaluated.
+        filter_um: edges of the filter.
     """
     emissivity = maps.emissivity.astype(float)
     temperature = maps.apparent_temperature_K.astype(float)
@@ -29,12 +32,12 @@ def temperature_error_K(
         return float("nan")
     around = Boundary.of(
         surroundings,
-        lambda kelvin: band_radiance(kelvin, filter_um=filter_um),
+        lambda temperature_K: band_radiance(temperature_K, filter_um=filter_um),
         lambda window: Pane(),  # cancels: it scales error and slope alike
     )
     apparent = band_radiance(temperature[here], filter_um=filter_um)
     intercept = compose(error, background=0.0, wall=around.wall, patches=around.patches)
     # I_app = intercept / emissivity, and emissivity = 1 - w_bg on the disc.
     radiance = (intercept[here] + error.background[here] * apparent) / emissivity[here]
-    kelvin = radiance / band_radiance_slope(temperature[here], filter_um=filter_um)
-    return float(np.sqrt(np.mean(kelvin**2)))
+    error_K = radiance / band_radiance_slope(temperature[here], filter_um=filter_um)
+    return float(np.sqrt(np.mean(error_K**2)))

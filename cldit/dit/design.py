@@ -30,7 +30,7 @@ from cldit.scene.schema import Scene
 Floats = NDArray[np.float64]
 
 MOST_SHOTS = 10_000  # of a kind, before one background
-LEAST_SHOTS = 3  # so that an odd shot can be told from the others
+LEAST_SHOTS = 3  # so that an outlier can be told from the others
 LEAST_BACKGROUNDS = 3  # so that there is a goodness of fit
 _LEVELS = 7  # of the lowest and of the highest background that are tried
 
@@ -45,7 +45,7 @@ class BlackBody:
     stability: StabilitySection
 
     def time_s(self, backgrounds_K: Iterable[float]) -> float:
-        """To visit all, the nearer end first: until each is within the tolerance, and held."""
+        """Time to visit all, the nearer end first: until each is within the tolerance, and held."""
         stops = sorted(backgrounds_K)
         if abs(stops[-1] - self.start_K) < abs(stops[0] - self.start_K):
             stops.reverse()
@@ -77,8 +77,8 @@ class Design:
 
 
 def temperatures_K(low_K: float, high_K: float, count: int) -> tuple[float, ...]:
-    """Backgrounds in equal steps, to a tenth of a kelvin."""
-    return tuple(round(float(kelvin), 1) for kelvin in np.linspace(low_K, high_K, count))
+    """`count` backgrounds in equal steps from `low_K` to `high_K`, to a tenth of a kelvin."""
+    return tuple(round(float(each_K), 1) for each_K in np.linspace(low_K, high_K, count))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,14 +91,21 @@ class Goal:
 
     @property
     def wanted(self) -> Floats:
+        """(2,) errors of T_app [K] and emissivity."""
         return np.array([self.error_K, self.emissivity_error])
 
     def errors(self, variances: Floats, n: float, m: float) -> Floats:
-        """(2,) of T_app and emissivity with n injections and m references; see `variances`."""
+        """(2,) errors of T_app [K] and emissivity.
+
+        Args:
+            variances: (2, 2, P) as `Subject.variances` gives them.
+            n, m: number of injections and of references.
+        """
         total = variances[:, 0] / n + variances[:, 1] / m
         return np.sqrt(np.quantile(total, self.quantile, axis=-1))
 
     def met(self, variances: Floats, n: float, m: float) -> bool:
+        """Whether the errors are met; arguments as in `errors`: `variances` (2, 2, P), `n`, `m`."""
         return bool(np.all(self.errors(variances, n, m) <= self.wanted))
 
 
@@ -133,9 +140,19 @@ def designs(
     shot_s: float,
     counts: Sequence[int] = (2, 3, 4, 5, 6, 7),
 ) -> list[Design]:
-    """For each number of backgrounds, the fastest way to the errors; the fastest of all first.
+    """The fastest way to the errors for each number of backgrounds; the fastest of all first.
 
     The sensor is exposed for the hottest background of a set, so none saturates it.
+
+    Args:
+        subject: what is measured.
+        blackbody: limits and speed.
+        goal: errors wanted.
+        shot_s: time of one shot.
+        counts: numbers of backgrounds to try.
+
+    Returns:
+        The fastest design first.
 
     Raises:
         EvaluationError: none reaches them, with the smallest errors that can be reached.
@@ -160,13 +177,13 @@ def designs(
                 waiting_s = blackbody.time_s(backgrounds)
                 time_s = waiting_s + count * (shots + bare) * shot_s
                 if best is None or time_s < best.time_s:
-                    kelvin, emissivity = goal.errors(variances, shots, bare)
+                    error_K, emissivity = goal.errors(variances, shots, bare)
                     best = Design(
                         backgrounds_K=backgrounds,
                         shots=shots,
                         references=bare,
                         integration_time_s=subject.exposure(high).integration_time_s,
-                        error_K=float(kelvin),
+                        error_K=float(error_K),
                         emissivity_error=float(emissivity),
                         time_s=time_s,
                         waiting_s=waiting_s,
@@ -191,7 +208,7 @@ def chosen(found: Sequence[Design]) -> Design:
 
 
 def plan_of(design: Design, scene: Scene) -> Plan:
-    """The plan to run."""
+    """The plan that carries out a `design` for a `scene`."""
     base = plan_from_scene(scene, integration_time_s=design.integration_time_s)
     return Plan.model_validate(
         {
@@ -216,7 +233,17 @@ def shot_time_s(scene: Scene) -> float:
 def error_against_time(
     subject: Subject, design: Design, goal: Goal, *, shot_s: float
 ) -> tuple[Floats, Floats]:
-    """Time in s and error of T_app in K with more and fewer shots before the same backgrounds."""
+    """Error with more and fewer shots before the same backgrounds.
+
+    Args:
+        subject: what is measured.
+        design: whose backgrounds are used.
+        goal: says which quantile of the pixels counts.
+        shot_s: time of one shot.
+
+    Returns:
+        (N,) time [s], and (N,) error of T_app [K].
+    """
     variances = subject.variances(design.backgrounds_K)
     factor = np.geomspace(1.0 / min(design.shots, design.references), 100.0, 60)
     errors = [goal.errors(variances, f * design.shots, f * design.references)[0] for f in factor]

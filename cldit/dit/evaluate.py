@@ -26,6 +26,15 @@ _TOGETHER = 2  # blocks at a time, one a thread
 
 
 def check_span(source: Floats, temperatures_K: Sequence[float]) -> None:
+    """Backgrounds must differ in temperature and in radiance.
+
+    Args:
+        source: (K,) radiance of each background.
+        temperatures_K: (K,) their temperatures.
+
+    Raises:
+        EvaluationError: they do not.
+    """
     if len(set(temperatures_K)) < 2:
         raise EvaluationError(
             f"backgrounds: {sorted(set(temperatures_K))} K; the evaluation needs at least two "
@@ -40,6 +49,7 @@ def check_span(source: Floats, temperatures_K: Sequence[float]) -> None:
 
 
 def blocks(shape: tuple[int, int], backgrounds: int) -> Iterator[slice]:
+    """Slices of rows of a picture of `shape`, as many rows as memory allows for `backgrounds`."""
     rows = max(1, _BLOCK // (backgrounds * max(shape[1], 1)))
     for begin in range(0, shape[0], rows):
         yield slice(begin, begin + rows)
@@ -50,6 +60,7 @@ def _rows(weights: Weights, rows: slice) -> Weights:
 
 
 def stack(parts: list[Maps]) -> Maps:
+    """Maps of the parts, one below the other."""
     return Maps(
         **{
             item.name: np.concatenate([getattr(p, item.name) for p in parts])
@@ -75,6 +86,9 @@ def evaluate_radiance(
     Args:
         weights: trace (H, W) of the spray, or one for each of `nodes`.
         reference: trace of the same scene without it, the same in all nodes.
+        background_temperatures_K: (K,) at least two that differ.
+        surroundings: what the camera sees beside the spray.
+        filter_um: edges of the filter.
         nodes: parts of the filter that were traced on their own; None: one trace stands for all.
         sensor: its noise, taken for a sensor pixel at each ray, gives the standard errors (and the
             weights of the backgrounds); without it they are 0. Saturation is not regarded.

@@ -45,7 +45,7 @@ class Pair:
     chi2: Floats
 
     def at(self, source: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-        """(K, N) of either line."""
+        """(K, N) signals of either line at the radiances `source`, (K,) each."""
         g, c_ref, s, c_inj = self.values.T
         return g * source[0][:, None] + c_ref, s * source[1][:, None] + c_inj
 
@@ -211,6 +211,9 @@ def shot_scatter(
         observed: (K, ...) sample variance of one shot.
         camera: (K, ...) variance of one shot by the camera's calibration.
         degrees: (K, ...) degrees of freedom of `observed`; 0 leaves the background out.
+
+    Returns:
+        (K, ...) variance.
     """
     square = difference**2
     largest = np.max(square, axis=0)

@@ -27,7 +27,7 @@ class Reason(IntEnum):
 
     @property
     def text(self) -> str:
-        """For a reader of the report."""
+        """One line for the report."""
         return _TEXT[self]
 
 
@@ -75,7 +75,7 @@ class Maps:
 
     @classmethod
     def unevaluated(cls, shape: tuple[int, int], reason: Reason) -> Maps:
-        """Maps without any value, for one reason."""
+        """Maps of this `shape` without any value, for one `reason`."""
         nothing = np.full(shape, np.nan, np.float32)
         codes = np.full(shape, int(reason), np.uint8)
         return cls(nothing, nothing, nothing, nothing, codes, nothing, nothing)
@@ -85,7 +85,7 @@ class Maps:
         return {reason: n for reason in Reason if (n := int(np.sum(self.reason == reason)))}
 
     def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
-        """Writes one TIFF a map into `folder`, with names, units and scale."""
+        """Writes a TIFF a map into `folder`, with names, units, and pixels of `pixel_m`."""
         folder.mkdir(parents=True, exist_ok=True)
         codes = {"codes": {str(int(reason)): reason.text for reason in Reason}}
         for item in fields(self):

@@ -1,4 +1,7 @@
-"""Shots that do not belong to the others: misfires, wrong kinds; found, named, and weighed less."""
+"""Outliers: shots unlike the others of their background, as misfires or wrong kinds.
+
+They are found, named, and weighed less.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +17,14 @@ from cldit.errors import EvaluationError
 Floats = NDArray[np.float64]
 
 HUBER = 2.5  # deviations beyond which a shot counts less
-ODD = 6.0  # ... and beyond which it is named, and does not count at all
-_LEAST_SHOTS = 3  # before a background, to tell which of them is odd
+OUTLIER_DEVIATIONS = 6.0  # ... and beyond which it is named, and does not count at all
+_LEAST_SHOTS = 3  # before a background, to tell which of them is one
 _MIRRORED = 0.1  # residual of the swapped over that of the given kinds
 _FAINT = 0.3  # of the largest Delta I: below it the scatter does not shrink further
 
 
 @dataclass(frozen=True)
-class OddShot:
+class Outlier:
     """One shot, how many usual deviations it is off, and the weight that `robust` gives it."""
 
     id: str
@@ -30,7 +33,10 @@ class OddShot:
 
     @property
     def text(self) -> str:
-        return f"shot {self.id} is odd: {self.deviations:.1f} times as far off as is usual"
+        """One line for the reader."""
+        return (
+            f"shot {self.id} is an outlier: it is {self.deviations:.1f} times as far off as usual"
+        )
 
 
 def deviations(sums: Mapping[tuple[float, str], Sums]) -> dict[str, float]:
@@ -70,17 +76,26 @@ def _rms(values: NDArray[np.floating]) -> float:
 
 def judge(
     sums: Mapping[tuple[float, str], Sums],
-) -> tuple[tuple[OddShot, ...], dict[str, float]]:
-    """Shots beyond ODD deviations, the farthest first; and the weight of each that is below 1."""
+) -> tuple[tuple[Outlier, ...], dict[str, float]]:
+    """Outliers, the farthest first, and the weight of each shot whose weight is below 1.
+
+    Args:
+        sums: by set point [K] and kind.
+
+    Returns:
+        The outliers, and the weights by the id of the shot.
+    """
     judged = deviations(sums)
     weights = {name: huber(off) for name, off in judged.items() if huber(off) < 1.0}
-    odd = [OddShot(name, judged[name], weight) for name, weight in weights.items() if weight == 0.0]
-    return tuple(sorted(odd, key=lambda shot: -shot.deviations)), weights
+    outliers = [
+        Outlier(name, judged[name], weight) for name, weight in weights.items() if weight == 0.0
+    ]
+    return tuple(sorted(outliers, key=lambda shot: -shot.deviations)), weights
 
 
 def huber(off: float) -> float:
-    """Weight of a shot `off` deviations away: 1, falling as 1 / off (Huber 1964), 0 beyond ODD."""
-    if off > ODD:
+    """Weight (Huber 1964) of a shot `off` deviations away: 1, then HUBER / off, then 0."""
+    if off > OUTLIER_DEVIATIONS:
         return 0.0
     return min(1.0, HUBER / off)
 
@@ -88,12 +103,13 @@ def huber(off: float) -> float:
 def check_not_mirrored(
     sums: Mapping[tuple[float, str], Sums], sources: Mapping[str, Floats]
 ) -> None:
-    """References and injections swapped before one of at least three backgrounds.
+    """Finds references and injections that are swapped before one of at least three backgrounds.
 
     The others' lines predict what the spray does before it; swapped, it does the opposite.
 
     Args:
-        sources: radiance of each background, rising set points, with either kind.
+        sums: by set point [K] and kind.
+        sources: (K,) radiance of each background, rising set points, with either kind.
 
     Raises:
         EvaluationError: names the background.

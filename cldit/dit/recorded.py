@@ -15,7 +15,7 @@ from cldit.camera.curve import Curve, CurveFit, fit_curve
 from cldit.camera.photon_transfer import photon_transfer
 from cldit.dit.evaluate import blocks, check_span, stack
 from cldit.dit.maps import Maps, Reason
-from cldit.dit.outliers import OddShot, check_not_mirrored, judge
+from cldit.dit.outliers import Outlier, check_not_mirrored, judge
 from cldit.dit.shots import Acquisition, Sums, accumulate, check_shots
 from cldit.dit.solve import Signals, solve
 from cldit.errors import EvaluationError
@@ -38,13 +38,13 @@ _MUCH = 0.01  # share of saturated pixels that is worth a word
 class Evaluation:
     """Maps, and what a reader of them should know.
 
-    remarks: one line each. odd: shots unlike the others. fitted: the calibration curve, where it
-    was fitted to the references. calibration: as used, with what was estimated from the pictures.
+    remarks: one line each. outliers: shots unlike the others. fitted: the calibration curve, where
+    it was fitted to the references. calibration: as used, with what the pictures gave.
     """
 
     maps: Maps
     remarks: tuple[str, ...]
-    odd: tuple[OddShot, ...]
+    outliers: tuple[Outlier, ...]
     fitted: CurveFit | None
     calibration: Calibration
 
@@ -52,7 +52,7 @@ class Evaluation:
         """Everything but the maps."""
         plain = {
             "remarks": self.remarks,
-            "odd_shots": [asdict(shot) for shot in self.odd],
+            "odd_shots": [asdict(shot) for shot in self.outliers],
             "pixels": {reason.text: count for reason, count in self.maps.count().items()},
             "calibration": self.calibration.to_dict(),
             "curve": None
@@ -67,7 +67,10 @@ class Evaluation:
 
 
 def evaluate_acquisition(acquisition: Acquisition, *, progress: Watch | None = None) -> Maps:
-    """The maps of `evaluate_shots`, with Planck's curve and every shot in full."""
+    """The maps of `evaluate_shots` of an `acquisition`, with Planck's curve.
+
+    `progress` is called with (shots read, shots in all).
+    """
     return evaluate_shots(acquisition, progress=progress).maps
 
 
@@ -86,6 +89,7 @@ def evaluate_shots(
     calibration lacks of counts_per_radiance and noise is taken from the references.
 
     Args:
+        acquisition: recorded shots and what is known of the rig.
         curve: from Planck's law over the filter, or fitted to the references (`fit_curve`).
         robust: weigh shots that are far off the others less (`cldit.dit.outliers`); they are read a
             second time.
@@ -96,7 +100,7 @@ def evaluate_shots(
     """
     setpoints = check_shots(acquisition.shots)
     sums = accumulate(acquisition, _saturation(acquisition.calibration), progress)
-    odd, weights = judge(sums)
+    outliers, weights = judge(sums)
     if robust:
         _reweigh(acquisition, sums, weights)
     bad = acquisition.bad_pixels
@@ -106,8 +110,8 @@ def evaluate_shots(
     chosen = Curve(filter_um=filter_um)
     if curve == "fitted":
         counts = [np.mean(sums[k, "reference"].mean(slice(None))[sees]) for k in setpoints]
-        kelvin = [sums[k, "reference"].temperature_K for k in setpoints]
-        fitted = fit_curve(np.array(kelvin), np.array(counts), filter_um=filter_um)
+        temperatures_K = [sums[k, "reference"].temperature_K for k in setpoints]
+        fitted = fit_curve(np.array(temperatures_K), np.array(counts), filter_um=filter_um)
         chosen = fitted.curve
     middle_K = reference_temperature_K(setpoints)
     whole = Boundary.of(
@@ -138,8 +142,8 @@ def evaluate_shots(
     _check_not_swapped(maps)
     return Evaluation(
         maps=maps,
-        remarks=tuple(_remarks(sums, odd, fitted, robust)),
-        odd=odd,
+        remarks=tuple(_remarks(sums, outliers, fitted, robust)),
+        outliers=outliers,
         fitted=fitted,
         calibration=calibration,
     )
@@ -223,9 +227,9 @@ def _shared(
 ) -> Floats:
     """(K,) variance of the backgrounds' radiance that either kind has in common."""
     own_K = acquisition.surroundings.background_error_K
-    kelvin = np.array([sums[k, "injection"].temperature_K for k in setpoints])
+    backgrounds_K = np.array([sums[k, "injection"].temperature_K for k in setpoints])
     readings_K2 = np.array([sums[k, "injection"].temperature_variance_K2 for k in setpoints])
-    rise = (whole.leaving(kelvin + 0.01) - whole.leaving(kelvin - 0.01)) / 0.02
+    rise = (whole.leaving(backgrounds_K + 0.01) - whole.leaving(backgrounds_K - 0.01)) / 0.02
     return np.asarray(rise**2 * (own_K**2 + readings_K2))
 
 
@@ -295,7 +299,7 @@ def _check_not_swapped(maps: Maps) -> None:
 
 
 def _remarks(
-    sums: AllSums, odd: Sequence[OddShot], fitted: CurveFit | None, robust: bool
+    sums: AllSums, outliers: Sequence[Outlier], fitted: CurveFit | None, robust: bool
 ) -> list[str]:
     lines: list[str] = []
     if fitted is not None:
@@ -308,4 +312,4 @@ def _remarks(
                 "do without it"
             )
     ending = "left out" if robust else "counted in full; --robust leaves it out"
-    return lines + [f"{shot.text}; {ending}" for shot in odd]
+    return lines + [f"{shot.text}; {ending}" for shot in outliers]

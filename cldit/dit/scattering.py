@@ -66,13 +66,22 @@ class Scattered:
 
     @classmethod
     def of_share(cls, share: Floats, radiance: float, error: Floats | None = None) -> Scattered:
-        """An enclosure that radiates alike from everywhere."""
+        """An enclosure that radiates alike from everywhere.
+
+        Args:
+            share: (H, W) scattered part.
+            radiance: of the enclosure.
+            error: (H, W) of the share; None: exact.
+        """
         none = np.zeros_like(share) if error is None else error
         return cls(share, share * radiance, none)
 
 
 def enclosure(around: Surroundings, curve: Curve) -> dict[str, float]:
-    """Radiance L_j that leaves each part of the enclosure, by name: the walls, then patches."""
+    """Radiance L_j, by `curve`, that leaves each part of the enclosure `around`, by name.
+
+    The walls come first, then patches.
+    """
     wall = float(curve.radiance(around.wall_temperature_K))
     parts = {WALL: wall}
     for patch in around.patches:
@@ -84,9 +93,10 @@ def enclosure(around: Surroundings, curve: Curve) -> dict[str, float]:
 
 
 def scattered_by(spray: Weights, reference: Weights, parts: Mapping[str, float]) -> Scattered:
-    """By a trace: each part's light gained over the background's light lost.
+    """Scattered shares by a trace: each part's light gained over the background's light lost.
 
     Args:
+        spray, reference: weights (H, W) of the model with and without spray.
         parts: as `enclosure` gives them.
 
     Raises:
@@ -122,6 +132,11 @@ def _listed(names: Iterable[str]) -> str:
 def medium_temperature(maps: Maps, scattered: Scattered, curve: Curve) -> Medium:
     """The temperature of what emits, from apparent temperatures and what is scattered.
 
+    Args:
+        maps: (H, W) measured.
+        scattered: the scattered shares, of the same shape.
+        curve: temperature to radiance.
+
     Raises:
         EvaluationError: maps and shares differ in shape.
     """
@@ -136,17 +151,24 @@ def medium_temperature(maps: Maps, scattered: Scattered, curve: Curve) -> Medium
         medium = (radiance - scattered.radiance) / own
         mean = np.where(scattered.share > 0.0, scattered.radiance / scattered.share, 0.0)
         variance = (error / own) ** 2 + ((medium - mean) / own * scattered.share_error) ** 2
-    return _medium(medium, np.sqrt(variance), scattered.share, scattered.share_error, curve)
+    return _medium(
+        curve,
+        medium,
+        error=np.sqrt(variance),
+        share=scattered.share,
+        share_error=scattered.share_error,
+    )
 
 
 def apparent(maps: Maps, curve: Curve) -> tuple[Floats, Floats]:
-    """B(T_app) (H, W) and its standard error."""
-    kelvin = maps.apparent_temperature_K.astype(float)
-    return curve.radiance(kelvin), curve.slope(kelvin) * maps.apparent_temperature_standard_error_K
+    """B(T_app) of `maps` by `curve`, (H, W), and its standard error."""
+    apparent_K = maps.apparent_temperature_K.astype(float)
+    error_K = maps.apparent_temperature_standard_error_K
+    return curve.radiance(apparent_K), curve.slope(apparent_K) * error_K
 
 
 def _medium(
-    radiance: Floats, error: Floats, share: Floats, share_error: Floats, curve: Curve
+    curve: Curve, radiance: Floats, *, error: Floats, share: Floats, share_error: Floats
 ) -> Medium:
     with np.errstate(invalid="ignore"):
         said = (1.0 - share >= LEAST_OWN) & (radiance > 0.0)
@@ -220,6 +242,15 @@ def measured_share(
 ) -> tuple[Floats, Floats]:
     """omega (H, W) of one part and its standard error, from one spray in enclosures that differ.
 
+    Args:
+        maps: (H, W) each, of the same spray.
+        enclosures: of each, `enclosure`.
+        curve: temperature to radiance.
+        part: the part of the enclosure that is meant.
+
+    Returns:
+        omega (H, W), and its standard error.
+
     Raises:
         EvaluationError: as `varied_parts`, or this part does not differ.
     """
@@ -243,6 +274,7 @@ def medium_of_enclosures(
     Args:
         maps: (H, W) each, of the same spray.
         enclosures: of each, `enclosure`.
+        curve: temperature to radiance.
 
     Raises:
         EvaluationError: as `varied_parts`, or a part keeps its temperature, so that nothing tells
@@ -264,7 +296,7 @@ def medium_of_enclosures(
         change = line.gradients[-1][:, None, None] + medium * of_share[:, None, None]
         error = np.sqrt(np.sum((change * line.errors) ** 2, axis=0)) / own
     share_error = np.sqrt(np.tensordot(of_share**2, line.errors**2, axes=1))
-    return _medium(medium, error, share, share_error, curve)
+    return _medium(curve, medium, error=error, share=share, share_error=share_error)
 
 
 def droplet_radiance(
@@ -274,12 +306,17 @@ def droplet_radiance(
     scattered: Scattered,
     curve: Curve,
 ) -> Floats:
-    """B of the droplets (H, W): T_app less the model's scattered light and the model's vapour.
+    """B of the droplets: T_app less the model's scattered light and the model's vapour.
 
     Args:
+        maps: (H, W) measured.
         spray: the model's weights, before an unobstructed background.
         liquid_share: (H, W) weight of the droplets' emission in the model.
         scattered: of the model, `scattered_by`.
+        curve: temperature to radiance.
+
+    Returns:
+        (H, W); NaN where droplets emit too little.
     """
     epsilon = 1.0 - spray.background.astype(float)
     radiance, _ = apparent(maps, curve)

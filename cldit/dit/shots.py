@@ -19,7 +19,9 @@ class Shot(Protocol):
     """One recorded picture."""
 
     @property
-    def id(self) -> str: ...
+    def id(self) -> str:
+        """Names the shot."""
+
     @property
     def kind(self) -> str:
         """`reference` or `injection`."""
@@ -40,11 +42,17 @@ class Acquisition(Protocol):
     """What the evaluation asks of recorded data. `shots` are those that were recorded."""
 
     @property
-    def calibration(self) -> Mapping[str, Any]: ...
+    def calibration(self) -> Mapping[str, Any]:
+        """The camera's, as plain data."""
+
     @property
-    def surroundings(self) -> Surroundings: ...
+    def surroundings(self) -> Surroundings:
+        """What the camera sees beside the spray."""
+
     @property
-    def bad_pixels(self) -> NDArray[np.bool_] | None: ...
+    def bad_pixels(self) -> NDArray[np.bool_] | None:
+        """(rows, columns) True where a pixel is not used; None where all are."""
+
     @property
     def shots(self) -> Sequence[Any]:
         """`Shot` each."""
@@ -57,7 +65,10 @@ class Acquisition(Protocol):
 
 @dataclass
 class Sums:
-    """Of the counts of one kind before one background."""
+    """Sums of the pictures (h, w) of one kind before one background.
+
+    total, squares: (h, w) weighted sums of counts and of their squares. Lists hold an entry a shot.
+    """
 
     temperatures_K: list[float]
     total: Floats
@@ -69,11 +80,18 @@ class Sums:
 
     @classmethod
     def empty(cls, shape: tuple[int, ...]) -> Sums:
+        """No shots yet, of pictures of this `shape`."""
         zero = np.zeros(shape)
         return cls([], zero, zero.copy(), np.zeros(shape, dtype=bool), [], [], [])
 
     def add(self, image: NDArray[Any], shot: Shot, saturation_counts: float) -> None:
-        """Counts one picture in full."""
+        """Counts one picture in full.
+
+        Args:
+            image: (h, w) counts.
+            shot: whose picture it is.
+            saturation_counts: at and above which a pixel is full.
+        """
         counts = self._weigh(image, 1.0)
         self.full |= counts >= saturation_counts
         self.temperatures_K.append(shot.background_K)
@@ -82,7 +100,13 @@ class Sums:
         self.ids.append(shot.id)
 
     def reweigh(self, image: NDArray[Any], number: int, weight: float) -> None:
-        """Counts picture `number`, already added, by `weight` instead."""
+        """Counts a picture, already added, with another weight.
+
+        Args:
+            image: (h, w) counts.
+            number: of the picture, in the order of adding.
+            weight: the new one.
+        """
         self._weigh(image, weight - self.weights[number])
         self.weights[number] = weight
 
@@ -100,16 +124,18 @@ class Sums:
 
     @property
     def temperature_K(self) -> float:
+        """Weighted mean of the background's temperature [K]."""
         return float(np.average(self.temperatures_K, weights=self.weights))
 
     @property
     def temperature_variance_K2(self) -> float:
-        """Of the mean reading, from how the readings scatter; 0 of one exposure."""
+        """Variance of the mean reading, from how the readings scatter; 0 of one exposure."""
         if len(self.temperatures_K) < 2:
             return 0.0
         return float(np.var(self.temperatures_K, ddof=1) / len(self.temperatures_K))
 
     def mean(self, rows: slice) -> Floats:
+        """Weighted mean (R, w) of the counts in `rows`."""
         return np.asarray(self.total[rows] / np.sum(self.weights))
 
     def variance(self, rows: slice) -> Floats:
@@ -123,7 +149,7 @@ class Sums:
 
 
 def thumbnail(counts: Floats) -> NDArray[np.float32]:
-    """Means over blocks, at most 32 x 32 of them."""
+    """Means of `counts` (h, w) over blocks, at most 32 x 32 of them."""
     rows, columns = (
         np.unique(np.linspace(0, n, min(n, 32), endpoint=False).astype(int)) for n in counts.shape
     )
@@ -171,6 +197,14 @@ def accumulate(
     progress: Callable[[int, int], None] | None,
 ) -> dict[tuple[float, str], Sums]:
     """Reads every shot once, and sums by set point and kind.
+
+    Args:
+        acquisition: recorded shots.
+        saturation_counts: at and above which a pixel is full.
+        progress: called with (shots read, shots in all).
+
+    Returns:
+        Sums by set point [K] and kind.
 
     Raises:
         EvaluationError: a picture has another shape than the others, or is not finite.

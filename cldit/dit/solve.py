@@ -56,6 +56,7 @@ def solve(
     noise taken from noisy counts would favour those that came out low.
 
     Args:
+        reference, injection: means (K, ...) before each background, without and with spray.
         usable: (K, ...) False where a pixel's signal before that background must not be used.
         curve: black-body temperature to radiance.
         shared: (K,) variance of the background's radiance, common to both kinds; None: exact.

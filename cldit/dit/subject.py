@@ -52,6 +52,13 @@ class Subject:
     ) -> Subject:
         """The sensor's pixels before the background in which the spray is at least this emissive.
 
+        Args:
+            scene: what is planned.
+            quadrature: spectral nodes of the trace.
+            spectral: weights of each node.
+            reference: weights without spray.
+            least_emissivity: of the pixels that count.
+
         Raises:
             EvaluationError: there are none.
         """
@@ -83,12 +90,12 @@ class Subject:
             scatter=math.sqrt(2.0) * scene.rig.shot_scatter,
         )
 
-    def signals(self, kelvin: float) -> tuple[Floats, Floats]:
+    def signals(self, background_K: float) -> tuple[Floats, Floats]:
         """(N,) radiance at the camera without and with spray."""
         bare = [self.reference] * len(self.boundaries)
         return (
-            picture(bare, self.boundaries, background_K=kelvin)[0],
-            picture(self.spray, self.boundaries, background_K=kelvin)[0],
+            picture(bare, self.boundaries, background_K=background_K)[0],
+            picture(self.spray, self.boundaries, background_K=background_K)[0],
         )
 
     def exposure(self, hottest_K: float) -> SensorModel:
@@ -127,10 +134,10 @@ class Subject:
         )
         radiance, _ = apparent_radiance(lines)
         g, _, s, _ = lines.values.T
-        kelvin = self.curve.temperature_slope(np.maximum(radiance, 0.0)) / (g - s)
+        per_radiance = self.curve.temperature_slope(np.maximum(radiance, 0.0)) / (g - s)
         zero = np.zeros_like(g)
         gradients = (
-            np.stack([-radiance, -one, radiance, one], axis=1) * kelvin[:, None],
+            np.stack([-radiance, -one, radiance, one], axis=1) * per_radiance[:, None],
             np.stack([s / g**2, zero, -1.0 / g, zero], axis=1),
         )
         kinds = (slice(2, 4), slice(0, 2))
@@ -162,9 +169,19 @@ def opaque_errors_K(
     shots: int = 1,
     references: int = 1,
 ) -> Floats:
-    """Standard error of T_app of sprays at these temperatures (N,).
+    """Standard error of T_app of sprays that only absorb, before an unobstructed background.
 
-    Sprays that only absorb, before an unobstructed background; scatter between shots is left out.
+    Scatter between shots is left out.
+
+    Args:
+        subject: the camera and its surroundings.
+        spray_K: (N,) temperatures of the sprays.
+        backgrounds_K: set points.
+        emissivity: of the sprays.
+        shots, references: exposures before each background.
+
+    Returns:
+        (N,) standard errors [K].
     """
     shape = (1, spray_K.size)
 
@@ -198,15 +215,23 @@ def coldest_K(
     shots: int = 1,
     references: int = 1,
 ) -> float:
-    """The coldest spray whose T_app so many shots before each background tell; NaN if none."""
-    kelvin = np.linspace(200.0, max(backgrounds_K), 2001)
+    """The coldest spray whose T_app is told well enough [K]; NaN if there is none.
+
+    Args:
+        subject: the camera and its surroundings.
+        backgrounds_K: set points.
+        error_K: standard error that is allowed.
+        emissivity: of the spray.
+        shots, references: exposures before each background.
+    """
+    sprays_K = np.linspace(200.0, max(backgrounds_K), 2001)
     errors = opaque_errors_K(
         subject,
-        kelvin,
+        sprays_K,
         backgrounds_K,
         emissivity=emissivity,
         shots=shots,
         references=references,
     )
     told = np.flatnonzero(errors <= error_K)
-    return float(kelvin[told[0]]) if told.size else math.nan
+    return float(sprays_K[told[0]]) if told.size else math.nan

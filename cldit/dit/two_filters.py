@@ -53,10 +53,10 @@ class Band:
     isotropic: bool = False
 
     def albedos(self, diameters_um: ArrayLike) -> Floats:
-        """Of droplets of these Sauter mean diameters (D,), sized as the paper's first distribution.
+        """(D,) albedos of droplets of Sauter mean diameters `diameters_um` (D,).
 
-        A gamma distribution of shape 4, so that cross sections have one of shape 6; its width
-        levels the resonances of single sizes.
+        Sizes follow the paper's first distribution: a gamma distribution of shape 4, so that cross
+        sections have one of shape 6. Its width levels the resonances of single sizes.
         """
         size = np.asarray(diameters_um, dtype=float)[:, None] / 6.0 * _QUANTILES
         found = efficiencies(n=self.n, k=self.k, x=np.pi * size.ravel() / self.wavelength_um)
@@ -83,7 +83,7 @@ class SlabTemperature:
 
 
 def absorbed(depth: float, albedo: float) -> float:
-    """Share of a ray that enters a slab normally and is absorbed in it; isotropic scattering.
+    """Share of a normally incident ray that a slab of optical `depth` absorbs; isotropic `albedo`.
 
     Solves S(t) = albedo (exp(-t) + integral S(t') E1(|t - t'|) / 2 dt') with S constant in each of
     64 layers and the kernel integrated exactly (Milne; Chandrasekhar 1950, chapter 1).
@@ -112,7 +112,10 @@ def _own_table() -> RegularGridInterpolator:
 
 
 def own_share(depth: ArrayLike, albedo: ArrayLike) -> Floats:
-    """A / (1 - exp(-depth)) of `absorbed`, to 0.3 %; depths are taken between 0.01 and 12."""
+    """A / (1 - exp(-depth)) of `absorbed`, to 0.3 %, of the shape of `depth` and `albedo`.
+
+    Depths are taken between 0.01 and 12.
+    """
     depth, albedo = np.broadcast_arrays(depth, albedo)
     table = _own_table()
     low, high = table.grid[0][[0, -1]]
@@ -124,9 +127,18 @@ def own_share(depth: ArrayLike, albedo: ArrayLike) -> Floats:
 def one_filter(
     band: Band, *, diameter_um: float, wall_temperature_K: float
 ) -> tuple[Floats, Floats]:
-    """What one filter says with droplets of a known diameter: K and its standard error, (H, W)."""
-    kelvin, error = _over_sizes(band, np.array([diameter_um]), wall_temperature_K)
-    return kelvin[..., 0], error[..., 0]
+    """What one filter says with droplets of a known diameter.
+
+    Args:
+        band: maps and optical properties of the filter.
+        diameter_um: Sauter mean.
+        wall_temperature_K: of the enclosure.
+
+    Returns:
+        (H, W) temperature [K], and (H, W) standard error [K].
+    """
+    temperature_K, error = _over_sizes(band, np.array([diameter_um]), wall_temperature_K)
+    return temperature_K[..., 0], error[..., 0]
 
 
 def _over_sizes(band: Band, diameters_um: Floats, wall_temperature_K: float) -> tuple[Floats, ...]:
@@ -142,9 +154,10 @@ def _over_sizes(band: Band, diameters_um: Floats, wall_temperature_K: float) -> 
 
 
 def two_filters(bands: tuple[Band, Band], *, wall_temperature_K: float) -> SlabTemperature:
-    """The temperature and the size of droplets at which two filters agree.
+    """Temperature and size of droplets at which two filters, `bands`, agree.
 
-    Nothing is said where they agree at no size of 3 to 40 um within two standard errors.
+    Walls have `wall_temperature_K`. Nothing is said where they agree at no size of 3 to 40 um
+    within two standard errors.
     """
     sizes = np.array(DIAMETERS_UM)
     curves = [_over_sizes(band, sizes, wall_temperature_K) for band in bands]
@@ -164,17 +177,17 @@ def two_filters(bands: tuple[Band, Band], *, wall_temperature_K: float) -> SlabT
     with np.errstate(divide="ignore", invalid="ignore"):
         # Of T where one + rise d meets other + rise d, d between 0 and 1 of the step in size.
         step = -at_meeting(apart[..., :-1]) / (rises[0] - rises[1])
-        kelvin = first + rises[0] * step
+        temperature_K = first + rises[0] * step
         spread = np.hypot(rises[1] * errors[0], rises[0] * errors[1]) / abs(rises[0] - rises[1])
         diameter = np.exp(np.interp(at[..., 0] + step, np.arange(sizes.size), np.log(sizes)))
     everywhere = np.where(agree, 0.5 * (one + other), np.nan)
-    edges = [kelvin - _SURE * spread, kelvin + _SURE * spread]
+    edges = [temperature_K - _SURE * spread, temperature_K + _SURE * spread]
     every = np.concatenate([everywhere, np.stack(edges, axis=-1)], axis=-1)
     low = np.min(np.where(np.isnan(every), np.inf, every), axis=-1)
     high = np.max(np.where(np.isnan(every), -np.inf, every), axis=-1)
     said = np.isfinite(low)
     return SlabTemperature(
-        temperature_K=kelvin,
+        temperature_K=temperature_K,
         standard_error_K=spread,
         diameter_um=np.where(meets, diameter, np.nan),
         low_K=np.where(said, low, np.nan),

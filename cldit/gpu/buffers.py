@@ -12,6 +12,18 @@ from cldit.errors import DeviceError
 from cldit.gpu.device import Device
 
 
+class Numbers(cl.Buffer):
+    """A buffer that knows the type of its numbers, so that a kernel is given no others."""
+
+    dtype: type[np.generic]
+
+
+def _buffer(device: Device, flags: Any, dtype: Any, **content: Any) -> Numbers:
+    out = Numbers(device.context, flags, **content)
+    out.dtype = np.dtype(dtype).type
+    return out
+
+
 def check_size(device: Device, what: str, size: int) -> None:
     """Refuses a buffer that the device cannot hold in one piece.
 
@@ -32,14 +44,14 @@ def upload(device: Device, what: str, array: NDArray[Any]) -> Any:
         data = np.zeros(1, data.dtype)
     check_size(device, what, data.nbytes)
     flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
-    return cl.Buffer(device.context, flags, hostbuf=data)
+    return _buffer(device, flags, data.dtype, hostbuf=data)
 
 
 def unset(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any:
     """A device buffer of `count` numbers (at least one): any, until they are written."""
     size = max(1, count) * np.dtype(dtype).itemsize
     check_size(device, what, size)
-    buffer = cl.Buffer(device.context, cl.mem_flags.READ_WRITE, size)
+    buffer = _buffer(device, cl.mem_flags.READ_WRITE, dtype, size=size)
     if device.poison:
         cl.enqueue_fill_buffer(device.queue, buffer, _poison(dtype), 0, size)
     return buffer

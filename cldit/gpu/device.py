@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import pyopencl as cl
 
 from cldit.errors import DeviceError
+from cldit.gpu.context import Context, Lease, OpenDevices
 from cldit.gpu.pocl import instruction_sets, mistaken_for, name_processor
 
 _NO_DRIVER = (
@@ -41,32 +42,64 @@ class DeviceInfo:
 
 @dataclass(frozen=True)
 class Device:
-    """A chosen device with its context and queue; `reason` says why it was chosen.
+    """A chosen device, open until `close`; `reason` says why it was chosen.
 
-    others: further devices that pictures are shared with. built: programs in this context, by their
-    source and options: even one that the driver has on disk takes a twentieth of a second to load.
-    poison: fresh buffers hold NaN, or the largest integer, so that tests find what is read and was
-    never written.
+    others: further devices that pictures are shared with. lease: of its context, which every
+    `open_device` of a process shares, and threads may share. poison: fresh buffers hold NaN, or the
+    largest integer, so that tests find what is read and was never written.
     """
 
     info: DeviceInfo
     reason: str
-    context: Any
-    queue: Any
+    lease: Lease
     others: tuple[Device, ...] = ()
-    built: dict[tuple[str, ...], Any] = field(default_factory=dict, repr=False, compare=False)
     poison: bool = False
 
     @property
     def is_cpu(self) -> bool:
         return self.info.kind == "cpu"
 
+    @property
+    def opened(self) -> Context:
+        """The owner of context, queues and programs.
+
+        Raises:
+            DeviceError: the device was closed, or this process is a fork of the one that opened it.
+        """
+        return self.lease.context
+
+    @property
+    def context(self) -> Any:
+        """pyopencl's context; raises as `opened`."""
+        return self.opened.opencl
+
+    @property
+    def queue(self) -> Any:
+        """pyopencl's queue of this thread; raises as `opened`."""
+        return self.opened.queue
+
+    def close(self) -> None:
+        """Gives the device up: its memory is free once no other `open_device` uses it."""
+        for device in (self, *self.others):
+            device.lease.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def poisoned(self) -> Device:
         """The same, and its others, with `poison`."""
         return replace(self, poison=True, others=tuple(each.poisoned() for each in self.others))
 
 
+# What is open in this process; see context.py for how long.
+_OPEN = OpenDevices()
+
+
 def _found() -> list[tuple[DeviceInfo, Any]]:
+    _OPEN.check_process()
     try:
         platforms = cl.get_platforms()
     except cl.LogicError as error:
@@ -106,7 +139,8 @@ def list_devices() -> list[DeviceInfo]:
     """Every OpenCL device of this machine.
 
     Raises:
-        DeviceError: there is none; the message says what to install.
+        DeviceError: there is none; the message says what to install. Or this process was forked
+            from one that had used OpenCL.
     """
     return [info for info, _ in _found()]
 
@@ -142,8 +176,12 @@ def open_device(wanted: str | None = None) -> Device:
     """Opens a device (see `choose`), or several: `0:0,0:1`, of which the first does what is not
     shared.
 
+    A process opens each device once and keeps it until `Device.close`, so that many runs, also in
+    threads, share its programs.
+
     Raises:
-        DeviceError: no device, not the one asked for, or it cannot be opened.
+        DeviceError: no device, not the one asked for, or it cannot be opened; or this process was
+            forked from one that had used OpenCL.
     """
     found = _found()
     if wanted is not None and "," in wanted:
@@ -163,7 +201,7 @@ def split(device: Device, counts: Sequence[int]) -> Device:
     Raises:
         DeviceError: the device cannot be divided so.
     """
-    handle = device.queue.device
+    handle = device.opened.handle
     try:
         cut = cl.device_partition_property
         parts = handle.create_sub_devices([cut.BY_COUNTS, *counts, cut.BY_COUNTS_LIST_END])
@@ -175,22 +213,25 @@ def split(device: Device, counts: Sequence[int]) -> Device:
         _describe(f"{device.info.index}.{n}", handle.platform, part) for n, part in enumerate(parts)
     )
     first, *others = (
-        _open(replace(info, version=device.info.version), part, "a part of it")
+        _open(replace(info, version=device.info.version), part, "a part of it", keep=False)
         for info, part in zip(described, parts, strict=True)
     )
     return replace(first, others=tuple(others))
 
 
-def _open(info: DeviceInfo, handle: Any, reason: str) -> Device:
+def _open(info: DeviceInfo, handle: Any, reason: str, *, keep: bool = True) -> Device:
+    try:
+        lease = _OPEN.lease(handle, keep=keep, prepare=lambda: _version(info, handle))
+    except cl.Error as error:
+        raise DeviceError(f"device {info.index} ({info.name}) cannot be opened: {error}") from error
+    return Device(replace(info, version=lease.context.version), reason, lease)
+
+
+def _version(info: DeviceInfo, handle: Any) -> str:
+    """The driver's version, with the processor's right name where PoCL mistakes it."""
     flags = instruction_sets()
     mistaken = mistaken_for(handle.platform, handle, flags)
     name = None if mistaken is None else name_processor(handle, mistaken, flags)
-    if mistaken is not None and name is not None:  # else the first build may say what to do
-        version = info.version.removesuffix(mistaken.decode()) + name.decode()
-        info = replace(info, version=version)
-    try:
-        context = cl.Context([handle])
-        queue = cl.CommandQueue(context)
-    except cl.Error as error:
-        raise DeviceError(f"device {info.index} ({info.name}) cannot be opened: {error}") from error
-    return Device(info=info, reason=reason, context=context, queue=queue)
+    if mistaken is None or name is None:  # then the first build may say what to do
+        return info.version
+    return info.version.removesuffix(mistaken.decode()) + name.decode()

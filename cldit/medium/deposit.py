@@ -32,15 +32,23 @@ class Touched:
     slots: int
 
     def address(self, cell: Ints) -> Ints:
-        """Storage address of finest cells (N, 3; x, y, z)."""
+        """Storage address (N,) of finest cells (N, 3; x, y, z)."""
         brick, inside = np.divmod(cell, BRICK)
         slot = self.directory[brick[:, 2], brick[:, 1], brick[:, 0]].astype(np.int64)
         local = (inside[:, 2] * BRICK + inside[:, 1]) * BRICK + inside[:, 0]
         return np.asarray(slot * _CELLS_PER_BRICK + local)
 
     def layer(self, z: int, y: Ints, x: Ints) -> tuple[Ints, NDArray[np.bool_]]:
-        """Storage addresses of those of the finest cells (z, y, x) that are stored, and which they
-        are of (len(y), len(x))."""
+        """Storage addresses of those finest cells of a layer that are stored.
+
+        Args:
+            z: of the layer.
+            y: (Y,) rows.
+            x: (X,) columns.
+
+        Returns:
+            (S,) addresses, and (Y, X) True where a cell is stored.
+        """
         slot = self.directory[z // BRICK][np.ix_(y // BRICK, x // BRICK)]
         local = (z % BRICK * BRICK + y[:, None] % BRICK) * BRICK + x % BRICK
         stored = slot >= 0
@@ -48,7 +56,16 @@ class Touched:
 
 
 def cells_of_points(frame: Frame, position_m: Floats, amount: Floats, *, what: str) -> Ints:
-    """Finest cell (N, 3) of every point.
+    """Finest cell of every point.
+
+    Args:
+        frame: the cube.
+        position_m: (N, 3).
+        amount: (N,); points without any may lie outside.
+        what: named by errors.
+
+    Returns:
+        (N, 3).
 
     Raises:
         MediumError: part of `amount` lies outside the cube.
@@ -87,6 +104,11 @@ class Boxes:
     @classmethod
     def place(cls, frame: Frame, lower_m: Floats, upper_m: Floats, *, what: str) -> Boxes:
         """Boxes in the cube.
+
+        Args:
+            frame: the cube.
+            lower_m, upper_m: (N, 3) corners.
+            what: named by errors.
 
         Raises:
             MediumError: a box reaches out of the cube by more than rounding.
@@ -243,6 +265,12 @@ def place_droplets(
 ) -> Placed:
     """Parcels in the cube, as points, boxes or clouds.
 
+    Args:
+        frame: the cube.
+        position_m: (N, 3).
+        extent: how droplets are spread about it; None: at it.
+        amount: (N,), of which none may lie outside.
+
     Raises:
         MediumError: part of `amount` (N,) lies outside the cube.
     """
@@ -261,6 +289,11 @@ def place_droplets(
 
 def touched_bricks(frame: Frame, placed: Sequence[Placed], *, limit: int) -> Touched:
     """Marks the bricks that anything falls into.
+
+    Args:
+        frame: the cube.
+        placed: what lies in it.
+        limit: cells at most.
 
     Raises:
         MediumError: more finest cells than `limit` would have to be stored.

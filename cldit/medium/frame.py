@@ -25,7 +25,12 @@ class Frame:
     def around(
         cls, *, centre_m: tuple[float, float, float], edge_m: float, leaf_edge_m: float
     ) -> Frame:
-        """The cube, halved until an edge is below `leaf_edge_m` (paper, Section "Ray Tracing")."""
+        """The cube, halved until an edge is below `leaf_edge_m` (paper, Section "Ray Tracing").
+
+        Args:
+            centre_m, edge_m: of the cube.
+            leaf_edge_m: upper bound of a finest cell's edge.
+        """
         depth = 0
         while edge_m / 2**depth >= leaf_edge_m:
             depth += 1
@@ -34,10 +39,12 @@ class Frame:
 
     @property
     def cells(self) -> int:
+        """Finest cells along an edge."""
         return int(2**self.depth)
 
     @property
     def cell_m(self) -> float:
+        """Edge of a finest cell."""
         return self.edge_m / self.cells
 
     @property

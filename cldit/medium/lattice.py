@@ -33,7 +33,7 @@ class Lattice:
 
     @classmethod
     def of(cls, lower: Floats, upper: Floats) -> Lattice | None:
-        """The lattice of boxes (N, 3) in units of cells, or None where they are on none."""
+        """The lattice of boxes from `lower` to `upper` (N, 3) in cells; None if there is none."""
         if len(lower) < _FEWEST:
             return None
         origin, spacing = lower.min(axis=0), upper[0] - lower[0]

@@ -94,10 +94,12 @@ class Octree:
 
     @property
     def has_vapour(self) -> bool:
+        """Whether any vapour absorbs."""
         return bool(np.any(self.fields["vapour_absorption"] > 0))
 
     @property
     def has_droplets(self) -> bool:
+        """Whether any droplet absorbs or scatters."""
         absorbs = np.any(self.fields["droplet_absorption"] > 0)
         return bool(absorbs or np.any(self.fields["droplet_scattering"] > 0))
 
@@ -120,6 +122,13 @@ def build_octree(
 ) -> Octree:
     """Deposits the sources and divides the cube.
 
+    Args:
+        frame: the cube.
+        points: droplets.
+        cells: gas.
+        optical_depth_split: above which a cube of vapour is halved.
+        max_cells: finest cells at most.
+
     Raises:
         MediumError: something lies outside the cube, or the tree exceeds `max_cells` finest cells.
     """
@@ -139,6 +148,14 @@ def build_octrees(
 
     Places are the first set's; all trees are divided alike, as the largest coefficients want it,
     and so have one set of addresses. Geometry is worked out once.
+
+    Args:
+        frame: the cube.
+        sources: droplets and gas of each wavelength.
+        optical_depth_split, max_cells: as in `build_octree`.
+
+    Returns:
+        One tree for each of `sources`.
 
     Raises:
         MediumError: as `build_octree`.

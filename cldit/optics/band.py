@@ -26,7 +26,7 @@ class Droplets:
     tables: tuple[DropletTable, ...]
 
     def cross_sections(self, diameter_m: Floats, temperature_K: Floats) -> tuple[Floats, Floats]:
-        """C_abs and C_sca in m2, (N,) as both arguments.
+        """C_abs and C_sca [m2], (N,), of droplets of `diameter_m` (N,) at `temperature_K` (N,).
 
         Raises:
             DropletError: a diameter is outside the tables.
@@ -64,6 +64,9 @@ class BandOptics:
         """One wavelength, one refractive index, one vapour cross section (paper, Section 2).
 
         Args:
+            optics: the scene's.
+            filter_um: edges of the filter.
+            droplets: whether there are any.
             cache: folder for the Mie table; None builds it afresh.
         """
         table = None

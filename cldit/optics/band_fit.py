@@ -68,6 +68,14 @@ def fit_bands(
 ) -> tuple[Bands, FitError]:
     """Bands that give a table's k, and by Kramers-Kronig its n. They do not follow temperature.
 
+    Args:
+        table: n and k that are to be met.
+        bands: their number.
+        say: takes lines of progress.
+
+    Returns:
+        The bands, and how far they are from the table.
+
     Raises:
         OpticsError: the table has fewer points than there are unknowns, or nothing absorbs.
     """

@@ -46,8 +46,8 @@ _FORM = 4  # of the file
 class DropletTable:
     """Efficiencies over ln x; made by `droplet_table`.
 
-    scattering, absorption: efficiencies over their Rayleigh forms, x^4 / (1 + x^4) and
-    x / sqrt(1 + x^2), which keeps them of order one; asymmetry: g. All (POINTS,).
+    scattering, absorption: (N,) efficiencies over their Rayleigh forms, x^4 / (1 + x^4) and
+    x/sqrt(1 + x^2), which keeps them of order one. asymmetry: (N,) g.
     """
 
     wavelength_um: float
@@ -61,6 +61,7 @@ class DropletTable:
 
     @property
     def largest_m(self) -> float:
+        """Largest diameter in the table."""
         last = self.log_x_start + self.log_x_step * (len(self.scattering) - 1)
         return float(np.exp(last)) * self.wavelength_um * 1e-6 / np.pi
 
@@ -127,6 +128,8 @@ def droplet_table(*, wavelength_um: float, n: float, k: float, cache: Path | Non
     """The table for droplets of refractive index n - ik, from 0.05 um to 500 um and below.
 
     Args:
+        wavelength_um: in vacuum.
+        n, k: refractive index n - ik.
         cache: folder in which tables are kept by content, made if need be; None keeps nothing.
 
     Raises:
@@ -137,19 +140,22 @@ def droplet_table(*, wavelength_um: float, n: float, k: float, cache: Path | Non
             f"droplet optics: wavelength {wavelength_um:g} um, n = {n:g}, k = {k:g}; allowed are "
             "finite numbers, wavelength and n above 0, k not below 0"
         )
-    kept = cached(
+    arrays = cached(
         cache,
         kind="mie",
         text=f"{_FORM} {_STEP} {_COARSER} {_FINER} {AVERAGED} {wavelength_um!r} {n!r} {k!r}",
         make=lambda: _solve(wavelength_um=wavelength_um, n=n, k=k),
     )
-    start, step = (float(value) for value in kept["axis"])
-    columns = (kept[name] for name in ("scattering", "absorption", "asymmetry"))
+    start, step = (float(value) for value in arrays["axis"])
+    columns = (arrays[name] for name in ("scattering", "absorption", "asymmetry"))
     return DropletTable(wavelength_um, n, k, start, step, *columns)
 
 
 def scaled(x: Floats, solved: mie.Efficiencies) -> tuple[Floats, Floats, Floats]:
-    """Q_sca and Q_abs over their Rayleigh forms, and g: of order one at every size."""
+    """Q_sca and Q_abs over their Rayleigh forms, and g, (N,): of order one at every size `x` (N,).
+
+    `solved` is what Mie's series gives at these sizes.
+    """
     x4 = x**4
     scattering = solved.scattering * (1 + x4) / x4
     return scattering, solved.absorption * np.sqrt(1 + x * x) / x, solved.asymmetry
@@ -203,13 +209,21 @@ class TableError:
 
     @property
     def largest(self) -> float:
+        """The largest of the three."""
         return max(self.scattering, self.absorption, self.asymmetry)
 
 
 def resolved(*, n: float, k: float, span: float, least: int) -> int:
-    """Samples over a span of ln x, two to the half width k / n of any resonance: means of Mie's
-    solutions are then exact. Below k = 1e-7 that is too many, and `mie.efficiencies` has to be told
-    the spacing."""
+    """Number of samples over a span of ln x that resolve any resonance of the index n - ik.
+
+    Two to its half width k / n: means of Mie's solutions are then exact. Below k = 1e-7 that is too
+    many, and `mie.efficiencies` has to be told the spacing.
+
+    Args:
+        n, k: refractive index.
+        span: of ln x.
+        least: samples at least.
+    """
     return max(least, int(min(2.0 * span * n / k, _MOST_SAMPLES)) if k > 0 else least)
 
 
@@ -217,6 +231,11 @@ def table_error(table: DropletTable, *, samples: int = 400, seed: int = 1) -> Ta
     """The table against Mie's solution at random diameters, even in ln d over its whole range.
 
     Below `POINTWISE_K` the solution is averaged as the entries are, at fewer diameters.
+
+    Args:
+        table: to be checked.
+        samples: number of diameters.
+        seed: of their draw.
     """
     random = np.random.default_rng(seed)
     low = table.log_x_start

@@ -30,9 +30,12 @@ def n_from_k(wavelength_um: ArrayLike, k: ArrayLike, *, anchor: tuple[float, flo
         k: (N,), not negative; m = n - ik.
         anchor: (wavelength_um, n) within the table.
 
+    Returns:
+        (N,) n.
+
     Raises:
-        OpticsError: lengths differ, something is not finite, k is negative, wavelengths are not
-            in order or not positive, or the anchor lies outside them.
+        OpticsError: lengths differ, something is not finite, k is negative, wavelengths are not in
+            order or not positive, or the anchor lies outside them.
     """
     wavelength = np.asarray(wavelength_um, dtype=float)
     absorbed = np.asarray(k, dtype=float)

@@ -48,6 +48,7 @@ class Bands:
     packing: tuple[float, float]  # density ~ packing[0]^-(1 - T / critical)^packing[1]
 
     def at(self, wavelength_um: Floats) -> tuple[Floats, Floats]:
+        """n and k at wavelengths [um], any shape."""
         number = (1e4 / wavelength_um)[..., None]
         height, centre, lorentz, gauss = self.bands.T
         scale = np.sqrt(2.0) * gauss
@@ -59,6 +60,7 @@ class Bands:
         return c0 + c1 * ratio + c2 / ratio - response.imag, np.maximum(response.real, 0.0)
 
     def density_ratio(self, temperature_K: float, reference_K: float) -> float:
+        """Density at `temperature_K` over that at `reference_K`, by Rackett's equation."""
         base, power = self.packing
         cold, hot = ((1 - t / self.critical_K) ** power for t in (reference_K, temperature_K))
         return float(base ** (cold - hot))
@@ -73,6 +75,7 @@ class Table:
     k: Floats
 
     def at(self, wavelength_um: Floats) -> tuple[Floats, Floats]:
+        """n and k at wavelengths [um], any shape."""
         n = np.interp(wavelength_um, self.wavelength_um, self.n)
         return n, np.interp(wavelength_um, self.wavelength_um, self.k)
 
@@ -97,7 +100,7 @@ class Liquid:
     licence: str = ""
 
     def index(self, wavelength_um: ArrayLike, temperature_K: float) -> tuple[Floats, Floats]:
-        """n and k, shaped as `wavelength_um`.
+        """n and k, shaped as `wavelength_um`, at `temperature_K`.
 
         A user's table is used as it is at every temperature.
 

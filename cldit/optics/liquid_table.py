@@ -172,7 +172,11 @@ def _table(rows: Floats, path: Path) -> Table:
 
 
 def check_um(wavelength_um: Floats, *, what: str) -> None:
-    """Refuses wavelengths whose size says that they are not in um, with a guess at the unit.
+    """Refuses wavelengths (N,) whose size says that they are not in um, with a guess at the unit.
+
+    Args:
+        wavelength_um: (N,).
+        what: named by the error.
 
     Raises:
         OpticsError: one is outside 0.1..200 um.

@@ -41,7 +41,14 @@ def terms(x: float) -> int:
 
 
 def check(*, n: float, k: float, x: ArrayLike) -> Floats:
-    """The size parameters as an array.
+    """Checks the arguments of Mie's solution.
+
+    Args:
+        n, k: refractive index n - ik.
+        x: size parameters, any shape.
+
+    Returns:
+        (S,) size parameters.
 
     Raises:
         DropletError: n is not in 0.1..10, k not in 0..10, or a size parameter not in 1e-4..1e4.
@@ -62,11 +69,13 @@ def check(*, n: float, k: float, x: ArrayLike) -> Floats:
 
 
 def efficiencies(*, n: float, k: float, x: ArrayLike, spacing: float = 0.0) -> Efficiencies:
-    """Efficiencies of spheres of size parameter x = pi d / wavelength, flattened to (S,).
+    """Efficiencies of spheres, flattened to (S,).
 
     To 1e-8 of the series in 50 digits, of Q_abs too: it is no difference, whatever k is.
 
     Args:
+        n, k: refractive index n - ik.
+        x: size parameters pi d / wavelength, any shape.
         spacing: of ln x, for means over sizes: resonances that are too narrow for sizes this far
             apart absorb what they do, over widths that are seen (`_Order.seen`). 0: single spheres.
 
@@ -124,7 +133,15 @@ def _sums(series: _Series, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
 
 
 def coefficients(*, n: float, k: float, x: Floats) -> tuple[Complex, Complex]:
-    """a_n and b_n, (terms, S), with zeros beyond what each sphere needs; x (S,) of like size."""
+    """Mie's coefficients, with zeros beyond what each sphere needs.
+
+    Args:
+        n, k: refractive index n - ik.
+        x: (S,) size parameters of like size.
+
+    Returns:
+        a_n and b_n, (terms, S) each.
+    """
     series = _solve(n=n, k=k, x=x)
     return series.a, series.b
 
@@ -227,7 +244,15 @@ class _Order:
 
 
 def intensity(a: Complex, b: Complex, cosine: Floats) -> Floats:
-    """(|S1|^2 + |S2|^2) / 2 of unpolarised light, (M, S), at the cosines (M,) of the angle."""
+    """(|S1|^2 + |S2|^2) / 2 of unpolarised light.
+
+    Args:
+        a, b: (terms, S) coefficients.
+        cosine: (M,) of the angle of scattering.
+
+    Returns:
+        (M, S).
+    """
     count = len(a)
     order = np.arange(1, count + 1)
     pi = np.zeros((count, cosine.size))

@@ -30,9 +30,9 @@ _FORM = 1
 
 @dataclass(frozen=True)
 class PhaseFunction:
-    """At Gauss-Legendre nodes: cosine (M,) rising, weights (M,), density_per_sr (M,).
+    """A phase function at Gauss-Legendre nodes.
 
-    2 pi * sum of weights * density = 1.
+    cosine: (M,) rising. weights: (M,). density_per_sr: (M,).
     """
 
     cosine: Floats
@@ -68,7 +68,7 @@ class PhaseTable:
     scattering_m2: Floats
 
     def mean(self, diameter_m: ArrayLike, number: ArrayLike) -> PhaseFunction:
-        """Of `number` droplets (N,) of each diameter (N,), by what they scatter.
+        """Mean over `number` (N,) droplets of each `diameter_m` (N,), by what they scatter.
 
         Below 0.05 um the smallest entry, Rayleigh's, is used.
 
@@ -99,7 +99,11 @@ class PhaseTable:
 
 
 def phase_function(*, x: float, n: float, k: float) -> PhaseFunction:
-    """Of one sphere of size parameter x, exactly.
+    """Phase function of one sphere, exactly.
+
+    Args:
+        x: size parameter.
+        n, k: refractive index n - ik.
 
     Raises:
         DropletError: as `mie.check`, or n = 1 and k = 0, which scatters nothing.
@@ -117,6 +121,12 @@ def phase_table(
 ) -> PhaseTable:
     """Phase functions from 0.05 um to `largest_m`.
 
+    Args:
+        wavelength_um: in vacuum.
+        n, k: refractive index n - ik.
+        cache: folder in which tables are kept by content; None keeps nothing.
+        largest_m: largest diameter.
+
     Raises:
         DropletError: as `mie.check`, or the largest diameter is not above 0.05 um.
     """
@@ -125,14 +135,14 @@ def phase_table(
             f"phase functions: wavelength {wavelength_um:g} um, largest diameter {largest_m:g} m; "
             f"allowed are wavelengths above 0 and diameters from {2 * SMALLEST_M:g} m"
         )
-    kept = cached(
+    arrays = cached(
         cache,
         kind="phase",
         text=f"{_FORM} {_SIZES} {_WITHIN} {wavelength_um!r} {n!r} {k!r} {largest_m!r}",
         make=lambda: _solve(wavelength_um=wavelength_um, n=n, k=k, largest_m=largest_m),
     )
     names = ("diameter_m", "cosine", "weights", "density_per_sr", "scattering_m2")
-    return PhaseTable(wavelength_um, n, k, *(kept[name] for name in names))
+    return PhaseTable(wavelength_um, n, k, *(arrays[name] for name in names))
 
 
 def _check_scatters(*, n: float, k: float) -> None:

@@ -104,6 +104,11 @@ def part_radiance(
 
     Args:
         temperature_K: (N,), positive and finite.
+        filter_um: edges of the filter, or a `Response`.
+        low_um, high_um: within the filter.
+
+    Returns:
+        (N,) photons s-1 m-2 sr-1.
     """
     pieces = _pieces(filter_um, low_um, high_um)
     if not pieces:
@@ -127,10 +132,12 @@ def _evaluate(temperature_K: ArrayLike, filter_um: Filter, *, slope: bool) -> ND
     for begin in range(0, usable.size, _CHUNK):
         part = usable[begin : begin + _CHUNK]
         # At a subnormal temperature x overflows to infinity; a picokelvin has B = 0 as well.
-        kelvin = np.maximum(flat[part], 1e-12)
-        log_band, power = _looked_up(kelvin, filter_um) if tabulated else _log_band(kelvin, pieces)
+        positive_K = np.maximum(flat[part], 1e-12)
+        log_band, power = (
+            _looked_up(positive_K, filter_um) if tabulated else _log_band(positive_K, pieces)
+        )
         if slope:
-            log_band = log_band + np.log(power) - np.log(kelvin)
+            log_band = log_band + np.log(power) - np.log(positive_K)
         with np.errstate(under="ignore", over="ignore"):
             out[part] = np.exp(log_band)
     return out.reshape(temperature.shape)
@@ -175,6 +182,9 @@ def band_radiance(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.
         temperature_K: any shape; the result has the same.
         filter_um: lower and upper wavelength, or a `Response`.
 
+    Returns:
+        Photons s-1 m-2 sr-1.
+
     Raises:
         SceneError: the filter is empty or not positive.
     """
@@ -182,7 +192,10 @@ def band_radiance(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.
 
 
 def band_radiance_slope(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
-    """d B / d T in photons s-1 m-2 sr-1 K-1; otherwise as `band_radiance`."""
+    """d B / d T at `temperature_K`, any shape, in `filter_um`; otherwise as `band_radiance`.
+
+    In photons s-1 m-2 sr-1 K-1.
+    """
     return _evaluate(temperature_K, filter_um, slope=True)
 
 
@@ -229,6 +242,9 @@ def temperature_of_radiance(radiance: ArrayLike, *, filter_um: Filter) -> NDArra
         radiance: photons s-1 m-2 sr-1, any shape; the result has the same.
         filter_um: lower and upper wavelength, or a `Response`.
 
+    Returns:
+        Temperature [K].
+
     Raises:
         SceneError: the filter is empty or not positive.
     """
@@ -236,5 +252,8 @@ def temperature_of_radiance(radiance: ArrayLike, *, filter_um: Filter) -> NDArra
 
 
 def temperature_slope_of_radiance(radiance: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
-    """d T / d B in K per photons s-1 m-2 sr-1; infinite at 0, otherwise as the temperature."""
+    """d T / d B at `radiance`, any shape, in `filter_um`; otherwise as `temperature_of_radiance`.
+
+    In K per photons s-1 m-2 sr-1; infinite at 0.
+    """
     return _invert(radiance, filter_um, slope=True)

@@ -34,6 +34,7 @@ class Response:
         object.__setattr__(self, "pairs", check_curve(self.pairs, what="filter_um"))
 
     def at(self, wavelength_um: ArrayLike) -> Floats:
+        """The response at wavelengths [um], any shape; 0 outside the table."""
         wavelength, value = np.array(self.pairs).T
         return np.asarray(
             np.interp(np.asarray(wavelength_um, float), wavelength, value, left=0.0, right=0.0)
@@ -64,9 +65,14 @@ def edges_um(filter_um: Filter) -> tuple[float, float]:
 
 
 def cut(filter_um: Filter, low_um: float, high_um: float) -> tuple[tuple[float, float], ...]:
-    """The response from `low_um` to `high_um` as (wavelength_um, value), values at both ends.
+    """Cuts a part out of a response.
 
-    Both must lie within the filter's edges.
+    Args:
+        filter_um: edges of the filter, or a `Response`.
+        low_um, high_um: ends of the part, within the filter's edges.
+
+    Returns:
+        (wavelength [um], value) pairs, with both ends.
     """
     if not isinstance(filter_um, Response):
         return ((low_um, 1.0), (high_um, 1.0))
@@ -76,7 +82,7 @@ def cut(filter_um: Filter, low_um: float, high_um: float) -> tuple[tuple[float, 
 
 
 def values_at(filter_um: Filter, wavelength_um: ArrayLike) -> Floats:
-    """The response at wavelengths, any shape; 0 outside the filter."""
+    """The response of `filter_um` at `wavelength_um`, any shape; 0 outside the filter."""
     if isinstance(filter_um, Response):
         return filter_um.at(wavelength_um)
     wavelength = np.asarray(wavelength_um, float)
@@ -105,7 +111,7 @@ def _as_filter(given: tuple[float, float] | tuple[tuple[float, float], ...]) -> 
 
 
 def product(filter_um: Filter, other: Response) -> Response:
-    """Filter times another response: straight lines between 8 points in each common piece.
+    """`filter_um` times the response `other`: straight lines between 8 points in each common piece.
 
     The product of two straight lines is a parabola; eight chords leave 1/64 of its bow.
 
@@ -131,7 +137,7 @@ def product(filter_um: Filter, other: Response) -> Response:
 
 
 def to_plain(filter_um: Filter) -> list[float] | list[list[float]]:
-    """For JSON and YAML; `from_plain` reads it."""
+    """A filter for JSON and YAML; `from_plain` reads it."""
     if isinstance(filter_um, Response):
         return [list(pair) for pair in filter_um.pairs]
     return list(filter_um)

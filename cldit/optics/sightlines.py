@@ -39,7 +39,7 @@ class Sightlines:
 
     @classmethod
     def through(cls, spray: Spray) -> Sightlines:
-        """Of a spray with parcels or vapour."""
+        """Lines through a spray with parcels or vapour."""
         places, moles, gas_K = np.zeros((0, 3)), np.zeros(0), np.zeros(0)
         if spray.vapour is not None:
             cells = spray.vapour.cells

@@ -30,7 +30,7 @@ _KNOTS_K = np.geomspace(50.0, 5000.0, 256)  # shares are smooth; colder, they st
 
 
 def reference_temperature_K(background_temperatures_K: Sequence[float]) -> float:
-    """For whose light means over the filter are taken: the middle background."""
+    """The middle background, for whose light means over the filter are taken."""
     return float(np.median(background_temperatures_K))
 
 
@@ -66,15 +66,17 @@ class Quadrature:
 
     @classmethod
     def grey(cls, filter_um: Filter, *, reference_K: float) -> Quadrature:
-        """One node: all of the filter."""
+        """One node: all of `filter_um`; shares are told at `reference_K`."""
         return cls(filter_um, edges_um(filter_um), ((1.0,),), reference_K)
 
     @property
     def nodes(self) -> tuple[SpectralNode, ...]:
+        """The nodes, in order."""
         return tuple(SpectralNode(self, number) for number in range(len(self.members)))
 
     @cached_property
     def middles_um(self) -> Floats:
+        """(I,) middles of the intervals."""
         edges = np.array(self.edges_um)
         return np.asarray((edges[1:] + edges[:-1]) / 2.0)
 
@@ -154,13 +156,13 @@ class SpectralNode:
 
     def share(self, temperature_K: ArrayLike) -> Floats:
         """Share of the filter's black-body radiance, any shape; over the nodes they add up to 1."""
-        kelvin = np.asarray(temperature_K, float)
+        given_K = np.asarray(temperature_K, float)
         if len(self.quadrature.members) == 1:
-            return np.ones_like(kelvin)
+            return np.ones_like(given_K)
         spline = self.quadrature.shares
         one = CubicSpline.construct_fast(spline.c[..., self.number], spline.x)
         with np.errstate(divide="ignore"):
-            place = np.log(np.maximum(kelvin, 0.0))
+            place = np.log(np.maximum(given_K, 0.0))
         return np.asarray(one(np.clip(place, spline.x[0], spline.x[-1])))
 
     def radiance(self, temperature_K: ArrayLike) -> Floats:

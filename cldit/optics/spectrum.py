@@ -43,7 +43,7 @@ class Substances:
 
     @classmethod
     def of(cls, scene: Scene, spray: Spray) -> Substances:
-        """As the scene names them; the spray's fuel where it does not.
+        """Those that the scene names, or the spray's fuel.
 
         Raises:
             OpticsError: no such substance, or a table that cannot be read.
@@ -93,7 +93,12 @@ class Spectrum:
 
     @classmethod
     def of(cls, scene: Scene, spray: Spray, filter_um: Filter) -> Spectrum:
-        """Over all of the filter.
+        """The spectrum over all of the filter.
+
+        Args:
+            scene: names the substances.
+            spray: gives their temperatures.
+            filter_um: which is covered.
 
         Raises:
             OpticsError: the filter or a temperature lies outside a substance's data.
@@ -114,7 +119,7 @@ class Spectrum:
             there = spray.parcels.temperature_K[spray.parcels.droplets > 0]
             liquid_K = _knots(there, 2 if there.size and np.ptp(there) > _LIQUID_SPAN_K else 1)
             middles = (edges[1:] + edges[:-1]) / 2.0
-            index = [used.liquid.index(middles, float(kelvin)) for kelvin in liquid_K]
+            index = [used.liquid.index(middles, float(each_K)) for each_K in liquid_K]
             n, k = (np.array([pair[which] for pair in index])[:, interval] for which in (0, 1))
         return cls(edges, interval, part, vapour_K, vapour, liquid_K, n, k)
 
@@ -152,7 +157,7 @@ def _vapour(
     """Interval (S,), part of it (S,), and absorption (M, S)."""
     if band.lines is None:
         middles = 1e4 / ((edges[1:] + edges[:-1]) / 2.0)
-        rows = [band.absorption_m2_mol(middles, float(kelvin)) for kelvin in temperature_K]
+        rows = [band.absorption_m2_mol(middles, float(each_K)) for each_K in temperature_K]
         return np.arange(len(middles)), np.ones(len(middles)), np.array(rows)
     interval: list[int] = []
     part: list[float] = []
@@ -162,9 +167,9 @@ def _vapour(
         inner = (float(low) * (1.0 + 1e-9), float(high) * (1.0 - 1e-9))
         groups = [
             band.k_distribution(
-                inner, temperature_K=float(kelvin), pressure_Pa=pressure_Pa, points=_GROUPS
+                inner, temperature_K=float(each_K), pressure_Pa=pressure_Pa, points=_GROUPS
             )
-            for kelvin in temperature_K
+            for each_K in temperature_K
         ]
         common = groups[len(groups) // 2].weights
         interval += [number] * len(common)

@@ -57,6 +57,7 @@ class KDistribution:
     absorption_m2_mol: Floats
 
     def transmission(self, column_mol_m2: ArrayLike) -> Floats:
+        """Mean transmission of columns [mol/m2], any shape."""
         column = np.asarray(column_mol_m2, dtype=float)[..., None]
         return np.asarray(np.exp(-self.absorption_m2_mol * column) @ self.weights)
 
@@ -75,6 +76,12 @@ class Elsasser:
     def fine_structure(
         self, *, temperature_K: float, pressure_Pa: float, mole_fraction: float
     ) -> float:
+        """y, the half width over the spacing of the lines.
+
+        Args:
+            temperature_K, pressure_Pa: of the gas.
+            mole_fraction: of the species, which broadens its own lines more.
+        """
         warm = temperature_K / 273.0
         pressure = pressure_Pa / _ATMOSPHERE_Pa * (1 + self.self_share * mole_fraction)
         return float(self.at_atm * pressure * np.exp(self.growth * (warm - 1)) / np.sqrt(warm))
@@ -101,7 +108,9 @@ class VapourBand:
     lines: Elsasser | None = None
 
     def absorption_m2_mol(self, wavenumber_per_cm: ArrayLike, temperature_K: float) -> Floats:
-        """Napierian molar cross section, mean over the lines; shaped as the wavenumbers.
+        """Napierian molar cross section at `temperature_K`, shaped as `wavenumber_per_cm`.
+
+        It is the mean over the lines.
 
         Raises:
             OpticsError: outside the range of wavenumbers or temperatures.
@@ -144,12 +153,15 @@ class VapourBand:
         1.6e-4 with 32, 1.1e-5 with 64.
 
         Args:
+            filter_um: edges of the filter.
+            temperature_K, pressure_Pa: of the gas.
+            points: number of values at most.
             mole_fraction: of the species in the gas, where it broadens its own lines.
             weight: relative importance of wavelengths (M,) in um; uniform if left out.
 
         Raises:
-            OpticsError: the filter is empty or reaches outside the range, or temperature,
-                pressure, mole fraction, weights or number of points are impossible.
+            OpticsError: the filter is empty or reaches outside the range, or temperature, pressure,
+                mole fraction, weights or number of points are impossible.
         """
         low, high = filter_um
         if not 0 < low < high:
@@ -259,8 +271,9 @@ def vapour_band(species: str, *, area_km_mol: float | None = None) -> VapourBand
     50 % above two other sources. `n-heptane-radcal`: RadCal's bins as published. `methane`.
 
     Args:
-        area_km_mol: integrated absorption at the first temperature of the table; that of the
-            source if left out. Other temperatures are scaled by the same factor.
+        species: a key of `vapours()`.
+        area_km_mol: integrated absorption at the first temperature of the table; that of the source
+            if left out. Other temperatures are scaled by the same factor.
 
     Raises:
         OpticsError: the name is unknown, or the area is not a number above 0.

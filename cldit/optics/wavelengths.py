@@ -56,6 +56,7 @@ class Wavelengths:
 
     @property
     def nodes(self) -> tuple[SpectralNode, ...]:
+        """The nodes, in order."""
         return self.quadrature.nodes
 
 
@@ -65,6 +66,8 @@ def wavelengths(
     """Nodes for a scene: one with the preset `paper` and where coefficients are given (grey).
 
     Args:
+        scene: what is to be traced.
+        spray: its spray.
         cache: folder for Mie tables; None builds them afresh.
         paper: take the paper's properties whatever the scene's preset is.
 
@@ -87,13 +90,13 @@ def wavelengths(
         means = _Means.of(spectrum, lines, groups, light)
         return {"groups": groups.astype(float), "errors_K": np.array(errors_K), **vars(means)}
 
-    kept = cached(cache, kind="wavelengths", text=_content(scene, spray, spectrum), make=choose)
-    quadrature = _quadrature(spectrum, kept["groups"].astype(np.intp), filter_um, reference_K)
-    properties = _Means(**{field.name: kept[field.name] for field in fields(_Means)})
+    arrays = cached(cache, kind="wavelengths", text=_content(scene, spray, spectrum), make=choose)
+    quadrature = _quadrature(spectrum, arrays["groups"].astype(np.intp), filter_um, reference_K)
+    properties = _Means(**{field.name: arrays[field.name] for field in fields(_Means)})
     bands = tuple(
         properties.band(number, node, cache=cache) for number, node in enumerate(quadrature.nodes)
     )
-    return Wavelengths(quadrature, bands, tuple(kept["errors_K"].tolist()))
+    return Wavelengths(quadrature, bands, tuple(arrays["errors_K"].tolist()))
 
 
 def _content(scene: Scene, spray: Spray, spectrum: Spectrum) -> str:

@@ -60,7 +60,7 @@ class Material:
     extinction: Callable[[Floats], Floats]  # k over wavelength_um
 
     def index(self, wavelength_um: ArrayLike, temperature_K: float) -> Floats:
-        """Real part n, shaped as `wavelength_um`."""
+        """Real part n at `temperature_K`, shaped as `wavelength_um`."""
         square = np.asarray(wavelength_um, float) ** 2
         terms = sum(b * square / (square - c * c) for b, c in self.sellmeier)
         return np.asarray(np.sqrt(1.0 + terms) + self.slope_per_K * (temperature_K - self.at_K))
@@ -103,11 +103,19 @@ MATERIALS = {
 def slab(
     n: ArrayLike, k: ArrayLike, *, wavelength_um: ArrayLike, thickness_m: float
 ) -> tuple[Floats, Floats]:
-    """Transmission and reflection of a plane slab of index n - ik in air, any common shape.
+    """Transmission and reflection of a plane slab in air.
 
     With r = |(m - 1) / (m + 1)|^2 of one surface and a = exp(-4 pi k d / wavelength) of one
     passage, the reflections between the surfaces add up to geometric series:
     T = (1 - r)^2 a / (1 - r^2 a^2), R = r (1 + a T).
+
+    Args:
+        n, k: index n - ik, any common shape.
+        wavelength_um: in vacuum, of that shape.
+        thickness_m: of the slab.
+
+    Returns:
+        Transmission and reflection, of that shape.
     """
     n, k = np.asarray(n, float), np.asarray(k, float)
     surface = ((n - 1.0) ** 2 + k * k) / ((n + 1.0) ** 2 + k * k)
@@ -117,7 +125,7 @@ def slab(
 
 
 def window_shares(window: Window, wavelength_um: ArrayLike) -> tuple[Floats, Floats]:
-    """Transmission and reflection at wavelengths, any shape.
+    """Transmission and reflection of `window` at `wavelength_um`, any shape.
 
     Raises:
         SceneError: a wavelength lies outside the material's data.
@@ -141,6 +149,11 @@ def window_shares(window: Window, wavelength_um: ArrayLike) -> tuple[Floats, Flo
 def band_pane(window: Window, filter_um: Filter, *, reference_K: float) -> Pane:
     """Means over a filter, for light of a black body at `reference_K`.
 
+    Args:
+        window: the pane.
+        filter_um: edges of the filter, or a `Response`.
+        reference_K: of the light.
+
     Raises:
         SceneError: the filter reaches beyond the material's data.
     """
@@ -159,7 +172,13 @@ def band_pane(window: Window, filter_um: Filter, *, reference_K: float) -> Pane:
 
 
 def mean_pane(window: Window, wavelength_um: Floats, light: Floats) -> Pane:
-    """Means over wavelengths (N,), weighted with the light (N,) at each."""
+    """Means over wavelengths of what a window does.
+
+    Args:
+        window: the pane.
+        wavelength_um: (N,).
+        light: (N,) weights.
+    """
     transmission, reflection = window_shares(window, wavelength_um)
     share = light / light.sum()
     return Pane(float(share @ transmission), float(share @ reflection))

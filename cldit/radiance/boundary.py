@@ -50,6 +50,7 @@ class Surroundings:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Surroundings:
+        """The surroundings that a scene describes."""
         return cls(
             wall_temperature_K=scene.walls.temperature_K,
             background_emissivity=scene.background.emissivity,
@@ -60,6 +61,7 @@ class Surroundings:
         )
 
     def window(self, side: str) -> Window | None:
+        """The window on this side, if there is one."""
         return next((window for window in self.windows if window.side == side), None)
 
 
@@ -89,18 +91,24 @@ class Boundary:
         return np.asarray(self.rear.transmission * disc + self.rear_added)
 
     def seen(self, inside: Floats) -> Floats:
-        """I for radiances that leave the chamber towards the camera."""
+        """I for radiances that leave the chamber towards the camera, any shape."""
         return np.asarray(self.front.transmission * inside + self.front_added)
 
     def inside(self, seen: Floats) -> Floats:
-        """The inverse of `seen`."""
+        """The inverse of `seen`, any shape."""
         return np.asarray((seen - self.front_added) / self.front.transmission)
 
     @classmethod
     def of(
         cls, around: Surroundings, radiance: Radiance, pane: Callable[[Window], Pane]
     ) -> Boundary:
-        """In the band where a black body has `radiance` and a window the mean shares `pane`."""
+        """Radiances of the surroundings in one band.
+
+        Args:
+            around: temperatures and emissivities.
+            radiance: of a black body in the band.
+            pane: mean shares of a window in the band.
+        """
 
         def at(temperature_K: float) -> float:
             return float(radiance(temperature_K))
@@ -136,7 +144,14 @@ class Boundary:
 
     @classmethod
     def in_filter(cls, around: Surroundings, filter_um: Filter, *, reference_K: float) -> Boundary:
-        """In all of a filter; windows' shares are means for light of a black body at `reference_K`.
+        """Radiances of the surroundings in all of a filter.
+
+        Windows' shares are means for light of a black body at `reference_K`.
+
+        Args:
+            around: temperatures and emissivities.
+            filter_um: edges of the filter.
+            reference_K: of the light.
 
         Raises:
             SceneError: the filter reaches beyond what is known of a window.
@@ -151,7 +166,16 @@ class Boundary:
 def picture(
     weights: Sequence[Weights], boundaries: Sequence[Boundary], *, background_K: float
 ) -> Floats:
-    """Radiance (H, W) at the camera before a black body: the sum over the bands of a trace."""
+    """Radiance at the camera before a black body: the sum over the bands of a trace.
+
+    Args:
+        weights: (H, W) of each band.
+        boundaries: of each band.
+        background_K: of the black body.
+
+    Returns:
+        (H, W).
+    """
     (one,) = pictures(weights, boundaries, backgrounds_K=[background_K])
     return np.asarray(one)
 
@@ -159,9 +183,17 @@ def picture(
 def pictures(
     weights: Sequence[Weights], boundaries: Sequence[Boundary], *, backgrounds_K: Sequence[float]
 ) -> Floats:
-    """Radiance (K, H, W) at the camera before black bodies of K temperatures.
+    """Radiance at the camera before black bodies of several temperatures.
 
     What does not change with the background is summed over the bands once.
+
+    Args:
+        weights: (H, W) of each band.
+        boundaries: of each band.
+        backgrounds_K: (K,).
+
+    Returns:
+        (K, H, W).
     """
     total: Floats | None = None
     for part, boundary in zip(weights, boundaries, strict=True):

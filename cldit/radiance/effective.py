@@ -24,6 +24,11 @@ def effective_weights(
     `background_K`, the walls' for one at `wall_K`, the patches' likewise; what vapour and droplets
     emit is the sum. They give the sum over the nodes exactly before a background at `background_K`,
     and approximately before others.
+
+    Args:
+        weights: (H, W) of each node.
+        nodes: of the filter.
+        background_K, wall_K, patches_K: temperatures for which the means are taken.
     """
     if len(weights) == 1:
         return weights[0]

@@ -60,7 +60,7 @@ class Weights:
         return Weights.of({name: change(image) for name, image in self.images.items()})
 
     def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
-        """Writes one float32 TIFF a weight."""
+        """Writes one float32 TIFF a weight into `folder`; a pixel is `pixel_m` large."""
         folder.mkdir(parents=True, exist_ok=True)
         for name, image in self.images.items():
             write_image(
@@ -73,7 +73,7 @@ class Weights:
 
     @classmethod
     def load(cls, folder: Path, *, patches: Sequence[str] = ()) -> Weights:
-        """Reads what `save` wrote; patches: names of those that the scene has.
+        """Reads what `save` wrote into `folder`; `patches` are names that the scene has.
 
         Raises:
             RunFolderError: a file is missing or damaged.
@@ -82,7 +82,7 @@ class Weights:
 
 
 def background_radiance(*, blackbody: float, wall: float, emissivity: float) -> float:
-    """Radiance that leaves a grey disc: its own, and the wall's that it reflects."""
+    """Radiance that leaves a grey disc of `emissivity`: of `blackbody`, and the `wall`'s."""
     return emissivity * blackbody + (1.0 - emissivity) * wall
 
 
@@ -93,8 +93,14 @@ def compose(
     wall: float,
     patches: Mapping[str, float] | None = None,
 ) -> NDArray[np.float64]:
-    """Radiance (H, W) before a background, walls and patches of these radiances, photons s-1 m-2
-    sr-1. A background of None is left out.
+    """Radiance at the camera, photons s-1 m-2 sr-1.
+
+    Args:
+        weights: (H, W).
+        background, wall, patches: radiances; a background of None is left out.
+
+    Returns:
+        (H, W).
 
     Raises:
         KeyError: a patch of the weights has no radiance.

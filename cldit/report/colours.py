@@ -52,7 +52,16 @@ def map_colours(
     range_K: tuple[float, float],
     scale: float,
 ) -> NDArray[np.float64]:
-    """(..., 3) RGB; the ends of either scale are kept beyond it. NaN temperatures are hueless."""
+    """Colours of a DIT map; ends of the scales hold beyond them, NaN temperatures are hueless.
+
+    Args:
+        emissivity, temperature_K: (...).
+        range_K: temperatures of blue and red.
+        scale: emissivity of full saturation.
+
+    Returns:
+        (..., 3) RGB.
+    """
     low, high = range_K
     span = high - low if high > low else 1.0
     warm = np.clip(np.nan_to_num((np.asarray(temperature_K, np.float64) - low) / span), 0.0, 1.0)
@@ -65,7 +74,16 @@ def map_colours(
 def picture_colours(
     maps: Maps, *, range_K: tuple[float, float], scale: float
 ) -> NDArray[np.float64]:
-    """(H, W, 3) RGB of the maps: transparent pixels are white, unknown ones light grey."""
+    """Colours of maps: transparent pixels are white, unknown ones light grey.
+
+    Args:
+        maps: (H, W).
+        range_K: temperatures of blue and red.
+        scale: emissivity of full saturation.
+
+    Returns:
+        (H, W, 3) RGB.
+    """
     colour = map_colours(maps.emissivity, maps.apparent_temperature_K, range_K=range_K, scale=scale)
     known = (maps.reason == Reason.OK) | (maps.reason == Reason.EMISSIVITY_TOO_LOW)
     colour[~known] = UNKNOWN

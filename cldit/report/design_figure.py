@@ -16,10 +16,13 @@ Floats = NDArray[np.float64]
 def design_picture(
     lines: Sequence[tuple[Design, Floats, Floats]], best: Design, goal: Goal, *, title: str
 ) -> bytes:
-    """PNG: a line for each number of backgrounds, its shots varied; the chosen design marked.
+    """PNG of a line for each number of backgrounds, its shots varied; the chosen design is marked.
 
     Args:
-        lines: design, times in s, errors in K.
+        lines: design, (N,) times [s], (N,) errors [K].
+        best: the chosen design.
+        goal: error that is wanted.
+        title: above the picture.
     """
     figure = figure_of(7.4, 4.6)
     axes = figure.subplots()

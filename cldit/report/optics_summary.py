@@ -157,9 +157,13 @@ def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
     droplets = measured = None
     if sizes is not None:
         strata = strata_m(sizes, _STRATA)
-        droplets = _solve(optics.wavelength_um, optics.n, optics.k, strata, cache)
+        droplets = _solve(
+            strata, wavelength_um=optics.wavelength_um, n=optics.n, k=optics.k, cache=cache
+        )
         if index is not None:
-            measured = _solve(0.5 * (low + high), *index, strata, cache)
+            measured = _solve(
+                strata, wavelength_um=0.5 * (low + high), n=index[0], k=index[1], cache=cache
+            )
         rows += [*_size_rows(sizes), *_droplet_rows(droplets, measured, strata)]
     return SceneOptics(
         scene=scene,
@@ -234,7 +238,7 @@ def _size_rows(sizes: Sizes) -> list[Row]:
 
 
 def _solve(
-    wavelength_um: float, n: float, k: float, strata: Floats, cache: Path | None
+    strata: Floats, *, wavelength_um: float, n: float, k: float, cache: Path | None
 ) -> Droplets:
     table = droplet_table(wavelength_um=wavelength_um, n=n, k=k, cache=cache)
     largest = max(100e-6, float(strata[-1]))

@@ -105,12 +105,15 @@ def map_picture(
     range_K: tuple[float, float] | None = None,
     scale: float | None = None,
 ) -> bytes:
-    """Both maps in one PNG: hue = apparent temperature, saturation = emissivity, value = 1.
+    """PNG of both maps in one: hue = apparent temperature, saturation = emissivity, value = 1.
 
     The colouring of the paper (Section 3). Where there is no temperature since the spray is
     transparent, white; where there is none for another reason, light grey.
 
     Args:
+        maps: (H, W).
+        frame: axes.
+        title: above the picture.
         range_K: temperatures of blue and red; None: percentiles, see `temperature_range_K`.
         scale: emissivity of full saturation; None: see `emissivity_scale`.
     """
@@ -154,7 +157,13 @@ def map_picture(
 
 
 def panels_picture(panels: Sequence[Panel], frame: Frame, *, title: str) -> bytes:
-    """PNG of one or more pictures with a colour bar each, at most two side by side."""
+    """PNG of one or more pictures with a colour bar each, at most two side by side.
+
+    Args:
+        panels: the pictures.
+        frame: axes.
+        title: above all.
+    """
     columns = min(2, len(panels))
     figure, places = sheet(
         [panel.title for panel in panels],
@@ -198,7 +207,7 @@ def _key(
 
 
 def robust_limits(values: NDArray[np.floating], *, cut: float = 0.1) -> tuple[float, float]:
-    """Percentiles `cut` and 100 - `cut` of what is finite; never an empty interval."""
+    """Percentiles `cut` and 100 - `cut` of finite `values` (...,); never an empty interval."""
     known = values[np.isfinite(values)]
     if not known.size:
         return 0.0, 1.0
@@ -207,7 +216,13 @@ def robust_limits(values: NDArray[np.floating], *, cut: float = 0.1) -> tuple[fl
 
 
 def weights_picture(weights: Weights, frame: Frame, *, title: str) -> bytes:
-    """PNG of the four weights and those of patches."""
+    """PNG of the four weights and those of patches.
+
+    Args:
+        weights: (H, W).
+        frame: axes.
+        title: above all.
+    """
     patches = [
         Panel(image, f"seen of {name}", "share", colours="gray")
         for name, image in weights.patches.items()
@@ -228,9 +243,15 @@ def weights_picture(weights: Weights, frame: Frame, *, title: str) -> bytes:
 def camera_pictures(
     images: Mapping[float, NDArray[np.floating | np.integer]], frame: Frame, *, title: str
 ) -> dict[float, bytes]:
-    """PNGs of recorded images (rows, columns) in counts, by their background's temperature in K.
+    """Draws recorded images with one scale, so that they can be compared.
 
-    All have one scale, so that they can be compared.
+    Args:
+        images: (rows, columns) counts by their background's temperature [K].
+        frame: axes.
+        title: above each.
+
+    Returns:
+        PNGs by temperature.
     """
     if not images:
         return {}
@@ -252,7 +273,13 @@ def camera_pictures(
 
 
 def errors_picture(maps: Maps, frame: Frame, *, title: str) -> bytes:
-    """PNG of both standard errors; that of the temperature, which spans decades, in log colours."""
+    """PNG of both standard errors; that of the temperature spans decades, in log colours.
+
+    Args:
+        maps: (H, W).
+        frame: axes.
+        title: above all.
+    """
     error_K = maps.apparent_temperature_standard_error_K
     positive = error_K[np.isfinite(error_K) & (error_K > 0)].astype(np.float64)
     known = maps.emissivity_standard_error
@@ -281,7 +308,13 @@ def errors_picture(maps: Maps, frame: Frame, *, title: str) -> bytes:
 
 
 def nodes_picture(errors_K: Sequence[float], *, chosen: int, title: str) -> bytes:
-    """PNG of the error in T_app with 1, 2, .. spectral nodes; the chosen number is marked."""
+    """PNG of the error in T_app with 1, 2, .. spectral nodes.
+
+    Args:
+        errors_K: of each number.
+        chosen: the number that is marked.
+        title: above the picture.
+    """
     figure = figure_of(5.0, 3.4)
     axes = figure.subplots()
     numbers = np.arange(1, len(errors_K) + 1)

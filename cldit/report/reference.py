@@ -26,16 +26,18 @@ class _Place:
 
     @property
     def anchor(self) -> str:
-        """As GitHub and mkdocs make it from the heading."""
-        kept = "".join(c for c in self.heading.lower() if c.isalnum() or c in "_- ")
-        return "-".join(kept.split())
+        """The anchor that GitHub and mkdocs make from the heading."""
+        letters = "".join(c for c in self.heading.lower() if c.isalnum() or c in "_- ")
+        return "-".join(letters.split())
 
 
 def markdown(model: type[BaseModel], *, title: str, file: str) -> str:
-    """All sections of a file that `model` reads.
+    """Markdown of all sections of a file that `model` reads.
 
     Args:
-        title: heading of the whole. file: what the sections at the top are called in.
+        model: reads the file.
+        title: heading of the whole.
+        file: what the sections at the top are called in.
     """
     schema = model.model_json_schema()
     places: dict[str, _Place] = {}

@@ -144,10 +144,10 @@ def _trace(run: Run) -> dict[str, str]:
     figures["phase function"] = run.info.phase
     figures["precision"] = run.info.precision
     if run.info.closure is not None:
-        kept = run.info.closure
-        figures["sum of weights and isothermal emission, less 1"] = (
-            f"{kept.largest:+.2g} at most, {kept.mean:+.2g} in the mean; the {kept.value} is "
-            f"allowed {kept.bound:.2g}"
+        balance = run.info.closure
+        figures["energy balance: weights and isothermal emission, less 1"] = (
+            f"{balance.largest:+.2g} at most, {balance.mean:+.2g} in the mean; the "
+            f"{balance.value} is allowed {balance.bound:.2g}"
         )
     if run.info.accuracy_K is not None:
         figures["estimated error of the trace in T_app"] = f"{run.info.accuracy_K:.2g} K RMS"

@@ -36,9 +36,13 @@ class Shares:
         wall: float,
         patches: Mapping[str, float] | None = None,
     ) -> Shares:
-        """Before a background, walls and patches of these radiances, photons s-1 m-2 sr-1.
+        """Shares of the signal before a background, walls and patches of given radiances.
 
         The spray is where it changes the weights of the empty scene, `reference`, by over 1 %.
+
+        Args:
+            weights, reference: (H, W) with and without spray.
+            background, wall, patches: radiances [photons s-1 m-2 sr-1].
         """
         radiances = {"background": background, "wall": wall, **(patches or {})}
         total = compose(weights, background=background, wall=wall, patches=patches)
@@ -78,7 +82,7 @@ class Shares:
         return {name: float(np.nanmean(part[self.where])) for name, part in named.items()}
 
     def picture(self, frame: Frame, *, title: str) -> bytes:
-        """PNG of the shares of vapour and droplets."""
+        """PNG of the shares of vapour and droplets, with axes of `frame`, below `title`."""
         return panels_picture(
             [
                 Panel(self.vapour, "share of vapour in the signal", "share", (0.0, 1.0)),

@@ -37,7 +37,7 @@ def plain(text: str) -> str:
 
 
 def figure_of(width_in: float, height_in: float) -> Figure:
-    """A figure for curves, laid out by matplotlib; `png_of` crops it to what is drawn."""
+    """A figure of `width_in` x `height_in` for curves; `png_of` crops it to what is drawn."""
     figure = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -65,13 +65,19 @@ def sheet(
     key_labels_in: float = 0.95,
     note: str = "",
 ) -> tuple[Figure, list[Place]]:
-    """A figure with a place for each of `titles`, in rows of `columns`, under one heading.
+    """A figure with places for pictures, in rows, under one heading.
 
     Args:
+        titles: of the places.
         aspect: height over width of every picture.
+        heading: of the figure.
+        columns: places in a row.
         width_in, gap_in, key_in, key_labels_in: widths in inches of a picture, of the gap to its
             key, of the key, and of the key's labels.
         note: small print below everything.
+
+    Returns:
+        The figure and its places.
     """
     wide = width_in if aspect <= _TALLEST else width_in * _TALLEST / aspect
     high = wide * aspect

@@ -10,12 +10,12 @@ from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from cldit.report.sheet import figure_of, plain
 from cldit.spray.extent import Box
 from cldit.spray.flow.measures import History
 from cldit.spray.result import Spray
@@ -24,7 +24,6 @@ from cldit.spray.vtk_export import write_vtk
 Floats = NDArray[np.float64]
 View = Literal["side", "below"]
 
-_DPI = 130
 _DECADES = 3.0  # of the colours
 _SMOOTHING = 1.0  # pixels, of the liquid: parcels are points
 _AXES = {"side": (0, 2), "below": (0, 1)}
@@ -53,7 +52,13 @@ def extent(spray: Spray) -> tuple[Floats, Floats]:
 
 
 def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
-    """The paper's Fig. 5 from below: droplets of a column, added up. A mass is kept."""
+    """Mass of the droplets of a column (the paper's Fig. 5 from below); the sum is exact.
+
+    Args:
+        spray: what is looked at.
+        view: from where.
+        pixel_m: edge of a pixel.
+    """
     if (parcels := spray.parcels) is None:
         return _project(np.empty((0, 3)), np.empty(0), extent(spray), view, pixel_m, 0.0)
     place, mass = parcels.position_m, parcels.masses_kg
@@ -65,7 +70,13 @@ def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
 
 
 def vapour_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
-    """Fuel vapour of a column."""
+    """Mass of the fuel vapour of a column.
+
+    Args:
+        spray: what is looked at.
+        view: from where.
+        pixel_m: edge of a pixel.
+    """
     if (vapour := spray.vapour) is None:
         return _project(np.empty((0, 3)), np.empty(0), extent(spray), view, pixel_m, 0.0)
     mass = vapour.number_density_m3 * vapour.cells.volume_m3
@@ -114,10 +125,15 @@ def _project(
 
 
 def views_figure(spray: Spray, *, title: str, pixel_m: float = 5e-4) -> Figure:
-    """Droplets and vapour, from the side and from below."""
-    figure = Figure(figsize=(10, 9.5), dpi=_DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(title.replace("$", r"\$"))
+    """Droplets and vapour of `spray` from the side and from below, in pixels of `pixel_m`.
+
+    Args:
+        spray: what is looked at.
+        title: above all.
+        pixel_m: edge of a pixel.
+    """
+    figure = figure_of(10, 9.5)
+    figure.suptitle(plain(title))
     axes = figure.subplots(2, 2)
     views: tuple[View, View] = ("side", "below")
     for row, view in enumerate(views):
@@ -153,10 +169,9 @@ def _image(axes: Axes, seen: Projection, title: str, view: View) -> None:
 
 
 def history_figure(history: History, *, title: str) -> Figure:
-    """Penetration, droplet size, masses and coldest gas against time."""
-    figure = Figure(figsize=(10, 7), dpi=_DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(title.replace("$", r"\$"))
+    """Penetration, droplet size, masses, coldest gas of `history` against time, below `title`."""
+    figure = figure_of(10, 7)
+    figure.suptitle(plain(title))
     panels: Sequence[tuple[str, tuple[tuple[Floats, str], ...]]] = (
         (
             "penetration / mm",
@@ -191,7 +206,17 @@ def history_figure(history: History, *, title: str) -> Figure:
 
 
 def write_spray(spray: Spray, history: History | None, folder: Path, *, title: str) -> list[Path]:
-    """Pictures, the history as CSV, and files for ParaView, in a folder made if need be."""
+    """Writes pictures, the history as CSV, and files for ParaView.
+
+    Args:
+        spray: what is shown.
+        history: how it came there, where that is known.
+        folder: made if need be.
+        title: of the pictures.
+
+    Returns:
+        The files.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     written = [folder / "views.png"]
     views_figure(spray, title=title).savefig(written[0])

@@ -2,18 +2,75 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Protocol
 
-from cldit.rig.errors import ConfigRejected, OutOfLimits
+from cldit.rig.errors import ConfigRejected, NotConnected, OutOfLimits
 from cldit.rig.protocols import Burst, Capabilities, Limits, Roi, TriggerInfo, TriggerMode
 
 EDGES = ("rising", "falling")
+_SCPI_NONE = 9.9e37  # 9.9E37 is infinity, 9.91E37 not a number (SCPI 1999, volume 1, 7.2.1.4-5)
+_HOTTEST_K = 1e4
+
+
+class Thermometer(Protocol):
+    """The part of a background that is asked here."""
+
+    def read_temperature(self) -> float:
+        """Present temperature [K]."""
+
+
+def check_answer(kind: str, query: str, answer: str | float) -> float:
+    """The number that an instrument gives.
+
+    Args:
+        kind: of instrument, for the message.
+        query: that was asked.
+        answer: that came.
+
+    Raises:
+        NotConnected: the answer is no finite number, so that the link is not to be trusted.
+    """
+    try:
+        value = float(answer)
+    except ValueError:
+        value = math.nan
+    if not abs(value) < _SCPI_NONE:
+        raise NotConnected(
+            f"{kind}: {answer!r} came for {query}, expected a finite number; is another program "
+            "talking to it?"
+        )
+    return value
+
+
+def check_temperature(kind: str, query: str, temperature_K: float) -> float:
+    """Gives the temperature back, where anything can be so hot.
+
+    Args:
+        kind: of instrument, for the message.
+        query: that was asked.
+        temperature_K: that came.
+
+    Raises:
+        NotConnected: nothing can be so hot or so cold.
+    """
+    if not 0.0 < temperature_K < _HOTTEST_K:
+        raise NotConnected(
+            f"{kind}: {temperature_K:g} K came for {query}, expected 0 to {_HOTTEST_K:g} K; is "
+            "another program talking to it?"
+        )
+    return temperature_K
+
+
+def read_temperature(background: Thermometer) -> float:
+    """Kelvin. Raises NotConnected where the driver gives what cannot be a temperature."""
+    return check_temperature("background", "read_temperature()", background.read_temperature())
 
 
 def check_exposure(can: Capabilities, integration_time_s: float) -> None:
-    """Raises OutOfLimits."""
+    """Raises OutOfLimits where a camera that `can` this does not take `integration_time_s`."""
     low, high = can.integration_time_limits_s
     if not low <= integration_time_s <= high:
         raise OutOfLimits(
@@ -22,7 +79,11 @@ def check_exposure(can: Capabilities, integration_time_s: float) -> None:
 
 
 def check_roi(can: Capabilities, roi: Roi | None) -> Roi:
-    """The part of the sensor that is meant, all of it for None. Raises OutOfLimits."""
+    """The part `roi` of the sensor of a camera that `can` this; None stands for all of it.
+
+    Raises:
+        OutOfLimits: it does not fit on the sensor.
+    """
     columns, rows = can.sensor_pixels
     part = Roi(0, 0, columns, rows) if roi is None else roi
     inside = part.x >= 0 and part.y >= 0 and part.width > 0 and part.height > 0
@@ -32,7 +93,7 @@ def check_roi(can: Capabilities, roi: Roi | None) -> Roi:
 
 
 def check_format(can: Capabilities, pixel_format: str | None) -> None:
-    """Raises ConfigRejected."""
+    """Raises ConfigRejected where a camera that `can` this lacks `pixel_format`; None is fine."""
     if pixel_format is not None and pixel_format not in can.pixel_formats:
         raise ConfigRejected(
             f"camera: pixel_format: {pixel_format!r}; allowed: {', '.join(can.pixel_formats)}"
@@ -40,7 +101,7 @@ def check_format(can: Capabilities, pixel_format: str | None) -> None:
 
 
 def check_trigger(modes: Collection[TriggerMode], trigger: TriggerInfo) -> None:
-    """Raises ConfigRejected."""
+    """Raises ConfigRejected where a camera with these `modes` cannot take this `trigger`."""
     enough = min(trigger.n_frames, trigger.frames_per_trigger) >= 1
     if trigger.mode not in modes or not enough or trigger.activation not in EDGES:
         raise ConfigRejected(
@@ -50,7 +111,7 @@ def check_trigger(modes: Collection[TriggerMode], trigger: TriggerInfo) -> None:
 
 
 def check_setpoint(limits: Limits, temperature_K: float) -> None:
-    """Raises OutOfLimits."""
+    """Raises OutOfLimits where `temperature_K` is outside `limits`."""
     if not limits.low_K <= temperature_K <= limits.high_K:
         raise OutOfLimits(
             f"background: {temperature_K:g} K is outside {limits.low_K:g}..{limits.high_K:g} K"
@@ -71,5 +132,5 @@ def check_burst(burst: Burst) -> None:
 
 
 def plain_burst(burst: Burst | None) -> dict[str, Any] | None:
-    """As JSON can hold it."""
+    """A burst as JSON can hold it."""
     return None if burst is None else {**asdict(burst), "widths_s": list(burst.widths_s)}

@@ -26,7 +26,7 @@ class Clock(Protocol):
         """Wall time as ISO 8601 in UTC."""
 
     def sleep(self, seconds: float, should_stop: StopCheck | None = None) -> bool:
-        """Waits; False where `should_stop` ended it early."""
+        """Waits for `seconds`; False where `should_stop` ended it early."""
 
     def catch_up(self, epoch_s: float) -> None:
         """Told when a sequence resumes: nothing from now on happens before this wall time."""
@@ -40,15 +40,19 @@ class SystemClock:
     """The computer's clock."""
 
     def now_s(self) -> float:
+        """Seconds of a clock that never jumps."""
         return time.monotonic()
 
     def epoch_s(self) -> float:
+        """Seconds since 1970."""
         return time.time()
 
     def wall_time(self) -> str:
+        """The time of day, ISO 8601."""
         return _iso(self.epoch_s())
 
     def sleep(self, seconds: float, should_stop: StopCheck | None = None) -> bool:
+        """Waits for `seconds`; False where `should_stop` ended it early."""
         end = time.monotonic() + seconds
         while not (should_stop is not None and should_stop()):
             left = end - time.monotonic()
@@ -87,16 +91,20 @@ class SimulatedClock:
         self._real = SystemClock()
 
     def now_s(self) -> float:
+        """Simulated seconds since the start."""
         return self._elapsed_s
 
     def epoch_s(self) -> float:
+        """Simulated seconds since 1970, with the jump where there is one."""
         jump_s = self._jump_s if self._elapsed_s >= self._jump_after_s else 0.0
         return self._start_epoch_s + self._elapsed_s + jump_s
 
     def wall_time(self) -> str:
+        """The simulated time of day, ISO 8601."""
         return _iso(self.epoch_s())
 
     def sleep(self, seconds: float, should_stop: StopCheck | None = None) -> bool:
+        """Lets `seconds` pass; False where `should_stop` ended it early."""
         if should_stop is not None and should_stop():
             return False
         if self._factor is None:
@@ -109,4 +117,5 @@ class SimulatedClock:
         return whole
 
     def catch_up(self, epoch_s: float) -> None:
+        """Goes on to `epoch_s` where that is later."""
         self._elapsed_s = max(self._elapsed_s, epoch_s - self._start_epoch_s)

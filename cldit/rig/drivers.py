@@ -70,7 +70,7 @@ Factory = Callable[[dict[str, Any], RigContext], Any]
 
 
 def check_settings(model: type[S], settings: dict[str, Any]) -> S:
-    """Settings as the driver's own frozen data.
+    """`settings` as the driver's own frozen data, of type `model`.
 
     Raises:
         SceneError: one line for each key that is unknown, missing or not allowed.

@@ -43,6 +43,10 @@ class ConfigRejected(RigError):
     """The instrument refuses a setting, or reads back another than was written."""
 
 
+class NotSafe(RigError):
+    """The instrument may still be on: hot, armed or ready to inject. Somebody must go to it."""
+
+
 class OutOfLimits(RigError):
     """A set point or setting is outside what the instrument can do; nothing was moved."""
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Any, Literal, Self
@@ -17,6 +16,7 @@ from cldit.rig.clock import Clock, SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import NotConnected, RigError
 from cldit.rig.protocols import Background, Camera, Device, TriggerGenerator
+from cldit.rig.safety import RigSafety, make_safe
 from cldit.scene.checks import Section, Within, describe, read_mapping
 from cldit.scene.values import Coordinate, Length, Temperature
 from cldit.scene.vessel import Windows
@@ -41,6 +41,7 @@ class ClockChoice(Section):
         return self
 
     def make(self) -> Clock:
+        """The clock that was chosen."""
         if self.model == "system":
             return SystemClock()
         return SimulatedClock(
@@ -51,6 +52,8 @@ class ClockChoice(Section):
 
 
 class DriverChoice(Section):
+    """One device: its driver and the driver's settings."""
+
     driver: str
     """Name of the driver; `cldit devices` lists them."""
     settings: dict[str, Any] = Field(default_factory=dict)
@@ -79,6 +82,7 @@ class Setup(Section):
 
     @property
     def surroundings(self) -> Surroundings:
+        """What the camera sees beside the spray."""
         return Surroundings(
             wall_temperature_K=self.wall_temperature_K,
             background_emissivity=self.background_emissivity,
@@ -124,10 +128,13 @@ class Rig:
     trigger: TriggerGenerator
     clock: Clock
     file: RigFile
+    # Names of devices that were connected, but for those that were made safe and closed since.
+    _connected: set[str] = field(default_factory=set, init=False, repr=False, compare=False)
+    _safe: set[str] = field(default_factory=set, init=False, repr=False, compare=False)
 
     @property
     def devices(self) -> dict[str, Device]:
-        """In the order of connection; the trigger is made safe first."""
+        """Devices in the order of connection; the trigger is made safe first."""
         return {"camera": self.camera, "background": self.background, "trigger": self.trigger}
 
     def connect(self, timeout_s: float = 10.0) -> None:
@@ -146,25 +153,30 @@ class Rig:
             for name, future in waiting.items()
             if (error := future.exception()) is not None
         ]
+        self._safe.clear()
+        self._connected.update(
+            name for name, future in waiting.items() if future.exception() is None
+        )
         if failures:
             raise NotConnected("\n".join(failures))
 
-    def make_safe(self) -> list[str]:
-        """Makes every device safe, the last one first; what went wrong, one line a device."""
-        return self._each(lambda device: device.make_safe())
+    def make_safe(self, *, connect_s: float | None = None) -> RigSafety:
+        """Makes every device safe, the last one first; see `cldit.rig.safety.make_safe`."""
+        safety = make_safe(self.devices, self._connected, connect_s=connect_s)
+        self._safe.clear()
+        self._safe.update(safety.did)
+        return safety
 
-    def _each(self, action: Callable[[Device], None]) -> list[str]:
+    def close(self) -> list[str]:
+        """Closes every device, the last one first; what went wrong, one line a device."""
         problems: list[str] = []
         for name, device in reversed(self.devices.items()):
             try:
-                action(device)
-            except Exception as error:  # one broken device must not keep the others unsafe
+                device.close()
+            except Exception as error:  # one broken device must not keep the others
                 problems.append(f"{name}: {error}")
+        self._connected.difference_update(self._safe)
         return problems
-
-    def close(self) -> list[str]:
-        """Closes every device, the last one first."""
-        return self._each(lambda device: device.close())
 
     def __enter__(self) -> Self:
         return self
@@ -175,7 +187,7 @@ class Rig:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        problems = self.make_safe() + self.close()
+        problems = self.make_safe().problems + self.close()
         if not problems:
             return
         text = "the rig was not left safe:\n" + "\n".join(problems)
@@ -207,6 +219,7 @@ def open_rig(path_or_mapping: str | Path | dict[str, Any], *, clock: Clock | Non
     """The rig that a file (or the mapping in it) describes. Nothing is connected yet.
 
     Args:
+        path_or_mapping: the YAML file, or what is in it.
         clock: in place of the one that the file names.
 
     Raises:

@@ -18,6 +18,8 @@ from cldit.rig.clock import StopCheck
 
 
 class TriggerMode(StrEnum):
+    """What starts an exposure."""
+
     INTERNAL = "internal"
     SOFTWARE = "software"
     EXTERNAL_EDGE = "external_edge"
@@ -131,27 +133,47 @@ class Limits:
     high_K: float
 
 
+@dataclass(frozen=True)
+class Safety:
+    """What `make_safe` did, which is checked and stored.
+
+    connected: False where there was nothing to do, because the device was never connected; whoever
+    connected it takes that for a failure. did: in words.
+    """
+
+    connected: bool
+    did: str
+
+
 class Device(Protocol):
+    """An instrument, whatever it is."""
+
     def connect(self, timeout_s: float = 10.0) -> None:
         """Raises NotConnected; does nothing where it is connected already."""
 
     def close(self) -> None:
         """Lets go of the instrument; does nothing where it is not connected."""
 
-    def identify(self) -> DeviceInfo: ...
+    def identify(self) -> DeviceInfo:
+        """Maker, model, serial number; whether it is simulated."""
 
     def read_configuration(self) -> dict[str, Any]:
         """Present settings, as JSON can hold them; stored with every acquisition."""
 
-    def make_safe(self) -> None:
-        """Leaves the instrument harmless and usable. Idempotent, bounded in time."""
+    def make_safe(self) -> Safety:
+        """Leaves the instrument harmless and usable. Idempotent, bounded in time.
+
+        An instrument that was connected and lost is reached for again. Raises NotSafe where that
+        fails: it never returns from an instrument that may be on.
+        """
 
 
 class Camera(Device, Protocol):
     """`read_configuration()["calibration"]` is a `cldit.camera.sensor.Calibration` as a dict."""
 
     @property
-    def capabilities(self) -> Capabilities: ...
+    def capabilities(self) -> Capabilities:
+        """What the camera can do; known once it is connected."""
 
     def wait_ready(self, timeout_s: float) -> None:
         """Cooler and non-uniformity correction; raises DeviceTimeout."""
@@ -159,38 +181,51 @@ class Camera(Device, Protocol):
     def configure(
         self, integration_time_s: float, roi: Roi | None = None, pixel_format: str | None = None
     ) -> Settings:
-        """None: all of the sensor, its widest format. Raises OutOfLimits, ConfigRejected."""
+        """Sets exposure, region and format.
+
+        Args:
+            integration_time_s: exposure.
+            roi: part of the sensor; None is all of it.
+            pixel_format: None is the widest.
+
+        Raises:
+            OutOfLimits, ConfigRejected: the camera does not take them.
+        """
 
     def prepare(self, trigger: TriggerInfo) -> None:
         """Raises ConfigRejected where the camera cannot be started that way."""
 
-    def arm(self) -> None: ...
+    def arm(self) -> None:
+        """The next trigger starts an exposure."""
 
     def flush(self) -> int:
         """Throws away what lies in the buffer; how many frames that were."""
 
-    def software_trigger(self) -> None: ...
+    def software_trigger(self) -> None:
+        """Triggers an armed camera in mode SOFTWARE."""
 
     def read_frames(self, n: int, timeout_s: float) -> Iterator[Frame]:
-        """Raises MissingFrames when `timeout_s` passes without a frame."""
+        """Yields the next `n` frames; raises MissingFrames when `timeout_s` passes without one."""
 
-    def disarm(self) -> None: ...
+    def disarm(self) -> None:
+        """Triggers are ignored from now on."""
 
     def statistics(self) -> dict[str, int]:
-        """At least `delivered`, `missed` (triggers not taken) and `flushed`."""
+        """Counts, at least `delivered`, `missed` (triggers not taken) and `flushed`."""
 
 
 class Background(Device, Protocol):
     """The black body's controller."""
 
     @property
-    def limits(self) -> Limits: ...
+    def limits(self) -> Limits:
+        """The set points that the background takes."""
 
     def set_setpoint(self, temperature_K: float) -> float:
         """The set point as read back. Raises OutOfLimits before anything moves."""
 
     def read_temperature(self) -> float:
-        """Kelvin."""
+        """Kelvin, finite. Raises NotConnected, also for an answer that is no temperature."""
 
     def is_stable(self) -> bool | None:
         """The controller's own opinion, None where it has none. Never relied on alone."""
@@ -202,10 +237,16 @@ class Background(Device, Protocol):
         should_stop: StopCheck | None = None,
         on_progress: Callable[[float], None] | None = None,
     ) -> float:
-        """As `cldit.rig.stability.wait_stable`; what a driver does with it is to call that."""
+        """Waits as `cldit.rig.stability.wait_stable` does, which drivers call.
+
+        Args:
+            temperature_K, stability, should_stop, on_progress: as there.
+        """
 
 
 class TriggerGenerator(Device, Protocol):
+    """Triggers the camera, and the injector where it is asked to."""
+
     def configure(self, burst: Burst) -> Burst:
         """The burst as the instrument quantises it; lifts `inhibit`. Raises ConfigRejected."""
 

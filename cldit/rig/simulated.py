@@ -12,12 +12,17 @@ from cldit.scene.schema import Scene
 def simulated_rig_data(
     scene: Scene, run_folder: Path, *, real_time_factor: float | None = None
 ) -> dict[str, Any]:
-    """What stands in the rig file for `run_folder` (scene.yaml, weights/, weights_reference/).
+    """Content of the rig file for a traced run.
 
     The black body takes every temperature of the scene, even those that a real one does not.
 
     Args:
+        scene: of the run.
+        run_folder: with scene.yaml, weights/ and weights_reference/.
         real_time_factor: None: the sequence takes no time; 1: real time.
+
+    Returns:
+        The mapping, as YAML holds it.
     """
     wanted = scene.background.temperatures_K
     return {

@@ -32,7 +32,13 @@ class StatedError:
 
     @classmethod
     def of(cls, scene: Scene, result: NodeTraces, maps: Maps) -> StatedError | None:
-        """None where nothing scatters, and for `branching`, which does not know its error."""
+        """None where nothing scatters, and for `branching`, which does not know its error.
+
+        Args:
+            scene: what was traced.
+            result: its traces.
+            maps: of the same run.
+        """
         if result.difference is None:
             return None
         halves = temperature_error_K(
@@ -46,6 +52,7 @@ class StatedError:
 
     @property
     def error_K(self) -> float:
+        """The larger of both errors [K]."""
         return max(self.halves_K, self.audit_K)
 
     def remarks(self, asked: Transport) -> tuple[str, ...]:

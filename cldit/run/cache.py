@@ -25,7 +25,7 @@ MOST_BYTES = 20_000_000_000  # runs not used for longest go first
 
 
 @dataclass(frozen=True)
-class KeptRuns:
+class RunCache:
     """Run folders in CACHE/runs, each under the digest of its trace.
 
     `computed` names the scenes that were traced, not found.
@@ -43,12 +43,15 @@ class KeptRuns:
         spray: Callable[[], Spray] | None = None,
         progress: Say | None = None,
     ) -> Run:
-        """The scene's run: traced, or the kept trace before the scene's backgrounds and walls.
+        """The scene's run: traced, or a cached trace before the scene's backgrounds and walls.
 
         Two processes that want the same trace compute it once: the second waits.
 
         Args:
+            scene: what is wanted.
+            device: to trace on; None chooses.
             spray: gives the scene's spray, if it must be traced; None makes it.
+            progress: takes messages.
 
         Raises:
             ClditError: as `cldit.simulate`.

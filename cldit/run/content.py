@@ -22,7 +22,7 @@ _LEFT_OUT = (
     "plan",
     "optics.compare_paper",
 )
-_TRACED_BY = ("spray", "medium", "optics", "transport", "radiance", "kernels", "run")
+_TRACED_BY = ("spray", "cfd", "medium", "optics", "transport", "radiance", "kernels", "run")
 
 
 def trace_content(scene: Scene) -> dict[str, Any]:

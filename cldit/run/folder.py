@@ -95,6 +95,12 @@ def open_run(path: str | Path) -> Run:
 
 
 def with_stages(run: Run, stages: list[Stage], measured: Maps) -> Run:
-    """The run with an acquisition's maps and stages added."""
+    """The `run` with the maps `measured` and the `stages` of an acquisition added.
+
+    Args:
+        run: a traced run.
+        stages: those of the evaluation.
+        measured: maps (H, W) of the acquisition.
+    """
     info = replace(run.info, stages=(*run.info.stages, *stages))
     return replace(run, info=info, measured=measured)

@@ -39,7 +39,12 @@ class Properties:
 
 
 def properties_of(scene: Scene, spray: Spray, *, cache: Path | None) -> Properties:
-    """Of a scene's spray; tables are kept in a folder, None keeps nothing.
+    """Optical properties of a scene's spray.
+
+    Args:
+        scene: what is to be traced.
+        spray: that of the scene.
+        cache: folder of tables; None keeps nothing.
 
     Raises:
         ClditError: optical data do not cover the scene, or its phase function needs diameters.
@@ -97,7 +102,14 @@ class Medium:
 
 
 def make_medium(scene: Scene, stages: Stages, cache: Path, spray: Spray | None = None) -> Medium:
-    """The scene's medium; `spray` is that of the scene where it is there already."""
+    """The scene's medium.
+
+    Args:
+        scene: what is to be traced.
+        stages: take the time of each step.
+        cache: folder of tables and sprays.
+        spray: that of the scene, where it is there already.
+    """
     with stages.stage("spray") as note:
         note.append(scene.spray.model if spray is None else "given")
         spray = deposited(scene, spray or make_spray(scene.spray, cache=cache))

@@ -29,7 +29,13 @@ class PhaseChoice:
 
 
 def phase_choice(scene: Scene, spray: Spray, preset: Literal["paper", "spectral"]) -> PhaseChoice:
-    """What the scene says, or what its preset means where it says nothing."""
+    """What the scene says, or what its preset means where it says nothing.
+
+    Args:
+        scene: what is to be traced.
+        spray: that of the scene.
+        preset: of the optics.
+    """
     given = scene.transport.phase
     if isinstance(given, HenyeyGreenstein):
         return PhaseChoice(False, f"Henyey and Greenstein, g {given.henyey_greenstein:g}")
@@ -73,6 +79,8 @@ def mean_phase(
     """The droplets' mean phase function in one band; None where none scatters.
 
     Args:
+        spray: whose droplets scatter.
+        band: optical properties in the band.
         points: what `emitters` made of the droplets in this band.
         content: digest of the droplets, `droplets_content`, by which it is kept.
         cache: folder in which it is kept; None keeps nothing.
@@ -90,13 +98,13 @@ def mean_phase(
     if not points.scattering_m2.any():
         return None
     indices = [(one.wavelength_um, one.n, one.k) for one in band.droplets.tables]
-    kept = cached(
+    arrays = cached(
         cache,
         kind="scattering",
         text=f"{_FORM} {indices!r} {band.droplets.temperature_K.tolist()!r} {content}",
         make=lambda: _plain(mean_of(spray.parcels, band.droplets, points.scattering_m2)),
     )
-    return ScatteringTable(kept["cosine"], kept["cumulative"])
+    return ScatteringTable(arrays["cosine"], arrays["cumulative"])
 
 
 def _plain(table: ScatteringTable | None) -> Arrays:

@@ -46,6 +46,7 @@ class RunInfo:
     phase: str = ""  # how droplets were taken to scatter
 
     def to_json(self) -> str:
+        """JSON that `from_json` reads."""
         data = {**self.__dict__, "stages": [stage.__dict__ for stage in self.stages]}
         for name, part in (("spectral", self.spectral), ("closure", self.closure)):
             data[name] = None if part is None else part.to_dict()
@@ -53,6 +54,7 @@ class RunInfo:
 
     @classmethod
     def from_json(cls, text: str) -> RunInfo:
+        """Reads what `to_json` gave."""
         data = json.loads(text)
         stages = tuple(Stage(**stage) for stage in data["stages"])
         spectral, closure = data.get("spectral"), data.get("closure")

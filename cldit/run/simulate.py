@@ -42,7 +42,7 @@ from cldit.scene import Scene
 from cldit.spray.result import Spray
 from cldit.transport.trace import settings_for, trace
 
-_VERSIONS = ("cldit", "numpy", "scipy", "pyopencl", "miepython")
+_VERSIONS = ("cldit", "numpy", "scipy", "pyopencl")
 
 
 def default_cache() -> Path:

@@ -28,7 +28,7 @@ _QUADRATURE = "quadrature.json"
 
 @dataclass(frozen=True)
 class Difference:
-    """Between two maps of one scene, over the pixels of emissivity above 0.05 in both."""
+    """Difference of two maps of one scene, over the pixels of emissivity above 0.05 in both."""
 
     rms_K: float
     mean_K: float
@@ -39,14 +39,14 @@ class Difference:
     def of(cls, maps: Maps, other: Maps) -> Difference | None:
         """`maps` minus `other`; None where no pixel has a temperature in both."""
         here = (maps.emissivity > VISIBLE_EMISSIVITY) & (other.emissivity > VISIBLE_EMISSIVITY)
-        kelvin = maps.apparent_temperature_K.astype(float) - other.apparent_temperature_K
-        here &= np.isfinite(kelvin)
+        difference_K = maps.apparent_temperature_K.astype(float) - other.apparent_temperature_K
+        here &= np.isfinite(difference_K)
         if not here.any():
             return None
         emissivity = maps.emissivity.astype(float) - other.emissivity
         return cls(
-            rms_K=float(np.sqrt(np.mean(kelvin[here] ** 2))),
-            mean_K=float(np.mean(kelvin[here])),
+            rms_K=float(np.sqrt(np.mean(difference_K[here] ** 2))),
+            mean_K=float(np.mean(difference_K[here])),
             mean_emissivity=float(np.mean(emissivity[here])),
             pixels=int(here.sum()),
         )
@@ -76,6 +76,13 @@ class SpectralInfo:
     def of(
         cls, quadrature: Quadrature, errors_K: Sequence[float], from_paper: Difference | None
     ) -> SpectralInfo:
+        """What a report says of the nodes.
+
+        Args:
+            quadrature: the nodes.
+            errors_K: (M,) of the choice of wavelengths.
+            from_paper: difference from the paper's optics, where that was asked for.
+        """
         at = quadrature.reference_K
         nodes = tuple((node.wavelength_um, float(node.share(at))) for node in quadrature.nodes)
         return cls(at, nodes, tuple(errors_K), from_paper)
@@ -86,6 +93,7 @@ class SpectralInfo:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> SpectralInfo:
+        """Reads what `to_dict` gave."""
         other = data["from_paper"]
         return cls(
             float(data["reference_K"]),
@@ -128,6 +136,7 @@ class NodeTraces:
 
     @property
     def spectral(self) -> tuple[Weights, ...]:
+        """Weights of each node."""
         return tuple(result.weights for result in self.traces)
 
 
@@ -139,6 +148,14 @@ def node_settings(
     The nodes get directions of their own, so that their errors are independent, and the picture,
     their sum, has less of them: K nodes of equal light need some K^-3/4 of the directions that one
     needs (a trace's error falls with their number to the power of about 2/3).
+
+    Args:
+        scene: what is traced.
+        quadrature: its nodes.
+        phases: phase function of each node; None is isotropic.
+
+    Returns:
+        Settings of each node.
     """
     spec = scene.transport
     light = np.array([float(node.share(quadrature.reference_K)) for node in quadrature.nodes])
@@ -170,8 +187,14 @@ def trace_nodes(
     *,
     report: Callable[[str], None] | None,
 ) -> NodeTraces:
-    """One trace a tree, with its settings; the list of trees is emptied as it goes, so that memory
-    holds few of them.
+    """Traces each node; the list of trees is emptied as it goes, so that memory holds few of them.
+
+    Args:
+        trees: medium of each node.
+        quadrature: the nodes.
+        scene, device: as in `trace`.
+        settings: of each node.
+        report: takes messages.
 
     Raises:
         TransportError, DeviceError, KernelError: as `trace`.
@@ -220,6 +243,12 @@ def save_nodes(
     """Writes each node's weights into `folder/node_00`, .., and what the nodes are.
 
     One node is nothing but the weights in `folder` itself, and is not written.
+
+    Args:
+        folder: that of the weights.
+        quadrature: the nodes.
+        spectral: weights of each node.
+        pixel_m: width and height of a pixel.
     """
     if len(spectral) == 1:
         return
@@ -230,10 +259,14 @@ def save_nodes(
 
 
 def node_folders(folder: Path, grey: Quadrature) -> tuple[Quadrature, tuple[Path, ...]]:
-    """What `save_nodes` wrote: the nodes, and the folder of each one's weights.
+    """Reads what `save_nodes` wrote.
 
     Args:
+        folder: that of the weights.
         grey: what holds where there are no nodes.
+
+    Returns:
+        The nodes, and the folder of each one's weights.
 
     Raises:
         RunFolderError: the description of the nodes is damaged.

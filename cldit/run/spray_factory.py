@@ -17,6 +17,7 @@ def make_spray(
     """Runs the model or reads the file.
 
     Args:
+        spec: the scene's spray.
         cache: folder for tables of fuel properties and computed sprays; None keeps nothing.
 
     Raises:
@@ -29,10 +30,10 @@ def make_spray(
 
             return make_cone(spec)
         case LagrangianSpray():
-            from cldit.spray.cache import kept_spray
+            from cldit.spray.cache import cached_spray
             from cldit.spray.flow.simulate import simulate_spray
 
-            return kept_spray(spec, cache, lambda: simulate_spray(spec, cache=cache)[0])
+            return cached_spray(spec, cache, lambda: simulate_spray(spec, cache=cache)[0])
         case GridSpray():
             from cldit.spray.grid import read_grid
 

@@ -28,6 +28,7 @@ class Stages:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[list[str]]:
+        """Times what is done within; texts that are appended to the list are noted with it."""
         if self._say is not None:
             self._say(name)
         note: list[str] = []

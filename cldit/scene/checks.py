@@ -134,7 +134,7 @@ def _sections(annotation: Any) -> list[type[BaseModel]]:
 
 
 def describe(model: type[BaseModel], errors: Sequence[ErrorDetails]) -> str:
-    """One line an error: path, value, what is allowed."""
+    """One line for each of the `errors` that `model` found: path, value, what is allowed."""
     lines: list[str] = []
     for error in errors:
         path, sections = _walk(model, error)

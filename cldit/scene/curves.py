@@ -18,7 +18,7 @@ SHORTEST_UM, LONGEST_UM = 0.2, 50.0
 
 
 def check_curve(pairs: Any, *, what: str) -> Curve:
-    """The pairs in rising order of wavelength.
+    """The `pairs` in rising order of wavelength; errors name `what`.
 
     Raises:
         SceneError: not pairs of numbers, another unit, no width, or nothing above 0.

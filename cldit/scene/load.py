@@ -64,7 +64,9 @@ def parse_scene(
     """A scene from plain data, checked.
 
     Args:
-        source: what messages call it. folder: where its relative paths start.
+        data: as YAML has it.
+        source: what messages call it.
+        folder: where its relative paths start.
         finished: of a run that is done: tables it was made from need not be there any more.
 
     Raises:

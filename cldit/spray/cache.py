@@ -16,14 +16,16 @@ from cldit.spray.result import Spray
 from cldit.spray.spray_file import read_spray, write_spray
 
 
-def kept_spray(spec: Section, folder: Path | None, make: Callable[[], Spray]) -> Spray:
+def cached_spray(spec: Section, folder: Path | None, make: Callable[[], Spray]) -> Spray:
     """What `make` gives, from `folder` where this very spray was kept there by this very code.
 
     Two processes that want the same spray compute it once: the second waits. A file that is
     damaged is made anew; a folder that cannot be written costs only the time.
 
     Args:
-        folder: of kept sprays; None keeps nothing.
+        spec: the scene's spray, by which it is found.
+        folder: of cached sprays; None keeps nothing.
+        make: computes it.
     """
     if folder is None:
         return make()

@@ -18,6 +18,9 @@ def compiled(function: F) -> F:
 
 
 def compiled_for(function: F, signature: tuple[Any, ...]) -> F:
-    """The same for given types of arguments: among them functions, called by their address, so
-    that one kept machine code serves for all of them."""
+    """`function` as machine code for the argument types of `signature`.
+
+    Among them may be functions, called by their address, so that one cached machine code serves for
+    all of them.
+    """
     return cast(F, numba.njit(signature, **_HOW)(function))

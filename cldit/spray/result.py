@@ -180,7 +180,12 @@ class Cells:
         shape: tuple[int, int, int],
         index: NDArray[np.int64] | None = None,
     ) -> Cells:
-        """Voxels of a regular grid: those in `index` (flat, C order), or all of them.
+        """Voxels of a regular grid.
+
+        Args:
+            origin_m, spacing_m: (3,) low corner of the grid, and size of a voxel.
+            shape: number of voxels along x, y, z.
+            index: (N,) the voxels wanted, flat, C order; None is all of them.
 
         Raises:
             SprayError: as for `RegularGrid`.
@@ -195,6 +200,7 @@ class Cells:
 
     @property
     def volume_m3(self) -> Floats:
+        """(N,) volumes."""
         return np.asarray(np.prod(self.upper_m - self.lower_m, axis=1))
 
 
@@ -218,6 +224,7 @@ class Vapour:
 
     @property
     def mass_kg(self) -> float:
+        """Mass of all vapour."""
         molecule_kg = self.molar_mass_kg_mol / 6.02214076e23
         return float(np.sum(self.number_density_m3 * self.cells.volume_m3) * molecule_kg)
 

@@ -27,6 +27,13 @@ _POWER = {"number": 0, "mass": 3}
 def mean_diameter_m(sizes: Sizes, high: int, low: int) -> float:
     """D_high,low = (<D^high> / <D^low>)^(1/(high - low)); D32 is paper Eq. (6), D10 the mean.
 
+    Args:
+        sizes: the distribution.
+        high, low: orders of the moments.
+
+    Returns:
+        Diameter [m].
+
     Raises:
         ValueError: the two orders are equal.
         SprayError: the moment does not exist (Rosin-Rammler, order + q <= 3).
@@ -63,7 +70,15 @@ def _log_moments(sizes: Sizes, orders: Floats) -> tuple[float, Floats]:
 
 
 def quantile_m(sizes: Sizes, share: ArrayLike, *, by: Weight) -> Floats:
-    """Diameter below which a share (0..1) of the droplets, or of their mass, lies.
+    """Diameter below which a share of the droplets, or of their mass, lies.
+
+    Args:
+        sizes: the distribution.
+        share: (...,) 0..1.
+        by: number or mass.
+
+    Returns:
+        (...,) diameters [m].
 
     Raises:
         SprayError: by number, where the number is infinite (Rosin-Rammler, q <= 3).
@@ -88,10 +103,10 @@ def quantile_m(sizes: Sizes, share: ArrayLike, *, by: Weight) -> Floats:
 
 
 def strata_m(sizes: Sizes, count: int) -> Floats:
-    """`count` diameters, rising, one for each of `count` equal shares of the liquid's mass.
+    """Rising diameters of `sizes`, of shape (count,), for `count` equal shares of the mass.
 
-    Each has the surface per mass of its share, so droplets of these diameters, equal in mass,
-    have the distribution's D32 exactly: (1/D32 is the mean of 1/D by mass.)
+    Each has the surface per mass of its share, so droplets of these diameters, equal in mass, have
+    the distribution's D32 exactly: 1/D32 is the mean of 1/D by mass.
     """
     edges = np.linspace(0.0, 1.0, count + 1)
     if isinstance(sizes, Monodisperse):
@@ -117,6 +132,14 @@ def strata_m(sizes: Sizes, count: int) -> Floats:
 
 def density_per_m(sizes: Sizes, diameter_m: ArrayLike, *, by: Weight) -> Floats:
     """Share of the droplets, or of their mass, per metre of diameter; integrates to 1.
+
+    Args:
+        sizes: the distribution.
+        diameter_m: (...,) where it is wanted.
+        by: number or mass.
+
+    Returns:
+        (...,) density [1/m].
 
     Raises:
         SprayError: every droplet has one diameter, or the number is infinite.

@@ -12,15 +12,14 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import zipfile
 import zlib
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
 from cldit.errors import SprayError
+from cldit.files import whole
 from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Cells, Floats, Parcels, RegularGrid, Spray, Vapour
 
@@ -31,7 +30,7 @@ _VAPOUR = ("lower_m", "upper_m", "number_density_m3", "temperature_K")
 
 
 def write_spray(path: Path, spray: Spray) -> None:
-    """Writes parcels and vapour.
+    """Writes parcels and vapour of `spray` to `path`.
 
     Raises:
         SprayError: the name does not end in .npz, or the file cannot be written.
@@ -66,14 +65,10 @@ def write_spray(path: Path, spray: Spray) -> None:
                 "vapour/grid_shape": np.array(grid.shape, dtype=float),
                 "vapour/grid_index": grid.index.astype(float),
             }
-    partial = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
-        with partial.open("wb") as stream:
+        with whole(path) as part, part.open("wb") as stream:
             np.savez_compressed(stream, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
-        partial.replace(path)
     except OSError as error:
-        with suppress(OSError):
-            partial.unlink()
         raise SprayError(f"{path}: cannot be written ({error})") from error
 
 

@@ -8,7 +8,6 @@ that whatever ended a sweep, the same call goes on with what is missing.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from cldit.content import digest
 from cldit.errors import StudyError
+from cldit.files import write_text
 from cldit.run import Run
 from cldit.scene import Scene
 from cldit.study.grid import Grid, Point
@@ -61,6 +61,7 @@ class Result:
 
     @classmethod
     def of(cls, run: Run) -> Result:
+        """What a data set holds of a run."""
         figures = {name: run.info.spray.get(name, float("nan")) for name in _FIGURES}
         accuracy = run.info.accuracy_K
         figures["accuracy_K"] = float("nan") if accuracy is None else accuracy
@@ -80,7 +81,14 @@ class SweepFolder:
         return {int(each.stem) for each in points.glob("*.json")} if points.is_dir() else set()
 
     def write(self, point: Point, result: Result, *, worker: str, seconds: float) -> None:
-        """Puts a scene's result into the store; its mark comes last."""
+        """Puts a scene's result into the store; its mark comes last.
+
+        Args:
+            point: the scene's place.
+            result: of the scene.
+            worker: who computed it.
+            seconds: that it took.
+        """
         store = extra("zarr").open_group(self.path / _STORE, mode="r+")
         for name, image in result.maps.items():
             store[name][point.place] = image
@@ -88,16 +96,16 @@ class SweepFolder:
             store[name][point.place] = value
         mark = self.path / "points" / f"{point.number}.json"
         text = json.dumps({"scene": point.scene.name, "worker": worker, "seconds": seconds})
-        part = mark.with_suffix(".part")
-        with part.open("w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        part.replace(mark)
+        write_text(mark, text)
 
 
 def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
     """The folder of a sweep: made, or found again.
+
+    Args:
+        path: the folder.
+        base: scene that the sweep starts from.
+        grid: of the sweep.
 
     Raises:
         StudyError: it holds something else, or the sweep of another scene or grid.
@@ -120,9 +128,7 @@ def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
         raise StudyError(f"{path}: is not empty and holds no sweep; give another folder with --out")
     (path / "points").mkdir(parents=True, exist_ok=True)
     _template(base, grid).to_zarr(path / _STORE, compute=False, zarr_format=2, consolidated=True)
-    part = known.with_suffix(".part")
-    part.write_text(json.dumps(about, indent=1), encoding="utf-8")
-    part.replace(known)
+    write_text(known, json.dumps(about, indent=1))
     return folder
 
 

@@ -40,7 +40,7 @@ class Axis:
 
     @property
     def unit(self) -> str:
-        """As the key's name says it; 1 without."""
+        """Unit that the key's name ends in; 1 without."""
         last = self.name.rpartition("_")[2]
         return last if last in _UNITS else "1"
 
@@ -62,6 +62,7 @@ class Grid:
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
+        """Number of values along each axis."""
         return tuple(len(axis.values) for axis in self.axes)
 
     def points(self, base: Scene) -> Iterator[Point]:
@@ -161,6 +162,7 @@ def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """The scene with some of its values changed, checked again.
 
     Args:
+        scene: to begin with.
         values: dotted keys (`spray.plumes[0].azimuth_deg`) and what they become.
 
     Raises:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cldit.gpu.device import Device
-from cldit.run import KeptRuns, Run, Say
+from cldit.run import Run, RunCache, Say
 from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene, load_scene
 from cldit.spray.result import Spray
@@ -46,7 +46,7 @@ class Lab:
     used: every scene that was asked for, for the page.
     """
 
-    kept: KeptRuns = field(default_factory=KeptRuns)
+    runs: RunCache = field(default_factory=RunCache)
     quick: bool = False
     device: Device | None = None
     say: Say | None = None
@@ -54,7 +54,7 @@ class Lab:
     used: dict[str, Scene] = field(default_factory=dict)
 
     def gdi(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
-        """The paper's gasoline spray with some values changed (dotted keys)."""
+        """The paper's gasoline spray, called `name`, with some `values` changed (dotted keys)."""
         base = load_scene("gdi")
         spray = {"model": "lagrangian", **base.spray.model_dump(include=set(_INJECTOR))}
         fixed = {
@@ -68,17 +68,19 @@ class Lab:
         return changed(scene, self.always)
 
     def shipped(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
-        """A shipped scene with some values changed, reduced where the study is quick."""
+        """The shipped scene `name` with some `values` changed, reduced where the study is quick."""
         quick = QUICK if self.quick else {}
         return changed(changed(load_scene(name), {**quick, **(values or {})}), self.always)
 
     def run(self, scene: Scene) -> Run:
+        """The run of a scene, from the cache where it is there."""
         self._note(scene)
-        return self.kept.run(scene, device=self.device, progress=self.say)
+        return self.runs.run(scene, device=self.device, progress=self.say)
 
     def spray(self, scene: Scene) -> Spray:
+        """The spray of a scene, from the cache where it is there."""
         self._note(scene)
-        return make_spray(scene.spray, cache=self.kept.cache)
+        return make_spray(scene.spray, cache=self.runs.cache)
 
     def _note(self, scene: Scene) -> None:
         self.used.setdefault(scene.name, scene)

@@ -55,7 +55,10 @@ def reach_m(run: Run) -> float:
 
 
 def tips(run: Run, share: float = 0.85) -> Mask:
-    """The visible spray beyond `share` of its own reach, which single droplets do not set."""
+    """The visible spray of `run` (H, W) beyond `share` of its reach.
+
+    Single droplets do not set the reach.
+    """
     x, z = positions_m(run)
     return np.asarray(visible(run) & (np.hypot(x, z) > share * reach_m(run)))
 
@@ -69,7 +72,7 @@ class Phases:
 
     @classmethod
     def of(cls, run: Run) -> Phases:
-        """By the weights: droplets bring the walls' light into a pixel, vapour does not."""
+        """Phases by the weights: droplets bring the walls' light into a pixel, vapour does not."""
         weights, seen = run.weights, visible(run)
         before = np.maximum(run.reference.background, 1e-6)
         extinct = 1.0 - weights.background / before
@@ -81,7 +84,7 @@ class Phases:
 
 
 def mean_K(run: Run, where: Mask) -> float:
-    """Mean T_app over pixels, each by its emissivity; NaN over fewer than 20."""
+    """Mean T_app over pixels `where` (H, W) of `run`, by emissivity; NaN over fewer than 20."""
     chosen = where & np.isfinite(run.maps.apparent_temperature_K)
     if np.count_nonzero(chosen) < _SOME:
         return float("nan")
@@ -94,40 +97,45 @@ def mean_K(run: Run, where: Mask) -> float:
 
 
 def mean_emissivity(run: Run, where: Mask) -> float:
+    """Mean emissivity of `run` over the pixels `where` (H, W); NaN over none."""
     chosen = where & np.isfinite(run.maps.emissivity)
     return float(np.mean(run.maps.emissivity[chosen])) if chosen.any() else float("nan")
 
 
 @dataclass(frozen=True)
 class Change:
-    """T_app of one run minus that of another, where both are visible; NaN elsewhere."""
+    """T_app of one run minus that of another, (H, W), where both are visible; NaN elsewhere."""
 
     image: NDArray[np.float32]
 
     @classmethod
     def of(cls, run: Run, other: Run) -> Change:
+        """T_app of `run` minus that of `other`, where both see the spray."""
         here = visible(run) & visible(other)
         change = run.maps.apparent_temperature_K - other.maps.apparent_temperature_K
         return cls(np.where(here, change, np.float32(np.nan)))
 
     def within(self, where: Mask | None = None) -> Floats:
+        """(N,) changes in the pixels `where` (H, W); NaN alone if there are fewer than 20."""
         chosen = np.isfinite(self.image) if where is None else np.isfinite(self.image) & where
         values = self.image[chosen].astype(float)
         return values if len(values) >= _SOME else np.array([np.nan])
 
     def rms(self, where: Mask | None = None) -> float:
+        """RMS over the pixels `where` (H, W)."""
         return float(np.sqrt(np.mean(self.within(where) ** 2)))
 
     def mean(self, where: Mask | None = None) -> float:
+        """Mean over the pixels `where` (H, W)."""
         return float(np.mean(self.within(where)))
 
     def largest(self, where: Mask | None = None, *, share: float = 99.0) -> float:
-        """Percentile of the magnitude: without the outermost hundredth, which is edges."""
+        """Percentile `share` of the magnitude in the pixels `where` (H, W); the rest is edges."""
         return float(np.percentile(np.abs(self.within(where)), share))
 
 
 def droplets_K(spray: Spray, *, within_m: float | None = None) -> float:
-    """Mass-weighted mean temperature of the droplets, of all or near the injector's tip."""
+    """Mass-weighted mean temperature of the droplets of `spray`, all or `within_m` of the tip."""
     parcels = spray.parcels
     if parcels is None or not len(parcels.diameter_m):
         return float("nan")

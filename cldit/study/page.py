@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from html import escape
 from importlib.metadata import version
 
-from cldit.report.html import Picture, document, figures_html, table_html
+from cldit.report.html import Picture, render
 from cldit.scene import Scene, dump_scene
 from cldit.study.verdict import Verdict, summary
 
@@ -41,6 +40,7 @@ class Page:
 
     @property
     def summary(self) -> str:
+        """The verdicts in a sentence."""
         return summary(self.verdicts) if self.verdicts else "Nothing is claimed."
 
 
@@ -71,32 +71,20 @@ _VERDICTS = ["the paper", "found", "agrees if", ""]
 
 def page_html(page: Page) -> str:
     """One file: no other file, no network."""
-    scenes = "".join(
-        f"<details><summary>{escape(name)}</summary><pre>{escape(dump_scene(scene))}</pre>"
-        "</details>\n"
-        for name, scene in page.scenes.items()
-    )
-    repeat = f"<p><code>{escape(page.command)}</code>, cldit {escape(version('cldit'))}</p>\n"
-    said = f"<p>{escape(page.text)}</p>\n" * bool(page.text)
-    items = "".join(f"<li>{escape(each)}</li>\n" for each in page.findings)
     tables = {title: rows for title, rows in {"Numbers": page.table, **page.more}.items() if rows}
-    return document(
-        page.title,
-        f"<p>{escape(page.about)}</p>\n",
-        [
-            ("", figures_html(tuple(page.pictures.values())) + said),
-            ("What it says", f"<ul>\n{items}</ul>\n" * bool(items)),
-            (
-                f"Against the paper: {page.summary}" if page.verdicts else "",
-                table_html(_VERDICTS, _verdict_rows(page)) if page.verdicts else "",
-            ),
-            *((title, table_html(list(rows[0]), _cells(rows))) for title, rows in tables.items()),
-            ("To repeat it", repeat + scenes),
-        ],
+    return render(
+        "study.html",
+        page=page,
+        verdicts=(_VERDICTS, _verdict_rows(page)),
+        tables=[(title, list(rows[0]), _cells(rows)) for title, rows in tables.items()],
+        scenes={name: dump_scene(scene) for name, scene in page.scenes.items()},
+        version=version("cldit"),
     )
 
 
 def markdown_table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown, `rows` below their `titles`."""
+
     def line(cells: Sequence[str]) -> str:
         return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
 
@@ -122,4 +110,5 @@ def page_markdown(page: Page) -> str:
 
 
 def picture_file(page: Page, name: str) -> str:
+    """Name of the file of a picture `name` of a `page`."""
     return f"study-{page.name}-{name}.png"

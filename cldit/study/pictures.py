@@ -40,6 +40,7 @@ class Crop:
 
     @property
     def aspect(self) -> float:
+        """Height over width."""
         return (self.top - self.bottom) / (self.right - self.left)
 
 
@@ -58,6 +59,7 @@ def smaller(png: bytes) -> bytes:
 
 
 def frame_of(run: Run) -> Frame:
+    """Axes of a run's pictures."""
     x, _, z = run.scene.target_m
     return Frame(pixel_m=run.pixel_m, centre_m=(x, z))
 
@@ -103,7 +105,14 @@ def _crop(axes: Axes, crop: Crop) -> None:
 def maps_figure(
     runs: Mapping[str, Run], *, title: str, crop: Crop | None = None, columns: int = _COLUMNS
 ) -> bytes:
-    """PNG of several DIT maps in one scale: hue = T_app, saturation = emissivity."""
+    """PNG of several DIT maps in one scale: hue = T_app, saturation = emissivity.
+
+    Args:
+        runs: by title.
+        title: above all.
+        crop: part of the picture; None is all.
+        columns: side by side.
+    """
     crop = crop or Crop()
     range_K, full = shared_scale(list(runs.values()))
     figure, panels = _grid(list(runs), crop, title=title, columns=columns)
@@ -150,7 +159,17 @@ def changes_figure(
     columns: int = _COLUMNS,
     label: str = "difference of apparent temperature / K",
 ) -> bytes:
-    """PNG of differences (H, W) in one diverging scale, white at zero; NaN is grey."""
+    """PNG of differences in one diverging scale, white at zero; NaN is grey.
+
+    Args:
+        changes: (H, W) by title.
+        frame: axes.
+        title: above all.
+        limit_K: end of the scale.
+        crop: part of the picture; None is all.
+        columns: side by side.
+        label: of the scale.
+    """
     crop = crop or Crop()
     figure, panels = _grid(list(changes), crop, title=title, columns=columns)
     norm = Normalize(-limit_K, limit_K)

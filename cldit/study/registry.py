@@ -41,7 +41,7 @@ STUDIES: dict[str, Callable[[Lab], Page]] = {
 
 
 def run_study(name: str, lab: Lab) -> Page:
-    """Runs one study; what it needs and the cache holds is not computed again.
+    """Runs the study `name` in `lab`; what it needs and the cache holds is not computed again.
 
     Raises:
         StudyError: no such study.

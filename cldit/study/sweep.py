@@ -20,7 +20,7 @@ from typing import Any
 from cldit.content import digest
 from cldit.errors import ClditError, StudyError
 from cldit.gpu.device import Device, list_devices, open_device
-from cldit.run import KeptRuns, default_cache
+from cldit.run import RunCache, default_cache
 from cldit.run.content import trace_key
 from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene
@@ -70,14 +70,17 @@ def run_sweep(
     """Traces and evaluates every scene of a grid; the same call goes on where it was stopped.
 
     Args:
+        base: scene to begin with.
+        out: folder of the results.
         scheduler: address of a running dask scheduler; None starts workers on this machine.
         workers: on this machine; None is one a GPU, or one a core where there is none.
         cache: folder that workers keep tables, sprays and traces in; None is theirs by default.
+        watch: called after each trace.
 
     Raises:
         SceneError: a scene of the grid is not allowed.
-        StudyError: scenes of different pictures, a folder of something else, no such scheduler,
-            or the extra `studies` is not installed.
+        StudyError: scenes of different pictures, a folder of something else, no such scheduler, or
+            the extra `studies` is not installed.
     """
     points = list(grid.points(base))
     _check_pictures(points)
@@ -152,22 +155,22 @@ def _results(client: Any, groups: list[list[Point]], cache: Path | None) -> Iter
 
 
 def _spray(spec: LagrangianSpray, cache: Path | None) -> Spray:
-    """On a worker."""
+    """Computes a spray on a worker."""
     return make_spray(spec, cache=cache or default_cache())
 
 
 def _group(group: list[Point], spray: Spray | None, cache: Path | None) -> Finished:
-    """On a worker: one trace, evaluated for every scene that it serves.
+    """Makes one trace on a worker, and evaluates it for every scene that it serves.
 
     What cldit refuses is a result, so that the other scenes go on; all else is dask's to report.
     """
-    kept = KeptRuns(cache or default_cache())
+    runs = RunCache(cache or default_cache())
     worker = f"{os.uname().nodename}:{os.getpid()}"
     finished: Finished = []
     for point in group:
         start = time.perf_counter()
         try:
-            run = kept.run(
+            run = runs.run(
                 point.scene, device=_device(), spray=None if spray is None else lambda: spray
             )
             found: Result | str = Result.of(run)

@@ -23,6 +23,7 @@ class Verdict:
 
     @property
     def agrees(self) -> bool:
+        """Whether the number is within the bounds."""
         if not math.isfinite(self.value):
             return False
         above = self.low is None or self.value >= self.low
@@ -30,6 +31,7 @@ class Verdict:
 
     @property
     def found(self) -> str:
+        """The number with its unit."""
         return _with_unit(self.value, self.unit) if math.isfinite(self.value) else "no value"
 
     @property
@@ -45,6 +47,7 @@ class Verdict:
 
     @property
     def word(self) -> str:
+        """`agrees` or `disagrees`."""
         return "agrees" if self.agrees else "disagrees"
 
 

@@ -7,12 +7,11 @@ import io
 import json
 import math
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
 from cldit.errors import StudyError
-from cldit.report.html import document
+from cldit.report.html import render
 from cldit.scene import dump_scene
 from cldit.study.page import Page, Row, markdown_table, page_html, page_markdown, picture_file
 
@@ -20,7 +19,13 @@ from cldit.study.page import Page, Row, markdown_table, page_html, page_markdown
 def write_page(page: Page, folder: Path, *, markdown_only: bool = False) -> Path:
     """Writes NAME.md, .json and the pictures, and NAME.html, .csv and the scenes too.
 
-    Returns the page's path: HTML, or Markdown where only that is wanted.
+    Args:
+        page: of a study.
+        folder: made if need be.
+        markdown_only: nothing but Markdown, JSON and pictures.
+
+    Returns:
+        The page's path: HTML, or Markdown where only that is wanted.
 
     Raises:
         StudyError: a file cannot be written.
@@ -94,7 +99,15 @@ def _json(page: Page) -> str:
 
 
 def write_overview(folder: Path, names: Sequence[str], *, markdown_only: bool = False) -> Path:
-    """overview.md and overview.html: a line for each of `names` whose page lies in the folder.
+    """Writes overview.md and .html: a line for each of `names` whose page lies in the folder.
+
+    Args:
+        folder: with the pages.
+        names: of studies.
+        markdown_only: no HTML.
+
+    Returns:
+        The overview's path: HTML, or Markdown where only that is wanted.
 
     Raises:
         StudyError: a page's file is damaged, or the overview cannot be written.
@@ -121,14 +134,10 @@ def write_overview(folder: Path, names: Sequence[str], *, markdown_only: bool = 
     linked = [
         [f"[{row[0]}]({one['study']}.md)", *row[1:]] for one, row in zip(told, rows, strict=True)
     ]
-    lines = "".join(
-        f'<p><a href="{one["study"]}.html">{escape(row[0])}</a> ({escape(row[1])}, {row[2]}, '
-        f"{row[3]} s): {escape(row[4])}</p>\n"
-        for one, row in zip(told, rows, strict=True)
-    )
     texts = {"md": f"# The paper's studies\n\n{markdown_table(titles, linked)}\n"}
     if not markdown_only:
-        texts["html"] = document("The paper's studies", "", [("", lines)])
+        lines = [(f"{one['study']}.html", row) for one, row in zip(told, rows, strict=True)]
+        texts["html"] = render("overview.html", lines=lines)
     try:
         for ending, text in texts.items():
             (folder / f"overview.{ending}").write_text(text, encoding="utf-8")

@@ -1,8 +1,9 @@
-"""Moments of light over the directions that it comes from, to the second order, and of sources.
+"""Angular moments of radiance and of sources, to the second order.
 
-Of light I: its mean J; F = mean of I d; Q = mean of I (d d - 1/3), of which xx, yy, xy, xz and yz
-tell the rest, for Q is symmetric and has no trace. Scattering by a phase function of Legendre
-moments 1, g, h sends back along d
+They serve the moment source (stage 2 of `trace_source`) and the sweeps after it. The radiance I has
+the mean J, F = mean of I d, and Q = mean of I (d d - 1/3). Q is symmetric and has no trace, so xx,
+yy, xy, xz and yz suffice. A phase function of Legendre moments 1, g, h gives the source along d
+(Modest, Radiative Heat Transfer, ch. 16: spherical harmonics)
 
     albedo (J + 3 g F . d + 15/2 h d . Q d).
 """
@@ -18,17 +19,21 @@ MOMENTS = 9  # the mean, three of the first order, five of the second
 
 
 def discrete_to_moment(unit: Floats) -> Floats:
-    """(8, N): by what light from unit vectors (N, 3) counts in each moment but the mean."""
+    """Weights (8, N) of radiance from unit vectors (N, 3) in each moment but the mean."""
     x, y, z = unit.T
     return np.stack([x, y, z, x * x - 1 / 3, y * y - 1 / 3, x * y, x * z, y * z])
 
 
 def moment_to_discrete(unit: Floats) -> Floats:
-    """(8, N): by what each moment of a source counts, seen along unit vectors (N, 3)."""
+    """Weights (8, N) of a source's moments but the mean in the source along unit vectors (N, 3)."""
     x, y, z = unit.T
     return np.stack([x, y, z, x * x - z * z, y * y - z * z, x * y, x * z, y * z])
 
 
 def phase_coefficients(first: float, second: float) -> Floats:
-    """(8,): what a source has of each of the light's, by the phase function's g and h."""
+    """Ratios (8,) of a source's moments to the radiance's, over the albedo.
+
+    Args:
+        first, second: Legendre moments g and h of the phase function.
+    """
     return np.array([*[3 * first] * 3, *[7.5 * second] * 2, *[15 * second] * 3])

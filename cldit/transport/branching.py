@@ -1,4 +1,4 @@
-"""The paper's ray tracing (Section "Ray Tracing"), to compare its cost and its results with."""
+"""The paper's ray tracing (Section "Ray Tracing"), the method `branching`, for comparison."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ def trace_branching(
     settings: Settings,
     report: Callable[[str], None] | None,
 ) -> Trace:
-    """Weights as the paper has them; what is left of a ray at the cut-off is lost, as there.
+    """Weights by the paper's method; light below the cut-off is dropped, as there.
+
+    Args:
+        report: takes lines of progress.
 
     Raises:
         TransportError: no order is given, or one above 3; the phase function is not isotropic.
@@ -61,20 +64,22 @@ def trace_branching(
     albedo[cells.address] = cells.albedo
     outs = []
     for program, (one, mine) in zip(programs, divided, strict=True):
-        out = zeros(one, "picture", components * rows * columns, real)
+        out = zeros(one, "image", components * rows * columns, real)
         rays = zeros(one, "rays", rows * columns, np.uint32)
         if mine:
-            program["branching"](
-                one.queue,
-                *view.tiles(one, len(mine)),
-                out,
-                rays,
-                np.array([settings.seed, 1], np.uint32),
-                *upload_tree(one, cells, real),
-                upload(one, "thermal source", cells.thermal_planes(real)),
-                upload(one, "albedo", albedo),
-                *view.arguments(one, cells, real),
-                global_offset=(0, mine.start),
+            program.launch(
+                "branching",
+                *view.tiles(program, "branching", len(mine)),
+                {
+                    "weights": out,
+                    "started": rays,
+                    "key": np.array([settings.seed, 1], np.uint32),
+                    "thermal": upload(one, "thermal source", cells.thermal_planes(real)),
+                    "albedo": upload(one, "albedo", albedo),
+                    **upload_tree(one, cells, real),
+                    **view.geometry(one, cells, real),
+                },
+                offset=(0, mine.start),
             )
             one.queue.flush()  # the next device starts while this one works
         outs.append((out, rays))
@@ -88,7 +93,7 @@ def trace_branching(
     if report is not None:
         report(f"{count} rays started by scattering")
     planes = image.astype(np.float64)
-    # What is left of a ray at the cut-off is lost, on the line of sight and on later ones.
+    # Light below the cut-off is dropped, on the line of sight and on later rays.
     closure = EnergyBalance.of(
         planes[: cells.needs.boundaries],
         planes[-1],

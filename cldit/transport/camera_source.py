@@ -1,9 +1,9 @@
-"""Final sweeps: what every scattering cell sends to the camera, and what the final gather needs.
+"""Final sweeps: the source function of every scattering cell to the camera (stage 3).
 
-The final sweeps find the light in each cell as the camera sees it, and keep the radiance on the
-interfaces of thick cells, in which path segments of the final gather end. What cells scatter to the
-camera goes by the phase function itself. The ordinates are in two halves: the difference of both
-estimates tells how far they are from what more ordinates would give.
+The final sweeps of `trace_source` find the mean radiance of each cell, weighted by the phase
+function for scattering to the camera. They also store the radiance on the interfaces of the thick
+region, in which path segments of the final gather end. The ordinates are in two halves; the
+difference of both estimates tells how far they are from more ordinates.
 """
 
 from __future__ import annotations
@@ -32,11 +32,12 @@ Reals = NDArray[np.floating]  # of the device's precision
 
 @dataclass(frozen=True)
 class CameraSource:
-    """What the scattering cells send to the camera.
+    """Sources of the scattering cells to the camera, in units as `OpticalCells.emitted`.
 
-    halves: two estimates (C, N), each by half of the final ordinates. gradient (3, C, N): change
-    along x, y, z across cells, where settings want it. defect (N,): what the sweeps make or lose of
-    a cavity's radiance of 1. cell_sources: what path segments meet; None where no cell is thick.
+    halves: two estimates (C, N), each by half of the final ordinates.
+    gradient: (3, C, N) spatial gradient along x, y, z, per cell; None: sources are constant.
+    defect: (N,) error of the sweeps in a cavity of radiance 1.
+    cell_sources: sources and radiance for the final gather; None where no cell is thick.
     """
 
     halves: tuple[Reals, Reals]
@@ -49,14 +50,14 @@ class CameraSource:
 
 
 def order_0_source(medium: OpticalCells, real: type[np.floating]) -> CameraSource:
-    """Nothing is swept: whatever is scattered comes from the wall (paper, "Ray Tracing")."""
+    """The source of order 0: all scattered light comes from the wall (paper, "Ray Tracing")."""
     source = medium.thermal_source()
     source[1] += medium.albedo
-    sent = source.astype(real)
+    camera = source.astype(real)
     return CameraSource(
-        halves=(sent, sent),
+        halves=(camera, camera),
         gradient=None,
-        solution=Solution(sent, 0, 0.0, 0.0),
+        solution=Solution(camera, 0, 0.0, 0.0),
         defect=np.zeros(len(medium.address)),
         cell_sources=None,
         programs=(),
@@ -65,7 +66,7 @@ def order_0_source(medium: OpticalCells, real: type[np.floating]) -> CameraSourc
 
 
 def final_sweeps(problem: SweepProblem, final: FinalSource) -> CameraSource:
-    """Sweeps both halves of the final ordinates, and scatters what they find to the camera."""
+    """Sweeps both halves of the final ordinates and scatters the radiance to the camera."""
     settings, medium, sweeper = problem.settings, problem.medium, final.sweeper
     region, program = problem.region, problem.final_program
     rng = np.random.default_rng([settings.seed, 1])  # alike whatever the order, to compare orders
@@ -86,9 +87,9 @@ def final_sweeps(problem: SweepProblem, final: FinalSource) -> CameraSource:
     halves: list[Reals] = []
     gradients: list[Reals] = []
     for number, ordinates in enumerate(sets):
-        kept = None if interfaces is None else interfaces.after(number * problem.half)
-        found, gradient = _swept(problem, final, camera, ordinates, kept)
-        mean = found.reshape(light.shape).astype(np.float64)
+        stored = None if interfaces is None else interfaces.after(number * problem.half)
+        radiance, gradient = _swept(problem, final, camera, ordinates, stored)
+        mean = radiance.reshape(light.shape).astype(np.float64)
         gradients += [] if gradient is None else [gradient]
         halves.append((thermal + medium.albedo * mean).astype(sweeper.real))
         light += (mean / 2).astype(sweeper.real)
@@ -98,12 +99,12 @@ def final_sweeps(problem: SweepProblem, final: FinalSource) -> CameraSource:
     cell_sources = None
     if region is not None and interfaces is not None:
         joined = Ordinates.joined([ordinates.directions for ordinates in sets])
-        met = records(problem, region, final, light=light, gradient=gradient)
-        cell_sources = CellSources(joined, interfaces, program, met)
+        record = records(problem, region, final, light=light, gradient=gradient)
+        cell_sources = CellSources(joined, interfaces, program, record)
     return CameraSource(
         halves=(halves[0], halves[1]),
-        gradient=_sent_gradient(problem, final, light, gradient),
-        solution=replace(final.solution, towards=np.mean(halves, axis=0)),
+        gradient=_source_gradient(problem, final, light, gradient),
+        solution=replace(final.solution, camera_source=np.mean(halves, axis=0)),
         defect=final.defect,
         cell_sources=cell_sources,
         programs=(problem.update, *final.programs, program),
@@ -112,7 +113,7 @@ def final_sweeps(problem: SweepProblem, final: FinalSource) -> CameraSource:
 
 
 def _camera_sweep(problem: SweepProblem, final: FinalSource) -> CameraSweep | None:
-    """What sweeps need that weight light by how it is scattered to the camera; None: all alike."""
+    """The camera's weights of ordinates; None: those of the quadrature alone."""
     settings, view = problem.settings, problem.view
     if "CAMERA_SWEEP" not in problem.final_program.defines:
         return None
@@ -128,27 +129,26 @@ def _swept(
     ordinates: DeviceOrdinates,
     interfaces: InterfaceRadiance | None,
 ) -> tuple[Reals, Reals | None]:
-    """The light (C, N) that the camera sees in the cells, and its gradient (3, C, K) across the
-    linear ones as far as the source's own does not tell it."""
+    """Mean radiance (C, N) with the camera's weights, and gradient (3, C, K) of I - S."""
     sweeper = final.sweeper
     if camera is not None:
         return sweeper.view_weighted_mean(camera, ordinates, interfaces)
-    found = np.empty((1, sweeper.components, sweeper.count), sweeper.real)
-    gradient = sweeper.moments(problem.final_program, ordinates, out=found, interfaces=interfaces)
-    return found, gradient
+    mean = np.empty((1, sweeper.components, sweeper.count), sweeper.real)
+    gradient = sweeper.moments(problem.final_program, ordinates, out=mean, interfaces=interfaces)
+    return mean, gradient
 
 
-def _sent_gradient(
+def _source_gradient(
     problem: SweepProblem, final: FinalSource, light: Reals, gradient: Reals | None
 ) -> Reals | None:
-    """Gradient (3, C, N) of what cells send to the camera, of that of the light."""
+    """Spatial gradient (3, C, N) of the source to the camera, from that of the radiance."""
     medium = problem.medium
     if not problem.settings.within_cells:
         return None
     known = None if gradient is None else (final.sweeper.linear_cells, gradient)
-    sent = spatial_gradients(light, medium, medium.box(), known)
-    sent *= medium.albedo.astype(sent.dtype)
-    return sent
+    source = spatial_gradients(light, medium, medium.box(), known)
+    source *= medium.albedo.astype(source.dtype)
+    return source
 
 
 def _counts(medium: OpticalCells, sweeps: int) -> dict[str, int]:

@@ -1,7 +1,7 @@
-"""The stored cells that hold anything, and their records as kernels/image.cl reads them.
+"""Records of the non-empty cells as kernels/image.cl reads them (stage 4 of `trace_source`).
 
-What a line of sight needs of a cell lies side by side, so that a cell costs one access to memory,
-not one for each part of the light and each picture.
+All that a line of sight needs of a cell lies side by side: a cell costs one access to memory, not
+one for each component and image.
 """
 
 from __future__ import annotations
@@ -18,8 +18,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class CellRecords:
-    """at (F,): addresses of the cells, those that scatter first; number (P,) int32: of a stored
-    cell among them, or -1."""
+    """The non-empty cells, those that scatter first.
+
+    at: (F,) their addresses. number: (P,) int32 row of each stored cell, -1 where it is empty.
+    """
 
     cells: OpticalCells
     at: NDArray[np.int64]
@@ -27,6 +29,7 @@ class CellRecords:
 
     @classmethod
     def of(cls, cells: OpticalCells) -> CellRecords:
+        """Of all stored cells of optical depth above 0."""
         others = cells.depth > 0
         others[cells.address] = False
         at = np.concatenate([cells.address, np.flatnonzero(others)])
@@ -42,13 +45,15 @@ class CellRecords:
         control_variate: NDArray[np.floating] | None,
         real: type[np.floating],
     ) -> NDArray[np.floating]:
-        """(F, R): optical depth of a cell's edge; with `thick`, albedo of thick cells, else 0; and
-        for each picture its source, and the source of what is emitted at radiance 1.
+        """Records (F, R), in the type `real`.
 
-        listed, defect, thick, control_variate: as in `FormalSolution.images`. Where nothing
-        scatters
-        the source
-        has emitters alone, and what is emitted at radiance 1 is not stored: it is 1.
+        A record has the optical depth of the cell's edge; with `thick`, the albedo of thick cells,
+        else 0; and for each image the source of all components and the emission at radiance 1.
+        Where nothing scatters it has emitters alone; the emission at radiance 1 is then 1.
+
+        Args:
+            listed, defect, control_variate: as in `FormalSolution.images`.
+            thick: (T,) which scattering cells the final gather refines; None: there is no gather.
         """
         cells, needs = self.cells, self.cells.needs
         thermal = cells.thermal_planes(real, self.at).T
@@ -61,26 +66,25 @@ class CellRecords:
         row = self.number[cells.address]
         if thick is not None:
             out[row[thick], 1] = cells.albedo[thick]
-        for picture, source in enumerate(listed):
-            mine = out[:, first + parts * picture : first + parts * (picture + 1)]
+        for image, source in enumerate(listed):
+            mine = out[:, first + parts * image : first + parts * (image + 1)]
             mine[:, needs.boundaries : -1] = thermal
             mine[:, -1] = 1.0
             if source is None:
                 continue
-            one_minus_lambda = cells.albedo * defect
+            made = cells.albedo * defect
             value = np.empty((len(row), parts), real)
             value[:, :-1] = source.T
-            value[:, -1] = (
-                1.0 - source[: needs.boundaries].sum(axis=0, dtype=np.float64) + one_minus_lambda
-            )
+            outside = source[: needs.boundaries].sum(axis=0, dtype=np.float64)
+            value[:, -1] = 1.0 - outside + made
             if thick is not None:
-                # Flights find what is scattered, or what it is more than what was expected.
+                # The gather adds what is scattered, or its difference from the control variate.
                 value[thick, :-1] = 0.0
-                value[thick, -1] = (cells.coalbedo + one_minus_lambda)[thick]
+                value[thick, -1] = (cells.coalbedo + made)[thick]
                 if control_variate is not None:
-                    sent = cells.albedo[thick] * control_variate
-                    value[thick, :-1] = sent.T
-                    outside = sent[: needs.boundaries].sum(axis=0)
+                    scattered = cells.albedo[thick] * control_variate
+                    value[thick, :-1] = scattered.T
+                    outside = scattered[: needs.boundaries].sum(axis=0)
                     value[thick, -1] += cells.albedo[thick] - outside
                 value[thick, needs.boundaries : -1] += thermal[row[thick]]
             mine[row] = value

@@ -1,4 +1,7 @@
-"""The octree's coefficients as the kernels read them: optical depths, sources, albedos."""
+"""The octree's coefficients as the kernels read them: optical depths, sources, albedos.
+
+Every method and all stages of `trace_source` take their medium from here.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ _FAINTEST = 1e-3  # of the hottest black body: unit of thermal sources where all
 
 @dataclass(frozen=True)
 class Needs:
-    """What a scene needs; everything else is left out of the kernels when they are compiled."""
+    """Physics that a scene needs; kernels are compiled without the rest."""
 
     vapour: bool
     droplets: bool
@@ -36,7 +39,7 @@ class Needs:
         return tuple(name for name, there in present.items() if there)
 
     def with_(self, other: Needs) -> Needs:
-        """What either needs."""
+        """The union of both."""
         return Needs(
             vapour=self.vapour or other.vapour,
             droplets=self.droplets or other.droplets,
@@ -46,11 +49,12 @@ class Needs:
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Names of the light's parts, in the kernels' order."""
+        """Names of all components, in the kernels' order (kernels/components.h)."""
         return ("background", "wall", *self.patches, *self.emitters)
 
     @property
     def defines(self) -> dict[str, int]:
+        """Compile-time defines of the kernels."""
         flags = {
             "HAS_VAPOUR": self.vapour,
             "HAS_DROPLETS": self.droplets,
@@ -69,6 +73,7 @@ class Box:
 
     @property
     def cells(self) -> int:
+        """Number of cells."""
         return int(np.prod(self.shape))
 
 
@@ -76,12 +81,14 @@ class Box:
 class OpticalCells:
     """Stored cells and coarse leaves, in the octree's addresses.
 
-    depth (P,): optical depth of a finest cell's edge. emitted: thermal part of the source function
-    a name of `needs.components`, in units of `scale` (photons s-1 m-2 sr-1): the largest of them,
-    but at least a thousandth of the black-body radiance of what is hottest: many scatterings of
-    little emission add up to that, and single precision resolves no more. address (N,): the
-    scattering cells; albedo, coalbedo (N,): scattered and absorbed share of what they take out;
-    both are kept because 1 - albedo is lost to rounding where it is small.
+    depth: (P,) optical depth of a finest cell's edge.
+    emitted: (P,) thermal part of the source function for each of `needs.emitters`, over `scale`.
+    scale: unit of `emitted`, photons s-1 m-2 sr-1: the largest thermal source, but at least a
+        thousandth of the hottest phase's black-body radiance. Many scatterings of little emission
+        add up to that, and single precision resolves no more.
+    address: (N,) the scattering cells.
+    albedo, coalbedo: (N,) scattered and absorbed share of the extinction. Both are stored: where
+        1 - albedo is small, it would be rounded away.
     """
 
     tree: Octree
@@ -104,9 +111,10 @@ class OpticalCells:
     ) -> OpticalCells:
         """Coefficients of a tree, in double precision.
 
-        patches: names of the enclosure's. scattered: share of the scattering that counts; 1 - g is
-        the transport correction. compiled_in: what is to be compiled though nothing needs it, to
-        see what that costs.
+        Args:
+            patches: names of the enclosure's patches.
+            scattered: share of the scattering that counts; 1 - g is the transport correction.
+            compiled_in: physics to compile even if unused, to measure its cost.
         """
         fields = tree.fields
         absorption = fields["vapour_absorption"].astype(np.float64)
@@ -155,7 +163,7 @@ class OpticalCells:
     def thermal_planes(
         self, real: type[np.floating], at: NDArray[np.int64] | slice = slice(None)
     ) -> NDArray[np.floating]:
-        """Thermal source (E, P) of the components `needs.emitters`; at: of which addresses."""
+        """Thermal source (E, P) of `needs.emitters`, in the type `real`, at the addresses `at`."""
         planes = [self.emitted[name][at].astype(real) for name in self.needs.emitters]
         return np.stack(planes) if planes else np.zeros((0, len(self.depth[at])), real)
 
@@ -166,8 +174,7 @@ class OpticalCells:
     def box(self) -> Box:
         """The smallest box of whole bricks around all divided bricks: what is swept.
 
-        Undivided leaves outside it are thinner than the octree's bound each, and are left to the
-        image.
+        Undivided leaves outside it are thinner than the octree's bound; only the image has them.
         """
         return self._around(self.tree.directory >= 0)
 
@@ -199,7 +206,7 @@ class OpticalCells:
         return np.where(slot >= 0, slot * _BRICK_CELLS + (z * BRICK + y) * BRICK + x, -1)
 
     def dense(self, box: Box, values: NDArray[Any]) -> NDArray[Any]:
-        """Values of stored cells in the box, [z, y, x]; coarse leaves in it are left at 0."""
+        """Values (P,) of stored cells as a dense box [z, y, x]; coarse leaves in it are 0."""
         z, y, x = np.nonzero(self.tree.directory >= 0)
         slot = self.tree.directory[z, y, x]
         bx, by, bz = (low // BRICK for low in box.low)
@@ -212,7 +219,7 @@ class OpticalCells:
         return padded[:nz, :ny, :nx]
 
     def place(self, box: Box, address: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Where stored addresses lie in the box's flat [z, y, x] order."""
+        """Places (N,) of stored addresses in the box's flat [z, y, x] order."""
         x, y, z = (self.positions(address) - np.asarray(box.low)).T
         return np.asarray((z * box.shape[1] + y) * box.shape[0] + x)
 

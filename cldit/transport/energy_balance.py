@@ -1,14 +1,14 @@
-"""Whether light is kept: the weights of what is outside, and of an emission of 1 within, make 1.
+"""Energy balance: the boundary's weights and an isothermal emission of 1 sum to 1 in every pixel.
 
-In a medium and an enclosure at one temperature every line of sight sees the same radiance (second
-law). The kernels therefore carry one number more a pixel: what the medium would add if it had the
-enclosure's temperature. Nothing is scaled to make the sum 1; a trace whose sum is not is refused.
+In a medium and an enclosure at one temperature every line of sight has the same radiance (second
+law). So the kernels carry one more plane: what the medium adds at the enclosure's temperature.
+Nothing is scaled to make the sum 1; a trace whose sum is off is refused.
 
-For `source` that number holds what would be wrong with the solution:
+With method `source` the plane holds the errors of the solution (end of `trace_source`):
 
-- the image's own rounding and what a cut-off would lose;
-- the defect of the sweeps, measured: in a medium and an enclosure of radiance 1 they must find a
-  mean radiance of 1 in every cell (`Sweeper.defect`, on a few directions);
+- rounding of the image, and what the cut-off leaves out;
+- the measured defect of the sweeps: in a medium and an enclosure of radiance 1 they must find a
+  mean radiance of 1 in every cell (`Sweeper.defect`, with few ordinates);
 - the residual with which the solver ended.
 """
 
@@ -22,16 +22,16 @@ from numpy.typing import NDArray
 
 from cldit.errors import TransportError
 
-_FEW = 10  # pixels that do not tell their noise
+_FEW = 10  # pixels, too few to estimate their noise
 
 
 @dataclass(frozen=True)
 class EnergyBalance:
-    """How far the sum of weights is from 1.
+    """Departure of the sum of weights from 1.
 
-    largest: departure of the worst pixel, with its sign; pixel: row and column of it. mean: over
-    the pixels that see the medium. value: which of the two must keep within `bound`: "largest", or
-    "mean" where every pixel has noise of its own.
+    largest: signed departure of the worst pixel. mean: over the pixels that see the medium.
+    pixel: row and column of the worst.
+    bound: allowed for `value`, "largest", or "mean" where every pixel has noise of its own.
     """
 
     largest: float
@@ -49,11 +49,15 @@ class EnergyBalance:
         bound: float,
         noise: float = 0.0,
     ) -> EnergyBalance:
-        """From weights of the boundary (B, H, W) and the part from within (H, W).
+        """The balance of an image.
 
-        noise: 0, or the sums scatter from pixel to pixel without bias; `bound` then holds for their
-        mean, with five of its standard errors on top. Fewer than ten pixels do not tell these;
-        their mean may be off by `noise` at least.
+        Args:
+            outside: (B, H, W) weights of the boundary.
+            within: (H, W) what the medium adds at radiance 1.
+            bound: allowed departure.
+            noise: 0, or the sums scatter from pixel to pixel without bias. Then `bound` is for the
+                mean, plus five of its standard errors. Fewer than ten pixels cannot tell these;
+                `noise` is then the least bound.
 
         Raises:
             TransportError: the sum is not finite, or further than the bound from 1.
@@ -69,16 +73,16 @@ class EnergyBalance:
         if noise and seen.size < _FEW:
             bound = max(bound, noise)
         value = "mean" if noise else "largest"
-        found = cls(float(left.flat[at]), mean, (row, column), bound, value)
-        bad = mean if noise else found.largest
-        if not np.isfinite(found.largest) or not abs(bad) <= bound:
+        balance = cls(float(left.flat[at]), mean, (row, column), bound, value)
+        bad = mean if noise else balance.largest
+        if not np.isfinite(balance.largest) or not abs(bad) <= bound:
             raise TransportError(
                 f"light is made or lost: weights and isothermal emission sum to 1 {bad:+.3g} "
                 f"({value}), allowed is {bound:.2g}; worst is the pixel in row {row}, column "
-                f"{column} with {found.largest:+.3g}. This trace cannot be trusted; try "
+                f"{column} with {balance.largest:+.3g}. This trace cannot be trusted; try "
                 "transport.precision: float64, and if that does not help another device"
             )
-        return found
+        return balance
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; `from_dict` reads it."""
@@ -86,5 +90,6 @@ class EnergyBalance:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> EnergyBalance:
+        """Reads `to_dict`."""
         row, column = data["pixel"]
         return cls(**{**data, "pixel": (int(row), int(column))})

@@ -1,4 +1,7 @@
-"""Pictures of a solved medium: rays from the camera, on one device or split between several."""
+"""Formal solution of the equation of transfer along lines of sight: images (stage 4).
+
+One ray a pixel, or several, by octree traversal (kernels/image.cl), on one device or several.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +24,8 @@ from cldit.transport.view import View, upload_directory
 
 Floats = NDArray[np.float64]
 Reals = NDArray[np.floating]  # of the device's precision
-# From pixels (N,), rays across each, what else they see (C, N), and the number of other pixels that
-# have a T_app: what to add to each picture, (pictures, C + 1, N).
+# From pixels (N,), rays across each, their weights so far (C, N), and the number of other pixels
+# that have a T_app: what to add to each image, (images, C + 1, N).
 Gathered = Callable[[NDArray[np.int64], int, Reals, int], Floats]
 
 _ACROSS = {1: 1, 4: 2, 16: 4, 64: 8, "adaptive": 4}
@@ -31,21 +34,23 @@ _GROUP = 64
 
 @dataclass(frozen=True)
 class _Part:
-    """One device, and the rows of the picture that it makes."""
+    """One device, and the rows of the image that it makes."""
 
     device: Device
     program: Program
     rows: range
-    tree: list[Any]  # kernel arguments `directory` to `number`
-    arguments: list[Any]
+    arguments: dict[str, Any]  # of either kernel: the octree and the geometry
 
 
 @dataclass(frozen=True)
 class FormalSolution:
-    """Makes pictures of a medium with sources that are given, `at_once` of them together.
+    """Makes images of a medium with given sources.
 
-    parts: one a device; every device holds all of the medium. thick: which of the scattering cells
-    are left to be gathered.
+    accuracy_K: largest error to leave in T_app of pixels, with adaptive rays.
+    real: the device's precision.
+    parts: one a device; every device holds all of the medium.
+    at_once: images that share one traversal.
+    thick: (T,) which scattering cells are left to the final gather; None: there is no gather.
     """
 
     cells: OpticalCells
@@ -53,7 +58,7 @@ class FormalSolution:
     scene: Scene
     accuracy_K: float
     real: type[np.floating]
-    filled: CellRecords
+    cell_records: CellRecords
     parts: tuple[_Part, ...]
     at_once: int
     thick: NDArray[np.int64] | None
@@ -72,7 +77,12 @@ class FormalSolution:
         at_once: int = 1,
         linear: bool = False,
     ) -> FormalSolution:
-        """Builds the programs; raises as `trace`. linear: sources change across cells."""
+        """Builds the programs and uploads the octree; raises as `trace`.
+
+        Args:
+            defines: of the kernels.
+            linear: whether sources have spatial gradients.
+        """
         defines = {**defines, "IMAGES": at_once}
         if thick is not None:
             defines["GATHER"] = 1
@@ -82,21 +92,21 @@ class FormalSolution:
         rays = scene.camera.rays_per_pixel
         if rays != 1:
             defines["RAYS_ACROSS"] = _ACROSS[rays]
-        filled = CellRecords.of(cells)
+        cell_records = CellRecords.of(cells)
         parts = [
             _Part(
                 device=one,
                 program=build(one, "image.cl", defines),
                 rows=rows,
-                tree=[
-                    *upload_directory(one, cells),
-                    upload(one, "records' numbers", filled.number),
-                ],
-                arguments=view.arguments(one, cells, real),
+                arguments={
+                    **upload_directory(one, cells),
+                    "number": upload(one, "records' numbers", cell_records.number),
+                    **view.geometry(one, cells, real),
+                },
             )
             for one, rows in shares(device, view.pixels[1])
         ]
-        return cls(cells, view, scene, accuracy_K, real, filled, tuple(parts), at_once, thick)
+        return cls(cells, view, scene, accuracy_K, real, cell_records, tuple(parts), at_once, thick)
 
     def images(
         self,
@@ -107,15 +117,19 @@ class FormalSolution:
         gradient: NDArray[np.floating] | None = None,
         control_variate: NDArray[np.floating] | None = None,
     ) -> tuple[list[Reals], int]:
-        """Weights (C + 1, H, W), the part from within last (see closure.py), one picture for each
-        source (C, N) of the scattering cells, and the number of pixels with more than one ray.
+        """Images of sources, and the number of pixels with more than one ray.
 
-        listed: `at_once` of them; None where nothing scatters. defect (N,): of the mean radiance in
-        a cavity of radiance 1. gather: adds what thick cells scatter; needed if `thick` was given.
-        gradient (3, C, N): of the sources across cells, alike for all; needed with `linear`.
-        control_variate (C, T): light that thick cells scatter to the camera, where `gather` says
-        how much
-        more it is.
+        Args:
+            listed: `at_once` sources (C, N) of the scattering cells; None where nothing scatters.
+            defect: (N,) error of the mean radiance in a cavity of radiance 1.
+            gather: adds what thick cells scatter; needed with `thick`.
+            gradient: (3, C, N) spatial gradient of all of the sources; needed with `linear`.
+            control_variate: (C, T) mean radiance that thick cells scatter, without the remainder
+                that `gather` adds.
+
+        Returns:
+            Weights (C + 1, H, W) of each image, the part from within the medium last (see
+            energy_balance.py); and the number of pixels.
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
@@ -126,7 +140,7 @@ class FormalSolution:
         if rays in (1, "adaptive"):
             images, left = self._images(self._whole(records))
             self._gather(images, left, every, 1, gather)
-        if rays == "adaptive":  # all of a run's pictures alike
+        if rays == "adaptive":  # the same pixels for all images
             whole = images[0, :-1].reshape(-1, rows, columns)
             pixels = pixels_to_refine(whole, self.cells, self.scene, accuracy_K=self.accuracy_K)
         if pixels is not None and len(pixels):
@@ -145,22 +159,22 @@ class FormalSolution:
         defect: Floats,
         gradient: NDArray[np.floating] | None,
         control_variate: NDArray[np.floating] | None,
-    ) -> list[list[Any]]:
-        """On each device: kernel arguments from `records` to before `coarse`."""
-        made = self.filled.records(listed, defect, self.thick, control_variate, self.real)
-        records = [[upload(part.device, "records", made)] for part in self.parts]
+    ) -> list[dict[str, Any]]:
+        """On each device: kernel arguments of the cells' sources."""
+        made = self.cell_records.records(listed, defect, self.thick, control_variate, self.real)
+        records = [{"records": upload(part.device, "records", made)} for part in self.parts]
         if gradient is None:
             return records
-        changes = gradient.reshape(-1, gradient.shape[2]).T.astype(self.real)
+        table = gradient.reshape(-1, gradient.shape[2]).T.astype(self.real)
         if self.thick is not None:
-            changes[self.thick] = 0.0
+            table[self.thick] = 0.0
         for part, some in zip(self.parts, records, strict=True):
-            some += [upload(part.device, "changes", changes), np.int32(len(changes))]
+            some["gradient"] = upload(part.device, "gradient", table)
+            some["scattering"] = len(table)
         return records
 
     def _images(self, planes: Reals) -> tuple[Reals, NDArray[np.int64]]:
-        """Pictures (pictures, C + 1, N), of planes (P, N) as kernels make them, and which of the
-        pixels have something left to gather."""
+        """Images (images, C + 1, N) of the kernel's planes (P, N), and pixels left to gather."""
         parts = len(self.cells.needs.components) + 1
         left = np.flatnonzero(planes[-1]) if self.thick is not None else np.zeros(0, np.int64)
         return planes[: self.at_once * parts].reshape(self.at_once, parts, -1), left
@@ -173,7 +187,7 @@ class FormalSolution:
         across: int,
         gather: Gathered | None,
     ) -> None:
-        """Adds what is left of listed pixels to their pictures."""
+        """Adds the gather of pixels that are left to their images."""
         if gather is None or not len(left):
             return
         seen = images[:, :-1, left].mean(axis=0)
@@ -183,25 +197,26 @@ class FormalSolution:
 
     @property
     def _planes(self) -> int:
-        """Of all pictures as kernels make them, and of what is left to gather."""
+        """Number of the kernel's planes: of all images, and of what is left to gather."""
         parts = len(self.cells.needs.components) + 1
         return self.at_once * parts + (0 if self.thick is None else 1)
 
-    def _whole(self, records: list[list[Any]]) -> Reals:
+    def _whole(self, records: list[dict[str, Any]]) -> Reals:
         """One ray through the middle of every pixel: planes (P, H W), each device its rows."""
         columns, rows = self.view.pixels
         outs = []
         for part, some in zip(self.parts, records, strict=True):
-            out = unset(part.device, "picture", self._planes * rows * columns, self.real)
+            out = unset(part.device, "image", self._planes * rows * columns, self.real)
             if part.rows:
-                part.program["image"](
-                    part.device.queue,
-                    *self.view.tiles(part.device, len(part.rows)),
-                    out,
-                    *part.tree,
-                    *some,
-                    *part.arguments,
-                    global_offset=(0, part.rows.start),
+                part.program.launch(
+                    "image",
+                    *self.view.tiles(part.program, "image", len(part.rows)),
+                    {
+                        "planes": out,
+                        **some,
+                        **part.arguments,
+                    },
+                    offset=(0, part.rows.start),
                 )
                 part.device.queue.flush()  # the next device starts while this one works
             outs.append(out)
@@ -213,24 +228,26 @@ class FormalSolution:
                 download(part.device, out, plane[mine], first=first)
         return planes
 
-    def _listed(self, records: list[list[Any]], pixels: NDArray[np.int64]) -> Reals:
+    def _listed(self, records: list[dict[str, Any]], pixels: NDArray[np.int64]) -> Reals:
         """Means, planes (P, N), of several rays through the listed pixels."""
         outs = []
         divided = shares(self.parts[0].device, len(pixels))
         for part, some, (_, mine) in zip(self.parts, records, divided, strict=True):
-            count, group = len(mine), min(_GROUP, part.device.info.largest_group)
-            out = unset(part.device, "picture", self._planes * count, self.real)
+            count = len(mine)
+            out = unset(part.device, "image", self._planes * count, self.real)
             if count:
-                part.program["refine"](
-                    part.device.queue,
-                    (-(-count // group) * group,),
-                    (group,),
-                    out,
-                    upload(part.device, "pixels", pixels[mine.start : mine.stop].astype(np.int32)),
-                    np.int32(count),
-                    *part.tree,
-                    *some,
-                    *part.arguments,
+                some_pixels = pixels[mine.start : mine.stop].astype(np.int32)
+                part.program.launch(
+                    "refine",
+                    (count,),
+                    (min(_GROUP, part.program.largest_group("refine")),),
+                    {
+                        "planes": out,
+                        "list": upload(part.device, "pixels", some_pixels),
+                        "count": count,
+                        **some,
+                        **part.arguments,
+                    },
                 )
                 part.device.queue.flush()
             outs.append((out, count))

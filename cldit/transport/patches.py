@@ -1,6 +1,6 @@
-"""Patches of the enclosure as the kernels read them: planes with a disc or a rectangle in each.
+"""Patches of the enclosure as kernels/boundary.h reads them: a disc or a rectangle in a plane.
 
-A patch is four rows of four numbers, lengths in finest cells:
+A patch is four rows of four numbers; lengths are in finest cells:
 
     normal x, y, z and the plane's offset, normal . p = offset
     centre x, y, z; 0 for a disc (or an ellipse), 1 for a rectangle
@@ -25,7 +25,7 @@ _UPRIGHT = 0.999  # cosine to the z axis above which a patch faces up or down
 
 
 def patch_rows(patches: Sequence[Patch], frame: Frame) -> Floats:
-    """(P, 4, 4), see above, in cells from the cube's lower corner.
+    """Rows (P, 4, 4) of patches, see above, in cells from the cube's lower corner.
 
     The height of a rectangle runs along z, or along y where it faces up or down.
     """
@@ -49,7 +49,7 @@ def patch_rows(patches: Sequence[Patch], frame: Frame) -> Floats:
 
 
 def shifted(rows: Floats, by: Floats) -> Floats:
-    """Rows (P, 4, 4) of patches moved by a vector (3,)."""
+    """Rows (P, 4, 4) of patches that are shifted by a vector (3,)."""
     out = rows.copy()
     out[:, 0, 3] += rows[:, 0, :3] @ by
     out[:, 1, :3] += by

@@ -1,7 +1,7 @@
-"""Phase functions: where light goes when droplets scatter it, as tables that kernels sample.
+"""Phase functions as tables that kernels sample (kernels/phase.h).
 
-A table divides the cosine of the scattering angle into bins and says how much is scattered into
-each; within a bin the phase function is constant. Normalised to 1 over the cosine.
+A table has the share of light scattered into each bin of the cosine of the scattering angle. The
+phase function is constant in a bin; its integral over the cosine is 1.
 """
 
 from __future__ import annotations
@@ -20,30 +20,34 @@ from cldit.spray.result import Parcels
 Floats = NDArray[np.float64]
 
 _BINS = 1024
-PHASE_STEPS = 1024  # of tables that are even in the sine of half the angle
+PHASE_STEPS = 1024  # of tables in equal steps of the sine of half the angle
 _SIZES = 64  # classes of the droplets' size parameter, evenly spaced in its logarithm
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(2)
 
 
 class PhaseError(ClditError, ValueError):
-    """A phase function that cannot be."""
+    """An impossible phase function."""
 
 
 @dataclass(frozen=True)
 class ScatteringTable:
-    """cosine (M + 1,): bounds of the bins, from 1 down to -1; cumulative (M + 1,): share that is
-    scattered into larger cosines, from 0 to 1."""
+    """Phase function in M bins.
+
+    cosine: (M + 1,) bounds of the bins, from 1 down to -1.
+    cumulative: (M + 1,) share that is scattered into larger cosines, from 0 to 1.
+    """
 
     cosine: Floats
     cumulative: Floats
 
     @property
     def bins(self) -> int:
+        """Number M of bins."""
         return len(self.cosine) - 1
 
     @property
     def density(self) -> Floats:
-        """Phase function in each bin (M,): 1/2 where it is isotropic."""
+        """Phase function (M,) in each bin; 1/2 where it is isotropic."""
         return np.asarray(np.diff(self.cumulative) / -np.diff(self.cosine))
 
     @property
@@ -53,25 +57,26 @@ class ScatteringTable:
 
     @property
     def forward(self) -> float:
-        """Share of the scattering that counts as none in a delta-M expansion to the second moment:
-        the third moment, which is then right too (Wiscombe, J. Atmos. Sci. 34, 1977)."""
+        """Forward fraction f of the delta-M method for two moments: the third moment.
+
+        So the third moment is right too (Wiscombe, J. Atmos. Sci. 34, 1977).
+        """
         return max(float(self.moments(4)[3]), 0.0)
 
     def to_sample(self) -> Floats:
-        """Cosines, cumulative shares, and the bins that the shares k / M lie in (3 M + 2,): as
-        kernels/phase.h reads them."""
+        """Table (3 M + 2,) of kernels/phase.h: cosines, cumulative shares, bins of k / M."""
         even = np.arange(self.bins) / self.bins
         bins = np.searchsorted(self.cumulative, even, "right") - 1
         return np.concatenate([self.cosine, self.cumulative, np.minimum(bins, self.bins - 1)])
 
     def by_half_sine(self, steps: int) -> Floats:
-        """Phase function (steps,) in bins that are even in the sine of half the angle."""
+        """Phase function (steps,) in equal steps of the sine of half the scattering angle."""
         cosine = 1 - 2 * np.linspace(0.0, 1.0, steps + 1) ** 2
         share = np.interp(-cosine, -self.cosine, self.cumulative)
         return np.asarray(np.diff(share) / -np.diff(cosine))
 
     def moments(self, count: int) -> Floats:
-        """Legendre moments (count,) of the table, exactly; moment 0 is 1 and moment 1 is g."""
+        """Exact Legendre moments (count,) of the table; moment 0 is 1 and moment 1 is g."""
         degrees = np.arange(count)[:, None]
         upper = eval_legendre(degrees + 1, self.cosine)
         lower = np.where(degrees > 0, eval_legendre(np.maximum(degrees - 1, 0), self.cosine), 1.0)
@@ -87,7 +92,10 @@ def _bounds() -> Floats:
 
 
 def henyey_greenstein(g: float) -> ScatteringTable:
-    """The phase function of Henyey and Greenstein with mean cosine g, -1 < g < 1.
+    """The phase function of Henyey and Greenstein (Astrophys. J. 93, 1941).
+
+    Args:
+        g: mean cosine of the scattering angle, -1 < g < 1.
 
     Raises:
         PhaseError: g is out of range.
@@ -106,14 +114,15 @@ def henyey_greenstein(g: float) -> ScatteringTable:
 def mean_of(
     parcels: Parcels | None, droplets: Droplets | None, scattering_m2: Floats | None
 ) -> ScatteringTable | None:
-    """One phase function for all of a spray's droplets, each counted by what it scatters.
-
-    The refractive index is that of the middle one of the tables' temperatures.
+    """Mean phase function of a spray's droplets, weighted by their scattering cross sections.
 
     Args:
-        scattering_m2: (N,) cross section of all of a parcel's droplets.
+        parcels: N parcels of equal droplets.
+        droplets: Mie tables; the refractive index is that of the middle temperature.
+        scattering_m2: (N,) scattering cross section of all of a parcel's droplets.
 
-    Returns: None where no droplet scatters.
+    Returns:
+        The table; None where no droplet scatters.
     """
     if parcels is None or droplets is None or scattering_m2 is None or not scattering_m2.any():
         return None
@@ -130,11 +139,13 @@ def mean_of(
 def mie_table(
     diameter_m: Floats, scattering_m2: Floats, *, wavelength_um: float, n: float, k: float
 ) -> ScatteringTable:
-    """Mean phase function of droplets of refractive index n - ik, weighted by what they scatter.
+    """Mean Mie phase function of droplets, weighted by scattering cross sections.
 
     Args:
-        diameter_m, scattering_m2: (N,) diameters, and the scattering cross section that stands for
-            each of them (of all droplets of a parcel, say).
+        diameter_m: (N,) diameters.
+        scattering_m2: (N,) scattering cross section of all droplets of each diameter.
+        wavelength_um: in vacuum.
+        n, k: refractive index n - ik.
 
     Raises:
         PhaseError: nothing scatters.

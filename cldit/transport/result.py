@@ -1,4 +1,4 @@
-"""How a trace is to be carried out, and what comes out of it, whatever the method."""
+"""Settings and result of a trace, whatever the method."""
 
 from __future__ import annotations
 
@@ -25,18 +25,19 @@ Method = Literal["source", "path", "branching"]
 class Settings:
     """How a trace is carried out; `settings_for` derives it from the wanted accuracy.
 
-    directions: of the sweep that corrects the source, which is solved for with fewer (work.py);
-    final_directions: of the two halves together of the last sweep; tolerance: RMS error allowed in
-    the source (weights are 0..1).
-    accuracy_K, max_samples: where `path` stops, RMS error of T_app or samples a pixel. order: most
-    scatterings, None for all; beyond it the wall is seen. phase: None is isotropic.
-    gather: `source` has light change within cells; what those of an optical depth above
-    `thick_depth`
-    scatter to the camera is found by flights, until its noise is below half of accuracy_K, or with
-    max_samples a pixel. Without it light is even in cells, as the paper has it. path_depth:
-    optical depth
-    of cells in which the sweeps' sources, linear in them, do not suffice for that.
-    audit: `source` has some of its pixels traced by `path`, where it simplifies anything.
+    directions: ordinates of the defect correction; GMRES has fewer (`Tuning.solver_share`).
+    final_directions: ordinates of both halves of the final sweeps.
+    tolerance: RMS error allowed in the source (weights are 0..1).
+    order: most scatterings, beyond which the wall is seen; None: all.
+    cutoff: transmission at which rays end.
+    accuracy_K: wanted RMS error of T_app; `path` and the final gather stop there.
+    max_samples: of a pixel, at most, by `path` and the final gather.
+    phase: phase function; None is isotropic.
+    gather: sources have spatial gradients, and the final gather refines thick cells. Without it
+        sources are constant in cells, as in the paper.
+    audit: a few pixels of `source` are traced by `path`, where `source` simplifies anything.
+    thick_depth: optical depth of a cell's edge from which the final gather refines it.
+    path_depth: optical depth from which its paths go on in a cell.
     """
 
     directions: int
@@ -62,34 +63,41 @@ class Settings:
         return np.float64 if self.precision == "float64" else np.float32
 
     def defines(self, cells: OpticalCells, view: View) -> dict[str, Define]:
-        """What all kernels of a trace are compiled with."""
+        """Compile-time defines of all kernels of a trace."""
         double: dict[str, Define] = {"USE_FLOAT64": 1} if self.precision == "float64" else {}
         return {**cells.needs.defines, **view.defines, **double}
 
     @property
     def within_cells(self) -> bool:
-        """Order 0 knows nothing of the light in them."""
+        """Whether sources vary within cells; at order 0 no radiance in cells is known."""
         return self.gather and self.order != 0
 
     @property
     def linear_sources(self) -> bool:
-        """Of the last sweeps. Orders 1 and 2 are no better for it: most of their light comes from
-        the boundaries."""
+        """Whether sources of the final sweeps are linear in cells.
+
+        Orders 1 and 2 gain nothing by it: most of their light comes from the boundary.
+        """
         return self.within_cells and (self.order is None or self.order > 2)
 
 
 @dataclass(frozen=True)
 class Trace:
-    """What came out of a trace, and how.
+    """Result of a trace.
 
-    weights_difference: half the difference of two pictures, of either half of the last sweep or of
-    the samples; its RMS estimates the standard error of the weights. standard_error: that of every
-    pixel, from the scatter of its samples (`path` only). Both are None where nothing scatters, and
-    for `branching`, which does not know its error.
-    audit_K: RMS error of T_app of `source` as a few pixels traced by `path` show it, one standard
-    error added; None where the method simplifies nothing, or was not audited for the reason that
-    `unaudited` gives.
-    sampled: the pixels that the pictures are a row of, where `path` was asked for some only.
+    weights_difference: half the difference of two images, of either half of the final ordinates or
+        of the samples; its RMS estimates the standard error of the weights. None where nothing
+        scatters, and for `branching`, which does not know its error.
+    standard_error: of every pixel, from the scatter of its samples (`path` only).
+    solution: of source iteration; None for other methods.
+    seconds: wall time of each part.
+    precision: of the device, float32 or float64.
+    counts: sizes for the record: cells, sweeps, samples.
+    audit_K: RMS error of T_app of `source` by a few pixels of `path`, plus one standard error; None
+        where the method simplifies nothing, or where `unaudited` gives a reason.
+    short: why the final gather stopped before the wanted accuracy, if it did.
+    pixel_sample: the pixels of which the images are one row, where `path` traced only some.
+    closure: energy balance; None where no pixel was traced.
     """
 
     weights: Weights
@@ -102,13 +110,13 @@ class Trace:
     standard_error: Weights | None = None
     audit_K: float | None = None
     unaudited: str = ""
-    short: str = ""  # of the wanted accuracy: what stopped before, and why
+    short: str = ""
     pixel_sample: PixelSample | None = None
-    closure: EnergyBalance | None = None  # None where flights gather a solved source, or none fly
+    closure: EnergyBalance | None = None
 
 
 def weights_of(image: NDArray[np.floating], cells: OpticalCells) -> Weights:
-    """Weights from planes (C or more, H, W) in the order of `cells.needs.components`."""
+    """Weights of an image's planes (C or more, H, W), in the order of `cells.needs.components`."""
     planes = dict(zip(cells.needs.components, image, strict=False))
     nothing = np.zeros(image.shape[1:], np.float32)
 

@@ -1,5 +1,7 @@
-"""Sobol points: direction numbers of the first dimensions (Joe and Kuo, SIAM J. Sci. Comput. 30,
-2008), as the kernels read them."""
+"""Sobol points for path tracing and the final gather, as kernels/random.h reads them.
+
+Direction numbers: Joe and Kuo, SIAM J. Sci. Comput. 30, 2008.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ _POLYNOMIALS = (
 
 
 def columns(bits: int = BITS) -> NDArray[np.uint32]:
-    """(DIMENSIONS, bits) words: point i is the exclusive or of those where i has a bit.
+    """Direction numbers (DIMENSIONS, bits); point i is the exclusive or of those of i's bits.
 
     The first dimension is van der Corput's sequence.
     """
@@ -41,7 +43,7 @@ def columns(bits: int = BITS) -> NDArray[np.uint32]:
 
 
 def points(first: int, count: int) -> NDArray[np.uint32]:
-    """(count, DIMENSIONS) words of points `first` to `first` + count - 1, at most 2^32 - 1."""
+    """Words (count, DIMENSIONS) of points `first` to `first` + count - 1, at most 2^32 - 1."""
     number = np.arange(first, first + count, dtype=np.uint32)[:, None]
     out = np.zeros((count, DIMENSIONS), np.uint32)
     for bit, column in enumerate(columns(max(int(first + count - 1).bit_length(), 1)).T):

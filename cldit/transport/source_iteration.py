@@ -1,17 +1,17 @@
-"""Source iteration, the method `source`: discrete ordinates, then one ray a pixel and a gather.
+"""Source iteration, the method `source`: discrete ordinates, formal solution, final gather.
 
 `trace_source` is the algorithm. Its five stages, with their equations in docs/theory.md:
 
 1. Iteration to a residual (discrete_ordinates/iteration.py): the source of every scattering cell,
    S = a Lambda S + E, by GMRES along few ordinates and a defect correction along more.
-2. Moment source (discrete_ordinates/moment_source.py): angular moments of the phase function, and
-   spatial moments across thick cells, from a few sweeps more.
-3. Final sweeps (camera_source.py): what every cell scatters to the camera, by many ordinates in two
-   halves; and the radiance on the interfaces of thick cells.
+2. Moment source (discrete_ordinates/moment_source.py): angular moments, for the phase function, and
+   spatial moments in thick cells, from a few more sweeps.
+3. Final sweeps (camera_source.py): the source of every cell to the camera, by many ordinates in two
+   halves; and the radiance on the interfaces of the thick region.
 4. Image (image.py): the formal solution along one ray a pixel, with the sources of either half.
 5. Final gather (final_gather/gather.py): what thick cells scatter, by short paths from each pixel.
 
-Half the difference of the two halves' images tells how far the ordinates are from more of them.
+Half the difference of the two halves' images is the error estimate of the quadrature.
 """
 
 from __future__ import annotations
@@ -47,11 +47,15 @@ def trace_source(
     settings: Settings,
     report: Callable[[str], None] | None,
 ) -> Trace:
-    """Weights by source iteration, in the precision that `settings` gives (not `auto`).
+    """Weights by source iteration.
+
+    Args:
+        settings: of a precision other than `auto`.
+        report: takes lines of progress.
 
     Raises:
         NotConvergedError: the source does not reach the tolerance.
-        TransportError: the medium reaches behind the background, or light is made or lost.
+        TransportError: the medium reaches behind the background, or energy is not conserved.
         DeviceError, KernelError: the device cannot do it.
     """
     start = time.perf_counter()
@@ -68,7 +72,7 @@ def trace_source(
             solved = iterate_source(problem, rng, report)  # 1
             final = moment_source(problem, solved, rng)  # 2
             camera = final_sweeps(problem, final)  # 3
-            del solved, final  # with what their sweepers have on the device
+            del solved, final  # with the device memory of their sweepers
         builds = sum(program.build_s for program in camera.programs)
         seconds["scattering"] = time.perf_counter() - start - builds
     image = formal_solution(cells, region, scene, view, device, settings)
@@ -76,7 +80,7 @@ def trace_source(
         gather = Gather(image, cells.box(), region, camera.cell_sources, settings)
 
     start = time.perf_counter()
-    with np.errstate(over="ignore", invalid="ignore"):  # of a broken image; the balance tells it
+    with np.errstate(over="ignore", invalid="ignore"):  # of a broken image, which the balance finds
         halves, refined = image.images(  # 4, and 5 by `gather`
             [None] if camera is None else list(camera.halves),
             np.zeros(0) if camera is None else camera.defect,
@@ -116,7 +120,7 @@ def trace_source(
 
 
 def thick_region(cells: OpticalCells, settings: Settings) -> ThickRegion | None:
-    """The cells that the final gather refines, and those around them; None where there are none."""
+    """The region that the final gather refines; None where there is none."""
     if not (settings.within_cells and cells.needs.scattering):
         return None
     size = np.dtype(settings.real).itemsize
@@ -137,8 +141,12 @@ def formal_solution(
     device: Device,
     settings: Settings,
 ) -> FormalSolution:
-    """Of one image for either half of the ordinates. Not before the sweeps end, which take the most
-    memory."""
+    """The formal solution for an image of either half of the ordinates.
+
+    Args:
+        region: thick region, left to the final gather; None: there is no gather.
+        settings: cut-off, accuracy, and whether sources are linear.
+    """
     scatters = cells.needs.scattering
     return FormalSolution.of(
         cells,

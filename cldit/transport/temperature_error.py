@@ -1,4 +1,7 @@
-"""What an error of the weights is in apparent temperature, to first order, as a trace goes on."""
+"""Errors of weights as errors of apparent temperature T_app, to first order, during a trace.
+
+The image (stage 4 of `trace_source`) refines pixels by them; the final gather and `path` stop.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +17,11 @@ from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
 
-VISIBLE = 0.05  # emissivity under which a temperature says little, whatever the trace
+VISIBLE = 0.05  # emissivity below which T_app says little, whatever the trace
 
 
 def _radiances(cells: OpticalCells, scene: Scene) -> Floats:
-    """(C,) radiance that each weight goes with, the background's being its middle one's."""
+    """Radiance (C,) of each weight; the background has its median temperature."""
     filter_um = scene_filter(scene)
 
     def black(temperature_K: float) -> float:
@@ -26,8 +29,8 @@ def _radiances(cells: OpticalCells, scene: Scene) -> Floats:
 
     wall = black(scene.walls.temperature_K)
     grey = [
-        background_radiance(blackbody=black(kelvin), wall=wall, emissivity=emissivity)
-        for kelvin, emissivity in (
+        background_radiance(blackbody=black(temperature_K), wall=wall, emissivity=emissivity)
+        for temperature_K, emissivity in (
             (float(np.median(scene.background.temperatures_K)), scene.background.emissivity),
             *((patch.temperature_K, patch.emissivity) for patch in scene.patches),
         )
@@ -36,16 +39,22 @@ def _radiances(cells: OpticalCells, scene: Scene) -> Floats:
 
 
 def _sum(radiances: Floats, weights: NDArray[np.floating]) -> Floats:
-    """Of radiances (C,) times weights (C, N). Not by BLAS, whose threads keep a core busy for a
-    while after each such product."""
+    """Sum (N,) of radiances (C,) times weights (C, N).
+
+    Not by BLAS, whose threads keep a core busy for a while after each product.
+    """
     return np.asarray(np.einsum("c,cn->n", radiances, weights))
 
 
 def counted(
     view: View, emissivity: NDArray[np.floating], pixels: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Which of some pixels (N,), flat, have a T_app: their line of sight ends on the background,
-    and their emissivity (N,) is above 0.05."""
+    """Which (N,) pixels have a T_app: they see the background, with emissivity above 0.05.
+
+    Args:
+        emissivity: (N,) of the medium.
+        pixels: (N,) flat numbers.
+    """
     out = np.asarray(emissivity > VISIBLE)
     out[out] = view.on_background(pixels[out])
     return out
@@ -59,12 +68,18 @@ def temperature_error_K(
     *,
     outside: float | None = None,
 ) -> Floats:
-    """Error (N,) of T_app that `difference` (C, N) of the weights (C, N) stands for.
+    """Error of T_app in K for an error of the weights.
 
-    outside: radiance to take for walls and patches, where the answer must not depend on theirs.
+    Where the line of sight misses the background, the emissivity is that of one that hits it: this
+    only steers a trace.
 
-    NaN at emissivities up to 0.05. Where the line of sight misses the background the emissivity is
-    taken as if it did not; this only says when and where to go on.
+    Args:
+        mean: (C, N) weights.
+        difference: (C, N) error of the weights.
+        outside: radiance for walls and patches, where the answer must not depend on theirs.
+
+    Returns:
+        (N,) errors; NaN at emissivities up to 0.05.
     """
     filter_um = scene_filter(scene)
     own = _radiances(cells, scene)[1:]
@@ -86,32 +101,36 @@ def temperature_error_K(
 def pixels_to_refine(
     image: NDArray[np.floating], cells: OpticalCells, scene: Scene, *, accuracy_K: float
 ) -> NDArray[np.int64]:
-    """Pixels (N,), flat, in which one ray cannot stand for the pixel's area, and those beside them.
+    """Pixels in which one ray cannot stand for the pixel's area, and their neighbours.
 
     A ray in the middle misses the mean over a pixel by a 24th of the second difference where the
-    picture is smooth, and by up to half of it at an edge; a quarter is taken, in T_app and in the
-    temperature of what the camera sees before the middle background.
+    image is smooth, and by up to half of it at an edge. A quarter is taken here, both in T_app and
+    in the brightness temperature before the median background.
 
     Args:
         image: (C, H, W) weights from one ray a pixel.
+        accuracy_K: largest error to leave.
+
+    Returns:
+        (N,) flat numbers.
     """
     _, rows, columns = image.shape
     marked = np.zeros((rows, columns), bool)
     for axis in (1, 2):
         if image.shape[axis] < 3:
             continue
-        change = np.zeros_like(image)
+        missing = np.zeros_like(image)
         inner = [slice(None)] * 3
         inner[axis] = slice(1, -1)
-        change[tuple(inner)] = np.diff(image, n=2, axis=axis) / 4
-        bent = np.flatnonzero(np.max(np.abs(change), axis=0) > 1e-5)
-        there, missed = (part.reshape(len(part), -1)[:, bent] for part in (image, change))
-        kelvin = np.nan_to_num(np.abs(temperature_error_K(there, missed, cells, scene)))
+        missing[tuple(inner)] = np.diff(image, n=2, axis=axis) / 4
+        curved = np.flatnonzero(np.max(np.abs(missing), axis=0) > 1e-5)
+        there, missed = (part.reshape(len(part), -1)[:, curved] for part in (image, missing))
+        apparent_K = np.nan_to_num(np.abs(temperature_error_K(there, missed, cells, scene)))
         seen = np.maximum(_sum(_radiances(cells, scene), there), 1e-300)
         bright = temperature_of_radiance(seen, filter_um=scene_filter(scene))
         slope = band_radiance_slope(bright, filter_um=scene_filter(scene))
         missed_K = np.abs(_sum(_radiances(cells, scene), missed)) / np.maximum(slope, 1e-300)
-        marked.flat[bent[np.maximum(kelvin, missed_K) > accuracy_K]] = True
+        marked.flat[curved[np.maximum(apparent_K, missed_K) > accuracy_K]] = True
     wide = marked.copy()
     for axis in (0, 1):
         one = wide.copy()

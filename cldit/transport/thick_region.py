@@ -1,7 +1,8 @@
-"""Thick cells, and the region of these and of those beside them, through which flights go.
+"""The thick region: thick cells, and the cells around them that path segments go through.
 
-What stands beside a thick cell, or beyond a gap between two, casts shadows that are smaller than a
-cell. So flights go on through the cells around thick ones, and end at the faces of this region.
+The final gather (stage 5 of `trace_source`) refines it. A thick cell's neighbours, or those beyond
+a gap between two, cast shadows that are smaller than a cell. So path segments go through the cells
+around thick ones, and end at the interfaces of this region.
 """
 
 from __future__ import annotations
@@ -16,19 +17,21 @@ from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.tuning import Tuning
 
 NONE, OUTSIDE = -1, -2
-_KEPT = -2  # less the number of a face, as in path_segment.h
+_INTERFACE = -2  # less the number of an interface, as in path_segment.h
 _HEAD = 4  # numbers of a record before its planes, which are in fours, as in cell_record.h
 
 
 @dataclass(frozen=True)
 class ThickRegion:
-    """Which cells of the swept box are thick, and the region of these and of those around them.
+    """The thick cells of the swept box, and the region of these and of those around them.
 
-    listed (T,): which of the scattering cells are thick. at (R, 3), address (R,): of the region's
-    cells, in the box and among stored cells; -1: not stored. low (3,), places [z, y, x] int32: the
-    part of the box around the region, and number of its cell there; -1 of none. beside (R, 8)
-    int32: what lies beside each cell, as kernels/path_segment.h has it. rim: so many numbers of
-    light.
+    listed: (T,) which of the scattering cells are thick.
+    at: (R, 3) the region's cells in the box.
+    address: (R,) the same among stored cells; -1: not stored.
+    low: (3,) lower corner in the box of the part around the region.
+    places: (z, y, x) number of the region's cell at each place of that part; -1: none.
+    beside: (R, 8) neighbours of each cell, as in kernels/path_segment.h.
+    interfaces: numbers of stored radiance, of interfaces and then of thick cells.
     """
 
     listed: NDArray[np.int64]
@@ -49,10 +52,16 @@ class ThickRegion:
         tuning: Tuning,
         light_bytes: int = 0,
     ) -> ThickRegion | None:
-        """Scattering cells of an optical depth above `deeper_than`; None where there are none.
+        """The region of scattering cells of an optical depth above `deeper_than`.
 
-        light_bytes: that the light in one cell takes, along all directions of the last sweeps.
-        Where it takes too much in all none has a number, and flights find all that is scattered.
+        Args:
+            box: the swept box.
+            tuning: `margin` cells around thick ones; `stored_bytes` for their radiance.
+            light_bytes: memory of the radiance in one cell along all final ordinates. Where all
+                thick cells need too much, none is stored, and there is no control variate.
+
+        Returns:
+            The region; None where no cell is thick.
         """
         listed = np.flatnonzero(cells.depth[cells.address] > deeper_than)
         if not len(listed):
@@ -78,7 +87,7 @@ class ThickRegion:
                 ends_there = number == NONE
                 ends.append(interfaces + int(np.count_nonzero(ends_there)))
                 number = np.where(number == OUTSIDE, NONE, number)
-                number[ends_there] = _KEPT - np.arange(interfaces, ends[-1])
+                number[ends_there] = _INTERFACE - np.arange(interfaces, ends[-1])
                 beside[:, 2 * axis + up] = number
             interfaces = max(ends)
         if light_bytes * len(listed) <= tuning.stored_bytes:
@@ -91,15 +100,17 @@ class ThickRegion:
 
     @property
     def faces(self) -> NDArray[np.int32]:
-        """(R, 6) number of each cell's faces to cells of the box that are not of the region; -1 of
-        others. Of two that no one direction goes through both may have one number, as flights end
-        in light of a direction in their own octant."""
+        """Numbers (R, 6) of interfaces: faces to cells of the box outside the region; -1: others.
+
+        Two faces that no direction crosses outwards together may share a number: segments end in
+        the radiance of an ordinate of their own octant.
+        """
         sides = self.beside[:, :6]
-        return np.where(sides <= _KEPT, _KEPT - sides, NONE)
+        return np.where(sides <= _INTERFACE, _INTERFACE - sides, NONE)
 
     @property
     def own(self) -> NDArray[np.int32]:
-        """(R,) number for the light in a thick cell itself, after those of faces; -1 in others."""
+        """Numbers (R,) of the radiance stored in thick cells, after interfaces; -1: others."""
         return self.beside[:, 6]
 
     def records(
@@ -107,21 +118,26 @@ class ThickRegion:
         seen: OpticalCells,
         cells: OpticalCells,
         source: NDArray[np.floating],
-        changes: NDArray[np.floating] | None,
+        gradient: NDArray[np.floating] | None,
         linear_cells: NDArray[np.intp],
         *,
-        deep: float | None,
+        path_depth: float | None,
         tuning: Tuning,
     ) -> NDArray[np.floating]:
-        """Records as in kernels/cell_record.h, one a row: optical depth; albedo and emission of
-        deep cells, in which chains go on; the last sweep's source, and its changes; of deep cells
-        these of what they scatter, over their albedo.
+        """Records of the region's cells, as in kernels/cell_record.h, one a row.
 
-        seen, cells: the medium as it is, and as that sweep has it; source (M C, N): of its
-        scattering cells; changes (3, C, K): across those of them that `linear_cells` (K,) lists, or
-        None. deep: optical depth of a cell beyond which a source that is linear in it is not
-        enough; None: no cell is deep, for each flight of a chain is an order more. What is not
-        stored is empty.
+        A record has the optical depth; albedo and emission where paths go on; the source of the
+        final sweeps and its gradient, of which cells where paths go on have the scattered part over
+        the albedo. Cells that are not stored are empty.
+
+        Args:
+            seen, cells: the medium as it is, and as the final sweeps have it.
+            source: (M C, N) source of the scattering cells.
+            gradient: (3, C, K) of the source in `linear_cells`, or None.
+            linear_cells: (K,) which of the scattering cells have a gradient.
+            path_depth: optical depth from which paths go on in a cell; None: in no cell, at a fixed
+                order, since each segment of a path is an order more.
+            tuning: `path_albedo` and `path_twice`, further reasons to go on.
         """
         stored = self.address >= 0
         address = self.address[stored]
@@ -130,35 +146,36 @@ class ThickRegion:
         number = number[address]
         scatters = number >= 0
         depth, albedo = seen.depth[address], seen.albedo[number]
-        if deep is None:
-            chains = np.zeros(len(depth), np.bool_)
+        if path_depth is None:
+            goes_on = np.zeros(len(depth), np.bool_)
         else:
-            # Albedo: what a linear source with few moments leaves out adds up where light is
-            # scattered often. albedo^2 depth is about what is scattered twice in the cell.
-            chains = (depth > deep) | (albedo > tuning.path_albedo)
-            chains |= albedo**2 * depth > tuning.path_twice * deep
-            chains &= scatters
+            # Albedo: errors of a linear source with few moments add up over many scatterings.
+            # albedo^2 depth is about the light that is scattered twice in the cell.
+            goes_on = (depth > path_depth) | (albedo > tuning.path_albedo)
+            goes_on |= albedo**2 * depth > tuning.path_twice * path_depth
+            goes_on &= scatters
         real = source.dtype.type
-        sent = np.zeros((len(source), len(address)), real)
+        own_source = np.zeros((len(source), len(address)), real)
         first, emission = cells.needs.boundaries, cells.thermal_planes(real, address)
-        sent[first : first + len(emission)] = emission
-        sent[:, scatters] = source[:, number[scatters]]
-        across = np.zeros((0, len(address)), real)
-        if changes is not None:
+        own_source[first : first + len(emission)] = emission
+        own_source[:, scatters] = source[:, number[scatters]]
+        own_gradient = np.zeros((0, len(address)), real)
+        if gradient is not None:
             among = np.full(len(cells.address), NONE)
             among[linear_cells] = np.arange(len(linear_cells))
             among = np.where(scatters, among[number], NONE)
-            across = changes.reshape(-1, len(linear_cells))[:, among] * (among >= 0).astype(real)
-        sent[first : first + len(emission), chains] -= emission[:, chains]
-        scattered = np.where(chains, cells.albedo[number], 1.0).astype(real)
+            own_gradient = gradient.reshape(-1, len(linear_cells))[:, among]
+            own_gradient = own_gradient * (among >= 0).astype(real)
+        own_source[first : first + len(emission), goes_on] -= emission[:, goes_on]
+        scattered = np.where(goes_on, cells.albedo[number], 1.0).astype(real)
         emitted = np.zeros((len(cells.needs.components), len(address)), real)
-        emitted[first : first + len(emission)] = chains * seen.thermal_planes(real, address)
-        planes = [emitted, *(sent / scattered).reshape(-1, len(emitted), len(address))]
-        planes.extend((across / scattered).reshape(-1, len(emitted), len(address)))
+        emitted[first : first + len(emission)] = goes_on * seen.thermal_planes(real, address)
+        planes = [emitted, *(own_source / scattered).reshape(-1, len(emitted), len(address))]
+        planes.extend((own_gradient / scattered).reshape(-1, len(emitted), len(address)))
         fours = -(-len(emitted) // 4) * 4
         out = np.zeros((len(self.at), _HEAD + fours * len(planes)), real)
-        out[stored, 0] = np.where(chains, seen.depth[address], cells.depth[address])
-        out[stored, 1] = np.where(chains, seen.albedo[number], 0.0)
+        out[stored, 0] = np.where(goes_on, seen.depth[address], cells.depth[address])
+        out[stored, 1] = np.where(goes_on, seen.albedo[number], 0.0)
         for place, plane in enumerate(planes):
             begin = _HEAD + place * fours
             out[stored, begin : begin + len(plane)] = plane.T

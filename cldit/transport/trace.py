@@ -1,8 +1,8 @@
 """One trace: the octree and the scene's geometry -> weights per pixel, by the scene's method.
 
-`source` (source.py) solves for the source of every scattering cell and is the default; `path`
-(path.py) follows single chains of scatterings, without bias, and is what the others are held to;
-`branching` (branching.py) is the paper's, to compare with.
+`source` (source_iteration.py), the default, solves for the source of every scattering cell. `path`
+(monte_carlo/path.py) is unbiased Monte Carlo path tracing, the reference of the others.
+`branching` (branching.py) is the paper's method, for comparison.
 """
 
 from __future__ import annotations
@@ -31,15 +31,14 @@ __all__ = ["Settings", "Trace", "settings_for", "trace"]
 
 
 def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
-    """Directions and tolerance for the accuracy that the scene asks for.
+    """Settings for the accuracy that the scene asks for.
 
-    The last sweep, which makes the picture, has three times as many as `transport.directions`; the
-    solution is corrected by half of these. Flights start in cells the thinner, the finer the
-    picture is to be; that they do at 0.1 K is fine enough for less.
+    With n = `transport.directions`, the final sweeps have 3 n ordinates and the defect correction
+    n / 2. The finer the accuracy below 0.1 K, the thinner are the cells that are gathered.
 
     Args:
-        mie: mean phase function of the droplets, where the scene's phase is `mie`, or is left out
-            and its preset has it so; None is isotropic.
+        mie: mean phase function of the droplets, where the scene's phase is `mie` or left out;
+            None is isotropic.
     """
     spec, tuning = scene.transport, Tuning()
     finer = 0.1 / spec.accuracy_K
@@ -84,10 +83,14 @@ def trace(
 
     With method `source` and precision `auto`, a source that single precision cannot resolve
     (optically thick and nearly conservative media) is solved again in double precision where the
-    device has it; the trace says so in `precision`. Where nothing scatters all methods are one.
+    device has it; `Trace.precision` tells. Where nothing scatters all methods are the same.
+
+    Args:
+        report: takes lines of progress.
 
     Raises:
-        TransportError: the source did not converge, or the medium reaches behind the background.
+        TransportError: the source did not converge, the medium reaches behind the background, or
+            energy is not conserved.
         DeviceError, KernelError: the device cannot do it.
     """
     if settings.precision == "float64" and not device.info.float64:

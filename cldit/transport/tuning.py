@@ -37,29 +37,29 @@ class Tuning:
     krylov: int = _number(80, "vectors before a restart: memory, iterations", SOLVER)
     krylov_bytes: float = _number(1e9, "of these vectors, beyond the first twelve", MEMORY)
     iterations: int = _number(600, "after which a source is refused", STABILITY)
-    defect_ordinates: int = _number(8, "of the check of what sweeps make or lose", STABILITY)
+    defect_ordinates: int = _number(8, "of the check of the sweeps' energy balance", STABILITY)
 
-    # Sources that diffusion through thick cells makes linear, from neighbours' (gradients.py).
+    # Linear sources of the solver, for diffusion through thick cells (gradients.py).
     diffusion_least: float = _number(0.1, "depth from which diffusion matters", ABLATION)
     diffusion_most: float = _number(20.0, "depth beyond which the solver would not end", STABILITY)
     diffusion_coalbedo: float = _number(0.1, "largest coalbedo of such cells", STABILITY)
     diffusion_lengths: float = _number(1.7, "their depth in diffusion lengths, at most", STABILITY)
     linear_lengths: float = _number(3.0, "the same for cells that are linear then", STABILITY)
-    alike: float = _number(2.0, "ratio of depths up to which changes extrapolate", STABILITY)
+    alike: float = _number(2.0, "ratio of depths up to which gradients extrapolate", STABILITY)
 
     # Moment source.
     linear_depth: float = _number(
         0.15, "depth from which sources are linear: bias, noise", ABLATION
     )
     moment_sweeps_from: int = _number(128, "ordinates from which two share them", ABLATION)
-    delta_m: bool = _number(True, "forward scattering counts as none: bias, ordinates", ABLATION)
-    moment_share: int = _number(2, "ordinates of the moment sweeps: forgetting, time", ABLATION)
+    delta_m: bool = _number(True, "delta-M method: bias, ordinates", ABLATION)
+    moment_share: int = _number(2, "ordinates of moment sweeps: bias, time", ABLATION)
 
     # Final sweeps.
     lean: float = _number(0.6, "density of ordinates on the camera's side", ABLATION)
-    spatial_from: int = _number(48, "ordinates from which sweeps find gradients", ABLATION)
+    spatial_from: int = _number(48, "ordinates from which the sweeps test gradients", ABLATION)
     spatial_from_phase: int = _number(256, "likewise with a phase function", ABLATION)
-    gradient_depth: float = _number(4.0, "depth up to which such gradients hold", ABLATION)
+    gradient_depth: float = _number(4.0, "depth up to which such gradients are used", ABLATION)
 
     # Final gather.
     thick_depth: float = _number(0.5, "depth from which cells are gathered: bias, time", ABLATION)
@@ -67,29 +67,29 @@ class Tuning:
     path_depth: float = _number(2.0, "depth from which paths go on in a cell", ABLATION)
     path_depth_at_K: float = _number(0.05, "accuracy of that depth; less takes deeper cells", ERROR)
     path_albedo: float = _number(0.8, "albedo from which paths go on at any depth", ABLATION)
-    path_twice: float = _number(0.3, "albedo^2 depth from which they do, of path_depth", ABLATION)
-    margin: int = _number(1, "cells around thick ones that segments go through", ABLATION)
+    path_twice: float = _number(0.3, "albedo^2 depth from which they do, over path_depth", ABLATION)
+    margin: int = _number(1, "cells around thick ones that segments cross", ABLATION)
     stored_bytes: int = _number(2**29, "stored radiance of thick cells: memory, noise", ABLATION)
     roulette: float = _number(0.45, "weight below which paths may end: time, noise", ABLATION)
-    least_transmission: float = _number(0.03, "where segments end, per kelvin asked", ERROR)
-    segments: int = _number(128, "of a path, at most: time, what sweeps leave out", STABILITY)
+    least_transmission: float = _number(0.03, "where segments end, per K asked", ERROR)
+    segments: int = _number(128, "of a path, at most: time, bias", STABILITY)
     first_samples: int = _number(16, "a pixel in the first round, a power of two", ERROR)
     growth: int = _number(8, "of samples from one round to the next, at most", ERROR)
     paths: float = _number(1e8, "of an image, at most: core-minutes", ERROR)
-    noise_tile: int = _number(12, "pixels along a tile that tell its noise", ERROR)
+    noise_tile: int = _number(12, "pixels along a tile whose noise is estimated", ERROR)
     noise_share: float = _number(0.5, "of accuracy_K, which paths may leave", ERROR)
-    noise_bright: float = _number(3.0, "noise before the brightest walls over gdi's own", ERROR)
+    noise_bright: float = _number(3.0, "noise before the brightest walls over that of gdi", ERROR)
 
     # Path tracing, and the audit that it makes.
     path_cutoff: float = _number(1e-6, "transmission at which its rays end, at most", ERROR)
-    path_roulette: float = _number(0.4, "weight below which its chains may end", ERROR)
-    batches: int = _number(4, "that know their own error, at least", ERROR)
+    path_roulette: float = _number(0.4, "weight below which its paths may end", ERROR)
+    batches: int = _number(4, "of samples for an error estimate, at least", ERROR)
     audit_pixels: int = _number(500, "error of the audit, time", ERROR)
     audit_samples: int = _number(512, "a pixel at 0.1 K: error of the audit, time", ERROR)
     audit_samples_least: int = _number(128, "a pixel, at other accuracies", ERROR)
     audit_samples_most: int = _number(2048, "a pixel, where pixels are few", ERROR)
-    audit_even: float = _number(0.1, "chance shared evenly among pixels", ERROR)
+    audit_even: float = _number(0.1, "share of the chance that is equal for all pixels", ERROR)
     audit_scatterings: float = _number(50.0, "beyond which an audit costs too much", STABILITY)
 
     # Energy balance.
-    closure: float = _number(1e-3, "what single precision may lose of 1", STABILITY)
+    closure: float = _number(1e-3, "error of the balance in single precision", STABILITY)

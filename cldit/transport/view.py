@@ -1,4 +1,4 @@
-"""What every kernel that walks through the bricks is told of the scene's geometry."""
+"""The scene's geometry for every kernel with an octree traversal: camera, boundary, octree."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cldit.errors import TransportError
 from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
+from cldit.gpu.program import Program
 from cldit.medium.frame import BRICK
 from cldit.scene.schema import Scene
 from cldit.transport.attenuation import boundary_seen
@@ -25,11 +26,15 @@ _AT_ONCE = 2**14  # pixels whose lines of sight are followed together
 
 @dataclass(frozen=True)
 class View:
-    """Camera and background in units of finest cells from the cube's lower corner.
+    """Camera and background in finest cells from the cube's lower corner.
 
-    disc: (4,) centre x, y, z and squared radius. patches: (P, 4, 4), see `patches.py`. middle:
-    (4,) the target, and 0. pitch: width and height of a pixel in the target's plane. pixels:
-    columns, rows.
+    disc: (4,) centre x, y, z and squared radius.
+    patches: (P, 4, 4), see patches.py.
+    middle: (4,) the target point, and 0.
+    pitch: width and height of a pixel in the target plane.
+    distance: from the camera to the target.
+    pixels: columns, rows.
+    defines: compile-time defines of the kernels.
     """
 
     disc: Floats
@@ -42,6 +47,7 @@ class View:
 
     @classmethod
     def of(cls, scene: Scene, cells: OpticalCells) -> View:
+        """The view of a scene, in the units of its octree."""
         frame, camera = cells.tree.frame, scene.camera
         centre = frame.to_cells(np.asarray([scene.background_centre_m]))[0]
         (columns, rows), (width_m, height_m) = camera.pixels, camera.field_m
@@ -61,25 +67,26 @@ class View:
         )
 
     def tiles(
-        self, device: Device, rows: int | None = None
+        self, program: Program, kernel: str, rows: int | None = None
     ) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Global and local size of a kernel that has one work-item a pixel, of so many rows."""
+        """Global size and work-group of a kernel with one work-item a pixel, for `rows` rows."""
         columns, all_rows = self.pixels
-        rows = all_rows if rows is None else rows
-        edge = min(_TILE, device.info.tile)
-        return (-(-columns // edge) * edge, -(-rows // edge) * edge), (edge, edge)
+        edge = _TILE
+        while edge > 1 and edge**2 > program.largest_group(kernel):
+            edge //= 2
+        return (columns, all_rows if rows is None else rows), (edge, edge)
 
     @cached_property
     def before_background(self) -> NDArray[np.bool_]:
-        """(H, W) pixels whose line of sight ends on the background, were there no medium."""
+        """Pixels (H, W) whose line of sight ends on the background, without the medium."""
         columns, rows = self.pixels
         return self.on_background(np.arange(columns * rows)).reshape(rows, columns)
 
     def on_background(self, pixels: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """(N,) as `before_background`, of flat numbers of pixels alone."""
+        """`before_background` (N,) for flat numbers of pixels (N,)."""
         columns, rows = self.pixels
         centre, radius = self.disc[:3], float(self.disc[3]) ** 0.5
-        if "BOUNDARY_ENCLOSURE" in self.defines:  # behind every patch, wherever one looks
+        if "BOUNDARY_ENCLOSURE" in self.defines:  # behind every patch
             centre, radius = np.array([0.0, 1e12, 0.0]), np.inf
         away = np.array([0.0, self.distance, 0.0])
         out = np.zeros(len(pixels), np.bool_)
@@ -103,42 +110,54 @@ class View:
             out[some] = seen == 0
         return out
 
-    def arguments(self, device: Device, cells: OpticalCells, real: type[np.floating]) -> list[Any]:
-        """Kernel arguments `coarse` to `disc`, and `patches` where there are any."""
-        patches = [upload(device, "patches", self.patches.astype(real))]
+    def geometry(
+        self, device: Device, cells: OpticalCells, real: type[np.floating]
+    ) -> dict[str, Any]:
+        """Kernel arguments of the octree's size and of `lines_of_sight`, in the type `real`."""
         bounds = cells.bounds()
-        return [
-            np.int32(cells.tree.slots * BRICK**3),
-            np.int32(len(cells.depth)),
-            np.int32(cells.tree.frame.bricks),
-            np.array([*bounds.low, 0], np.int32),
-            np.array([*np.add(bounds.low, bounds.shape), 0], np.int32),
-            np.int32(self.pixels[0]),
-            np.int32(self.pixels[1]),
-            self.middle.astype(real),
-            real(self.pitch[0]),
-            real(self.pitch[1]),
-            real(self.distance),
-            self.disc.astype(real),
-            *(patches if len(self.patches) else []),
-        ]
+        return {
+            "coarse": cells.tree.slots * BRICK**3,
+            "stored": len(cells.depth),
+            "bricks": cells.tree.frame.bricks,
+            "low": np.array([*bounds.low, 0], np.int32),
+            "high": np.array([*np.add(bounds.low, bounds.shape), 0], np.int32),
+            **self.lines_of_sight(device, real),
+        }
+
+    def lines_of_sight(self, device: Device, real: type[np.floating]) -> dict[str, Any]:
+        """Kernel arguments of camera, disc and patches, in the type `real`."""
+        out = {
+            "columns": self.pixels[0],
+            "rows": self.pixels[1],
+            "middle": self.middle.astype(real),
+            "pitch_x": float(self.pitch[0]),
+            "pitch_z": float(self.pitch[1]),
+            "distance": float(self.distance),
+            "disc": self.disc.astype(real),
+        }
+        if len(self.patches):
+            out["patches"] = upload(device, "patches", self.patches.astype(real))
+        return out
 
 
-def upload_directory(device: Device, cells: OpticalCells) -> list[Any]:
-    """Kernel arguments `directory` and `span`."""
+def upload_directory(device: Device, cells: OpticalCells) -> dict[str, Any]:
+    """Kernel arguments of the octree's directory."""
     tree = cells.tree
     spans = np.maximum(1, tree.frame.cells >> tree.coarse_level).astype(np.int32)
-    return [upload(device, "octree", tree.directory), upload(device, "coarse leaves", spans)]
+    return {
+        "directory": upload(device, "octree", tree.directory),
+        "span": upload(device, "coarse leaves", spans),
+    }
 
 
-def upload_tree(device: Device, cells: OpticalCells, real: type[np.floating]) -> list[Any]:
-    """Kernel arguments `directory`, `span` and `depth`."""
+def upload_tree(device: Device, cells: OpticalCells, real: type[np.floating]) -> dict[str, Any]:
+    """Kernel arguments of the octree's directory and the optical depths."""
     depth = upload(device, "optical depth", cells.depth.astype(real))
-    return [*upload_directory(device, cells), depth]
+    return {**upload_directory(device, cells), "depth": depth}
 
 
 def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:
-    """Rays that leave the medium must still have the disc and the patches' fronts before them.
+    """Checks that no ray leaves the medium beyond the disc or a patch.
 
     Raises:
         TransportError: names what lies inside the medium.

@@ -7,19 +7,24 @@ from __future__ import annotations
 
 import asyncio
 import os
+import select
 import struct
 import threading
+import time
+from collections.abc import Callable
 from typing import Any
 
 from cldit.rig.clock import Clock, SystemClock
 
 from ..controller import KELVIN
 from ..heater import Dynamics, Heater
-from .line_server import LineServer
+from .line_server import TEXT, LineServer
+from .replies import BINARY_NAN, Replies
 
 
 class _Peer:
-    """A cavity, and where it listens: `host`:`port`, or `serial` for a pseudo-terminal."""
+    """A cavity, and where it listens: `host`:`port`, or `serial` for a pseudo-terminal; `replies`
+    is the way of its answers, where they can be lost."""
 
     def __init__(
         self,
@@ -33,27 +38,57 @@ class _Peer:
         self.heater = Heater(dynamics or Dynamics(), clock or SystemClock(), start_K)
         self.host, self.port = "127.0.0.1", port
         self.serial: str | None = None
+        self.replies = Replies()
         self.writes = 0  # of the set point
         self._master = self._slave = -1
+        self._handles: list[int] = []  # to be closed when no thread reads them any more
+        self._readers: list[threading.Thread] = []
+        self._on = True
         self._wants_serial = serial
 
     def _open_terminal(self) -> None:
         if self._wants_serial:
-            import tty
-
-            self._master, self._slave = os.openpty()
-            tty.setraw(self._master)
-            tty.setraw(self._slave)
+            self._master, self._slave = self._pair()
             self.serial = os.ttyname(self._slave)
 
+    def _pair(self) -> tuple[int, int]:
+        import tty
+
+        pair = os.openpty()
+        for handle in pair:
+            tty.setraw(handle)
+        self._handles += pair
+        return pair
+
+    def _read(self, handle: int, take: Callable[[bytes], None]) -> None:
+        """In a thread of its own, until the terminal is closed."""
+
+        def run() -> None:
+            while self._on:
+                try:
+                    if select.select([handle], [], [], 0.02)[0]:
+                        take(os.read(handle, 4096))
+                except OSError:  # nobody has the other end open
+                    time.sleep(0.02)
+
+        self._readers.append(threading.Thread(target=run, daemon=True))
+        self._readers[-1].start()
+
     def _close_terminal(self) -> None:
-        for handle in (self._master, self._slave):
-            if handle >= 0:
-                os.close(handle)
+        self._on = False
+        for reader in self._readers:  # else it would read from whoever gets the same number next
+            reader.join(10.0)
+        for handle in self._handles:
+            os.close(handle)
+        self._handles.clear()
 
     @property
     def setpoint_K(self) -> float:
         return self.heater.setpoint_K
+
+
+def _send(handle: int, data: bytes) -> None:
+    os.write(handle, data)
 
 
 class ModbusPeer(_Peer):
@@ -61,6 +96,7 @@ class ModbusPeer(_Peer):
 
     def __init__(self, model: str, *, unit: int = 1, **options: Any) -> None:
         super().__init__(**options)
+        self.replies = Replies(BINARY_NAN)
         self._tenths, self._unit = model == "ir-2100", unit
         self._setpoint_at = 300 if self._tenths else 0x8000 + 2 * 24
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -95,9 +131,13 @@ class ModbusPeer(_Peer):
         ]
         device = SimDevice(self._unit, simdata=data, action=self._act)
         if self.serial is None:
-            self._server = ModbusTcpServer(device, address=(self.host, self.port))
+            self._server = ModbusTcpServer(
+                device, address=(self.host, self.port), trace_packet=self._trace
+            )
         else:
-            self._server = ModbusSerialServer(device, port=self._master_path(), baudrate=19200)
+            self._server = ModbusSerialServer(
+                device, port=self._master_path(), baudrate=19200, trace_packet=self._trace
+            )
         self._loop = asyncio.get_running_loop()
         serving = asyncio.create_task(self._server.serve_forever(background=False))
         while self._server.transport is None:
@@ -110,24 +150,20 @@ class ModbusPeer(_Peer):
         except asyncio.CancelledError:
             return
 
+    def _trace(self, sending: bool, packet: bytes) -> bytes:
+        """A packet as it goes out; the whole server waits for one that is late."""
+        if not sending:
+            return packet
+        # Unit, function and number of bytes are before the data; six bytes or a check are around.
+        data = slice(9, None) if self.serial is None else slice(3, -2)
+        return self.replies.passed(packet, data)
+
     def _master_path(self) -> str:
         """The server opens one end of the line by its name, so there are two pairs, coupled."""
-        import tty
-
-        far_master, self._far = os.openpty()
-        tty.setraw(far_master)
-        tty.setraw(self._far)
-
-        def carry(source: int, target: int) -> None:
-            while True:
-                try:
-                    os.write(target, os.read(source, 4096))
-                except OSError:
-                    return
-
-        for ends in ((self._master, far_master), (far_master, self._master)):
-            threading.Thread(target=carry, args=ends, daemon=True).start()
-        return os.ttyname(self._far)
+        far_master, far = self._pair()
+        self._read(self._master, lambda data: _send(far_master, data))
+        self._read(far_master, lambda data: _send(self._master, data))
+        return os.ttyname(far)
 
     async def _act(
         self,
@@ -158,7 +194,7 @@ class ModbusPeer(_Peer):
             return {0: (2100,), 100: (now,), 101: (0,), 300: (wanted,)}
         return {
             0x8000 + 2 * register: struct.unpack(">HH", struct.pack(">f", celsius))
-            for register, celsius in ((1, now_C), (5, wanted_C), (24, wanted_C))
+            for register, celsius in ((1, now_C), (2, wanted_C), (5, wanted_C), (24, wanted_C))
         }
 
     def _aim(self, celsius: float) -> None:
@@ -173,15 +209,15 @@ class FlukePeer(_Peer):
         super().__init__(**options)
         self.heating = False
         self._limit_K = 0.5
+        self._waiting = b""
         self._server: LineServer | None = None
 
     def __enter__(self) -> FlukePeer:
         self._open_terminal()
         if self.serial is not None:
-            threading.Thread(target=self._serve_line, daemon=True).start()
+            self._read(self._master, self._take)
             return self
-
-        self._server = LineServer(self.host, self.port, self._obey)
+        self._server = LineServer(self.host, self.port, self._obey, self.replies)
         self.port = self._server.port
         return self
 
@@ -195,16 +231,12 @@ class FlukePeer(_Peer):
         if self._server is not None:
             self._server.unplug()
 
-    def _serve_line(self) -> None:
-        waiting = b""
-        while True:
-            try:
-                waiting += os.read(self._master, 256)
-                while b"\n" in waiting:
-                    line, _, waiting = waiting.partition(b"\n")
-                    os.write(self._master, self._obey(line))
-            except OSError:
-                return
+    def _take(self, data: bytes) -> None:
+        """What came on the serial line."""
+        self._waiting += data
+        while b"\n" in self._waiting:
+            line, _, self._waiting = self._waiting.partition(b"\n")
+            _send(self._master, self.replies.passed(self._obey(line), TEXT))
 
     def _obey(self, line: bytes) -> bytes:
         """The answer as bytes, none for a command."""

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from .line_server import LineServer
+from .replies import Replies
 
 _SCALARS = {  # command: lowest, highest, value after *RST
     "TSRC": (0, 6, 5),
@@ -50,6 +51,7 @@ class Dg645Peer:
         on_edge: called at the time of each pulse, in a thread of the peer.
         inhibit_input: the level of the input at the back, which INHB gives a meaning.
         deaf: commands are read and never answered, as by an instrument that hangs.
+        replies: the way of its answers, where they can be lost.
         fail_rate: the next so many triggers find the instrument busy.
     """
 
@@ -65,6 +67,7 @@ class Dg645Peer:
         self.triggers = 0
         self.inhibit_input = False
         self.deaf = False
+        self.replies = Replies()
         self.fail_rate = 0
         self._lock = threading.RLock()
         self._cycle = 0
@@ -75,7 +78,7 @@ class Dg645Peer:
         self._reset()
 
     def __enter__(self) -> Dg645Peer:
-        self._server = LineServer(self.host, self.port, self._answer)
+        self._server = LineServer(self.host, self.port, self._answer, self.replies)
         self.port = self._server.port
         return self
 

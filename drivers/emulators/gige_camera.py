@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import gige_registers as reg
+from .replies import BINARY_NAN, Replies
 
 Image = Callable[[int, float], NDArray[np.uint16]]
 
@@ -48,6 +49,7 @@ class GigePeer:
         picture: what it sees, from the picture's number and the integration time in seconds.
         taken: pictures since it was switched on.
         missed: triggers that found it not ready.
+        replies: the way of what it answers on the control channel, where that can be lost.
     """
 
     def __init__(
@@ -65,6 +67,7 @@ class GigePeer:
         self.serial = f"{secrets.randbelow(10**8):08d}"
         self.loss, self.skip, self.cut, self.skipped = loss, 0, 0, 0
         self.taken = self.missed = self.lost_packets = self.resent_packets = 0
+        self.replies = Replies(BINARY_NAN)
         self.picture = image or pattern(sensor)
         self._rate_Hz = frame_rate_Hz
         self._random = random.Random(seed)
@@ -272,7 +275,9 @@ class GigePeer:
             status, answer = self._answer(command, body, sender)
         if command == 0x0002 or flags & 1:
             reply = struct.pack(">HHHH", status, command + 1, len(answer), number) + answer
-            self._control.sendto(reply, sender)
+            reply = self.replies.passed(reply, slice(8, None))
+            if reply:
+                self._control.sendto(reply, sender)
 
     def _answer(self, command: int, body: bytes, sender: tuple[str, int]) -> tuple[int, bytes]:
         if command == 0x0002:  # discovery

@@ -7,15 +7,22 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from .replies import Replies
+
+TEXT = slice(0, -2)  # of a reply that ends with CR LF
+
 
 class LineServer:
     """Listens from when it is made on `port`, which is a free one if 0 is asked for.
 
     Args:
         answer: what goes back for a line, nothing for a command that has no answer.
+        replies: the way of those answers.
     """
 
-    def __init__(self, host: str, port: int, answer: Callable[[bytes], bytes]) -> None:
+    def __init__(
+        self, host: str, port: int, answer: Callable[[bytes], bytes], replies: Replies
+    ) -> None:
         links: set[Any] = set()
 
         class Handler(socketserver.StreamRequestHandler):
@@ -23,7 +30,7 @@ class LineServer:
                 links.add(self.connection)
                 try:
                     for line in self.rfile:
-                        self.wfile.write(answer(line))
+                        self.wfile.write(replies.passed(answer(line), TEXT))
                 except OSError:
                     return
                 finally:

@@ -48,7 +48,7 @@ def main() -> None:
             costs.append(cost.core_s)
             for lattice, part, truth in zip(LATTICES, parts, truths, strict=True):
                 kelvin = part.temperature_K(lattice.pick(scene, result.weights))
-                errors.append(truth.rms(kelvin, truth.kelvin))
+                errors.append(truth.rms(kelvin, truth.temperature_K))
         square = np.mean(np.reshape(errors, (given.seeds, -1)) ** 2, axis=0)
         each = "  ".join(f"{root:9.4f}" for root in np.sqrt(square))
         print(f"{accuracy:6g} {np.mean(costs):7.2f} {min(costs):6.2f}         {each}", flush=True)

@@ -34,9 +34,9 @@ def test_exponents_are_those_of_power_laws() -> None:
     assert one.last == pytest.approx(1.5)
 
 
-def test_leaving_out(tiny: Scene, device: Device, tmp_path: Path) -> None:
+def test_leaving_out(tiny: Scene, device: Device, tables: Path) -> None:
     """Every part that the scene could do without is there, timed both ways."""
-    part = leave_out(Case.of(tiny, device, cache=tmp_path), say=_quiet, directions=1)
+    part = leave_out(Case.of(tiny, device, cache=tables), say=_quiet, directions=1)
     names = {saving["part"] for saving in part.data["savings"]}
     wanted = {"droplets", "vapour", "scattering", "phase function", "background disc"}
     assert names == wanted | {"spectral loop", "empty space cell by cell"}

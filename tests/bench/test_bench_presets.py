@@ -18,7 +18,9 @@ def small() -> Scene:
     return parse_scene(data)
 
 
-def test_files_of_the_papers_properties_are_the_paper(device: Device, tmp_path: Path) -> None:
+def test_files_of_the_papers_properties_are_the_paper(
+    device: Device, tmp_path: Path, tables: Path
+) -> None:
     """Preset `spectral` with grey files takes one wavelength and gives the paper's maps.
 
     The paper's table of droplets is taken at the filter's mean wavelength, as the node's is; what
@@ -29,10 +31,10 @@ def test_files_of_the_papers_properties_are_the_paper(device: Device, tmp_path: 
     spectral = variant(small(), (PHASE,), tmp_path / "files", **asked)  # type: ignore[arg-type]
     data = variant(small(), (), tmp_path / "files", **asked).model_dump()  # type: ignore[arg-type]
     data["transport"]["phase"] = "mie"
-    files = simulate(spectral, device=device, cache=tmp_path)
+    files = simulate(spectral, device=device, cache=tables)
     (node,) = files.quadrature.nodes
     data["optics"]["wavelength_um"] = node.wavelength_um
-    runs = [simulate(parse_scene(data), device=device, cache=tmp_path), files]
+    runs = [simulate(parse_scene(data), device=device, cache=tables), files]
     assert [run.scene.optics.preset for run in runs] == ["paper", "spectral"]
     difference = Difference.of(runs[1].maps, runs[0].maps)
     assert difference is not None and difference.pixels > 10

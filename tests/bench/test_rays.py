@@ -12,7 +12,7 @@ from cldit.gpu.device import Device
 from cldit.scene import parse_scene
 
 
-def test_more_rays_come_nearer(device: Device, tmp_path: Path) -> None:
+def test_more_rays_come_nearer(device: Device, tmp_path: Path, tables: Path) -> None:
     rng = np.random.default_rng(2)
     filled = rng.random((12, 12, 12)) < 0.3
     np.savez(
@@ -30,7 +30,7 @@ def test_more_rays_come_nearer(device: Device, tmp_path: Path) -> None:
             "camera": {"pixels": 160},
         }
     )
-    case = Case.of(scene, device, cache=tmp_path)
+    case = Case.of(scene, device, cache=tables)
     found, edges = bench_rays(case, say=lambda _: None)
     rows = {row.rays: row for row in found}
     even = [rows[str(number)] for number in EVEN]

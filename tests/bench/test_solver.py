@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from cldit.transport.trace import trace
 
 
 @pytest.fixture(scope="module")
-def case(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Case:
+def case(device: Device, tables: Path) -> Case:
     """Droplets alone at low resolution."""
     scene = changed(
         cldit.load_scene("droplets-only"),
@@ -24,7 +25,7 @@ def case(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Case:
         domain={"leaf_edge_m": 4e-3},
         transport={"phase": "isotropic"},
     )
-    return Case.of(scene, device, cache=tmp_path_factory.mktemp("cache"))
+    return Case.of(scene, device, cache=tables)
 
 
 def test_ways_on_a_matrix() -> None:
@@ -50,7 +51,7 @@ def test_ways_on_a_matrix() -> None:
 
 def test_gmres_ends_where_others_do_not(case: Case) -> None:
     rows = compare(case, MEDIA[:2], say=lambda _: None)
-    found = {(row.medium, row.way): row for row in rows}
+    found = {(row.medium, row.method): row for row in rows}
     stiff = MEDIA[1].name
     # Its estimate goes by the smallest singular value that it met; 2.3 times that was seen.
     for medium in (MEDIA[0].name, stiff):

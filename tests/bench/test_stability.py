@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import math
 
+import pytest
+
 from cldit.bench.stability import Case, bench_stability, cases, page
 from cldit.errors import TransportError
 from cldit.gpu.device import Device
 
+# Thick cells that hardly absorb: two thirds of all the time. `verify/test_cavity.py` has neighbours
+# of both with few samples.
+LONG = {"100, 0.999999", "1e+06, 0.999999"}
 
-def test_bounds_hold(device: Device) -> None:
-    outcomes = bench_stability(device, cases(few=True))
+
+@pytest.mark.parametrize("long", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_bounds_hold(device: Device, long: bool) -> None:
+    chosen = [case for case in cases(few=True) if long or case.name not in LONG]
+    assert long or len(chosen) == len(cases(few=True)) - len(LONG)
+    outcomes = bench_stability(device, chosen)
     assert not [(o.case.name, o.error, o.message) for o in outcomes if not o.holds]
     assert len({outcome.case.group for outcome in outcomes}) >= 6
     text = page(outcomes, device, command="cldit bench stability")

@@ -162,8 +162,8 @@ def test_a_picture_without_its_end_is_incomplete() -> None:
 
     with FakeGigeCamera(64, 48, pixel_format="Mono16") as fake:
         camera = driver(fake.ip)
-        assert camera._features is not None
-        camera._features.client._stream = Stream()  # type: ignore[attr-defined]
+        assert camera._client is not None
+        camera._client._stream = Stream()  # type: ignore[attr-defined]
         camera._streams = True
         (frame,) = camera.read_frames(1, 1.0)
         camera.close()

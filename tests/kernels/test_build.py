@@ -64,7 +64,6 @@ def test_what_was_built_is_built_once_a_device(device: Device) -> None:
     defines = {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1}
     first, again = build(device, "count.cl", defines), build(device, "count.cl", defines)
     other = build(device, "count.cl", {**defines, "HAS_VAPOUR": 1})
-    made = [program["count"].program for program in (first, again, other)]
-    assert made[0] == made[1] != made[2]
-    assert first["count"] != again["count"]  # arguments set for one are not the other's
+    made = [program.built for program in (first, again, other)]
+    assert made[0] is made[1] is not made[2]
     assert again.defines == defines

@@ -11,29 +11,28 @@ from .medium import random_tree
 
 
 def test_records_of_filled_cells() -> None:
-    """Sources of both pictures lie where the kernel looks for them; thick cells scatter the light
-    that is expected in them; and in every cell what comes from outside and what is emitted at
-    radiance 1 make 1."""
+    """Sources of both images lie where the kernel reads them, and thick cells scatter the control
+    variate. In every cell the boundary's part and the emission at radiance 1 sum to 1."""
     medium = OpticalCells.of(random_tree(8))
     rng = np.random.default_rng(6)
-    filled = CellRecords.of(medium)
-    assert np.array_equal(np.flatnonzero(filled.number >= 0), np.flatnonzero(medium.depth > 0))
+    made = CellRecords.of(medium)
+    assert np.array_equal(np.flatnonzero(made.number >= 0), np.flatnonzero(medium.depth > 0))
     cells, count = len(medium.address), len(medium.needs.components)
     listed = [rng.random((count, cells)) / 8 for _ in range(2)]
     thick = np.flatnonzero(rng.random(cells) < 0.3)
     expected = rng.random((count, len(thick))) / 8
-    records = filled.records(list(listed), np.zeros(cells), thick, expected, np.float64)
-    assert records.shape == (len(filled.at), 2 + 2 * (count + 1))
-    np.testing.assert_array_equal(records[:, 0], medium.depth[filled.at])
-    row = filled.number[medium.address]
+    records = made.records(list(listed), np.zeros(cells), thick, expected, np.float64)
+    assert records.shape == (len(made.at), 2 + 2 * (count + 1))
+    np.testing.assert_array_equal(records[:, 0], medium.depth[made.at])
+    row = made.number[medium.address]
     plain = np.setdiff1d(np.arange(cells), thick)
     np.testing.assert_array_equal(records[row[thick], 1], medium.albedo[thick])
     assert not records[row[plain], 1].any()
-    for picture, source in enumerate(listed):
-        mine = records[:, 2 + picture * (count + 1) : 2 + (picture + 1) * (count + 1)]
+    for image, source in enumerate(listed):
+        mine = records[:, 2 + image * (count + 1) : 2 + (image + 1) * (count + 1)]
         np.testing.assert_array_equal(mine[row[plain], :-1], source[:, plain].T)
-        sent = medium.albedo[thick] * expected
-        sent[2:] += medium.thermal_planes(np.float64)[:, medium.address[thick]]
-        np.testing.assert_array_equal(mine[row[thick], :-1], sent.T)
+        scattered = medium.albedo[thick] * expected
+        scattered[2:] += medium.thermal_planes(np.float64)[:, medium.address[thick]]
+        np.testing.assert_array_equal(mine[row[thick], :-1], scattered.T)
         whole = mine[:, :2].sum(axis=1) + mine[:, -1]
         np.testing.assert_allclose(whole, 1.0, rtol=1e-12)

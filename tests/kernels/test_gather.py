@@ -1,4 +1,4 @@
-"""Helpers of the gather against NumPy; chains as wholes are held to `path` in verify/."""
+"""Functions of the final gather against NumPy; tests/verify holds whole paths to method `path`."""
 
 from __future__ import annotations
 
@@ -35,9 +35,8 @@ DEFINES = f"""
 def test_nearest_direction(apply: Any, real: type[np.floating]) -> None:
     """The table's entry is the nearest direction of the same octant, or one that is as near but for
     the size of an entry: 1 / NEAREST_SIDE across a face of the octahedron, at most 4 times that on
-    the
-    sphere. None points through a face the other way: not where a component is next to nothing, nor
-    at the borders of entries. Those of 0 meet no face; sweeps count them as downwards."""
+    the sphere. None crosses a face in the other sense: not where a component is tiny, nor at the
+    borders of entries. Components of 0 cross no face; sweeps count them as downwards."""
     directions = isotropic(64, np.random.default_rng(3))
     rng = np.random.default_rng(4)
     wanted = rng.normal(size=(20000, 3))
@@ -47,7 +46,7 @@ def test_nearest_direction(apply: Any, real: type[np.floating]) -> None:
     wanted = wanted[np.any(wanted != 0, axis=1)]
     wanted /= np.linalg.norm(wanted, axis=1)[:, None]
     wanted = wanted.astype(real).astype(float)
-    one_lane = DEFINES.replace("VECTOR 8", "VECTOR 1")
+    one_lane = DEFINES.replace("SIMD_WIDTH 8", "SIMD_WIDTH 1")
     entry = apply(
         "gather.cl",
         "(real)direction_near((real3)(a, b, c))",
@@ -66,7 +65,7 @@ def test_nearest_direction(apply: Any, real: type[np.floating]) -> None:
 
 
 def test_place_of_a_share(apply: Any) -> None:
-    """Where a ray has lost a part of what it loses in the whole cell: Beer-Lambert, backwards."""
+    """Length at which a ray has lost a part of its loss in the cell: Beer-Lambert, inverted."""
     parts, depths = np.meshgrid(np.linspace(0.01, 0.99, 9), [1e-3, 0.3, 5.0])
     part, depth = (values.reshape(-1).astype(np.float32) for values in (parts, depths))
     got = apply("attenuation.h", "length_at(a, absorbed(b), b)", [part, depth])
@@ -89,7 +88,7 @@ def test_depth_of_a_share(apply: Any) -> None:
 
 
 def test_balanced_directions() -> None:
-    """They lean nowhere, count as much in all, and hardly otherwise than before."""
+    """A first moment of 0, the same sum of weights, and small changes of each."""
     rng = np.random.default_rng(8)
     axis = np.array([0.0, 1.0, 0.0])
     uneven = focused(16, rng, axis=axis, half_angle_rad=0.5, share=0.25)
@@ -102,9 +101,9 @@ def test_balanced_directions() -> None:
 
 @pytest.mark.parametrize("backwards", [False, True])
 @pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.37, -0.81), (-1.0, 1.0), (1e-9, 0.5)])
-def test_steps_of_a_way(slopes: tuple[float, float], backwards: bool) -> None:
-    """Every layer is crossed whole, in steps that each lie in one cell; each way of several is as
-    it is alone."""
+def test_segments_of_an_ordinate(slopes: tuple[float, float], backwards: bool) -> None:
+    """Segments make up every layer, and each lies in one cell; those of an ordinate among several
+    are the same as alone."""
     start = np.array([0.21, 0.64])
     others = np.array([[0.9, 0.4], [0.0, -0.3]])
     several = Segments.of(
@@ -113,38 +112,37 @@ def test_steps_of_a_way(slopes: tuple[float, float], backwards: bool) -> None:
         layers=40,
         backwards=np.array([True, backwards, False]),
     )
-    ways = Segments.of(np.array([slopes]), start[None], layers=40, backwards=np.array([backwards]))
-    for name in ("part", "met", "moved", "within", "leaves", "basis"):
-        here = getattr(several, name)[several.way == 1]
-        np.testing.assert_array_equal(here, getattr(ways, name))
-    np.testing.assert_array_equal(several.shifts()[several.way == 1], ways.shifts())
-    np.testing.assert_allclose(np.bincount(ways.met, ways.part), 1.0, atol=1e-5)
-    end = np.cumsum(ways.part)[:, None]
+    alone = Segments.of(np.array([slopes]), start[None], layers=40, backwards=np.array([backwards]))
+    for name in ("layer_share", "layer", "shift", "midpoint", "exits", "basis"):
+        here = getattr(several, name)[several.ordinate == 1]
+        np.testing.assert_array_equal(here, getattr(alone, name))
+    np.testing.assert_array_equal(several.shifts()[several.ordinate == 1], alone.shifts())
+    np.testing.assert_allclose(np.bincount(alone.layer, alone.layer_share), 1.0, atol=1e-5)
+    end = np.cumsum(alone.layer_share)[:, None]
     for share in (0.999, 0.001):
-        along = end - share * ways.part[:, None]
-        np.testing.assert_array_equal(np.floor(start + np.array(slopes) * along), ways.moved)
-    assert np.all(np.abs(np.diff(ways.moved, axis=0)) <= 1)
-    assert np.all((ways.within >= 0) & (ways.within <= 1))
+        along = end - share * alone.layer_share[:, None]
+        np.testing.assert_array_equal(np.floor(start + np.array(slopes) * along), alone.shift)
+    assert np.all(np.abs(np.diff(alone.shift, axis=0)) <= 1)
+    assert np.all((alone.midpoint >= 0) & (alone.midpoint <= 1))
 
 
 @pytest.mark.parametrize("slope", [-1.0, -0.6, 0.31, 0.9])
-def test_levers_of_a_way(slope: float) -> None:
-    """In no layer does even light count; light that is linear along any axis counts as much, on
-    average over where rays start, as if they went evenly through all of the cell; less where they
-    hardly move, and little of it shows."""
+def test_zero_mean_basis(slope: float) -> None:
+    """Uniform radiance contributes nothing in any layer. On average over where rays start, a linear
+    field contributes as if they were uniform in the cell; less where they hardly move sideways."""
     starts = (np.arange(400) + 0.5) / 400
     found = np.zeros((3, 3))
     places = np.column_stack([starts, np.random.default_rng(2).permutation(starts)])
     slopes = np.tile([slope, 0.73 * slope], (len(starts), 1))
-    ways = Segments.of(slopes, places, layers=1, backwards=np.zeros(len(starts), bool))
+    rays = Segments.of(slopes, places, layers=1, backwards=np.zeros(len(starts), bool))
     for number in range(len(starts)):
-        its = ways.way == number
-        basis, part, within = ways.basis[its], ways.part[its], ways.within[its]
+        its = rays.ordinate == number
+        basis, part, midpoint = rays.basis[its], rays.layer_share[its], rays.midpoint[its]
         np.testing.assert_allclose(part @ basis, 0.0, atol=1e-6)
-        along = np.array([slope, 0.73 * slope, 1.0]) * part[:, None]  # of each step
-        steps = np.einsum("si,sj,s->ij", basis, within - 0.5, part)
-        inside = np.einsum("si,sj,s->ij", ways.gain[number] * along, along, part) / 12
-        found += (steps + inside) / len(starts)
+        along = np.array([slope, 0.73 * slope, 1.0]) * part[:, None]
+        middles = np.einsum("si,sj,s->ij", basis, midpoint - 0.5, part)
+        inside = np.einsum("si,sj,s->ij", rays.basis_scale[number] * along, along, part) / 12
+        found += (middles + inside) / len(starts)
     moved = np.abs([slope, 0.73 * slope, 1.0])
     expected = np.minimum(2 * (1 - (1 - moved) ** 2), 1.0) / 12
     # Midpoints of 400 places: a kink each; v goes with u by chance, as 1 / root of so many.
@@ -186,10 +184,9 @@ def test_points_are_sobols() -> None:
     np.testing.assert_array_equal(got / 2.0**32, gray)
 
 
-def test_expected_light(device: Device) -> None:
-    """Means over the directions by their shares, for each cell as the camera sees it: by the phase
-    function for the angle there, not for a line of sight along +y. The light of directions is kept
-    in another order than theirs."""
+def test_control_variate(device: Device) -> None:
+    """Means over the ordinates with the phase function for each cell's own angle to the camera, not
+    for a line of sight along +y. The radiance is stored in another order of ordinates."""
     rng = np.random.default_rng(7)
     directions, cells, steps = isotropic(24, rng), 5, 64
     defines = {
@@ -213,19 +210,21 @@ def test_expected_light(device: Device) -> None:
     table = np.column_stack([directions.unit, np.cumsum(share) / share.sum()]).astype(np.float32)
     camera = np.array([12.0, -40.0, 9.0, 0.0], np.float32)
     out = zeros(device, "means", cells * 3, np.float32)
-    program["control_variate"](
-        device.queue,
+    program.launch(
+        "control_variate",
         (cells,),
         None,
-        out,
-        upload(device, "cells", np.column_stack([at, own]).astype(np.int32)),
-        np.int32(cells),
-        upload(device, "light", light),
-        upload(device, "directions", table),
-        upload(device, "directions", number.astype(np.int32)),
-        np.int32(24),
-        upload(device, "phase", phase),
-        camera,
+        {
+            "means": out,
+            "cells": upload(device, "cells", np.column_stack([at, own]).astype(np.int32)),
+            "count": cells,
+            "light": upload(device, "light", light),
+            "directions": upload(device, "directions", table),
+            "number_of": upload(device, "directions", number.astype(np.int32)),
+            "direction_count": 24,
+            "by_half_sine": upload(device, "phase", phase),
+            "camera": camera,
+        },
     )
     got = download(device, out, np.empty((cells, 3), np.float32))
 
@@ -241,8 +240,8 @@ def test_expected_light(device: Device) -> None:
     np.testing.assert_allclose(got, expected, rtol=1e-4)
 
 
-def test_fewest_samples() -> None:
-    """No other shares of as many samples leave less, but for powers of two; and what is allowed is
+def test_neyman_allocation() -> None:
+    """No other allocation of as many samples has less variance, but for powers of two. The bound is
     nearly reached, or one tile goes on."""
     rng = np.random.default_rng(2)
     variance, size = rng.exponential(size=200) ** 4, rng.integers(1, 145, 200)

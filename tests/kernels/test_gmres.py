@@ -1,4 +1,4 @@
-"""The source that is solved for, and what it takes on the device."""
+"""GMRES, its defect correction, and the device memory of the stages."""
 
 from __future__ import annotations
 
@@ -26,10 +26,9 @@ def _rms(values: NDArray[np.floating]) -> float:
 
 @pytest.mark.parametrize("deeper", [1.0, 30.0])
 def test_correction_along_more_directions(device: Device, deeper: float) -> None:
-    """What few directions solve for, corrected by one sweep along many, is the solution along the
-    many but for the second order of how far both are apart; so it is closer than one scattering
-    more along the many brings it, and that is closer than it was. The light is that of the
-    source."""
+    """A solution of few ordinates, corrected by one sweep along many, is that of the many up to the
+    second order of their difference. So it is closer than after one more scattering along the many,
+    and that is closer than before. The radiance is that of the source."""
     tree = random_tree(3, scattering=deeper)
     cells = OpticalCells.of(tree)
     sweeper = sweeper_of(device, cells, {"BOUNDARY_DISC": 1})
@@ -48,16 +47,16 @@ def test_correction_along_more_directions(device: Device, deeper: float) -> None
     again = _rms(cells.albedo * light + sweeper.thermal - truth)
     assert _rms(better.source - truth) < 0.5 * again < 0.5 * first
     assert first > 1e-3  # or there was nothing to correct
-    sent = cells.albedo * (light + more) + sweeper.thermal
+    scattered = cells.albedo * (light + more) + sweeper.thermal
     # To what GMRES leaves, half of 1e-6, times the share that it is divided by, at most 1.
-    assert _rms(sent - better.source) < 1e-6
+    assert _rms(scattered - better.source) < 1e-6
     assert better.iterations > rough.iterations
     assert better.residual_rms < 1e-6
 
 
 def test_one_sweeper_at_a_time(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a phase function two media are swept, each of which fills its sweeper: the solver's is
-    gone, with all its buffers, before the other is made; and no room outlives its sweeps."""
+    """With a phase function two media are swept, each by a sweeper of its own. The solver's is
+    released, with all its buffers, before the other is made; no scratch outlives its sweeps."""
     alive: weakref.WeakSet[Sweeper] = weakref.WeakSet()
     made = []
     init = Sweeper.__init__

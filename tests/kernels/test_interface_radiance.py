@@ -1,4 +1,4 @@
-"""Light that the last sweeps keep for flights."""
+"""Radiance that the final sweeps store for path segments of the final gather."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from cldit.transport.tuning import Tuning
 from .medium import random_tree, sweeper_of
 
 
-def test_light_kept_in_thick_cells(device: Device) -> None:
-    """In a medium that takes nothing out every cell sees what is outside, along every direction: as
-    the mean over a layer's steps, whose shares make 1, whichever they are."""
+def test_radiance_in_thick_cells(device: Device) -> None:
+    """In a transparent medium every cell has the boundary's radiance along every ordinate: the mean
+    over a layer's segments, whose shares sum to 1."""
     tree = random_tree(3)
     clear = replace(tree, fields={name: 1e-9 * values for name, values in tree.fields.items()})
     cells = OpticalCells.of(clear)
@@ -45,11 +45,11 @@ def test_light_kept_in_thick_cells(device: Device) -> None:
     mean = np.empty((1, sweeper.components, sweeper.count), np.float32)
     sweeper.moments(program, rays, out=mean, interfaces=light)
     shape = (thick.interfaces, 14, sweeper.components)
-    kept = download(device, light.buffer, np.empty(shape, np.float32))
+    stored = download(device, light.buffer, np.empty(shape, np.float32))
     own = thick.own[thick.own >= 0]
-    np.testing.assert_allclose(kept[own].sum(axis=2), 1.0, rtol=3e-7)
-    assert 0.01 < kept[own, :, 0].mean() < 0.5  # some of it is the background's
-    of_each = np.einsum("k,nko->no", rays.directions.weight, kept[own])
+    np.testing.assert_allclose(stored[own].sum(axis=2), 1.0, rtol=3e-7)
+    assert 0.01 < stored[own, :, 0].mean() < 0.5  # some of it is the background's
+    of_each = np.einsum("k,nko->no", rays.directions.weight, stored[own])
     order = np.argsort(own)
     np.testing.assert_allclose(of_each[order].T, mean[0][:, thick.listed], atol=1e-5)
 
@@ -72,7 +72,7 @@ def test_light_in_a_cell_is_the_mean_of_what_comes_in_and_leaves(device: Device)
     sweeper.set_source(np.zeros_like(sweeper.thermal), shining=False)
     mean = np.empty((1, sweeper.components, sweeper.count), np.float32)
     sweeper.moments(program, rays, out=mean, interfaces=light)
-    kept = download(
+    stored = download(
         device, light.buffer, np.empty((thick.interfaces, sweeper.components), np.float32)
     )
     depth = cells.dense(box, cells.depth)
@@ -80,4 +80,4 @@ def test_light_in_a_cell_is_the_mean_of_what_comes_in_and_leaves(device: Device)
     expected = np.exp(-beyond) * (1 + np.exp(-depth)) / 2
     there = cells.place(box, cells.address[thick.listed])
     own = np.sort(thick.own[thick.own >= 0])  # as the thick cells are listed
-    np.testing.assert_allclose(kept[own, 0], expected.reshape(-1)[there], rtol=2e-6)
+    np.testing.assert_allclose(stored[own, 0], expected.reshape(-1)[there], rtol=2e-6)

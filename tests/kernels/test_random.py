@@ -13,7 +13,7 @@ from scipy.stats import qmc
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.kernel_source import assemble
-from cldit.gpu.program import OPTIONS
+from cldit.gpu.program import compiled
 from cldit.transport.phase import henyey_greenstein
 from cldit.transport.sobol import BITS, DIMENSIONS, columns
 
@@ -53,7 +53,7 @@ def _run(device: Device, body: str, inputs: list[NDArray[Any]], out: NDArray[Any
         f"__global {types[out.dtype.name]} *out{arguments})\n"
         f"{{ const int i = get_global_id(0); {body} }}\n"
     )
-    program = cl.Program(device.context, source).build(options=[*OPTIONS, *_OPTIONS])
+    program = compiled(device, source, _OPTIONS)
     buffer = zeros(device, "out", out.size, out.dtype.type)
     buffers = [upload(device, "in", array) for array in inputs]
     cl.Kernel(program, "apply")(device.queue, (len(out),), None, buffer, *buffers)

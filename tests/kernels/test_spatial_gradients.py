@@ -1,4 +1,4 @@
-"""Sources that change across cells: how the picture sees them, and what they are taken from."""
+"""Spatial gradients of sources: their effect on the image, and how neighbours give them."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_change_of_light(cells: OpticalCells) -> None:
 
 
 def test_change_that_was_found(cells: OpticalCells) -> None:
-    """Stands in place of what neighbours tell, but nowhere for less than no light."""
+    """It replaces the neighbours' gradient, limited so that the radiance stays positive."""
     light = np.full((1, len(cells.address)), 0.1)
     which = np.array([3, 7])
     found = np.zeros((3, 1, 2))

@@ -127,11 +127,11 @@ def test_rays_that_change_rows_at_the_ends_of_layers(device: Device) -> None:
 def moments(
     device: Device, cells: OpticalCells, flags: dict[str, Any], *, vector: int
 ) -> dict[str, NDArray[np.floating]]:
-    """Of the kernel ("got") and of the NumPy twin ("expected") moments of the light
-    (9, C, N), by twelve directions, from a source by chance; "given": that source, (1 or 9, C, N),
-    "changes": how it changes across cells (3, C, M); "more": with SPATIAL_MOMENTS, how much more
-    the
-    light does, and "expected more"."""
+    """Angular moments (9, C, N) of the radiance from a random source along twelve ordinates.
+
+    "got" is the kernel's, "expected" the NumPy twin's. "given" is the source (1 or 9, C, N),
+    "changes" its gradient (3, C, M). With SPATIAL_MOMENTS, "more" is the radiance's gradient less
+    the source's, and "expected more" the twin's."""
     defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1, "SIMD_WIDTH": vector}
     program = build(device, "sweep.cl", {**defines, **flags, "ANGULAR_MOMENTS": 1})
     rng = np.random.default_rng(5)
@@ -145,7 +145,7 @@ def moments(
     sweeper.set_source(
         given.reshape(-1, sweeper.count),
         shining=True,
-        changes=None if linear_cells is None else changes,
+        gradient=None if linear_cells is None else changes,
     )
     if sweeper.gradients is not None:
         changes = sweeper.gradients(given[0])
@@ -171,7 +171,7 @@ def moments(
             centre=DISC[:3] - box.low,
             radius=4.0,
             slope=dense[1:MOMENTS],
-            across=dense[MOMENTS:],
+            gradient=dense[MOMENTS:],
         )
         expected += np.multiply.outer(
             [1.0, *discrete_to_moment(unit[None])[:, 0]], weight * dense[0] + i_minus_s[0]
@@ -197,7 +197,7 @@ def moments(
 
 @pytest.mark.parametrize("vector", [1, 8])
 def test_moments_against_numpy(device: Device, vector: int) -> None:
-    """Sources that are more in one direction than in others, and the moments of the light."""
+    """Sources with angular moments, and the angular moments of the radiance."""
     cells = OpticalCells.of(random_tree(3))
     light = moments(device, cells, {"MOMENT_SOURCE": 1}, vector=vector)
     # As above: a ray's few roundings in each of at most 16 cells.
@@ -207,11 +207,11 @@ def test_moments_against_numpy(device: Device, vector: int) -> None:
 @pytest.mark.parametrize("vector", [1, 8])
 @pytest.mark.parametrize("sloped", [False, True])
 def test_gradients_against_numpy(device: Device, vector: int, sloped: bool) -> None:
-    """Sources that change across their cells, with and without moments."""
+    """Linear sources, with and without angular moments."""
     tree = random_tree(3)
     fields = {name: 8 * values for name, values in tree.fields.items()}
     every = OpticalCells.of(tree)
-    clear = every.positions(every.address)[:, 1] % 2 == 0  # whole groups of cells, of either order
+    clear = every.positions(every.address)[:, 1] % 2 == 0  # whole packets of cells, of either order
     fields["droplet_scattering"][every.address[clear]] = 0.0
     fields["droplet_absorption"] = fields["droplet_absorption"] / 1e3
     fields["vapour_absorption"] = fields["vapour_absorption"] / 1e5
@@ -226,8 +226,8 @@ def test_gradients_against_numpy(device: Device, vector: int, sloped: bool) -> N
 @pytest.mark.parametrize("vector", [1, 8])
 @pytest.mark.parametrize("deeper", [1e-3, 1.0, 30.0])
 def test_light_across_cells_against_numpy(device: Device, vector: int, deeper: float) -> None:
-    """How light changes across some cells, in thin and in thick ones, where sources change as well:
-    the twin integrates it along every ray."""
+    """Spatial moments of I - S in thin and thick cells with linear sources; the twin integrates
+    along every ray."""
     tree = random_tree(3)
     cells = OpticalCells.of(
         replace(tree, fields={name: deeper * values for name, values in tree.fields.items()})
@@ -262,7 +262,7 @@ def test_light_to_the_camera_changes_as_the_light_does(device: Device) -> None:
     sweeper = Sweeper(device, cells, program, iterate, disc=DISC, linear_cells=linear_cells)
     given = rng.uniform(0.0, 1.0, (sweeper.components, sweeper.count))
     changes = rng.uniform(-0.5, 0.5, (3, sweeper.components, len(sweeper.linear_cells)))
-    sweeper.set_source(given, shining=True, changes=changes)
+    sweeper.set_source(given, shining=True, gradient=changes)
     rays = sweeper.rays(isotropic(12, rng), rng.random((12, 2)))
     light = np.empty((1, *given.shape), np.float32)
     more = sweeper.moments(program, rays, out=light)

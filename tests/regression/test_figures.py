@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import cldit
+from cldit.gpu.device import Device
 from cldit.run import Run
 
 KEPT = Path(__file__).parent / "figures.json"
@@ -40,14 +41,14 @@ def figures(run: Run) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_figures_of_shipped_scenes(name: str, tmp_path: Path) -> None:
+def test_figures_of_shipped_scenes(name: str, device: Device, tables: Path) -> None:
     """Single precision and chains that part at a rounding: 64 of them in each pixel of some hundred
     that see thick cells leave 1e-3 of a weight; four of these. A count may differ by one pixel."""
     shipped, _, phase = name.partition(", ")
     data = cldit.load_scene(shipped).model_dump(mode="json")
     data["camera"].update(SCENES[name])
     data["transport"].update(accuracy_K=1.0, audit=False, phase=phase.lower() or "isotropic")
-    found = figures(cldit.simulate(cldit.parse_scene(data), cache=tmp_path))
+    found = figures(cldit.simulate(cldit.parse_scene(data), device=device, cache=tables))
     kept = json.loads(KEPT.read_text()) if KEPT.exists() else {}
     if os.environ.get("CLDIT_RENEW"):
         kept[name] = found

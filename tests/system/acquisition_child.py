@@ -1,4 +1,4 @@
-"""Runs an acquisition that the tests kill: `acquisition_child.py RIG PLAN FOLDER [POINT NUMBER]`.
+"""Runs an acquisition that the tests kill: arguments RIG PLAN FOLDER [POINT NUMBER].
 
 With POINT it kills itself with SIGKILL when that point is reached for the NUMBERth time.
 """
@@ -6,6 +6,7 @@ With POINT it kills itself with SIGKILL when that point is reached for the NUMBE
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import sys
 from pathlib import Path
@@ -13,7 +14,8 @@ from typing import Any
 
 import cldit.acquisition.journal as journal_module
 import cldit.acquisition.sequence as sequence_module
-from cldit.acquisition import acquire, disk, load_plan, storage
+from cldit import files
+from cldit.acquisition import acquire, load_plan, storage
 from cldit.errors import ClditError
 from cldit.rig.load import Rig, open_rig
 
@@ -33,7 +35,7 @@ def arm(point: str, number: int, rig: Rig) -> None:
         count += 1
         return count == number
 
-    save_shot, write_text = storage.save_shot, disk.write_text
+    save_shot, write_text = storage.save_shot, files.write_text
     append, fire = journal_module.Journal.append, rig.trigger.fire
     replace = Path.replace
 
@@ -100,8 +102,17 @@ def arm(point: str, number: int, rig: Rig) -> None:
         raise SystemExit(f"no such point: {point}")
 
 
-def main() -> int:
-    rig_path, plan_path, folder, *death = sys.argv[1:]
+def child(arguments: list[str], out: Path, err: Path, most_bytes: int | None) -> None:
+    """The process: its output goes to two files; no file may grow beyond `most_bytes`."""
+    for place, handle in ((out, 1), (err, 2)):
+        os.dup2(os.open(place, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), handle)
+    if most_bytes is not None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
+    sys.exit(main(arguments))
+
+
+def main(arguments: list[str]) -> int:
+    rig_path, plan_path, folder, *death = arguments
     rig = open_rig(rig_path)
     if death:
         arm(death[0], int(death[1]), rig)
@@ -117,7 +128,3 @@ def main() -> int:
         return ACQUIRE_FAILED
     print("complete" if record.complete else "stopped", record.lost_injections, flush=True)
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -10,15 +10,15 @@ line ends in `saved`, `rejected` or `lost`; no unfinished file stays.
 
 from __future__ import annotations
 
+import importlib
 import json
+import multiprocessing
 import os
 import random
-import resource
 import signal
-import subprocess
-import sys
 import time
 from collections import Counter
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +29,44 @@ from cldit.acquisition import Plan, open_acquisition
 from cldit.acquisition.journal import read_journal
 from cldit.acquisition.storage import exclusive
 
-CHILD = Path(__file__).with_name("acquisition_child.py")
+CHILD = "tests.system.acquisition_child"
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="SIGKILL is POSIX")
+
+# A server, started once, has imported all that an acquisition needs: nine tenths of what a process
+# costs here. Each acquisition is a fork of it, with memory, files and signals of its own.
+FORKS = multiprocessing.get_context("forkserver")
+FORKS.set_forkserver_preload([CHILD, "cldit.drivers.simulated_scene"])
+
+
+class Child:
+    """A process that acquires; its output is in two files."""
+
+    def __init__(self, arguments: list[str], folder: Path, most_bytes: int | None) -> None:
+        self.out, self.err = folder / "child.out", folder / "child.err"
+        self.out.unlink(missing_ok=True)
+        run = importlib.import_module(CHILD).child
+        self.process: ForkServerProcess = FORKS.Process(
+            target=run, args=(arguments, self.out, self.err, most_bytes)
+        )
+        self.process.start()
+
+    def send(self, number: signal.Signals) -> None:
+        assert self.process.pid is not None
+        os.kill(self.process.pid, number)
+
+    def wait_for_a_line(self) -> None:
+        end = time.monotonic() + 30.0
+        while not (self.out.exists() and b"\n" in self.out.read_bytes()):
+            assert time.monotonic() < end and self.process.is_alive(), self.err.read_text()
+            time.sleep(0.001)
+
+    def ended(self) -> tuple[int, str, str]:
+        """Its exit status and what it wrote; killed, and a failure, if it does not end."""
+        self.process.join(60)
+        if self.process.exitcode is None:
+            self.process.kill()
+            pytest.fail("the process did not end within 60 s")
+        return self.process.exitcode, self.out.read_text(), self.err.read_text()
 
 
 class Bench:
@@ -49,21 +85,12 @@ class Bench:
         self.plan = self.plan.model_copy(update=values)
         self.plan_path.write_text(self.plan.dump())
 
-    def start(self, *death: str, **options: Any) -> subprocess.Popen[str]:
-        command = [sys.executable, str(CHILD), str(self.rig_path), str(self.plan_path)]
-        return subprocess.Popen(
-            [*command, str(self.folder), *death],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-            **options,
-        )
+    def start(self, *death: str, most_bytes: int | None = None) -> Child:
+        paths = (self.rig_path, self.plan_path, self.folder)
+        return Child([*map(str, paths), *death], self.rig_path.parent, most_bytes)
 
-    def run(self, *death: str, **options: Any) -> tuple[int, str, str]:
-        with self.start(*death, **options) as process:
-            out, err = process.communicate(timeout=60)
-        return process.returncode, out, err
+    def run(self, *death: str, most_bytes: int | None = None) -> tuple[int, str, str]:
+        return self.start(*death, most_bytes=most_bytes).ended()
 
     def pulses(self) -> Counter[bool]:
         if not self.pulse_log.exists():
@@ -147,13 +174,11 @@ def test_killed_at_any_time(bench: Bench) -> None:
     bench.change(shots=30, references=20)
     rng = random.Random(20)
     for _ in range(5):
-        with bench.start() as process:
-            assert process.stdout is not None
-            process.stdout.readline()  # preflight begins
-            time.sleep(rng.uniform(0.0, 0.03))
-            process.kill()
-            process.communicate(timeout=60)
-        assert process.returncode == -signal.SIGKILL
+        process = bench.start()
+        process.wait_for_a_line()  # preflight begins
+        time.sleep(rng.uniform(0.0, 0.03))
+        process.send(signal.SIGKILL)
+        assert process.ended()[0] == -signal.SIGKILL
     code, out, err = bench.run()
     assert code == 0 and out.splitlines()[-1].startswith("complete"), err
     bench.check()
@@ -185,13 +210,14 @@ def wait_for(bench: Bench, event: str, number: int) -> None:
 def test_ctrl_c_finishes_the_shot(bench: Bench) -> None:
     """Once, while the third injection is in the air: it is saved, then it stops; and resumes."""
     long_shots(bench, real_time_factor=5.0)
-    with bench.start() as process:
-        wait_for(bench, "fired", 3)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
-    assert process.returncode == 0, err
+    process = bench.start()
+    wait_for(bench, "fired", 3)
+    process.send(signal.SIGINT)
+    code, out, err = process.ended()
+    assert code == 0, err
     assert out.splitlines()[-1] == "stopped 0"
-    assert [entry["event"] for entry in bench.lines()[-3:]] == ["fired", "saved", "stopped"]
+    ended = [entry["event"] for entry in bench.lines()[-4:]]
+    assert ended == ["fired", "saved", "stopped", "made safe"]
     assert len(open_acquisition(bench.folder).shots) == bench.pulses()[True] == 3
     assert bench.run()[0] == 0
     bench.check()
@@ -201,22 +227,22 @@ def test_ctrl_c_finishes_the_shot(bench: Bench) -> None:
 def test_ctrl_c_twice_aborts_the_shot(how: str, bench: Bench) -> None:
     """Within a shot of 10 s: it ends in less, and the injection is written off."""
     long_shots(bench, real_time_factor=0.1)
-    with bench.start() as process:
-        wait_for(bench, "fired", 1)
-        begin = time.monotonic()
-        if how == "sigterm":
-            process.terminate()
-        else:
-            process.send_signal(signal.SIGINT)
-            time.sleep(0.1)  # two signals at once would arrive as one
-            assert process.poll() is None
-            process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=60)
+    process = bench.start()
+    wait_for(bench, "fired", 1)
+    begin = time.monotonic()
+    if how == "sigterm":
+        process.send(signal.SIGTERM)
+    else:
+        process.send(signal.SIGINT)
+        time.sleep(0.1)  # two signals at once would arrive as one
+        assert process.process.is_alive()
+        process.send(signal.SIGINT)
+    code, _, err = process.ended()
     assert time.monotonic() - begin < 8.0
-    assert process.returncode == 3 and err.startswith("Aborted: stopped within a shot"), err
+    assert code == 3 and err.startswith("Aborted: stopped within a shot"), err
     entries = bench.lines()
-    assert [entry["event"] for entry in entries[-2:]] == ["fired", "lost"]
-    assert entries[-1]["inject"] is True
+    assert [entry["event"] for entry in entries[-3:]] == ["fired", "lost", "made safe"]
+    assert entries[-2]["inject"] is True
     assert open_acquisition(bench.folder).shots == ()
 
 
@@ -225,11 +251,7 @@ def test_full_disk(bench: Bench) -> None:
     picture stays, and the same command without the limit completes."""
     assert bench.run("journal_line", "2")[0] == -signal.SIGKILL
     size = (bench.folder / "journal.jsonl").stat().st_size
-
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size + 200, size + 200))
-
-    code, _, err = bench.run(preexec_fn=limit)
+    code, _, err = bench.run(most_bytes=size + 200)
     assert code == 3 and "DiskFull" in err and "disk is full" in err and "resumes" in err, err
     assert len(bench.lines()) >= 2
     assert not list((bench.folder / "shots").glob("*.part"))

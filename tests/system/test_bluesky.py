@@ -74,7 +74,7 @@ def test_a_whole_plan(
     start, stop = documents[0][1], documents[-1][1]
     assert start["operator"] == "test" and stop["exit_status"] == "success"
     assert open_acquisition(tmp_path / "a").complete
-    assert read_journal(tmp_path / "a" / "journal.jsonl")[-1]["event"] == "finished"
+    assert read_journal(tmp_path / "a" / "journal.jsonl")[-2]["event"] == "finished"
     documents.clear()
     engine(all_shots(Shots(tiny_rig, tiny_plan, tmp_path / "a")))
     assert not events(documents)
@@ -131,7 +131,7 @@ def test_abort_leaves_the_rig_safe_and_resumes(
     engine.abort()
     assert documents[-1][1]["exit_status"] == "abort"
     events_of = [entry["event"] for entry in read_journal(tmp_path / "a" / "journal.jsonl")]
-    assert events_of[-1] == "stopped" and 3 <= events_of.count("saved") < 10
+    assert events_of[-2:] == ["stopped", "made safe"] and 3 <= events_of.count("saved") < 10
     engine(all_shots(Shots(tiny_rig, tiny_plan, tmp_path / "a")))
     assert open_acquisition(tmp_path / "a").complete
     assert [pulse["inject"] for pulse in pulses(tiny_rig)] == fired(tmp_path / "a")

@@ -163,7 +163,7 @@ def test_page(page: str, scratch: Path) -> None:
         skipped = [reason for start, reason in NOT.items() if bare.startswith(start)]
         if skipped and "--quick" not in bare:
             continue
-        if "peers" in bare and find_spec("mitsuba") is None:
+        if ("peers" in bare or "mitsuba" in bare) and find_spec("mitsuba") is None:
             continue
         small = any(re.match(pattern, bare) for pattern in SMALL)
         _run(bare, scratch / "small" if small else scratch)

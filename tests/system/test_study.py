@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from cldit.cli import main
 from cldit.errors import EvaluationError
-from cldit.run import KeptRuns, reevaluated
+from cldit.run import RunCache, reevaluated
 from cldit.study.grid import changed
 from cldit.study.lab import Lab
 from cldit.study.paper.walls import all_round
@@ -27,19 +27,20 @@ _TINY = {
     "domain.leaf_edge_m": 0.003,
     "transport.directions": 8,
 }
+_FEW = {**_TINY, "camera.pixels": [16, 16]}  # where only what is traced counts
 
 
 def test_walls(tmp_path: Path) -> None:
     """Six walls from one trace; then all of it from the cache."""
-    lab = Lab(KeptRuns(tmp_path / "cache"), quick=True, always=_TINY)
+    lab = Lab(RunCache(tmp_path / "cache"), quick=True, always=_TINY)
     page = run_study("walls", lab)
-    assert lab.kept.computed == ["gdi"]
+    assert lab.runs.computed == ["gdi"]
     assert len(page.table) == 6 and set(page.scenes) == {"gdi"} and page.quick
     assert write_page(page, tmp_path / "out").is_file()
 
-    again = Lab(KeptRuns(tmp_path / "cache"), quick=True, always=_TINY)
+    again = Lab(RunCache(tmp_path / "cache"), quick=True, always=_TINY)
     repeated = run_study("walls", again)
-    assert again.kept.computed == []
+    assert again.runs.computed == []
     assert [v.value for v in repeated.verdicts] == pytest.approx(
         [v.value for v in page.verdicts], nan_ok=True
     )
@@ -58,7 +59,7 @@ def test_walls(tmp_path: Path) -> None:
 
 
 def test_damaged_run_is_made_anew(tmp_path: Path) -> None:
-    kept = KeptRuns(tmp_path)
+    kept = RunCache(tmp_path)
     scene = changed(Lab(kept).gdi("none"), {"spray": {"model": "none"}, "camera.pixels": [8, 8]})
     kept.run(scene)
     (folder,) = (each for each in (tmp_path / "runs").iterdir() if each.is_dir())
@@ -70,29 +71,29 @@ def test_damaged_run_is_made_anew(tmp_path: Path) -> None:
 _KILLED = """
 import os, signal, sys
 from pathlib import Path
-from cldit.run import KeptRuns
+from cldit.run import RunCache
 from cldit.study.lab import Lab
 
 def say(text):
-    if len(lab.kept.computed) == 2 and text.strip() == "octree":
+    if len(lab.runs.computed) == 1 and text.strip() == "octree":
         os.kill(os.getpid(), signal.SIGKILL)
 
-lab = Lab(KeptRuns(Path(sys.argv[1])), quick=True, always=eval(sys.argv[2]), say=say)
-for order in range(4):
+lab = Lab(RunCache(Path(sys.argv[1])), quick=True, always=eval(sys.argv[2]), say=say)
+for order in range(3):
     lab.run(lab.gdi(f"order-{order}", {"transport.order": order}))
 """
 
 
 def test_what_a_killed_study_had_traced_is_not_traced_again(tmp_path: Path) -> None:
-    """Killed in the third trace of four: two more, and nothing the time after."""
-    program = [sys.executable, "-c", _KILLED, str(tmp_path), repr(_TINY)]
+    """Killed in the second trace of three: two more, and nothing the time after."""
+    program = [sys.executable, "-c", _KILLED, str(tmp_path), repr(_FEW)]
     died = subprocess.run(program, capture_output=True, text=True)
     assert died.returncode == -signal.SIGKILL, died.stderr
     for computed in (2, 0):
-        lab = Lab(KeptRuns(tmp_path), quick=True, always=_TINY)
-        for order in range(4):
+        lab = Lab(RunCache(tmp_path), quick=True, always=_FEW)
+        for order in range(3):
             lab.run(lab.gdi(f"order-{order}", {"transport.order": order}))
-        assert len(lab.kept.computed) == computed
+        assert len(lab.runs.computed) == computed
         assert not list((tmp_path / "runs").glob("*.part"))
 
 

@@ -13,7 +13,7 @@ import pytest
 
 import cldit
 from cldit.errors import SceneError, StudyError
-from cldit.run import KeptRuns
+from cldit.run import RunCache
 from cldit.scene import Scene, parse_scene
 from cldit.study.grid import Grid
 from cldit.study.sweep import Progress, run_sweep
@@ -93,7 +93,7 @@ def test_killed_worker_loses_nothing(scene: Scene, cluster: Any, tmp_path: Path)
 
 def test_sources_are_not_traced_again(scene: Scene, tmp_path: Path) -> None:
     """Walls and backgrounds: one trace serves all scenes, and a repeated one costs nothing."""
-    kept = KeptRuns(tmp_path)
+    kept = RunCache(tmp_path)
     grid = Grid.parse("walls.temperature_K=0:600:300,background.emissivity=0.9,1")
     runs = [kept.run(point.scene) for point in grid.points(scene)]
     assert kept.computed == ["swept"]

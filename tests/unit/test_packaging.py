@@ -1,11 +1,15 @@
-"""The list of packages is the tree; what it lacks works when editable, and not as a wheel."""
+"""What lies in the tree is in the wheel, and type checkers find it in the editable install."""
 
 from __future__ import annotations
 
+import sys
 import tomllib
+from importlib.metadata import distribution
 from pathlib import Path
 
 import pytest
+import yaml
+from mypy.modulefinder import FindModuleCache, SearchPaths, get_search_dirs
 
 ROOT = Path(__file__).parents[2]
 
@@ -14,15 +18,17 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def test_every_package_is_listed() -> None:
-    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
-    found = [
-        ".".join(init.parent.relative_to(ROOT).parts)
-        for top in ("cldit", "drivers", "kernels")
-        for init in (ROOT / top).rglob("__init__.py")
-    ]
-    inside = [name if name.startswith("cldit") else f"cldit.{name}" for name in found]
-    assert sorted(listed) == sorted(inside)
+def test_every_folder_of_code_is_a_package() -> None:
+    """The wheel holds the packages that are found, and a folder without `__init__.py` is none."""
+    for top in ("cldit", "drivers", "kernels"):
+        for path in (ROOT / top).rglob("*.py"):
+            assert (path.parent / "__init__.py").is_file(), f"{path} is in no package"
+
+
+@pytest.mark.parametrize("name", ["drivers", "kernels"])
+def test_folders_beside_the_package_are_linked_into_it(name: str) -> None:
+    """As links to a sibling, which hold wherever the checkout lies."""
+    assert (ROOT / "cldit" / name).readlink() == Path("..", name)
 
 
 def test_every_data_file_matches_a_pattern() -> None:
@@ -38,10 +44,55 @@ def test_every_data_file_matches_a_pattern() -> None:
         assert any(path.match(pattern) for pattern in patterns), f"{path} is not package data"
 
 
+def test_citation_is_of_this_version() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["cff-version"] == "1.2.0"
+    assert {"message", "title", "authors", "type"} <= citation.keys()
+    assert citation["title"] == project["name"]
+    assert citation["version"] == project["version"]
+    assert citation["license"] == project["license"]
+    assert citation["keywords"] == project["keywords"]
+    assert citation["authors"] == project["authors"]
+
+
+def test_changelog_tells_of_this_version() -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert f"\n## {version}\n" in (ROOT / "CHANGELOG.md").read_text()
+
+
 def test_top_level_is_as_stated() -> None:
     names = {path.name for path in ROOT.iterdir() if not path.name.startswith(".")}
     allowed = {
-        "CHANGELOG.md", "LICENSE", "README.md", "build", "cldit", "cldit.egg-info", "dist", "docs",
-        "drivers", "kernels", "make.py", "pyproject.toml", "runs", "tests",
+        "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "README.md", "build", "cldit",
+        "cldit.egg-info", "dist", "docs", "drivers", "kernels", "make.py", "pyproject.toml", "runs",
+        "tests",
     }  # fmt: skip
     assert names <= allowed
+
+
+@pytest.mark.parametrize(
+    "module", ["cldit", "cldit.scene.load", "cldit.drivers.dg645", "cldit.kernels"]
+)
+def test_mypy_finds_the_installed_package(module: str) -> None:
+    """Where it looks from any other folder: in site-packages and what `.pth` files add to them.
+
+    `tests/system/test_types_outside.py` runs it whole.
+    """
+    installed = tuple(path for paths in get_search_dirs(sys.executable) for path in paths)
+    found = FindModuleCache(SearchPaths((), (), installed, ()), None, None).find_module(module)
+    assert isinstance(found, str), f"mypy: {module}: {found}"
+    wanted = Path(*module.split("."))
+    wanted = wanted / "__init__.py" if len(wanted.parts) < 3 else wanted.with_suffix(".py")
+    assert Path(found).parts[-len(wanted.parts) :] == wanted.parts
+
+
+def test_no_import_hook_stands_before_the_package() -> None:
+    """An editable install is one line of a `.pth` file, which is a path."""
+    lines = [
+        line
+        for file in distribution("cldit").files or ()
+        if file.suffix == ".pth"
+        for line in str(file.read_text()).splitlines()
+    ]
+    assert not any(line.startswith("import ") for line in lines), lines

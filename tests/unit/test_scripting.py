@@ -40,7 +40,7 @@ def test_leaving_the_loop_stops_safely_and_resumes(
         for _, saved in zip(range(3), rig.acquire(tiny_plan, tmp_path / "a"), strict=False):
             assert saved.meta["shot"] == saved.shot.id
     events = [entry["event"] for entry in read_journal(tmp_path / "a" / "journal.jsonl")]
-    assert events[-1] == "stopped"
+    assert events[-2:] == ["stopped", "made safe"]
     with cldit.open_rig(tiny_rig) as rig:
         rest = list(rig.acquire(tiny_plan, tmp_path / "a"))
     assert open_acquisition(tmp_path / "a").complete and 0 < len(rest) <= 7

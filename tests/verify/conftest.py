@@ -15,7 +15,7 @@ from cldit.run import Run
 
 
 @pytest.fixture
-def run_block(tmp_path: Path, device: Device) -> Callable[..., Run]:
+def run_block(tmp_path: Path, tables: Path, device: Device) -> Callable[..., Run]:
     """Simulates a scene whose spray is one grid file.
 
     arrays: scalars (one voxel) or (nx, ny, nz) arrays by their names in the file. size_m: of the
@@ -38,6 +38,6 @@ def run_block(tmp_path: Path, device: Device) -> Callable[..., Run]:
         data = {"name": "block", "spray": {"model": "grid", "file": str(file)}, **scene}
         # Here the truth is known otherwise.
         data["transport"] = {"audit": False, **data.get("transport", {})}
-        return cldit.simulate(cldit.parse_scene(data), device=device, cache=tmp_path / "cache")
+        return cldit.simulate(cldit.parse_scene(data), device=device, cache=tables)
 
     return run

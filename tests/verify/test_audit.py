@@ -11,7 +11,7 @@ import pytest
 
 from cldit.run import Run
 from cldit.transport.monte_carlo import audit
-from cldit.transport.monte_carlo.audit import found
+from cldit.transport.monte_carlo.audit import mean_square_error
 from cldit.transport.monte_carlo.path import trace_path
 from cldit.transport.temperature_error import temperature_error_K
 from cldit.transport.trace import Trace
@@ -87,7 +87,7 @@ def test_unbiased(
     )
     assert expected > 0.5
     answers = [
-        found(cells, scene, view, device, replace(settings, seed=seed), given)[:2]
+        mean_square_error(cells, scene, view, device, replace(settings, seed=seed), given)[:2]
         for seed in range(16)
     ]
     squares, doubts = np.array(answers).T

@@ -29,8 +29,8 @@ def test_a_misfire_is_named_and_left_out() -> None:
     plain = evaluate_shots(recorded)
     robust = evaluate_shots(recorded, robust=True)
     for found in (plain, robust):
-        assert [shot.id for shot in found.odd] == [missed]
-        assert found.odd[0].weight == 0.0
+        assert [shot.id for shot in found.outliers] == [missed]
+        assert found.outliers[0].weight == 0.0
     assert any(missed in line and "--robust" in line for line in plain.remarks)
     assert any(missed in line and "left out" in line for line in robust.remarks)
     off = [
@@ -42,11 +42,11 @@ def test_a_misfire_is_named_and_left_out() -> None:
     assert np.all(np.abs(kelvin.mean(axis=1) - TRUTH_K) < 0.3)
 
 
-def test_good_shots_are_not_odd_and_lose_nothing() -> None:
+def test_good_shots_are_no_outliers_and_lose_nothing() -> None:
     """50 shots of noise alone: none beyond 6 deviations; robust costs next to nothing."""
     recorded = record(shots=5, side=16)
     plain, robust = (evaluate_shots(recorded, robust=robust) for robust in (False, True))
-    assert plain.odd == robust.odd == () and plain.remarks == ()
+    assert plain.outliers == robust.outliers == () and plain.remarks == ()
     error = np.nanmean(plain.maps.emissivity_standard_error)
     assert np.nanmean(robust.maps.emissivity_standard_error) < 1.05 * error
 

@@ -168,9 +168,9 @@ def test_orders_are_those_of_source_iteration(
     ("g", "order", "left"),
     [
         (None, None, 1.5e-3),
-        (None, 1, 1.5e-3),
+        pytest.param(None, 1, 1.5e-3, marks=pytest.mark.slow),
         (None, 3, 1.5e-3),
-        (0.8, None, 1.5e-3),
+        pytest.param(0.8, None, 1.5e-3, marks=pytest.mark.slow),
         (0.8, 1, 1.5e-3),
         (0.8, 2, 4e-3),
     ],

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyopencl as cl
 import pytest
 
 import cldit
 from cldit.errors import DeviceError, TransportError
+from cldit.gpu import buffers
 from cldit.gpu.device import Device, open_device, split
 from cldit.run import Run
 
@@ -140,7 +140,7 @@ def test_two_devices_make_one_picture(device: Device, rays: Any) -> None:
     ],
 )
 def test_two_devices_scatter_as_one(
-    run_block: Callable[..., Run], device: Device, tmp_path: Path, transport: dict[str, Any]
+    run_block: Callable[..., Run], device: Device, tables: Path, transport: dict[str, Any]
 ) -> None:
     """Chance goes by the pixel: its picture is the same to the last bit, whoever makes it."""
     if not device.is_cpu or device.info.compute_units < 2:
@@ -152,7 +152,7 @@ def test_two_devices_scatter_as_one(
         camera={"pixels": [9, 11], "field_m": [0.1, 0.1]},
         transport=transport,
     )
-    two = cldit.simulate(one.scene, device=split(device, [1, 1]), cache=tmp_path / "cache")
+    two = cldit.simulate(one.scene, device=split(device, [1, 1]), cache=tables)
     for name, image in one.weights.images.items():
         np.testing.assert_array_equal(image, two.weights.images[name])
     assert one.info.counts == two.info.counts
@@ -178,7 +178,7 @@ def test_a_device_with_little_memory_says_so(run_block: Callable[..., Run], devi
 def test_no_buffer_is_larger_than_a_device_takes(
     run_block: Callable[..., Run],
     device: Device,
-    tmp_path: Path,
+    tables: Path,
     method: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -186,12 +186,12 @@ def test_no_buffer_is_larger_than_a_device_takes(
     is refused, or makes that buffer smaller, as with sweeps: none is made without asking."""
     sizes: list[int] = []
 
-    class Noted(cl.Buffer):  # type: ignore[misc, unused-ignore]
+    class Noted(buffers.Numbers):
         def __init__(self, *given: Any, **named: Any) -> None:
             super().__init__(*given, **named)
             sizes.append(self.size)
 
-    monkeypatch.setattr(cl, "Buffer", Noted)
+    monkeypatch.setattr(buffers, "Numbers", Noted)
     first = run_block(
         {"droplet_scattering_per_m": 30.0, "droplet_absorption_per_m": 10.0},
         size_m=(0.05, 0.07, 0.06),
@@ -205,13 +205,13 @@ def test_no_buffer_is_larger_than_a_device_takes(
         context = pytest.raises(DeviceError, match="in one buffer") if refused else nullcontext()
         sizes.clear()
         with context:
-            cldit.simulate(first.scene, device=replace(device, info=info), cache=tmp_path / "cache")
+            cldit.simulate(first.scene, device=replace(device, info=info), cache=tables)
         assert max(sizes, default=0) <= limit
 
 
 @pytest.mark.parametrize("method", ["source", "path", "branching"])
 def test_small_work_groups(
-    run_block: Callable[..., Run], device: Device, tmp_path: Path, method: str
+    run_block: Callable[..., Run], device: Device, tables: Path, method: str
 ) -> None:
     """A device of work-groups of 20 gives the same picture: nothing relies on their size."""
     scene = {"camera": {"pixels": 9, "field_m": [0.1, 0.1]}}
@@ -224,6 +224,6 @@ def test_small_work_groups(
         **scene,
     )
     small = replace(device, info=replace(device.info, largest_group=20))
-    second = cldit.simulate(first.scene, device=small, cache=tmp_path / "cache")
+    second = cldit.simulate(first.scene, device=small, cache=tables)
     for name, image in first.weights.images.items():
         np.testing.assert_array_equal(image, second.weights.images[name])

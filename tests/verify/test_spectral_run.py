@@ -86,11 +86,11 @@ def traced(
     return chosen, trace_nodes(trees, chosen.quadrature, scene, device, settings, report=None)
 
 
-def test_cavity_is_flat_over_the_spectrum(device: Device, tmp_path: Path) -> None:
+def test_cavity_is_flat_over_the_spectrum(device: Device, tables: Path) -> None:
     kelvin = 430.0
     scene = scene_of(kelvin, wavelengths=3)
     spray = slab(kelvin, mol_m2=0.03, droplets=True)
-    chosen, result = traced(scene, spray, device, tmp_path)
+    chosen, result = traced(scene, spray, device, tables)
     around = Surroundings.from_scene(scene)
     bands = [Boundary.of(around, node.radiance, node.pane) for node in chosen.nodes]
     own = float(band_radiance(kelvin, filter_um=FILTER))
@@ -104,7 +104,7 @@ def test_cavity_is_flat_over_the_spectrum(device: Device, tmp_path: Path) -> Non
     np.testing.assert_allclose(total + whole.background, 1.0, atol=3 * shift + 1e-5)
 
 
-def test_vapour_slab_against_its_spectrum(device: Device, tmp_path: Path) -> None:
+def test_vapour_slab_against_its_spectrum(device: Device, tables: Path) -> None:
     """Emissivity of a thick slab, by the fitted slope between two black bodies.
 
     24 nodes against an integral in 4000 steps; the steps of 2 1/cm that nodes are made of resolve
@@ -112,7 +112,7 @@ def test_vapour_slab_against_its_spectrum(device: Device, tmp_path: Path) -> Non
     """
     kelvin, mol_m2 = 430.0, 0.05
     scene = scene_of(kelvin, wavelengths=24)
-    chosen, result = traced(scene, slab(kelvin, mol_m2=mol_m2, droplets=False), device, tmp_path)
+    chosen, result = traced(scene, slab(kelvin, mol_m2=mol_m2, droplets=False), device, tables)
     assert len(chosen.nodes) == 24
     maps = evaluate_radiance(
         result.spectral,
@@ -139,9 +139,9 @@ def test_vapour_slab_against_its_spectrum(device: Device, tmp_path: Path) -> Non
     np.testing.assert_allclose(maps.apparent_temperature_K, kelvin, atol=0.3)
 
 
-def test_the_order_of_nodes_means_nothing(device: Device, tmp_path: Path) -> None:
+def test_the_order_of_nodes_means_nothing(device: Device, tables: Path) -> None:
     scene = scene_of(430.0, wavelengths=3)
-    chosen, result = traced(scene, slab(400.0, mol_m2=0.03, droplets=False), device, tmp_path)
+    chosen, result = traced(scene, slab(400.0, mol_m2=0.03, droplets=False), device, tables)
     around = Surroundings.from_scene(scene)
     turned = Quadrature(
         chosen.quadrature.filter_um,
@@ -163,20 +163,20 @@ def test_the_order_of_nodes_means_nothing(device: Device, tmp_path: Path) -> Non
     np.testing.assert_allclose(seen[0], seen[1], rtol=1e-12)
 
 
-def test_more_wavelengths_are_better(tmp_path: Path) -> None:
+def test_more_wavelengths_are_better(tables: Path) -> None:
     scene = scene_of(430.0)
-    chosen = wavelengths(scene, slab(480.0, mol_m2=0.05, droplets=True), cache=tmp_path)
+    chosen = wavelengths(scene, slab(480.0, mol_m2=0.05, droplets=True), cache=tables)
     errors = chosen.errors_K
     assert errors[0] > 0.1 > errors[len(chosen.nodes) - 1]
     assert min(errors[5:]) < errors[0] / 5
 
 
-def test_grey_scenes_take_one(tmp_path: Path) -> None:
+def test_grey_scenes_take_one(tables: Path) -> None:
     empty = wavelengths(scene_of(430.0), Spray(), cache=None)
     assert len(empty.nodes) == 1 and empty.errors_K == ()
     paper = parse_scene({"name": "p", "spray": {"model": "none"}})
     spray = slab(430.0, mol_m2=0.01, droplets=True)
-    assert len(wavelengths(paper, spray, cache=tmp_path).nodes) == 1
+    assert len(wavelengths(paper, spray, cache=tables).nodes) == 1
 
 
 def test_trees_of_one_geometry_are_those_of_one_alone() -> None:
@@ -197,14 +197,14 @@ def test_trees_of_one_geometry_are_those_of_one_alone() -> None:
             np.testing.assert_array_equal(tree.fields[name], values)
 
 
-def test_kept_and_opened(device: Device, tmp_path: Path) -> None:
+def test_kept_and_opened(device: Device, tmp_path: Path, tables: Path) -> None:
     """A small methane jet through a run folder and back; its report says what the nodes did."""
     data = cldit.load_scene("methane-jet").model_dump(mode="json")
     data["optics"] = {"preset": "spectral", "wavelengths": 2}
     data["camera"]["pixels"] = [40, 40]
     data["domain"]["leaf_edge_m"] = 2e-3
     data["spray"]["spacing_m"] = 2e-3
-    run = cldit.simulate(parse_scene(data), tmp_path / "run", device=device, cache=tmp_path)
+    run = cldit.simulate(parse_scene(data), tmp_path / "run", device=device, cache=tables)
     again = cldit.open_run(tmp_path / "run")
     assert again.quadrature == run.quadrature and again.info.spectral == run.info.spectral
     assert run.info.spectral is not None and run.info.spectral.from_paper is not None
@@ -217,7 +217,7 @@ def test_kept_and_opened(device: Device, tmp_path: Path) -> None:
         cldit.open_run(tmp_path / "run")
 
 
-def test_the_methane_jet_stays_translucent(device: Device, tmp_path: Path) -> None:
+def test_the_methane_jet_stays_translucent(device: Device, tables: Path) -> None:
     """Emissivity of the shipped jet, traced: above 0.15, and nowhere above the paper's 0.3.
 
     Beer-Lambert on the mean absorption, or the paper's one cross section, make its core opaque.
@@ -227,8 +227,8 @@ def test_the_methane_jet_stays_translucent(device: Device, tmp_path: Path) -> No
     data["camera"]["pixels"] = [40, 40]
     data["domain"]["leaf_edge_m"] = 2e-3
     data["spray"]["spacing_m"] = 2e-3
-    run = cldit.simulate(parse_scene(data), device=device, cache=tmp_path)
+    run = cldit.simulate(parse_scene(data), device=device, cache=tables)
     assert 0.15 < float(np.nanmax(run.maps.emissivity)) <= 0.3
     data["optics"]["preset"] = "paper"
-    grey = cldit.simulate(parse_scene(data), device=device, cache=tmp_path)
+    grey = cldit.simulate(parse_scene(data), device=device, cache=tables)
     assert float(np.nanmax(grey.maps.emissivity)) > 0.8

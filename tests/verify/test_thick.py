@@ -161,7 +161,7 @@ def test_chains_that_stop_short_say_so(
 
     def short(**transport: Any) -> bool:
         run = run_block(BLOCK, **SCENE, transport={"directions": 16, **transport})
-        return any("chains in thick cells: stopped" in text for text in run.info.remarks)
+        return any("paths in thick cells: stopped" in text for text in run.info.remarks)
 
     assert short(accuracy_K=1e-3, max_samples=128)
     assert not short(accuracy_K=100.0)
@@ -169,8 +169,15 @@ def test_chains_that_stop_short_say_so(
     assert short(accuracy_K=1e-3, max_samples=10**6)
 
 
-@pytest.mark.parametrize("phase", [PHASE, "isotropic"])
-@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize(
+    ("precision", "phase"),
+    [
+        ("float32", "isotropic"),
+        ("float64", PHASE),
+        pytest.param("float32", PHASE, marks=pytest.mark.slow),
+        pytest.param("float64", "isotropic", marks=pytest.mark.slow),
+    ],
+)
 def test_flights_one_by_one(
     run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, precision: str, phase: Any
 ) -> None:

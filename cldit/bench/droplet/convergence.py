@@ -43,8 +43,10 @@ CASES = (
 
 @dataclass(frozen=True)
 class Convergence:
-    """With fixed steps, and with steps chosen for falling tolerances. Errors are those of
-    `error_of`, seconds are processor time per droplet."""
+    """Errors with fixed steps, and with steps chosen for falling tolerances, (N,) each.
+
+    Errors are those of `error_of`, seconds are processor time per droplet.
+    """
 
     case: Case
     model: str
@@ -64,7 +66,13 @@ class Reference:
 
 
 def reference(case: Case, model: Model, fuel: Fuel, gas: Gas) -> Reference:
-    """By scipy's Radau, in s = (m/m0)^(2/3) and T, with the plain rates of the model."""
+    """Solves with scipy's Radau, in s = (m/m0)^(2/3) and T, with the plain rates of the model.
+
+    Args:
+        case: droplet and gas at the start.
+        model: of evaporation.
+        fuel, gas: property tables.
+    """
     first = float(fuel.mass_kg(case.diameter_m, case.temperature_K))
 
     def slopes(_: float, y: Floats) -> tuple[float, float]:
@@ -95,8 +103,10 @@ def reference(case: Case, model: Model, fuel: Fuel, gas: Gas) -> Reference:
 
 
 def error_of(found: Reference, wanted: Reference) -> float:
-    """The larger of the errors of the lifetime (of itself) and of the mass at half of it (of the
-    first mass)."""
+    """The larger of two errors of `found` against `wanted`.
+
+    That of the lifetime is relative; that of the mass at half of it is a share of the first mass.
+    """
     return max(abs(found.life_s / wanted.life_s - 1), abs(found.left - wanted.left))
 
 
@@ -110,7 +120,14 @@ def integrated(
     steps: int,
     tolerance: float,
 ) -> Reference:
-    """The library's own integration, with `steps` calls to half_s and calls as long after it."""
+    """Solves with the library's own integrator, in calls of equal length.
+
+    Args:
+        case, model, fuel, gas: as in `reference`.
+        half_s: half of the lifetime.
+        steps: number of calls up to `half_s`.
+        tolerance: of the integrator.
+    """
     start, around = _states(case, fuel)
     step = half_s / steps
     state, at, left = start, 0.0, 0.0
@@ -128,7 +145,13 @@ def integrated(
 def explicit_euler(
     case: Case, model: Model, fuel: Fuel, gas: Gas, *, half_s: float, steps: int
 ) -> Reference:
-    """Plain steps of mass and temperature, for comparison; infinite where it breaks down."""
+    """Plain steps of mass and temperature, for comparison; infinite where it breaks down.
+
+    Args:
+        case, model, fuel, gas: as in `reference`.
+        half_s: half of the lifetime.
+        steps: number of steps to it.
+    """
     first = mass = float(fuel.mass_kg(case.diameter_m, case.temperature_K))
     warm, step, left = case.temperature_K, half_s / steps, 0.0
     for number in range(10 * steps):
@@ -145,7 +168,13 @@ def explicit_euler(
 
 
 def measure(case: Case, model: str, fuel: Fuel, gas: Gas) -> Convergence:
-    """Errors and run times of one model in one case."""
+    """Errors and run times of one model in one case.
+
+    Args:
+        case: droplet and gas at the start.
+        model: a key of `MODELS`.
+        fuel, gas: property tables.
+    """
     rule = MODELS[model]
     wanted = reference(case, rule, fuel, gas)
     rows: list[tuple[float, float]] = []
@@ -169,7 +198,14 @@ def measure(case: Case, model: str, fuel: Fuel, gas: Gas) -> Convergence:
 
 
 def measure_euler(case: Case, model: str, fuel: Fuel, gas: Gas) -> tuple[Floats, Floats]:
-    """Steps in s and errors of `explicit_euler`."""
+    """Errors of `explicit_euler`.
+
+    Args:
+        case, model, fuel, gas: as in `measure`.
+
+    Returns:
+        (N,) steps [s], and (N,) errors.
+    """
     wanted = reference(case, MODELS[model], fuel, gas)
     half = wanted.life_s / 2
     error = [

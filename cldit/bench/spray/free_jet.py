@@ -42,7 +42,9 @@ def free_jet(
 
     Args:
         mixture: with its reference at 573 K, the gas's temperature.
+        spacing_m: of the grid.
         fuel_kg_s: vapour that is added, with 0.9 MJ/kg less than it has at the gas's temperature.
+        distances_m: where the jet is measured.
     """
     count = round(_ACROSS_m / spacing_m)
     origin = np.array([-0.5 * count * spacing_m] * 2 + [-_BELOW_m])

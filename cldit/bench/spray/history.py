@@ -19,9 +19,11 @@ class Bench:
     say: Callable[[str], None]
 
     def box(self, part: float = 1.0) -> FlowBox:
+        """The box, its grid spaced by a part of the page's."""
         return FlowBox(spacing_m=part * self.spacing_m)
 
     def run(self, label: str, spec: LagrangianSpray) -> Found:
+        """Computes the spray `spec`, and says how far it came under `label`."""
         found = find(spec, cache=self.cache)
         notes = found.spray.notes
         liquid, vapour = (1e3 * notes[f"{name}_penetration_m"] for name in ("liquid", "vapour"))
@@ -31,6 +33,6 @@ class Bench:
 
 
 def table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """In Markdown."""
+    """A table in Markdown, `rows` below their `heading`."""
     lines = [list(heading), ["---"] * len(heading), *rows]
     return ["| " + " | ".join(cells) + " |" for cells in lines]

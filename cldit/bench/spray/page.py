@@ -35,7 +35,17 @@ def page(
     only: Collection[str] = (),
     say: Callable[[str], None] = lambda text: None,
 ) -> Iterator[str]:
-    """The page piece by piece, as Markdown: its head, and those of `SECTIONS`, or only some."""
+    """The page piece by piece, as Markdown: its head, and those of `SECTIONS`, or only some.
+
+    Args:
+        cache: folder of tables.
+        spacing_m: of the grid.
+        only: names of sections; empty is all, with the head.
+        say: takes lines of progress.
+
+    Returns:
+        Markdown of each piece.
+    """
     bench = Bench(cache, spacing_m, say)
     if not only:
         yield "\n".join([*_TOP, f"The gas is on a grid of {1e3 * spacing_m:g} mm.", "", ""])
@@ -251,7 +261,7 @@ def _half(bench: Bench) -> list[str]:
 
 
 def _compared(found: Sequence[tuple[str, Found]]) -> list[str]:
-    """With the first."""
+    """Compares each with the first."""
     first = found[0][1]
     base = first.spray.notes
     rows = []

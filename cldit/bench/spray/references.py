@@ -67,6 +67,7 @@ class Found:
 
 
 def find(spec: LagrangianSpray, *, cache: Path | None) -> Found:
+    """Computes the spray `spec` and what it is compared with; tables are kept in `cache`."""
     fuel = fuel_table(spec.fuel, cache=cache)
     gas = gas_table(spec.gas, cache=cache)
     start = time.process_time()
@@ -84,7 +85,12 @@ def find(spec: LagrangianSpray, *, cache: Path | None) -> Found:
 
 
 def jet(spec: LagrangianSpray, fuel: Fuel, gas: Gas) -> Jet:
-    """Of the first plume, by Naber and Siebers."""
+    """The jet of the first plume, by Naber and Siebers.
+
+    Args:
+        spec: the spray.
+        fuel, gas: property tables.
+    """
     injection = inject(spec, fuel)
     hole, ambient = injection.holes[0], spec.ambient
     density = ambient.pressure_Pa * gas.molar_mass_kg_mol / (8.314462618 * ambient.temperature_K)
@@ -100,8 +106,18 @@ def jet(spec: LagrangianSpray, fuel: Fuel, gas: Gas) -> Jet:
 def saturation(
     fuel: Fuel, gas: Gas, *, fuel_K: float, gas_K: float, pressure_Pa: float
 ) -> tuple[float, float]:
-    """Adiabatic saturation: temperature, and fuel-to-gas mass ratio, at which the gas mixed in just
-    evaporates all of the fuel. No colder gas can hold all of it as vapour."""
+    """Adiabatic saturation: the gas mixed in just evaporates all of the fuel.
+
+    No colder gas can hold all of it as vapour.
+
+    Args:
+        fuel, gas: property tables.
+        fuel_K, gas_K: temperatures before mixing.
+        pressure_Pa: of both.
+
+    Returns:
+        Temperature [K], and mass ratio of fuel to gas.
+    """
     heavy = fuel.molar_mass_kg_mol / gas.molar_mass_kg_mol
     low = fuel.liquid.low_K
     high = min(gas_K, float(fuel.boiling_K(pressure_Pa)) * (1 - 1e-9))
@@ -121,6 +137,12 @@ def saturation(
 
 
 def at(pressure_MPa: float, gas_K: float, **changes: Any) -> LagrangianSpray:
+    """The base spray at another state of the gas.
+
+    Args:
+        pressure_MPa, gas_K: of the gas.
+        changes: of the spray's other keys.
+    """
     ambient = Ambient(pressure_Pa=pressure_MPa * 1e6, temperature_K=float(gas_K))
     return BASE.model_copy(update={"ambient": ambient, **changes})
 
@@ -140,7 +162,7 @@ def alone(spec: LagrangianSpray) -> LagrangianSpray:
 
 
 def mean_liquid_K(spray: Spray) -> float:
-    """By mass; NaN without liquid."""
+    """Mean temperature of the liquid by mass; NaN without liquid."""
     if (parcels := spray.parcels) is None:
         return float("nan")
     mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3

@@ -39,6 +39,8 @@ def read_ensight(
     Args:
         path: the .case file, or a folder with one.
         time_s: the latest where None.
+        fuel_field: name of the fuel's mass fraction.
+        cloud: name of the cloud; None is the only one.
         names: names of fields where they are not T, p, rho, `fuel_field`, and d, nParticle, T, rho,
             U, age for the parcels.
 
@@ -104,7 +106,11 @@ PARCEL_NAMES = ParcelColumns(
 
 
 def case_path(path: Path) -> Path:
-    """The .case file itself, or the only one in a folder."""
+    """The .case file itself, or the only one in a folder.
+
+    Raises:
+        SprayError: the folder has none or several.
+    """
     if not path.is_dir():
         return path
     found = sorted(path.glob("*.case"))

@@ -45,7 +45,11 @@ class CaseFile:
     time_sets: dict[int, TimeSet] = field(default_factory=dict)
 
     def files(self, item: Item) -> list[tuple[float | None, Path]]:
-        """Times and files of an item; time None where it does not change."""
+        """Times and files of an item; time None where it does not change.
+
+        Raises:
+            SprayError: the item's time set is missing.
+        """
         if item.time_set is None or "*" not in item.pattern:
             return [(None, self.path.parent / item.pattern)]
         if item.time_set not in self.time_sets:
@@ -163,10 +167,12 @@ class Reader:
             self.at = 80
 
     def fail(self, what: str) -> SprayError:
+        """An error that names the file."""
         return SprayError(f"{self.path}: {what}")
 
     @property
     def done(self) -> bool:
+        """Whether the file is read to its end."""
         return self.at >= len(self.body if self.binary else self.lines)
 
     def text(self) -> str:
@@ -178,14 +184,14 @@ class Reader:
         return raw.split(b"\0")[0].decode("latin-1").strip()
 
     def integers(self, count: int, *, a_line: int = 1) -> Labels:
-        """Integers; in ascii `a_line` of them in columns of ten."""
+        """Integers (N,), `count` of them; in ascii `a_line` of them in columns of ten."""
         if self.binary:
             raw = np.frombuffer(self._bytes(4 * count), f"{self.order}i4")
             return raw.astype(np.int64)
         return self._numbers(count, 10, a_line).astype(np.int64)
 
     def floats(self, count: int, *, a_line: int = 1) -> Floats:
-        """Float32; in ascii `a_line` of them in columns of twelve."""
+        """Float32 numbers (N,), `count` of them; in ascii `a_line` of them in columns of twelve."""
         if self.binary:
             with np.errstate(invalid="ignore"):  # NaN is for who knows what the number means
                 return np.frombuffer(self._bytes(4 * count), f"{self.order}f4").astype(np.float64)

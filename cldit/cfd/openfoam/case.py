@@ -97,7 +97,14 @@ def read_openfoam(
 def list_openfoam(
     path: Path, time_s: float | None
 ) -> tuple[list[float], list[str], dict[str, list[str]]]:
-    """Times, cell fields, and clouds with their fields, of a time or the last; nothing is read.
+    """Times, cell fields, and clouds with their fields, of `time_s` or the last; nothing is read.
+
+    Args:
+        path: the case's folder, or a file in it.
+        time_s: None is the latest.
+
+    Returns:
+        Times [s], cell fields, and the fields of each cloud.
 
     Raises:
         SprayError: there is no case, or no such time.

@@ -34,13 +34,21 @@ def cloud_names(time_folder: Path) -> list[str]:
 def read_cloud(
     folder: Path, mesh: Mesh, block: int | None = None
 ) -> tuple[Column, dict[str, Column]]:
-    """Positions (N, 3) and fields of one cloud folder, or of one block of its collated files.
+    """Positions and fields of one cloud.
 
     `positions` are read where they are there, else `coordinates`; both may hold either form.
 
+    Args:
+        folder: of the cloud.
+        mesh: of the same processor.
+        block: which processor's, of collated files.
+
+    Returns:
+        Positions (N, 3), and fields by name.
+
     Raises:
-        SprayError: the folder holds neither, a file is damaged, or a parcel's tetrahedron does
-            not belong to the mesh.
+        SprayError: the folder holds neither, a file is damaged, or a parcel's tetrahedron does not
+            belong to the mesh.
     """
     names = ("positions", "coordinates")
     found = next((folder / name for name in names if find_foam(folder / name)), None)
@@ -58,13 +66,21 @@ def read_cloud(
 
 
 def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
-    """Positions (N, 3) of parcels given by barycentric coordinates.
+    """Positions of parcels given by barycentric coordinates.
 
     X = b0 C + b1 P0 + b2 P1 + b3 P2: C the cell centre, P0 the base point of the face, P1 and P2
     the two face points that follow it by `tet point`, in the order in which the face's normal
     points out of the cell (OpenFOAM, tetIndices::faceTriIs). The base point is the first from
     which no tetrahedron of the face is turned inside out, in the cells on both sides
     (polyMeshTetDecomposition::findFaceBasePts).
+
+    Args:
+        file: named by errors.
+        rows: (N, 7) four coordinates, cell, face, tet point.
+        mesh: to which they belong.
+
+    Returns:
+        (N, 3).
 
     Raises:
         SprayError: a label is outside the mesh, or the face is not one of the cell's.

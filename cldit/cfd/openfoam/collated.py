@@ -61,7 +61,15 @@ def _matched(folder: Path) -> re.Match[str] | None:
 
 
 def block_of(content: bytes, path: Path, block: int) -> tuple[bytes, bytes]:
-    """The content of the first block, and of one, from what follows the file's header.
+    """Cuts the first block and another out of a collated file.
+
+    Args:
+        content: what follows the file's header.
+        path: named by errors.
+        block: number of the other.
+
+    Returns:
+        The content of both.
 
     Raises:
         SprayError: a block is cut off, or there are too few.

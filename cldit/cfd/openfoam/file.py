@@ -47,6 +47,7 @@ class FoamFile:
         return self.block is not None and not self.body.strip()
 
     def fail(self, what: str) -> SprayError:
+        """An error that names the file."""
         where = "" if self.block is None else f", block {self.block}"
         return SprayError(f"{self.path}{where}: {what}")
 
@@ -61,6 +62,7 @@ def read_foam(path: Path, block: int | None = None) -> FoamFile:
     """Reads a file by its plain name; `.gz` beside it is taken where the plain file is missing.
 
     Args:
+        path: plain name.
         block: which processor's, of a collated file.
 
     Raises:
@@ -170,7 +172,7 @@ def _list(file: FoamFile, kind: str, width: int, at: int) -> tuple[NDArray[np.ge
 
 
 def whole(file: FoamFile, values: NDArray[np.generic]) -> NDArray[np.int64]:
-    """Labels as integers; text such as 1.5 or 1e300 is refused."""
+    """`values` in `file` as integers of the same shape; text such as 1.5 or 1e300 is refused."""
     numbers = np.asarray(values)
     if numbers.dtype.kind == "f" and not np.all(np.abs(numbers) < 2.0**53):
         raise file.fail("holds a label that is no whole number")
@@ -226,7 +228,7 @@ def faces(file: FoamFile) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def internal_field(file: FoamFile, cells: int) -> Floats:
-    """The internalField of a volScalarField, (cells,).
+    """The internalField (N,) of a volScalarField in `file`, of a mesh of `cells`.
 
     Raises:
         SprayError: there is none, it is no scalar, or its length is not `cells`.

@@ -96,12 +96,12 @@ def time_value(data: Any) -> float | None:
 
 
 def cell_columns(file: Path, data: Any) -> dict[str, Column]:
-    """Numeric cell arrays by name."""
+    """Numeric cell arrays of `data` by name; `file` is named by errors."""
     return _columns(file, data.GetCellData(), "cell field")
 
 
 def point_columns(file: Path, data: Any) -> tuple[Column, dict[str, Column]]:
-    """Positions (N, 3), and numeric point arrays by name."""
+    """Positions (N, 3), and numeric point arrays of `data` by name; `file` is named by errors."""
     return (
         Column(f"{file}: points", _points(data)),
         _columns(file, data.GetPointData(), "point field"),
@@ -133,7 +133,9 @@ def _columns(file: Path, data: Any, kind: str) -> dict[str, Column]:
 
 
 def vtk_mesh(file: Path, grid: Any) -> Mesh:
-    """The mesh of an unstructured grid of linear cells and polyhedra, each face once a cell.
+    """The mesh of an unstructured `grid` of linear cells and polyhedra, each face once a cell.
+
+    Errors name `file`.
 
     Raises:
         SprayError: the grid has a cell of another type, or none.

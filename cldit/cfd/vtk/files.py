@@ -98,7 +98,14 @@ def read_vtk(
 def list_vtk(
     path: Path, time_s: float | None
 ) -> tuple[list[float], list[str], dict[str, list[str]]]:
-    """Times, cell fields, and clouds with their fields, of a time or the last step.
+    """Times, cell fields, and clouds with their fields, of `time_s` or the last step.
+
+    Args:
+        path: a file, or foamToVTK's folder.
+        time_s: None is the latest.
+
+    Returns:
+        Times [s], cell fields, and the fields of each cloud.
 
     Raises:
         SprayError: there is no such file or time, or a file is damaged.
@@ -143,7 +150,7 @@ def _place(path: Path) -> tuple[Path, str | None]:
 
 
 def _top(folder: Path) -> Path:
-    """From `CASE_12` or `lagrangian/cloud` up to the folder that holds the steps."""
+    """Goes up from `CASE_12` or `lagrangian/cloud` to the folder that holds the steps."""
     for here in (folder, folder.parent):
         if here.name == "lagrangian":
             folder = here.parent

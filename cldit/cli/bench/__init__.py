@@ -10,7 +10,7 @@ import click
 from cldit.bench import ACCURACIES_K, PARTS
 from cldit.cli.console import plain_errors
 from cldit.cli.lazy import LazyGroup
-from cldit.cli.units import KELVIN
+from cldit.cli.units import KELVIN, device_option
 
 _COMMANDS = {
     "rig": "cldit.cli.bench.rig:bench_rig_command",
@@ -22,13 +22,27 @@ _COMMANDS = {
     "stability": "cldit.cli.bench.stability:bench_stability_command",
 }
 
+_OLD_PARTS = {"floor": "roofline", "peers": "mitsuba"}  # names of 0.1.0
+
 
 @click.group(cls=LazyGroup, commands_at=_COMMANDS, invoke_without_command=True)
 @click.option("--scene", default="gdi", show_default=True, help="A shipped name or a YAML file.")
 @click.option(
-    "--only", "parts", multiple=True, type=click.Choice(PARTS), help="One part; may be repeated."
+    "--only",
+    "parts",
+    multiple=True,
+    type=click.Choice([*PARTS, *_OLD_PARTS]),
+    metavar=f"[{'|'.join(PARTS)}]",
+    callback=lambda _, __, parts: tuple(_OLD_PARTS.get(part, part) for part in parts),
+    help="One part; may be repeated.",
 )
-@click.option("--peers", is_flag=True, help="Also what others need, where it is installed.")
+@click.option(
+    "--mitsuba",
+    "--peers",
+    "mitsuba",
+    is_flag=True,
+    help="Also Mitsuba 3, if it is installed.",
+)
 @click.option(
     "--every",
     type=click.IntRange(1),
@@ -59,12 +73,12 @@ _COMMANDS = {
     show_default=True,
     help="Folder of benchmarks.md and of tables, pictures and JSON.",
 )
-@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@device_option
 @click.pass_context
 @plain_errors
 def bench(context: click.Context, /, **options: Any) -> None:
     """Measure this computer: error against run time of all methods, growth of cost, memory, what
-    leaving out saves, kernels against the machine's floor, ways to solve, several rays a pixel."""
+    leaving out saves, kernels against their roofline, solvers, several rays a pixel."""
     if context.invoked_subcommand is not None:
         return
     from cldit.cli.bench.transport import Asked, bench_transport  # not for the commands below

@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from cldit.bench.droplet.convergence import measure_all
+from cldit.bench.droplet.picture import convergence_picture
 from cldit.cli.console import OUT, plain_errors
-from cldit.report.droplets import convergence_picture
 from cldit.run import default_cache
 
 

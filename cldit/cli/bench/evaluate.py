@@ -9,7 +9,7 @@ import click
 from rich.table import Table
 
 from cldit.bench.evaluation import bench_evaluation
-from cldit.bench.evaluation_bias import truth_table
+from cldit.bench.evaluation_bias import evaluation_bias
 from cldit.cli.console import OUT, plain_errors
 
 
@@ -28,7 +28,7 @@ def bench_evaluate_command(shots: int, folder: Path | None) -> None:
     for head in ("eps", "T bias / K", "T error / K", "T chi2", "eps bias", "eps chi2"):
         table.add_column(head)
     last = ""
-    for row in truth_table():
+    for row in evaluation_bias():
         if row.surroundings != last:
             last = row.surroundings
             table.add_section()

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from cldit.bench.optics import ABSORPTIONS, check_table, table_use, with_preset
+from cldit.bench.optics import ABSORPTIONS, check_table, compare_solvers, table_use, with_preset
 from cldit.cli.console import OUT, plain_errors
 from cldit.optics.wavelengths import wavelengths
 from cldit.report.pictures import nodes_picture
@@ -33,6 +33,12 @@ def bench_optics_command(scene: str, out: Path | None) -> None:
         table.add_row(f"{k:g}", *(f"{value:.1e}" for value in (*single, found.narrow, found.other)))
     OUT.print(table)
     OUT.print(f"largest error of a table of droplets: {100 * worst:.2g} %")
+    solvers = Table("k", "mean Q_abs: cldit", "miepython", "CPU s: cldit", "miepython", box=None)
+    for k in (1e-4, 1e-5, 1e-6):
+        one = compare_solvers(n=chosen.optics.n, k=k)
+        times = (f"{seconds:.3f}" for seconds in (one.own_s, one.other_s))
+        solvers.add_row(f"{k:g}", f"{one.own:.1e}", f"{one.other:.1e}", *times)
+    OUT.print(solvers)
     spectral = with_preset(chosen, "spectral")
     spray = make_spray(spectral.spray, cache=default_cache())
     for name, use in zip(("first", "second"), table_use(spectral, spray), strict=True):

@@ -7,7 +7,7 @@ from rich.table import Table
 
 from cldit.bench.presets import CAUSES, compare_presets
 from cldit.cli.console import OUT, plain_errors, say
-from cldit.cli.units import KELVIN
+from cldit.cli.units import KELVIN, device_option
 from cldit.gpu.device import open_device
 from cldit.run import default_cache
 from cldit.scene import load_scene
@@ -17,7 +17,7 @@ from cldit.scene import load_scene
 @click.argument("scene", default="gdi")
 @click.option("--pixels", type=click.IntRange(8, 1000), default=250, show_default=True)
 @click.option("--accuracy", "accuracy_K", type=KELVIN, default=0.5, show_default=True)
-@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@device_option
 @plain_errors
 def bench_presets_command(scene: str, pixels: int, accuracy_K: float, device: str | None) -> None:
     """Why preset `spectral` differs from `paper`: liquid, vapour and phase function in turn."""

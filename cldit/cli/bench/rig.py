@@ -35,7 +35,7 @@ def bench_rig_command(folder: Path, frames: int, repeats: int, rate_Hz: float) -
     lost = 0
     for count in FRAMES_PER_SHOT:
         result = bench_rig(folder, frames=frames, frames_per_shot=count, repeats=repeats)
-        rates, floors = result.frames_per_s, result.syncs_per_s
+        rates, syncs = result.frames_per_s, result.syncs_per_s
         lost += result.lost
         table.add_row(
             str(count),
@@ -44,7 +44,7 @@ def bench_rig_command(folder: Path, frames: int, repeats: int, rate_Hz: float) -
             f"{min(rates):.0f}",
             str(result.lost),
             f"{1e3 * min(result.cpu_s):.1f}",
-            f"{min(floors):.0f}..{max(floors):.0f}",
+            f"{min(syncs):.0f}..{max(syncs):.0f}",
             f"{result.shots_per_sync:.2f}",
         )
     OUT.print(table)

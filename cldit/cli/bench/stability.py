@@ -8,13 +8,14 @@ import click
 
 from cldit.bench.stability import bench_stability, cases, page
 from cldit.cli.console import OUT, plain_errors, say
+from cldit.cli.units import device_option
 from cldit.errors import TransportError
 from cldit.gpu.device import open_device
 
 
 @click.command("stability")
 @click.option("--out", type=click.Path(path_type=Path), help="Markdown file; else printed.")
-@click.option("--device", help="OpenCL device: platform:device, or part of its name.")
+@device_option
 @plain_errors
 def bench_stability_command(out: Path | None, device: str | None) -> None:
     """Stiff and extreme cases of the transport, with the error that each reaches.

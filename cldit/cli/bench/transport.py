@@ -22,7 +22,7 @@ class Asked:
 
     scene: str
     parts: tuple[str, ...]
-    peers: bool
+    mitsuba: bool
     every: int
     samples: int
     accuracies_K: tuple[float, ...]
@@ -34,7 +34,7 @@ class Asked:
         command = f"cldit bench --scene {self.scene} --only {part} --out {self.out}"
         if part == "error":
             command += f" --every {self.every} --samples {self.samples}"
-            command += "".join(f" --accuracy {kelvin:g}K" for kelvin in self.accuracies_K)
+            command += "".join(f" --accuracy {accuracy_K:g}K" for accuracy_K in self.accuracies_K)
         return command
 
 
@@ -57,7 +57,7 @@ def bench_transport(asked: Asked) -> None:
         say=say,
         save=save,
     )
-    for name in asked.parts or (*USUAL, *(["peers"] if asked.peers else [])):
+    for name in asked.parts or (*USUAL, *(["mitsuba"] if asked.mitsuba else [])):
         part = MEASUREMENTS[name](measured)
         _show(part)
         save(part)

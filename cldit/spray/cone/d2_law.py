@@ -15,7 +15,7 @@ _STEPS = 500
 
 
 @dataclass(frozen=True)
-class Shrinking:
+class D2Law:
     """States of the distribution, from whole to gone.
 
     loss_m2: K t, by which d^2 has fallen, (N,); evaporated: share of the mass, rising from 0 to
@@ -29,7 +29,7 @@ class Shrinking:
     surface: Floats
 
     def kinetic(self, age_s: ArrayLike, *, rate_m2_s: float) -> Floats:
-        """Evaporated share after a time in hot gas."""
+        """Evaporated share after `age_s`, any shape, in hot gas where d^2 falls at `rate_m2_s`."""
         known, first = self.loss_m2, np.searchsorted(self.loss_m2, 0.0, side="right") - 1
         loss = np.asarray(age_s, dtype=float) * rate_m2_s
         return np.interp(loss, known[first:], self.evaporated[first:])
@@ -39,6 +39,10 @@ class Shrinking:
         that is left when a share `evaporated` (N,), 0..1, of it has gone.
 
         Each has the surface per mass of its share, as `strata_m`, so that D32 is kept.
+
+        Args:
+            evaporated: (N,), 0..1.
+            count: classes.
         """
         edges = np.linspace(0.0, 1.0, count + 1)
         rows = len(self.evaporated) - 1  # the last has nothing left
@@ -50,8 +54,8 @@ class Shrinking:
         return np.asarray(table[np.minimum(state, rows - 1)])
 
 
-def shrinking(classes_m: Floats, bulb: WetBulb | None) -> Shrinking:
-    """For droplets of `classes_m` (rising), each class an equal share of the mass.
+def d2_law(classes_m: Floats, bulb: WetBulb | None) -> D2Law:
+    """Evaporation of droplets of `classes_m` (C,), rising, each an equal share of the mass.
 
     Without `bulb` nothing evaporates, and the two states are the whole and the end.
     """
@@ -70,4 +74,4 @@ def shrinking(classes_m: Floats, bulb: WetBulb | None) -> Shrinking:
     # Where a class has gone nothing is added to either sum.
     over = np.divide(mass, classes_m * np.sqrt(left), out=np.zeros_like(mass), where=left > 0)
     sums = [np.pad(np.cumsum(each, axis=1), ((0, 0), (1, 0))) for each in (mass, over)]
-    return Shrinking(loss, 1 - total / len(squares), sums[0], sums[1])
+    return D2Law(loss, 1 - total / len(squares), sums[0], sums[1])

@@ -26,19 +26,19 @@ _LIQUID_MAX_K = 535.0  # cp of the liquid diverges at the critical point; held b
 
 
 def heptane_saturation_pressure_Pa(temperature_K: ArrayLike) -> Floats:
-    """NSRDS 1: ln p = a + b/T + c ln T + d T^2, 183 to 540 K."""
+    """NSRDS 1: ln p = a + b/T + c ln T + d T^2, 183 to 540 K; any shape."""
     t = np.asarray(temperature_K, dtype=float)
     return np.asarray(np.exp(87.829 - 6996.4 / t - 9.8802 * np.log(t) + 7.2099e-6 * t * t))
 
 
 def heptane_density_kg_m3(temperature_K: ArrayLike) -> Floats:
-    """Saturated liquid, NSRDS 5: rho = a / b^(1 + (1 - T/Tc)^d)."""
+    """Saturated liquid, NSRDS 5: rho = a / b^(1 + (1 - T/Tc)^d); any shape."""
     t = np.minimum(np.asarray(temperature_K, dtype=float), HEPTANE_CRITICAL_K)
     return np.asarray(61.38396836 / 0.26211 ** (1 + (1 - t / HEPTANE_CRITICAL_K) ** 0.28141))
 
 
 def heptane_latent_heat_J_kg(temperature_K: ArrayLike) -> Floats:
-    """NSRDS 6: L = a (1 - T/Tc)^b."""
+    """NSRDS 6: L = a (1 - T/Tc)^b; any shape."""
     t = np.minimum(np.asarray(temperature_K, dtype=float), HEPTANE_CRITICAL_K)
     return np.asarray(499121.791545248 * (1 - t / HEPTANE_CRITICAL_K) ** 0.38795)
 
@@ -48,7 +48,10 @@ _CPG = (1199.05392998284, 3992.85457666361, 1676.6, 2734.42177956968, 756.4)
 
 
 def heptane_liquid_cp_J_kg_K(temperature_K: ArrayLike) -> Floats:
-    """NSRDS 14, in t = 1 - T/Tc: a^2/t + b - 2act - adt^2 - c^2t^3/3 - cdt^4/2 - d^2t^5/5."""
+    """NSRDS 14 in t = 1 - T/Tc; any shape.
+
+    a^2/t + b - 2act - adt^2 - c^2t^3/3 - cdt^4/2 - d^2t^5/5
+    """
     a, b, c, d = _CPL
     t = 1 - np.minimum(np.asarray(temperature_K, dtype=float), _LIQUID_MAX_K) / HEPTANE_CRITICAL_K
     slow = t * (2 * a * c + t * (a * d + t * (c * c / 3 + t * (c * d / 2 + t * d * d / 5))))
@@ -56,7 +59,7 @@ def heptane_liquid_cp_J_kg_K(temperature_K: ArrayLike) -> Floats:
 
 
 def heptane_vapour_cp_J_kg_K(temperature_K: ArrayLike) -> Floats:
-    """Ideal gas, NSRDS 7 (Aly and Lee): a + b (c/T / sinh(c/T))^2 + d (e/T / cosh(e/T))^2."""
+    """NSRDS 7 (Aly and Lee): a + b (c/T / sinh(c/T))^2 + d (e/T / cosh(e/T))^2; any shape."""
     a, b, c, d, e = _CPG
     t = np.asarray(temperature_K, dtype=float)
     return np.asarray(a + b * (c / t / np.sinh(c / t)) ** 2 + d * (e / t / np.cosh(e / t)) ** 2)
@@ -83,13 +86,13 @@ def _vapour_integral(temperature_K: Floats) -> Floats:
 
 
 def heptane_liquid_enthalpy_J_kg(temperature_K: ArrayLike) -> Floats:
-    """Zero at the normal boiling point; the slight effect of pressure is left out."""
+    """Zero at the normal boiling point; the slight effect of pressure is left out. Any shape."""
     t = np.asarray(temperature_K, dtype=float)
     return _liquid_integral(t) - _liquid_integral(np.asarray(HEPTANE_BOILING_K))
 
 
 def heptane_vapour_enthalpy_J_kg(temperature_K: ArrayLike) -> Floats:
-    """On the liquid's zero: the latent heat at the normal boiling point, plus the vapour's cp.
+    """The liquid's at the normal boiling point, the latent heat, and the vapour's cp; any shape.
 
     Energy is conserved on every path. The latent heat that follows at other temperatures
     (Kirchhoff, ideal vapour) is within 2 % of `heptane_latent_heat_J_kg` from 280 to 390 K, where
@@ -112,15 +115,17 @@ class IdealGas:
 
     @property
     def gas_constant_J_kg_K(self) -> float:
+        """Universal gas constant over the molar mass."""
         return GAS_CONSTANT_J_mol_K / self.molar_mass_kg_mol
 
     def cp_J_kg_K(self, temperature_K: ArrayLike) -> Floats:
+        """Heat capacity at constant pressure, any shape; constant below `low_K`."""
         t = np.maximum(np.asarray(temperature_K, dtype=float), self.low_K)
         ratio = np.where(t < self.mid_K, _horner(self.cold, t), _horner(self.hot, t))
         return np.asarray(ratio * self.gas_constant_J_kg_K)
 
     def enthalpy_J_kg(self, temperature_K: ArrayLike) -> Floats:
-        """Zero at `mid_K`."""
+        """Zero at `mid_K`; any shape."""
         t = np.asarray(temperature_K, dtype=float)
         held = np.maximum(t, self.low_K)
         rise = np.where(held < self.mid_K, self._heat(self.cold, held), self._heat(self.hot, held))
@@ -128,7 +133,7 @@ class IdealGas:
         return np.asarray(rise * self.gas_constant_J_kg_K + cold)
 
     def entropy_J_kg_K(self, temperature_K: ArrayLike) -> Floats:
-        """At constant pressure, zero at `mid_K`."""
+        """Entropy at constant pressure, zero at `mid_K`; any shape."""
         t = np.asarray(temperature_K, dtype=float)
         held = np.maximum(t, self.low_K)
         parts = []
@@ -169,29 +174,29 @@ METHANE = IdealGas(
 
 
 def heptane_vapour_conductivity_W_m_K(temperature_K: ArrayLike) -> Floats:
-    """NSRDS 2: a T^b / (1 + c/T + d/T^2)."""
+    """NSRDS 2: a T^b / (1 + c/T + d/T^2); any shape."""
     t = np.asarray(temperature_K, dtype=float)
     return np.asarray(-0.070028 * t**0.38068 / (1 - 7049.9 / t - 2400500.0 / (t * t)))
 
 
 def nitrogen_conductivity_W_m_K(temperature_K: ArrayLike) -> Floats:
-    """DIPPR 102: a T^b / (1 + c/T + d/T^2)."""
+    """DIPPR 102: a T^b / (1 + c/T + d/T^2); any shape."""
     t = np.asarray(temperature_K, dtype=float)
     return np.asarray(3.3143e-4 * t**0.7722 / (1 + 16.323 / t + 373.72 / (t * t)))
 
 
 def heptane_liquid_conductivity_W_m_K(temperature_K: ArrayLike) -> Floats:
-    """NSRDS 0."""
+    """NSRDS 0: a + b T; any shape."""
     return np.asarray(0.215 - 3.03e-4 * np.asarray(temperature_K, dtype=float))
 
 
 def heptane_vapour_viscosity_Pa_s(temperature_K: ArrayLike) -> Floats:
-    """NSRDS 2."""
+    """NSRDS 2: a T^b / (1 + c/T); any shape."""
     t = np.asarray(temperature_K, dtype=float)
     return np.asarray(6.672e-8 * t**0.82837 / (1 + 85.752 / t))
 
 
 def nitrogen_viscosity_Pa_s(temperature_K: ArrayLike) -> Floats:
-    """Sutherland's formula, F. M. White, Viscous Fluid Flow: 1.663e-5 Pa s at 273 K, S = 107 K."""
+    """Sutherland's formula, any shape: 1.663e-5 Pa s at 273 K, S = 107 K (White, Viscous Flow)."""
     t = np.asarray(temperature_K, dtype=float)
     return np.asarray(1.663e-5 * (t / 273.0) ** 1.5 * (273.0 + 107.0) / (t + 107.0))

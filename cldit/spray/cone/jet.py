@@ -22,7 +22,7 @@ SCHMIDT = 0.7  # turbulent, of a round jet: speed falls faster with radius than 
 
 
 def profile(xi: ArrayLike) -> Floats:
-    """Fuel-to-gas ratio across the plume over its value on the axis; xi = radius / edge.
+    """Fuel-to-gas ratio across the plume over its value on the axis; xi = radius / edge, any shape.
 
     (1 - xi^1.5)^2, as Musculus and Kattke take it (SAE 2009-01-1355).
     """
@@ -31,7 +31,7 @@ def profile(xi: ArrayLike) -> Floats:
 
 
 def _area_mean(exponent: float) -> float:
-    """Of (1 - xi^1.5)^exponent over the disc: 4/3 Beta(4/3, exponent + 1)."""
+    """Mean of (1 - xi^1.5)^exponent over the disc: 4/3 Beta(4/3, exponent + 1)."""
     return 4 / 3 * gamma(4 / 3) * gamma(exponent + 1) / gamma(exponent + 7 / 3)
 
 
@@ -58,7 +58,7 @@ class Jet:
 
     @property
     def diameter_m(self) -> float:
-        """Of the hole that the flow would fill at that speed: sqrt(Ca) times the real one."""
+        """Hole that the flow would fill at that speed: sqrt(Ca) times the real one."""
         return sqrt(4 * self.rate_kg_s / (np.pi * self.fuel_kg_m3 * self.speed_m_s))
 
     @property
@@ -71,17 +71,18 @@ class Jet:
         return np.sqrt(1 + 16 * (np.asarray(distance_m, dtype=float) / self.length_m) ** 2)
 
     def mean_speed_m_s(self, distance_m: ArrayLike) -> Floats:
+        """Mean speed over the cross section at a distance, any shape."""
         return 2 * self.speed_m_s / (1 + self._root(distance_m))
 
     def axis_ratio(self, distance_m: ArrayLike) -> Floats:
-        """Fuel-to-gas mass ratio on the axis; infinite at the hole."""
+        """Fuel-to-gas mass ratio on the axis, any shape; infinite at the hole."""
         s = np.asarray(distance_m, dtype=float) / self.length_m
         with np.errstate(divide="ignore"):
             # sqrt(1 + e) - 1 = e / (sqrt(1 + e) + 1), which does not cancel near the hole.
             return np.asarray(CENTRE * (self._root(distance_m) + 1) / (8 * s * s))
 
     def travel_s(self, distance_m: ArrayLike) -> Floats:
-        """Time from the hole to a distance along the plume."""
+        """Time from the hole to a distance along the plume, any shape."""
         s = np.asarray(distance_m, dtype=float) / self.length_m
         path = s / 2 + s / 4 * self._root(distance_m) + np.arcsinh(4 * s) / 16
         return np.asarray(path * self.length_m / self.speed_m_s)

@@ -71,7 +71,10 @@ class Mixture:
     saturation_K: float = float("nan")
 
     def at(self, fuel_kg_m3: ArrayLike, kinetic: ArrayLike = 1.0) -> State:
-        """State for a fuel content and the share that kinetics lets evaporate; ends hold."""
+        """State at `fuel_kg_m3` and at the share `kinetic` that has had the time to evaporate.
+
+        Both have one shape; the ends of the table hold beyond them.
+        """
         with np.errstate(divide="ignore"):
             wanted = np.log(np.asarray(fuel_kg_m3, dtype=float))
         axis, tables = self._by_content
@@ -79,14 +82,17 @@ class Mixture:
         return State(gas, liquid, self.evaporated(np.exp(ratio), kinetic), np.exp(ratio))
 
     def evaporated(self, fuel_to_gas: ArrayLike, kinetic: ArrayLike = 1.0) -> Floats:
-        """The smaller share of what heat and saturation allow, and of what time allows."""
+        """The smaller of `kinetic` and what heat and saturation allow at `fuel_to_gas` (...,)."""
         with np.errstate(divide="ignore"):
             wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
         allowed = np.interp(wanted, np.log(self.fuel_to_gas), self.equilibrium)
         return np.asarray(np.minimum(allowed, kinetic))
 
     def content(self, fuel_to_gas: ArrayLike, kinetic: ArrayLike = 1.0) -> Floats:
-        """Fuel in kg/m3 for a fuel-to-gas ratio; the ends of the table hold beyond them."""
+        """Fuel [kg/m3] at the ratio `fuel_to_gas` and the evaporated share `kinetic`, any shape.
+
+        The ends of the table hold beyond them.
+        """
         with np.errstate(divide="ignore"):
             wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
         known = np.log(self.fuel_to_gas)
@@ -128,11 +134,15 @@ def _between(axis: Floats, x: Floats) -> tuple[NDArray[np.int64], Floats]:
 def heptane_state(
     fuel_to_gas: ArrayLike, *, pressure_Pa: float, gas_K: float, fuel_K: float
 ) -> tuple[Floats, Floats]:
-    """Temperature in K and evaporated share of n-heptane mixed with nitrogen, element by element.
+    """Temperature and evaporated share of n-heptane in equilibrium with nitrogen.
 
     Args:
-        fuel_to_gas: B, mass of fuel by mass of nitrogen, > 0.
+        fuel_to_gas: (...,) B, mass of fuel by mass of nitrogen, > 0.
+        pressure_Pa: below the fuel's critical pressure.
         gas_K, fuel_K: temperatures before mixing; the fuel is liquid.
+
+    Returns:
+        (...,) temperature [K], and (...,) share.
 
     Raises:
         SprayError: the pressure is above the fuel's critical pressure.
@@ -174,10 +184,19 @@ def lagging_state(
     gas_K: float,
     fuel_K: float,
 ) -> tuple[Floats, Floats]:
-    """Temperatures in K of gas and liquid where a given share of the fuel has evaporated.
+    """Temperatures of gas and liquid where a given share of the fuel has evaporated.
 
     Enthalpy is kept, and the liquid has the wet-bulb temperature of the gas around it. The share
     is at most that of equilibrium, where both temperatures are those of `heptane_state`.
+
+    Args:
+        fuel_to_gas: (...,) B, mass of fuel by mass of nitrogen.
+        evaporated: (...,) share of the fuel.
+        pressure_Pa: of the gas.
+        gas_K, fuel_K: temperatures before mixing; the fuel is liquid.
+
+    Returns:
+        (...,) temperature of the gas, and (...,) of the liquid [K].
     """
     ratio, share = np.broadcast_arrays(
         np.asarray(fuel_to_gas, dtype=float), np.asarray(evaporated, dtype=float)
@@ -211,7 +230,13 @@ def lagging_state(
 def heptane_mixture(
     *, pressure_Pa: float, gas_K: float, fuel_K: float, evaporation: bool = True
 ) -> Mixture:
-    """The table for liquid n-heptane in nitrogen; without evaporation no heat is exchanged."""
+    """The table for liquid n-heptane in nitrogen.
+
+    Args:
+        pressure_Pa: of the gas.
+        gas_K, fuel_K: temperatures before mixing.
+        evaporation: without it no heat is exchanged.
+    """
     ratio = np.unique(np.concatenate([np.geomspace(1e-9, 1e6, 90), np.geomspace(1e-4, 1e3, _FINE)]))
     if not evaporation:
         return _table(
@@ -295,6 +320,7 @@ def methane_mixture(
     the jet just expanded (coldest), and the dilute jet has the temperature of plain mixing.
 
     Args:
+        pressure_Pa, gas_K: of the nitrogen.
         fuel_K: stagnation temperature, in the injector.
         speed_m_s: of the jet expanded to the pressure of the gas.
     """
@@ -325,7 +351,16 @@ def methane_mixture(
 def rising_root(
     excess: Callable[[Floats], Floats], low: Floats, high: Floats, *, halvings: int = _HALVINGS
 ) -> Floats:
-    """Root of a rising function between two bounds, element by element, by bisection."""
+    """Root of a rising function between two bounds, element by element, by bisection.
+
+    Args:
+        excess: the function, (...,) to (...,).
+        low, high: (...,) bounds.
+        halvings: number of steps.
+
+    Returns:
+        (...,) root.
+    """
     for _ in range(halvings):
         middle = 0.5 * (low + high)
         above = excess(middle) > 0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cldit.errors import SprayError
 from cldit.scene.spray import ConeSpray
-from cldit.spray.cone.d2_law import Shrinking, shrinking
+from cldit.spray.cone.d2_law import D2Law, d2_law
 from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
 from cldit.spray.cone.mixing import Mixture, heptane_mixture, methane_mixture
 from cldit.spray.cone.underexpanded_jet import expand
@@ -31,24 +31,28 @@ class Source:
     density_kg_m3: float
     flux_kg_m2_s: float
     mixture: Mixture
-    sizes: Shrinking | None = None
+    sizes: D2Law | None = None
     bulb: WetBulb | None = None
     disc: float = 0.0  # distance of the Mach disc, in diameters of the part that flows
     notes: Mapping[str, float] = field(default_factory=dict)
 
     def barrel_m(self, rate_kg_s: float) -> float:
-        """Of shocks, on the way of which a plume takes up no gas."""
+        """Length of the barrel of shocks, in which a plume takes up no gas."""
         return self.disc * float(np.sqrt(4 * rate_kg_s / (np.pi * self.flux_kg_m2_s)))
 
     def kinetic(self, age_s: Floats) -> Floats:
-        """Share of the fuel that has had the time to evaporate."""
+        """Share of the fuel that has had the time to evaporate after `age_s`, any shape."""
         if self.sizes is None or self.bulb is None:
             return np.ones(np.shape(age_s))
         return self.sizes.kinetic(age_s, rate_m2_s=self.bulb.rate_m2_s)
 
 
 def source_of(spec: ConeSpray) -> Source:
-    """State of the fuel at the holes, and the table of its mixtures with the gas."""
+    """State of the fuel at the holes, and the table of its mixtures with the gas.
+
+    Raises:
+        SprayError: the pressure drives nothing, or droplets are missing.
+    """
     ambient = spec.ambient
     if spec.injection_pressure_Pa <= ambient.pressure_Pa:
         raise SprayError(
@@ -104,5 +108,5 @@ def source_of(spec: ConeSpray) -> Source:
             pressure_Pa=ambient.pressure_Pa,
             fuel_K=spec.fuel_temperature_K,
         )
-    sizes = shrinking(classes, bulb)
+    sizes = d2_law(classes, bulb)
     return Source(speed, density, density * speed, mixture, sizes, bulb)

@@ -44,7 +44,12 @@ class Expansion:
 
 
 def expand(*, stagnation_Pa: float, stagnation_K: float, pressure_Pa: float) -> Expansion:
-    """Methane at rest, let out into gas of a lower pressure."""
+    """Methane at rest, let out into gas of a lower pressure.
+
+    Args:
+        stagnation_Pa, stagnation_K: in the injector.
+        pressure_Pa: of the gas outside.
+    """
     gas = METHANE.gas_constant_J_kg_K
     pressure = np.linspace(pressure_Pa, stagnation_Pa, 4001)
     entropy = METHANE.entropy_J_kg_K(stagnation_K) + gas * np.log(pressure / stagnation_Pa)

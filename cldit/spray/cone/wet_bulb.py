@@ -91,8 +91,13 @@ def _fluids() -> tuple[Fuel, Gas]:
 def still(
     surface_K: ArrayLike, *, gas_K: ArrayLike, vapour_share: ArrayLike, pressure_Pa: float
 ) -> Rates:
-    """Rates of droplets of 10 um at rest, of the shape of the arguments together; vapour_share: the
-    gas's mass fraction of fuel. Heat into the liquid is 0 at the wet bulb and falls through it."""
+    """Rates of droplets of 10 um at rest; heat into the liquid is 0 at the wet bulb.
+
+    Args:
+        surface_K, gas_K: temperatures, any shape.
+        vapour_share: mass fraction of fuel in the gas, any shape.
+        pressure_Pa: of the gas.
+    """
     fuel, carrier = _fluids()
     columns = np.broadcast_arrays(_SIZE_m, surface_K, gas_K, pressure_Pa, vapour_share, 0.0)
     shape = columns[0].shape
@@ -116,10 +121,14 @@ class WetBulb:
 
 
 def wet_bulb(*, gas_K: float, pressure_Pa: float, fuel_K: float) -> WetBulb:
-    """The gas is fuel-free and far away; below the critical pressure of the fuel.
+    """The wet bulb in fuel-free gas far away, below the critical pressure of the fuel.
 
     With Q the heat into the liquid, dm/m = cp dT mdot/Q on the way to the wet bulb. What this is
     more or less than the steady rate would have taken in the same time goes into `start`.
+
+    Args:
+        gas_K, pressure_Pa: of the gas.
+        fuel_K: temperature of the fuel at the start.
     """
 
     def at(surface_K: ArrayLike) -> Rates:

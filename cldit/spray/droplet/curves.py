@@ -17,7 +17,16 @@ Floats = NDArray[np.float64]
 
 @compiled
 def place(at: float, low: float, step: float, count: int) -> tuple[int, float]:
-    """Interval of a value on an even grid, held at its ends, and how far into it; NaN stays NaN."""
+    """Interval of a value on an even grid, held at its ends, and how far into it; NaN stays NaN.
+
+    Args:
+        at: the value.
+        low, step: start of the grid, and length of an interval.
+        count: number of intervals.
+
+    Returns:
+        Index of the interval, and distance into it.
+    """
     rise = min(at - low, count * step)
     if not rise > 0:
         return 0, (0.0 if at <= low else np.nan)
@@ -27,7 +36,14 @@ def place(at: float, low: float, step: float, count: int) -> tuple[int, float]:
 
 @compiled
 def cubic(table: Floats, cell: int, column: int, part: float) -> float:
-    """One property of a table (intervals, properties, 4)."""
+    """One property by its cubics.
+
+    Args:
+        table: (intervals, properties, 4).
+        cell: interval, and `part` how far into it.
+        column: number of the property.
+        part: from `place`.
+    """
     c = table[cell, column]
     return float(((c[0] * part + c[1]) * part + c[2]) * part + c[3])
 
@@ -45,6 +61,7 @@ class Curves:
 
     @cached_property
     def step_K(self) -> float:
+        """Length of an interval."""
         return (self.high_K - self.low_K) / int(next(iter(self.coefficients.values())).shape[1])
 
     def packed(self, *names: str) -> Floats:
@@ -52,7 +69,7 @@ class Curves:
         return np.ascontiguousarray(np.stack([self.coefficients[name].T for name in names], axis=1))
 
     def at(self, temperature_K: ArrayLike, *names: str) -> tuple[Floats, ...]:
-        """The named properties, each shaped as `temperature_K`."""
+        """The properties `names`, each shaped as `temperature_K`."""
         t = np.asarray(temperature_K, dtype=float)
         count = next(iter(self.coefficients.values())).shape[1]
         step = self.step_K
@@ -67,11 +84,12 @@ class Curves:
         return tuple(found)
 
     def one(self, name: str, temperature_K: ArrayLike) -> Floats:
+        """The property `name`, shaped as `temperature_K`."""
         return self.at(temperature_K, name)[0]
 
 
 def curves(temperature_K: Floats, values: Mapping[str, Floats]) -> Curves:
-    """Splines through `values`, each (M,), at even temperatures (M,)."""
+    """Splines through `values`, each (M,), at even temperatures `temperature_K` (M,)."""
     return Curves(
         low_K=float(temperature_K[0]),
         high_K=float(temperature_K[-1]),
@@ -83,5 +101,5 @@ def curves(temperature_K: Floats, values: Mapping[str, Floats]) -> Curves:
 
 
 def integral(temperature_K: Floats, column: Floats) -> Floats:
-    """Of a column over temperature, from the first entry on; (M,)."""
+    """Integral of `column` (M,) over `temperature_K` (M,), from the first entry on; (M,)."""
     return np.asarray(CubicSpline(temperature_K, column).antiderivative()(temperature_K))

@@ -58,7 +58,7 @@ class Drop:
 
     @cached_property
     def columns(self) -> Floats:
-        """Of every droplet what `Here` has, (N, 6)."""
+        """What `Here` has of every droplet, (N, 6)."""
         return np.stack([getattr(self, name) for name in Here._fields], axis=1).astype(float)
 
 
@@ -110,7 +110,7 @@ def surface_vapour(drop: Drop) -> Floats:
 
 
 def film(drop: Drop, *, share: float = 1 / 3) -> Film:
-    """Film at `share` of the way from the surface to the gas; see `gasfilm.film_state`."""
+    """Film of `drop` at `share` of the way to the gas; see `gasfilm.film_state`."""
     found = np.empty((len(State._fields), len(drop.diameter_m)))
     _films(tables(drop.fuel, drop.gas), drop.columns, share, found)
     return Film(*found)
@@ -150,6 +150,16 @@ def _machine() -> Callable[..., None]:
 
 @compiled
 def spalding_of(here: Here, state: State, latent: float) -> tuple[float, float]:
+    """Film theory (Spalding 1953) on a given film.
+
+    Args:
+        here: the droplet.
+        state: its film.
+        latent: latent heat [J/kg].
+
+    Returns:
+        Evaporation [kg/s], and heat into the liquid [W].
+    """
     sherwood = _ranz_marshall(state.reynolds, state.schmidt)
     mass = np.pi * here.diameter_m * state.diffusion_kg_m_s * sherwood * np.log1p(state.transfer)
     return _with_heat(here, state, latent, mass, _ranz_marshall(state.reynolds, state.prandtl))
@@ -157,13 +167,26 @@ def spalding_of(here: Here, state: State, latent: float) -> tuple[float, float]:
 
 @compiled
 def spalding_rule(tables: Tables, here: Here) -> tuple[float, float]:
-    """Film theory (Spalding 1953), Ranz-Marshall, heat flux with blowing; film at one third."""
+    """Film theory (Spalding 1953), Ranz-Marshall, heat flux with blowing; film at one third.
+
+    Of `tables` and the droplet `here`: kg/s and W.
+    """
     latent = liquid_at(tables, LATENT, here.temperature_K)
     return spalding_of(here, film_state(tables, here, 1 / 3), latent)
 
 
 @compiled
 def abramzon_sirignano_of(here: Here, state: State, latent: float) -> tuple[float, float]:
+    """Film theory whose films thicken with blowing, on a given film.
+
+    Args:
+        here: the droplet.
+        state: its film.
+        latent: latent heat [J/kg].
+
+    Returns:
+        Evaporation [kg/s], and heat into the liquid [W].
+    """
     blowing = np.log1p(state.transfer)
     sherwood = 2 + (_clift(state.reynolds, state.schmidt) - 2) / _thickening(blowing)
     mass = np.pi * here.diameter_m * state.diffusion_kg_m_s * sherwood * blowing
@@ -184,8 +207,11 @@ def abramzon_sirignano_of(here: Here, state: State, latent: float) -> tuple[floa
 
 @compiled
 def abramzon_sirignano_rule(tables: Tables, here: Here) -> tuple[float, float]:
-    """Abramzon and Sirignano, Int. J. Heat Mass Transfer 32, 1605 (1989): film theory whose films
-    thicken with blowing; Clift's correlation for the droplet without blowing."""
+    """Abramzon and Sirignano (1989): film theory whose films thicken with blowing.
+
+    Int. J. Heat Mass Transfer 32, 1605; Clift's correlation for the droplet without blowing. Of
+    `tables` and the droplet `here`: kg/s and W.
+    """
     latent = liquid_at(tables, LATENT, here.temperature_K)
     return abramzon_sirignano_of(here, film_state(tables, here, 1 / 3), latent)
 
@@ -205,15 +231,21 @@ def _dukowicz(tables: Tables, here: Here) -> tuple[float, float, float]:
 
 @compiled
 def dukowicz_rule(tables: Tables, here: Here) -> tuple[float, float]:
-    """Dukowicz, LA-7997-MS (1979), Le = 1, in the form without 0/0 at equal temperatures:
-    pi d Nu (lam/cp_gas) BM. Linear in BM; film half way."""
+    """Dukowicz, LA-7997-MS (1979), Le = 1, without 0/0 at equal temperatures.
+
+    pi d Nu (lam/cp_gas) BM: linear in BM; film half way. Of `tables` and the droplet `here`: kg/s
+    and W.
+    """
     mass, heat, _ = _dukowicz(tables, here)
     return mass, heat
 
 
 @compiled
 def dukowicz_logarithmic_rule(tables: Tables, here: Here) -> tuple[float, float]:
-    """`dukowicz` with ln(1 + B)/B on both fluxes, as several codes have it."""
+    """`dukowicz` with ln(1 + B)/B on both fluxes, as several codes have it.
+
+    Of `tables` and the droplet `here`: kg/s and W.
+    """
     mass, heat, number = _dukowicz(tables, here)
     safe = 1e-12 if np.abs(number) < 1e-12 else number
     weaker = np.log1p(safe) / safe
@@ -235,10 +267,12 @@ def _with_surface(tables: Tables, here: Here, surface_K: float) -> tuple[float, 
 
 @compiled
 def frolov_type_rule(tables: Tables, here: Here) -> tuple[float, float]:
-    """Film theory outside, finite conductivity inside: a parabolic profile of temperature, so that
-    the surface is at T + heat / (10 pi k d).
+    """Film theory outside, finite conductivity inside.
 
-    In the manner of Frolov, Frolov and Basara (2006), whose own formulation was not at hand.
+    A parabolic profile of temperature, so that the surface is at T + heat / (10 pi k d). In the
+    manner of Frolov, Frolov and Basara (2006), whose own formulation was not at hand.
+
+    Of `tables` and the droplet `here`: kg/s and W.
     """
     inside = here.temperature_K
     conductance = 10 * np.pi * here.diameter_m * liquid_at(tables, CONDUCTIVITY, inside)
@@ -299,7 +333,7 @@ def _thickening(blowing: float) -> float:
 
 @compiled
 def inert_rule(tables: Tables, here: Here) -> tuple[float, float]:
-    """Neither evaporates nor warms."""
+    """Neither evaporates nor warms, whatever `tables` and the droplet `here` are."""
     return 0.0, 0.0
 
 

@@ -46,10 +46,11 @@ class Fuel(Gas):
         return float(np.exp(self.liquid.one("ln_psat", self.liquid.high_K)))
 
     def saturation_Pa(self, temperature_K: ArrayLike) -> Floats:
+        """Saturation pressure, any shape."""
         return np.asarray(np.exp(self.liquid.one("ln_psat", temperature_K)))
 
     def boiling_K(self, pressure_Pa: ArrayLike) -> Floats:
-        """Temperature at which the liquid boils, by bisection; within the table."""
+        """Temperature at which the liquid boils, any shape, by bisection; within the table."""
         wanted = np.log(np.asarray(pressure_Pa, dtype=float))
         low = np.full(wanted.shape, self.liquid.low_K)
         high = np.full(wanted.shape, self.liquid.high_K)
@@ -60,12 +61,12 @@ class Fuel(Gas):
         return np.asarray(0.5 * (low + high))
 
     def diameter_m(self, mass_kg: ArrayLike, temperature_K: ArrayLike) -> Floats:
-        """Of a droplet."""
+        """Diameter of a droplet of `mass_kg` at `temperature_K`, any shape."""
         volume = np.asarray(mass_kg) / self.liquid.one("density", temperature_K)
         return np.asarray(np.cbrt(6 / np.pi * volume))
 
     def mass_kg(self, diameter_m: ArrayLike, temperature_K: ArrayLike) -> Floats:
-        """Of a droplet."""
+        """Mass of a droplet of `diameter_m` at `temperature_K`, any shape."""
         d = np.asarray(diameter_m, dtype=float)
         return np.asarray(np.pi / 6 * d**3 * self.liquid.one("density", temperature_K))
 
@@ -73,7 +74,15 @@ class Fuel(Gas):
 def diffusivity_m2_s(
     fuel: Fuel, gas: Gas, *, temperature_K: ArrayLike, pressure_Pa: ArrayLike
 ) -> Floats:
-    """Fuller, Ensley and Giddings, J. Phys. Chem. 73, 3679 (1969), dilute binary mixture."""
+    """Fuller, Ensley and Giddings, J. Phys. Chem. 73, 3679 (1969), dilute binary mixture.
+
+    Args:
+        fuel, gas: the two substances.
+        temperature_K, pressure_Pa: of the mixture, any shape.
+
+    Returns:
+        (...,) of the common shape.
+    """
     mass = 2e3 / (1 / fuel.molar_mass_kg_mol + 1 / gas.molar_mass_kg_mol)
     size = np.cbrt(fuel.diffusion_volume) + np.cbrt(gas.diffusion_volume)
     # The published 0.00143 is for cm2/s and bar.
@@ -83,20 +92,21 @@ def diffusivity_m2_s(
 
 
 def fuel_table(name: str, *, cache: Path | None) -> Fuel:
-    """The fuel of this name: iso-octane, or a fluid of CoolProp made of C, H and O.
+    """The fuel of this `name`: iso-octane, or a fluid of CoolProp made of C, H and O.
 
     Args:
+        name: as CoolProp has it, or iso-octane.
         cache: folder in which tables are kept by content, made if need be; None keeps nothing.
 
     Raises:
         SprayError: the fuel is not known, or lacks what evaporation needs.
     """
-    return _fuel(name, _kept(f"fuel {name.casefold()}", lambda: fuel_columns(name), cache))
+    return _fuel(name, _cached(f"fuel {name.casefold()}", lambda: fuel_columns(name), cache))
 
 
 def gas_table(name: str, *, cache: Path | None) -> Gas:
-    """The carrier gas of this name, one of `substances.GASES`; else as `fuel_table`."""
-    columns = _kept(f"gas {name.casefold()}", lambda: gas_columns(name), cache)
+    """The carrier gas `name`, one of `substances.GASES`; `cache` as in `fuel_table`."""
+    columns = _cached(f"gas {name.casefold()}", lambda: gas_columns(name), cache)
     return Gas(name=name, **columns.constants, vapour=curves(columns.vapour_K, columns.vapour))
 
 
@@ -110,7 +120,16 @@ def _fuel(name: str, columns: Columns) -> Fuel:
 
 
 def check_conditions(fuel: Fuel, *, temperature_K: float, gas_K: float, pressure_Pa: float) -> None:
-    """Raises SprayError unless a droplet and its gas are within the table."""
+    """Checks that a droplet and its gas are within the tables.
+
+    Args:
+        fuel: of the droplet.
+        temperature_K: of the droplet.
+        gas_K, pressure_Pa: of the gas.
+
+    Raises:
+        SprayError: one is not.
+    """
     low, high = fuel.liquid.low_K, fuel.liquid.high_K
     if not low <= temperature_K <= high:
         above = "supercritical or close to it" if temperature_K > high else "frozen"
@@ -129,13 +148,13 @@ def check_conditions(fuel: Fuel, *, temperature_K: float, gas_K: float, pressure
         )
 
 
-def _kept(text: str, build: Callable[[], Columns], cache: Path | None) -> Columns:
+def _cached(text: str, build: Callable[[], Columns], cache: Path | None) -> Columns:
     text = f"{_FORM} {version('CoolProp')} {text}"
     return _columns(cached(cache, kind="fluid", text=text, make=lambda: _arrays(build())))
 
 
 def _arrays(columns: Columns) -> Arrays:
-    """By names with the part of `Columns` before the point."""
+    """Arrays by names with the part of `Columns` before the point."""
     arrays: Arrays = {"liquid_K.": columns.liquid_K, "vapour_K.": columns.vapour_K}
     arrays |= {f"constants.{name}": np.asarray(v) for name, v in columns.constants.items()}
     for part, values in (("liquid", columns.liquid), ("vapour", columns.vapour)):

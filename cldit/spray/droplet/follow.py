@@ -13,7 +13,7 @@ import numpy as np
 from cldit.errors import SprayError
 from cldit.spray.droplet.curves import Floats
 from cldit.spray.droplet.evaporation import MODELS
-from cldit.spray.droplet.fluids import Fuel, Gas, check_conditions, fuel_table, gas_table
+from cldit.spray.droplet.fluids import check_conditions, fuel_table, gas_table
 from cldit.spray.droplet.integrator import Droplets, Surroundings, advance
 
 COLUMNS = ("time_s", "diameter_m", "temperature_K", "velocity_m_s", "mass_kg")
@@ -34,6 +34,7 @@ class Life:
 
     @property
     def vanished(self) -> bool:
+        """Whether nothing is left at the end."""
         return bool(self.mass_kg[-1] == 0)
 
     def rows(self) -> Iterator[tuple[float, ...]]:
@@ -42,7 +43,7 @@ class Life:
         return zip(*columns, strict=True)
 
     def csv(self) -> str:
-        """With a heading, one row per time."""
+        """CSV with a heading, one row per time."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(COLUMNS)
@@ -71,11 +72,17 @@ def follow(
     """One droplet from its injection until it vanishes.
 
     Args:
+        fuel: name of the fuel.
+        diameter_m, temperature_K: of the droplet at the start.
+        gas_temperature_K, pressure_Pa: of the gas.
         velocity_m_s: relative to the gas.
+        model: a key of `evaporation.MODELS`.
+        gas: name of the carrier gas.
         vapour: mass fraction of fuel in the gas.
         held: the droplet keeps its velocity (on a fibre in a flow), else drag brings it to rest.
         duration_s: ends it earlier, and is needed where the droplet never vanishes.
         points: times at which the columns are given, evenly spread.
+        tolerance: error allowed in a step.
         cache: folder for property tables; None keeps nothing.
 
     Raises:
@@ -102,40 +109,14 @@ def follow(
         np.array([vapour]),
         np.zeros((1, 1)),
     )
-    return _follow(
-        start,
-        around,
-        fuel=liquid,
-        gas=carrier,
-        model=model,
-        held=held,
-        duration_s=duration_s,
-        points=points,
-        tolerance=tolerance,
-    )
-
-
-def _follow(
-    start: Droplets,
-    around: Surroundings,
-    *,
-    fuel: Fuel,
-    gas: Gas,
-    model: str,
-    held: bool,
-    duration_s: float | None,
-    points: int,
-    tolerance: float,
-) -> Life:
-    """As `follow`, with everything checked and looked up."""
 
     def after(state: Droplets, seconds: float) -> tuple[Droplets, float]:
         found = advance(
             state,
             around,
             seconds,
-            fuel=fuel,
-            gas=gas,
+            fuel=liquid,
+            gas=carrier,
             model=MODELS[model],
             tolerance=tolerance,
             drag=not held,
@@ -146,7 +127,7 @@ def _follow(
     life = after(start, LONGEST_S if end is None else end)[1]
     if end is None and np.isinf(life):
         raise SprayError(
-            f"a droplet of {fuel.name} does not vanish in gas of {around.temperature_K[0]:g} K "
+            f"a droplet of {liquid.name} does not vanish in gas of {around.temperature_K[0]:g} K "
             f"with {around.vapour[0]:g} vapour within {LONGEST_S:g} s; give a duration"
         )
     end = min(life, np.inf if end is None else end)
@@ -160,7 +141,7 @@ def _follow(
     warm = np.array([state.temperature_K[0] for state in states])
     return Life(
         time_s=times,
-        diameter_m=fuel.diameter_m(mass, warm),
+        diameter_m=liquid.diameter_m(mass, warm),
         temperature_K=warm,
         velocity_m_s=np.array([state.velocity_m_s[0, 0] for state in states]),
         mass_kg=mass,

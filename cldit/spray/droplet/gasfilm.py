@@ -77,6 +77,7 @@ HERE = types.NamedUniTuple(types.float64, 6, Here)
 
 
 def tables(fuel: Fuel, gas: Gas) -> Tables:
+    """The property tables of a `fuel` and a carrier `gas`, as compiled code reads them."""
     liquid, vapour, carrier = fuel.liquid, fuel.vapour, gas.vapour
     return Tables(
         liquid=liquid.packed(*_LIQUID),
@@ -97,7 +98,13 @@ def tables(fuel: Fuel, gas: Gas) -> Tables:
 
 @compiled
 def liquid_at(tables: Tables, column: int, temperature_K: float) -> float:
-    """One of `_LIQUID`."""
+    """One property of the liquid, SI.
+
+    Args:
+        tables: of fuel and gas.
+        column: number in `_LIQUID`.
+        temperature_K: of the liquid.
+    """
     cell, part = place(
         temperature_K, tables.liquid_low_K, tables.liquid_step_K, tables.liquid.shape[0]
     )
@@ -106,6 +113,12 @@ def liquid_at(tables: Tables, column: int, temperature_K: float) -> float:
 
 @compiled
 def diameter_m(tables: Tables, mass_kg: float, temperature_K: float) -> float:
+    """Diameter of a droplet.
+
+    Args:
+        tables: of fuel and gas.
+        mass_kg, temperature_K: of the droplet.
+    """
     volume = mass_kg / liquid_at(tables, DENSITY, temperature_K)
     return float(np.cbrt(6 / np.pi * volume))
 
@@ -117,7 +130,10 @@ def _mass_fraction(tables: Tables, moles: float) -> float:
 
 @compiled
 def surface_share(tables: Tables, here: Here) -> float:
-    """Mass fraction of fuel at the surface (Raoult's law, capped at boiling)."""
+    """Mass fraction of fuel at the surface of the droplet `here` (Raoult's law, capped at boiling).
+
+    Of `tables`.
+    """
     part = np.exp(liquid_at(tables, LN_PSAT, here.temperature_K)) / here.pressure_Pa
     return _mass_fraction(tables, min(part, _MOST_VAPOUR))
 
@@ -130,7 +146,13 @@ def _density(tables: Tables, here: Here, temperature_K: float, vapour: float) ->
 
 @compiled
 def cp_far(tables: Tables, here: Here, temperature_K: float) -> float:
-    """Heat capacity of the gas far away, J/(kg K), at a temperature."""
+    """Heat capacity of the gas far away [J/(kg K)].
+
+    Args:
+        tables: of fuel and gas.
+        here: the droplet.
+        temperature_K: at which it is wanted.
+    """
     at, u = place(temperature_K, tables.vapour_low_K, tables.vapour_step_K, tables.vapour.shape[0])
     of_fuel = cubic(tables.vapour, at, 0, u)
     at, u = place(
@@ -144,6 +166,11 @@ def film_state(tables: Tables, here: Here, share: float) -> State:
     """Film at `share` of the way from the surface to the gas, in temperature and composition.
 
     Wilke's mixing rule for viscosity and conductivity; ideal gases.
+
+    Args:
+        tables: of fuel and gas.
+        here: the droplet.
+        share: 0 is the surface, 1 the gas.
     """
     surface = surface_share(tables, here)
     t = here.temperature_K + share * (here.gas_temperature_K - here.temperature_K)

@@ -76,6 +76,11 @@ def advance(
     """Follows droplets for a while; any duration is allowed, steps inside are chosen here.
 
     Args:
+        droplets: (N,) at the start.
+        surroundings: (N,) gas at each droplet.
+        duration_s: of the step.
+        fuel, gas: property tables.
+        model: of evaporation.
         tolerance: error allowed in a step, in s and in 100 K; inf takes the duration as one step.
         drag: without it the velocities stay (a droplet on a fibre).
 

@@ -52,7 +52,7 @@ class Columns:
 
 
 def fuel_columns(name: str) -> Columns:
-    """Of a fuel: iso-octane, or whatever CoolProp knows that is made of C, H and O.
+    """Columns of a fuel: iso-octane, or whatever CoolProp knows that is made of C, H and O.
 
     Raises:
         SprayError: no such fluid, or CoolProp has no transport properties for it.
@@ -81,7 +81,11 @@ def fuel_columns(name: str) -> Columns:
 
 
 def gas_columns(name: str) -> Columns:
-    """Of a carrier gas, one of `GASES`; raises SprayError for another name."""
+    """Columns of a carrier gas, one of `GASES`.
+
+    Raises:
+        SprayError: another name.
+    """
     known = name.casefold().replace("-", " ")
     if known not in GASES:
         raise SprayError(f"gas {name!r}: allowed are {', '.join(GASES)}")
@@ -163,7 +167,7 @@ def _finished(
     vapour_K: Floats,
     vapour: dict[str, Floats],
 ) -> Columns:
-    """With the enthalpies, on one zero."""
+    """Adds the enthalpies, on one zero."""
     heat = integral(liquid_K, liquid["cp"])
     boiling = float(np.interp(np.log(101325.0), liquid["ln_psat"], liquid_K))
     liquid["enthalpy"] = heat - np.interp(boiling, liquid_K, heat)

@@ -23,7 +23,13 @@ Floats = NDArray[np.float64]
 
 @compiled
 def neighbour(i: int, count: int, closed: bool) -> int:
-    """Index of a cell, where i may be beyond the ends."""
+    """Index of a cell of `count`, where `i` may be beyond the ends of a `closed` or periodic box.
+
+    Args:
+        i: index.
+        count: number of cells.
+        closed: with walls; else periodic.
+    """
     if closed:
         return min(max(i, 0), count - 1)
     return i % count
@@ -71,6 +77,13 @@ def _passing(
 
 @compiled
 def mean(one: Floats, other: Floats, factor: float, result: Floats) -> None:
+    """Writes `factor` times the mean of `one` and `other`, (K,) or more, into `result` (K,).
+
+    Args:
+        one, other: (K,) or longer.
+        factor: of the mean.
+        result: (K,), overwritten.
+    """
     for k in range(result.shape[0]):
         result[k] = 0.5 * factor * (one[k] + other[k])
 
@@ -85,7 +98,13 @@ def _rows(plane: Floats, closed: bool, result: Floats) -> None:
 
 @compiled
 def lengthen(plane: Floats, closed: bool, result: Floats) -> None:
-    """A plane (Y, Z) with two more values at both ends of its rows, (Y, Z + 4)."""
+    """A plane with two more values at both ends of its rows.
+
+    Args:
+        plane: (Y, Z).
+        closed: with walls; else periodic.
+        result: (Y, Z + 4), overwritten.
+    """
     count = plane.shape[1]
     for n in (0, 1, count + 2, count + 3):
         k = neighbour(n - 2, count, closed)
@@ -135,10 +154,17 @@ def carry(
     last: int,
     result: Floats,
 ) -> None:
-    """Adds to `result` (S, X, Y, Z) what a step brings of S fields (S, X, Y, Z), given per mass.
+    """Adds to `result` what a step brings of S fields, given per mass.
 
-    flux: mass fluxes (3, X, Y, Z) through the faces; exchange: diffusivity times density of the
-    cells.
+    Args:
+        fields: (S, X, Y, Z) per mass.
+        flux: (3, X, Y, Z) mass flux through the faces.
+        density: (X, Y, Z).
+        exchange: (X, Y, Z) diffusivity times density of the cells.
+        step, spacing: length of the step [s], and of a cell [m].
+        closed: with walls; else periodic.
+        first, last: slab of the first axis.
+        result: (S, X, Y, Z), added to.
     """
     nx, ny, nz = density.shape
     scalars, ratio, size = fields.shape[0], step / spacing, ny * nz
@@ -225,10 +251,21 @@ def push(
     last: int,
     result: Floats,
 ) -> None:
-    """The mass flux along an axis, which is momentum, after a step: `result` (X, Y, Z).
+    """The mass flux along an axis, which is momentum, after a step.
 
-    velocity (X, Y, Z) of the faces across that axis; flux (3, X, Y, Z); viscosity of the cells,
-    Pa s; given (X, Y, Z): momentum added. Walls slip, and take up what flows into them.
+    Walls slip, and take up what flows into them.
+
+    Args:
+        along: the axis.
+        velocity: (X, Y, Z) of the faces across that axis.
+        flux: (3, X, Y, Z) mass flux through the faces.
+        density: (X, Y, Z).
+        viscosity: (X, Y, Z) of the cells [Pa s].
+        given: (X, Y, Z) momentum added.
+        step, spacing: length of the step [s], and of a cell [m].
+        closed: with walls; else periodic.
+        first, last: slab of the first axis.
+        result: (X, Y, Z), overwritten.
     """
     nx, ny, nz = density.shape
     ratio, size = step / spacing, ny * nz

@@ -34,6 +34,7 @@ class Cloud:
     velocity_m_s: Floats
 
     def where(self, chosen: NDArray[np.bool_]) -> Cloud:
+        """The parcels that are `chosen` (N,)."""
         return Cloud(**{name: getattr(self, name)[chosen] for name in self.__dataclass_fields__})
 
     def __add__(self, other: Cloud) -> Cloud:
@@ -42,7 +43,7 @@ class Cloud:
 
     @property
     def liquid_kg(self) -> Floats:
-        """Of each parcel."""
+        """(N,) liquid mass of each parcel."""
         return self.mass_kg * self.droplets
 
 
@@ -82,6 +83,17 @@ def move(
     is the difference between the liquid before and after, so nothing is lost. Exchange is with the
     gas where the parcel is, or where the jet that it is in hands over to the grid. `jets` moves on,
     too.
+
+    Args:
+        cloud: parcels before the step.
+        flow: the gas, which is not changed.
+        jets: the unresolved jets, which move on.
+        liquid: fuel, gas and model.
+        time_s, step_s: present time, and length of the step.
+        random: draws the eddies.
+
+    Returns:
+        The parcels after the step, and what the gas gets.
     """
     box = flow.box
     half = cloud.position_m + 0.5 * step_s * cloud.velocity_m_s

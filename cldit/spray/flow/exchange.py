@@ -72,7 +72,17 @@ def _scatter(
 def gather(
     box: Box, position_m: Floats, field: Floats, shift: tuple[float, float, float] = CENTRE
 ) -> Floats:
-    """A field's values at positions (N, 3)."""
+    """A field's values at positions.
+
+    Args:
+        box: the grid.
+        position_m: (N, 3).
+        field: (X, Y, Z).
+        shift: where the field's values lie.
+
+    Returns:
+        (N,).
+    """
     result = np.empty(len(position_m))
     _gather(
         position_m - box.origin_m, np.array(shift), box.closed, field, 1 / box.spacing_m, result
@@ -83,7 +93,17 @@ def gather(
 def scatter(
     box: Box, position_m: Floats, amounts: Floats, shift: tuple[float, float, float] = CENTRE
 ) -> Floats:
-    """Amounts (N,) at positions (N, 3), per volume of the cells; what goes in is what comes out."""
+    """Amounts at positions, per volume of the cells; what goes in is what comes out.
+
+    Args:
+        box: the grid.
+        position_m: (N, 3).
+        amounts: (N,).
+        shift: where the field's values lie.
+
+    Returns:
+        (X, Y, Z).
+    """
     field = np.zeros(box.shape)
     _scatter(
         position_m - box.origin_m,

@@ -54,10 +54,12 @@ class Box:
 
     @property
     def upper_m(self) -> Floats:
+        """(3,) upper corner."""
         return np.asarray(self.origin_m + self.spacing_m * np.array(self.shape))
 
     @property
     def cell_m3(self) -> float:
+        """Volume of a cell."""
         return self.spacing_m**3
 
 
@@ -95,7 +97,7 @@ class GasFlow:
         return np.asarray(self.fuel / self.density)
 
     def longest_step_s(self) -> float:
-        """By the CFL number, and by how fast eddies mix; infinite in gas at rest."""
+        """Longest step by the CFL number, and by how fast eddies mix; infinite in gas at rest."""
         h = self.box.spacing_m
         flowing = CFL * h / self._top if self._top > 0 else np.inf
         return min(flowing, DIFFUSION * h**2 / self._diffusing if self._diffusing > 0 else np.inf)
@@ -104,8 +106,10 @@ class GasFlow:
         """One step after the droplets have given what they gave in it.
 
         Args:
-            mass: of fuel vapour, kg/m3 (X, Y, Z). enthalpy: J/m3 on the mixture's zero.
-            momentum: kg m/(s m3) for the faces, (3, X, Y, Z).
+            step_s: length of the step.
+            mass: (X, Y, Z) of fuel vapour [kg/m3].
+            enthalpy: (X, Y, Z) on the mixture's zero [J/m3].
+            momentum: (3, X, Y, Z) for the faces [kg/(s m2)].
 
         Raises:
             SprayError: the gas left what is possible; the flow could not be followed.
@@ -137,7 +141,7 @@ class GasFlow:
         self._bounds()
 
     def _slabs(self, low: int, high: int) -> list[tuple[int, int]]:
-        """For each thread, of the first axis."""
+        """Slabs of the first axis, one for each thread."""
         cuts = np.linspace(low, high, min(THREADS, max(high - low, 1)) + 1).astype(int).tolist()
         return list(pairwise(cuts))
 
@@ -216,7 +220,7 @@ class GasFlow:
         self.enthalpy += change[1]
 
     def _pressures(self, chosen: Ints | None, pool: ThreadPoolExecutor | None = None) -> Floats:
-        """Of every cell by itself, or of those chosen (flat); temperatures are set on the way."""
+        """Pressure of every cell by itself, or of those chosen (flat); also sets temperatures."""
         every = slice(None) if chosen is None else chosen
         density, fuel = self.density.reshape(-1)[every], self.fuel.reshape(-1)[every]
         if not density.min(initial=1.0) > 0:
@@ -230,7 +234,9 @@ class GasFlow:
         def solve(part: slice) -> None:
             rho, y = density[part], fuel[part] / density[part]
             found[part] = self.mixture.temperature_K(y, heat[part] / rho, found[part])
-            pressure[part] = self.mixture.pressure_Pa(rho, fuel[part], found[part])
+            pressure[part] = self.mixture.pressure_Pa(
+                density=rho, fuel=fuel[part], temperature_K=found[part]
+            )
 
         if pool is None:
             solve(slice(None))
@@ -246,7 +252,7 @@ class GasFlow:
         return pressure.reshape(self.box.shape) if chosen is None else pressure
 
     def _project(self, flux: Floats, wanted: Floats) -> None:
-        """To the nearest mass fluxes that have the wanted divergence."""
+        """Goes to the nearest mass fluxes that have the wanted divergence."""
         h = self.box.spacing_m
         amiss = np.empty_like(wanted)
         kernels.divergence(flux, h, amiss)
@@ -265,7 +271,7 @@ class GasFlow:
 
 
 def _square_distance_m2(box: Box) -> Floats:
-    """Of the cells' middles from the injector's tip, of the box's shape."""
+    """Square distance of the cells' middles from the injector's tip, of the box's shape."""
     middles = [
         low + (np.arange(count) + 0.5) * box.spacing_m
         for low, count in zip(box.origin_m, box.shape, strict=True)
@@ -274,7 +280,7 @@ def _square_distance_m2(box: Box) -> Floats:
 
 
 def _eigenvalues(box: Box) -> Floats:
-    """Of the seven-point Laplacian; infinite for the mean, which has no gradient."""
+    """Eigenvalues of the seven-point Laplacian; infinite for the mean, which has no gradient."""
     parts = []
     for axis, count in enumerate(box.shape):
         n = np.arange(count)

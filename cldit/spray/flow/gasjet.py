@@ -54,7 +54,15 @@ class Jets:
         self._line = np.zeros((holes, count))
 
     def speed_m_s(self, hole: Ints, along_m: Floats, radius_m: Floats) -> Floats:
-        """At distances from the hole along the axis and from the axis (N,)."""
+        """Speed of the gas in the jets.
+
+        Args:
+            hole: (N,) number of the jet.
+            along_m, radius_m: (N,) distances along the axis from the hole, and from the axis.
+
+        Returns:
+            (N,).
+        """
         axis = np.minimum(self._per * self._line, self._fastest)
         place = along_m / _BIN_M - 1.0  # values belong to the far ends of bins
         low = np.clip(np.floor(place).astype(np.int64), 0, axis.shape[1] - 2)
@@ -65,12 +73,19 @@ class Jets:
         return np.where(along_m > 0, centre / profile, 0.0)
 
     def weight(self, along_m: Floats) -> Floats:
-        """How much of it counts: fades out in the last third before the grid resolves it."""
+        """How much of a jet counts at a distance (N,); fades in the last third before `reach_m`."""
         fading = np.clip(3 * (1 - along_m / self.reach_m), 0.0, 1.0)
         return np.asarray(fading * (along_m > 0))
 
     def push(self, hole: Ints, along_m: Floats, momentum: Floats, step_s: float) -> None:
-        """One step with what the droplets gave in it (N,), kg m/s along the axes."""
+        """Moves the jets on by a step.
+
+        Args:
+            hole: (N,) number of the jet.
+            along_m: (N,) where along the axis.
+            momentum: (N,) what the droplets gave along the axes [kg m/s].
+            step_s: length of the step.
+        """
         inside = (along_m > 0) & (along_m < self._edges[-1])
         count = self._line.shape[1]
         place = hole[inside] * count + (along_m[inside] / _BIN_M).astype(np.int64)

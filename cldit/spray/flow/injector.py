@@ -54,7 +54,7 @@ class Injection:
 
 
 def inject(spec: LagrangianSpray, fuel: Fuel) -> Injection:
-    """Draws the parcels, seeded; their mass is the injected one to rounding.
+    """Draws the parcels of `spec`, of this `fuel`, seeded; mass is the injected one to rounding.
 
     Speed is Bernoulli's times a velocity coefficient, all the time. Directions fill the cone with
     the density that `jet.profile` gives.

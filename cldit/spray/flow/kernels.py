@@ -23,7 +23,13 @@ STILL_M_S = 0.1  # gas that is slower does not push: it is taken for still
 
 @compiled
 def divergence(flux: Floats, spacing: float, result: Floats) -> None:
-    """Of a face field (3, X, Y, Z), into the cells."""
+    """Divergence of a face field, into the cells.
+
+    Args:
+        flux: (3, X, Y, Z).
+        spacing: length of a cell.
+        result: (X, Y, Z), overwritten.
+    """
     nx, ny, nz = result.shape
     for i in range(nx):
         ip = i + 1 if i + 1 < nx else 0
@@ -37,7 +43,14 @@ def divergence(flux: Floats, spacing: float, result: Floats) -> None:
 
 @compiled
 def subtract_gradient(potential: Floats, spacing: float, closed: bool, flux: Floats) -> None:
-    """From a face field (3, X, Y, Z); not at the walls of a closed box."""
+    """Subtracts a gradient from a face field; not at the walls of a closed box.
+
+    Args:
+        potential: (X, Y, Z).
+        spacing: length of a cell.
+        closed: with walls; else periodic.
+        flux: (3, X, Y, Z), changed in place.
+    """
     nx, ny, nz = potential.shape
     for i in range(nx):
         for j in range(ny):
@@ -53,7 +66,13 @@ def subtract_gradient(potential: Floats, spacing: float, closed: bool, flux: Flo
 
 @compiled
 def velocities(flux: Floats, density: Floats, result: Floats) -> None:
-    """Of the faces, (3, X, Y, Z)."""
+    """Velocities of the faces.
+
+    Args:
+        flux: (3, X, Y, Z) mass flux.
+        density: (X, Y, Z).
+        result: (3, X, Y, Z), overwritten.
+    """
     nx, ny, nz = density.shape
     for i in range(nx):
         for j in range(ny):
@@ -66,7 +85,7 @@ def velocities(flux: Floats, density: Floats, result: Floats) -> None:
 
 @compiled
 def centred(velocity: Floats, result: Floats) -> None:
-    """Velocity (3, X, Y, Z) in the cells, from that of the faces."""
+    """Velocity in the cells, into `result` (3, X, Y, Z), from `velocity` (3, X, Y, Z) of faces."""
     nx, ny, nz = result.shape[1:]
     for i in range(nx):
         for j in range(ny):
@@ -91,6 +110,13 @@ def shear(
     """Norm of the strain rate, sqrt(2 S_ij S_ij), in the cells, from the velocities there.
 
     Gradients are central differences over two cells, one-sided at walls.
+
+    Args:
+        middle: (3, X, Y, Z) velocities in the cells.
+        spacing: length of a cell.
+        closed: with walls; else periodic.
+        first, last: slab of the first axis.
+        result: (X, Y, Z), overwritten.
     """
     nx, ny, nz = result.shape
     u, v, w = np.empty((ny, nz + 4)), np.empty((ny, nz + 4)), np.empty((ny, nz + 4))
@@ -119,8 +145,12 @@ def shear(
 
 @compiled
 def busy(velocity: Floats, low: Ints, high: Ints) -> float:
-    """Largest sum of the three speeds of a cell; bounds of the cells where one is above
-    STILL_M_S, into `low` and `high` (3,)."""
+    """Largest sum of the three speeds of a cell, and where the gas moves.
+
+    Args:
+        velocity: (3, X, Y, Z).
+        low, high: (3,), overwritten by the bounds of the cells where a speed is above STILL_M_S.
+    """
     shape = velocity.shape[1:]
     top = 0.0
     for axis in range(3):

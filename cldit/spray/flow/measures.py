@@ -39,7 +39,17 @@ class History:
 
 
 def measures(cloud: Cloud, flow: GasFlow, fuel: Fuel, axes: Floats) -> tuple[float, ...]:
-    """The columns of `History` after the injected mass; axes (H, 3) of the holes."""
+    """The columns of `History` after the injected mass.
+
+    Args:
+        cloud: all parcels.
+        flow: the gas.
+        fuel: its tables.
+        axes: (H, 3) of the holes.
+
+    Returns:
+        One number for each column.
+    """
     diameter = fuel.diameter_m(cloud.mass_kg, cloud.temperature_K)
     volume = cloud.liquid_kg / fuel.liquid.one("density", cloud.temperature_K)
     liquid, thin = projected_reach_m(cloud.position_m, volume)
@@ -65,9 +75,11 @@ def axis_m_s(flow: GasFlow) -> float:
 
 
 def vapour_reach_m(flow: GasFlow, axes: Floats) -> float:
-    """Mean over the plumes, those that have vapour, of how far `VAPOUR_SHARE` is found: in the
-    farthest cell and, from there outwards, linear to what is one cell on. A cell belongs to the
-    plume whose axis (H, 3) points most to it."""
+    """How far the share `VAPOUR_SHARE` is found in `flow`: mean over plumes that have vapour.
+
+    That is in the farthest cell and, from there outwards, linear to what is one cell on. A cell
+    belongs to the plume whose axis, of `axes` (H, 3), points most to it.
+    """
     box, share = flow.box, flow.share
     rich = np.argwhere(share >= VAPOUR_SHARE)
     if not len(rich):
@@ -85,14 +97,16 @@ def vapour_reach_m(flow: GasFlow, axes: Floats) -> float:
 
 
 def sauter_m(droplets: Floats, diameter_m: Floats) -> float:
-    """Sauter mean diameter; NaN without droplets."""
+    """Sauter mean diameter of `droplets` (N,) of `diameter_m` (N,); NaN without droplets."""
     area = float(np.sum(droplets * diameter_m**2))
     return float(np.sum(droplets * diameter_m**3)) / area if area > 0 else float("nan")
 
 
 def half_angle_rad(flow: GasFlow, axes: Floats) -> float:
-    """Of a cone as wide as the plumes are on average, between one and two thirds of their length,
-    to the vapour's edge; NaN without plumes."""
+    """Half angle of a cone as wide as the plumes of `flow` are on average, to the vapour's edge.
+
+    Between one and two thirds of their length along `axes` (H, 3); NaN without plumes.
+    """
     index = np.stack(np.unravel_index(np.flatnonzero(flow.share >= VAPOUR_SHARE), flow.box.shape))
     centre = flow.box.origin_m + (index.T + 0.5) * flow.box.spacing_m
     along = np.max(centre @ axes.T, axis=1, initial=0.0)
@@ -115,7 +129,12 @@ class Station:
         self._diameters: list[Floats] = []
 
     def watch(self, before: Cloud, after: Cloud, fuel: Fuel) -> None:
-        """Parcels before and after a step, in the same order."""
+        """Takes the droplets that pass in a step.
+
+        Args:
+            before, after: parcels before and after it, in the same order.
+            fuel: its tables.
+        """
         passed = (before.position_m[:, 2] > -STATION_m) & (after.position_m[:, 2] <= -STATION_m)
         passed &= after.mass_kg > 0
         self._droplets.append(after.droplets[passed])
@@ -124,6 +143,7 @@ class Station:
 
     @property
     def sauter_m(self) -> float:
+        """Sauter mean diameter of what has passed; NaN if nothing has."""
         if not self._droplets:
             return float("nan")
         return sauter_m(np.concatenate(self._droplets), np.concatenate(self._diameters))

@@ -23,8 +23,8 @@ _SCALE_K = 1000.0
 class GasMixture:
     """Enthalpies are zero at `reference_K` for both, so that mixing at that temperature keeps it.
 
-    carrier, vapour: coefficients of the enthalpies (J/kg) in powers of (T - reference) / 1000 K,
-    from the first power on. zero_J_kg: what the fuel's own zero differs by.
+    carrier, vapour: (N,) coefficients of the enthalpies (J/kg) in powers of (T - reference) / 1000
+    K, from the first power on. zero_J_kg: what the fuel's own zero differs by.
     """
 
     reference_K: float
@@ -34,27 +34,48 @@ class GasMixture:
     vapour_J_kg_K: float
     zero_J_kg: float
 
-    def pressure_Pa(self, density: Floats, fuel: Floats, temperature_K: Floats) -> Floats:
-        """density: of the mixture; fuel: of the vapour in it, kg/m3."""
+    def pressure_Pa(self, *, density: Floats, fuel: Floats, temperature_K: Floats) -> Floats:
+        """Ideal gas.
+
+        Args:
+            density: (...,) of the mixture [kg/m3].
+            fuel: (...,) of the vapour in it [kg/m3].
+            temperature_K: (...,).
+
+        Returns:
+            (...,).
+        """
         part = (density - fuel) * self.carrier_J_kg_K + fuel * self.vapour_J_kg_K
         return np.asarray(part * temperature_K)
 
     def enthalpy_J_kg(self, share: Floats, temperature_K: Floats) -> Floats:
-        """share: mass fraction of fuel vapour."""
+        """Enthalpy at `temperature_K` with the mass fraction `share` of fuel vapour, any shape."""
         x = (np.asarray(temperature_K) - self.reference_K) / _SCALE_K
         powers = [x ** (n + 1) for n in range(_DEGREE)]
         parts = zip(self.carrier, self.vapour, powers, strict=True)
         return np.asarray(sum(((1 - share) * c + share * v) * x for c, v, x in parts))
 
     def temperature_K(self, share: Floats, enthalpy_J_kg: Floats, guess_K: Floats) -> Floats:
-        """The inverse, by Newton's method; any shape."""
+        """The inverse of `enthalpy_J_kg`, by Newton's method from `guess_K`.
+
+        Args:
+            share, enthalpy_J_kg, guess_K: (...,).
+
+        Returns:
+            (...,).
+        """
         return _temperature(
             share, enthalpy_J_kg, guess_K, self.carrier, self.vapour, self.reference_K
         )
 
 
 def gas_mixture(fuel: Fuel, carrier: Gas, *, reference_K: float) -> GasMixture:
-    """Fitted to the tables of both."""
+    """The mixture of `fuel` vapour and `carrier`, fitted to the tables of both.
+
+    Args:
+        fuel, carrier: tables.
+        reference_K: where enthalpies are 0.
+    """
     low = max(_LOW_K, fuel.vapour.low_K, carrier.vapour.low_K)
     t = np.linspace(low, min(_HIGH_K, fuel.vapour.high_K, carrier.vapour.high_K), 400)
     x = (t - reference_K) / _SCALE_K

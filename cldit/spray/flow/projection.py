@@ -26,12 +26,18 @@ _CUT = 3.0  # standard deviations
 
 
 def projected_reach_m(position_m: Floats, volume_m3: Floats) -> tuple[float, float]:
-    """The farthest distance along the injector's axis (-z) at which the liquid on a line of sight
-    across it, as a volume for each area, is still at an edge, `PROJECTED_m` and
-    `THIN_PROJECTED_m`; 0 where it never is. The mean of two lines of sight, along x and y.
+    """How far the liquid reaches along the injector's axis (-z), by projected volume.
+
+    The farthest distance at which the liquid on a line of sight across the axis, as a volume for
+    each area, is still at an edge, `PROJECTED_m` and `THIN_PROJECTED_m`; 0 where it never is. The
+    mean of two lines of sight, along x and y.
 
     Args:
-        position_m: of parcels (N, 3), from the injector's tip. volume_m3: of their liquid (N,).
+        position_m: (N, 3) of parcels, from the injector's tip.
+        volume_m3: (N,) of their liquid.
+
+    Returns:
+        Both distances [m].
     """
     seen = (volume_m3 > 0) & (position_m[:, 2] < 0)
     position, volume = position_m[seen], volume_m3[seen]

@@ -40,15 +40,19 @@ Watch = Callable[[float, float, int], None]  # time reached, time of the end, pa
 def simulate_spray(
     spec: LagrangianSpray, *, cache: Path | None = None, watch: Watch | None = None
 ) -> tuple[Spray, History, GasFlow]:
-    """The spray at `spec.time_s`, how it came there, and the gas's state.
+    """Computes the spray at `spec.time_s`.
 
     `notes` of the spray: injected, liquid, vapour and wall mass (kg), parcels, steps, cells, speed
     at the hole, flow coefficient, Sauter mean diameter (of all droplets now, and of those that
     passed 15 mm below the injector up to now), penetrations, coldest gas, pressure.
 
     Args:
+        spec: the scene's spray.
         cache: folder for property tables.
         watch: called after every step.
+
+    Returns:
+        The spray, how it came there, and the gas.
 
     Raises:
         SprayError: an impossible combination of values, or a flow that cannot be followed.
@@ -135,7 +139,9 @@ def simulate_spray(
 
 
 def make_box(spec: LagrangianSpray, injection: Injection) -> Box:
-    """The box of gas, injector tip in the middle of its top; large enough for the plumes.
+    """The box of gas for `spec`, injector tip in the middle of its top, as large as the plumes.
+
+    `injection` tells how fast they are.
 
     Raises:
         SprayError: too many cells.
@@ -177,7 +183,7 @@ def make_box(spec: LagrangianSpray, injection: Injection) -> Box:
 def _step_s(
     spec: LagrangianSpray, injection: Injection, flow: GasFlow, cloud: Cloud, time: float
 ) -> float:
-    """By the gas's CFL number, and so that no parcel passes more than a cell."""
+    """Step by the gas's CFL number, in which no parcel passes more than a cell."""
     fastest = float(np.abs(cloud.velocity_m_s).max(initial=0.0))
     if time < injection.end_s:
         fastest = max(fastest, injection.speed_m_s)

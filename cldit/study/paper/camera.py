@@ -65,7 +65,7 @@ def study(lab: Lab) -> Page:
         name="camera",
         title="What the camera records",
         figure="Fig. 6",
-        text=_text(before, core, rim, invisible_K),
+        text=_text(before=before, core=core, rim=rim, invisible_K=invisible_K),
         pictures={
             "images": Picture(
                 _picture(raw, traced, Frame(view.pixel_m, view.centre_m), frame_of(run)),
@@ -144,7 +144,7 @@ def _picture(
     return small_png(figure)
 
 
-def _text(before: float, core: float, rim: float, invisible_K: float) -> str:
+def _text(*, before: float, core: float, rim: float, invisible_K: float) -> str:
     return (
         "Cold fuel before a background of intermediate temperature in hot gas, in counts of the "
         f"camera: the background {before:.0f}, the spray right below the injector {core:.0f}, the "

@@ -48,10 +48,10 @@ def open_vapour(folder: Path) -> Path:
     number = np.arange(2000.0, 5000.1, 5.0)
     inside = (number >= low) & (number <= high)
     text = []
-    for kelvin in (200.0, *(float(row) for row in band.rows_K)):
+    for row_K in (200.0, *(float(row) for row in band.rows_K)):
         values = np.zeros(len(number))
-        values[inside] = band.absorption_m2_mol(number[inside], kelvin) * 1e4 / _AVOGADRO
-        head = f"{'n-heptane':>20}{number[0]:10.3f}{number[-1]:10.3f}{len(number):7d}{kelvin:7.1f}"
+        values[inside] = band.absorption_m2_mol(number[inside], row_K) * 1e4 / _AVOGADRO
+        head = f"{'n-heptane':>20}{number[0]:10.3f}{number[-1]:10.3f}{len(number):7d}{row_K:7.1f}"
         cells = [f"{value:10.3E}" for value in values]
         rows = ["".join(cells[at : at + 10]) for at in range(0, len(cells), 10)]
         text += [f"{head}{760.0:6.1f}{values.max():10.3E}".ljust(100), *rows]
@@ -63,7 +63,7 @@ def open_vapour(folder: Path) -> Path:
     return path
 
 
-def _scene(lab: Lab, pressure_MPa: float, gas_K: float, walls_K: float) -> Scene:
+def _scene(lab: Lab, *, pressure_MPa: float, gas_K: float, walls_K: float) -> Scene:
     name = "gdi" if pressure_MPa == 0.6 else f"gdi-{pressure_MPa:g}MPa-{gas_K:g}K"
     ambient = {"pressure_Pa": pressure_MPa * 1e6, "temperature_K": gas_K}
     return lab.gdi(name, {"spray.ambient": ambient, "walls.temperature_K": walls_K})
@@ -84,7 +84,12 @@ def _row(case: str, run: Run, walls_K: float) -> Row:
 
 def study(lab: Lab) -> Page:
     """Four conditions at one wavelength; the coldest through the filter and without it."""
-    runs = {f"{row[0]:g} MPa, {row[1]:g} K": lab.run(_scene(lab, *row)) for row in _CONDITIONS}
+    runs = {
+        f"{MPa:g} MPa, {gas_K:g} K": lab.run(
+            _scene(lab, pressure_MPa=MPa, gas_K=gas_K, walls_K=walls_K)
+        )
+        for MPa, gas_K, walls_K in _CONDITIONS
+    }
     filtered = lab.run(lab.gdi("cold-filter", _COLD))
     unfiltered = lab.run(
         lab.gdi(
@@ -92,7 +97,7 @@ def study(lab: Lab) -> Page:
             {
                 **_COLD,
                 "optics.filter_um": list(_OPEN_UM),
-                "optics.vapour": str(open_vapour(lab.kept.cache)),
+                "optics.vapour": str(open_vapour(lab.runs.cache)),
             },
         )
     )

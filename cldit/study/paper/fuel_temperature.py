@@ -25,11 +25,11 @@ def study(lab: Lab) -> Page:
     cold = lab.run(lab.gdi("fuel-330", {**early, "spray.fuel_temperature_K": 330.0}))
     # Each trace serves all walls; those that follow the background are its light, not theirs.
     others = {
-        f"walls {kelvin:g} K": [
-            reevaluated(run, changed(run.scene, {"walls.temperature_K": kelvin}))
+        f"walls {wall_K:g} K": [
+            reevaluated(run, changed(run.scene, {"walls.temperature_K": wall_K}))
             for run in (warm, cold)
         ]
-        for kelvin in _OTHER_WALLS_K
+        for wall_K in _OTHER_WALLS_K
     }
     others["background all round"] = [all_round(run) for run in (warm, cold)]
     _, z = positions_m(warm)
@@ -57,7 +57,7 @@ def study(lab: Lab) -> Page:
         pictures=change_pictures(
             cold,
             {"370 K": warm},
-            named="330 K",
+            reference_name="330 K",
             about="0.3 ms, 0.6 MPa, 570 K, walls 450 K",
             limit_K=40.0,
             crop=_CROP,

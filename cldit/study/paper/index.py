@@ -57,7 +57,7 @@ def study(lab: Lab) -> Page:
         pictures=change_pictures(
             reference,
             shown,
-            named=f"n {_N}, k {_K}",
+            reference_name=f"n {_N}, k {_K}",
             about="0.95 ms, 0.6 MPa, 570 K, walls 450 K",
             limit_K=20.0,
         ),
@@ -92,7 +92,7 @@ def study(lab: Lab) -> Page:
 
 
 def _text(below: dict[str, float], halo_K: float) -> str:
-    said = "; ".join(f"{name} {kelvin:+.1f} K" for name, kelvin in below.items())
+    said = "; ".join(f"{name} {off_K:+.1f} K" for name, off_K in below.items())
     return (
         "n and k are taken together from the shipped data of liquid n-heptane at four wavelengths "
         "of the filter, since either follows from the other by Kramers-Kronig; the droplets' "

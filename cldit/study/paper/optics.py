@@ -24,9 +24,9 @@ def study(lab: Lab) -> Page:
     """Tables only: nothing is traced."""
     scene = lab.shipped("gdi")
     lab.used["gdi"] = scene
-    data = scene_optics(scene, cache=lab.kept.cache)
+    data = scene_optics(scene, cache=lab.runs.cache)
     n, k = (float(value[0]) for value in liquid("n-heptane").index(np.array([_UM]), 300.0))
-    table = droplet_table(wavelength_um=_UM, n=_N, k=_K, cache=lab.kept.cache)
+    table = droplet_table(wavelength_um=_UM, n=_N, k=_K, cache=lab.runs.cache)
     extinction = table.efficiencies(np.array([2e-6, 9e-6, _LARGE_M]))[0]
     rows: list[Row] = []
     off: list[float] = []

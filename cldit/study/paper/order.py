@@ -147,7 +147,7 @@ def beyond(run: Run) -> Mask:
 
 
 def within(change: Change, limit_K: float) -> float:
-    """Part of the pixels that change by no more."""
+    """Part of the pixels of `change` that change by `limit_K` at most."""
     return float(np.mean(np.abs(change.within()) <= limit_K))
 
 

@@ -39,7 +39,7 @@ def study(lab: Lab) -> Page:
         pictures=change_pictures(
             reference,
             {**cases, "other random numbers": chance},
-            named=named,
+            reference_name=named,
             about="0.95 ms, 0.6 MPa, 570 K, walls 450 K; D32 is 9.0 µm in all",
             limit_K=20.0,
         ),

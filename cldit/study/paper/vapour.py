@@ -39,7 +39,7 @@ def study(lab: Lab) -> Page:
         pictures=change_pictures(
             reference,
             cases,
-            named="5·10⁵ cm²/mol",
+            reference_name="5·10⁵ cm²/mol",
             about="0.95 ms, 0.6 MPa, 570 K, walls 450 K",
             limit_K=10.0,
         ),

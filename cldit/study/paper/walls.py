@@ -36,15 +36,15 @@ def study(lab: Lab) -> Page:
     """One trace before every wall."""
     run = lab.run(lab.gdi("gdi"))
     cases = {"all round": all_round(run)}
-    for kelvin in _WALLS_K:
-        scene = changed(run.scene, {"walls.temperature_K": kelvin})
-        cases[f"walls {kelvin:g} K"] = reevaluated(run, scene)
+    for wall_K in _WALLS_K:
+        scene = changed(run.scene, {"walls.temperature_K": wall_K})
+        cases[f"walls {wall_K:g} K"] = reevaluated(run, scene)
     droplets = droplets_K(lab.spray(run.scene), within_m=10e-3)
     halo = Phases.of(run).vapour_only
     below = {name: mean_K(case, root(case)) for name, case in cases.items()}
     around = {name: mean_K(case, halo) for name, case in cases.items()}
     first, cold, hot = below["all round"], below["walls 0 K"], below["walls 570 K"]
-    nearest = min((kelvin - droplets for kelvin in below.values()), key=abs)
+    nearest = min((below_K - droplets for below_K in below.values()), key=abs)
     return Page(
         name="walls",
         title="Wall temperature",

@@ -1,4 +1,4 @@
-"""Ways to evaluate: what each needs to be seen, what it says, and how sure it claims to be."""
+"""Estimators: what each needs to be seen, what it says, and how sure it claims to be."""
 
 from __future__ import annotations
 
@@ -40,25 +40,32 @@ _SAUTER_UM = 9.0
 
 @dataclass(frozen=True)
 class Said:
-    """(H, W) each. kelvin: NaN where nothing is said; noise_K: its standard error, None where it
-    is not stated. low_K, high_K: the bound that is claimed; infinite where it is open."""
+    """What an estimator says, (H, W) each.
 
-    kelvin: Floats
+    temperature_K: NaN where nothing is said. noise_K: its standard error, None where it is not
+    stated. low_K, high_K: the bound that is claimed; infinite where it is open.
+    """
+
+    temperature_K: Floats
     noise_K: Floats | None
     low_K: Floats
     high_K: Floats
 
     @classmethod
-    def of(cls, kelvin: Floats, noise_K: Floats) -> Said:
-        return cls(kelvin, noise_K, kelvin - _SURE * noise_K, kelvin + _SURE * noise_K)
+    def of(cls, temperature_K: Floats, noise_K: Floats) -> Said:
+        """Bounds of `temperature_K` (H, W) by its standard error `noise_K` (H, W)."""
+        return cls(
+            temperature_K, noise_K, temperature_K - _SURE * noise_K, temperature_K + _SURE * noise_K
+        )
 
     @classmethod
     def of_medium(cls, medium: Medium) -> Said:
+        """The medium's temperature with bounds by its standard error."""
         return cls.of(medium.temperature_K, medium.standard_error_K)
 
 
 class Knows(Enum):
-    """What a way is given beside the maps: about the rig alone, or a model of the spray too."""
+    """What an estimator is given beside the maps: about the rig, or a model of the spray too."""
 
     NOTHING = auto()
     RIG = auto()
@@ -70,7 +77,7 @@ class Knows(Enum):
 
 
 @dataclass(frozen=True)
-class Way:
+class Estimator:
     """One way to evaluate. about: the temperature that it is after, `medium` or `droplets`."""
 
     method: str
@@ -81,7 +88,10 @@ class Way:
 
 
 def seen(truth: Traced, second: Traced) -> dict[str, Maps]:
-    """Plain DIT of every arrangement, without noise."""
+    """Plain DIT of every arrangement of `truth`, without noise.
+
+    `second` is the same scene through the second filter.
+    """
     walls_K = truth.scene.walls.temperature_K
     cold_K = walls_K - PLATE_APART_K
     found = {
@@ -99,8 +109,18 @@ def seen(truth: Traced, second: Traced) -> dict[str, Maps]:
     return found
 
 
-def ways(truth: Traced, models: Mapping[str, Traced], second: Mapping[str, Traced]) -> list[Way]:
-    """All of them, plain DIT first."""
+def estimators(
+    truth: Traced, models: Mapping[str, Traced], second: Mapping[str, Traced]
+) -> list[Estimator]:
+    """All estimators, plain DIT first.
+
+    Args:
+        truth: the traced scene.
+        models, second: traces of the models by name, in the filter and in the second one.
+
+    Returns:
+        The estimators.
+    """
     return [
         *_without(truth),
         *_plates(truth),
@@ -109,32 +129,32 @@ def ways(truth: Traced, models: Mapping[str, Traced], second: Mapping[str, Trace
     ]
 
 
-def _without(truth: Traced) -> Iterator[Way]:
+def _without(truth: Traced) -> Iterator[Estimator]:
     curve, walls_K = truth.curve, truth.scene.walls.temperature_K
 
     def plain(maps: Maps) -> Said:
-        kelvin = maps.apparent_temperature_K.astype(float)
-        return Said.of(kelvin, maps.apparent_temperature_standard_error_K.astype(float))
+        temperature_K = maps.apparent_temperature_K.astype(float)
+        return Said.of(temperature_K, maps.apparent_temperature_standard_error_K.astype(float))
 
     def away_from_walls(maps: Maps) -> Said:
         """What emits lies on the other side of T_app than the walls."""
         one = plain(maps)
-        warm = one.kelvin < walls_K
+        warm = one.temperature_K < walls_K
         return Said(
-            one.kelvin,
+            one.temperature_K,
             one.noise_K,
             np.where(warm, -np.inf, one.low_K),
             np.where(warm, one.high_K, np.inf),
         )
 
-    yield Way("plain DIT", "nothing", lambda maps: plain(maps["as it is"]), Knows.NOTHING)
-    yield Way(
+    yield Estimator("plain DIT", "nothing", lambda maps: plain(maps["as it is"]), Knows.NOTHING)
+    yield Estimator(
         "plain DIT as a bound",
         "T_wall",
         lambda maps: away_from_walls(maps["as it is"]),
         Knows.RIG,
     )
-    yield Way(
+    yield Estimator(
         "background all round",
         "walls that follow it",
         lambda maps: plain(maps["all round"]),
@@ -157,12 +177,12 @@ def _without(truth: Traced) -> Iterator[Way]:
 
         needs = f"{walls_K:g} and {colder_K:g} K"
         if error_K:
-            yield Way("two walls", f"{needs}, one {error_K:g} K off", varied, Knows.RIG_WRONG)
+            yield Estimator("two walls", f"{needs}, one {error_K:g} K off", varied, Knows.RIG_WRONG)
         else:
-            yield Way("two walls", needs, varied, Knows.RIG)
+            yield Estimator("two walls", needs, varied, Knows.RIG)
 
 
-def _plates(truth: Traced) -> Iterator[Way]:
+def _plates(truth: Traced) -> Iterator[Estimator]:
     """A part of the enclosure at another temperature; the rest is taken to scatter as much for
     each sr that it fills."""
     curve, walls_K = truth.curve, truth.scene.walls.temperature_K
@@ -205,14 +225,14 @@ def _plates(truth: Traced) -> Iterator[Way]:
         error = np.sqrt(sum(((factor * e) ** 2 for factor, _, e in found), np.zeros(())))
         return medium(maps, np.asarray(share), np.asarray(error))
 
-    yield Way("two discs", "radii 1 and 1.5", larger, Knows.RIG)
+    yield Estimator("two discs", "radii 1 and 1.5", larger, Knows.RIG)
     for name, place in (("beside", "beside"), ("before", "on the camera's side")):
         needs = f"{place}, {PLATE_APART_K:g} K below the walls"
-        yield Way("cold plate", needs, one(name), Knows.RIG)
-    yield Way("three cold plates", "behind, beside, on the camera's side", three, Knows.RIG)
+        yield Estimator("cold plate", needs, one(name), Knows.RIG)
+    yield Estimator("three cold plates", "behind, beside, on the camera's side", three, Knows.RIG)
 
 
-def _filters(scene: Scene, other: Scene) -> Iterator[Way]:
+def _filters(scene: Scene, other: Scene) -> Iterator[Estimator]:
     walls_K = scene.walls.temperature_K
 
     def bands(maps: Seen, k: float) -> tuple[Band, Band]:
@@ -247,18 +267,21 @@ def _filters(scene: Scene, other: Scene) -> Iterator[Way]:
 
     low, high = SECOND_FILTER_UM
     size, wrong = f"D32 {_SAUTER_UM:g} um, n and k", f"D32 {1.2 * _SAUTER_UM:g} um (wrong)"
-    yield Way("one filter, a slab", size, known(1.0), Knows.RIG)
-    yield Way("one filter, a slab", wrong, known(1.2), Knows.RIG_WRONG)
+    yield Estimator("one filter, a slab", size, known(1.0), Knows.RIG)
+    yield Estimator("one filter, a slab", wrong, known(1.2), Knows.RIG_WRONG)
     needs = f"{low:g} to {high:g} um too, n and k"
-    yield Way("two filters, a slab", needs, both(1.0), Knows.RIG)
-    yield Way("two filters, a slab", "k 30 % larger in both (wrong)", both(1.3), Knows.RIG_WRONG)
+    yield Estimator("two filters, a slab", needs, both(1.0), Knows.RIG)
+    yield Estimator(
+        "two filters, a slab", "k 30 % larger in both (wrong)", both(1.3), Knows.RIG_WRONG
+    )
 
 
 def curve_of(scene: Scene) -> Curve:
+    """Planck's curve in a scene's filter."""
     return Curve(filter_um=scene_filter(scene))
 
 
-def _with_model(models: Mapping[str, Traced], second: Mapping[str, Traced]) -> Iterator[Way]:
+def _with_model(models: Mapping[str, Traced], second: Mapping[str, Traced]) -> Iterator[Estimator]:
     low, high = SECOND_FILTER_UM
 
     def medium(model: Traced, name: str) -> Callable[[Seen], Said]:
@@ -272,12 +295,12 @@ def _with_model(models: Mapping[str, Traced], second: Mapping[str, Traced]) -> I
             radiance = droplet_radiance(
                 maps["as it is"], model.weights, model.liquid_share, model.scattered(), model.curve
             )
-            kelvin = model.curve.temperature(radiance)
+            temperature_K = model.curve.temperature(radiance)
             _, error = apparent(maps["as it is"], model.curve)
             with np.errstate(divide="ignore", invalid="ignore"):
                 share = model.liquid_share / (1.0 - model.weights.background.astype(float))
                 noise = error / share * model.curve.temperature_slope(radiance)
-            return Said.of(kelvin, noise)
+            return Said.of(temperature_K, noise)
 
         return say
 
@@ -295,15 +318,17 @@ def _with_model(models: Mapping[str, Traced], second: Mapping[str, Traced]) -> I
     shares = {name: medium(model, "as it is") for name, model in models.items()}
     alone = {name: droplets(model) for name, model in models.items()}
     for name, say in shares.items():
-        yield Way("scattered share", f"model: {name}", say, _known(name))
-    yield Way("scattered share", "all models: a bound", spread(shares), Knows.MODELS)
+        yield Estimator("scattered share", f"model: {name}", say, _known(name))
+    yield Estimator("scattered share", "all models: a bound", spread(shares), Knows.MODELS)
     for name, say in alone.items():
-        yield Way("droplets alone", f"model: {name}", say, _known(name), "droplets")
-    yield Way("droplets alone", "all models: a bound", spread(alone), Knows.MODELS, "droplets")
+        yield Estimator("droplets alone", f"model: {name}", say, _known(name), "droplets")
+    yield Estimator(
+        "droplets alone", "all models: a bound", spread(alone), Knows.MODELS, "droplets"
+    )
     method = f"{low:g} to {high:g} um, scattered share"
     for name in (RIGHT, LARGER):
         say = medium(second[name], "second filter")
-        yield Way(method, f"model: {name}", say, Knows.OTHER_BAND, "droplets")
+        yield Estimator(method, f"model: {name}", say, Knows.OTHER_BAND, "droplets")
 
 
 def _known(model: str) -> Knows:

@@ -48,7 +48,7 @@ def _plain(row: Row, study: Study) -> str:
 
 
 def _ranked(rows: Sequence[Row], plain: Row) -> Iterator[str]:
-    """Ways without a model, best first, and which are no better than plain DIT."""
+    """Estimators without a model, best first, and which are no better than plain DIT."""
     # A bound that is open to one side gives no temperature of its own.
     ranked = sorted((row for row in rows if math.isfinite(row.width_K)), key=_rms)
     better = [row for row in ranked if _rms(row) < _rms(plain)]
@@ -64,7 +64,7 @@ def _ranked(rows: Sequence[Row], plain: Row) -> Iterator[str]:
 
 
 def _bounds(rows: Sequence[Row]) -> Iterator[str]:
-    """Of ways whose inputs are right."""
+    """Bounds of estimators whose inputs are right."""
     held = [row for row in rows if _error(row).held >= HOLDS]
     broken = [row for row in rows if _error(row).held < HOLDS]
     if held:
@@ -99,7 +99,7 @@ def _models(study: Study, about: Callable[[Row], Error | None], what: str) -> st
 
 
 def _classes(study: Study, plain: Row) -> Iterator[str]:
-    """By what the pixels see."""
+    """Errors by what the pixels see."""
     wrong = [row for row in study.rows if row.knows is Knows.MODEL_WRONG and row.medium is not None]
     said = []
     for name, part in study.classes.items():
@@ -123,8 +123,8 @@ def _under_vapour(study: Study, plain: Row) -> str:
     than = "colder" if off_K > 0 else "warmer"
     return (
         f"Droplets emit more than the vapour in {_percent(study.wet)} of the pixels. There they "
-        f"are {abs(off_K):.1f} K {than} than T_app, and ways that take off the walls' light leave "
-        f"{_kelvin(min(blind))} to {_kelvin(max(blind))}: what emits is vapour too."
+        f"are {abs(off_K):.1f} K {than} than T_app, and estimators that take off the walls' "
+        f"light leave {_kelvin(min(blind))} to {_kelvin(max(blind))}: what emits is vapour too."
     )
 
 

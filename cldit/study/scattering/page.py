@@ -19,7 +19,13 @@ Floats = NDArray[np.float64]
 
 
 def scattering_page(study: Study, *, command: str, seconds: float = 0.0) -> Page:
-    """Everything on it follows from the study; the scene's description stands first."""
+    """The page of a study; everything on it follows from the study.
+
+    Args:
+        study: evaluated.
+        command: makes the page again.
+        seconds: that it took.
+    """
     scene = study.scene
     mie = scene.transport.phase == "mie"
     how = "Droplets scatter by Mie's phase function" if mie else "Droplets scatter evenly"

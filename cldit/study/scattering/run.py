@@ -1,4 +1,4 @@
-"""The study itself: every way against the truth, and where each fails."""
+"""The study itself: every estimator against the truth, and where each fails."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cldit.dit.maps import Maps
 from cldit.gpu.device import Device
 from cldit.scene import Scene
-from cldit.study.scattering.estimators import Knows, Said, Way, seen, ways
+from cldit.study.scattering.estimators import Estimator, Knows, Said, estimators, seen
 from cldit.study.scattering.models import LARGER, RIGHT, wrong_models
 from cldit.study.scattering.truth import (
     Traced,
@@ -40,13 +40,13 @@ class Error:
 
 @dataclass(frozen=True)
 class Row:
-    """One way to evaluate, over pixels of emissivity 0.2 and more.
+    """One estimator, over pixels of emissivity 0.2 and more.
 
-    knows: what the way is given. medium: against the temperature of all that emits; None where the
-    way is after the droplets alone. droplets: against the droplets' own, where they emit more than
-    the vapour. noise_K: median standard error at the scene's shots. width_K: median width of the
-    bound. told: part of the pixels that get a temperature. where: RMS against what the way is
-    after, by what the pixels see.
+    knows: what the estimator is given. medium: against the temperature of all that emits; None
+    where the estimator is after the droplets alone. droplets: against the droplets' own, where they
+    emit more than the vapour. noise_K: median standard error at the scene's shots. width_K: median
+    width of the bound. told: part of the pixels that get a temperature. where: RMS against what the
+    estimator is after, by what the pixels see.
     """
 
     method: str
@@ -89,6 +89,7 @@ class Truth:
 
     @classmethod
     def of(cls, trace: Traced, maps: Maps) -> Truth:
+        """What the `trace` says that the evaluation should find; `maps` are plain DIT's."""
         lit = trace.reference.background > 0.999
         epsilon = maps.emissivity
         here = lit & (epsilon >= LEAST_EMISSIVITY) & np.isfinite(maps.apparent_temperature_K)
@@ -112,7 +113,13 @@ class Truth:
 def scattering_study(
     scene: Scene, device: Device, *, cache: Path, progress: Say | None = None
 ) -> Study:
-    """Evaluates the traced scene in every way.
+    """Evaluates the traced scene by every estimator.
+
+    Args:
+        scene: to be varied.
+        device: to trace on.
+        cache: folder of tables.
+        progress: takes lines.
 
     Raises:
         EvaluationError: the scene cannot be varied, or has one background.
@@ -133,16 +140,25 @@ def scattering_study(
 
 
 def evaluated(models: Mapping[str, Traced], second: Mapping[str, Traced], scene: Scene) -> Study:
-    """All ways, with the model named `right` as the truth."""
+    """Runs all estimators, with the model named `right` as the truth.
+
+    Args:
+        models, second: traces of the models by name, in the filter and in the second one.
+        scene: that they are models of.
+    """
     exact = seen(models[RIGHT], second[RIGHT])
     noisy = _noisy(exact)
     truth = Truth.of(models[RIGHT], exact["as it is"])
-    every = ways(models[RIGHT], models, second)
-    said = {(way.method, way.needs): way.say(exact) for way in every}
-    rows = tuple(_row(way, said[way.method, way.needs], way.say(noisy), truth) for way in every)
-    plain = said["plain DIT", "nothing"].kelvin
+    every = estimators(models[RIGHT], models, second)
+    said = {(estimator.method, estimator.needs): estimator.say(exact) for estimator in every}
+    rows = tuple(
+        _row(estimator, said[estimator.method, estimator.needs], estimator.say(noisy), truth)
+        for estimator in every
+    )
+    plain = said["plain DIT", "nothing"].temperature_K
     share, alone = (
-        said[method, f"model: {LARGER}"].kelvin for method in ("scattered share", "droplets alone")
+        said[method, f"model: {LARGER}"].temperature_K
+        for method in ("scattered share", "droplets alone")
     )
     errors = {
         "plain DIT - what emits": plain - truth.medium_K,
@@ -158,29 +174,31 @@ def evaluated(models: Mapping[str, Traced], second: Mapping[str, Traced], scene:
     return Study(rows, errors, wet, classes, scene, second[RIGHT].scene)
 
 
-def _row(way: Way, exact: Said, noisy: Said, truth: Truth) -> Row:
-    after_K = truth.droplets_K if way.about == "droplets" else truth.medium_K
-    told = truth.here & np.isfinite(exact.kelvin)
-    seen = told & truth.wet if way.about == "droplets" else told
+def _row(estimator: Estimator, exact: Said, noisy: Said, truth: Truth) -> Row:
+    after_K = truth.droplets_K if estimator.about == "droplets" else truth.medium_K
+    told = truth.here & np.isfinite(exact.temperature_K)
+    seen = told & truth.wet if estimator.about == "droplets" else told
     width = (noisy.high_K - noisy.low_K)[told]
     return Row(
-        method=way.method,
-        needs=way.needs,
-        knows=way.knows,
-        medium=None if way.about == "droplets" else _error(exact, noisy, truth.medium_K, told),
+        method=estimator.method,
+        needs=estimator.needs,
+        knows=estimator.knows,
+        medium=None
+        if estimator.about == "droplets"
+        else _error(exact, noisy, truth.medium_K, told),
         droplets=_error(exact, noisy, truth.droplets_K, truth.wet & told),
         noise_K=_nan_median(None if exact.noise_K is None else exact.noise_K[told]),
         width_K=_nan_median(width),
         told=float(told.sum() / truth.here.sum()),
         where={
-            name: _rms((exact.kelvin - after_K)[mask & seen])
+            name: _rms((exact.temperature_K - after_K)[mask & seen])
             for name, mask in truth.classes.items()
         },
     )
 
 
 def _error(exact: Said, noisy: Said, truth_K: Floats, here: Mask) -> Error:
-    off = (exact.kelvin - truth_K)[here]
+    off = (exact.temperature_K - truth_K)[here]
     off = off[np.isfinite(off)]
     sure = here & np.isfinite(truth_K) & ~np.isnan(noisy.low_K) & ~np.isnan(noisy.high_K)
     within = (noisy.low_K <= truth_K) & (truth_K <= noisy.high_K)

@@ -112,10 +112,11 @@ class Traced:
 
     @property
     def curve(self) -> Curve:
+        """Planck's curve in the scene's filter."""
         return Curve(filter_um=scene_filter(self.scene))
 
     def surroundings(self, changed_K: Mapping[str, float] = _AS_IT_IS) -> Surroundings:
-        """Those of the scene; `wall` moves walls and plates, a patch's name that patch."""
+        """Surroundings of the scene; `wall` moves walls and plates, a patch's name that patch."""
         around = Surroundings.from_scene(self.scene)
         wall_K = changed_K.get(WALL, around.wall_temperature_K)
         moved = {**dict.fromkeys(PLATES, wall_K), **changed_K}
@@ -130,14 +131,17 @@ class Traced:
     def enclosure(
         self, changed_K: Mapping[str, float] = _AS_IT_IS, *, plate: str | None = None
     ) -> dict[str, float]:
-        """Radiances that leave the walls and the scene's own patches, and one plate if named."""
+        """Radiances that leave the walls, the scene's own patches, and one `plate` if named.
+
+        `changed_K` are temperatures that differ from the scene's.
+        """
         parts = enclosure(self.surroundings(changed_K), self.curve)
         return {
             name: leaving for name, leaving in parts.items() if name not in PLATES or name == plate
         }
 
     def scattered(self) -> Scattered:
-        """By this trace, its plates as warm as the walls."""
+        """Scattered shares by this trace, its plates as warm as the walls."""
         spray, bare = (_joined(one, PLATES, into=WALL) for one in (self.weights, self.reference))
         return scattered_by(spray, bare, self.enclosure())
 
@@ -183,6 +187,11 @@ def _joined(weights: Weights, parts: Sequence[str], *, into: str) -> Weights:
 
 def traced(scene: Scene, device: Device, cache: Path) -> Traced:
     """What the scene emits, what it would if every phase emitted 1, and the scene without spray.
+
+    Args:
+        scene: with plates.
+        device: to trace on.
+        cache: folder of tables.
 
     Raises:
         EvaluationError: the scene is resolved into several wavelengths.
@@ -230,7 +239,7 @@ def traced(scene: Scene, device: Device, cache: Path) -> Traced:
 
 
 def solid_angles(scene: Scene) -> Mapping[str, float]:
-    """Of the background disc and of each plate, in sr, from the middle of the picture.
+    """Solid angles [sr] of the background disc and of each plate, from the middle of the picture.
 
     By 40 000 even directions: to about 1 %.
     """

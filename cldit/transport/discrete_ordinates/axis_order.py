@@ -1,4 +1,4 @@
-"""The three orders in which sweeps run through the cells of a box."""
+"""The three orders of axes in which discrete ordinates sweeps traverse the box."""
 
 from __future__ import annotations
 
@@ -9,13 +9,16 @@ from cldit.transport.discrete_ordinates.cell_packets import PACKET
 
 @dataclass(frozen=True)
 class AxisOrder:
-    """One of the three orders of axes.
+    """One of the three orders of axes u, v (of a layer) and l (across layers).
 
-    stride_v, stride_l: of rows in the groups of cells (straight: [z][y]; turned: [x][z]).
+    axes: u, v, l as x, y, z = 0, 1, 2.
+    size: cells along u, v, l.
+    stride_v, stride_l: of rows in the cell packets (straight: [z][y]; turned: [x][z]).
+    turned: whether packets lie along y.
     """
 
     number: int
-    axes: tuple[int, int, int]  # u, v, l as x, y, z = 0, 1, 2
+    axes: tuple[int, int, int]
     size: tuple[int, int, int]
     stride_v: int
     stride_l: int
@@ -23,18 +26,22 @@ class AxisOrder:
 
     @property
     def slots(self) -> int:
-        """For a row of rays: those that are in the box, in whole groups, and those that come in."""
+        """Slots of a row of rays: those in the box, in whole packets, and those that enter."""
         nu, _, nl = self.size
         return -(-nu // PACKET) * PACKET + nl + 4
 
     @property
     def ray_rows(self) -> int:
-        """Of rays: those that are in the box, and those that come in."""
+        """Rows of rays: those in the box, and those that enter."""
         return self.size[1] + self.size[2] + 2
 
 
 def axis_orders(shape: tuple[int, int, int]) -> dict[int, AxisOrder]:
-    """Layout for each axis (x, y, z) that layers are stacked along."""
+    """The order for each axis (x, y, z = 0, 1, 2) along which layers are stacked.
+
+    Args:
+        shape: cells of the box along x, y, z.
+    """
     nx, ny, nz = shape
     return {
         2: AxisOrder(0, (0, 1, 2), (nx, ny, nz), 1, ny, turned=False),

@@ -1,4 +1,4 @@
-"""What a sweep needs that finds the light which cells scatter towards the camera."""
+"""The camera's weights in the final discrete ordinates sweeps (stage 3 of `trace_source`)."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from cldit.transport.discrete_ordinates.cell_packets import CellPackets, turned_
 
 @dataclass(frozen=True)
 class CameraSweep:
-    """A sweep for the light that cells scatter towards the camera.
+    """A sweep program that weights ordinates by the scattering to the camera.
 
-    place: of the camera, in cells of the cube. shares: sum of weights in every cell, in groups of
-    either order; seen, with VIEW_TRANSMISSION: optical depths as the camera sees them, and 1 over
-    the mean
-    transmission of each, likewise.
+    phase: the phase function in equal steps of the sine of half the angle.
+    place: (3,) of the camera, in cells of the cube.
+    shares: sums of weights in every cell, in packets of either order of axes.
+    seen: with VIEW_TRANSMISSION, optical depths for the camera and 1 over their mean transmissions.
     """
 
     device: Device
@@ -33,7 +33,7 @@ class CameraSweep:
     phase: Any
     place: NDArray[np.float64]
     shares: dict[bool, Any]
-    seen: dict[bool, list[Any]]
+    seen: dict[bool, dict[str, Any]]
 
     @classmethod
     def of(
@@ -43,21 +43,28 @@ class CameraSweep:
         real: type[np.float32] | type[np.float64],
         program: Program,
         medium: OpticalCells,
-        groups: Mapping[bool, CellPackets],
+        packets: Mapping[bool, CellPackets],
         *,
         phase: NDArray[np.float64],
         place: NDArray[np.float64],
     ) -> CameraSweep:
-        """program: sweep.cl, with CAMERA_SWEEP; medium: as the camera sees it; phase: even in the
-        sine
-        of half the angle, or a single number where the program has no PHASE_STEPS."""
+        """Uploads the weights.
 
-        seen: dict[bool, list[Any]] = {turned: [] for turned in groups}
+        Args:
+            program: sweep.cl with CAMERA_SWEEP.
+            medium: for the camera's optical depths.
+            packets: of the swept box.
+            phase: `ScatteringTable.by_half_sine`; one number where there is no PHASE_STEPS.
+            place: (3,) of the camera, in cells of the cube.
+        """
+        seen: dict[bool, dict[str, Any]] = {turned: {} for turned in packets}
         if "VIEW_TRANSMISSION" in program.defines:
-            for values in (medium.depth, 1.0 / mean_transmission(medium.depth)):
+            views = {"seen": medium.depth, "inverse_mean": 1.0 / mean_transmission(medium.depth)}
+            for name, values in views.items():
                 dense = turned_too(medium.dense(box, values.astype(real)))
-                for turned, some in groups.items():
-                    seen[turned].append(upload(device, "optical depth", some.packed(dense[turned])))
+                for turned, some in packets.items():
+                    packed = some.packed(dense[turned])
+                    seen[turned][name] = upload(device, "optical depth", packed)
         return cls(
             device=device,
             real=real,
@@ -65,7 +72,8 @@ class CameraSweep:
             phase=upload(device, "phase function", phase.astype(real)),
             place=place,
             shares={
-                turned: zeros(device, "shares", some.cells, real) for turned, some in groups.items()
+                turned: zeros(device, "shares", some.cells, real)
+                for turned, some in packets.items()
             },
             seen=seen,
         )

@@ -1,4 +1,7 @@
-"""Groups of cells that lie in a row along u: those of them that are not all empty, row by row."""
+"""Cell packets for SIMD: the cells of a row along u in packets of 8, without empty packets.
+
+The sweeps of discrete ordinates (kernels/sweep.cl) go through them.
+"""
 
 from __future__ import annotations
 
@@ -11,21 +14,21 @@ from numpy.typing import NDArray
 from cldit.gpu.device import Device
 from cldit.transport.cells import Box, OpticalCells
 
-PACKET = 8  # cells of a group, as in kernels/cell_packets.h
+PACKET = 8  # cells, as in kernels/cell_packets.h
 
 
 def simd_defines(device: Device) -> dict[str, int]:
-    """How many cells of a group, or flights, a work-item takes at once (kernels/simd.h)."""
+    """Cells or path segments that a work-item processes at once (kernels/simd.h)."""
     return {"SIMD_WIDTH": PACKET if device.is_cpu else 1}
 
 
 @dataclass(frozen=True)
 class CellPackets:
-    """What sweeps along one order of the axes go through: G groups of a box [l][v][u].
+    """The G packets of a box [l][v][u] in one order of axes.
 
-    first (rows + 1,): where each row's groups begin among all. along (G,): u of a group's first
-    cell; -1 - u where none of its cells scatters. number [row][place]: of a group, -1 where all of
-    its cells are empty.
+    first: (rows + 1,) first packet of each row, and the end.
+    along: (G,) u of a packet's first cell; -1 - u where none of its cells scatters.
+    number: (rows, places) number of the packet; -1 where all of its cells are empty.
     """
 
     first: NDArray[np.int32]
@@ -34,7 +37,12 @@ class CellPackets:
 
     @classmethod
     def of(cls, filled: NDArray[np.bool_], scatters: NDArray[np.bool_]) -> CellPackets:
-        """filled, scatters: [l][v][u], which cells are not empty, and which scatter."""
+        """Packets of a box.
+
+        Args:
+            filled: (l, v, u) which cells are not empty.
+            scatters: (l, v, u) which cells scatter.
+        """
         some = np.asarray(_split(filled).any(axis=2))
         row, place = np.nonzero(some)
         number = np.full(some.shape, -1, np.int32)
@@ -48,7 +56,7 @@ class CellPackets:
 
     @classmethod
     def both(cls, cells: OpticalCells, box: Box) -> dict[bool, CellPackets]:
-        """Those along x, of rows [z][y], and the turned ones along y, of rows [x][z]."""
+        """Packets along x, of rows [z][y], and turned ones along y, of rows [x][z]."""
         scatters = np.zeros(len(cells.depth), np.bool_)
         scatters[cells.address] = True
         filled = turned_too(cells.dense(box, cells.depth > 0))
@@ -60,29 +68,33 @@ class CellPackets:
 
     @property
     def cells(self) -> int:
-        """With the empty ones in the groups."""
+        """Number of cells, with the empty ones in packets."""
         return PACKET * len(self)
 
     @property
     def widest(self) -> int:
-        """Cells in the groups of a row, at most."""
+        """Cells in the packets of a row, at most."""
         return PACKET * int(np.diff(self.first).max(initial=1))
 
     def packed(self, dense: NDArray[Any]) -> NDArray[Any]:
-        """(G, PACKET) values of cells, from a dense array [l][v][u]."""
+        """Values (G, PACKET) of cells, from a dense array (l, v, u)."""
         return np.asarray(_split(dense)[self.number >= 0])
 
     def places(self, row: NDArray[np.int64], u: NDArray[np.int64]) -> NDArray[np.int32]:
-        """Cell of group 0, 1, ... that each cell is, which must not be empty."""
+        """Numbers of cells, counted through all packets.
+
+        Args:
+            row, u: rows of the cells and their places in these; packets must not be empty.
+        """
         return np.asarray(self.number[row, u // PACKET] * PACKET + u % PACKET, np.int32)
 
 
 def turned_too(dense: NDArray[Any]) -> dict[bool, NDArray[Any]]:
-    """An array [z][y][x], and turned to [x][z][y]."""
+    """An array (z, y, x), and turned to (x, z, y)."""
     return {False: dense, True: dense.transpose(2, 0, 1)}
 
 
 def _split(dense: NDArray[Any]) -> NDArray[Any]:
-    """[row][place][cell of the group], filled up with 0."""
+    """An array as (row, place, cell of the packet), padded with 0."""
     padded = np.pad(dense, ((0, 0), (0, 0), (0, -dense.shape[2] % PACKET)))
     return padded.reshape(dense.shape[0] * dense.shape[1], -1, PACKET)

@@ -1,4 +1,4 @@
-"""A set of directions on the device, ready to be swept along as often as is wanted."""
+"""A discrete ordinates quadrature on the device, with its sweep schedules."""
 
 from __future__ import annotations
 
@@ -18,11 +18,13 @@ from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule, swe
 
 @dataclass(frozen=True)
 class DeviceOrdinates:
-    """routes: with what kernels/sweep.cl takes of each, from `tiles` to `origins`, and then with
-    SPATIAL_MOMENTS."""
+    """A quadrature, and the arguments of kernels/sweep.cl for it.
+
+    sweep_schedules: each with its kernel arguments, and those for SPATIAL_MOMENTS.
+    """
 
     directions: Ordinates
-    sweep_schedules: tuple[tuple[SweepSchedule, list[Any], list[Any]], ...]
+    sweep_schedules: tuple[tuple[SweepSchedule, dict[str, Any], dict[str, Any]], ...]
 
     @classmethod
     def of(
@@ -36,32 +38,37 @@ class DeviceOrdinates:
         edge: int,
         real: Real,
     ) -> DeviceOrdinates:
-        """starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer;
-        together: so many directions at most go through the box at once, by tiles of this edge."""
+        """Uploads a quadrature.
+
+        Args:
+            starts: (N, 2) where rays of each ordinate cross the cells of the first layer, 0 to 1.
+            together, edge: as in `sweep_schedules`.
+        """
         ready = []
         for schedule in sweep_schedules(box, directions, starts, together=together, edge=edge):
             nothing = np.zeros((len(schedule), 1))
-            most = schedule.layout.size[2] + 1  # that rays move
+            most = schedule.layout.size[2] + 1  # cells that rays shift
             origin = np.where([schedule.rightwards, schedule.upwards], most, 1)
-            tables = [
-                schedule.tiles,
-                schedule.begins,
-                schedule.faces,
-                schedule.shifts,
-                np.column_stack([schedule.middle, schedule.part]).astype(real),
-                np.column_stack([schedule.back, nothing]).astype(real),
-                np.column_stack([schedule.stretch, schedule.weight]).astype(real),
-                np.column_stack([*origin, schedule.number, nothing]).astype(np.int32),
-            ]
-            across = [
-                np.column_stack([schedule.basis, schedule.part]).astype(real),
-                np.column_stack([schedule.gain * schedule.back, nothing]).astype(real),
-            ]
+            tables = {
+                "tiles": schedule.tiles,
+                "begins_at": schedule.begins,
+                "sides": schedule.exit_faces,
+                "shifts": schedule.shifts,
+                "parts": np.column_stack([schedule.midpoint, schedule.layer_share]).astype(real),
+                "backs": np.column_stack([schedule.back, nothing]).astype(real),
+                "beams": np.column_stack([schedule.path_per_layer, schedule.weight]).astype(real),
+                "origins": np.column_stack([*origin, schedule.number, nothing]).astype(np.int32),
+            }
+            slope = schedule.basis_scale * schedule.back
+            spatial = {
+                "basis": np.column_stack([schedule.basis, schedule.layer_share]).astype(real),
+                "basis_slopes": np.column_stack([slope, nothing]).astype(real),
+            }
             ready.append(
                 (
                     schedule,
-                    [upload(device, "routes", table) for table in tables],
-                    [upload(device, "routes", table) for table in across],
+                    {name: upload(device, "schedule", table) for name, table in tables.items()},
+                    {name: upload(device, "schedule", table) for name, table in spatial.items()},
                 )
             )
         return cls(directions, tuple(ready))

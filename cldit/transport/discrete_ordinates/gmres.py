@@ -1,9 +1,9 @@
-"""The scattered source: a fixed number of orders, or GMRES to a residual.
+"""GMRES for the scattered source (stage 1 of `trace_source`), or a fixed number of orders.
 
-GMRES makes do with few directions. How far its solution is from that of more shows in one sweep
-along these; and as the few tell well how light goes on from one cell to others, GMRES then solves
-for what is lacking (defect correction: Stetter, Numer. Math. 29, 1978). What is left is of second
-order in what the two sets differ by.
+GMRES (Saad, Iterative Methods for Sparse Linear Systems, 2003, ch. 6) solves S = a Lambda S + E
+along few ordinates. One sweep along more shows the residual of that solution. GMRES then solves for
+the correction with the few, which describe well how cells light each other (defect correction:
+Stetter, Numer. Math. 29, 1978). The error left is of second order in the difference of both sets.
 """
 
 from __future__ import annotations
@@ -22,20 +22,21 @@ from cldit.transport.discrete_ordinates.sweep import Sweeper
 Array = NDArray[Any]
 Report = Callable[[str], None]
 
-# RMS of what rounding takes from numbers, in machine epsilons of theirs: up to a half of the last
-# digit, evenly, of mantissas from 1 to 2.
+# RMS rounding error of a number in machine epsilons: uniform up to half of the last digit, for
+# mantissas from 1 to 2.
 _ROUNDED = 0.2
 
 
 @dataclass(frozen=True)
 class Solution:
-    """source (C, N) of the scattering cells; iterations: full sets of sweeps that it took.
+    """The source of the scattering cells.
 
-    residual: RMS of the preconditioned residual, of the worst component. error: what that stands
-    for in the source, through the smallest singular value that GMRES met. Both are 0 for a fixed
-    order, which is no approximation of the converged answer but an answer of its own. lack (C, N):
-    the residual itself, about what the source is short of. towards (C, N): what the cells send to
-    the camera, once that is known.
+    source: (C, N), in the unit of `OpticalCells.emitted`.
+    iterations: sets of sweeps along all ordinates.
+    residual_rms: RMS of the preconditioned residual, of the worst component. 0 at a fixed order.
+    error: RMS error of the source, from the smallest singular value in GMRES. 0 at a fixed order.
+    residual: (C, N) the preconditioned residual, about the error of the source.
+    camera_source: (C, N) source to the camera, after the final sweeps.
     """
 
     source: Array
@@ -43,18 +44,30 @@ class Solution:
     residual_rms: float
     error: float
     residual: Array | None = None
-    towards: Array | None = None
+    camera_source: Array | None = None
 
 
 def order_0(sweeper: Sweeper, albedo: NDArray[np.float64]) -> Array:
-    """Order 0: whatever is scattered is taken to come from the wall (paper, "Ray Tracing")."""
+    """The source (C, N) of order 0: all scattered light comes from the wall (paper, "Ray Tracing").
+
+    Args:
+        albedo: (N,) of the scattering cells.
+    """
     guess = sweeper.thermal.copy()
     guess[1] += albedo.astype(guess.dtype)
     return guess
 
 
 def next_order(sweeper: Sweeper, source: Array, rays: DeviceOrdinates) -> Array:
-    """The source after one more scattering."""
+    """One more order of scattering (Lambda iteration).
+
+    Args:
+        source: (C, N) of the scattering cells.
+        rays: the ordinates.
+
+    Returns:
+        (C, N) source.
+    """
     sweeper.set_source(source, shining=True)
     sweeper.sweep(rays, shining=True)
     return sweeper.next_order()
@@ -83,22 +96,24 @@ def gmres(
     report: Report | None = None,
     confirmed: bool = True,
 ) -> Solution:
-    """GMRES with restarts on the preconditioned equation of transfer.
+    """GMRES with restarts on the equation of transfer, preconditioned by 1 - Lambda*.
 
-    The operator is the same for every component, so one set of sweeps serves them together, each
-    with its own Krylov space.
+    The operator is the same for all components: one set of sweeps serves them together, each with
+    its own Krylov space.
 
     Args:
         guess: (C, N) to start from.
+        rays: the ordinates.
         tolerance: RMS error allowed in the source of any component.
-        confirmed: by one pass more, which sees rounding too; else by what GMRES makes of its own.
+        report: takes lines of progress.
+        confirmed: by one more iteration, which includes rounding; else by GMRES's own residual.
 
     Raises:
         NotConvergedError: the tolerance cannot be met (rounding, or too many iterations).
         TransportError: the source is not finite.
     """
     source = guess.astype(sweeper.real)
-    iterations, gain, before = 0, 1.0, np.inf
+    iterations, inverse_norm, before = 0, 1.0, np.inf
     while True:
         sweeper.set_source(source, shining=True)
         sweeper.sweep(rays, shining=True)
@@ -106,17 +121,17 @@ def gmres(
         residual = sweeper.residual(shining=True)
         now = _worst(residual)
         if report is not None:
-            report(f"iteration {iterations}: residual {now:.1e}, error {now * gain:.1e}")
-        if now == 0.0 or (iterations > 1 and now * gain <= tolerance):
-            return Solution(source, iterations, now, now * gain, residual)
+            report(f"iteration {iterations}: residual {now:.1e}, error {now * inverse_norm:.1e}")
+        if now == 0.0 or (iterations > 1 and now * inverse_norm <= tolerance):
+            return Solution(source, iterations, now, now * inverse_norm, residual)
         if iterations >= sweeper.tuning.iterations or now > 0.5 * before:
-            raise _stuck(now * gain, iterations, tolerance)
+            raise _stuck(now * inverse_norm, iterations, tolerance)
         before = now
         cycle = _krylov(sweeper, residual, rays, tolerance)
-        iterations, gain = iterations + cycle.iterations, cycle.gain
-        source = source + cycle.step
-        if not confirmed and (left := _worst(cycle.left)) * gain <= tolerance:
-            return Solution(source, iterations, left, left * gain, cycle.left)
+        iterations, inverse_norm = iterations + cycle.iterations, cycle.inverse_norm
+        source = source + cycle.correction
+        if not confirmed and (left := _worst(cycle.left)) * inverse_norm <= tolerance:
+            return Solution(source, iterations, left, left * inverse_norm, cycle.left)
 
 
 def _stuck(error: float, iterations: int, tolerance: float) -> NotConvergedError:
@@ -136,45 +151,54 @@ def defect_correction(
     report: Report | None = None,
     listed: Any = None,
 ) -> tuple[Solution, Array]:
-    """The solution as more directions have it, and how much more light (C, N) that brings to cells
-    than these found.
+    """Corrects a solution of few ordinates for the defect along more.
 
-    The sweeper has swept the solution along them, into `listed` (see `Sweeper.residual_rms`); rays:
-    those that it was solved with.
+    The sweeper must have swept the solution along the more.
+
+    Args:
+        solution: of `gmres` along `rays`.
+        rays: the few ordinates.
+        tolerance: RMS error allowed in the source of any component.
+        report: takes lines of progress.
+        listed: buffer of that sweep's I - S, see `Sweeper.residual`; None: the sweeper's own.
+
+    Returns:
+        The corrected solution, and the mean radiance (C, N) that the correction adds.
 
     Raises:
         NotConvergedError, TransportError: as `gmres`.
     """
     residual = sweeper.residual(shining=True, listed=listed)
-    left, step, iterations = residual, np.zeros_like(residual), solution.iterations
-    # What is left goes from cycle to cycle, and cannot show what `residual` itself is off by.
+    left, correction, iterations = residual, np.zeros_like(residual), solution.iterations
+    # The residual is updated from cycle to cycle and cannot show the rounding of the first one.
     rounding = _ROUNDED * float(np.finfo(residual.dtype).eps) * _worst(solution.source)
     error = now = _worst(residual)
     while now > 0.0 and (error > tolerance or left is residual):
         before, cycle = now, _krylov(sweeper, left, rays, tolerance)
-        step, left, iterations = step + cycle.step, cycle.left, iterations + cycle.iterations
+        correction, left = correction + cycle.correction, cycle.left
+        iterations += cycle.iterations
         now = _worst(left)
-        error = (now + rounding) * cycle.gain
+        error = (now + rounding) * cycle.inverse_norm
         if report is not None:
             report(f"iteration {iterations}, corrected: residual {now:.1e}, error {error:.1e}")
         if error > tolerance and (now > 0.5 * before or now < rounding):
             raise _stuck(error, iterations, tolerance)
-    # What the step scatters, less what it is of its own: the residual not preconditioned.
+    # The correction less the residual that is not preconditioned, over the albedo.
     least = np.finfo(residual.dtype).tiny
     albedo = np.maximum(sweeper.albedo, least).astype(residual.dtype)
-    more = (step - residual * sweeper.one_minus_lambda) / albedo
-    source = solution.source + step
+    more = (correction - residual * sweeper.one_minus_lambda) / albedo
+    source = solution.source + correction
     return Solution(source, iterations, now, error, left), more
 
 
 @dataclass(frozen=True)
 class _Cycle:
-    """step: (C, N) to take; left (C, N): residual after it; gain: error per residual."""
+    """A cycle's correction and residual (C, N), and 1 / the smallest singular value."""
 
-    step: Array
+    correction: Array
     left: Array
     iterations: int
-    gain: float
+    inverse_norm: float
 
 
 def _krylov(sweeper: Sweeper, residual: Array, rays: DeviceOrdinates, tolerance: float) -> _Cycle:
@@ -187,7 +211,7 @@ def _krylov(sweeper: Sweeper, residual: Array, rays: DeviceOrdinates, tolerance:
     most = int(np.clip(tuning.krylov_bytes / max(residual.nbytes, 1), 12, tuning.krylov))
     hessenberg = np.zeros((parts, most + 1, most))
     best: list[NDArray[np.float64]] = [np.zeros(0)] * parts
-    gain = 1.0
+    inverse_norm = 1.0
     taken = 0
     for j in range(most):
         sweeper.set_source(basis[j], shining=False)
@@ -209,19 +233,19 @@ def _krylov(sweeper: Sweeper, residual: Array, rays: DeviceOrdinates, tolerance:
             target[0] = start[c]
             best[c] = np.linalg.lstsq(h, target, rcond=None)[0].astype(float)
             smallest = float(np.linalg.svd(h, compute_uv=False)[-1])
-            gain = max(gain, 1.0 / max(smallest, 1e-12))
+            inverse_norm = max(inverse_norm, 1.0 / max(smallest, 1e-12))
             error = max(error, float(np.linalg.norm(target - h @ best[c])) / count**0.5)
         basis.append(image / np.where(length > 0, length, 1.0)[:, None].astype(image.dtype))
-        # Half the tolerance: the rest is for what the true residual will differ by.
-        if error * gain <= 0.5 * tolerance:
+        # Half the tolerance: the true residual will differ a little.
+        if error * inverse_norm <= 0.5 * tolerance:
             break
         if np.all(length <= 1e-6 * np.abs(hessenberg[:, 0, 0]).max()):
             break  # the space is exhausted: the solution lies in it
-    step, left = np.zeros_like(residual), residual.copy()
+    correction, left = np.zeros_like(residual), residual.copy()
     for c in range(parts):
-        met = hessenberg[c, :, : len(best[c])] @ best[c]
+        reached = hessenberg[c, :, : len(best[c])] @ best[c]
         for number, vector in enumerate(basis):
-            left[c] -= vector[c] * residual.dtype.type(met[number])
+            left[c] -= vector[c] * residual.dtype.type(reached[number])
             if number < len(best[c]):
-                step[c] += vector[c] * residual.dtype.type(best[c][number])
-    return _Cycle(step, left, taken, gain)
+                correction[c] += vector[c] * residual.dtype.type(best[c][number])
+    return _Cycle(correction, left, taken, inverse_norm)

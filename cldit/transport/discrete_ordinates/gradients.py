@@ -1,12 +1,10 @@
-"""How the source, and the light, change across each scattering cell, from those beside it.
+"""Spatial gradients of source and radiance in each scattering cell, from its neighbours.
 
-In the picture light does: a cell is many pixels wide (`spatial_gradients`). In the sweeps the
-source
-does where light diffuses through thick cells (`Gradients`). One source a cell, the same all over
-it, lets light through thick cells that scatter nearly all of it too fast: between two such cells of
-optical depth t it carries 3 t / 4 times what diffusion does (Larsen, Morel and Miller, J. Comput.
-Phys. 69, 1987, on the step method). With a source that is linear in a cell, and goes over into its
-neighbours' as diffusion has it, sweeps keep that limit.
+The image uses them, since a cell is many pixels wide (`spatial_gradients`, stages 3 and 4 of
+`trace_source`). The solver's sweeps use them where light diffuses through thick cells (`Gradients`,
+stage 1): with a constant source the flux between two cells of optical depth t that scatter nearly
+all light is 3 t / 4 times that of diffusion (Larsen, Morel and Miller, J. Comput. Phys. 69, 1987,
+on the step method). A linear source that joins its neighbours' has the diffusion limit.
 """
 
 from __future__ import annotations
@@ -26,10 +24,10 @@ Numbers = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Gradients:
-    """Change of the source across a cell along x, y, z, from two neighbours' sources each.
+    """Finite differences for the source's gradient along x, y, z, per cell.
 
-    neighbours (6, N): of the scattering cells, two an axis; the cell itself where none counts.
-    weights (6, N): of what the source is more there than here.
+    neighbours: (6, N) two scattering cells an axis; the cell itself where there is none.
+    weights: (6, N) of the neighbours' differences from the cell.
     """
 
     neighbours: NDArray[np.int32]
@@ -37,6 +35,12 @@ class Gradients:
 
     @classmethod
     def of(cls, cells: OpticalCells, box: Box, tuning: Tuning) -> Gradients:
+        """Finite differences of the scattering cells in which light diffuses.
+
+        Args:
+            cells, box: the medium, and its swept box.
+            tuning: `linear_lengths` and `diffusion_most`, the limits of such cells; `alike`.
+        """
         depth = cells.depth[cells.address]
         lengths = np.sqrt(3.0 * cells.coalbedo) * depth
         chosen = (lengths < tuning.linear_lengths) & (depth < tuning.diffusion_most)
@@ -50,7 +54,7 @@ class Gradients:
         )
 
     def __call__(self, source: NDArray[np.floating]) -> Floats:
-        """(3, C, N) change across each cell of a source (C, N)."""
+        """Gradient (3, C, N) of a source (C, N), per cell."""
         more = [
             weight * (source[:, neighbour] - source)
             for weight, neighbour in zip(self.weights, self.neighbours, strict=True)
@@ -59,11 +63,13 @@ class Gradients:
 
 
 def diffusion_matters(cells: OpticalCells, *, scattered: float, tuning: Tuning) -> bool:
-    """Whether light diffuses through thick cells, if this share of the scattering counts.
+    """Whether light diffuses through any cells.
 
-    It does in cells of some depth, in which little of what is met is absorbed, and which are few
-    diffusion lengths deep. In the deepest diffusion is so slow beside what neighbours exchange
-    where their sources do not meet that the solver would not come to an end.
+    It does in thick cells of low coalbedo that are few diffusion lengths across. The thickest are
+    left out: the solver would not converge where linear sources do not join.
+
+    Args:
+        scattered: share of the scattering that counts.
     """
     counts = cells.coalbedo + scattered * cells.albedo
     depth, coalbedo = counts * cells.depth[cells.address], cells.coalbedo / counts
@@ -79,51 +85,57 @@ def spatial_gradients(
     box: Box,
     known: tuple[NDArray[np.intp], NDArray[np.floating]] | None = None,
 ) -> NDArray[np.floating]:
-    """(3, C, N) change of the light (C, N) in the scattering cells across each of them along x, y,
-    z, from what it is at the faces to those beside it: between both means, nearer to that of the
-    thinner one, in which light changes less. Where there is but one beside it, it changes as much
-    on the other side. known: cells (M,) and the change (3, C, M) that was found across them.
-    Nowhere so much that all of it would be less than nothing.
+    """Gradient of the radiance in each scattering cell along x, y, z, per cell.
 
-    The share of a cell in the difference goes by the root of its optical depth: by the depth
-    itself, where light diffuses; by none, where cells are alike in all but where they lie. On `gdi`
-    the root errs least.
+    The value at a face lies between both cells' means, nearer to that of the thinner one. A cell
+    with one neighbour has the same slope on both sides. A cell's share of the difference goes with
+    the root of its optical depth. Diffusion would have the depth itself, transparent cells equal
+    shares; on `gdi` the root errs least. Gradients are limited so that the radiance stays positive.
+
+    Args:
+        light: (C, N) mean radiance of the cells.
+        known: cells (M,) and their gradients (3, C, M), which take precedence.
+
+    Returns:
+        (3, C, N) gradients.
     """
     every = np.arange(len(cells.address))
-    changes = np.zeros((3, *light.shape), light.dtype)
+    gradient = np.zeros((3, *light.shape), light.dtype)
     root = np.sqrt(cells.depth[cells.address]).astype(light.dtype)
     beside = _beside(cells, box, (-1, 1), np.ones(len(every), bool))
-    for change, (below, above) in zip(changes, beside, strict=True):
+    for along, (below, above) in zip(gradient, beside, strict=True):
         sides = np.where((below >= 0) & (above >= 0), 1, 2).astype(light.dtype)
         for there, sign in ((below, -1), (above, 1)):
             near = np.where(there >= 0, there, every)
             share = sign * sides * root / (root + root[near])
-            change += share * (np.take(light, near, axis=1) - light)
+            along += share * (np.take(light, near, axis=1) - light)
     if known is not None:
-        changes[:, :, known[0]] = known[1]
-    limit(changes, light)
-    return changes
+        gradient[:, :, known[0]] = known[1]
+    limit(gradient, light)
+    return gradient
 
 
-def limit(changes: NDArray[np.floating], light: NDArray[np.floating]) -> None:
-    """Makes changes (3, C, N) across cells of a mean (C, N) no larger than leaves nowhere less than
-    nothing of the sum of its components."""
-    total, most = light.sum(axis=0), np.abs(changes.sum(axis=1)).sum(axis=0)
-    changes *= np.divide(2 * total, most, out=np.ones_like(total), where=most > 2 * total)
+def limit(gradient: NDArray[np.floating], light: NDArray[np.floating]) -> None:
+    """Limits gradients (3, C, N) in place, so that the sum of components is nowhere negative.
+
+    Args:
+        light: (C, N) mean of each cell.
+    """
+    total, most = light.sum(axis=0), np.abs(gradient.sum(axis=1)).sum(axis=0)
+    gradient *= np.divide(2 * total, most, out=np.ones_like(total), where=most > 2 * total)
 
 
 def _beside(
-    cells: OpticalCells, box: Box, steps: Sequence[int], chosen: NDArray[np.bool_]
+    cells: OpticalCells, box: Box, offsets: Sequence[int], chosen: NDArray[np.bool_]
 ) -> Iterator[list[Numbers]]:
-    """For x, y and z, which of the chosen scattering cells (N,) lies so many steps from each of
-    them; -1: none."""
-    far = max(steps)
+    """For x, y and z, numbers (N,) of the chosen scattering cells at these offsets; -1: none."""
+    far = max(offsets)
     at = (cells.positions(cells.address) - np.asarray(box.low)).T + far
     number = np.full(np.array(box.shape[::-1]) + 2 * far, -1, np.int32)
     number[tuple(at[::-1])] = np.where(chosen, np.arange(len(chosen)), -1)
     for axis in range(3):
-        segments = [at + step * np.eye(3, dtype=int)[:, axis, None] for step in steps]
-        yield [np.where(chosen, number[tuple(way[::-1])], -1) for way in segments]
+        shifted = [at + offset * np.eye(3, dtype=int)[:, axis, None] for offset in offsets]
+        yield [np.where(chosen, number[tuple(place[::-1])], -1) for place in shifted]
 
 
 def _along(
@@ -135,11 +147,15 @@ def _along(
     *,
     alike: float,
 ) -> tuple[Numbers, Floats]:
-    """Two neighbours (2, N) of each cell on an axis, and their weights; -1: there is none.
+    """Two neighbours (2, N) of each cell on an axis, and their weights (2, N).
 
-    At a face the source lies between both cells' by their depths: the flux of diffusion is then the
-    same on both sides. A cell with but one neighbour has its change by depth extrapolated from the
-    face to that and, if there is one beyond and both are alike, from that neighbour's own.
+    At a face the source lies between both cells' by their depths, so that the diffusion flux is the
+    same on both sides. A cell with one neighbour has its slope in depth extrapolated from that face
+    and, if there is a cell beyond and both are alike in depth, from the neighbour's own slope.
+
+    Args:
+        below_2, below, above, above_2: (N,) numbers of the cells at -2, -1, 1 and 2; -1: none.
+        alike: largest ratio of depths of cells that are alike.
     """
     both = (below >= 0) & (above >= 0)
     neighbours = np.stack([below, above])

@@ -1,4 +1,7 @@
-"""The radiance that sweeps keep on the interfaces of the thick region, for the final gather."""
+"""Interface radiance: what the final sweeps store for the final gather (stages 3 and 5).
+
+Path segments end in the radiance on the interfaces of the thick region.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +21,12 @@ _NO_FACE = 64  # in place of a face, as in sweep.cl
 
 @dataclass(frozen=True)
 class InterfaceRadiance:
-    """Light that comes into the region from without, and that in thick cells, as sweeps store it:
-    [face or cell][direction][component], so that flights of one tile meet few pages of it.
+    """Radiance that enters the thick region, and radiance in thick cells.
 
-    rim, directions: how many there are. rows, faces: where a row of each layout finds the faces.
-    first: number of the sweeps' first direction.
+    buffer: [interface or cell][ordinate][component], so that the paths of a tile touch few pages.
+    interfaces, directions: numbers of interfaces (and cells) and of ordinates.
+    rows, faces: table of interfaces by rows, for each order of axes; see kernels/sweep.cl.
+    first: number of the sweep's first ordinate.
     """
 
     buffer: Any
@@ -33,7 +37,7 @@ class InterfaceRadiance:
     first: int = 0
 
     def after(self, directions: int) -> InterfaceRadiance:
-        """For sweeps that follow so many directions."""
+        """The same buffer for a sweep that follows so many ordinates."""
         return replace(self, first=directions)
 
     @classmethod
@@ -47,9 +51,10 @@ class InterfaceRadiance:
         directions: int,
         real: type[np.floating],
     ) -> InterfaceRadiance:
+        """Allocates the buffer for `directions` ordinates, and the tables of interfaces."""
         owner, side = np.nonzero(thick.faces >= 0)
         number = thick.faces[owner, side]
-        at = thick.at[owner]  # and now of the cell that light comes from
+        at = thick.at[owner]  # then of the cell that light leaves
         at[np.arange(len(at)), side // 2] += 2 * (side % 2) - 1
         thick_ones = np.flatnonzero(thick.own >= 0)
         at = np.concatenate([at, thick.at[thick_ones]])
@@ -66,18 +71,19 @@ class InterfaceRadiance:
             table = np.column_stack([along, bit, number, number])[order]  # the last is not read
             rows[layout.number] = upload(device, "rows of faces", starts.astype(np.int32))
             listed[layout.number] = upload(device, "faces", table.astype(np.int32))
-        kept = unset(device, "light from without", thick.interfaces * directions * components, real)
-        # Cells' own light, which comes last, is summed; that of faces is written.
+        size = thick.interfaces * directions * components
+        stored = unset(device, "interface radiance", size, real)
+        # The radiance in cells, which comes last, is summed; that of interfaces is written.
         each, own = directions * components, len(thick_ones)
-        clear(device, kept, own * each, real, first=(thick.interfaces - own) * each)
-        return cls(kept, thick.interfaces, directions, rows, listed)
+        clear(device, stored, own * each, real, first=(thick.interfaces - own) * each)
+        return cls(stored, thick.interfaces, directions, rows, listed)
 
-    def arguments(self, layout: AxisOrder) -> list[Any]:
-        """Kernel arguments `light` to `rim_faces`."""
-        return [
-            self.buffer,
-            np.int32(self.first),
-            np.int32(self.directions),
-            self.rows[layout.number],
-            self.faces[layout.number],
-        ]
+    def arguments(self, layout: AxisOrder) -> dict[str, Any]:
+        """Kernel arguments of the sweep for INTERFACE_RADIANCE."""
+        return {
+            "light": self.buffer,
+            "earlier": self.first,
+            "all": self.directions,
+            "interface_rows": self.rows[layout.number],
+            "interfaces": self.faces[layout.number],
+        }

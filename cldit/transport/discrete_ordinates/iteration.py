@@ -1,8 +1,8 @@
-"""Iteration to a residual: the source that scattering and emission agree on, S = a Lambda S + E.
+"""Source iteration to a residual: the solution of S = a Lambda S + E (stage 1 of `trace_source`).
 
 GMRES solves along few ordinates; one sweep along more finds the residual of that solution, and a
-defect correction removes it (gmres.py). With a phase function the solver's droplets scatter
-isotropically what they turn on average (transport correction: scattering x (1 - g)).
+defect correction removes it (gmres.py). With a phase function the solver scatters isotropically,
+with the transport correction: scattering x (1 - g) (Modest, Radiative Heat Transfer, ch. 12).
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Moments:
-    """Of the light, or of a source, in the scattering cells.
+    """Moments of radiance or of a source in the scattering cells.
 
-    angular (M, C, N): the mean; with a phase function all of angular_moments.py.
-    gradient (3, C, K): change along x, y, z across the cells `linear_cells`; None: of none.
+    angular: (M, C, N) the mean; with a phase function all moments of angular_moments.py.
+    gradient: (3, C, K) spatial gradient along x, y, z in the K linear cells, per cell; None: K = 0.
     """
 
     angular: NDArray[np.floating]
@@ -45,12 +45,15 @@ class Moments:
 
 @dataclass(frozen=True)
 class SolvedSource:
-    """The solver's source, and what is left of the solver.
+    """The solver's source and what later stages reuse of the solver.
 
-    light: what the solution brings; None where the final sweeps take the solution as it is.
-    albedo (N,), thermal (C, N): of the solver's cells. defect (N,): what sweeps and solver make or
-    lose of a cavity's radiance of 1. sweeper: None where the final sweeps need another, as large.
-    sweeps: of a sweeper that is gone. scratch: room on the device for moments, if there are any.
+    light: radiance that the solution gives; None where the final sweeps take the solution itself.
+    albedo: (N,) of the solver's cells.
+    thermal: (C, N) thermal source of the solver's cells.
+    defect: (N,) error of sweeps and solver in a cavity of radiance 1.
+    sweeper: None where the final sweeps need another, which takes as much memory.
+    sweeps: ordinates swept by a sweeper that was released.
+    scratch: device buffers for moments, see `Sweeper.room`.
     """
 
     solution: Solution
@@ -67,19 +70,23 @@ class SolvedSource:
 def iterate_source(
     problem: SweepProblem, rng: np.random.Generator, report: Report | None
 ) -> SolvedSource:
-    """Solves for the source of every scattering cell, to the tolerance of the settings.
+    """Solves for the source of every scattering cell to the tolerance of the settings.
+
+    Args:
+        rng: rotates the quadratures and shifts the rays.
+        report: takes lines of progress.
 
     Raises:
         NotConvergedError: the tolerance cannot be met.
         TransportError: the source is not finite.
     """
-    return _constant(problem, rng, report) if problem.isotropic else _lit(problem, rng, report)
+    return (_constant if problem.isotropic else _moments)(problem, rng, report)
 
 
 def _constant(
     problem: SweepProblem, rng: np.random.Generator, report: Report | None
 ) -> SolvedSource:
-    """One isotropic source a cell, in the medium as it is."""
+    """A constant isotropic source a cell, in the medium as it is."""
     settings = problem.settings
     plain = problem.program(problem.solver_defines)
     sweeper = problem.sweeper(problem.medium, plain)
@@ -96,13 +103,15 @@ def _constant(
     return SolvedSource(solution, None, sweeper.albedo, sweeper.thermal, defect, (plain,), sweeper)
 
 
-def _lit(problem: SweepProblem, rng: np.random.Generator, report: Report | None) -> SolvedSource:
-    """The solution in transport-corrected cells, and the moments of the light that it brings."""
+def _moments(
+    problem: SweepProblem, rng: np.random.Generator, report: Report | None
+) -> SolvedSource:
+    """The solution in transport-corrected cells, and the moments of its radiance."""
     settings, phase = problem.settings, problem.settings.phase
     plain = problem.program(problem.solver_defines)
     every = settings.order is None
     turned = phase.asymmetry if every and phase is not None else 0.0
-    # Whether the solver's sweeper serves the final sweeps too: all of them are of one medium.
+    # Without a phase function all sweeps are of one medium: one sweeper serves them all.
     serves = phase is None and "LINEAR_SOURCE" not in problem.solver_defines
     sweeper = problem.sweeper(
         problem.scattering_scaled(1.0 - turned), plain, problem.linear_cells if serves else None
@@ -133,7 +142,7 @@ def _lit(problem: SweepProblem, rng: np.random.Generator, report: Report | None)
         solution = _scattered_once(solution, sweeper)
     else:
         solution = _of_order(problem, sweeper, rng, 0)
-        light[0, 1] = 1.0  # as if it came from the wall, all round
+        light[0, 1] = 1.0  # isotropic, from the wall
     if problem.linear_cells is not None:
         count = np.count_nonzero(problem.linear_cells)
         gradient = np.zeros((3, shape[1], count), sweeper.real)
@@ -156,7 +165,7 @@ def _lit(problem: SweepProblem, rng: np.random.Generator, report: Report | None)
 def _coarse(
     problem: SweepProblem, sweeper: Sweeper, rng: np.random.Generator, report: Report | None
 ) -> tuple[Solution, DeviceOrdinates]:
-    """Along few ordinates, and these; to be corrected."""
+    """The solution along few ordinates, to be corrected; and these ordinates."""
     few = problem.solver_ordinates(sweeper, rng)
     guess = order_0(sweeper, sweeper.albedo)
     settings = problem.settings
@@ -167,7 +176,7 @@ def _coarse(
 def _of_order(
     problem: SweepProblem, sweeper: Sweeper, rng: np.random.Generator, times: int
 ) -> Solution:
-    """Of a fixed order: so many scatterings, along half of the final ordinates each."""
+    """Solution of a fixed order: scattered `times`, along half of the final ordinates each."""
     source = order_0(sweeper, sweeper.albedo)
     for _ in range(times):
         source = next_order(sweeper, source, problem.ordinates(sweeper, problem.half, rng))
@@ -175,7 +184,7 @@ def _of_order(
 
 
 def _scattered_once(solution: Solution, sweeper: Sweeper) -> Solution:
-    """What is left of the residual after one scattering more."""
+    """The solution with its residual after one more scattering."""
     residual = None if solution.residual is None else solution.residual * sweeper.albedo
     return replace(solution, residual=residual)
 
@@ -183,10 +192,12 @@ def _scattered_once(solution: Solution, sweeper: Sweeper) -> Solution:
 def _checked(
     problem: SweepProblem, sweeper: Sweeper, solution: Solution
 ) -> tuple[Solution, Floats]:
-    """The solution, and what sweeps and solver make or lose of a cavity's radiance of 1 (N,), in
-    which its residual has gone."""
+    """The solution, and the error (N,) of sweeps and solver in a cavity of radiance 1.
+
+    The error contains the residual, which is dropped from the solution.
+    """
     count = problem.settings.tuning.defect_ordinates
-    rng = np.random.default_rng([problem.settings.seed, 2])  # no other ordinates depend on it
+    rng = np.random.default_rng([problem.settings.seed, 2])  # independent of all other ordinates
     defect = sweeper.defect(solution.source, problem.ordinates(sweeper, count, rng))
     if solution.residual is not None:
         defect -= solution.residual[: problem.medium.needs.boundaries].sum(axis=0)

@@ -1,9 +1,9 @@
-"""The order in which sweeps go through a box: by tiles of rows and layers, along diagonals.
+"""KBA tiles: the order of discrete ordinates sweeps through tiles of rows and layers.
 
-Light that goes to higher rows and later layers comes from lower and earlier ones alone. So along
-all directions that do so (a quadrant) the tiles of a diagonal do not need each other, and a tile's
-cells and rays stay at hand while it is crossed along each direction (Koch, Baker and Alcouffe,
-Trans. Am. Nucl. Soc. 65, 1992, 198). The quadrants begin at four corners, and go at the same time.
+Radiance that goes to higher rows and later layers depends on lower and earlier ones alone. So along
+all ordinates of a quadrant the tiles of a diagonal are independent. A tile's cells and rays stay in
+the cache while it is swept along each ordinate (Koch, Baker and Alcouffe, Trans. Am. Nucl. Soc. 65,
+1992, 198). The four quadrants begin at four corners at the same time.
 """
 
 from __future__ import annotations
@@ -15,23 +15,27 @@ COLUMNS = 8  # of the table of tiles
 
 
 def _cuts(count: int, edge: int) -> NDArray[np.int32]:
-    """Where tiles begin, and the end: an even number of tiles, of which some may be empty."""
+    """Bounds of an even number of tiles, some of which may be empty."""
     return np.linspace(0, count, 2 * -(-count // (2 * edge)) + 1).astype(np.int32)
 
 
 def kba_tiles(
     rows: int, layers: int, quadrants: NDArray[np.int64], edge: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Tiles (M, COLUMNS) in the order of launches (L, 2), the first of each and its end.
+    """The tiles of all quadrants, in the order of kernel launches.
 
-    quadrants (4, 2): the first of their directions and the end; of those to later layers first,
-    and in either pair of those to higher rows first. edge: rows and layers of a tile, at most.
-    Columns: the row that is first, and how many; the layer that is first, counted as rays meet
-    them, and how many; first direction and end; sense (1: rays meet the last layer first); 1 or -1,
-    from row to row.
+    With an even number of tiles either way no two quadrants share a tile in a launch, but for those
+    of opposite corners on the middle diagonal, which is therefore two launches.
 
-    As there is an even number of tiles either way, quadrants meet in no tile of a launch, but those
-    of opposite corners all along the middle diagonal, which is two launches.
+    Args:
+        quadrants: (4, 2) first ordinate and end; towards later layers before earlier ones, and in
+            either pair towards higher rows before lower ones.
+        edge: rows and layers of a tile, at most.
+
+    Returns:
+        Tiles (M, COLUMNS) and launches (L, 2), the first tile of each and the end. Columns: first
+        row and number of rows; first layer, counted in the order of the sweep, and number of
+        layers; first ordinate and end; sense (1: the last layer is first); 1 or -1 from row to row.
     """
     row, layer = _cuts(rows, edge), _cuts(layers, edge)
     bands, chunks = len(row) - 1, len(layer) - 1
@@ -52,7 +56,7 @@ def kba_tiles(
         twice = 2 * diagonal + (sense == 1) * (2 * diagonal == bands + chunks - 2)
         launch.append(twice[some])
     which, table = np.concatenate(launch), np.concatenate(parts)
-    # Neighbours, which are much the same work, to either half of a launch: devices of few compute
+    # Neighbours are about equal work and go to different halves of a launch: devices of few compute
     # units take it in halves.
     order = np.argsort(which, kind="stable")
     begins = np.flatnonzero(np.diff(which[order], prepend=-1))

@@ -1,15 +1,15 @@
-"""The moment source: what the final sweeps start from, as the solver has it, or better.
+"""The moment source: the solver's source with further moments (stage 2 of `trace_source`).
 
-Cells have one isotropic source each while that is solved for. Without a phase function, and where
-cells are thin, the solution is all there is to know. Two things make more of it, by further sweeps:
+The solver has one isotropic source a cell. Without a phase function, in thin cells, the final
+sweeps take it as it is. Otherwise a few discrete ordinates sweeps add moments:
 
-With a phase function the final sweeps are of another medium: the share f of the scattering that is
-the third moment of the phase function counts as none, and the rest has a first and a second moment
-(delta-M: Joseph, Wiscombe, Weinman, J. Atmos. Sci. 33, 1976; Wiscombe, ibid. 34, 1977). Moments of
-the light in each cell come from sweeps of the solution, and of what is scattered once more.
+With a phase function the final sweeps use the delta-M method: the share f of the scattering, the
+third moment of the phase function, counts as unscattered; the rest has a first and a second moment
+(Joseph, Wiscombe and Weinman, J. Atmos. Sci. 33, 1976; Wiscombe, ibid. 34, 1977). Angular moments
+of the radiance come from sweeps of the solution and of the light that is scattered once more.
 
-Across thick cells the source is linear in place: sweeps also accumulate the first spatial moments
-of I - S (linear discontinuous, in one sweep after the other: Larsen and Morel, J. Comput. Phys. 83,
+In thick cells the source is linear in place: sweeps also accumulate the first spatial moments of
+I - S (linear discontinuous, iterated from sweep to sweep: Larsen and Morel, J. Comput. Phys. 83,
 1989).
 """
 
@@ -34,11 +34,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FinalSource:
-    """What the final sweeps start from.
+    """Input of the final sweeps.
 
-    sweeper: of these sweeps; it holds the source. medium, source: what they sweep, and what that
-    sends, as they take it. solution, defect: of the solver's medium, as in `SolvedSource`.
-    sweeps: before, of another sweeper.
+    sweeper: of these sweeps; it holds the source.
+    medium, source: the cells that they sweep, and these cells' source.
+    solution, defect: of the solver's medium, as in `SolvedSource`.
+    programs: built so far.
+    sweeps: ordinates swept before by another sweeper.
     """
 
     sweeper: Sweeper
@@ -53,7 +55,11 @@ class FinalSource:
 def moment_source(
     problem: SweepProblem, solved: SolvedSource, rng: np.random.Generator
 ) -> FinalSource:
-    """The source by as many moments as the final sweeps take, from the solver's by one."""
+    """The source with all moments of the final sweeps, from the solver's isotropic one.
+
+    Args:
+        rng: rotates the quadratures and shifts the rays.
+    """
     light = solved.light
     if light is None:
         assert solved.sweeper is not None
@@ -80,7 +86,7 @@ def moment_source(
         programs = (*programs, program)
         for _ in range(times):
             source = _scattered(problem, sweeper, light)
-            sweeper.set_source(source.angular, shining=True, changes=source.gradient)
+            sweeper.set_source(source.angular, shining=True, gradient=source.gradient)
             ordinates = problem.ordinates(sweeper, count, rng)
             more = sweeper.moments(program, ordinates, out=light.angular, room=solved.scratch)
             if more is not None and source.gradient is not None:
@@ -88,32 +94,41 @@ def moment_source(
     isotropic = solved.albedo * light.angular[0] + solved.thermal
     solution = replace(solved.solution, source=isotropic.astype(sweeper.real))
     source = _scattered(problem, sweeper, light)
-    sweeper.set_source(source.angular, shining=True, changes=source.gradient)
+    sweeper.set_source(source.angular, shining=True, gradient=source.gradient)
     return FinalSource(sweeper, medium, source, solution, solved.defect, programs, solved.sweeps)
 
 
 def limited_gradient(
     sweeper: Sweeper, light: NDArray[np.floating], source: NDArray[np.floating]
 ) -> NDArray[np.floating]:
-    """Gradient (3, C, K) of the source across the sweeper's linear cells, from that of the light
-    there, (3, C, K); source: (C or more, N)."""
+    """Gradient of the source in the sweeper's linear cells, limited so that sources stay positive.
+
+    Args:
+        light: (3, C, K) gradient of the radiance there.
+        source: (C or more, N) source of all scattering cells, the mean first.
+
+    Returns:
+        (3, C, K) gradients, per cell.
+    """
     cells = sweeper.linear_cells
-    sent = sweeper.albedo.astype(light.dtype)[cells] * light
-    limit(sent, source[: sweeper.components, cells])
-    return np.asarray(sent)
+    gradient = sweeper.albedo.astype(light.dtype)[cells] * light
+    limit(gradient, source[: sweeper.components, cells])
+    return np.asarray(gradient)
 
 
 def _scattered(problem: SweepProblem, sweeper: Sweeper, light: Moments) -> Moments:
-    """The source of a sweeper's cells in this light, by a phase function of three moments; angular:
-    (M C, N), as sweeps take it."""
+    """The source that scatters this radiance by a phase function of three Legendre moments.
+
+    Its `angular` is (M C, N), as sweeps take it.
+    """
     albedo = sweeper.albedo.astype(light.angular.dtype)
     source = albedo * light.angular
     source[0] += sweeper.thermal
     if problem.settings.phase is not None:
         moments, forward = problem.settings.phase.moments(3), problem.forward_fraction
         _, first, second = (moments - forward) / (1.0 - forward)
-        counts = phase_coefficients(float(first), float(second)).astype(source.dtype)
-        source[1:] *= counts[:, None, None]
+        ratios = phase_coefficients(float(first), float(second)).astype(source.dtype)
+        source[1:] *= ratios[:, None, None]
     gradient = None
     if light.gradient is not None:
         gradient = limited_gradient(sweeper, light.gradient, source[0])

@@ -1,4 +1,7 @@
-"""What the sweeps of one trace have in common: the medium, the programs, the ordinates."""
+"""The discrete ordinates problem of one trace: medium, programs and ordinates of its sweeps.
+
+Stages 1 to 3 of `trace_source` share it.
+"""
 
 from __future__ import annotations
 
@@ -27,12 +30,15 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SweepProblem:
-    """One trace's transport problem, as the stages of `trace_source` take it.
+    """One trace's transport problem.
 
-    medium: the cells with all of their scattering. region: thick cells, which the final gather
-    refines; None: there are none. update: kernels between sweeps. solver_defines: of the solver's
-    sweeps, beside `defines`. linear_cells (N,): scattering cells whose source in the final sweeps
-    is linear in place; None: no cell's is. final_program: of the final sweeps.
+    medium: the cells with all of their scattering.
+    region: thick region, which the final gather refines; None: there is none.
+    defines: of all sweeps.
+    update: program of the kernels between sweeps (source_update.cl).
+    solver_defines: of the solver's sweeps, beside `defines`.
+    linear_cells: (N,) which scattering cells have a linear source in the final sweeps; None: none.
+    final_program: of the final sweeps.
     """
 
     medium: OpticalCells
@@ -57,7 +63,7 @@ class SweepProblem:
         device: Device,
         settings: Settings,
     ) -> SweepProblem:
-        """Chooses what the sweeps must know, and builds the program of the final ones.
+        """Chooses the physics of the sweeps, and builds the program of the final ones.
 
         Raises:
             DeviceError, KernelError: the device cannot do it.
@@ -97,11 +103,11 @@ class SweepProblem:
 
     @property
     def isotropic(self) -> bool:
-        """Neither a phase function nor linear sources: the solver's source is all there is."""
+        """Whether neither a phase function nor gradients call for a moment source."""
         return self.settings.phase is None and self.linear_cells is None
 
     def scattering_scaled(self, share: float) -> OpticalCells:
-        """The medium of which this share of the scattering counts."""
+        """The medium with this share of its scattering, in the same unit of sources."""
         if share == 1.0:
             return self.medium
         cells = OpticalCells.of(
@@ -110,11 +116,11 @@ class SweepProblem:
         return cells.in_units_of(self.medium)
 
     def program(self, flags: Mapping[str, Define]) -> Program:
-        """sweep.cl with these defines besides."""
+        """sweep.cl with these defines beside `defines`."""
         return build(self.device, "sweep.cl", {**self.defines, **flags})
 
     def moment_program(self) -> Program:
-        """The sweep that finds those moments of the light which the final sources need."""
+        """sweep.cl that accumulates the moments which the final sources need."""
         flags = {**self.solver_defines, **_source_defines(self.settings, self.linear_cells)}
         if "MOMENT_SOURCE" in flags:
             flags["ANGULAR_MOMENTS"] = 1
@@ -139,8 +145,10 @@ class SweepProblem:
 
     @property
     def forward_fraction(self) -> float:
-        """Share f of the scattering that delta-M takes for none in the final sweeps. At a fixed
-        order it is one scattering as any other."""
+        """Forward fraction f of delta-M in the final sweeps.
+
+        0 at a fixed order, where forward scattering counts as any other.
+        """
         phase, settings = self.settings.phase, self.settings
         if phase is None or settings.order is not None or not settings.tuning.delta_m:
             return 0.0
@@ -153,13 +161,15 @@ class SweepProblem:
 
     @property
     def moment_ordinates(self) -> int:
-        """Ordinates of all moment sweeps, which make the source forget the solver's."""
+        """Ordinates of all moment sweeps, which replace the error of the solver's few."""
         return self.settings.tuning.moment_share * self.settings.directions
 
     @property
     def moment_sweeps(self) -> int:
-        """In which these go: in two, where half of them suffice, gradients are nearer to what
-        linear sources bring (slabs of 0.75 a cell err by a quarter less)."""
+        """Number of moment sweeps that share these ordinates: two, where half of them suffice.
+
+        Gradients then are one iteration further; slabs of 0.75 a cell err by a quarter less.
+        """
         enough = self.moment_ordinates >= self.settings.tuning.moment_sweeps_from
         return 2 if self.settings.phase is None and enough else 1
 
@@ -170,7 +180,7 @@ class SweepProblem:
         return self.ordinates(sweeper, count, rng)
 
     def ordinates(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> DeviceOrdinates:
-        """Ordinates over the sphere, with balanced weights."""
+        """Ordinates over the sphere, with balanced weights and random places of rays."""
         return sweeper.rays(
             self._over_sphere(sweeper, count, rng).balanced(), rng.random((count, 2))
         )
@@ -178,7 +188,7 @@ class SweepProblem:
     def camera_ordinates(
         self, sweeper: Sweeper, rng: np.random.Generator
     ) -> tuple[DeviceOrdinates, DeviceOrdinates]:
-        """Both halves of the ordinates from which light is scattered to the camera."""
+        """Both halves of the final ordinates."""
         phase, count = self.settings.phase, 2 * self.half
         if phase is not None:
             one, other = (half.by_axis() for half in about_camera(count, rng, phase).halves())
@@ -207,7 +217,7 @@ class SweepProblem:
 def _source_defines(
     settings: Settings, linear_cells: NDArray[np.bool_] | None
 ) -> dict[str, Define]:
-    """What the sources of the sweeps after the solver have."""
+    """Defines of the sources after the solver."""
     flags: dict[str, Define] = {}
     if settings.phase is not None:
         flags["MOMENT_SOURCE"] = 1

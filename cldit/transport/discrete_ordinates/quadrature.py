@@ -1,4 +1,9 @@
-"""Sets of directions that integrate over the sphere, denser where the background disc is seen."""
+"""Quadrature of the discrete ordinates method: directions and weights over the sphere.
+
+Sets are Fibonacci spheres (Gonzalez, Math. Geosci. 42, 2010), denser towards the background disc or
+where the phase function scatters to the camera. All sweeps of `trace_source` (stages 1 to 3) use
+them; the final gather samples those of the final sweeps.
+"""
 
 from __future__ import annotations
 
@@ -12,20 +17,24 @@ from cldit.transport.phase import ScatteringTable
 
 Floats = NDArray[np.float64]
 _GOLDEN = (1 + 5**0.5) / 2
-_CURVE_BITS = 10  # of either coordinate on the square that a curve fills
-NEAREST_SIDE = 32  # entries of the table of nearest directions along a side of an octant
+_CURVE_BITS = 10  # of either coordinate on the square of Hilbert's curve
+NEAREST_SIDE = 32  # entries of the table of nearest ordinates along a side of an octant
 
 
 @dataclass(frozen=True)
 class Ordinates:
-    """unit (N, 3): where the light comes from; weight (N,), summing to 1."""
+    """A quadrature.
+
+    unit: (N, 3) unit vectors to where the light comes from.
+    weight: (N,) weights, which sum to 1.
+    """
 
     unit: Floats
     weight: Floats
 
     @classmethod
     def joined(cls, sets: Sequence[Ordinates]) -> Ordinates:
-        """All of several sets that each integrate over the sphere."""
+        """The union of several quadratures, with equal shares."""
         return cls(
             unit=np.concatenate([each.unit for each in sets]),
             weight=np.concatenate([each.weight for each in sets]) / len(sets),
@@ -35,8 +44,10 @@ class Ordinates:
         return len(self.weight)
 
     def halves(self) -> tuple[Ordinates, Ordinates]:
-        """Every other direction, and the others: of a set that runs evenly over the sphere either
-        integrates over it, and both together better than two sets by chance."""
+        """Two quadratures: every other ordinate, and the rest.
+
+        Both together integrate better than two independent sets.
+        """
         one, other = (
             Ordinates(unit=self.unit[first::2], weight=2 * self.weight[first::2])
             for first in (0, 1)
@@ -44,25 +55,26 @@ class Ordinates:
         return one, other
 
     def by_axis(self) -> Ordinates:
-        """The same, in the order of the axis that each lies closest to: those that sweeps go along
-        together then stand together."""
+        """The same in the order of the closest axis: ordinates that are swept together adjoin."""
         order = np.argsort(np.argmax(np.abs(self.unit), axis=1), kind="stable")
         return Ordinates(unit=self.unit[order], weight=self.weight[order])
 
     def balanced(self) -> Ordinates:
-        """The same directions, weighted so that they lean nowhere: sum of weight x unit = 0.
+        """The same directions with a first moment of 0: sum of weight x unit = 0.
 
-        In thick cells light drifts by what a set leans, and diffuses by far less.
+        In thick cells light drifts by the first moment, far more than it diffuses.
         """
-        segments = np.column_stack([np.ones(len(self)), self.unit])
-        lean = segments.T @ (self.weight[:, None] * segments)
-        share = np.linalg.lstsq(lean, np.array([1.0, 0.0, 0.0, 0.0]), rcond=None)[0]
-        return Ordinates(unit=self.unit, weight=self.weight * (segments @ share))
+        moments = np.column_stack([np.ones(len(self)), self.unit])
+        matrix = moments.T @ (self.weight[:, None] * moments)
+        share = np.linalg.lstsq(matrix, np.array([1.0, 0.0, 0.0, 0.0]), rcond=None)[0]
+        return Ordinates(unit=self.unit, weight=self.weight * (moments @ share))
 
 
 def _band(count: int, low: float, high: float, turn: float, lean: float = 0.0) -> Floats:
-    """Fibonacci points between two heights of the unit sphere's z axis, turned about it; at z they
-    are as dense as 1 - lean x z, |lean| < 1."""
+    """Fibonacci points (count, 3) between two heights z of the unit sphere, turned about z.
+
+    Their density is in proportion to 1 - lean x z, |lean| < 1.
+    """
     ends = np.array([low, high])
     first, last = ends - lean / 2 * ends**2  # of the integral of the density
     share = first + (last - first) * (np.arange(count) + 0.5) / count
@@ -88,7 +100,7 @@ def _frame_about(axis: Floats) -> Floats:
 
 
 def isotropic(count: int, rng: np.random.Generator) -> Ordinates:
-    """A randomly rotated Fibonacci sphere of equal weights."""
+    """A randomly rotated Fibonacci sphere of `count` equal weights."""
     return Ordinates(
         unit=_band(count, -1.0, 1.0, 0.0) @ _rotation(rng).T, weight=np.full(count, 1 / count)
     )
@@ -103,11 +115,17 @@ def focused(
     share: float,
     lean: float = 0.0,
 ) -> Ordinates:
-    """Two strata: `share` of the directions in the cone about `axis`, the rest around it, which are
-    as dense as 1 - lean x the cosine to the axis.
+    """Two strata: ordinates in a cone about `axis`, and ordinates around it.
 
-    Weights are those of the strata's solid angles, so smooth functions are integrated as well as
-    before, and what is only seen within the cone is sampled more finely.
+    The weights of a stratum sum to its solid angle. So smooth functions are integrated as well as
+    by `isotropic`, and what lies in the cone is sampled more finely.
+
+    Args:
+        count: number of ordinates.
+        rng: rotates either stratum about the axis.
+        axis, half_angle_rad: of the cone; the axis is (3,).
+        share: of the ordinates in the cone.
+        lean: density around the cone is in proportion to 1 - lean x the cosine to the axis.
     """
     edge = np.cos(half_angle_rad)
     solid = (1 - edge) / 2
@@ -124,10 +142,15 @@ def focused(
 
 
 def about_camera(count: int, rng: np.random.Generator, phase: ScatteringTable) -> Ordinates:
-    """Directions about +y, the way that the camera looks, as densely as the phase function scatters
-    light from there to it. Half of them are spread evenly, for what lies off the middle.
+    """Importance sampling of the phase function for scattering to a camera that looks along +y.
 
-    Weights are 1 / (4 pi x density): with them goes the phase function of each cell's own angle.
+    Half of the ordinates are isotropic, for cells off the middle of the image. Weights are
+    1 / (4 pi x density): they are multiplied with the phase function at each cell's own angle.
+
+    Args:
+        count: number of ordinates.
+        rng: random shift along the polar angle, and rotation.
+        phase: the phase function.
     """
     density = phase.density * -np.diff(phase.cosine)
     mixed = 0.5 * np.concatenate([[0.0], np.cumsum(density)]) + 0.25 * (1 - phase.cosine)
@@ -152,13 +175,20 @@ def for_boundary(
     enclosure: bool,
     lean: float = 0.0,
 ) -> Ordinates:
-    """Directions for a box low..high before a disc (all lengths in one unit).
+    """Ordinates for a box low..high before the background disc (all lengths in one unit).
 
-    The cone holds every direction in which some point of the box sees some of the disc; where that
-    is most of a half space, or the background is all round, plain directions serve as well. Light
-    has edges, so n directions over a share s of the sphere find it with an error of s / n^0.75:
-    with odds of (odds of s)^0.8 for the cone the sum of squares, of cone and rest, is least. lean:
-    as in `focused`.
+    `focused` on the cone of all directions from the box to the disc; `isotropic` where that is a
+    large part of the sphere, or the background is all round. Radiance has edges, so n ordinates
+    over a share s of the sphere err by s / n^0.75. The sum of squares, of cone and rest, is least
+    where the odds of an ordinate for the cone are (odds of s)^0.8.
+
+    Args:
+        count: number of ordinates.
+        rng: random rotations.
+        low, high: (3,) corners of the box.
+        disc_centre, disc_radius: of the disc, (3,) and a length.
+        enclosure: whether the background is all round.
+        lean: as in `focused`.
     """
     middle = (low + high) / 2
     axis = disc_centre - middle
@@ -176,8 +206,10 @@ def for_boundary(
 
 
 def unfolded(unit: Floats) -> Floats:
-    """(2, N) in -1..1: the sphere on an octahedron, unfolded to a square, as in
-    kernels/directions.h (Cigolle et al., J. Computer Graphics Techniques 3, 2014)."""
+    """Octahedral map (2, N) of unit vectors (N, 3) to the square -1..1.
+
+    As in kernels/directions.h: Cigolle et al., J. Computer Graphics Techniques 3, 2014.
+    """
     x, y, z = (unit / np.abs(unit).sum(axis=1, keepdims=True)).T
     below = z < 0
     return np.stack(
@@ -189,10 +221,10 @@ def unfolded(unit: Floats) -> Floats:
 
 
 def hilbert_order(unit: Floats) -> NDArray[np.int32]:
-    """The order (N,) of unit vectors along a curve that fills the sphere, on which neighbours are
-    close by: then even samples of the order are even over the sphere, in patches.
+    """Order (N,) of unit vectors (N, 3) along Hilbert's curve on the octahedral map.
 
-    Hilbert's curve, on the unfolded sphere (Sagan, Space-Filling Curves, 1994, ch. 2).
+    Neighbours on the curve are close on the sphere, so that stratified samples of the order are
+    stratified over the sphere (Sagan, Space-Filling Curves, 1994, ch. 2).
     """
     side = 1 << _CURVE_BITS
     i, j = np.clip((unfolded(unit) + 1) * (side / 2), 0, side - 1).astype(np.int64)
@@ -207,10 +239,10 @@ def hilbert_order(unit: Floats) -> NDArray[np.int32]:
 
 
 def nearest(directions: Ordinates) -> NDArray[np.int32]:
-    """(8, NEAREST_SIDE, NEAREST_SIDE) number of the nearest direction of the same octant for each
-    entry of directions.h's table; -1 where the octant has none.
+    """Table (8, NEAREST_SIDE, NEAREST_SIDE) of the nearest ordinate of the same octant.
 
-    The radiance on a face is stored along directions through it in one sense alone.
+    See kernels/directions.h; -1 where the octant has no ordinate. The octant matters, because the
+    radiance on an interface is stored along ordinates that cross it in one sense alone.
     """
     middle = (np.arange(NEAREST_SIDE) + 0.5) / NEAREST_SIDE
     y, x = np.meshgrid(middle, middle, indexing="ij")

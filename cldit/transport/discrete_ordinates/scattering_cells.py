@@ -1,4 +1,7 @@
-"""The scattering cells as a list on the device, beside the box in which they are swept."""
+"""The scattering cells as a list on the device, for the source update between sweeps.
+
+kernels/source_update.cl moves values between the list and the swept box.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +22,10 @@ _GROUP = 256  # of the kernels that go from cell to cell
 
 @dataclass(frozen=True)
 class ScatteringCells:
-    """N cells of C components each, and what goes from them into the box and back
-    (source_update.cl).
+    """List of N scattering cells with C components.
 
-    source: (C, N) of theirs, on the device; more planes go through it C at a time.
+    kernels: program of source_update.cl.
+    source: (C, N) device buffer of the source; more planes pass through it C at a time.
     """
 
     device: Device
@@ -36,37 +39,71 @@ class ScatteringCells:
     def of(
         cls, device: Device, kernels: Program, *, components: int, count: int, real: Real
     ) -> ScatteringCells:
-        """With a source of 0."""
+        """A list with a source of 0."""
         source = zeros(device, "list", components * count, real)
         return cls(device, kernels, components, count, real, source)
 
-    def run(self, kernel: str, *arguments: Any, count: int | None = None, planes: int = 1) -> None:
-        """Runs a kernel over the cells, or so many items; and over planes."""
-        items = self.count if count is None else count
-        if items:
-            # PoCL's own choice divides the number of cells, which may be a prime.
-            group = min(_GROUP, self.device.info.largest_group)
-            size = -(-items // group) * group, planes
-            self.kernels[kernel](self.device.queue, size, (group, 1), *arguments, np.int32(items))
+    def run(self, kernel: str, items: dict[str, int], *, high: int = 1, **arguments: Any) -> None:
+        """Runs a kernel.
+
+        Args:
+            items: name of the argument that is the number of items, and its value.
+            high: size of the second dimension.
+            arguments: the other kernel arguments by name.
+        """
+        ((_, count),) = items.items()
+        if count:
+            # PoCL's own choice of a group divides the number of cells, which may be a prime.
+            group = min(_GROUP, self.kernels.largest_group(kernel))
+            self.kernels.launch(kernel, (count, high), (group, 1), {**items, **arguments})
 
     def take(self, planes: NDArray[Any]) -> None:
-        """Makes these (C, N) the source, or (C, M) of fewer cells, in its first numbers."""
+        """Copies planes (C, N), or (C, M) of fewer cells, to the start of `source`."""
         cl.enqueue_copy(self.device.queue, self.source, np.ascontiguousarray(planes, self.real))
 
     def put(self, planes: NDArray[Any], into: Any, place: Any) -> None:
-        """Of the planes, C at a time, into the box; the first stay in the list."""
+        """Puts planes (M C, N) into a box, C at a time; the first C stay in `source`.
+
+        Args:
+            into: the box's buffer.
+            place: buffer of the cells' places in it.
+        """
         for first in reversed(range(0, len(planes), self.components)):
             self.take(planes[first : first + self.components])
-            numbers = np.int32(first), np.int32(len(planes))
-            self.run("set_source", into, self.source, place, *numbers, count=planes.shape[1])
+            self.run(
+                "set_source",
+                {"count": planes.shape[1]},
+                source=into,
+                listed=self.source,
+                place=place,
+                first=first,
+                planes=len(planes),
+            )
 
-    def find(
+    def collect(
         self, out: Any, box: Any, place: Any, *, turned: bool, planes: int, count: int | None = None
     ) -> None:
-        """Lists so many planes of the box; what is in the turned groups comes on top."""
-        numbers = np.int32(turned), np.int32(planes)
-        self.run("collect_i_minus_s", out, box, place, *numbers, count=count, planes=planes)
+        """Collects planes of a box into a list.
+
+        Args:
+            out: buffer of the list (planes, count).
+            box: buffer of the box.
+            place: buffer of the cells' places in it.
+            turned: whether to add to what is there, after the other order of packets.
+            planes: number of planes.
+            count: number of cells; None: all.
+        """
+        self.run(
+            "collect_i_minus_s",
+            {"count": self.count if count is None else count},
+            high=planes,
+            out=out,
+            box=box,
+            place=place,
+            more=int(turned),
+            planes=planes,
+        )
 
     def read(self, listed: Any) -> NDArray[Any]:
-        """The first C planes of a list."""
+        """Downloads the first C planes (C, N) of a list."""
         return download(self.device, listed, np.empty((self.components, self.count), self.real))

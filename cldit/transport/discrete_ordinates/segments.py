@@ -1,4 +1,8 @@
-"""Ways of parallel rays through the layers of a box: the steps in which they cross cells."""
+"""Segments of parallel rays through the layers of a box (method of long characteristics).
+
+The sweeps of discrete ordinates (kernels/sweep.cl, stages 1 to 3 of `trace_source`) cross cells by
+them. All cells of a layer are crossed alike.
+"""
 
 from __future__ import annotations
 
@@ -9,109 +13,120 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_SHORTEST = 1e-6  # of a layer: what a ray crosses in less is left to the step beside it
-# Less than this of how light changes does not count for more, in `visible_gradient`: it is chance.
-_SHOWS = 0.5
+_SHORTEST = 1e-6  # of a layer: a shorter segment is merged into its neighbour
+_LEAST_VISIBLE = 0.5  # of a gradient, in `visible_gradient`: dividing by less would amplify noise
 
 
 def visible_gradient(slope: Floats) -> Floats:
-    """Part of how light changes across cells that shows between places of a layer's rays in their
-    cells and the mean of these places, on average over where rays start.
+    """Part of a spatial gradient that the places of rays within a layer show.
 
-    slope: cells that rays move a layer, -1 to 1. That mean varies by (1 - |slope|)^2 / 12, of the
-    1/12 of all places in a cell. The part is taken for a half where it is less.
+    The mean place of a layer's segments in their cells has the variance (1 - |slope|)^2 / 12 over
+    where rays start, of the 1/12 of all places in a cell. Only the rest shows. It is taken for at
+    least a half.
+
+    Args:
+        slope: cells that rays move along an axis of the layer in one layer, -1 to 1.
+
+    Returns:
+        The part, 0.5 to 1.
     """
     rest = 1.0 - np.minimum(np.abs(slope), 1.0)
-    return np.maximum(1.0 - rest**2, _SHOWS)
+    return np.maximum(1.0 - rest**2, _LEAST_VISIBLE)
 
 
 @dataclass(frozen=True)
 class Segments:
-    """Steps (N,), of one way (K,) after the other, between the places where rays go from one cell
-    into another.
+    """N segments between cell faces, of one ordinate (K of them) after the other.
 
-    way: of which it is one. part: share of its layer that a step crosses. met: the layer, counted
-    as rays meet them. moved (N, 2): cells by which rays have moved along u and v since they came
-    in. within (N, 3): where in its cell the step's middle lies along u, v, l, 0 to 1. leaves
-    (N, 3): along which of u, v, l rays go on into another cell after the step; after a layer's last
-    also along those on which no step of the layer has them do.
-
-    lever (N, 3): the place `within`, from the mean of the layer's steps on, times gain (K, 3): 1
-    over what is `visible_gradient` of a change along u and v. All cells of a layer are crossed
-    alike. So light
-    times the place, summed over directions, tells on which side of every cell rays happen to lie,
-    and how bright these are; times the lever it tells how light changes, and nothing of that.
+    ordinate: (N,) number.
+    layer_share: (N,) share of its layer that a segment crosses.
+    layer: (N,) in the order of the sweep.
+    shift: (N, 2) cells by which rays have moved along u and v since they entered.
+    midpoint: (N, 3) place of the segment's middle in its cell along u, v, l, 0 to 1.
+    exits: (N, 3) whether rays enter another cell along u, v, l after the segment. A layer's last
+        segment also has the axes along which none of the layer does.
+    basis: (N, 3) zero-mean basis for spatial moments: the midpoint less its mean over the layer,
+        times basis_scale. With the mean, moments would show on which side of all cells an
+        ordinate's rays happen to lie.
+    basis_scale: (K, 3) 1 / `visible_gradient` along u and v, 1 along l.
     """
 
-    way: NDArray[np.int64]
-    part: Floats
-    met: NDArray[np.int64]
-    moved: NDArray[np.int64]
-    within: Floats
-    leaves: NDArray[np.bool_]
+    ordinate: NDArray[np.int64]
+    layer_share: Floats
+    layer: NDArray[np.int64]
+    shift: NDArray[np.int64]
+    midpoint: Floats
+    exits: NDArray[np.bool_]
     basis: Floats
-    gain: Floats
+    basis_scale: Floats
 
     @classmethod
     def of(
         cls, slopes: Floats, starts: Floats, *, layers: int, backwards: NDArray[np.bool_]
     ) -> Segments:
-        """slopes (K, 2): cells that rays move along u and v in a layer, -1 to 1; starts (K, 2):
-        where they cross the first layer's cells, 0 to 1. backwards (K,): the last layer is met
-        first."""
-        way, at = _cuts(slopes, starts, layers)
-        inside = np.flatnonzero(way[1:] == way[:-1])
-        way, part, middle = way[inside], np.diff(at)[inside], at[inside]
-        middle += part / 2
-        met, along = np.floor(middle).astype(np.int64), middle % 1
-        across = starts[way] + slopes[way] * middle[:, None]
-        moved = np.floor(across).astype(np.int64)
-        layer, count = way * layers + met, len(slopes) * layers  # of all ways
-        last = np.diff(layer, append=count) > 0
-        leaves = np.empty((len(way), 3), bool)
-        leaves[:, 2] = last
-        place = np.empty((len(way), 3))
-        place[:, :2], place[:, 2] = across % 1, np.where(backwards[way], 1 - along, along)
+        """Segments of K ordinates.
+
+        Args:
+            slopes: (K, 2) cells that rays move along u and v in a layer, -1 to 1.
+            starts: (K, 2) where they cross the first layer's cells, 0 to 1.
+            layers: number of layers.
+            backwards: (K,) whether rays enter the last layer first.
+        """
+        ordinate, at = _cuts(slopes, starts, layers)
+        inside = np.flatnonzero(ordinate[1:] == ordinate[:-1])
+        ordinate, share, middle = ordinate[inside], np.diff(at)[inside], at[inside]
+        middle += share / 2
+        layer, along = np.floor(middle).astype(np.int64), middle % 1
+        lateral = starts[ordinate] + slopes[ordinate] * middle[:, None]
+        shift = np.floor(lateral).astype(np.int64)
+        each, count = ordinate * layers + layer, len(slopes) * layers  # layer of an ordinate
+        last = np.diff(each, append=count) > 0
+        exits = np.empty((len(ordinate), 3), bool)
+        exits[:, 2] = last
+        place = np.empty((len(ordinate), 3))
+        place[:, :2], place[:, 2] = lateral % 1, np.where(backwards[ordinate], 1 - along, along)
         mean = np.full(place.shape, 0.5)
         for axis in (0, 1):
-            goes = ~last & (np.diff(moved[:, axis], append=0) != 0)
-            never = np.bincount(layer, goes, minlength=count) == 0
-            leaves[:, axis] = goes | (last & never[layer])
-            mean[:, axis] = np.bincount(layer, part * place[:, axis], minlength=count)[layer]
-        gain = np.column_stack([1.0 / visible_gradient(slopes), np.ones(len(slopes))])
+            enters = ~last & (np.diff(shift[:, axis], append=0) != 0)
+            never = np.bincount(each, enters, minlength=count) == 0
+            exits[:, axis] = enters | (last & never[each])
+            mean[:, axis] = np.bincount(each, share * place[:, axis], minlength=count)[each]
+        scale = np.column_stack([1.0 / visible_gradient(slopes), np.ones(len(slopes))])
         return cls(
-            way=way,
-            part=part,
-            met=met,
-            moved=moved,
-            within=place,
-            leaves=leaves,
-            basis=gain[way] * (place - mean),
-            gain=gain,
+            ordinate=ordinate,
+            layer_share=share,
+            layer=layer,
+            shift=shift,
+            midpoint=place,
+            exits=exits,
+            basis=scale[ordinate] * (place - mean),
+            basis_scale=scale,
         )
 
     def shifts(self) -> NDArray[np.int32]:
-        """(N, 4): moved in u, in v, and both since the step before; there 2 where rays come into
-        the box."""
-        since = np.diff(self.moved, axis=0, prepend=self.moved[:1])
-        since[np.diff(self.way, prepend=-1) > 0] = 2
-        return np.column_stack([self.moved, since]).astype(np.int32)
+        """Table (N, 4) for kernels/sweep.cl: shift in u, in v, and both since the segment before.
+
+        The latter are 2 where rays enter the box.
+        """
+        since = np.diff(self.shift, axis=0, prepend=self.shift[:1])
+        since[np.diff(self.ordinate, prepend=-1) > 0] = 2
+        return np.column_stack([self.shift, since]).astype(np.int32)
 
 
 def _cuts(slopes: Floats, starts: Floats, layers: int) -> tuple[NDArray[np.int64], Floats]:
-    """Where steps begin and end, 0 to `layers`, of one way after the other; and of which."""
+    """Ordinates and places, 0 to `layers`, of the ends of segments, ordinate by ordinate."""
     end = starts + slopes * layers
     low, high = np.ceil(np.minimum(starts, end)), np.floor(np.maximum(starts, end))
     sides = low[:, :, None] + np.arange(layers + 1.0)  # between cells along u and v
-    met = sides - starts[:, :, None]
-    met /= np.where(slopes == 0, 1.0, slopes)[:, :, None]
-    met[(sides > high[:, :, None]) | (slopes == 0)[:, :, None]] = 0.0  # one that is there already
+    crossed = sides - starts[:, :, None]
+    crossed /= np.where(slopes == 0, 1.0, slopes)[:, :, None]
+    crossed[(sides > high[:, :, None]) | (slopes == 0)[:, :, None]] = 0.0  # a cut already
     between = np.broadcast_to(np.arange(layers + 1.0), (len(slopes), layers + 1))
-    at = np.concatenate([between, met.reshape(len(slopes), -1)], axis=1)
+    at = np.concatenate([between, crossed.reshape(len(slopes), -1)], axis=1)
     at = np.sort(np.clip(at, 0.0, layers), axis=1)
-    way, place = np.nonzero(np.diff(at, axis=1, prepend=-1.0) > 0)
-    at = at[way, place]
-    # Of two cuts that are all but one the later goes, unless it is the layer's end.
-    close = np.flatnonzero((np.diff(at) < _SHORTEST) & (np.diff(way) == 0))
-    gone = np.where(at[close + 1] % 1 == 0, close, close + 1)
-    return np.delete(way, gone), np.delete(at, gone)
+    ordinate, place = np.nonzero(np.diff(at, axis=1, prepend=-1.0) > 0)
+    at = at[ordinate, place]
+    # Of two cuts that almost coincide the later is dropped, unless it is the layer's end.
+    close = np.flatnonzero((np.diff(at) < _SHORTEST) & (np.diff(ordinate) == 0))
+    dropped = np.where(at[close + 1] % 1 == 0, close, close + 1)
+    return np.delete(ordinate, dropped), np.delete(at, dropped)

@@ -1,12 +1,13 @@
-"""Sweeps on the device: the mean radiance of every scattering cell from the present source."""
+"""Discrete ordinates sweeps on the device: moments of the radiance from the present source.
+
+Stages 1 to 3 of `trace_source` sweep by it (kernels/sweep.cl, kernels/source_update.cl).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pyopencl as cl
 from numpy.typing import NDArray
 
 from cldit.gpu.buffers import clear, download, unset, upload, zeros
@@ -28,24 +29,28 @@ from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule
 from cldit.transport.patches import NONE, shifted
 from cldit.transport.tuning import Tuning
 
-# Light that changes by 1 across a cell has, times the place in it, 1 over this for its mean.
-_FLAT = 12
+_PER_MOMENT = 12  # gradient over the first moment of a linear field in a cell
 _MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
 
-_TOGETHER = 32  # directions: more take memory for rays
-# Rows and layers of a tile, at most, which a CPU's core has at hand; and so many tiles on average,
-# at least, for each of its cores in a launch.
-_EDGE = 16
-_TILES = 4
+_TOGETHER = 32  # ordinates: more need more memory for rays
+_EDGE = 16  # rows and layers of a tile, at most: the cache of a CPU's core
+_TILES = 4  # for each core in a launch, at least on average
 
 
 class Sweeper:
     """The swept box on the device.
 
-    Holds optical depths in groups of cells along x, and once more in groups along y (turned), so
-    that rays along x go through rows of memory as those along y and z do. The source is put into
-    the one and then into the other, from the list of scattering cells, and the excess found there
-    and listed.
+    It holds the cells in packets along x, and once more along y (turned), so that rays along x run
+    through rows of memory as those along y and z do. For each order of packets a sweep puts the
+    source of the scattering cells into the box, and collects D = sum w (I - S) q from it.
+
+    box, count, components: what is swept, N scattering cells, C components.
+    albedo: (N,) of the scattering cells.
+    thermal: (C, N) their thermal source.
+    one_minus_lambda: (N,) 1 - Lambda*, the preconditioner (Kunasz and Auer, JQSRT 39, 1988).
+    linear_cells: (K,) which scattering cells have a gradient.
+    gradients: gives it from neighbours; None: `set_source` gets it.
+    sweeps: ordinates swept so far.
     """
 
     def __init__(
@@ -60,12 +65,16 @@ class Sweeper:
         linear_cells: NDArray[np.bool_] | None = None,
         tuning: Tuning | None = None,
     ) -> None:
-        """disc, patches: as in `View`, in cells from the cube's lower corner. sweep: with
-        MOMENT_SOURCE,
-        sources have moments; with LINEAR_SOURCE, they change across cells as neighbours' sources
-        have it.
-        changing (N,): in programs with LINEAR_SOURCE they change across these instead, by what is
-        given."""
+        """Uploads the box of `cells`.
+
+        Args:
+            sweep: sweep.cl. With MOMENT_SOURCE sources have angular moments; with LINEAR_SOURCE
+                they have spatial gradients, from neighbours.
+            iterate: source_update.cl.
+            disc, patches: as in `View`, in cells from the cube's lower corner.
+            linear_cells: (N,) scattering cells with a gradient in other programs with
+                LINEAR_SOURCE; `set_source` then gets it.
+        """
         self.device = device
         self.tuning = tuning or Tuning()
         self.box: Box = cells.box()
@@ -82,30 +91,29 @@ class Sweeper:
         self._real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
         self._disc = disc.copy()
         self._disc[:3] -= self.box.low
-        self._patches = []
+        self._patches: dict[str, Any] = {}
         real = self._real
         if len(patches):
-            moved = shifted(patches, -np.asarray(self.box.low, float))
-            self._patches = [upload(device, "patches", moved.astype(real))]
-        self.groups = CellPackets.both(cells, self.box)
+            inside = shifted(patches, -np.asarray(self.box.low, float))
+            self._patches = {"patches": upload(device, "patches", inside.astype(real))}
+        self.packets = CellPackets.both(cells, self.box)
         self._order = {
             turned: SweepArrays.of(
                 device,
                 cells,
                 self.box,
-                groups,
+                packets,
                 real,
                 turned=turned,
                 linear_cells=self.linear_cells,
             )
-            for turned, groups in self.groups.items()
+            for turned, packets in self.packets.items()
         }
-        self._excess, self._listed = self.room(1)
-        most = max(groups.cells for groups in self.groups.values())
+        self._i_minus_s, self._listed = self.room(1)
+        most = max(packets.cells for packets in self.packets.values())
         self._source = unset(device, "source", self._planes * most, real)
         self._given: NDArray[Any] = np.zeros((self._planes, self.count), real)
         self._shining = False
-        self._lanes = device.info.largest_group
         each = max(
             layout.ray_rows * self.components * layout.slots
             for layout in axis_orders(self.box.shape).values()
@@ -119,18 +127,19 @@ class Sweeper:
         self.gradients = (
             Gradients.of(cells, self.box, self.tuning) if linear and linear_cells is None else None
         )
-        self._neighbours: list[Any] = []
+        self._neighbours: dict[str, Any] = {}
         if self.gradients is not None:
-            self._neighbours = [
-                upload(device, "neighbours", self.gradients.neighbours),
-                upload(device, "neighbours' weights", self.gradients.weights.astype(real)),
-            ]
+            weights = self.gradients.weights.astype(real)
+            self._neighbours = {
+                "neighbours": upload(device, "neighbours", self.gradients.neighbours),
+                "weights": upload(device, "neighbours' weights", weights),
+            }
         self._emission = upload(device, "emission", self.thermal)
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
         escapes = mean_transmission(_MEAN_PATH * cells.depth[cells.address])
         self.one_minus_lambda = (cells.coalbedo + cells.albedo * escapes).astype(real)
-        self._lost = upload(device, "lost light", self.one_minus_lambda)
+        self._one_minus_lambda = upload(device, "1 - Lambda*", self.one_minus_lambda)
         self._cells = ScatteringCells.of(
             device, iterate, components=self.components, count=self.count, real=real
         )
@@ -138,42 +147,49 @@ class Sweeper:
         self.sweeps = 0
 
     def _tile_edge(self) -> int:
-        """The same however a device is divided, as sums are then the same to the last bit."""
+        """Independent of how a device is divided, so that sums are the same to the last bit."""
         cores = sum(each.info.compute_units for each in (self.device, *self.device.others))
         # n x n tiles go in 2 n launches, from four corners.
         return max(1, min(_EDGE, 2 * max(self.box.shape) // (_TILES * cores)))
 
     @property
     def real(self) -> Real:
+        """The device's precision."""
         return self._real
 
     def set_source(
-        self, listed: NDArray[Any], *, shining: bool, changes: NDArray[Any] | None = None
+        self, listed: NDArray[Any], *, shining: bool, gradient: NDArray[Any] | None = None
     ) -> None:
-        """Puts the source (C, N) of the scattering cells into the box; (9 C, N) if it has moments.
+        """Sets the source of the scattering cells; every sweep reads `listed` anew.
 
-        shining: with the thermal source of all other cells; else these are black. changes
-        (3, C, M): of S_0 across the cells `linear_cells`, unless they are as neighbours have it.
-        Every
-        sweep reads `listed` anew.
+        Args:
+            listed: (C, N), with MOMENT_SOURCE (9 C, N).
+            shining: whether all other cells have their thermal source; else they are black.
+            gradient: (3, C, K) of the isotropic part in `linear_cells`, unless neighbours give it.
         """
         self._given, self._shining = listed, shining
         orders = self._order.values()
-        if changes is not None:
+        if gradient is not None:
             for order in orders:
-                self._cells.put(
-                    changes.reshape(-1, len(self.linear_cells)), order.across, order.changed
-                )
+                planes = gradient.reshape(-1, len(self.linear_cells))
+                self._cells.put(planes, order.gradient, order.gradient_place)
         if self._neighbours:
             self._cells.take(listed[: self.components])
-            across, changed = zip(*((order.across, order.changed) for order in orders), strict=True)
-            source = self._cells.source
-            self._cells.run("set_gradients", *across, source, *changed, *self._neighbours)
+            straight, turned = self._order[False], self._order[True]
+            self._cells.run(
+                "set_gradients",
+                {"count": self.count},
+                gradient=straight.gradient,
+                gradient_turned=turned.gradient,
+                listed=self._cells.source,
+                place=straight.gradient_place,
+                turned=turned.gradient_place,
+                **self._neighbours,
+            )
 
     def _fill(self, order: SweepArrays, *, cavity: bool) -> None:
-        """Puts the present source into the box, in one order of its cells. cavity: all cells emit
-        1 besides."""
-        count, emitters = order.groups.cells, self.components - self._boundaries
+        """Puts the source into the box in one order; `cavity`: all other cells emit 1."""
+        count, emitters = order.packets.cells, self.components - self._boundaries
         thermal = order.thermal
         if cavity and emitters:
             ones = np.zeros((emitters, count), self._real)
@@ -181,28 +197,42 @@ class Sweeper:
             thermal = upload(self.device, "thermal sources", ones)
         clear(self.device, self._source, self._planes * count, self._real)
         if emitters and self._shining:
-            planes = np.int32(self._planes)
-            self._cells.run("emit", self._source, thermal, planes, count=len(order.groups))
+            packets = {"packets": len(order.packets)}
+            self._cells.run(
+                "emit", packets, source=self._source, thermal=thermal, planes=self._planes
+            )
         self._cells.put(self._given, self._source, order.place)
 
     def room(self, moments: int) -> tuple[Any, ...]:
-        """Room for so many moments of the excess in either order of cells, which sweeps clear, and
-        in the list, which they write; as good for any other sweeper of this box."""
+        """Buffers for so many angular moments of I - S, in the box and in the list.
+
+        Sweeps clear and write them. Any sweeper of this box can use them.
+        """
         planes = moments * self.components
-        most = max(groups.cells for groups in self.groups.values())
+        most = max(packets.cells for packets in self.packets.values())
         return (
-            unset(self.device, "excess", planes * most, self._real),
+            unset(self.device, "I - S", planes * most, self._real),
             unset(self.device, "list", planes * self.count, self._real),
         )
 
-    def _answer(self, kernel: str, *arguments: Any, listed: Any = None) -> NDArray[Any]:
-        """What a kernel makes of the source and the excess (C, N) of the listed cells."""
-        i_minus_s = self._listed if listed is None else listed
-        self._cells.run(kernel, self._out, i_minus_s, self._cells.source, *arguments)
+    def _answer(self, kernel: str, *, collected: Any = None, **arguments: Any) -> NDArray[Any]:
+        """Result (C, N) of a kernel of source_update.cl from the source and I - S of the list."""
+        self._cells.run(
+            kernel,
+            {"count": self.count},
+            out=self._out,
+            i_minus_s=self._listed if collected is None else collected,
+            listed=self._cells.source,
+            **arguments,
+        )
         return self._cells.read(self._out)
 
     def rays(self, directions: Ordinates, starts: NDArray[np.float64]) -> DeviceOrdinates:
-        """starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer."""
+        """The ordinates on the device, for any number of sweeps.
+
+        Args:
+            starts: (N, 2) where rays of each ordinate cross the cells of the first layer, 0 to 1.
+        """
         return DeviceOrdinates.of(
             self.device,
             self.box,
@@ -214,9 +244,14 @@ class Sweeper:
         )
 
     def sweep(self, rays: DeviceOrdinates, *, shining: bool, cavity: bool = False) -> None:
-        """Sweeps every direction; the excess D of the present source is then on the device."""
-        room = (self._excess, self._listed, self.components)
-        self._along_all(self._sweep, rays, shining, *room, cavity=cavity)
+        """Sweeps all ordinates; D of the present source is then on the device.
+
+        Args:
+            shining: whether the boundary emits; else it is black.
+            cavity: whether all cells that do not scatter emit 1.
+        """
+        room = (self._i_minus_s, self._listed, self.components)
+        self._sweep_all(self._sweep, rays, shining, *room, cavity=cavity)
 
     def moments(
         self,
@@ -227,30 +262,35 @@ class Sweeper:
         room: tuple[Any, ...] = (),
         interfaces: InterfaceRadiance | None = None,
     ) -> NDArray[Any] | None:
-        """Finds the mean of the light in the scattering cells, and of what it is more than that
-        the other moments (moments.py), which no set of directions then finds in even light.
+        """Sweeps all ordinates for the angular moments of the radiance in the scattering cells.
 
-        program: sweep.cl with ANGULAR_MOMENTS, and room for MOMENTS, or without. out (9 or 1, C,
-        N): takes
-        them. rim: with INTERFACE_RADIANCE, takes the light that is kept. With SPATIAL_MOMENTS it
-        returns how much more the
-        light changes across the cells `linear_cells` than their source, (3, C, M).
+        Moments beyond the mean are of the radiance less its mean: isotropic radiance then has
+        none, whatever the quadrature.
+
+        Args:
+            program: sweep.cl, for 9 moments with ANGULAR_MOMENTS.
+            out: (9 or 1, C, N) takes the moments.
+            room: buffers of `room(MOMENTS)`, with ANGULAR_MOMENTS.
+            interfaces: takes the stored radiance, with INTERFACE_RADIANCE.
+
+        Returns:
+            With SPATIAL_MOMENTS the gradient (3, C, K) of I - S in `linear_cells`, else None.
         """
         many = self.components * (MOMENTS if "ANGULAR_MOMENTS" in program.defines else 1)
-        i_minus_s, listed = (self._excess, self._listed) if many == self.components else room
-        across = self._along_all(
+        i_minus_s, listed = (self._i_minus_s, self._listed) if many == self.components else room
+        gradient = self._sweep_all(
             program, rays, True, i_minus_s, listed, many, interfaces=interfaces
         )
         download(self.device, listed, out[: many // self.components])
         weight = rays.directions.weight
         if many > self.components:
-            leaning = discrete_to_moment(rays.directions.unit) @ weight / weight.sum()
-            for moment, lean in zip(out[1:], leaning, strict=True):
-                moment -= self._real(lean) * out[0]
+            of_isotropic = discrete_to_moment(rays.directions.unit) @ weight / weight.sum()
+            for moment, offset in zip(out[1:], of_isotropic, strict=True):
+                moment -= self._real(offset) * out[0]
         out[0] += self._real(weight.sum()) * self._cells.read(self._cells.source)
-        return None if across is None else across * self._real(_FLAT / weight.sum())
+        return None if gradient is None else gradient * self._real(_PER_MOMENT / weight.sum())
 
-    def _along_all(
+    def _sweep_all(
         self,
         program: Program,
         rays: DeviceOrdinates,
@@ -263,98 +303,107 @@ class Sweeper:
         interfaces: InterfaceRadiance | None = None,
         cavity: bool = False,
     ) -> NDArray[Any] | None:
-        """Sweeps every direction, those through one order of cells after those through the other,
-        which share the room for the excess; `listed` then has its planes for the scattering cells.
-        Returns what a program with SPATIAL_MOMENTS finds besides.
+        """Sweeps all ordinates, one order of packets after the other.
+
+        Both orders share the buffer `i_minus_s`; `listed` gets its planes for the scattering cells.
+
+        Returns:
+            With SPATIAL_MOMENTS the moments (3, C, K) of I - S in `linear_cells`, else None.
         """
-        across = self._room_across() if "SPATIAL_MOMENTS" in program.defines else ()
+        spatial = self._spatial_room() if "SPATIAL_MOMENTS" in program.defines else ()
         for turned, order in self._order.items():
             self._fill(order, cavity=cavity)
-            clear(self.device, i_minus_s, planes * order.groups.cells, self._real)
-            if across:
-                clear(self.device, across[0], 3 * order.linear_size, self._real)
+            clear(self.device, i_minus_s, planes * order.packets.cells, self._real)
+            if spatial:
+                clear(self.device, spatial[0], 3 * order.linear_size, self._real)
             if camera is not None:
-                clear(self.device, camera.shares[turned], order.groups.cells, self._real)
-            changes = [order.across, *across[:1]] if "LINEAR_SOURCE" in program.defines else []
+                clear(self.device, camera.shares[turned], order.packets.cells, self._real)
+            linear: dict[str, Any] = {}
+            if "LINEAR_SOURCE" in program.defines:
+                linear["gradient"] = order.gradient
+            if spatial:
+                linear["spatial_moments"] = spatial[0]
             for schedule, tables, basis in rays.sweep_schedules:
                 if schedule.layout.turned is turned:
-                    extra = [] if camera is None else self._towards(camera, schedule.layout)
-                    extra += [] if interfaces is None else interfaces.arguments(schedule.layout)
-                    arguments = [i_minus_s, *changes, *(basis if across else [])]
-                    self._along(program, schedule, tables, shining, arguments, extra)
-            self._cells.find(listed, i_minus_s, order.place, turned=turned, planes=planes)
-            if across:
-                some, count = (across[1], across[0], order.changed), len(self.linear_cells)
-                planes_across = 3 * self.components
-                self._cells.find(*some, turned=turned, planes=planes_across, count=count)
+                    arguments = {"i_minus_s": i_minus_s, **tables, **linear}
+                    arguments |= basis if spatial else {}
+                    if camera is not None:
+                        arguments |= self._camera_arguments(camera, schedule.layout)
+                    if interfaces is not None:
+                        arguments |= interfaces.arguments(schedule.layout)
+                    self._launch(program, schedule, shining, arguments)
+            self._cells.collect(listed, i_minus_s, order.place, turned=turned, planes=planes)
+            if spatial:
+                some, count = (spatial[1], spatial[0], order.gradient_place), len(self.linear_cells)
+                self._cells.collect(*some, turned=turned, planes=3 * self.components, count=count)
         self.sweeps += len(rays.directions)
-        if not across:
+        if not spatial:
             return None
         out = np.empty((3, self.components, len(self.linear_cells)), self._real)
-        return download(self.device, across[1], out)
+        return download(self.device, spatial[1], out)
 
-    def _room_across(self) -> tuple[Any, Any]:
-        """As `room`, for what is found of the excess in cells across which sources change."""
+    def _spatial_room(self) -> tuple[Any, Any]:
+        """As `room`, for the spatial moments of I - S in `linear_cells`."""
         most = 3 * max(order.linear_size for order in self._order.values())
         listed = 3 * self.components * len(self.linear_cells)
         real = self._real
-        return unset(self.device, "excess", most, real), unset(self.device, "list", listed, real)
+        return unset(self.device, "I - S", most, real), unset(self.device, "list", listed, real)
 
-    def _towards(self, camera: CameraSweep, layout: AxisOrder) -> list[Any]:
-        """What the kernel takes with CAMERA_SWEEP."""
+    def _camera_arguments(self, camera: CameraSweep, layout: AxisOrder) -> dict[str, Any]:
+        """Kernel arguments for CAMERA_SWEEP."""
         place = np.zeros(4)
         place[:3] = camera.place - self.box.low
-        return [
-            camera.shares[layout.turned],
-            *camera.seen[layout.turned],
-            camera.phase,
-            place.astype(self._real),
-        ]
+        return {
+            "shares": camera.shares[layout.turned],
+            "phase": camera.phase,
+            "camera": place.astype(self._real),
+            **camera.seen[layout.turned],
+        }
 
-    def _along(
-        self,
-        program: Program,
-        schedule: SweepSchedule,
-        tables: list[Any],
-        shining: bool,
-        i_minus_s: list[Any],
-        extra: Sequence[Any] = (),
+    def _launch(
+        self, program: Program, schedule: SweepSchedule, shining: bool, arguments: dict[str, Any]
     ) -> None:
-        """excess: kernel arguments from that to before `layout`; extra: after the boundary's."""
-        kernel, layout, real = program["sweep"], schedule.layout, self._real
+        """Launches the kernel tile by tile; `arguments`: beside those of box and boundary."""
+        layout = schedule.layout
         order = self._order[layout.turned]
-        kernel.set_args(
-            np.int32(0),
-            *tables,
-            self._rays,
-            np.int32(layout.slots),
-            np.int32(layout.ray_rows),
-            order.first,
-            order.begins,
-            order.depth,
-            self._source,
-            *i_minus_s,
-            np.int32(layout.number),
-            *(np.int32(count) for count in layout.size),
-            np.int32(layout.stride_v),
-            np.int32(layout.stride_l),
-            real(shining),
-            self._disc.astype(real),
-            *self._patches,
-            *extra,
+        nu, nv, nl = (int(count) for count in layout.size)
+        lanes = 1
+        if self._vector == 1:
+            lanes = min(order.packets.widest, program.largest_group("sweep"))
+        program.launch_each(
+            "sweep",
+            [lanes * int(end - first) for first, end in schedule.launches],
+            lanes,
+            "first_tile",
+            [int(first) for first, _ in schedule.launches],
+            {
+                "rays": self._rays,
+                "slots": int(layout.slots),
+                "ray_rows": int(layout.ray_rows),
+                "packets": order.first,
+                "begins": order.begins,
+                "depth": order.depth,
+                "source": self._source,
+                "layout": int(layout.number),
+                "nu": nu,
+                "nv": nv,
+                "nl": nl,
+                "stride_v": int(layout.stride_v),
+                "stride_l": int(layout.stride_l),
+                "inflow": float(shining),
+                "disc": self._disc.astype(self._real),
+                **self._patches,
+                **arguments,
+            },
         )
-        simd_defines = 1 if self._vector > 1 else min(order.groups.widest, self._lanes)
-        for first, end in schedule.launches:
-            kernel.set_arg(0, first)
-            cl.enqueue_nd_range_kernel(
-                self.device.queue, kernel, (simd_defines * int(end - first),), (simd_defines,)
-            )
 
     def defect(self, listed: NDArray[Any], rays: DeviceOrdinates) -> NDArray[np.float64]:
         """Mean radiance (N,) of the scattering cells, less 1, in a cavity of radiance 1.
 
-        listed: (C, N) source; what the boundaries' part of it lacks to 1, the cells emit, as all
-        other cells emit 1. The sweep carries the parts one by one, as it always does.
+        The cells emit 1 less the boundary's part of their source; all other cells emit 1.
+
+        Args:
+            listed: (C, N) source.
         """
         b, real = self._boundaries, self._real
         parts = np.zeros((self.components, self.count), real)
@@ -374,9 +423,9 @@ class Sweeper:
         phase: NDArray[np.float64],
         place: NDArray[np.float64],
     ) -> CameraSweep:
-        """See `CameraSweep.of`."""
+        """The camera's weights in this box; the arguments are those of `CameraSweep.of`."""
         return CameraSweep.of(
-            self.device, self.box, self._real, program, seen, self.groups, phase=phase, place=place
+            self.device, self.box, self._real, program, seen, self.packets, phase=phase, place=place
         )
 
     def view_weighted_mean(
@@ -385,38 +434,53 @@ class Sweeper:
         rays: DeviceOrdinates,
         interfaces: InterfaceRadiance | None = None,
     ) -> tuple[NDArray[Any], NDArray[Any] | None]:
-        """Mean radiance (C, N) of the scattering cells, as the camera sees them; rim and what is
-        returned besides as in `moments`."""
-        i_minus_s, listed, planes = self._excess, self._listed, self.components
-        across = self._along_all(
+        """Sweeps all ordinates for the mean radiance with the camera's weights.
+
+        Args:
+            interfaces: takes the stored radiance, with INTERFACE_RADIANCE.
+
+        Returns:
+            The mean (C, N), and the gradient as in `moments`.
+        """
+        i_minus_s, listed, planes = self._i_minus_s, self._listed, self.components
+        gradient = self._sweep_all(
             camera.program, rays, True, i_minus_s, listed, planes, camera, interfaces=interfaces
         )
-        places = [order.place for order in self._order.values()]
-        mean = self._answer("weighted_mean", *camera.shares.values(), *places)
-        if across is None:
+        mean = self._answer(
+            "weighted_mean",
+            shares=camera.shares[False],
+            shares_turned=camera.shares[True],
+            place=self._order[False].place,
+            turned=self._order[True].place,
+        )
+        if gradient is None:
             return mean, None
         for turned, order in self._order.items():
-            counted = camera.shares[turned]
-            self._cells.find(self._out, counted, order.place, turned=turned, planes=1)
+            weights = camera.shares[turned]
+            self._cells.collect(self._out, weights, order.place, turned=turned, planes=1)
         shares = download(self.device, self._out, np.empty(self.count, self._real))[
             self.linear_cells
         ]
         share = np.divide(1, shares, out=np.zeros_like(shares), where=shares > 0)
-        return mean, self._real(_FLAT) * share * across
+        return mean, self._real(_PER_MOMENT) * share * gradient
 
     def residual(self, *, shining: bool, listed: Any = None) -> NDArray[Any]:
-        """Preconditioned residual (C, N) of the present source and its excess; listed: of `room`,
-        where that has taken the excess."""
+        """Preconditioned residual (C, N) after a sweep of the present source.
+
+        Args:
+            shining: whether the emission counts.
+            listed: the list of `room` with D; None: the sweeper's own.
+        """
         return self._answer(
             "residual",
-            self._emission,
-            self._albedo,
-            self._coalbedo,
-            self._lost,
-            self._real(shining),
-            listed=listed,
+            collected=listed,
+            emission=self._emission,
+            albedo=self._albedo,
+            coalbedo=self._coalbedo,
+            one_minus_lambda=self._one_minus_lambda,
+            shine=float(shining),
         )
 
     def next_order(self) -> NDArray[Any]:
-        """The source a (S + D) + E, (C, N), of one scattering more."""
-        return self._answer("next_order", self._emission, self._albedo)
+        """The source a (S + D) + E, (C, N), after one more scattering (Lambda iteration)."""
+        return self._answer("next_order", emission=self._emission, albedo=self._albedo)

@@ -1,4 +1,4 @@
-"""The box of cells on the device, as sweeps along one order of its axes go through it."""
+"""Device arrays of the swept box in one order of axes, for discrete ordinates sweeps."""
 
 from __future__ import annotations
 
@@ -18,22 +18,24 @@ Real = type[np.float32] | type[np.float64]
 
 @dataclass(frozen=True)
 class SweepArrays:
-    """The box's groups of cells in one order, and the device's arrays of them.
+    """The box's cell packets in one order of axes, and device arrays of them.
 
-    place: of the scattering cells among the cells of all groups. thermal: sources of what emits,
-    [emitter][cell]. changed, across: place of those cells across which sources change among the
-    cells of the groups that have any, and what the changes are, along x, y and z `linear_size`
-    numbers each.
+    first, begins: packets of rows, and their cells, see kernels/sweep.cl.
+    place: places of the N scattering cells among the cells of all packets.
+    depth: optical depth of the cells' edges.
+    thermal: thermal sources, [emitter][cell].
+    gradient_place: places of the linear cells among the cells of packets that have any.
+    gradient: spatial gradient of the source in these; x, y and z are `linear_size` numbers each.
     """
 
-    groups: CellPackets
+    packets: CellPackets
     first: Any
     begins: Any
     place: Any
     depth: Any
     thermal: Any
-    changed: Any
-    across: Any
+    gradient_place: Any
+    gradient: Any
     linear_size: int
 
     @classmethod
@@ -42,34 +44,34 @@ class SweepArrays:
         device: Device,
         cells: OpticalCells,
         box: Box,
-        groups: CellPackets,
+        packets: CellPackets,
         real: Real,
         *,
         turned: bool,
         linear_cells: NDArray[np.intp],
     ) -> SweepArrays:
-        """changing (M,): scattering cells across which sources change."""
+        """Uploads a box; `linear_cells` (K,): which scattering cells have a linear source."""
 
         def packed(values: NDArray[np.float64]) -> NDArray[Any]:
-            return groups.packed(turned_too(cells.dense(box, values.astype(real)))[turned])
+            return packets.packed(turned_too(cells.dense(box, values.astype(real)))[turned])
 
         thermal = np.array([packed(cells.emitted[name]) for name in cells.needs.emitters], real)
         x, y, z = (cells.positions(cells.address) - np.asarray(box.low)).T
         _, ny, nz = box.shape
-        place = groups.places(x * nz + z, y) if turned else groups.places(z * ny + y, x)
-        group, lane = np.divmod(place[linear_cells], PACKET)
-        some, within = np.unique(group, return_inverse=True)
-        number = np.zeros(len(groups), np.int32)
+        place = packets.places(x * nz + z, y) if turned else packets.places(z * ny + y, x)
+        packet, lane = np.divmod(place[linear_cells], PACKET)
+        some, within = np.unique(packet, return_inverse=True)
+        number = np.zeros(len(packets), np.int32)
         number[some] = np.arange(1, len(some) + 1)
         linear_size = len(some) * PACKET * len(cells.needs.components)
         return cls(
-            groups=groups,
-            first=upload(device, "groups of rows", groups.first),
-            begins=upload(device, "groups", np.column_stack([groups.along, number])),
+            packets=packets,
+            first=upload(device, "packets of rows", packets.first),
+            begins=upload(device, "packets", np.column_stack([packets.along, number])),
             place=upload(device, "places", place),
             depth=upload(device, "optical depth", packed(cells.depth)),
             thermal=upload(device, "thermal sources", thermal),
-            changed=upload(device, "places", (within * PACKET + lane).astype(np.int32)),
-            across=zeros(device, "changes across cells", 3 * linear_size, real),
+            gradient_place=upload(device, "places", (within * PACKET + lane).astype(np.int32)),
+            gradient=zeros(device, "spatial gradient", 3 * linear_size, real),
             linear_size=linear_size,
         )

@@ -1,4 +1,7 @@
-"""Sets of directions as sweeps go along them: tile by tile, many directions together."""
+"""Sweep schedule of discrete ordinates: many ordinates together, tile by tile (KBA).
+
+Stages 1 to 3 of `trace_source` sweep by it.
+"""
 
 from __future__ import annotations
 
@@ -19,19 +22,22 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SweepSchedule:
-    """K directions whose layers lie alike, by quadrants; N steps, of one direction after the other.
+    """K ordinates of one order of axes, by quadrants, and their N segments, ordinate by ordinate.
 
-    number (K,): of each direction in its set. tiles, launches: the order in which the box is gone
-    through (tiles.py). begins (K, layers + 1): where the steps of each layer begin, as rays meet
-    them, and the end. shifts (N, 4): as in `Segments`. part (N,): share of the layer that is
-    crossed;
-    middle (N, 3): of the step in the cells, 0 to 1. lever (N, 3), gain (K, 3): as in `Segments`,
-    along
-    x, y, z.
-    faces (N,): through which rays leave cells after the step, bits of the sides on which light
-    comes from there: down and up along u, v, l.
-    back (K, 3): where light comes from. stretch (K,): path in a layer / cell edge. weight (K,).
-    rightwards, upwards (K,): rays move to larger u, to larger v.
+    layout: the order of axes.
+    number: (K,) of each ordinate in its quadrature.
+    tiles, launches: of the box, see kba_tiles.py.
+    begins: (K, layers + 1) first segment of each layer in the order of the sweep, and the end.
+    shifts: (N, 4) as in `Segments`.
+    layer_share: (N,) as in `Segments`.
+    midpoint, basis: (N, 3) as in `Segments`, along x, y, z.
+    basis_scale: (K, 3) as in `Segments`, along x, y, z.
+    exit_faces: (N,) faces through which rays leave cells after the segment. They are bits of the
+        sides of the next cell from which light comes: down and up along u, v, l.
+    back: (K, 3) unit vectors to where light comes from.
+    path_per_layer: (K,) path in a layer over the cell's edge.
+    weight: (K,) quadrature weights.
+    rightwards, upwards: (K,) whether rays move to larger u, to larger v.
     """
 
     layout: AxisOrder
@@ -40,13 +46,13 @@ class SweepSchedule:
     launches: NDArray[np.int32]
     begins: NDArray[np.int32]
     shifts: NDArray[np.int32]
-    part: Floats
-    middle: Floats
+    layer_share: Floats
+    midpoint: Floats
     basis: Floats
-    gain: Floats
-    faces: NDArray[np.int32]
+    basis_scale: Floats
+    exit_faces: NDArray[np.int32]
     back: Floats
-    stretch: Floats
+    path_per_layer: Floats
     weight: Floats
     rightwards: NDArray[np.bool_]
     upwards: NDArray[np.bool_]
@@ -64,21 +70,21 @@ class SweepSchedule:
         *,
         edge: int,
     ) -> SweepSchedule:
-        """edge: of tiles, see `kba_tiles`."""
-        # Light runs away from where it comes from.
+        """Schedule of ordinates `number` of a quadrature; for the rest see `sweep_schedules`."""
+        # Light travels away from where it comes from.
         runs = -directions.unit[number][:, layout.axes]
         quadrant = 2 * (runs[:, 2] < 0) + (runs[:, 1] < 0)
         order = np.argsort(quadrant, kind="stable")
         number, runs = number[order], runs[order]
         ends = np.searchsorted(quadrant[order], np.arange(5))
         _, nv, nl = layout.size
-        stretch = 1 / np.abs(runs[:, 2])
+        path = 1 / np.abs(runs[:, 2])
         inverse = np.argsort(layout.axes)
         count = len(runs)
         segments = Segments.of(
-            runs[:, :2] * stretch[:, None], starts[number], layers=nl, backwards=runs[:, 2] < 0
+            runs[:, :2] * path[:, None], starts[number], layers=nl, backwards=runs[:, 2] < 0
         )
-        layer = segments.way * nl + segments.met  # of all ways
+        layer = segments.ordinate * nl + segments.layer  # of all ordinates
         begins = np.searchsorted(layer, np.arange(count * nl)).reshape(count, -1)
         side = 2 * np.arange(3) + (runs < 0)
         table, launches = kba_tiles(nv, nl, np.column_stack([ends[:-1], ends[1:]]), edge)
@@ -89,13 +95,13 @@ class SweepSchedule:
             launches=launches,
             begins=np.column_stack([begins, [*begins[1:, 0], len(layer)]]).astype(np.int32),
             shifts=segments.shifts(),
-            part=segments.part,
-            middle=segments.within[:, inverse],
+            layer_share=segments.layer_share,
+            midpoint=segments.midpoint[:, inverse],
             basis=segments.basis[:, inverse],
-            gain=segments.gain[:, inverse],
-            faces=(segments.leaves << side[segments.way]).sum(axis=1).astype(np.int32),
+            basis_scale=segments.basis_scale[:, inverse],
+            exit_faces=(segments.exits << side[segments.ordinate]).sum(axis=1).astype(np.int32),
             back=directions.unit[number],
-            stretch=stretch,
+            path_per_layer=path,
             weight=directions.weight[number],
             rightwards=runs[:, 0] > 0,
             upwards=runs[:, 1] > 0,
@@ -105,9 +111,12 @@ class SweepSchedule:
 def sweep_schedules(
     box: Box, directions: Ordinates, starts: Floats, *, together: int, edge: int
 ) -> Iterator[SweepSchedule]:
-    """All directions, at most so many together.
+    """Schedules of all ordinates of a quadrature.
 
-    starts: (len(directions), 2) in 0..1, where rays cross the cells of the first layer.
+    Args:
+        starts: (N, 2) where rays of each ordinate cross the cells of the first layer, 0 to 1.
+        together: ordinates of a schedule, at most.
+        edge: of tiles, see `kba_tiles`.
     """
     main = np.argmax(np.abs(directions.unit), axis=1)
     for axis, layout in axis_orders(box.shape).items():

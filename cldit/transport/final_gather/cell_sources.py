@@ -1,4 +1,4 @@
-"""The sources that paths of the final gather meet in the cells of the thick region."""
+"""Sources and stored radiance that paths of the final gather score (stage 5 of `trace_source`)."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ from cldit.transport.thick_region import ThickRegion
 
 @dataclass(frozen=True)
 class CellSources:
-    """What path segments from thick cells meet, and end in.
+    """Sources of the thick region's cells, and the radiance in which path segments end.
 
-    directions, light, program: of the final sweeps. records: see `ThickRegion.records`.
+    directions, light, program: ordinates, stored radiance and program of the final sweeps.
+    records: (R, ...), see `ThickRegion.records`.
     """
 
     directions: Ordinates
@@ -30,7 +31,7 @@ class CellSources:
 
     @property
     def depth(self) -> NDArray[np.floating]:
-        """(R,) optical depth of the cells' edges, times -1 of deep ones, as in path_segment.h."""
+        """Optical depth (R,) of the cells' edges, times -1 where paths go on (path_segment.h)."""
         depth, albedo = self.records[:, :2].T
         return np.asarray(np.where(albedo > 0, -depth, depth))
 
@@ -43,46 +44,52 @@ def records(
     light: NDArray[np.floating],
     gradient: NDArray[np.floating] | None,
 ) -> NDArray[np.floating]:
-    """Records of the region's cells: their sources, as the final sweeps took or found them.
+    """Records of the region's cells, with the sources before or after the final sweeps.
 
-    light (C, N): in the cells, as the final sweeps found it; gradient (3, C, K): across the linear
-    cells, if they found that, too. It is from more ordinates than the sources that they took, and
-    one iteration nearer to the end: what light changes across a cell is also made by how the source
-    does. Where the order is fixed it would be an order more.
+    Sources after these sweeps have more ordinates and are one iteration further. At a fixed order
+    they would be one order more, so those before are taken.
+
+    Args:
+        light: (C, N) mean radiance of the cells from the final sweeps.
+        gradient: (3, C, K) of the same in the linear cells; None: it was not accumulated.
+
+    Returns:
+        (R, ...) records, see `ThickRegion.records`.
     """
     sweeper, source, order = final.sweeper, final.source, problem.settings.order
     if order is None and gradient is not None:
-        source = _found(problem, final, light, gradient)
+        source = _updated(problem, final, light, gradient)
     known = source.gradient
     if known is None and sweeper.gradients is not None:
         known = sweeper.gradients(source.angular[: sweeper.components])
-    deep = problem.settings.path_depth if order is None else None
     return region.records(
         problem.medium,
         final.medium,
         source.angular,
         known,
         sweeper.linear_cells,
-        deep=deep,
+        path_depth=problem.settings.path_depth if order is None else None,
         tuning=problem.settings.tuning,
     )
 
 
-def _found(
+def _updated(
     problem: SweepProblem,
     final: FinalSource,
     light: NDArray[np.floating],
     gradient: NDArray[np.floating],
 ) -> Moments:
-    """The source of cells in which the final sweeps found this light. Its mean, too, without a
-    phase function: with one they know only what goes to the camera."""
+    """The source from the radiance of the final sweeps.
+
+    With a phase function they give only the source to the camera, so its mean is not updated.
+    """
     sweeper, angular, known = final.sweeper, final.source.angular, final.source.gradient
     isotropic = problem.settings.phase is None
     if isotropic:
         angular = sweeper.albedo.astype(light.dtype) * light + sweeper.thermal
-    found = limited_gradient(sweeper, gradient, angular)
+    updated = limited_gradient(sweeper, gradient, angular)
     if not isotropic and known is not None:
         depth = problem.medium.depth[problem.medium.address[sweeper.linear_cells]]
-        # Of deeper cells the camera sees too little to tell it.
-        found = np.where(depth < problem.settings.tuning.gradient_depth, found, known)
-    return Moments(angular, found)
+        # The camera sees too little of thicker cells for their gradients.
+        updated = np.where(depth < problem.settings.tuning.gradient_depth, updated, known)
+    return Moments(angular, updated)

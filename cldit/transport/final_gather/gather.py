@@ -1,10 +1,10 @@
-"""The picture of what thick cells scatter, by flights from them to where their light comes from.
+"""Final gather: what thick cells scatter to the camera, by short paths (stage 5 of `trace_source`).
 
-Light varies within a thick cell, and what it sends back to where it is lit from is far more than
-its mean. Where a line of sight meets thick cells, a flight goes from a place on it, by the phase
-function itself, through these and the cells around them, and sums what they send there; its end is
-in light that is known from the last sweep. In cells so deep that no linear source describes them
-further flights follow, in a chain.
+A thick cell scatters far more back to where it is lit from than its mean source tells. So paths
+start at places in thick cells on the line of sight, by the phase function itself. Their segments
+cross the thick region and score its cells' sources; they end in the interface radiance of the final
+sweeps. In the thickest cells paths go on (Jensen, Global Illumination using Photon Maps, Rendering
+Techniques 1996; kernels/gather.cl).
 """
 
 from __future__ import annotations
@@ -41,41 +41,44 @@ from cldit.transport.view import upload_tree
 Floats = NDArray[np.float64]
 
 _GROUP = 16
-_PENDING = 8  # reads of kept light made together; GPUs have other flights to wait with
-_STRETCH = 8  # numbers of a stretch within a thick cell, as in gather.cl
+_PENDING = 8  # reads of stored radiance made together; GPUs hide the latency by other paths
+_INTERVAL = 8  # numbers of an interval within a thick cell, as in gather.cl
 
 
 @dataclass(frozen=True)
 class GatherPaths:
-    """One device, and what chains from given rays need there.
-
-    rays: kernel arguments `list` to `stretches`; fixed: those from `table` on.
-    """
+    """Paths from given rays on one device: the kernel's arguments."""
 
     device: Device
     program: Program
-    rays: list[Any]
-    fixed: list[Any]
+    arguments: dict[str, Any]
 
     def launch(
         self, chosen: NDArray[np.int32], some: range, key: NDArray[np.uint32], half: int, out: Any
     ) -> None:
-        """Starts the chains of some points of a half for each chosen ray."""
-        group = min(_GROUP, self.device.info.largest_group)
-        self.program["gather"](
-            self.device.queue,
-            (-(-len(chosen) // group) * group,),
-            (group,),
-            out,
-            upload(self.device, "chosen rays", chosen),
-            np.int32(len(chosen)),
-            np.uint32(len(some)),
-            np.uint32(some.start),
-            key,
-            np.uint32(half),
-            upload(self.device, "Sobol", points(some.start, len(some))),
-            *self.rays,
-            *self.fixed,
+        """Starts paths for each chosen ray, and does not wait for them.
+
+        Args:
+            chosen: (N,) which of the rays.
+            some: numbers of the low-discrepancy points.
+            half: which random shift of the points.
+            out: buffer of the means.
+        """
+        self.program.launch(
+            "gather",
+            (len(chosen),),
+            (min(_GROUP, self.program.largest_group("gather")),),
+            {
+                "means": out,
+                "chosen": upload(self.device, "chosen rays", chosen),
+                "count": len(chosen),
+                "samples": len(some),
+                "from_point": some.start,
+                "key": key,
+                "half_": half,
+                "points": upload(self.device, "Sobol", points(some.start, len(some))),
+                **self.arguments,
+            },
         )
         self.device.queue.flush()  # the next device starts while this one works
 
@@ -83,12 +86,20 @@ class GatherPaths:
 def neyman_allocation(
     energy: Floats, had: NDArray[np.int64], size: NDArray[np.int64], *, allowed: float
 ) -> NDArray[np.int64]:
-    """Samples a pixel (T,) of each tile, more than it had in one at least, that bring the sum of
-    all tiles' energies to what is allowed, with as few in all as can be.
+    """Samples per pixel of each tile that meet the total variance at least cost.
 
-    energy: sum of the squares of the errors of a tile's pixels, of which there are `size`, after
-    `had` samples each; it falls as 1 over their number. Then that is as the root of energy x had /
-    size. Powers of two, of which points of a low-discrepancy sequence are the most even.
+    Neyman, J. R. Stat. Soc. 97, 1934: in proportion to the root of energy x had / size, as variance
+    falls with 1 / samples. Rounded to powers of two, for which low-discrepancy points are most
+    uniform. One tile at least gets more than it had.
+
+    Args:
+        energy: (T,) sum of squared errors of a tile's pixels, after `had` samples each.
+        had: (T,) samples per pixel so far.
+        size: (T,) pixels of the tile.
+        allowed: sum of all tiles' energies.
+
+    Returns:
+        (T,) samples per pixel.
     """
     spread = np.sqrt(energy * had / size)
     ideal = spread * float(spread @ size) / allowed
@@ -100,10 +111,13 @@ def neyman_allocation(
 
 
 class Gather:
-    """Adds to pictures what thick cells scatter, batch by batch.
+    """The final gather of an image, in rounds of paths.
 
-    expected: (C, T) light that each thick cell scatters to the camera, as the last sweeps had it
-    along each direction; flights find what it is more. None where it was not kept.
+    control_variate: (C, T) scattering integral of the stored radiance in each thick cell, summed
+        exactly over the quadrature; paths estimate only the remainder. None where no radiance is
+        stored in cells.
+    samples, seconds: paths per pixel, and the time, so far.
+    short: why paths stopped before the wanted accuracy, if they did.
     """
 
     def __init__(
@@ -115,9 +129,15 @@ class Gather:
         settings: Settings,
         flags: Mapping[str, Define] | None = None,
     ) -> None:
-        """flags: defines of the kernels besides."""
+        """Uploads the thick region and the stored radiance to every device.
+
+        Args:
+            box: the swept box.
+            ends: sources and radiance of the final sweeps.
+            flags: further defines of the kernels.
+        """
         directions, light = ends.directions, ends.light
-        self._painter, self._settings = formal_solution, settings
+        self._image, self._settings = formal_solution, settings
         self.device: Device = formal_solution.parts[0].device
         cells = formal_solution.cells
         self._real = formal_solution.real
@@ -146,7 +166,7 @@ class Gather:
         records = ends.records.astype(real)
         order = hilbert_order(directions.unit)
         drawn = Ordinates(directions.unit[order], directions.weight[order])
-        shared = self._shares(drawn, steps).astype(real)
+        shared = self._cumulative(drawn, steps).astype(real)
         starts = np.searchsorted(shared[:, 3], np.arange(len(shared)) / len(shared), "right")
         near = nearest(directions)
         size = light.interfaces * light.directions * (self._components - 1)
@@ -166,78 +186,82 @@ class Gather:
         at[:, :3] = thick.at + np.asarray(box.low)
         self._own = thick.own[thick.own >= 0]  # in the order of the region's cells
         self._at = thick.at[thick.own >= 0] + np.asarray(box.low)
-        self._walks, self._fixed = [], []
+        view = formal_solution.view
+        self._traversals: list[dict[str, Any]] = []
+        self._fixed: list[dict[str, Any]] = []
         for part in formal_solution.parts:
-            one, kept = part.device, light.buffer
+            one, stored = part.device, light.buffer
             if one is not self.device:
                 host = download(self.device, light.buffer, np.empty(size, real))
-                kept = upload(one, "light of the rim", host)
-            self._walks.append(
-                [
-                    upload(one, "albedo", albedo),
-                    *upload_tree(one, cells, real),
-                    *part.arguments,
-                ]
+                stored = upload(one, "interface radiance", host)
+            self._traversals.append(
+                {
+                    "albedo": upload(one, "albedo", albedo),
+                    **upload_tree(one, cells, real),
+                    **view.geometry(one, cells, real),
+                }
             )
-            by_angle = upload(one, "phase function", steps.astype(real))
-            last = [
-                kept,
-                upload(one, "directions", shared),
-                upload(one, "directions", order),
-            ]
+            by_half_sine = upload(one, "phase function", steps.astype(real))
+            last = {
+                "light": stored,
+                "directions": upload(one, "directions", shared),
+                "number_of": upload(one, "directions", order),
+                "direction_count": len(directions),
+                "by_half_sine": by_half_sine,
+            }
             if one is self.device:
-                self._last = [*last, np.int32(len(directions)), by_angle]
+                self._last = last
                 self.control_variate = self._control_variate()
                 means = np.zeros((1, 1)) if self.control_variate is None else self.control_variate.T
+            start = np.minimum(starts, len(shared) - 1).astype(np.int32)
             self._fixed.append(
-                [
-                    upload(one, "phase function", table.astype(real)),
-                    by_angle,
-                    upload(one, "places", thick.places),
-                    upload(one, "cells' places", at),
-                    upload(one, "faces", thick.beside),
-                    upload(one, "thick cells", ends.depth.astype(real)),
-                    upload(one, "thick cells", records),
-                    *last,
-                    upload(one, "directions", np.minimum(starts, len(shared) - 1).astype(np.int32)),
-                    upload(one, "directions", near),
-                    upload(one, "expected light", means.astype(real)),
-                    np.int32(light.interfaces - len(self._own)),
-                    np.int32(len(directions)),
-                    np.array([*(box.low + thick.low), 0], np.int32),
-                    np.array([*thick.places.shape[::-1], 0], np.int32),
-                    *part.arguments[5:],  # from `columns` on
-                ]
+                {
+                    "table": upload(one, "phase function", table.astype(real)),
+                    "places": upload(one, "places", thick.places),
+                    "at": upload(one, "cells' places", at),
+                    "beside": upload(one, "faces", thick.beside),
+                    "region_depth": upload(one, "thick cells", ends.depth.astype(real)),
+                    "cells": upload(one, "thick cells", records),
+                    "start": upload(one, "directions", start),
+                    "nearest": upload(one, "directions", near),
+                    "light_means": upload(one, "control variate", means.astype(real)),
+                    "first_own": light.interfaces - len(self._own),
+                    "box_low": np.array([*(box.low + thick.low), 0], np.int32),
+                    "box_shape": np.array([*thick.places.shape[::-1], 0], np.int32),
+                    **last,
+                    **view.lines_of_sight(one, real),
+                }
             )
         self.samples, self.seconds = 0, 0.0
-        self.short = ""  # says so where chains stopped short of what was wanted
+        self.short = ""
 
     def _control_variate(self) -> NDArray[np.floating] | None:
-        """`control_variate`, of what was kept on the first device."""
+        """`control_variate`, by the first device."""
         count, device = len(self._own), self.device
         if not count:
             return None
-        view = self._painter.view
+        view = self._image.view
         camera = view.middle - np.array([0.0, view.distance, 0.0, 0.0])
-        out = unset(device, "expected light", count * (self._components - 1), self._real)
-        group = min(_GROUP, device.info.largest_group)
+        out = unset(device, "control variate", count * (self._components - 1), self._real)
         cells = np.column_stack([self._at, self._own]).astype(np.int32)
-        self._programs[0]["control_variate"](
-            device.queue,
-            (-(-count // group) * group,),
-            (group,),
-            out,
-            upload(device, "thick cells", cells),
-            np.int32(count),
-            *self._last,
-            camera.astype(self._real),
+        program = self._programs[0]
+        program.launch(
+            "control_variate",
+            (count,),
+            (min(_GROUP, program.largest_group("control_variate")),),
+            {
+                "means": out,
+                "cells": upload(device, "thick cells", cells),
+                "count": count,
+                "camera": camera.astype(self._real),
+                **self._last,
+            },
         )
         means = download(device, out, np.empty((count, self._components - 1), self._real))
         return np.asarray(means[np.argsort(self._own)].T)
 
-    def _shares(self, directions: Ordinates, steps: Floats) -> Floats:
-        """(K, 4) directions, and the share up to each in what is scattered along +y, by the phase
-        function in bins of the half angle's sine where there is one."""
+    def _cumulative(self, directions: Ordinates, steps: Floats) -> Floats:
+        """Ordinates (K, 4): unit vectors and cumulative weight of what is scattered along +y."""
         weight = directions.weight
         if self._settings.phase is not None:
             sine = np.sqrt((1 - directions.unit[:, 1]) / 2)
@@ -251,48 +275,54 @@ class Gather:
         seen: NDArray[np.floating],
         other: int,
     ) -> Floats:
-        """(2, C + 1, N), the part from within last, from two independent sets of chains, for flat
-        numbers of pixels, with across^2 rays through each.
+        """Traces paths until their noise in T_app is `noise_share` of accuracy_K, or to a limit.
 
-        seen (C, N): what else is seen; other: pixels that see no thick cell, but have a T_app, as
-        those before the background do at emissivities above 0.05. Chains go on, in the tiles where
-        they help most, until their noise in T_app is `noise_share` of accuracy_K, or
-        max_samples, or `paths` in all.
+        The limits are `max_samples` a pixel and `paths` in all. Rounds go to the tiles where they
+        reduce the variance most.
+
+        Args:
+            pixels: (N,) flat numbers.
+            across: across^2 rays go through each pixel.
+            seen: (C, N) weights of the rest of the image.
+            other: number of pixels with a T_app that see no thick cell.
+
+        Returns:
+            (2, C + 1, N) means of two independent sets of paths, the part WITHIN last.
         """
-        cells, scene, wanted = self._painter.cells, self._painter.scene, self._settings.accuracy_K
+        cells, scene, wanted = self._image.cells, self._image.scene, self._settings.accuracy_K
         start = time.perf_counter()
         count, most = len(pixels), self._settings.max_samples
         tuning = self._settings.tuning
-        chains = self.chains(pixels, across)
+        paths = self.paths(pixels, across)
         sums = np.zeros((2, self._components, count))
         samples = np.zeros(count, np.int64)  # of either half, in each of a pixel's rays
         tiles = self._tiles(pixels)
-        near = np.argsort(tiles, kind="stable")  # one tile's chains meet the same cells
-        before = self._painter.view.on_background(pixels)
+        near = np.argsort(tiles, kind="stable")  # paths of a tile cross the same cells
+        before = self._image.view.on_background(pixels)
         size = max(tuning.first_samples // across**2, 1)
         while size > 1 and 2 * size * across**2 * count > tuning.paths / 4:
             size //= 2
         wanted_of = np.full(count, size)
         while True:
-            # Pixels that have had as many chains go on with the same points.
+            # Pixels that have had as many paths continue with the same points.
             for pair in np.unique(samples << 32 | wanted_of):
                 had, goal = divmod(int(pair), 1 << 32)
                 mine = near[(samples[near] == had) & (wanted_of[near] == goal)]
                 for half, total in enumerate(sums):
                     if goal > had:
                         some = range(had, goal)
-                        found = self.means(chains, mine, across, some, half)
+                        found = self.means(paths, mine, across, some, half)
                         total[:, mine] += (goal - had) * found
             samples = wanted_of
             means = sums / samples
             mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
-            # As if the walls were as bright as the hottest cell: the trace holds for all of them.
-            kelvin = before * np.nan_to_num(
+            # The walls count as the hottest cell: the trace must hold for any wall temperature.
+            error_K = before * np.nan_to_num(
                 temperature_error_K(
                     seen + mean[:-1], difference[:-1], cells, scene, outside=cells.scale
                 )
             )
-            energy = np.bincount(tiles, kelvin**2).astype(np.float64)
+            energy = np.bincount(tiles, error_K**2).astype(np.float64)
             counted = before & (1 - (seen + mean[:-1])[0] > VISIBLE)
             visible = max(int(np.count_nonzero(counted)) + other, 1)
             allowed = visible * (tuning.noise_share * tuning.noise_bright * wanted) ** 2
@@ -303,11 +333,11 @@ class Gather:
             ideal = neyman_allocation(energy, had_of, size_of, allowed=allowed)[tiles]
             limit = np.minimum(tuning.growth * samples, most // (2 * across**2))
             wanted_of = np.maximum(np.minimum(ideal, limit), samples)
-            chains_in_all = 2.0 * across**2 * wanted_of.sum()
-            if np.array_equal(wanted_of, samples) or chains_in_all > tuning.paths:
+            paths_in_all = 2.0 * across**2 * wanted_of.sum()
+            if np.array_equal(wanted_of, samples) or paths_in_all > tuning.paths:
                 noise_K = float(np.sqrt(energy.sum() / visible)) / tuning.noise_bright
                 self.short = (
-                    f"chains in thick cells: stopped at {most} samples a pixel, or "
+                    f"paths in thick cells: stopped at {most} samples a pixel, or "
                     f"{tuning.paths:.0e} in all, with noise of {noise_K:.2g} K RMS left, where "
                     f"transport.accuracy_K: {wanted:g} asks for {tuning.noise_share * wanted:.2g} "
                     "K; allowed is a larger transport.max_samples, or less accuracy"
@@ -318,20 +348,24 @@ class Gather:
         return means
 
     def _tiles(self, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(N,) number of the tile of the picture that each pixel is in."""
-        row, column = np.divmod(pixels, self._painter.view.pixels[0])
+        """Numbers (N,) of the tiles of the image that the pixels are in."""
+        row, column = np.divmod(pixels, self._image.view.pixels[0])
         edge = self._settings.tuning.noise_tile
-        tile = row // edge * self._painter.view.pixels[0] + column // edge
+        tile = row // edge * self._image.view.pixels[0] + column // edge
         return np.unique(tile, return_inverse=True)[1].astype(np.int64)
 
     @property
     def programs(self) -> list[Program]:
-        """All that were built."""
+        """All programs that were built."""
         return self._programs
 
-    def chains(self, pixels: NDArray[np.int64], across: int) -> list[GatherPaths]:
-        """For each device, the stretches of thick cells on across^2 rays through each pixel."""
-        row, column = np.divmod(pixels, self._painter.view.pixels[0])
+    def paths(self, pixels: NDArray[np.int64], across: int) -> list[GatherPaths]:
+        """For each device, paths from the thick cells on across^2 rays through each pixel.
+
+        Args:
+            pixels: (N,) flat numbers.
+        """
+        row, column = np.divmod(pixels, self._image.view.pixels[0])
         place = (np.arange(across) + 0.5) / across
         down, right = np.meshgrid(place, place, indexing="ij")
         rays = np.stack(
@@ -339,49 +373,64 @@ class Gather:
         ).reshape(-1, 2)
         numbers = (pixels[:, None] * across**2 + np.arange(across**2)).reshape(-1)
         out = []
-        for part, program, walk, fixed in zip(
-            self._painter.parts, self._programs, self._walks, self._fixed, strict=True
+        for part, program, traversal, fixed in zip(
+            self._image.parts, self._programs, self._traversals, self._fixed, strict=True
         ):
             one, count = part.device, len(rays)
-            group = min(_GROUP, one.info.largest_group)
+            group = min(_GROUP, program.largest_group("thick_intervals"))
             listed = upload(one, "rays", rays.astype(self._real))
-            met = zeros(one, "stretches", count, np.int32)
-            stretches, first = met, met  # not read before their number is known
+            counts = zeros(one, "intervals", count, np.int32)
+            # Neither is read before the number of intervals is known.
+            intervals, first = unset(one, "intervals", 1, self._real), counts
             for fill in (0, 1):
-                program["thick_intervals"](
-                    one.queue,
-                    (-(-count // group) * group,),
+                program.launch(
+                    "thick_intervals",
+                    (count,),
                     (group,),
-                    met,
-                    stretches,
-                    first,
-                    np.int32(fill),
-                    listed,
-                    np.int32(count),
-                    *walk,
+                    {
+                        "number": counts,
+                        "intervals": intervals,
+                        "first": first,
+                        "fill": fill,
+                        "list": listed,
+                        "count": count,
+                        **traversal,
+                    },
                 )
                 if not fill:
-                    ends = np.cumsum(download(one, met, np.empty(count, np.int32)))
-                    first = upload(one, "stretches", np.array([0, *ends], np.int32))
-                    stretches = zeros(one, "stretches", _STRETCH * int(ends[-1]), self._real)
-            uploaded = upload(one, "rays", numbers.astype(np.uint32))
-            out.append(GatherPaths(one, program, [listed, uploaded, first, stretches], fixed))
+                    ends = np.cumsum(download(one, counts, np.empty(count, np.int32)))
+                    first = upload(one, "intervals", np.array([0, *ends], np.int32))
+                    intervals = zeros(one, "intervals", _INTERVAL * int(ends[-1]), self._real)
+            arguments = {
+                "list": listed,
+                "numbers": upload(one, "rays", numbers.astype(np.uint32)),
+                "first": first,
+                "intervals": intervals,
+                **fixed,
+            }
+            out.append(GatherPaths(one, program, arguments))
         return out
 
     def means(
         self,
-        chains: list[GatherPaths],
+        paths: list[GatherPaths],
         chosen: NDArray[np.int64],
         across: int,
         some: range,
         half: int,
     ) -> Floats:
-        """(C + 1, N) mean of the chains of some points for each of across^2 rays of each chosen
-        pixel. half: which shift of the points."""
+        """Means (C + 1, N) of paths for across^2 rays of each chosen pixel.
+
+        Args:
+            paths: of `paths(pixels, across)`.
+            chosen: (N,) which of these pixels.
+            some: numbers of the low-discrepancy points.
+            half: which random shift of the points.
+        """
         rays = (chosen[:, None] * across**2 + np.arange(across**2)).reshape(-1).astype(np.int32)
         key = np.array([self._settings.seed, 0], np.uint32)
         outs = []
-        for each, (_, mine) in zip(chains, shares(self.device, len(rays)), strict=True):
+        for each, (_, mine) in zip(paths, shares(self.device, len(rays)), strict=True):
             out = zeros(each.device, "means", self._components * len(mine), self._real)
             if mine:
                 each.launch(rays[mine.start : mine.stop], some, key, half, out)

@@ -1,17 +1,17 @@
-"""How far a picture of `source` is from the truth: some of its pixels, traced by `path` as well.
+"""Audit of a `source` image: some of its pixels are traced by `path` as well.
 
-The sweeps' own two halves know how much directions matter, but share what is simplified: the phase
-function in the sweeps, and one source in each cell. `path` shares none of it. Of each pixel two
-independent answers are traced; the product of their differences from the picture has the square of
-the picture's error for its mean, whatever the noise of either.
+The two halves of the ordinates show the error of the quadrature, but share the simplifications: the
+phase function's moments, and linear sources in cells. `path` shares none. Each pixel of the sample
+gets two independent estimates by `path`. The product of their differences from the image has the
+square of the image's error for its mean, whatever the noise of either.
 
-Which pixels, and how long? Let a pixel's error be e, and the noise of one of the two answers s
-from one chain, s / sqrt(n) from n. The product's mean square is about (e^2 + s^2 / n)^2; its sum
-over the pixels is known best where a pixel is drawn with a chance in proportion to e^2 + s^2 / n,
-and for a given number of chains in all where n = (s / e)^2, as noisy as it is wrong. Both e and s
-come from what a line of sight scatters: on `gdi`, at any accuracy asked for, e / s is much the same
-in all pixels, and their squares grow with the 2.5th to 3rd power of the light that is scattered to
-the camera over the emissivity. Nothing that is traced decides what is traced: there is no bias.
+Which pixels, and how many paths? Let e be a pixel's error, and s / sqrt(n) the noise of one
+estimate from n paths. The product's mean square is about (e^2 + s^2 / n)^2. The variance of its sum
+over the pixels is least where pixels are drawn with probabilities in proportion to e^2 + s^2 / n,
+and, for a given total of paths, where n = (s / e)^2. Both e and s come from what a line of sight
+scatters. On `gdi`, at any accuracy, e / s is much the same in all pixels; e^2 and s^2 grow with the
+2.5th to 3rd power of the light scattered to the camera over the emissivity. No traced value decides
+what is traced, so there is no bias.
 """
 
 from __future__ import annotations
@@ -42,11 +42,16 @@ def audited(
     settings: Settings,
     result: Trace,
 ) -> Trace:
-    """`result` with `audit_K`: its RMS error of T_app over pixels before the background, of
-    emissivity above 0.05, as found in a sample of them, one standard error of that added.
+    """`result` with `audit_K`, or with the reason for none in `unaudited`.
 
-    Traces whose source is as simple as the medium (isotropic, no thick cell) are left as they are;
-    those that `path` cannot follow say why in `unaudited`.
+    `audit_K` is the RMS error of T_app over pixels before the background, of emissivity above 0.05,
+    estimated from a sample of them, plus one standard error. A trace without simplifications
+    (isotropic, no thick cell) is returned as it is.
+
+    Args:
+        view: of the scene.
+        settings: of the trace.
+        result: the trace, by method `source`.
     """
     deepest = float(cells.depth[cells.address].max(initial=0.0))
     if not cells.needs.scattering or settings.order == 0:
@@ -60,21 +65,21 @@ def audited(
     elif often > settings.tuning.audit_scatterings:
         why = f"light is scattered up to {often:.3g} times"
     elif scene.camera.rays_per_pixel != 1:
-        why = "its rays go through the middle of a pixel, the picture's do not"
+        why = "its rays go through the middle of a pixel, the image's do not"
     if why:
         return replace(
             result,
             unaudited=f"no audit by path tracing ({why}): the stated error is that of the "
-            "directions alone; thick cells and the phase function may add to it",
+            "ordinates alone; thick cells and the phase function may add to it",
         )
-    square, doubt, seconds = found(cells, scene, view, device, settings, result.weights)
+    square, doubt, seconds = mean_square_error(cells, scene, view, device, settings, result.weights)
     if not np.isfinite(square):
         return result
     error = (max(square, 0.0) + doubt) ** 0.5
     return replace(result, audit_K=error, seconds={**result.seconds, "audit": seconds})
 
 
-def found(
+def mean_square_error(
     cells: OpticalCells,
     scene: Scene,
     view: View,
@@ -82,12 +87,18 @@ def found(
     settings: Settings,
     weights: Weights,
 ) -> tuple[float, float, float]:
-    """Mean square error of T_app, K^2, of a picture, with its standard error, and the seconds it
-    took; NaN where no pixel that counts scatters. It is without bias, and below 0 where noise has
-    it so.
+    """Unbiased estimate of the mean square error of T_app, by `path`.
 
-    Those count that have a T_app: before the background, of emissivity above 0.05. Where they
-    scatter nothing they are right.
+    The mean is over the pixels before the background of emissivity above 0.05; those that scatter
+    nothing have no error.
+
+    Args:
+        view: of the scene.
+        weights: of the image to audit.
+
+    Returns:
+        Mean square error in K^2, below 0 where noise has it so; its standard error; and the
+        seconds of both. NaN where no such pixel scatters.
     """
     tuning = settings.tuning
     emissivity = 1.0 - weights.background.reshape(-1).astype(np.float64)
@@ -126,9 +137,16 @@ def found(
 
 
 def scatterings(cells: OpticalCells, deepest: float, order: int | None) -> float:
-    """A bound for the mean number of scatterings of a chain: the order, what absorption allows, and
-    what the way out does (in a convex body light that enters evenly travels 4 V / S in the mean,
-    whatever the scattering: Bardsley and Dubi 1981)."""
+    """Bound of the mean number of scatterings of a path.
+
+    The order and absorption bound it, and so does the size: in a convex body isotropic incident
+    light travels 4 V / S in the mean, whatever the scattering (Bardsley and Dubi, SIAM J. Appl.
+    Math. 40, 1981).
+
+    Args:
+        deepest: largest optical depth of a cell's edge.
+        order: most scatterings, None for all.
+    """
     across = deepest * max(cells.box().shape)
     most = np.inf if order is None else float(order)
     return min(most, 1.0 / max(float(cells.coalbedo.min()), 1e-300), max(across, 1.0))

@@ -1,7 +1,8 @@
-"""Path tracing: batches of chains for every pixel that scatters, until the wanted error.
+"""Monte Carlo path tracing, the method `path`: batches of paths until the wanted error.
 
-Every batch is a low-discrepancy set of its own, shifted at random, so that the scatter of the
-batches is an unbiased estimate of the picture's error.
+Backward Monte Carlo (Modest, Radiative Heat Transfer, ch. 21; kernels/path.cl). Every batch is a
+low-discrepancy set with a random shift of its own (randomised quasi-Monte Carlo), so that the
+scatter of batches is an unbiased estimate of the image's error.
 """
 
 from __future__ import annotations
@@ -29,13 +30,13 @@ from cldit.transport.view import View, check_boundary, upload_tree
 
 Floats = NDArray[np.float64]
 
-SAMPLES = 32  # of a batch: longer sets converge faster, more batches know their error better
+SAMPLES = 32  # of a batch: longer sets converge faster, more batches estimate their error better
 _GROUP = 16
 
 
 @dataclass
 class _Sums:
-    """Sums over batches of (C, N) means, and of even and odd batches apart."""
+    """Sums of batches' means (C, N) and of their squares; even and odd batches apart."""
 
     halves: tuple[Floats, Floats]
     squares: Floats
@@ -64,14 +65,13 @@ class _Sums:
 
 @dataclass(frozen=True)
 class _PathTracer:
-    """One device, and the pixels whose chains it follows."""
+    """One device, and the pixels whose paths it traces."""
 
     device: Device
     program: Program
     count: int
     out: Any
-    listing: list[Any]
-    fixed: list[Any]
+    arguments: dict[str, Any]
 
     @classmethod
     def of(
@@ -81,35 +81,35 @@ class _PathTracer:
         *,
         pixels: NDArray[np.int32],
         scattered: NDArray[np.floating],
-        fixed: list[Any],
+        fixed: dict[str, Any],
         components: int,
     ) -> _PathTracer:
-        """scattered: of all of the picture. fixed: the kernel's arguments from `table` on."""
+        """scattered: of all pixels. fixed: kernel arguments that all pixels share."""
         return cls(
             device,
             program,
             len(pixels),
             zeros(device, "means", components * len(pixels), scattered.dtype.type),
-            [
-                upload(device, "pixels", pixels),
-                upload(device, "scattered light", scattered[pixels]),
-            ],
-            fixed,
+            {
+                "list": upload(device, "pixels", pixels),
+                "scattered": upload(device, "scattered light", scattered[pixels]),
+                **fixed,
+            },
         )
 
     def launch(self, seed: int, batch: int) -> None:
         """Starts a batch and does not wait for it."""
-        group = min(_GROUP, self.device.info.largest_group)
-        self.program["scatter"](
-            self.device.queue,
-            (-(-self.count // group) * group,),
-            (group,),
-            self.out,
-            *self.listing,
-            np.int32(self.count),
-            np.array([seed, 0], np.uint32),
-            np.uint32(batch),
-            *self.fixed,
+        self.program.launch(
+            "scatter",
+            (self.count,),
+            (min(_GROUP, self.program.largest_group("scatter")),),
+            {
+                "means": self.out,
+                "count": self.count,
+                "key": np.array([seed, 0], np.uint32),
+                "batch": batch,
+                **self.arguments,
+            },
         )
         self.device.queue.flush()
 
@@ -130,9 +130,11 @@ def trace_path(
 ) -> Trace:
     """Weights by path tracing; raises as `trace`.
 
-    view: of the scene, where the caller has it at hand, with what it has found out.
-    draw: from what the line of sight of each pixel scatters (P,), the pixels to trace. The trace's
-    pictures are then these pixels in one row, and its noise is told as if they were the picture.
+    Args:
+        report: takes lines of progress.
+        draw: chooses the pixels to trace from what the line of sight of each scatters (P,). The
+            images are then these pixels in one row, and the noise is theirs.
+        view: of the scene, where the caller has it.
     """
     view = View.of(scene, cells) if view is None else view
     check_boundary(scene, cells, view)
@@ -151,26 +153,34 @@ def trace_path(
         table = settings.phase.to_sample().astype(real)
     programs = [build(one, "path.cl", defines) for one in (device, *device.others)]
     start = time.perf_counter()
-    components = len(cells.needs.components) + 1  # the last: from within, see closure.py
+    components = len(cells.needs.components) + 1  # the last: from within, see energy_balance.py
     column_count, row_count = view.pixels
     pixels = column_count * row_count
     albedo = np.zeros(len(cells.depth))
     albedo[cells.address] = cells.albedo
 
-    def medium(one: Device) -> list[Any]:
-        return [
-            *upload_tree(one, cells, real),
-            upload(one, "source", cells.thermal_planes(real)),
-            upload(one, "albedo", albedo.astype(real)),
-            *view.arguments(one, cells, real),
-        ]
+    def medium(one: Device) -> dict[str, Any]:
+        return {
+            "thermal": upload(one, "source", cells.thermal_planes(real)),
+            "albedo": upload(one, "albedo", albedo.astype(real)),
+            **upload_tree(one, cells, real),
+            **view.geometry(one, cells, real),
+        }
 
     first = medium(device)
-    out = zeros(device, "picture", components * pixels, real)
-    one_minus_lambda = zeros(device, "scattered light", pixels, real)
-    programs[0]["straight"](device.queue, *view.tiles(device), out, one_minus_lambda, *first)
+    out = zeros(device, "image", components * pixels, real)
+    all_scattered = zeros(device, "scattered light", pixels, real)
+    programs[0].launch(
+        "straight",
+        *view.tiles(programs[0], "straight"),
+        {
+            "weights": out,
+            "scattered": all_scattered,
+            **first,
+        },
+    )
     image = download(device, out, np.empty((components, pixels), real))
-    scattered = download(device, one_minus_lambda, np.empty(pixels, real))
+    scattered = download(device, all_scattered, np.empty(pixels, real))
     listed = np.flatnonzero(scattered > 0)
     shape = (components, row_count, column_count)
     pixel_sample = None if draw is None else draw(scattered.astype(np.float64))
@@ -178,9 +188,7 @@ def trace_path(
         listed = pixel_sample.pixels
         image, shape = image[:, listed], (components, 1, len(listed))
     image = image.astype(np.float64)
-    place = (
-        listed if pixel_sample is None else np.arange(len(listed))
-    )  # in the picture that is made
+    place = listed if pixel_sample is None else np.arange(len(listed))  # in the image that is made
     seconds = {"image": time.perf_counter() - start}
 
     start = time.perf_counter()
@@ -191,11 +199,11 @@ def trace_path(
             program,
             pixels=listed[mine.start : mine.stop].astype(np.int32),
             scattered=scattered,
-            fixed=[
-                upload(one, "phase function", table),
-                upload(one, "Sobol", columns()),
-                *(first if one is device else medium(one)),
-            ],
+            fixed={
+                "table": upload(one, "phase function", table),
+                "sobol_columns": upload(one, "Sobol", columns()),
+                **(first if one is device else medium(one)),
+            },
             components=components,
         )
         for program, (one, mine) in zip(programs, shares(device, count), strict=True)
@@ -215,11 +223,11 @@ def trace_path(
         sums.add(np.concatenate(means, axis=1).astype(np.float64))
         if sums.batches % 2 or sums.batches < settings.tuning.batches:
             continue
-        kelvin = temperature_error_K(
+        error_K = temperature_error_K(
             (image[:, place] + sums.mean)[:-1], sums.difference[:-1], cells, scene
         )
-        kelvin = kelvin[np.isfinite(kelvin) & before]
-        error = float(np.sqrt(np.sum(kelvin**2) / max(len(kelvin) + other, 1)))
+        error_K = error_K[np.isfinite(error_K) & before]
+        error = float(np.sqrt(np.sum(error_K**2) / max(len(error_K) + other, 1)))
         if report is not None:
             report(f"{sums.batches * SAMPLES} samples a pixel: {error:.2g} K")
         if error <= settings.accuracy_K or sums.batches * SAMPLES >= settings.max_samples:
@@ -234,12 +242,12 @@ def trace_path(
     planes = image.reshape(shape)
     closure = None
     if planes.size:  # none drawn: nothing was traced
-        chains = count * sums.batches * SAMPLES
+        paths = count * sums.batches * SAMPLES
         closure = EnergyBalance.of(
             planes[: cells.needs.boundaries],
             planes[-1],
             bound=1e-4,
-            noise=5.0 / chains**0.5 if chains else 0.0,  # of one chain: 0.6 was seen, 1 allowed
+            noise=5.0 / paths**0.5 if paths else 0.0,  # of one path: 0.6 was observed, 1 is allowed
         )
     return Trace(
         closure=closure,

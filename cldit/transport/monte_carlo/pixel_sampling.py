@@ -1,4 +1,4 @@
-"""Some pixels of a picture, each drawn with a chance of its own, and what they say of all of it."""
+"""Sampling of pixels with unequal probabilities, to estimate sums over the image (audit)."""
 
 from __future__ import annotations
 
@@ -12,17 +12,25 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PixelSample:
-    """pixels: (N,) flat numbers, ascending; chance: (N,) with which each was drawn, 0 to 1."""
+    """A sample of an image's pixels.
+
+    pixels: (N,) flat numbers, ascending.
+    chance: (N,) probability of each to be drawn, 0 to 1.
+    """
 
     pixels: NDArray[np.int64]
     chance: Floats
 
     @classmethod
     def of(cls, importance: Floats, *, most: int, seed: int) -> PixelSample:
-        """About `most` of the pixels of importance above 0, all of them where they are no more.
+        """Systematic sampling with probabilities in proportion to importance, up to 1.
 
-        Chances are in proportion to importance (P,), up to 1. Drawn at even steps of the sum of
-        chances from a start by chance: neighbours, which are alike, are seldom drawn together.
+        Pixels are drawn at equal steps of the cumulative probability from a random start, so that
+        neighbours, which are alike, are seldom drawn together.
+
+        Args:
+            importance: (P,); pixels of 0 are never drawn.
+            most: about so many are drawn, or all of importance above 0 if they are no more.
         """
         listed = np.flatnonzero(importance > 0)
         weight = importance[listed].astype(np.float64)
@@ -41,14 +49,15 @@ class PixelSample:
         return cls(listed[drawn], chance[drawn])
 
     def total(self, values: Floats, variance: Floats) -> tuple[float, float]:
-        """Sum over all pixels of importance above 0, without bias, and its standard error.
+        """Unbiased estimate of the sum over all pixels of importance above 0 (Horvitz-Thompson).
 
         Args:
-            values: (N,) of the pixels that were drawn, each with noise of its own of `variance`
-                (N,), or an unbiased estimate of that.
+            values: (N,) of the pixels drawn.
+            variance: (N,) of each value's own noise, or an unbiased estimate of it.
 
-        What was not drawn is told from the scatter of what was (Hajek 1964, chances unequal and
-        their sum given); pixels drawn for sure add their noise alone.
+        Returns:
+            The sum and its standard error. The scatter of the values gives the error of sampling
+            (Hajek, Ann. Math. Statist. 35, 1964); pixels of probability 1 add their noise alone.
         """
         scaled, free = values / self.chance, 1.0 - self.chance
         count = int(np.count_nonzero(free > 0))

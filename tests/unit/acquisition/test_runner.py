@@ -119,8 +119,31 @@ def test_stopped_before_it_begins(
     rig = wrapped(tiny_rig)
     record = acquire(rig, tiny_plan, tmp_path / "a", should_stop=lambda: True)
     assert (record.complete, record.saved) == (False, 0)
-    assert events(tmp_path / "a") == ["start", "stopped"]
+    assert events(tmp_path / "a") == ["start", "stopped", "made safe"]
     assert_safe(rig)
+
+
+@pytest.mark.parametrize("reading_K", [float("nan"), float("inf"), -5.0])
+@pytest.mark.parametrize("calls", [0, 3, 400])
+def test_what_is_no_temperature_ends_the_run(
+    reading_K: float, calls: int, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """Whatever driver gives it, and whenever: it is neither waited on nor taken for a drift."""
+    seen = 0
+
+    def odd(background: Any) -> dict[str, Any]:
+        def read_temperature() -> float:
+            nonlocal seen
+            seen += 1
+            return reading_K if seen > calls else float(background.read_temperature())
+
+        return {"read_temperature": read_temperature}
+
+    rig = wrapped(tiny_rig, background=odd)
+    with pytest.raises(NotConnected, match=r"K came for read_temperature\(\)"):
+        acquire(rig, tiny_plan, tmp_path / "a")
+    assert seen == calls + 1
+    assert rig.trigger.read_configuration()["inhibited"]
 
 
 def test_missing_frame_is_retaken(
@@ -228,7 +251,7 @@ def test_second_ctrl_c_stops_the_generator_first(
     rig = wrapped(tiny_rig, trigger=pressed)
     with pytest.raises(Aborted, match="within a shot"):
         acquire(rig, tiny_plan, tmp_path / "a")
-    assert aborted == ["fired"] and events(tmp_path / "a")[-1] == "lost"
+    assert aborted == ["fired"] and events(tmp_path / "a")[-2:] == ["lost", "made safe"]
     assert_safe(rig)
     assert signal.getsignal(signal.SIGINT) is before
 
@@ -261,7 +284,7 @@ def test_fire_is_never_repeated_because_it_failed(
     with pytest.raises(FireUncertain, match="no answer"):
         acquire(rig, tiny_plan, tmp_path / "a")
     assert shots == 3 and len(pulses(tiny_rig)) == 3
-    assert events(tmp_path / "a")[-2:] == ["fired", "lost"]
+    assert events(tmp_path / "a")[-3:] == ["fired", "lost", "made safe"]
     assert_safe(rig)
     record = acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
     assert record.complete and record.lost_injections == 1 and len(pulses(tiny_rig)) == 11

@@ -5,7 +5,13 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import click
 import pytest
+from click.testing import CliRunner
+
+from cldit import __version__
+from cldit.cli import main
+from cldit.cli.lazy import LazyGroup
 
 SLOW = {"matplotlib", "numba", "scipy", "pyopencl", "CoolProp", "vtk"}
 
@@ -13,6 +19,8 @@ SLOW = {"matplotlib", "numba", "scipy", "pyopencl", "CoolProp", "vtk"}
 @pytest.mark.parametrize(
     ("words", "allowed"),
     [
+        (["--help"], set()),
+        (["bench", "--help"], set()),
         (["scenes"], set()),
         (["--version"], set()),
         (["export", "--help"], set()),
@@ -30,3 +38,22 @@ def test_only_what_a_command_uses(words: list[str], allowed: set[str]) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert set(done.stderr.strip().split(",")) - {""} <= allowed
+
+
+def test_help_says_what_click_would() -> None:
+    """Texts that are read from the sources are those of the commands, here of those soon loaded."""
+    quick = {name: main.commands_at[name] for name in ("scenes", "devices", "export", "bench")}
+    group = LazyGroup(commands_at=quick)
+    context = click.Context(group, info_name="cldit")
+    ours, theirs = (context.make_formatter() for _ in range(2))
+    group.format_commands(context, ours)
+    click.Group.format_commands(group, context, theirs)
+    assert ours.getvalue() == theirs.getvalue() != ""
+
+
+def test_python_m_cldit_is_the_command() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "cldit", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == CliRunner().invoke(main, ["--version"], prog_name="cldit").stdout
+    assert done.stdout == f"cldit, version {__version__}\n"

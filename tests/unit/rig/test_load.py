@@ -138,7 +138,7 @@ def test_every_device_is_tried(tiny_rig: dict[str, Any]) -> None:
     with pytest.raises(NotConnected, match=r"camera: connect failed\ntrigger: connect failed"):
         rig.connect()
     rig.background.set_setpoint(500.0)
-    with pytest.raises(RigError, match=r"(?s)trigger: make_safe failed\ncamera: make_safe failed"):
+    with pytest.raises(RigError, match=r"(?s)trigger: make_safe failed;.*camera: make_safe failed"):
         with rig:
             pass
     rig.background.connect()

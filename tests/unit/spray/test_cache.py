@@ -9,7 +9,7 @@ import pytest
 
 from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray
-from cldit.spray.cache import kept_spray
+from cldit.spray.cache import cached_spray
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 
 
@@ -41,8 +41,8 @@ def test_computed_once(tmp_path: Path) -> None:
         return _spray()
 
     spec = LagrangianSpray()
-    first = kept_spray(spec, tmp_path, make)
-    again = kept_spray(spec, tmp_path, make)
+    first = cached_spray(spec, tmp_path, make)
+    again = cached_spray(spec, tmp_path, make)
     assert len(made) == 1
     assert again.parcels is not None and again.vapour is not None
     assert first.parcels is not None and first.vapour is not None
@@ -53,17 +53,17 @@ def test_computed_once(tmp_path: Path) -> None:
     np.testing.assert_array_equal(grids[0].index, grids[1].index)
     assert grids[0].shape == grids[1].shape
     assert (again.notes, again.remarks) == (first.notes, first.remarks)
-    kept_spray(spec.model_copy(update={"seed": 2}), tmp_path, make)
+    cached_spray(spec.model_copy(update={"seed": 2}), tmp_path, make)
     assert len(made) == 2
-    kept_spray(spec, None, make)
+    cached_spray(spec, None, make)
     assert len(made) == 3
 
 
 def test_damaged_file_is_made_anew(tmp_path: Path) -> None:
-    kept_spray(LagrangianSpray(), tmp_path, _spray)
+    cached_spray(LagrangianSpray(), tmp_path, _spray)
     (file,) = (tmp_path / "sprays").glob("*.npz")
     file.write_bytes(file.read_bytes()[:100])
-    assert kept_spray(LagrangianSpray(), tmp_path, _spray).parcels is not None
+    assert cached_spray(LagrangianSpray(), tmp_path, _spray).parcels is not None
     assert file.stat().st_size > 100
 
 
@@ -72,10 +72,10 @@ def test_what_fails_is_not_kept(tmp_path: Path) -> None:
         raise SprayError("no")
 
     with pytest.raises(SprayError, match="no"):
-        kept_spray(LagrangianSpray(), tmp_path, make)
+        cached_spray(LagrangianSpray(), tmp_path, make)
     assert not list((tmp_path / "sprays").glob("*.npz"))
 
 
 def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
-    assert kept_spray(LagrangianSpray(), tmp_path / "file", _spray).parcels is not None
+    assert cached_spray(LagrangianSpray(), tmp_path / "file", _spray).parcels is not None

@@ -71,15 +71,15 @@ def test_steps_of_directions(shape: tuple[int, int, int]) -> None:
             for k in range(first, end):
                 run = -unit[schedule.number[k]][list(layout.axes)]
                 assert (run[2] < 0) == sense and run[1] * step >= 0
-                ways = Segments.of(
+                segments = Segments.of(
                     run[None, :2] / abs(run[2]),
                     starts[schedule.number[k], None],
                     layers=layout.size[2],
                     backwards=np.array([bool(sense)]),
                 )
                 its = slice(schedule.begins[k, 0], schedule.begins[k, -1])
-                np.testing.assert_array_equal(schedule.shifts[its], ways.shifts())
+                np.testing.assert_array_equal(schedule.shifts[its], segments.shifts())
                 for met, (one, other) in enumerate(pairwise(schedule.begins[k] - its.start)):
-                    assert one < other and np.all(ways.met[one:other] == met)
-                    moved = ways.shifts()[one:other, 3]
+                    assert one < other and np.all(segments.layer[one:other] == met)
+                    moved = segments.shifts()[one:other, 3]
                     assert np.all(np.isin(moved, (0, step, 2))) and np.sum(moved == step) <= 1

@@ -1,4 +1,4 @@
-"""Sets of directions, and the order in which neighbours are close by."""
+"""The quadrature, Hilbert's order of its ordinates, and the nearest ordinate."""
 
 from __future__ import annotations
 

@@ -89,15 +89,15 @@ def test_no_thick_cell() -> None:
 @pytest.mark.parametrize("backwards", [False, True])
 @pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.37, -0.81), (-1.0, 1.0), (1e-9, 0.5)])
 def test_where_rays_leave_cells(slopes: tuple[float, float], backwards: bool) -> None:
-    """Of each layer's steps the last leaves along l, and along u and v at least one does: where
-    rays go into the next cell, if they do."""
+    """The last segment of a layer leaves along l, and along u and v at least one does: where rays
+    enter the next cell, if they do."""
     start = np.array([[0.21, 0.64]])
-    ways = Segments.of(np.array([slopes]), start, layers=40, backwards=np.array([backwards]))
-    last = np.diff(ways.met, append=-9) != 0
-    np.testing.assert_array_equal(ways.leaves[:, 2], last)
-    for moved, leaves in zip(ways.moved.T, ways.leaves.T[:2], strict=True):
+    rays = Segments.of(np.array([slopes]), start, layers=40, backwards=np.array([backwards]))
+    last = np.diff(rays.layer, append=-9) != 0
+    np.testing.assert_array_equal(rays.exits[:, 2], last)
+    for moved, leaves in zip(rays.shift.T, rays.exits.T[:2], strict=True):
         goes = np.diff(moved, append=moved[-1]) != 0
         np.testing.assert_array_equal(leaves[~last], goes[~last])
         assert np.all(
-            np.bincount(ways.met, leaves) == np.maximum(np.bincount(ways.met, goes & ~last), 1)
+            np.bincount(rays.layer, leaves) == np.maximum(np.bincount(rays.layer, goes & ~last), 1)
         )

@@ -12,7 +12,7 @@ import yaml
 from click.testing import CliRunner
 
 from cldit.cfd.column_mapping import read_column_map
-from cldit.cfd.parcel_spreading import spread
+from cldit.cfd.parcel_spreading import spread_parcels
 from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
 from cldit.errors import SprayError
@@ -150,7 +150,7 @@ def test_spread_fills_the_ball_evenly() -> None:
     one = Parcels(
         np.zeros((1, 3)), np.array([1e-5]), np.array([1e6]), np.array([300.0]), np.array([700.0])
     )
-    many = spread(one, radius_m=1e-3, points=20_000, seed=5)
+    many = spread_parcels(one, radius_m=1e-3, points=20_000, seed=5)
     away = np.linalg.norm(many.position_m, axis=1)
     # 10000 independent pairs: standard error of the share 0.005, four of them
     assert np.mean(away < 1e-3 * 0.5 ** (1 / 3)) == pytest.approx(0.5, abs=0.02)

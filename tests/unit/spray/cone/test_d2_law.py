@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cldit.scene.sizes import NukiyamaTanasawa
-from cldit.spray.cone.d2_law import shrinking
+from cldit.spray.cone.d2_law import d2_law
 from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
 from cldit.spray.cone.wet_bulb import still, wet_bulb
 from cldit.spray.sizes import strata_m
@@ -75,7 +75,7 @@ def test_distribution_shrinks_as_its_droplets_do(fuel_K: float) -> None:
     bulb = wet_bulb(gas_K=570.0, pressure_Pa=0.6e6, fuel_K=fuel_K)
     assert (bulb.start < 1) == (fuel_K > bulb.temperature_K)
     sizes = NukiyamaTanasawa()  # exp(-D/m) D^3 D^3: a Gamma distribution of shape 7 by mass
-    state = shrinking(strata_m(sizes, 1024), bulb)
+    state = d2_law(strata_m(sizes, 1024), bulb)
     drawn = 1.5e-6 * np.random.default_rng(5).gamma(7.0, size=200_000)
     for age in (0.0, 5e-5, 3e-4, 1e-3):
         left = np.clip(bulb.start - bulb.rate_m2_s * age / drawn**2, 0.0, 1.0) ** 1.5
@@ -94,5 +94,5 @@ def test_distribution_shrinks_as_its_droplets_do(fuel_K: float) -> None:
 
 def test_without_evaporation_sizes_stay() -> None:
     classes = strata_m(NukiyamaTanasawa(), 256)
-    state = shrinking(classes, None)
+    state = d2_law(classes, None)
     assert state.diameters_m(np.zeros(1), 256)[0] == pytest.approx(classes, rel=1e-12)

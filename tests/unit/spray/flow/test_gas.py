@@ -104,10 +104,16 @@ def test_evaporation_into_a_closed_box_ends_in_the_mixed_state() -> None:
     want = flow.enthalpy.mean() - flow.pressure_Pa
     for _ in range(60):
         middle = 0.5 * (low + high)
-        p = float(mixture().pressure_Pa(density, density * share, np.array(middle)))
+        p = float(
+            mixture().pressure_Pa(
+                density=density, fuel=density * share, temperature_K=np.array(middle)
+            )
+        )
         h = float(mixture().enthalpy_J_kg(np.array(share), np.array(middle)))
         low, high = (middle, high) if density * h - p < want else (low, middle)
-    p = float(mixture().pressure_Pa(density, density * share, np.array(low)))
+    p = float(
+        mixture().pressure_Pa(density=density, fuel=density * share, temperature_K=np.array(low))
+    )
     # The cold spot has not mixed: only cp's curvature in temperature sets the two apart.
     assert flow.pressure_Pa == pytest.approx(p, rel=2e-3)
 
@@ -123,7 +129,9 @@ def test_every_cell_keeps_the_common_pressure() -> None:
         push[0, 3:6, 5:7, 5:7] = 8.0
         length = min(flow.longest_step_s(), 5e-6)
         flow.step(length, mass=mass, enthalpy=-3e5 * mass, momentum=push)
-        own = mixture().pressure_Pa(flow.density, flow.fuel, flow.temperature_K)
+        own = mixture().pressure_Pa(
+            density=flow.density, fuel=flow.fuel, temperature_K=flow.temperature_K
+        )
         worst = max(worst, float(np.abs(own / flow.pressure_Pa - 1).max()) if step > 5 else 0.0)
     assert flow.share.max() > 0.1
     assert np.abs(flow.velocity).max() > 20

@@ -25,8 +25,8 @@ COARSE = FlowBox(spacing_m=2e-3)
 
 @functools.cache
 def spray(pressure_MPa: float, gas_K: int) -> Found:
-    """On a grid of 2 mm, at 0.95 ms."""
-    spec = at(pressure_MPa, gas_K, box=COARSE, droplets_per_parcel=1e4)
+    """On a grid of 2 mm, at 0.95 ms, of a few thousand parcels: what is asked below is coarse."""
+    spec = at(pressure_MPa, gas_K, box=COARSE, droplets_per_parcel=3e4)
     return find(spec, cache=None)
 
 

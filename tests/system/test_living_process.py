@@ -1,0 +1,178 @@
+"""A process that lives: many runs, threads that share a device, and forks."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import cldit
+from cldit.errors import DeviceError
+from cldit.gpu.device import Device, open_device, split
+from cldit.run.medium import make_medium
+from cldit.run.stages import Stages
+from cldit.spray.result import Parcels, Spray
+from cldit.transport.trace import settings_for, trace
+
+COUNT, CELL = 9, 2.5e-3
+PHASES = ("isotropic", "mie")
+ROUNDS = 20
+# Of 30 runs, the last 27 add 16 MB each where each opens the device anew. What the allocator moves
+# up and down was 2 MB; a tenth of what a single run in three would leave is allowed.
+GROWTH_MB = 14.0
+PATIENCE_S = 20.0  # a child that hangs does so for ever; one that answers takes a tenth of a second
+needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+
+
+def droplets() -> Spray:
+    """Cells of optical depth 8 at two sides of a block of thin ones."""
+    place = np.indices((COUNT,) * 3).reshape(3, -1).T
+    middle = np.asarray((place + 0.5 - COUNT / 2) * CELL, np.float64)
+    deep = np.all((place >= (0, 3, 4)) & (place < (4, 6, COUNT)), axis=1)
+    area = 2.2 * np.pi / 4 * 1e-5**2  # of extinction
+    return Spray(
+        parcels=Parcels(
+            position_m=middle,
+            diameter_m=np.full(len(middle), 1e-5),
+            droplets=np.where(deep, 8.0, 0.1) * CELL**2 / area,
+            temperature_K=np.full(len(middle), 350.0),
+            density_kg_m3=np.full(len(middle), 600.0),
+        )
+    )
+
+
+def block(phase: str, pixels: int = 12) -> cldit.Scene:
+    return cldit.parse_scene(
+        {
+            "name": "block",
+            "spray": {"model": "none"},
+            "domain": {"edge_m": 16 * CELL, "leaf_edge_m": 1.01 * CELL},
+            "camera": {"pixels": [pixels, pixels], "field_m": [COUNT * CELL] * 2},
+            "background": {"radius_m": 0.03},
+            "transport": {"audit": False, "accuracy_K": 1.0, "phase": phase},
+        }
+    )
+
+
+def test_pictures_of_threads_equal_those_of_one(device: Device, tmp_path: Path) -> None:
+    """To the last bit, twenty times over, of two media at once."""
+    made = {}
+    for phase in PHASES:
+        scene = block(phase)
+        medium = make_medium(scene, Stages(None), tmp_path, droplets())
+        phases = medium.properties.phases
+        made[phase] = (medium.trees[0], scene, settings_for(scene, phases[0] if phases else None))
+
+    def picture(phase: str) -> NDArray[np.float32]:
+        tree, scene, settings = made[phase]
+        images = trace(tree, scene, device, settings).weights.images
+        return np.stack(list(images.values()))
+
+    alone = {phase: picture(phase) for phase in PHASES}
+    jobs = [*PHASES, *PHASES] * ROUNDS
+    with ThreadPoolExecutor(4) as pool:
+        for phase, found in zip(jobs, pool.map(picture, jobs), strict=True):
+            np.testing.assert_array_equal(found, alone[phase], err_msg=phase)
+
+
+def test_runs_share_one_opening_until_all_is_closed() -> None:
+    """However the device is named; and a closed one says so, while others stay good."""
+    first = open_device()
+    with open_device(first.info.index) as second:
+        assert second.opened is first.opened
+        assert second.info.version == first.info.version
+    with pytest.raises(DeviceError, match=r"was closed; open it again: cldit\.open_device\(\)"):
+        _ = second.queue
+    assert open_device().opened is first.opened  # which still uses it
+    parts = split(first, (1,)) if first.info.compute_units > 1 else None
+    assert parts is None or parts.opened is not first.opened
+
+
+def test_each_thread_has_a_queue(device: Device) -> None:
+    queues = [device.queue]
+    thread = threading.Thread(target=lambda: queues.append(device.queue))
+    thread.start()
+    thread.join()
+    assert queues[0] == device.queue != queues[1]
+
+
+def _runs() -> None:
+    """30 runs without `device=`; prints what memory the third and later ones leave, in MB."""
+    spray, cache = droplets(), Path(sys.argv[1])
+    scene = block(PHASES[0], pixels=8)
+    for run in range(30):
+        cldit.simulate(scene, spray=spray, cache=cache)
+        if run >= 2:
+            with open("/proc/self/statm", encoding="ascii") as file:
+                pages = int(file.read().split()[1])
+            print(pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="resident memory is read from /proc")
+def test_memory_is_flat_from_the_third_run_on(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, __file__, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    resident = np.array([float(line) for line in done.stdout.split()])
+    assert len(resident) == 28
+    assert np.max(resident) - resident[0] < GROWTH_MB
+
+
+def _said(use: str) -> str:
+    """What a forked child is told: of a device of its own, and of its parent's."""
+    try:
+        _ = open_device() if use == "new" else _PARENTS[0].queue
+    except DeviceError as error:
+        return str(error)
+    return "opened"
+
+
+_PARENTS: list[Device] = []
+
+
+@needs_fork
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
+@pytest.mark.parametrize("use", ["new", "parent's"])
+def test_a_fork_is_told_to_spawn(use: str, device: Device) -> None:
+    _PARENTS[:] = [device]
+    _ = device.queue
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        said = pool.map_async(_said, [use]).get(timeout=PATIENCE_S)[0]
+    assert "multiprocessing.get_context('spawn').Pool()" in said
+
+
+@needs_fork
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
+def test_a_fork_ends_without_its_parents_threads(device: Device) -> None:
+    """And releases nothing of the parent's, for which it would wait for these."""
+    _ = device.queue
+    child = os.fork()
+    if child == 0:
+        device.close()
+        os._exit(0)
+    end = time.monotonic() + PATIENCE_S
+    done = 0
+    while not done and time.monotonic() < end:
+        done = os.waitpid(child, os.WNOHANG)[0]
+        time.sleep(0.01)
+    if not done:
+        os.kill(child, 9)
+        os.waitpid(child, 0)
+    assert done == child
+
+
+if __name__ == "__main__":
+    _runs()

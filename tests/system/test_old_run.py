@@ -1,0 +1,57 @@
+"""A run's folder that version 0.1.0 wrote is read, evaluated and acquired again."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import cldit
+from cldit.cli import main
+from cldit.images import read_image
+
+WRITTEN = Path(__file__).parents[1] / "data" / "run-0.1.0"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A copy, in which paths are those of this machine."""
+    copy = tmp_path / "run"
+    shutil.copytree(WRITTEN, copy)
+    for rig in (copy / "rig.yaml", copy / "acquisition" / "rig.yaml"):
+        text = rig.read_text(encoding="utf-8")
+        rig.write_text(text.replace("FOLDER", str(copy)).replace("PARENT", str(tmp_path)), "utf-8")
+    return copy
+
+
+def test_the_run_is_read(folder: Path) -> None:
+    """Weights sum to 1 with the emission of their medium; the balance of light is there."""
+    run = cldit.open_run(folder)
+    assert run.weights.background.shape == (10, 12)
+    assert run.info.closure is not None and abs(run.info.closure.largest) < 1e-3
+    saved = read_image(folder / "maps" / "emissivity.tif")[0]
+    np.testing.assert_allclose(run.maps.emissivity, saved)
+    emissivity = 1.0 - run.weights.background
+    seen = np.isfinite(run.maps.emissivity)
+    np.testing.assert_allclose(run.maps.emissivity[seen], emissivity[seen], atol=1e-4)
+
+
+def test_the_acquisition_is_evaluated(folder: Path) -> None:
+    """As 0.1.0 did: to the rounding of float32 maps."""
+    before = read_image(folder / "acquisition/maps/apparent_temperature_K.tif")[0]
+    shutil.rmtree(folder / "acquisition" / "maps")
+    result = CliRunner().invoke(main, ["evaluate", str(folder)])
+    assert result.exit_code == 0, result.output
+    after = read_image(folder / "acquisition/maps/apparent_temperature_K.tif")[0]
+    np.testing.assert_allclose(after, before, rtol=1e-5)
+
+
+def test_the_rig_is_driven(folder: Path, tmp_path: Path) -> None:
+    """Its driver `simulated_bench` is called `simulated_scene` now."""
+    arguments = ["acquire", str(folder / "rig.yaml"), str(folder / "plan.yaml")]
+    result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "again")])
+    assert result.exit_code == 0, result.output
+    assert len(list((tmp_path / "again" / "shots").glob("*.tif"))) == 12
