@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cldit.errors import MediumError
 from cldit.medium.frame import BRICK, Frame
 from cldit.medium.lattice import Lattice
+from cldit.spray.extent import Box, Extent
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -91,10 +92,14 @@ def _refuse(frame: Frame, what: str, share: float, low: Floats, high: Floats) ->
 
 @dataclass(frozen=True)
 class Boxes:
-    """Axis-aligned boxes in units of finest cells, lower and upper (N, 3)."""
+    """Axis-aligned boxes in units of finest cells, lower and upper (N, 3).
+
+    shared: (N,) where in a list of amounts those begin that are of each box; None: one a box.
+    """
 
     lower: Floats
     upper: Floats
+    shared: Ints | None = None
 
     @classmethod
     def place(cls, frame: Frame, lower_m: Floats, upper_m: Floats, *, what: str) -> Boxes:
@@ -160,26 +165,11 @@ class Boxes:
             share *= (high - low) / (self.upper[box, axis] - self.lower[box, axis])
         return box, cell, share
 
-
-def touched_bricks(frame: Frame, points: Ints, boxes: list[Boxes], *, limit: int) -> Touched:
-    """Marks the bricks that hold a point's cell or touch a box.
-
-    Args:
-        frame: the cube.
-        points: (N, 3) cells of points.
-        boxes: in the cube.
-        limit: cells at most.
-
-    Raises:
-        MediumError: more finest cells than `limit` would have to be stored.
-    """
-    mark = np.zeros((frame.bricks,) * 3, bool)
-    brick = points // BRICK
-    mark[brick[:, 2], brick[:, 1], brick[:, 0]] = True
-    for group in boxes:
-        first, count = group.span()
+    def mark(self, mark: NDArray[np.bool_]) -> None:
+        """Sets the bricks (nb, nb, nb) that the boxes touch."""
+        first, count = self.span()
         low = first // BRICK
-        high = np.minimum((first + count - 1) // BRICK, frame.bricks - 1)
+        high = np.minimum((first + count - 1) // BRICK, len(mark) - 1)
         extent = high - low + 1
         small = np.all(extent <= 4, axis=1)
         steps = extent[small].max(axis=0, initial=0)
@@ -189,6 +179,128 @@ def touched_bricks(frame: Frame, points: Ints, boxes: list[Boxes], *, limit: int
             mark[step[:, 2], step[:, 1], step[:, 0]] = True
         for lo, hi in zip(low[~small], high[~small] + 1, strict=True):
             mark[lo[2] : hi[2], lo[1] : hi[1], lo[0] : hi[0]] = True
+
+    def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
+        """Adds every amount, spread evenly over its box, to its target's stored cells."""
+        if self.shared is not None:
+            amounts = [np.add.reduceat(amount, self.shared) for amount in amounts]
+        lattice = Lattice.of(self.lower, self.upper)
+        if lattice is not None:
+            x, y = (
+                start + np.arange(share.shape[0])
+                for start, share in zip(lattice.first[:2], lattice.shares[:2], strict=True)
+            )
+            for z, sums in lattice.layers(amounts):
+                address, stored = touched.layer(z, y, x)
+                for target, plane in zip(targets, sums, strict=True):
+                    target[address] += plane[stored]
+            return
+        for box, cell, share in self.overlaps():
+            address = touched.address(cell)
+            for target, amount in zip(targets, amounts, strict=True):
+                target += np.bincount(address, amount[box] * share, minlength=len(target))
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points in the cube: the finest cell (N, 3) of each."""
+
+    cell: Ints
+
+    def mark(self, mark: NDArray[np.bool_]) -> None:
+        """Sets the bricks (nb, nb, nb) that hold a point."""
+        brick = self.cell // BRICK
+        mark[brick[:, 2], brick[:, 1], brick[:, 0]] = True
+
+    def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
+        """Adds every amount (N,) to its target's cell of the point."""
+        address = touched.address(self.cell)
+        for target, amount in zip(targets, amounts, strict=True):
+            target += np.bincount(address, amount, minlength=len(target))
+
+
+@dataclass(frozen=True)
+class Clouds:
+    """Clouds in the cube, in units of finest cells: place (N, 3) and covariance (N, 3, 3)."""
+
+    place: Floats
+    covariance: Floats
+    cells: int
+
+    def mark(self, mark: NDArray[np.bool_]) -> None:
+        """Sets the bricks (nb, nb, nb) that a cloud reaches."""
+        none = np.zeros((len(self.place), 0))
+        directory, target = np.zeros(mark.shape, np.int32), np.zeros((0, 0))
+        self._rasterise(none, directory, mark, target, marking=True)
+
+    def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
+        """Adds every amount (N,), spread over its cloud, to its target's stored cells."""
+        sums = np.zeros((len(amounts), len(targets[0]) if targets else 0))
+        mark = np.zeros(touched.directory.shape, bool)
+        amount = np.stack(amounts, axis=1) if amounts else np.zeros((len(self.place), 0))
+        self._rasterise(amount, touched.directory, mark, sums, marking=False)
+        for target, total in zip(targets, sums, strict=True):
+            target += total
+
+    def _rasterise(
+        self,
+        amount: Floats,
+        directory: NDArray[np.int32],
+        mark: NDArray[np.bool_],
+        target: Floats,
+        *,
+        marking: bool,
+    ) -> None:
+        # Brings a compiler, which a scene without clouds does not need.
+        from cldit.medium.rasterise import rasterise
+
+        rasterise(self.place, self.covariance, amount, directory, self.cells, marking, mark, target)
+
+
+Placed = Points | Boxes | Clouds
+
+
+def place_droplets(
+    frame: Frame, position_m: Floats, extent: Extent | None, amount: Floats
+) -> Placed:
+    """Parcels in the cube, as points, boxes or clouds.
+
+    Args:
+        frame: the cube.
+        position_m: (N, 3).
+        extent: how droplets are spread about it; None: at it.
+        amount: (N,), of which none may lie outside.
+
+    Raises:
+        MediumError: part of `amount` (N,) lies outside the cube.
+    """
+    if isinstance(extent, Box):
+        # Classes of size that share a box follow each other.
+        other = np.any(position_m[1:] != position_m[:-1], axis=1)
+        starts = np.append(0, np.flatnonzero(other) + 1)
+        middle, half = position_m[starts], extent.edge_m / 2
+        placed = Boxes.place(frame, middle - half, middle + half, what="droplets")
+        return replace(placed, shared=starts)
+    cell = cells_of_points(frame, position_m, amount, what="droplets")
+    if extent is None:
+        return Points(cell)
+    return Clouds(frame.to_cells(position_m), extent.covariance_m2 / frame.cell_m**2, frame.cells)
+
+
+def touched_bricks(frame: Frame, placed: Sequence[Placed], *, limit: int) -> Touched:
+    """Marks the bricks that anything falls into.
+
+    Args:
+        frame: the cube.
+        placed: what lies in it.
+        limit: cells at most.
+
+    Raises:
+        MediumError: more finest cells than `limit` would have to be stored.
+    """
+    mark = np.zeros((frame.bricks,) * 3, bool)
+    for each in placed:
+        each.mark(mark)
     slots = int(mark.sum())
     if slots * _CELLS_PER_BRICK > limit:
         raise MediumError(
@@ -198,45 +310,3 @@ def touched_bricks(frame: Frame, points: Ints, boxes: list[Boxes], *, limit: int
     directory = np.full(mark.shape, -1, np.int32)
     directory[mark] = np.arange(slots, dtype=np.int32)
     return Touched(directory=directory, slots=slots)
-
-
-def add_points(touched: Touched, cell: Ints, amounts: list[Floats]) -> list[Floats]:
-    """Sum of every amount over the points in each stored cell.
-
-    Args:
-        touched: the stored bricks.
-        cell: (N, 3) of the points.
-        amounts: (N,) each.
-
-    Returns:
-        (S,) each.
-    """
-    address = touched.address(cell)
-    size = touched.slots * _CELLS_PER_BRICK
-    return [np.bincount(address, amount, minlength=size).astype(float) for amount in amounts]
-
-
-def add_boxes(touched: Touched, boxes: Boxes, amounts: list[Floats], targets: list[Floats]) -> None:
-    """Adds every amount, spread evenly over its box, to the stored cells of its target.
-
-    Args:
-        touched: the stored bricks.
-        boxes: N of them.
-        amounts: (N,) each.
-        targets: (S,) each, added to.
-    """
-    lattice = Lattice.of(boxes.lower, boxes.upper)
-    if lattice is not None:
-        x, y = (
-            start + np.arange(share.shape[0])
-            for start, share in zip(lattice.first[:2], lattice.shares[:2], strict=True)
-        )
-        for z, sums in lattice.layers(amounts):
-            address, stored = touched.layer(z, y, x)
-            for target, plane in zip(targets, sums, strict=True):
-                target[address] += plane[stored]
-        return
-    for box, cell, share in boxes.overlaps():
-        address = touched.address(cell)
-        for target, amount in zip(targets, amounts, strict=True):
-            target += np.bincount(address, amount[box] * share, minlength=len(target))

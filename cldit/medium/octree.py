@@ -15,15 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.medium.deposit import (
-    Boxes,
-    Touched,
-    add_boxes,
-    add_points,
-    cells_of_points,
-    touched_bricks,
-)
+from cldit.medium.deposit import Boxes, Placed, Touched, place_droplets, touched_bricks
 from cldit.medium.frame import BRICK, Frame
+from cldit.spray.extent import Extent
 
 Floats = NDArray[np.float64]
 _CELLS_PER_BRICK = BRICK**3
@@ -43,15 +37,17 @@ FIELDS = (
 
 @dataclass(frozen=True)
 class PointSource:
-    """Droplets at points: cross sections summed over a parcel's droplets, (N,) each.
+    """Droplets in parcels: cross sections summed over a parcel's droplets, (N,) each.
 
     absorption_m2, scattering_m2: cross sections; emission_m2: absorption_m2 x photon radiance.
+    extent: how they are spread about `position_m`; None: at it.
     """
 
     position_m: Floats
     absorption_m2: Floats
     scattering_m2: Floats
     emission_m2: Floats
+    extent: Extent | None = None
 
 
 @dataclass(frozen=True)
@@ -165,13 +161,13 @@ def build_octrees(
         MediumError: as `build_octree`.
     """
     points, cells = sources[0]
-    place = np.zeros((0, 3), np.int64)
+    droplets: list[Placed] = []
     if points is not None:
         optical = points.absorption_m2 + points.scattering_m2
-        place = cells_of_points(frame, points.position_m, optical, what="droplets")
+        droplets.append(place_droplets(frame, points.position_m, points.extent, optical))
     boxes = [Boxes.place(frame, source.lower_m, source.upper_m, what="gas") for source in cells]
-    touched = touched_bricks(frame, place, boxes, limit=max_cells)
-    every = _deposit(frame, touched, place, boxes, sources)
+    touched = touched_bricks(frame, [*droplets, *boxes], limit=max_cells)
+    every = _deposit(frame, touched, droplets, boxes, sources)
     for fields in every:
         faint = fields["vapour_absorption"] * frame.edge_m < _NOTHING
         fields["vapour_absorption"][faint] = 0.0
@@ -186,19 +182,22 @@ def build_octrees(
 def _deposit(
     frame: Frame,
     touched: Touched,
-    place: NDArray[np.int64],
+    droplets: list[Placed],
     boxes: list[Boxes],
     sources: Sequence[Sources],
 ) -> list[dict[str, Floats]]:
     size = touched.slots * _CELLS_PER_BRICK
     every = [{name: np.zeros(size) for name in FIELDS} for _ in sources]
     volume = frame.cell_m**3
-    for fields, (points, _) in zip(every, sources, strict=True):
-        if points is not None:
-            names = ["droplet_absorption", "droplet_scattering", "droplet_emission"]
-            amounts = [points.absorption_m2, points.scattering_m2, points.emission_m2]
-            for name, total in zip(names, add_points(touched, place, amounts), strict=True):
-                fields[name] += total / volume
+    for placed in droplets:
+        targets, amounts = [], []
+        for fields, (points, _) in zip(every, sources, strict=True):
+            if points is not None:
+                names = ("droplet_absorption", "droplet_scattering", "droplet_emission")
+                targets += [fields[name] for name in names]
+                sections = (points.absorption_m2, points.scattering_m2, points.emission_m2)
+                amounts += [section / volume for section in sections]
+        placed.add(touched, amounts, targets)
     for number, box in enumerate(boxes):
         in_cells = np.prod(box.upper - box.lower, axis=1)
         targets, amounts = [], []
@@ -208,7 +207,7 @@ def _deposit(
                 if np.any(values):
                     targets.append(fields[name])
                     amounts.append(values * in_cells)
-        add_boxes(touched, box, amounts, targets)
+        box.add(touched, amounts, targets)
     return every
 
 

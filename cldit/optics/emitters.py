@@ -36,6 +36,7 @@ def _droplets(parcels: Parcels, band: BandOptics, droplets: Droplets) -> PointSo
         absorption_m2=absorption,
         scattering_m2=scattering * parcels.droplets,
         emission_m2=absorption * band.radiance(parcels.temperature_K),
+        extent=parcels.extent,
     )
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from cldit.report.sheet import figure_of, plain
+from cldit.spray.extent import Box
 from cldit.spray.flow.measures import History
 from cldit.spray.result import Spray
 from cldit.spray.vtk_export import write_vtk
@@ -58,10 +59,13 @@ def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
         view: from where.
         pixel_m: edge of a pixel.
     """
-    place, mass = np.empty((0, 3)), np.empty(0)
-    if (parcels := spray.parcels) is not None:
-        place = parcels.position_m
-        mass = np.pi / 6 * parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
+    if (parcels := spray.parcels) is None:
+        return _project(np.empty((0, 3)), np.empty(0), extent(spray), view, pixel_m, 0.0)
+    place, mass = parcels.position_m, parcels.masses_kg
+    if isinstance(parcels.extent, Box):
+        half = parcels.extent.edge_m / 2
+        filled = _filled(place - half, place + half, mass, view, pixel_m)
+        return _project(*filled, extent(spray), view, pixel_m, 0.0)
     return _project(place, mass, extent(spray), view, pixel_m, _SMOOTHING)
 
 
@@ -75,22 +79,29 @@ def vapour_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
     """
     if (vapour := spray.vapour) is None:
         return _project(np.empty((0, 3)), np.empty(0), extent(spray), view, pixel_m, 0.0)
-    edge = vapour.cells.upper_m - vapour.cells.lower_m
     mass = vapour.number_density_m3 * vapour.cells.volume_m3
     mass = mass * vapour.molar_mass_kg_mol / 6.02214076e23
-    # Each cell stands for points in it, close enough that no pixel between them is missed.
-    parts = int(np.clip(np.ceil(2 * edge.max() / pixel_m - 1e-6), 1, 6))
+    filled = _filled(vapour.cells.lower_m, vapour.cells.upper_m, mass, view, pixel_m)
+    return _project(*filled, extent(spray), view, pixel_m, 0.0)
+
+
+def _filled(
+    lower_m: Floats, upper_m: Floats, mass: Floats, view: View, pixel_m: float
+) -> tuple[Floats, Floats]:
+    """Points (N, 3) that boxes stand for, close enough that no pixel between them is missed, and
+    the mass of each (N,)."""
+    edge = upper_m - lower_m
+    parts = int(np.clip(np.ceil(2 * edge.max(initial=0.0) / pixel_m - 1e-6), 1, 6))
     first, second = _AXES[view]
     places, masses = [], []
     for i in range(parts):
         for j in range(parts):
-            at = vapour.cells.lower_m + 0.5 * edge
+            at = lower_m + 0.5 * edge
             at[:, first] += ((i + 0.5) / parts - 0.5) * edge[:, first]
             at[:, second] += ((j + 0.5) / parts - 0.5) * edge[:, second]
             places.append(at)
             masses.append(mass / parts**2)
-    joined = np.concatenate(places), np.concatenate(masses)
-    return _project(*joined, extent(spray), view, pixel_m, 0.0)
+    return np.concatenate(places), np.concatenate(masses)
 
 
 def _project(

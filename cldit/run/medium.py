@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from cldit.medium.cloud import Kernel, halves, variants
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, PointSource, build_octrees
+from cldit.optics.band import BandOptics
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
-from cldit.run.budget import Probed
+from cldit.run.budget import ParcelVariants, Probed
 from cldit.run.phases import droplets_content, mean_phase, phase_choice
 from cldit.run.spray_factory import make_spray
 from cldit.run.stages import Stages
@@ -20,6 +22,7 @@ from cldit.spray.result import Spray
 from cldit.transport.phase import ScatteringTable
 
 Source = tuple[PointSource | None, list[CellSource]]
+_SEED = 1  # of the halves of the parcels
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,21 @@ def properties_of(scene: Scene, spray: Spray, *, cache: Path | None) -> Properti
     return Properties(chosen, sources, tuple(phases), paper, paper_phase, words, choice.remarks)
 
 
+def deposited(scene: Scene, spray: Spray) -> Spray:
+    """The spray with its parcels spread as the scene wants it: as clouds, or in points.
+
+    Parcels that come with an extent, boxes or clouds, stay as they are.
+    """
+    if spray.parcels is None or spray.parcels.extent is not None:
+        return spray
+    wanted = getattr(scene.spray, "deposit", None)
+    if wanted is None:  # droplets that the user has spread already stay where they are
+        wanted = "points" if getattr(scene.spray, "spread_m", None) else "kernel"
+    if wanted == "points":
+        return spray
+    return replace(spray, parcels=Kernel().spread(spray.parcels))
+
+
 @dataclass(frozen=True)
 class Medium:
     """A tree for each spectral node, and one with the paper's properties where that is wanted.
@@ -101,7 +119,8 @@ def make_medium(scene: Scene, stages: Stages, cache: Path, spray: Spray | None =
     """
     with stages.stage("spray") as note:
         note.append(scene.spray.model if spray is None else "given")
-        spray = spray or make_spray(scene.spray, cache=cache)
+        made = spray or make_spray(scene.spray, cache=cache)
+        spray = deposited(scene, made)
         stages.remark(spray.remarks)
         notes = dict(spray.notes)
     with stages.stage("optics") as note:
@@ -114,8 +133,8 @@ def make_medium(scene: Scene, stages: Stages, cache: Path, spray: Spray | None =
     frame = Frame.around(
         centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=domain.leaf_edge_m
     )
-    probed = _probed(scene, frame, spray, found) if scene.transport.audit else None
-    del spray  # with what the trees are made of, as large as the trace that follows
+    probed = _probed(scene, frame, (made, spray), found) if scene.transport.audit else None
+    del made, spray  # with what the trees are made of, as large as the trace that follows
     with stages.stage("octree") as note:
         trees = build_octrees(frame, sources, optical_depth_split=domain.optical_depth_split)
         note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
@@ -123,8 +142,10 @@ def make_medium(scene: Scene, stages: Stages, cache: Path, spray: Spray | None =
     return Medium(trees, paper, replace(found, sources=(), paper=None), notes, probed)
 
 
-def _probed(scene: Scene, frame: Frame, spray: Spray, found: Properties) -> Probed:
-    """What is measured on: the wavelength with most of the light."""
+def _probed(scene: Scene, frame: Frame, sprays: tuple[Spray, Spray], found: Properties) -> Probed:
+    """What is measured on, at the wavelength with most of the light; of the spray as it was made
+    and as it is deposited."""
+    made, spray = sprays
     chosen = found.chosen
     at_K = chosen.quadrature.reference_K
     number = int(np.argmax([float(node.share(at_K)) for node in chosen.nodes]))
@@ -139,7 +160,23 @@ def _probed(scene: Scene, frame: Frame, spray: Spray, found: Properties) -> Prob
         sources=found.sources[number],
         number=number,
         node=chosen.nodes[number],
-        parcels=None,
+        parcels=_parcel_variants(made, spray, chosen.bands[number]),
         gas=gas,
         optical_depth_split=scene.domain.optical_depth_split,
     )
+
+
+def _parcel_variants(made: Spray, spray: Spray, band: BandOptics) -> ParcelVariants | None:
+    """Sources of the spray with other parcels; None where its droplets are no sample of two."""
+    parcels = made.parcels
+    if parcels is None or not parcels.sampled or np.count_nonzero(parcels.droplets) < 2:
+        return None
+    spread = spray.parcels is not None and spray.parcels.extent is not None
+    if not spread or parcels.extent is not None:
+        assert spray.parcels is not None
+        both = halves(spray.parcels, seed=_SEED)
+        one, other = (emitters(replace(spray, parcels=half), band) for half in both)
+        return ParcelVariants((one, other), None)
+    found = variants(made, kernel=Kernel(), seed=_SEED)
+    one, other = (emitters(half, band) for half in found.halves)
+    return ParcelVariants((one, other), emitters(found.narrower, band))

@@ -49,6 +49,9 @@ EIGHT_PLUMES = tuple(
 )
 
 
+Deposit = Literal["kernel", "points"]
+
+
 class ConeSpray(Section):
     """Analytic plumes: mixing-limited evaporation in quasi-steady jets."""
 
@@ -74,12 +77,14 @@ class ConeSpray(Section):
     """Sizes at the hole; null: vapour alone."""
     evaporation: bool = True
     """Whether droplets evaporate."""
-    parcels_per_cell: Annotated[int, Within(1, 1000)] = 4
-    """Parcels that stand for the droplets of a cell."""
+    size_classes: Annotated[int, Within(1, 64)] = 4
+    """Classes of equal mass that stand for the sizes of a cell's droplets."""
     spacing_m: Annotated[float, Within(1e-5, 1e-2)] = 0.5e-3
-    """Edge of the cells."""
-    seed: Annotated[int, Within(0, 2**31 - 1)] = 1
-    """Of the parcels' places and sizes."""
+    """Edge of the cells, which droplets and vapour fill evenly."""
+    parcels_per_cell: Annotated[int, Within(1, 1000)] | None = None
+    """Without effect, accepted in scenes of older versions: see `size_classes`."""
+    seed: Annotated[int, Within(0, 2**31 - 1)] | None = None
+    """Without effect, accepted in scenes of older versions: nothing is drawn at random."""
     plumes: Plumes = EIGHT_PLUMES
     """One for each hole, 1 to 64."""
 
@@ -155,6 +160,8 @@ class LagrangianSpray(Section):
     """Model of single droplets (docs/spray.md)."""
     box: FlowBox = FlowBox()
     """The gas that is computed."""
+    deposit: Deposit = "kernel"
+    """Droplets as clouds as wide as parcels are apart, or each parcel in one cell."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
     """Of sizes, directions and eddies."""
     plumes: Plumes = EIGHT_PLUMES
@@ -193,6 +200,9 @@ class CfdSpray(Section):
     """In the case's coordinates, becomes the origin; left out: inferred."""
     axis: Direction | None = None
     """Direction of the injection, `-y` or three numbers, becomes -z; left out: inferred."""
+    deposit: Deposit | None = None
+    """Droplets as clouds as wide as parcels are apart, or each parcel in one cell; left out:
+    kernel, or points with `spread_m`."""
     spread_m: Annotated[float, Within(1e-7, 0.1)] | None = None
     """Radius of the ball over which a parcel's droplets are shared among points; left out: one
     point."""

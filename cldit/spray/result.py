@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import SprayError
+from cldit.spray.extent import Box, Cloud, Extent
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ class Parcels:
     """Packages of equal droplets.
 
     position_m (N, 3); diameter_m, droplets (real number of droplets in the parcel), temperature_K
-    and density_kg_m3 (N,).
+    and density_kg_m3 (N,). extent: how the droplets are spread about the position; None: at it.
     """
 
     position_m: Floats
@@ -39,9 +40,14 @@ class Parcels:
     droplets: Floats
     temperature_K: Floats
     density_kg_m3: Floats
+    extent: Extent | None = None
 
     def __post_init__(self) -> None:
         count = len(self.position_m)
+        if isinstance(self.extent, Cloud) and len(self.extent.covariance_m2) != count:
+            raise SprayError(
+                f"parcels.extent: {len(self.extent.covariance_m2)} clouds for {count} parcels"
+            )
         if self.position_m.shape != (count, 3):
             raise SprayError(f"parcels.position_m: shape {self.position_m.shape}, expected (N, 3)")
         limits = {
@@ -58,15 +64,50 @@ class Parcels:
             _checked(f"parcels.{name}", values, low=low, high=high)
 
     @property
+    def masses_kg(self) -> Floats:
+        """Liquid of each parcel (N,), n rho pi d^3 / 6."""
+        each = self.droplets * self.density_kg_m3 * self.diameter_m**3 * (np.pi / 6)
+        return np.asarray(each)
+
+    @property
     def mass_kg(self) -> float:
-        """Liquid mass, sum of n rho pi d^3 / 6."""
-        return float(np.sum(self.droplets * self.density_kg_m3 * self.diameter_m**3) * np.pi / 6)
+        """Liquid mass of all."""
+        return float(np.sum(self.masses_kg))
 
     @property
     def sauter_mean_diameter_m(self) -> float:
         """D32 = sum n d^3 / sum n d^2; NaN where there is no droplet."""
         area = float(np.sum(self.droplets * self.diameter_m**2))
         return float(np.sum(self.droplets * self.diameter_m**3)) / area if area > 0 else np.nan
+
+    @property
+    def sampled(self) -> bool:
+        """Whether the parcels are a sample of the droplets, and not the field itself."""
+        return not isinstance(self.extent, Box)
+
+    def take(self, chosen: NDArray[np.bool_]) -> Parcels:
+        """Some of the parcels, chosen (N,)."""
+        return Parcels(
+            self.position_m[chosen],
+            self.diameter_m[chosen],
+            self.droplets[chosen],
+            self.temperature_K[chosen],
+            self.density_kg_m3[chosen],
+            None if self.extent is None else self.extent.of(chosen),
+        )
+
+    def points_m(self) -> Floats:
+        """A place for each parcel (N, 3) to be drawn at: parcels that share a box fill it evenly.
+
+        In a box the places are those of Kronecker's sequence with the plastic number, so that the
+        same parcels are always drawn alike.
+        """
+        if not isinstance(self.extent, Box):
+            return self.position_m
+        # Root of g^4 = g + 1: the generalised golden ratio of three dimensions (Roberts, 2018).
+        steps = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+        place = (0.5 + np.arange(len(self.position_m))[:, None] * steps) % 1.0
+        return np.asarray(self.position_m + (place - 0.5) * self.extent.edge_m)
 
 
 @dataclass(frozen=True)

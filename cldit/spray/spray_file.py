@@ -1,6 +1,7 @@
 """cldit's own file of a spray: an .npz that holds what `Spray` holds, in SI and in our frame.
 
-Arrays `parcels/position_m`, `parcels/diameter_m`, ..., `vapour/lower_m`, `vapour/upper_m`,
+Arrays `parcels/position_m`, `parcels/diameter_m`, ..., where parcels fill boxes `parcels/box_m`
+(3,), where they are clouds `parcels/covariance_m2`, `vapour/lower_m`, `vapour/upper_m`,
 `vapour/number_density_m3`, `vapour/temperature_K`, and `about`, a JSON text with the version of the
 layout, the molar mass, notes and remarks. Cells of a regular grid have its `vapour/grid_origin_m`,
 `vapour/grid_spacing_m`, `vapour/grid_shape` and `vapour/grid_index` too. Written at once: a file is
@@ -19,9 +20,11 @@ import numpy as np
 
 from cldit.errors import SprayError
 from cldit.files import whole
+from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Cells, Floats, Parcels, RegularGrid, Spray, Vapour
 
-LAYOUT = 1
+LAYOUT = 2
+_KNOWN = (1, LAYOUT)  # the first had no boxes and no clouds
 _PARCELS = ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3")
 _VAPOUR = ("lower_m", "upper_m", "number_density_m3", "temperature_K")
 
@@ -42,6 +45,11 @@ def write_spray(path: Path, spray: Spray) -> None:
     arrays: dict[str, Floats] = {}
     if spray.parcels is not None:
         arrays |= {f"parcels/{name}": getattr(spray.parcels, name) for name in _PARCELS}
+        match spray.parcels.extent:
+            case Box(edge_m):
+                arrays["parcels/box_m"] = edge_m
+            case Cloud(covariance_m2):
+                arrays["parcels/covariance_m2"] = covariance_m2
     if spray.vapour is not None:
         about["molar_mass_kg_mol"] = spray.vapour.molar_mass_kg_mol
         arrays |= {
@@ -76,6 +84,14 @@ def _grid(arrays: dict[str, Floats]) -> RegularGrid | None:
     )
 
 
+def _extent(arrays: dict[str, Floats]) -> Extent | None:
+    if "parcels/box_m" in arrays:
+        return Box(arrays["parcels/box_m"])
+    if "parcels/covariance_m2" in arrays:
+        return Cloud(arrays["parcels/covariance_m2"])
+    return None
+
+
 def read_spray(path: Path) -> Spray:
     """Reads what `write_spray` wrote.
 
@@ -94,11 +110,12 @@ def read_spray(path: Path) -> Spray:
         raise SprayError(f"{path}: cannot be read as cldit's file: {error}") from error
     try:
         about = json.loads(str(arrays["about"]))
-        if about["layout"] != LAYOUT:
+        if about["layout"] not in _KNOWN:
             raise SprayError(f"{path}: layout {about['layout']} is unknown; import the case again")
         parcels = vapour = None
         if any(name.startswith("parcels/") for name in arrays):
-            parcels = Parcels(**{name: arrays[f"parcels/{name}"] for name in _PARCELS})
+            values = {name: arrays[f"parcels/{name}"] for name in _PARCELS}
+            parcels = Parcels(**values, extent=_extent(arrays))
         if any(name.startswith("vapour/") for name in arrays):
             lower, upper, number, temperature = (arrays[f"vapour/{name}"] for name in _VAPOUR)
             cells = Cells(lower, upper, _grid(arrays))

@@ -21,25 +21,24 @@ _CORNERS = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)])
 def write_vtk(spray: Spray, folder: Path) -> list[Path]:
     """`parcels.vtp` and `gas.vtu` in a folder, of what the spray has; the paths written.
 
-    Positions in m; point data diameter_m, temperature_K, droplets, mass_kg; cell data
-    vapour_kg_m3, temperature_K.
+    Positions in m, those of parcels that fill boxes evenly in them; point data diameter_m,
+    temperature_K, droplets, mass_kg; cell data vapour_kg_m3, temperature_K.
     """
     written = []
     if (parcels := spray.parcels) is not None:
         count = len(parcels.diameter_m)
-        each = np.pi / 6 * parcels.density_kg_m3 * parcels.diameter_m**3
         points = {
             "diameter_m": parcels.diameter_m,
             "temperature_K": parcels.temperature_K,
             "droplets": parcels.droplets,
-            "mass_kg": parcels.droplets * each,
+            "mass_kg": parcels.masses_kg,
         }
         at = np.arange(count, dtype=np.int64)
         body = (
             f'<Piece NumberOfPoints="{count}" NumberOfVerts="{count}" NumberOfLines="0" '
             f'NumberOfStrips="0" NumberOfPolys="0">'
             f"<PointData>{_arrays(points)}</PointData>"
-            f"<Points>{_array('Points', parcels.position_m)}</Points>"
+            f"<Points>{_array('Points', parcels.points_m())}</Points>"
             f"<Verts>{_array('connectivity', at)}{_array('offsets', at + 1)}</Verts></Piece>"
         )
         written.append(_write(folder / "parcels.vtp", "PolyData", body))

@@ -13,7 +13,7 @@ from cldit.scene import Scene, load_scene, parse_scene
 
 def small() -> Scene:
     data = load_scene("gdi").model_dump(mode="json")
-    data["spray"].update(spacing_m=2e-3, parcels_per_cell=4)
+    data["spray"].update(spacing_m=2e-3, size_classes=4)
     data["domain"]["leaf_edge_m"] = 6e-3
     return parse_scene(data)
 

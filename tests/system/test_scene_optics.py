@@ -27,7 +27,7 @@ name: small
 spray:
   model: cone
   spacing_m: 2.0e-3
-  parcels_per_cell: 4
+  size_classes: 4
   droplets: {droplets}
 domain: {{centre_m: [0.0, 0.0, -0.05], leaf_edge_m: 6.0e-3}}
 camera: {{pixels: [16, 16]}}

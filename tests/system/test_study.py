@@ -22,7 +22,7 @@ from cldit.study.writer import write_page
 
 # An analytic spray of few cells.
 _TINY = {
-    "spray": {"model": "cone", "spacing_m": 0.003, "parcels_per_cell": 1},
+    "spray": {"model": "cone", "spacing_m": 0.003, "size_classes": 1},
     "camera.pixels": [50, 50],
     "domain.leaf_edge_m": 0.003,
     "transport.directions": 8,

@@ -29,7 +29,7 @@ def scene() -> Scene:
         {
             "name": "swept",
             "domain": {"centre_m": [0.0, 0.0, -0.05], "leaf_edge_m": 0.01},
-            "spray": {"model": "cone", "spacing_m": 0.004, "parcels_per_cell": 1},
+            "spray": {"model": "cone", "spacing_m": 0.004, "size_classes": 1},
             "camera": {"pixels": [12, 10], "field_m": [0.06, 0.05], "target_m": [0, 0, -0.02]},
             "background": {"temperatures_K": [440.0, 480.0], "radius_m": 0.08},
             "transport": {"directions": 8},

@@ -19,13 +19,14 @@ class D2Law:
     """States of the distribution, from whole to gone.
 
     loss_m2: K t, by which d^2 has fallen, (N,); evaporated: share of the mass, rising from 0 to
-    1, (N,); diameter_m: sqrt(s) d0 for equal shares of the mass that is left, by rising size, at
-    the liquid's first density, (N, classes).
+    1, (N,). mass, surface: running sums over the classes, by rising size, of the mass that is left
+    and of that mass over its diameter (1/m), at the liquid's first density, (N, classes + 1).
     """
 
     loss_m2: Floats
     evaporated: Floats
-    diameter_m: Floats
+    mass: Floats
+    surface: Floats
 
     def kinetic(self, age_s: ArrayLike, *, rate_m2_s: float) -> Floats:
         """Evaporated share after `age_s`, any shape, in hot gas where d^2 falls at `rate_m2_s`."""
@@ -33,20 +34,24 @@ class D2Law:
         loss = np.asarray(age_s, dtype=float) * rate_m2_s
         return np.interp(loss, known[first:], self.evaporated[first:])
 
-    def diameters_m(self, evaporated: ArrayLike, rank: ArrayLike) -> Floats:
-        """Droplet diameters when a share of the mass has evaporated.
+    def diameters_m(self, evaporated: ArrayLike, count: int) -> Floats:
+        """Droplet diameters (N, count), rising, one for each of `count` equal shares of the mass
+        that is left when a share `evaporated` (N,), 0..1, of it has gone.
+
+        Each has the surface per mass of its share, as `strata_m`, so that D32 is kept.
 
         Args:
             evaporated: (N,), 0..1.
-            rank: (N, M), 0..1: share of the mass left that is in smaller droplets.
-
-        Returns:
-            (N, M).
+            count: classes.
         """
+        edges = np.linspace(0.0, 1.0, count + 1)
+        rows = len(self.evaporated) - 1  # the last has nothing left
+        table = np.empty((rows, count))
+        for row in range(rows):
+            bounds = np.interp(edges * self.mass[row, -1], self.mass[row], self.surface[row])
+            table[row] = self.mass[row, -1] / count / np.diff(bounds)
         state = np.searchsorted(self.evaporated, np.asarray(evaporated, dtype=float))
-        state = np.minimum(state, len(self.evaporated) - 2)  # the last has nothing left
-        place = (np.asarray(rank) * self.diameter_m.shape[1]).astype(np.int64)
-        return np.asarray(self.diameter_m[state[:, None], place])
+        return np.asarray(table[np.minimum(state, rows - 1)])
 
 
 def d2_law(classes_m: Floats, bulb: WetBulb | None) -> D2Law:
@@ -66,10 +71,7 @@ def d2_law(classes_m: Floats, bulb: WetBulb | None) -> D2Law:
     left = np.clip(begin[:, None] - loss[:, None] / squares, 0.0, 1.0)
     mass = left**1.5
     total = mass.sum(axis=1)
-    middles = (np.arange(len(squares)) + 0.5) / len(squares)
-    diameter = np.empty_like(mass)
-    for row in range(len(loss)):
-        within = np.cumsum(mass[row])
-        chosen = np.searchsorted(within, middles * within[-1]) if within[-1] > 0 else -1
-        diameter[row] = classes_m[chosen] * np.sqrt(left[row, chosen])
-    return D2Law(loss, 1 - total / len(squares), diameter)
+    # Where a class has gone nothing is added to either sum.
+    over = np.divide(mass, classes_m * np.sqrt(left), out=np.zeros_like(mass), where=left > 0)
+    sums = [np.pad(np.cumsum(each, axis=1), ((0, 0), (1, 0))) for each in (mass, over)]
+    return D2Law(loss, 1 - total / len(squares), sums[0], sums[1])

@@ -38,6 +38,7 @@ from cldit.spray.cone.fluid_properties import (
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile
 from cldit.spray.cone.mixing import State
 from cldit.spray.cone.nozzle import Source, source_of
+from cldit.spray.extent import Box
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 
 Floats = NDArray[np.float64]
@@ -81,8 +82,9 @@ def make_cone(spec: ConeSpray) -> Spray:
         )
     injected = spec.injected_mass_kg * min(spec.time_s / spec.injection_duration_s, 1.0)
     notes = {"injected_mass_kg": injected, "flow_coefficient": flow}
+    remarks = _without_effect(spec)
     if injected == 0:
-        return Spray(notes=notes)
+        return Spray(notes=notes, remarks=remarks)
     index, mass, content, kinetic = _grid(spec, source, injected=injected)
     state = source.mixture.at(content, kinetic)
     parcels, liquid = _parcels(spec, source, index, mass, state)
@@ -112,10 +114,20 @@ def make_cone(spec: ConeSpray) -> Spray:
         notes |= {
             "parcels": float(len(parcels.diameter_m)),
             "sauter_mean_diameter_m": parcels.sauter_mean_diameter_m,
-            "liquid_penetration_m": _mass_depth_m(parcels, 0.97),
+            "liquid_penetration_m": _mass_depth_m(parcels, 0.97, spacing_m=spec.spacing_m),
         }
     vapour = _vapour(spec, index, gone, state.gas_K)
-    return Spray(parcels=parcels, vapour=vapour, notes=notes)
+    return Spray(parcels=parcels, vapour=vapour, notes=notes, remarks=remarks)
+
+
+def _without_effect(spec: ConeSpray) -> tuple[str, ...]:
+    """What to say of keys that scenes of older versions may have."""
+    given = [name for name in ("parcels_per_cell", "seed") if getattr(spec, name) is not None]
+    return tuple(
+        f"spray.{name} has no effect: the droplets of a cell fill it evenly, in "
+        "spray.size_classes classes of size"
+        for name in given
+    )
 
 
 def _grid(
@@ -270,7 +282,8 @@ def _parcels(
 ) -> tuple[Parcels | None, Floats]:
     """Parcels of all cells, and the liquid of each cell (N,); the rest of its fuel is vapour.
 
-    Each parcel of a cell has the same mass. Their diameters are spread over the cell's sizes.
+    A cell has a parcel for each class of its sizes. The classes have equal mass and fill the cell
+    evenly: nothing is drawn at random.
     """
     liquid = mass * (1 - state.evaporated)
     if source.bulb is not None:
@@ -279,25 +292,24 @@ def _parcels(
     wet = np.flatnonzero(liquid > 0)
     if source.sizes is None or not wet.size:
         return None, np.zeros(len(mass))
-    count = spec.parcels_per_cell
-    random = np.random.default_rng(spec.seed)
+    count = spec.size_classes
     temperature = state.liquid_K[wet]
     density = heptane_density_kg_m3(temperature)
-    rank = (np.arange(count) + random.random((wet.size, 1))) / count
-    diameter = source.sizes.diameters_m(state.evaporated[wet], rank)
+    diameter = source.sizes.diameters_m(state.evaporated[wet], count)
     diameter *= np.cbrt(source.density_kg_m3 / density)[:, None]
     droplets = (liquid[wet] / density / count)[:, None] / (np.pi / 6 * diameter**3)
-    corner = (index[wet, None, :] + random.random((wet.size, count, 3))) * spec.spacing_m
     seen = diameter >= SMALLEST_m
     liquid[wet] *= np.mean(seen, axis=1)
     if not seen.any():
         return None, liquid
+    cell = np.broadcast_to(np.arange(wet.size)[:, None], seen.shape)[seen]
     parcels = Parcels(
-        position_m=corner[seen],
+        position_m=np.asarray((index[wet][cell] + 0.5) * spec.spacing_m, dtype=float),
         diameter_m=diameter[seen],
         droplets=droplets[seen],
-        temperature_K=np.broadcast_to(temperature[:, None], seen.shape)[seen],
-        density_kg_m3=np.broadcast_to(density[:, None], seen.shape)[seen],
+        temperature_K=temperature[cell],
+        density_kg_m3=density[cell],
+        extent=Box(np.full(3, spec.spacing_m)),
     )
     return parcels, liquid
 
@@ -316,10 +328,10 @@ def _vapour(spec: ConeSpray, index: Ints, mass: Floats, temperature: Floats) -> 
     )
 
 
-def _mass_depth_m(parcels: Parcels, share: float) -> float:
-    """Depth below the nozzle within which `share` of the liquid lies."""
-    distance = -parcels.position_m[:, 2]
-    mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
-    order = np.argsort(distance)
-    reached = np.cumsum(mass[order])
-    return float(distance[order][np.searchsorted(reached, share * reached[-1])])
+def _mass_depth_m(parcels: Parcels, share: float, *, spacing_m: float) -> float:
+    """Depth below the nozzle within which `share` of the liquid lies; it fills its cells evenly."""
+    layer = np.floor(-parcels.position_m[:, 2] / spacing_m).astype(np.int64)
+    first = int(layer.min())
+    below = np.append(0.0, np.cumsum(np.bincount(layer - first, parcels.masses_kg)))
+    depth = np.interp(share * below[-1], below, np.arange(len(below)) + first)
+    return float(depth * spacing_m)

@@ -108,7 +108,7 @@ def test_own_file_that_is_damaged(tmp_path: Path, foam: Foam, writers: Writers) 
         ("parcels/diameter_m", lambda v: -v, r"spray\.npz: parcels\.diameter_m: -"),
         ("vapour/temperature_K", lambda v: v * np.nan, r"vapour\.temperature_K: .* not finite"),
         ("parcels/droplets", None, r"spray\.npz: parcels/droplets is missing"),
-        ("about", lambda v: np.array(str(v).replace('"layout": 1', '"layout": 9')), "layout 9"),
+        ("about", lambda v: np.array(str(v).replace('"layout": 2', '"layout": 9')), "layout 9"),
     ):
         kept = {key: value for key, value in arrays.items() if key != name}
         if change is not None:
@@ -147,7 +147,9 @@ def test_spread_keeps_mass_and_place(
 
 def test_spread_fills_the_ball_evenly() -> None:
     """Half of the droplets lie within the radius of half the volume."""
-    one = Parcels(np.zeros((1, 3)), *(np.array([v]) for v in (1e-5, 1e6, 300.0, 700.0)))
+    one = Parcels(
+        np.zeros((1, 3)), np.array([1e-5]), np.array([1e6]), np.array([300.0]), np.array([700.0])
+    )
     many = spread_parcels(one, radius_m=1e-3, points=20_000, seed=5)
     away = np.linalg.norm(many.position_m, axis=1)
     # 10000 independent pairs: standard error of the share 0.005, four of them
