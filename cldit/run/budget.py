@@ -35,10 +35,14 @@ _OF_WIDTH = 4.0 / 3.0
 
 @dataclass(frozen=True)
 class ParcelVariants:
-    """Sources of one wavelength in which the parcels differ; see `cldit.medium.cloud.Variants`."""
+    """Sources of one wavelength in which the parcels differ; see `cldit.medium.cloud.Variants`.
+
+    sampling: error by sampling over the halves' difference.
+    """
 
     halves: tuple[Sources, Sources]
     narrower: Sources | None
+    sampling: float
 
 
 @dataclass(frozen=True)
@@ -119,8 +123,8 @@ class Budget:
         causes = [
             Cause(
                 "parcels",
-                None if sampling is None else sampling / 2,
-                "half the difference of two halves of the parcels",
+                None if sampling is None else parcels.sampling * sampling,
+                f"{parcels.sampling:g} of the difference of two halves of the parcels",
             )
         ]
         if parcels.narrower is not None:

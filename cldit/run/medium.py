@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.medium.cloud import Kernel, halves, variants
+from cldit.medium.cloud import SAMPLING, Kernel, halves, variants
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, PointSource, build_octrees
 from cldit.optics.band import BandOptics
@@ -176,7 +176,7 @@ def _parcel_variants(made: Spray, spray: Spray, band: BandOptics) -> ParcelVaria
         assert spray.parcels is not None
         both = halves(spray.parcels, seed=_SEED)
         one, other = (emitters(replace(spray, parcels=half), band) for half in both)
-        return ParcelVariants((one, other), None)
+        return ParcelVariants((one, other), None, 0.5)
     found = variants(made, kernel=Kernel(), seed=_SEED)
     one, other = (emitters(half, band) for half in found.halves)
-    return ParcelVariants((one, other), emitters(found.narrower, band))
+    return ParcelVariants((one, other), emitters(found.narrower, band), SAMPLING)
