@@ -52,7 +52,8 @@ class Transport(Section):
     """`source`: light changes within cells; what thick ones scatter is followed, within
     them and from cell to cell."""
     audit: bool = True
-    """`source`: trace some pixels by `path` as well, to know the picture's error."""
+    """Trace some pixels by `path` as well, and the medium on larger cells and with half of the
+    parcels, to know the picture's error by cause."""
     cutoff: Annotated[float, Within(0.0, 0.5)] = 1e-4
     """Transmission at which a ray ends."""
     directions: Annotated[int, Within(4, 4096)] | None = None
