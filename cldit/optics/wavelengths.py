@@ -21,6 +21,7 @@ from scipy.optimize import brentq
 from cldit.optics import mie
 from cldit.optics.band import BandOptics, Droplets
 from cldit.optics.droplets import droplet_table
+from cldit.optics.node_count import AHEAD, enough, stays_K
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import Filter, scene_filter
 from cldit.optics.sightlines import Sightlines
@@ -34,8 +35,7 @@ Floats = NDArray[np.float64]
 Groups = NDArray[np.intp]
 
 MOST_NODES = 24  # unless the scene asks for more
-_FORM = 1  # of kept choices
-SHOWN_NODES = 10  # the report's curve reaches at least as far
+_FORM = 2  # of kept choices
 _TYPICAL = 12  # lines of sight that groups are made by
 # Traced pictures of `gdi` are off by 1.95, 0.66, 0.17, 0.13 K with 1, 2, 3, 4 nodes, their lines of
 # sight (coarser, parallel) by 1.06, 0.43, 0.10, 0.06 K.
@@ -58,6 +58,11 @@ class Wavelengths:
     def nodes(self) -> tuple[SpectralNode, ...]:
         """The nodes, in order."""
         return self.quadrature.nodes
+
+    @property
+    def error_K(self) -> float:
+        """Estimated RMS error in T_app of the nodes; 0 where one is exact."""
+        return stays_K(self.errors_K, len(self.nodes)) if self.errors_K else 0.0
 
 
 def wavelengths(
@@ -84,7 +89,7 @@ def wavelengths(
     spectrum = Spectrum.of(scene, spray, filter_um)
 
     def choose() -> Arrays:
-        lines = Sightlines.through(spray)
+        lines = Sightlines.through(spray, width_m=scene.domain.leaf_edge_m)
         light = _light(spectrum, filter_um, reference_K)
         groups, errors_K = _chosen(scene, lines, spectrum, light, filter_um, reference_K)
         means = _Means.of(spectrum, lines, groups, light)
@@ -110,7 +115,8 @@ def _content(scene: Scene, spray: Spray, spectrum: Spectrum) -> str:
         arrays += [gas.cells.lower_m, gas.cells.upper_m, gas.number_density_m3, gas.temperature_K]
     optics, sensor = scene.optics.model_dump(), scene.camera.sensor
     where = (optics, sensor.quantum_efficiency, scene.background.temperatures_K)
-    return f"{_FORM} {where!r} {scene.walls.temperature_K!r} {digest(*arrays)}"
+    walls_K, leaf_edge_m = scene.walls.temperature_K, scene.domain.leaf_edge_m
+    return f"{_FORM} {where!r} {walls_K!r} {leaf_edge_m!r} {digest(*arrays)}"
 
 
 def _light(spectrum: Spectrum, filter_um: Filter, reference_K: float) -> Floats:
@@ -279,12 +285,12 @@ def _chosen(
     looks = _looks([depth[typical] for depth in depths])
     through = looks[: len(typical)].sum(axis=0)
     most = min(max(scene.optics.wavelengths or 0, MOST_NODES), len(light))
-    wanted = min(scene.optics.wavelengths or 1, most)
+    tried = min(most + AHEAD, len(light))
     orders = [samples, np.argsort(-through, kind="stable")]
-    cuts = [_cuts(looks[:, order], light[order], most) for order in orders]
+    cuts = [_cuts(looks[:, order], light[order], tried) for order in orders]
     found: list[Groups] = []
     errors: list[float] = []
-    for count in range(1, most + 1):
+    for count in range(1, tried + 1):
         tries = []
         for order, cut in zip(orders, cuts, strict=True):
             groups = np.empty(len(light), np.intp)
@@ -295,12 +301,10 @@ def _chosen(
         error, groups = min(tries, key=lambda pair: pair[0])
         found.append(groups)
         errors.append(error)
-        if count >= max(SHOWN_NODES, wanted) and min(errors) <= scene.optics.spectral_error_K:
-            break
-    if scene.optics.wavelengths is not None:
-        return found[wanted - 1], errors
-    met = np.flatnonzero(np.array(errors) <= scene.optics.spectral_error_K)
-    return found[int(met[0]) if met.size else int(np.argmin(errors))], errors
+    wanted = scene.optics.wavelengths
+    if wanted is None:
+        wanted = enough(errors, bound_K=scene.optics.spectral_error_K, most=most)
+    return found[min(wanted, most) - 1], errors
 
 
 def _emitted(depths: list[Floats] | tuple[Floats, ...]) -> tuple[Floats, list[Floats]]:
