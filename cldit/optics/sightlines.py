@@ -20,7 +20,7 @@ from cldit.spray.result import Parcels, Spray, Vapour
 Floats = NDArray[np.float64]
 
 _ACROSS = 256  # beams each way at most: 50 MB for each amount
-_LINES = 96
+_LINES = 192
 _SLICES = 24  # along a line: fuel is cold in the middle of a plume and hot around it
 _SIZES = 6
 _MOLE = 6.02214076e23
