@@ -36,7 +36,7 @@ Floats = NDArray[np.float64]
 Groups = NDArray[np.intp]
 
 MOST_NODES = 24  # unless the scene asks for more
-_FORM = 4  # of kept choices
+_FORM = 5  # of kept choices
 _TYPICAL = 12  # lines of sight that groups are made by
 _VISIBLE = 0.05  # emissivity from which T_app counts, as in the error of a picture
 
@@ -338,6 +338,16 @@ def _emitted(depths: list[Floats] | tuple[Floats, ...]) -> tuple[Floats, list[Fl
     return np.exp(-behind[:, -1]), [reaching * depth for depth in depths]
 
 
+def _escaping(total: Floats) -> Floats:
+    """Chance (L, Y, S) that light from the middle of a slice leaves the spray unhindered.
+
+    Plumes are about as wide as deep, so that it is the mean of the ways to both ends of the line.
+    """
+    front = np.cumsum(total, axis=1) - total / 2.0
+    rear = total.sum(axis=1, keepdims=True) - front
+    return np.asarray((np.exp(-front) + np.exp(-rear)) / 2.0)
+
+
 def _looks(depths: list[Floats]) -> Floats:
     """(F, S): what the typical lines do to each sample."""
     through, (vapour, liquid, scattered) = _emitted(depths)
@@ -383,11 +393,21 @@ class _Glow:
     def apparent(
         self, depths: tuple[Floats, Floats, Floats], filter_um: Filter
     ) -> tuple[Floats, Floats]:
-        """DIT of lines of these optical depths, T_app and emissivity (L,); what they turn away is
-        light of the walls."""
+        """DIT of lines of these optical depths, T_app and emissivity (L,).
+
+        The light Q that droplets turn to the camera came from the walls, where it had a free way
+        into the spray (chance E); else from fuel like that of its slice, which emits j and turns a
+        share a of the light in its turn: Q = E W + (1 - E) (j + a Q).
+        """
         cold, hot = self.ends
         through, (vapour, liquid, scattered) = _emitted(depths)
-        own = vapour * self.vapour + liquid * self.droplets + scattered * self.walls
+        total = depths[0] + depths[1] + depths[2]
+        free = _escaping(total)
+        per = 1.0 / np.where(total > 0, total, 1.0)
+        emitted = (depths[0] * self.vapour + depths[1] * self.droplets) * per
+        again = 1.0 - (1.0 - free) * depths[2] * per  # 0 only if nothing is absorbed or leaves
+        turned = (free * self.walls + (1.0 - free) * emitted) / np.maximum(again, 1e-12)
+        own = vapour * self.vapour + liquid * self.droplets + scattered * turned
         slope = through @ (hot - cold) / (hot.sum() - cold.sum())
         intercept = own.sum(axis=(1, 2)) + through @ cold - slope * cold.sum()
         radiance = np.maximum(intercept, 0.0) / np.maximum(1.0 - slope, 1e-12)
