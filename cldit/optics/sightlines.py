@@ -118,11 +118,14 @@ class Beams:
         )
 
     def columns(self, lower_m: Floats, upper_m: Floats, amounts: Sequence[Floats]) -> list[Floats]:
-        """Every amount per area of the beams, (beams, slices) each; a beam is x * Z + z.
+        """Every amount per area of the beams.
 
         Args:
             lower_m, upper_m: (N, 3) corners of boxes that are filled evenly; alike for points.
             amounts: (N,) each.
+
+        Returns:
+            (beams, slices) each; of Z beams along z, one is number x * Z + z.
         """
         nx, ny, nz = self.shape
         sums = [np.zeros(nz * ny * nx) for _ in amounts]
