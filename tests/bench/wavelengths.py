@@ -61,7 +61,7 @@ def scene_of(data: dict[str, Any], given: argparse.Namespace, **optics: Any) -> 
     data = {key: dict(value) if isinstance(value, dict) else value for key, value in data.items()}
     for key, values in {
         "camera": {"pixels": [given.pixels, given.pixels]},
-        "transport": {"directions": given.directions, "audit": False},
+        "transport": {"directions": given.directions, "audit": False, "phase": given.phase},
         "optics": {"preset": "spectral", "compare_paper": False, **optics},
         "domain": {"leaf_edge_m": given.leaf_edge_m},
     }.items():
@@ -141,6 +141,7 @@ def main() -> None:
     parser.add_argument("--pixels", type=int, default=100)
     parser.add_argument("--leaf-edge-m", type=float, default=2e-3)
     parser.add_argument("--directions", type=int, default=32)
+    parser.add_argument("--phase", choices=["mie", "isotropic"], default="mie")
     given = parser.parse_args()
     sources = [load_scene(name).model_dump(mode="json") for name in given.scene]
     sources += [imported(given.aachenbomb)] if given.aachenbomb else []
