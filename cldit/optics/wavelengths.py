@@ -21,8 +21,8 @@ from scipy.optimize import brentq
 from cldit.optics import mie
 from cldit.optics.band import BandOptics, Droplets
 from cldit.optics.droplets import droplet_table
+from cldit.optics.line_radiance import Glow, belongs, emitted
 from cldit.optics.node_count import AHEAD, enough, stays_K
-from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import Filter, scene_filter
 from cldit.optics.sightlines import Sightlines
 from cldit.optics.spectral import Quadrature, SpectralNode, reference_temperature_K
@@ -206,13 +206,8 @@ def _between(knots_K: Floats, values: Floats, temperature_K: Floats) -> Floats:
 
 def _mean(values: Floats, groups: Groups, light: Floats) -> Floats:
     """(..., K) means of (..., S) over the light of each group."""
-    belongs = _belongs(groups) * light[:, None]
-    return np.asarray(values @ (belongs / belongs.sum(axis=0)))
-
-
-def _belongs(groups: Groups) -> Floats:
-    """(S, K), 1 where a sample is in a group."""
-    return np.asarray(groups[:, None] == np.arange(int(groups.max()) + 1), float)
+    weight = belongs(groups) * light[:, None]
+    return np.asarray(values @ (weight / weight.sum(axis=0)))
 
 
 def _efficiencies(
@@ -300,7 +295,7 @@ def _chosen(
     """The groups, and the errors of 1, 2, .. nodes."""
     samples = np.arange(len(light))
     depths = _depths(spectrum, lines, _asymmetry(scene))
-    glow = _Glow.of(scene, lines, _quadrature(spectrum, samples, filter_um, reference_K))
+    glow = Glow.of(scene, lines, _quadrature(spectrum, samples, filter_um, reference_K))
     exact, emissivity = glow.apparent(depths, filter_um)
     seen = emissivity > min(_VISIBLE, 0.5 * float(emissivity.max()))
     typical = np.linspace(0, len(lines) - 1, min(_TYPICAL, len(lines))).round().astype(int)
@@ -329,89 +324,11 @@ def _chosen(
     return found[min(wanted, most) - 1], errors
 
 
-def _emitted(depths: list[Floats] | tuple[Floats, ...]) -> tuple[Floats, list[Floats]]:
-    """What comes through each line (L, S); and the weights (L, Y, S) of what vapour, droplets and
-    scattering of every slice send to the camera."""
-    total = depths[0] + depths[1] + depths[2]
-    behind = np.cumsum(total, axis=1)
-    reaching = np.exp(-(behind - total)) * -np.expm1(-total) / np.where(total > 0, total, 1.0)
-    return np.exp(-behind[:, -1]), [reaching * depth for depth in depths]
-
-
-def _escaping(total: Floats) -> Floats:
-    """Chance (L, Y, S) that light from the middle of a slice leaves the spray unhindered.
-
-    Plumes are about as wide as deep, so that it is the mean of the ways to both ends of the line.
-    """
-    front = np.cumsum(total, axis=1) - total / 2.0
-    rear = total.sum(axis=1, keepdims=True) - front
-    return np.asarray((np.exp(-front) + np.exp(-rear)) / 2.0)
-
-
 def _looks(depths: list[Floats]) -> Floats:
     """(F, S): what the typical lines do to each sample."""
-    through, (vapour, liquid, scattered) = _emitted(depths)
+    through, (vapour, liquid, scattered) = emitted(depths)
     rows = [through, *vapour, *liquid, scattered.sum(axis=1)]
     return np.concatenate(rows)
-
-
-@dataclass(frozen=True)
-class _Glow:
-    """Black-body radiance in S samples or groups at the temperatures of the lines' fuel, of the
-    walls, and of the coldest and hottest background: (L, Y, S), (L, Y, S), (1, S), (2, S)."""
-
-    vapour: Floats
-    droplets: Floats
-    walls: Floats
-    ends: Floats
-
-    @classmethod
-    def of(cls, scene: Scene, lines: Sightlines, fine: Quadrature) -> _Glow:
-        spline = fine.shares
-        low, high = np.exp(spline.x[[0, -1]])
-
-        def black(temperature_K: Floats) -> Floats:
-            shares = spline(np.log(np.clip(temperature_K, low, high)))
-            whole = band_radiance(temperature_K, filter_um=fine.filter_um)
-            return np.asarray(whole[..., None] * shares)
-
-        coldest, hottest = (f(scene.background.temperatures_K) for f in (min, max))
-        if hottest <= coldest:  # a single background: DIT before another one
-            hottest = coldest + 50.0
-        return cls(
-            vapour=black(lines.vapour_K),
-            droplets=black(lines.droplet_K),
-            walls=black(np.array([scene.walls.temperature_K])),
-            ends=black(np.array([coldest, hottest])),
-        )
-
-    def gathered(self, groups: Groups) -> _Glow:
-        """The sums over the samples of each group."""
-        belongs = _belongs(groups)
-        return _Glow(*(x @ belongs for x in (self.vapour, self.droplets, self.walls, self.ends)))
-
-    def apparent(
-        self, depths: tuple[Floats, Floats, Floats], filter_um: Filter
-    ) -> tuple[Floats, Floats]:
-        """DIT of lines of these optical depths, T_app and emissivity (L,).
-
-        The light Q that droplets turn to the camera came from the walls, where it had a free way
-        into the spray (chance E); else from fuel like that of its slice, which emits j and turns a
-        share a of the light in its turn: Q = E W + (1 - E) (j + a Q).
-        """
-        cold, hot = self.ends
-        through, (vapour, liquid, scattered) = _emitted(depths)
-        total = depths[0] + depths[1] + depths[2]
-        free = _escaping(total)
-        per = 1.0 / np.where(total > 0, total, 1.0)
-        emitted = (depths[0] * self.vapour + depths[1] * self.droplets) * per
-        again = 1.0 - (1.0 - free) * depths[2] * per  # 0 only if nothing is absorbed or leaves
-        turned = (free * self.walls + (1.0 - free) * emitted) / np.maximum(again, 1e-12)
-        own = vapour * self.vapour + liquid * self.droplets + scattered * turned
-        slope = through @ (hot - cold) / (hot.sum() - cold.sum())
-        intercept = own.sum(axis=(1, 2)) + through @ cold - slope * cold.sum()
-        radiance = np.maximum(intercept, 0.0) / np.maximum(1.0 - slope, 1e-12)
-        return np.asarray(temperature_of_radiance(radiance, filter_um=filter_um)), 1.0 - slope
 
 
 def _cuts(looks: Floats, light: Floats, most: int) -> list[list[int]]:

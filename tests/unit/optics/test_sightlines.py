@@ -25,7 +25,7 @@ def cut(beams: Beams, lower_m: Floats, upper_m: Floats, amount: Floats) -> Float
             corner = beams.lower_m + np.array([x, y, z]) * beams.pitch_m
             edge = np.minimum(high, corner + beams.pitch_m) - np.maximum(low, corner)
             out[x, z, y] += each * np.prod(np.maximum(edge, 0.0)) / np.prod(high - low)
-    return out.reshape(nx * nz, ny) / (beams.pitch_m[0] * beams.pitch_m[2])
+    return np.asarray(out.reshape(nx * nz, ny) / (beams.pitch_m[0] * beams.pitch_m[2]))
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
