@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-# Numbers tried beyond the most that may be taken. Rises above an earlier low last one to four
-# numbers on gdi, methane-jet, droplets and an imported spray; twice that costs 0.2 s.
+# Numbers tried beyond the most that may be taken. Rises above an earlier low last one to five
+# numbers on gdi, methane-jet, droplets-only and an imported spray.
 AHEAD = 8
 
 
