@@ -1,19 +1,28 @@
-"""A sample of the lines along which the camera looks through a spray, as columns of fuel."""
+"""A sample of the lines along which the camera looks through a spray, as columns of fuel.
+
+The lines are beams as wide as the finest cells of the trace, side by side, so that they see the
+spray as the trace does. What fills a box is shared among beams and slices by overlap; what lies in
+a point is in one beam. Columns times areas of the beams add up to all that there is.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.spray.result import Spray
+from cldit.medium.deposit import Boxes
+from cldit.medium.lattice import Lattice
+from cldit.spray.extent import Box, Cloud
+from cldit.spray.result import Parcels, Spray, Vapour
 
 Floats = NDArray[np.float64]
 
-_ACROSS = 40  # pixels of the coarse picture, each way
-_LINES = 48
-_SLICES = 12  # along a line: fuel is cold in the middle of a plume and hot around it
+_ACROSS = 256  # beams each way at most: 50 MB for each amount
+_LINES = 192
+_SLICES = 24  # along a line: fuel is cold in the middle of a plume and hot around it
 _SIZES = 6
 _MOLE = 6.02214076e23
 _TYPICAL_m2_mol = 30.0  # to sort lines by thickness; any fuel's C-H band, in order of magnitude
@@ -38,50 +47,181 @@ class Sightlines:
         return len(self.vapour_mol_m2)
 
     @classmethod
-    def through(cls, spray: Spray) -> Sightlines:
-        """Lines through a spray with parcels or vapour."""
-        places, moles, gas_K = np.zeros((0, 3)), np.zeros(0), np.zeros(0)
-        if spray.vapour is not None:
-            cells = spray.vapour.cells
-            places = (cells.lower_m + cells.upper_m) / 2.0
-            moles = spray.vapour.number_density_m3 * cells.volume_m3 / _MOLE
-            gas_K = spray.vapour.temperature_K
-        spots, areas, sizes, drop_K = np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0)
-        if spray.parcels is not None:
-            parcels = spray.parcels
-            spots, sizes = parcels.position_m, parcels.diameter_m
-            areas = parcels.droplets * sizes**2 * (np.pi / 4.0)
-            drop_K = parcels.temperature_K
-        everything = np.concatenate([places[moles > 0], spots[areas > 0]])
-        low, high = everything.min(axis=0), everything.max(axis=0)
-        shape = np.array([_ACROSS, _SLICES, _ACROSS])
-        pitch = np.maximum((high - low) / shape, 1e-6)
+    def through(cls, spray: Spray, *, width_m: float) -> Sightlines:
+        """Lines through a spray with parcels or vapour.
 
-        def add(at: Floats, amount: Floats) -> Floats:
-            """(pixels, Y) sums per area."""
-            x, y, z = np.clip(((at - low) / pitch).astype(int), 0, shape - 1).T
-            place = (x * _ACROSS + z) * _SLICES + y
-            total = np.bincount(place, amount, int(np.prod(shape))) / (pitch[0] * pitch[2])
-            return np.asarray(total.reshape(-1, _SLICES))
-
-        vapour, warm = add(places, moles), add(places, moles * gas_K)
-        bounds, diameter = _sizes(sizes, areas)
-        which = np.searchsorted(bounds, sizes)
-        drops = np.zeros((_ACROSS**2, _SLICES, len(diameter)))
-        for size in range(len(diameter)):
-            drops[..., size] = add(spots[which == size], areas[which == size])
-        drops_warm, wet = add(spots, areas * drop_K), drops.sum(axis=2)
+        Args:
+            spray: of which at least one droplet or molecule is left.
+            width_m: of the beams, the finest cells of the trace; wider where the spray is too wide.
+        """
+        gas, drops = _Gas.of(spray.vapour), _Drops.of(spray.parcels)
+        beams = Beams.around(
+            np.concatenate([gas.lower_m, drops.lower_m]),
+            np.concatenate([gas.upper_m, drops.upper_m]),
+            width_m=width_m,
+        )
+        vapour, warm = beams.columns(gas.lower_m, gas.upper_m, [gas.mol, gas.mol * gas.kelvin])
+        bounds, diameter = _sizes(drops.diameter_m, drops.area_m2)
+        which = np.searchsorted(bounds, drops.diameter_m)
+        *classes, drops_warm = beams.columns(
+            drops.lower_m,
+            drops.upper_m,
+            [
+                *(np.where(which == size, drops.area_m2, 0.0) for size in range(len(diameter))),
+                drops.area_m2 * drops.kelvin,
+            ],
+        )
+        wet = sum(classes, np.zeros_like(vapour))
         depth = (vapour * _TYPICAL_m2_mol + 2.0 * wet).sum(axis=1)
         order = np.argsort(depth, kind="stable")
         seen = order[depth[order] > min(_THIN, 0.5 * float(depth.max()))]
         take = seen[np.linspace(0, len(seen) - 1, min(_LINES, len(seen))).round().astype(int)]
+        droplet = np.zeros((len(take), beams.shape[1], len(diameter)))
+        for size, column in enumerate(classes):
+            droplet[..., size] = column[take]
         return cls(
             vapour_mol_m2=vapour[take],
             vapour_K=_mean(warm[take], vapour[take]),
-            droplet_m2=drops[take],
+            droplet_m2=droplet,
             diameter_m=diameter,
             droplet_K=_mean(drops_warm[take], wet[take]),
         )
+
+
+@dataclass(frozen=True)
+class Beams:
+    """Beams along y, side by side in x and z, cut into slices.
+
+    lower_m, pitch_m (3,): low corner, and edges of a beam's slice along x, y, z; shape: beams along
+    x, slices, beams along z.
+    """
+
+    lower_m: Floats
+    pitch_m: Floats
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def around(cls, lower_m: Floats, upper_m: Floats, *, width_m: float) -> Beams:
+        """Beams through all of some boxes or points.
+
+        Args:
+            lower_m, upper_m: (N, 3) corners.
+            width_m: of a beam, and of a slice at least.
+        """
+        low, high = lower_m.min(axis=0), upper_m.max(axis=0)
+        most = np.array([_ACROSS, _SLICES, _ACROSS])
+        shape = np.clip(np.floor((high - low) / width_m + 1e-6).astype(int), 1, most)
+        # What is narrower than a beam has it around itself, as it lies in one cell of the trace.
+        pitch = np.maximum((high - low) / shape, width_m)
+        middle = (low + high) / 2.0
+        return cls(
+            middle - pitch * shape / 2.0, pitch, (int(shape[0]), int(shape[1]), int(shape[2]))
+        )
+
+    def columns(self, lower_m: Floats, upper_m: Floats, amounts: Sequence[Floats]) -> list[Floats]:
+        """Every amount per area of the beams.
+
+        Args:
+            lower_m, upper_m: (N, 3) corners of boxes that are filled evenly; alike for points.
+            amounts: (N,) each.
+
+        Returns:
+            (beams, slices) each; of Z beams along z, one is number x * Z + z.
+        """
+        nx, ny, nz = self.shape
+        sums = [np.zeros(nz * ny * nx) for _ in amounts]
+        lower, upper = ((at - self.lower_m) / self.pitch_m for at in (lower_m, upper_m))
+        points = np.any(upper <= lower, axis=1)
+        if np.any(points):
+            cell = self._place(np.floor((lower + upper)[points] / 2.0))
+            for total, amount in zip(sums, amounts, strict=True):
+                total += np.bincount(cell, amount[points], len(total))
+        if not np.all(points):
+            boxes = Boxes(lower[~points], upper[~points])
+            self._share(boxes, [amount[~points] for amount in amounts], sums)
+        area = self.pitch_m[0] * self.pitch_m[2]
+        return [
+            np.ascontiguousarray(total.reshape(nz, ny, nx).transpose(2, 0, 1)).reshape(-1, ny)
+            / area
+            for total in sums
+        ]
+
+    def _share(self, boxes: Boxes, amounts: list[Floats], sums: list[Floats]) -> None:
+        """Adds every amount, spread evenly over its box, to sums in [z, y, x]."""
+        nx, ny, nz = self.shape
+        lattice = Lattice.of(boxes.lower, boxes.upper)
+        if lattice is None:
+            for box, cell, share in boxes.overlaps():
+                place = self._place(cell)
+                for total, amount in zip(sums, amounts, strict=True):
+                    total += np.bincount(place, amount[box] * share, len(total))
+            return
+        x, y = lattice.first[:2]
+        for z, planes in lattice.layers(amounts):
+            for total, plane in zip(sums, planes, strict=True):
+                rows, columns = plane.shape
+                total.reshape(nz, ny, nx)[z, y : y + rows, x : x + columns] += plane
+
+    def _place(self, cell: NDArray[np.generic]) -> NDArray[np.int64]:
+        """(N,) flat [z, y, x] of cells (N, 3); rounding on the faces of the whole stays inside."""
+        x, y, z = np.clip(cell.astype(np.int64), 0, np.array(self.shape) - 1).T
+        return np.asarray((z * self.shape[1] + y) * self.shape[0] + x)
+
+
+@dataclass(frozen=True)
+class _Gas:
+    """Cells that hold fuel: corners (N, 3), moles and temperature (N,)."""
+
+    lower_m: Floats
+    upper_m: Floats
+    mol: Floats
+    kelvin: Floats
+
+    @classmethod
+    def of(cls, vapour: Vapour | None) -> _Gas:
+        if vapour is None:
+            return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+        mol = vapour.number_density_m3 * vapour.cells.volume_m3 / _MOLE
+        held = mol > 0
+        cells = vapour.cells
+        return cls(cells.lower_m[held], cells.upper_m[held], mol[held], vapour.temperature_K[held])
+
+
+@dataclass(frozen=True)
+class _Drops:
+    """Parcels with droplets: corners (N, 3), alike for points; cross section, diameter, temperature
+    (N,). What a parcel stands for fills its box evenly."""
+
+    lower_m: Floats
+    upper_m: Floats
+    area_m2: Floats
+    diameter_m: Floats
+    kelvin: Floats
+
+    @classmethod
+    def of(cls, parcels: Parcels | None) -> _Drops:
+        if parcels is None:
+            return cls(np.zeros((0, 3)), np.zeros((0, 3)), *np.zeros((3, 0)))
+        area = parcels.droplets * parcels.diameter_m**2 * (np.pi / 4.0)
+        held = area > 0
+        at = parcels.position_m[held]
+        half = _half_edges(parcels, held)
+        return cls(
+            at - half, at + half, area[held], parcels.diameter_m[held], parcels.temperature_K[held]
+        )
+
+
+def _half_edges(parcels: Parcels, held: NDArray[np.bool_]) -> Floats:
+    """Half of the edges (N, 3) of the boxes that parcels fill. A cloud's box has its variance along
+    each axis, for an even box of edge h has h^2 / 12."""
+    count = int(np.count_nonzero(held))
+    match parcels.extent:
+        case Box(edge_m):
+            return np.broadcast_to(np.asarray(edge_m) / 2, (count, 3))
+        case Cloud(covariance_m2):
+            return np.sqrt(3.0 * np.diagonal(covariance_m2[held], axis1=1, axis2=2))
+        case None:
+            return np.zeros((count, 3))
 
 
 def _mean(weighted: Floats, weight: Floats) -> Floats:

@@ -21,12 +21,14 @@ from scipy.optimize import brentq
 from cldit.optics import mie
 from cldit.optics.band import BandOptics, Droplets
 from cldit.optics.droplets import droplet_table
-from cldit.optics.planck import band_radiance, temperature_of_radiance
+from cldit.optics.line_radiance import Glow, belongs, emitted
+from cldit.optics.node_count import AHEAD, enough, stays_K
 from cldit.optics.response import Filter, scene_filter
 from cldit.optics.sightlines import Sightlines
 from cldit.optics.spectral import Quadrature, SpectralNode, reference_temperature_K
 from cldit.optics.spectrum import Spectrum
 from cldit.scene.schema import Scene
+from cldit.scene.transport import HenyeyGreenstein
 from cldit.spray.result import Spray
 from cldit.tables import Arrays, cached, digest
 
@@ -34,12 +36,9 @@ Floats = NDArray[np.float64]
 Groups = NDArray[np.intp]
 
 MOST_NODES = 24  # unless the scene asks for more
-_FORM = 1  # of kept choices
-SHOWN_NODES = 10  # the report's curve reaches at least as far
+_FORM = 5  # of kept choices
 _TYPICAL = 12  # lines of sight that groups are made by
-# Traced pictures of `gdi` are off by 1.95, 0.66, 0.17, 0.13 K with 1, 2, 3, 4 nodes, their lines of
-# sight (coarser, parallel) by 1.06, 0.43, 0.10, 0.06 K.
-_CAUTION = 2.0
+_VISIBLE = 0.05  # emissivity from which T_app counts, as in the error of a picture
 
 
 @dataclass(frozen=True)
@@ -58,6 +57,11 @@ class Wavelengths:
     def nodes(self) -> tuple[SpectralNode, ...]:
         """The nodes, in order."""
         return self.quadrature.nodes
+
+    @property
+    def error_K(self) -> float:
+        """Estimated RMS error in T_app of the nodes; 0 where one is exact."""
+        return stays_K(self.errors_K, len(self.nodes)) if self.errors_K else 0.0
 
 
 def wavelengths(
@@ -84,7 +88,7 @@ def wavelengths(
     spectrum = Spectrum.of(scene, spray, filter_um)
 
     def choose() -> Arrays:
-        lines = Sightlines.through(spray)
+        lines = Sightlines.through(spray, width_m=scene.domain.leaf_edge_m)
         light = _light(spectrum, filter_um, reference_K)
         groups, errors_K = _chosen(scene, lines, spectrum, light, filter_um, reference_K)
         means = _Means.of(spectrum, lines, groups, light)
@@ -110,7 +114,8 @@ def _content(scene: Scene, spray: Spray, spectrum: Spectrum) -> str:
         arrays += [gas.cells.lower_m, gas.cells.upper_m, gas.number_density_m3, gas.temperature_K]
     optics, sensor = scene.optics.model_dump(), scene.camera.sensor
     where = (optics, sensor.quantum_efficiency, scene.background.temperatures_K)
-    return f"{_FORM} {where!r} {scene.walls.temperature_K!r} {digest(*arrays)}"
+    further = (scene.walls.temperature_K, scene.domain.leaf_edge_m, _asymmetry(scene))
+    return f"{_FORM} {where!r} {further!r} {digest(*arrays)}"
 
 
 def _light(spectrum: Spectrum, filter_um: Filter, reference_K: float) -> Floats:
@@ -201,25 +206,40 @@ def _between(knots_K: Floats, values: Floats, temperature_K: Floats) -> Floats:
 
 def _mean(values: Floats, groups: Groups, light: Floats) -> Floats:
     """(..., K) means of (..., S) over the light of each group."""
-    belongs = _belongs(groups) * light[:, None]
-    return np.asarray(values @ (belongs / belongs.sum(axis=0)))
-
-
-def _belongs(groups: Groups) -> Floats:
-    """(S, K), 1 where a sample is in a group."""
-    return np.asarray(groups[:, None] == np.arange(int(groups.max()) + 1), float)
+    weight = belongs(groups) * light[:, None]
+    return np.asarray(values @ (weight / weight.sum(axis=0)))
 
 
 def _efficiencies(
-    wavelength_um: Floats, n: Floats, k: Floats, lines: Sightlines
+    wavelength_um: Floats,
+    n: Floats,
+    k: Floats,
+    lines: Sightlines,
+    *,
+    asymmetry: float | None = None,
 ) -> tuple[Floats, Floats]:
-    """Q_abs and Q_sca (D, S) of the lines' sizes, one refractive index a wavelength."""
-    absorbed, scattered = np.zeros((2, len(lines.diameter_m), len(wavelength_um)))
+    """Q_abs and (1 - g) Q_sca (D, S) of the lines' sizes, one refractive index a wavelength.
+
+    What goes on forward is not lost from a line: by similarity, droplets scatter as those of
+    (1 - g) Q_sca that scatter evenly. asymmetry: g; None is Mie's.
+    """
+    absorbed, turned = np.zeros((2, len(lines.diameter_m), len(wavelength_um)))
     for sample, index in enumerate(zip(wavelength_um, n, k, strict=True)):
         x = np.pi * lines.diameter_m / (index[0] * 1e-6)
         solved = mie.efficiencies(n=float(index[1]), k=float(index[2]), x=x)
-        absorbed[:, sample], scattered[:, sample] = solved.absorption, solved.scattering
-    return absorbed, scattered
+        g = solved.asymmetry if asymmetry is None else asymmetry
+        absorbed[:, sample], turned[:, sample] = solved.absorption, (1.0 - g) * solved.scattering
+    return absorbed, turned
+
+
+def _asymmetry(scene: Scene) -> float | None:
+    """g of the scene's droplets; None where it is Mie's."""
+    phase = scene.transport.phase
+    if isinstance(phase, HenyeyGreenstein):
+        return phase.henyey_greenstein
+    if phase == "mie" or (phase is None and scene.transport.method != "branching"):
+        return None
+    return 0.0
 
 
 def _index_absorbing(
@@ -243,8 +263,10 @@ def _index_absorbing(
     return float(brentq(too_much, low, high, rtol=1e-6))
 
 
-def _depths(spectrum: Spectrum, lines: Sightlines) -> tuple[Floats, Floats, Floats]:
-    """Optical depths (L, Y, S): vapour absorption, droplet absorption, droplet scattering."""
+def _depths(
+    spectrum: Spectrum, lines: Sightlines, asymmetry: float | None
+) -> tuple[Floats, Floats, Floats]:
+    """Optical depths (L, Y, S): vapour absorption, droplet absorption, what droplets turn away."""
     count = len(spectrum.part)
     vapour = np.zeros((*lines.vapour_mol_m2.shape, count))
     if len(spectrum.vapour_K):
@@ -257,7 +279,7 @@ def _depths(spectrum: Spectrum, lines: Sightlines) -> tuple[Floats, Floats, Floa
         return vapour, np.zeros_like(vapour), np.zeros_like(vapour)
     middle = len(spectrum.liquid_K) // 2
     absorbed, scattered = _efficiencies(
-        spectrum.middles_um, spectrum.n[middle], spectrum.k[middle], lines
+        spectrum.middles_um, spectrum.n[middle], spectrum.k[middle], lines, asymmetry=asymmetry
     )
     return vapour, lines.droplet_m2 @ absorbed, lines.droplet_m2 @ scattered
 
@@ -272,97 +294,41 @@ def _chosen(
 ) -> tuple[Groups, list[float]]:
     """The groups, and the errors of 1, 2, .. nodes."""
     samples = np.arange(len(light))
-    depths = _depths(spectrum, lines)
-    glow = _Glow.of(scene, lines, _quadrature(spectrum, samples, filter_um, reference_K))
-    exact = glow.apparent_K(depths, filter_um)
+    depths = _depths(spectrum, lines, _asymmetry(scene))
+    glow = Glow.of(scene, lines, _quadrature(spectrum, samples, filter_um, reference_K))
+    exact, emissivity = glow.apparent(depths, filter_um)
+    seen = emissivity > min(_VISIBLE, 0.5 * float(emissivity.max()))
     typical = np.linspace(0, len(lines) - 1, min(_TYPICAL, len(lines))).round().astype(int)
     looks = _looks([depth[typical] for depth in depths])
     through = looks[: len(typical)].sum(axis=0)
     most = min(max(scene.optics.wavelengths or 0, MOST_NODES), len(light))
-    wanted = min(scene.optics.wavelengths or 1, most)
+    tried = min(most + AHEAD, len(light))
     orders = [samples, np.argsort(-through, kind="stable")]
-    cuts = [_cuts(looks[:, order], light[order], most) for order in orders]
+    cuts = [_cuts(looks[:, order], light[order], tried) for order in orders]
     found: list[Groups] = []
     errors: list[float] = []
-    for count in range(1, most + 1):
+    for count in range(1, tried + 1):
         tries = []
         for order, cut in zip(orders, cuts, strict=True):
             groups = np.empty(len(light), np.intp)
             groups[order] = np.repeat(np.arange(count), np.diff([*cut[count], len(light)]))
             vapour, absorbed, scattered = (_mean(depth, groups, light) for depth in depths)
-            got = glow.gathered(groups).apparent_K((vapour, absorbed, scattered), filter_um)
-            tries.append((_CAUTION * float(np.sqrt(np.mean((got - exact) ** 2))), groups))
+            got = glow.gathered(groups).apparent((vapour, absorbed, scattered), filter_um)[0]
+            tries.append((float(np.sqrt(np.mean((got - exact)[seen] ** 2))), groups))
         error, groups = min(tries, key=lambda pair: pair[0])
         found.append(groups)
         errors.append(error)
-        if count >= max(SHOWN_NODES, wanted) and min(errors) <= scene.optics.spectral_error_K:
-            break
-    if scene.optics.wavelengths is not None:
-        return found[wanted - 1], errors
-    met = np.flatnonzero(np.array(errors) <= scene.optics.spectral_error_K)
-    return found[int(met[0]) if met.size else int(np.argmin(errors))], errors
-
-
-def _emitted(depths: list[Floats] | tuple[Floats, ...]) -> tuple[Floats, list[Floats]]:
-    """What comes through each line (L, S); and the weights (L, Y, S) of what vapour, droplets and
-    scattering of every slice send to the camera."""
-    total = depths[0] + depths[1] + depths[2]
-    behind = np.cumsum(total, axis=1)
-    reaching = np.exp(-(behind - total)) * -np.expm1(-total) / np.where(total > 0, total, 1.0)
-    return np.exp(-behind[:, -1]), [reaching * depth for depth in depths]
+    wanted = scene.optics.wavelengths
+    if wanted is None:
+        wanted = enough(errors, bound_K=scene.optics.spectral_error_K, most=most)
+    return found[min(wanted, most) - 1], errors
 
 
 def _looks(depths: list[Floats]) -> Floats:
     """(F, S): what the typical lines do to each sample."""
-    through, (vapour, liquid, scattered) = _emitted(depths)
+    through, (vapour, liquid, scattered) = emitted(depths)
     rows = [through, *vapour, *liquid, scattered.sum(axis=1)]
     return np.concatenate(rows)
-
-
-@dataclass(frozen=True)
-class _Glow:
-    """Black-body radiance in S samples or groups at the temperatures of the lines' fuel, of the
-    walls, and of the coldest and hottest background: (L, Y, S), (L, Y, S), (1, S), (2, S)."""
-
-    vapour: Floats
-    droplets: Floats
-    walls: Floats
-    ends: Floats
-
-    @classmethod
-    def of(cls, scene: Scene, lines: Sightlines, fine: Quadrature) -> _Glow:
-        spline = fine.shares
-        low, high = np.exp(spline.x[[0, -1]])
-
-        def black(temperature_K: Floats) -> Floats:
-            shares = spline(np.log(np.clip(temperature_K, low, high)))
-            whole = band_radiance(temperature_K, filter_um=fine.filter_um)
-            return np.asarray(whole[..., None] * shares)
-
-        coldest, hottest = (f(scene.background.temperatures_K) for f in (min, max))
-        if hottest <= coldest:  # a single background: DIT before another one
-            hottest = coldest + 50.0
-        return cls(
-            vapour=black(lines.vapour_K),
-            droplets=black(lines.droplet_K),
-            walls=black(np.array([scene.walls.temperature_K])),
-            ends=black(np.array([coldest, hottest])),
-        )
-
-    def gathered(self, groups: Groups) -> _Glow:
-        """The sums over the samples of each group."""
-        belongs = _belongs(groups)
-        return _Glow(*(x @ belongs for x in (self.vapour, self.droplets, self.walls, self.ends)))
-
-    def apparent_K(self, depths: tuple[Floats, Floats, Floats], filter_um: Filter) -> Floats:
-        """DIT (L,) of lines of these optical depths; what they scatter comes from the walls."""
-        cold, hot = self.ends
-        through, (vapour, liquid, scattered) = _emitted(depths)
-        own = vapour * self.vapour + liquid * self.droplets + scattered * self.walls
-        slope = through @ (hot - cold) / (hot.sum() - cold.sum())
-        intercept = own.sum(axis=(1, 2)) + through @ cold - slope * cold.sum()
-        radiance = np.maximum(intercept, 0.0) / np.maximum(1.0 - slope, 1e-12)
-        return np.asarray(temperature_of_radiance(radiance, filter_um=filter_um))
 
 
 def _cuts(looks: Floats, light: Floats, most: int) -> list[list[int]]:

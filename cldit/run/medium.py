@@ -18,6 +18,7 @@ from cldit.run.phases import droplets_content, mean_phase, phase_choice
 from cldit.run.spray_factory import make_spray
 from cldit.run.stages import Stages
 from cldit.scene import Scene
+from cldit.scene.optics import MOST_WAVELENGTHS, Optics
 from cldit.spray.result import Spray
 from cldit.transport.phase import ScatteringTable
 
@@ -75,7 +76,21 @@ def properties_of(scene: Scene, spray: Spray, *, cache: Path | None) -> Properti
         paper = emitters(spray, band)
         if phase_choice(scene, spray, "paper").mie:
             paper_phase = mean_phase(spray, band, paper[0], content=content, cache=cache)
-    return Properties(chosen, sources, tuple(phases), paper, paper_phase, words, choice.remarks)
+    remarks = (*choice.remarks, *_not_reached(scene.optics, chosen))
+    return Properties(chosen, sources, tuple(phases), paper, paper_phase, words, remarks)
+
+
+def _not_reached(asked: Optics, chosen: Wavelengths) -> tuple[str, ...]:
+    """That the wavelengths, as their error is printed, err by more than `asked` for."""
+    if not float(f"{chosen.error_K:.2g}") > asked.spectral_error_K:
+        return ()
+    count = len(chosen.nodes)
+    given = "as optics.wavelengths sets it" if asked.wavelengths is not None else "the most"
+    return (
+        f"wavelengths: {count} ({given}) leave an estimated {chosen.error_K:.2g} K RMS in T_app, "
+        f"more than optics.spectral_error_K: {asked.spectral_error_K:g} asks for; allowed is "
+        f"optics.wavelengths up to {MOST_WAVELENGTHS}, or a larger optics.spectral_error_K",
+    )
 
 
 def deposited(scene: Scene, spray: Spray) -> Spray:

@@ -15,6 +15,7 @@ from cldit.dit.maps import Maps
 from cldit.errors import ClditError, RunFolderError
 from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
+from cldit.optics.node_count import stays_K
 from cldit.optics.spectral import Quadrature
 from cldit.radiance.effective import effective_weights
 from cldit.radiance.weights import Weights
@@ -69,8 +70,8 @@ class SpectralInfo:
 
     @property
     def error_K(self) -> float:
-        """Estimated error of the nodes that were traced."""
-        return self.errors_K[len(self.nodes) - 1] if self.errors_K else 0.0
+        """Estimated error of the nodes that were traced: the largest from their number on."""
+        return stays_K(self.errors_K, len(self.nodes)) if self.errors_K else 0.0
 
     @classmethod
     def of(

@@ -9,6 +9,8 @@ from pydantic import model_validator
 from cldit.scene.checks import Section, Within
 from cldit.scene.values import Filter, Material, Wavelength
 
+MOST_WAVELENGTHS = 64
+
 
 class Optics(Section):
     """What light the camera counts, and what the spray's optical properties are taken to be.
@@ -37,7 +39,7 @@ class Optics(Section):
     vapour_area_km_mol: Annotated[float, Within(1e-3, 1e5)] | None = None
     """Integrated C-H absorption to which the vapour's bands are scaled; left out: the data's own.
     """
-    wavelengths: Annotated[int, Within(1, 64)] | None = None
+    wavelengths: Annotated[int, Within(1, MOST_WAVELENGTHS)] | None = None
     """Number of wavelengths of `spectral`; left out: as many as `spectral_error_K` needs."""
     spectral_error_K: Annotated[float, Within(1e-3, 100.0)] = 0.1
     """Wanted error of the wavelengths, RMS in apparent temperature."""

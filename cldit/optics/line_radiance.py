@@ -1,0 +1,132 @@
+"""What the camera sees along lines through a spray, and what DIT makes of it.
+
+An estimate, not a trace: each line is on its own, and what droplets turn towards the camera is
+closed by the chance that light has a free way into the spray.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.optics.planck import band_radiance, temperature_of_radiance
+from cldit.optics.response import Filter
+from cldit.optics.sightlines import Sightlines
+from cldit.optics.spectral import Quadrature
+from cldit.scene.schema import Scene
+
+Floats = NDArray[np.float64]
+Groups = NDArray[np.intp]
+
+
+def belongs(groups: Groups) -> Floats:
+    """(S, K), 1 where a sample is in a group.
+
+    Args:
+        groups: (S,) number of each sample's group.
+    """
+    return np.asarray(groups[:, None] == np.arange(int(groups.max()) + 1), float)
+
+
+def emitted(depths: list[Floats] | tuple[Floats, ...]) -> tuple[Floats, list[Floats]]:
+    """What lines let through, and how much of its slices reaches the camera.
+
+    Args:
+        depths: (L, Y, S) of vapour absorption, droplet absorption and what droplets turn away.
+
+    Returns:
+        Transmission (L, S); and the weights (L, Y, S) of what each of the three sends.
+    """
+    total = depths[0] + depths[1] + depths[2]
+    behind = np.cumsum(total, axis=1)
+    reaching = np.exp(-(behind - total)) * -np.expm1(-total) / np.where(total > 0, total, 1.0)
+    return np.exp(-behind[:, -1]), [reaching * depth for depth in depths]
+
+
+def _escaping(total: Floats) -> Floats:
+    """Chance (L, Y, S) that light from the middle of a slice leaves the spray unhindered.
+
+    Plumes are about as wide as deep, so that it is the mean of the ways to both ends of the line.
+    """
+    front = np.cumsum(total, axis=1) - total / 2.0
+    rear = total.sum(axis=1, keepdims=True) - front
+    return np.asarray((np.exp(-front) + np.exp(-rear)) / 2.0)
+
+
+@dataclass(frozen=True)
+class Glow:
+    """Black-body radiance in S samples or groups at the temperatures of the lines' fuel, of the
+    walls, and of the coldest and hottest background: (L, Y, S), (L, Y, S), (1, S), (2, S)."""
+
+    vapour: Floats
+    droplets: Floats
+    walls: Floats
+    ends: Floats
+
+    @classmethod
+    def of(cls, scene: Scene, lines: Sightlines, fine: Quadrature) -> Glow:
+        """Radiances of a scene.
+
+        Args:
+            scene: gives walls and backgrounds.
+            lines: give the temperatures of the fuel.
+            fine: a node a sample.
+        """
+        spline = fine.shares
+        low, high = np.exp(spline.x[[0, -1]])
+
+        def black(temperature_K: Floats) -> Floats:
+            shares = spline(np.log(np.clip(temperature_K, low, high)))
+            whole = band_radiance(temperature_K, filter_um=fine.filter_um)
+            return np.asarray(whole[..., None] * shares)
+
+        coldest, hottest = (f(scene.background.temperatures_K) for f in (min, max))
+        if hottest <= coldest:  # a single background: DIT before another one
+            hottest = coldest + 50.0
+        return cls(
+            vapour=black(lines.vapour_K),
+            droplets=black(lines.droplet_K),
+            walls=black(np.array([scene.walls.temperature_K])),
+            ends=black(np.array([coldest, hottest])),
+        )
+
+    def gathered(self, groups: Groups) -> Glow:
+        """The sums over the samples of each group.
+
+        Args:
+            groups: (S,) of each sample.
+        """
+        each = belongs(groups)
+        return Glow(*(x @ each for x in (self.vapour, self.droplets, self.walls, self.ends)))
+
+    def apparent(
+        self, depths: tuple[Floats, Floats, Floats], filter_um: Filter
+    ) -> tuple[Floats, Floats]:
+        """DIT of lines of these optical depths.
+
+        The light Q that droplets turn to the camera came from the walls, where it had a free way
+        into the spray (chance E); else from fuel like that of its slice, which emits j and turns a
+        share a of the light in its turn: Q = E W + (1 - E) (j + a Q).
+
+        Args:
+            depths: as in `emitted`.
+            filter_um: of the camera.
+
+        Returns:
+            T_app [K] and emissivity, (L,).
+        """
+        cold, hot = self.ends
+        through, (vapour, liquid, scattered) = emitted(depths)
+        total = depths[0] + depths[1] + depths[2]
+        free = _escaping(total)
+        per = 1.0 / np.where(total > 0, total, 1.0)
+        own = (depths[0] * self.vapour + depths[1] * self.droplets) * per
+        again = 1.0 - (1.0 - free) * depths[2] * per  # 0 only if nothing is absorbed or leaves
+        turned = (free * self.walls + (1.0 - free) * own) / np.maximum(again, 1e-12)
+        sent = vapour * self.vapour + liquid * self.droplets + scattered * turned
+        slope = through @ (hot - cold) / (hot.sum() - cold.sum())
+        intercept = sent.sum(axis=(1, 2)) + through @ cold - slope * cold.sum()
+        radiance = np.maximum(intercept, 0.0) / np.maximum(1.0 - slope, 1e-12)
+        return np.asarray(temperature_of_radiance(radiance, filter_um=filter_um)), 1.0 - slope
