@@ -106,6 +106,10 @@ def halves(parcels: Parcels, *, seed: int) -> tuple[Parcels, Parcels]:
     Spread each half anew: clouds that were made of all parcels have followed their chance already,
     and halves of them differ by too little (`variants`).
 
+    Args:
+        parcels: to be halved.
+        seed: of the draw.
+
     Raises:
         MediumError: the parcels are no sample, but fill boxes; or fewer than two have droplets.
     """
@@ -141,7 +145,12 @@ class Variants:
 
 
 def variants(spray: Spray, *, kernel: Kernel, seed: int) -> Variants:
-    """Of a spray whose parcels are a sample, in points.
+    """Makes the variants of a spray whose parcels are a sample, in points.
+
+    Args:
+        spray: with points.
+        kernel: that spreads them.
+        seed: of the halves.
 
     Raises:
         MediumError: the spray has no parcels, or they are no sample, or clouds already.

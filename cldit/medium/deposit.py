@@ -181,7 +181,13 @@ class Boxes:
             mark[lo[2] : hi[2], lo[1] : hi[1], lo[0] : hi[0]] = True
 
     def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
-        """Adds every amount, spread evenly over its box, to its target's stored cells."""
+        """Adds every amount, spread evenly over its box, to its target's stored cells.
+
+        Args:
+            touched: the stored bricks.
+            amounts: (N,) each.
+            targets: (S,) each, added to.
+        """
         if self.shared is not None:
             amounts = [np.add.reduceat(amount, self.shared) for amount in amounts]
         lattice = Lattice.of(self.lower, self.upper)
@@ -213,7 +219,13 @@ class Points:
         mark[brick[:, 2], brick[:, 1], brick[:, 0]] = True
 
     def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
-        """Adds every amount (N,) to its target's cell of the point."""
+        """Adds every amount (N,) to its target's cell of the point.
+
+        Args:
+            touched: the stored bricks.
+            amounts: (N,) each.
+            targets: (S,) each, added to.
+        """
         address = touched.address(self.cell)
         for target, amount in zip(targets, amounts, strict=True):
             target += np.bincount(address, amount, minlength=len(target))
@@ -234,7 +246,13 @@ class Clouds:
         self._rasterise(none, directory, mark, target, marking=True)
 
     def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
-        """Adds every amount (N,), spread over its cloud, to its target's stored cells."""
+        """Adds every amount (N,), spread over its cloud, to its target's stored cells.
+
+        Args:
+            touched: the stored bricks.
+            amounts: (N,) each.
+            targets: (S,) each, added to.
+        """
         sums = np.zeros((len(amounts), len(targets[0]) if targets else 0))
         mark = np.zeros(touched.directory.shape, bool)
         amount = np.stack(amounts, axis=1) if amounts else np.zeros((len(self.place), 0))

@@ -83,6 +83,9 @@ class Budget:
         Args:
             weights: of the traced medium, at the node's wavelength.
             say: told of each trace.
+
+        Returns:
+            A cause each; None for one that the scene has not.
         """
         tell = say or (lambda _: None)
         temperature = self._temperature(weights)

@@ -28,7 +28,7 @@ class Box:
             raise SprayError(f"box.edge_m: {self.edge_m.tolist()} is outside 1e-9..1e3")
 
     def of(self, _: NDArray[np.bool_]) -> Box:
-        """Of some of the parcels."""
+        """Gives the extent of some of the parcels, (N,)."""
         return self
 
 
@@ -48,7 +48,7 @@ class Cloud:
             raise SprayError(f"cloud.covariance_m2: entry {int(np.argmax(bad))} is no covariance")
 
     def of(self, chosen: NDArray[np.bool_]) -> Cloud:
-        """Of some of the parcels."""
+        """Gives the extent of the `chosen` parcels, (N,)."""
         return Cloud(self.covariance_m2[chosen])
 
 

@@ -51,7 +51,6 @@ class Tuning:
     linear_depth: float = _number(
         0.15, "depth from which sources are linear: bias, noise", ABLATION
     )
-    moment_sweeps_from: int = _number(128, "ordinates from which two share them", ABLATION)
     delta_m: bool = _number(True, "delta-M method: bias, ordinates", ABLATION)
     moment_share: int = _number(2, "ordinates of moment sweeps: bias, time", ABLATION)
 

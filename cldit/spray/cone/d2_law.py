@@ -43,6 +43,9 @@ class D2Law:
         Args:
             evaporated: (N,), 0..1.
             count: classes.
+
+        Returns:
+            (N, count) in m.
         """
         edges = np.linspace(0.0, 1.0, count + 1)
         rows = len(self.evaporated) - 1  # the last has nothing left

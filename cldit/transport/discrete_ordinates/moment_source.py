@@ -78,18 +78,14 @@ def moment_source(
     medium = problem.scattering_scaled(1.0 - problem.forward_fraction)
     sweeper = solved.sweeper or problem.sweeper(medium, problem.final_program, problem.linear_cells)
     programs, order = solved.programs, problem.settings.order
-    times, count = problem.moment_sweeps, problem.moment_ordinates
-    if order is None:
-        count //= times
-    else:
-        times = order - 1
+    times = 1 if order is None else order - 1
     if times:
         program = problem.moment_program()
         programs = (*programs, program)
         for _ in range(times):
             source = _scattered(problem, sweeper, light)
             sweeper.set_source(source.angular, shining=True, gradient=source.gradient)
-            ordinates = problem.ordinates(sweeper, count, rng)
+            ordinates = problem.ordinates(sweeper, problem.moment_ordinates, rng)
             more = sweeper.moments(program, ordinates, out=light.angular, room=solved.scratch)
             if more is not None and source.gradient is not None:
                 light = replace(light, gradient=source.gradient + more)

@@ -167,15 +167,6 @@ class SweepProblem:
         """Ordinates of all moment sweeps, which replace the error of the solver's few."""
         return self.settings.tuning.moment_share * self.settings.directions
 
-    @property
-    def moment_sweeps(self) -> int:
-        """Number of moment sweeps that share these ordinates: two, where half of them suffice.
-
-        Gradients then are one iteration further; slabs of 0.75 a cell err by a quarter less.
-        """
-        enough = self.moment_ordinates >= self.settings.tuning.moment_sweeps_from
-        return 2 if self.settings.phase is None and enough else 1
-
     def solver_ordinates(self, sweeper: Sweeper, rng: np.random.Generator) -> DeviceOrdinates:
         """The few `ordinates` along which GMRES solves; `sweeper` and `rng` as there."""
         all_of, tuning = self.settings.directions, self.settings.tuning
