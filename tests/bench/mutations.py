@@ -102,7 +102,8 @@ MUTATIONS = (
     row("drivers/modbus_blackbody.py", "celsius = int(struct.unpack(\">h\", raw)[0]) / 10.0",
         "celsius = int(struct.unpack(\">H\", raw)[0]) / 10.0",
         "drivers/test_contract.py", "drivers/test_faults.py"),
-    row("cldit/rig/link.py", "            else:\n                self._lose(error)\n            raise",
+    row("cldit/rig/link.py",
+        "            else:\n                self._lose(error)\n            raise",
         "            raise", "unit/rig/test_link.py", "drivers/test_lost_replies.py"),
     # acquisition: shots that a kill loses, and fuel that nobody misses
     row("cldit/acquisition/journal.py", "os.ftruncate(self._file, self._end)  # of a line",
