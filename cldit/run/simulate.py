@@ -92,7 +92,7 @@ def simulate(
         sensor = _sensor(scene, chosen.quadrature, (result.spectral, reference))
         maps = _evaluate(scene, chosen.quadrature, result.spectral, reference, sensor)
     stated = StatedError.of(scene, result, maps)
-    stages.remark((*result.unaudited, *result.short))
+    stages.remark(result.short)
     if stated is not None:
         stages.remark(stated.remarks(scene.transport))
     from_paper = None

@@ -85,11 +85,12 @@ class Tuning:
     path_roulette: float = _number(0.4, "weight below which its paths may end", ERROR)
     batches: int = _number(4, "of samples for an error estimate, at least", ERROR)
     audit_pixels: int = _number(500, "error of the audit, time", ERROR)
-    audit_samples: int = _number(512, "a pixel at 0.1 K: error of the audit, time", ERROR)
-    audit_samples_least: int = _number(128, "a pixel, at other accuracies", ERROR)
-    audit_samples_most: int = _number(2048, "a pixel, where pixels are few", ERROR)
+    audit_samples_least: int = _number(128, "a pixel: error of the audit, time", ERROR)
+    audit_samples_most: int = _number(2048, "a pixel: error of the audit, time", ERROR)
+    audit_share: float = _number(0.5, "of accuracy_K, which it may miss: its error, time", ERROR)
     audit_even: float = _number(0.1, "share of the chance that is equal for all pixels", ERROR)
-    audit_scatterings: float = _number(50.0, "beyond which an audit costs too much", STABILITY)
+    audit_pixels_least: int = _number(16, "fewer tell too little to be traced", STABILITY)
+    audit_scatterings: float = _number(2e7, "of an audit, in all: its error, time", STABILITY)
 
     # Energy balance.
     closure: float = _number(1e-3, "error of the balance in single precision", STABILITY)

@@ -68,7 +68,7 @@ def test_a_source_that_is_linear_is_seen_so(device: Device, cells: OpticalCells)
     source[1] = 0.4 + at @ rise
     across = np.zeros((3, parts, len(at)), np.float32)
     across[:, 1] = rise[:, None]
-    planes, _ = formal_solution.images([source], np.zeros(len(at)), gradient=across)
+    planes, _, _ = formal_solution.images([source], np.zeros(len(at)), gradient=across)
     cell_m = EDGE_M / CELLS
     side = ((np.arange(39) + 0.5) / 39 - 0.5) * 0.078 / cell_m
     expected = 0.4 + side[None, :] * rise[0] - side[:, None] * rise[2]

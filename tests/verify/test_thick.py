@@ -146,12 +146,14 @@ def test_audit_where_no_pixel_sees_the_spray(device: Device) -> None:
 
 
 def test_what_cannot_be_audited_says_so(run_block: Callable[..., Run]) -> None:
-    """Light that would be scattered hundreds of times is not followed."""
-    thick = {**BLOCK, "droplet_absorption_per_m": 0.0, "droplet_scattering_per_m": 1e6}
+    """Light that would be scattered a million times is not followed."""
+    thick = {**BLOCK, "droplet_absorption_per_m": 0.0, "droplet_scattering_per_m": 1e9}
     run = run_block(thick, **SCENE, transport={"audit": True, "directions": 16})
     assert any("no audit by path tracing (light is scattered" in text for text in run.info.remarks)
     unwanted = run_block(BLOCK, **SCENE, transport={"audit": False, "directions": 16})
     assert any("no audit by path tracing (not wanted)" in text for text in unwanted.info.remarks)
+    for text in unwanted.info.remarks:
+        assert "error of the trace in T_app: at least" in text or "audit" not in text
 
 
 def test_chains_that_stop_short_say_so(
