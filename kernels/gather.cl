@@ -17,6 +17,9 @@
    integral of the stored radiance is summed exactly over the quadrature. Paths estimate only the
    remainder. Without a phase function the later segments of a path do the same.
 
+   FREE_DIRECTIONS: light diffuses in thick cells, and paths are long. They have no control variate, and
+   their directions are no ordinates, whose errors add up over many scatterings.
+
    COUNTED: in place of WITHIN stands the number of cells that segments crossed. */
 
 #include "simd.h"
@@ -76,13 +79,37 @@ typedef struct {
     uint2 key;
 } PixelPaths;
 
+/* Ends a path, or a part of its weight, in the sweeps' source along d at p of a cell. */
+INLINE void end_at(real *sum, real weight, real3 p, real3 d, __global const real *record)
+{
+    Light light = no_light();
+    add_source(&light, weight, weight * (p - R(0.5)), d, record);
+    score_light(sum, weight, &light);
+}
+
 /* Starts a path at p in a thick `cell`; subtracts the control variate, the stored radiance of the cell
-   along the ordinate, whose integral `control_variate` sums. */
-INLINE void start_path(
-    Segments *f, PendingScores *pending, int lane, Path *path, uint point, int cell, real3 p, real weight,
-    const PixelPaths *common, const ThickRegion *m, __global const real *by_half_sine)
+   along the ordinate, whose integral `control_variate` sums. Returns 0
+   where the path ends there. */
+INLINE int start_path(
+    real *sum, Segments *f, PendingScores *pending, int lane, Path *path, uint point, int cell, real3 p,
+    real weight, const PixelPaths *common, const ThickRegion *m, __global const real *by_half_sine,
+    __global const real *table)
 {
     __global const uint *word = common->points + point * DIMENSIONS;
+    path->point = point;
+    path->event = 0;
+#ifdef FREE_DIRECTIONS
+    const real4 d = (real4)(
+        turned(
+            common->sight, phase_cosine(unit(word[1] ^ common->shift0.x), table),
+            unit(word[6] ^ common->shift0.z)), R(0));
+    path->chance = philox((uint4)(common->pixel, common->first + point, 0, common->half_), common->key).w;
+    path->number = m->nearest[direction_near(d.xyz)];
+    if (path->number < 0) { /* no ordinate is in that octant */
+        end_at(sum, weight, p, d.xyz, m->cells + (size_t)cell * RECORD);
+        return 0;
+    }
+#else
     const int drawn =
         direction_at(unit(word[1] ^ common->shift0.x), m->directions, m->start, m->count);
     const real4 d = m->directions[drawn];
@@ -90,20 +117,12 @@ INLINE void start_path(
     weight *= phase_weight(d, common->sight, by_half_sine);
     const int own = m->beside[SIDES * cell + OWN];
     if (own >= 0) score_later(pending, -weight, m->light + ((size_t)own * m->count + number) * COMPONENTS);
-    path->point = point;
-    path->event = 0;
     path->number = number;
     path->chance = word[6] ^ common->shift0.z;
+#endif
     path->floor = ROULETTE * weight;
     start_segment(f, lane, cell, p, d.xyz, weight, unit(word[2] ^ common->shift0.y));
-}
-
-/* Ends a path, or a part of its weight, in the sweeps' source along d at p of a cell. */
-INLINE void end_at(real *sum, real weight, real3 p, real3 d, __global const real *record)
-{
-    Light light = no_light();
-    add_source(&light, weight, weight * (p - R(0.5)), d, record);
-    score_light(sum, weight, &light);
+    return 1;
 }
 
 /* Continues a path from the place that was drawn on its segment. Returns 0 where the path has ended. */
@@ -136,7 +155,7 @@ INLINE int continue_path(
         (uint4)(common->pixel, common->first + path->point, path->event, common->half_);
     const uint4 words = path->event == 1
         ? (uint4)(word[3], word[4], word[5], word[7]) ^ common->shift1 : philox(counter, common->key);
-#ifdef PHASE_BINS
+#if defined(PHASE_BINS) || defined(FREE_DIRECTIONS)
     const real3 on = turned(d, phase_cosine(unit(words.x), table), unit(words.y));
     path->number = m->nearest[direction_near(on)];
     if (path->number < 0) { /* no ordinate is in that octant */
@@ -307,7 +326,7 @@ __kernel void gather(
     const real all =
         interval_count > 0 ? interval[(interval_count - 1) * INTERVAL + CUMULATIVE] : R(0);
 
-#ifdef PHASE_WEIGHT
+#if defined(PHASE_WEIGHT) && !defined(FREE_DIRECTIONS)
     real weights = R(0);
     for (uint k = 0; k < samples; ++k) {
         const uint word = points[k * DIMENSIONS + 1] ^ common.shift0.x;
@@ -339,11 +358,14 @@ __kernel void gather(
             const real3 corner = (real3)(one[0], one[1], one[2]);
             const int cell =
                 number_in((int3)((int)corner.x, (int)corner.y, (int)corner.z), &region);
-            start_path(
-                &f, &pending, lane, &paths[lane], started++, cell, from + along * sight - corner,
-                path_weight, &common, &region, by_half_sine);
+            idle[lane] = !start_path(
+                sum, &f, &pending, lane, &paths[lane], started++, cell, from + along * sight - corner,
+                path_weight, &common, &region, by_half_sine, table);
         }
-        if (!any_of(f.active)) break;
+        if (!any_of(f.active)) {
+            if (started >= samples) break;
+            continue;
+        }
         const SegmentEnd e = cross_cell(sum, &pending, &f, &region);
         if (!any_of(e.ended)) continue;
         for (int lane = 0; lane < SIMD_WIDTH; ++lane) {
@@ -358,7 +380,7 @@ __kernel void gather(
         }
     }
     flush_scores(&pending);
-    for (int c = 0; c < PARTS; ++c) means[c * count + item] = total[c] + pending.sum[c];
+    for (int c = 0; c < PARTS; ++c) means[c * count + item] = total[c] + sum[c] + pending.sum[c];
 #ifdef COUNTED
     means[WITHIN * count + item] = pending.crossed;
 #endif

@@ -132,6 +132,7 @@ def thick_region(cells: OpticalCells, settings: Settings) -> ThickRegion | None:
         deeper_than=settings.thick_depth,
         tuning=settings.tuning,
         light_bytes=settings.final_directions * len(cells.needs.components) * size,
+        asymmetry=0.0 if settings.phase is None else settings.phase.asymmetry,
     )
 
 
