@@ -90,7 +90,7 @@ def spatial_gradients(
     The value at a face lies between both cells' means, nearer to that of the thinner one. A cell
     with one neighbour has the same slope on both sides. A cell's share of the difference goes with
     the root of its optical depth. Diffusion would have the depth itself, transparent cells equal
-    shares; on `gdi` the root errs least. Gradients are limited so that the radiance stays positive.
+    shares; on `gdi` the root errs least. Gradients are limited so that no component is negative.
 
     Args:
         light: (C, N) mean radiance of the cells.
@@ -116,13 +116,30 @@ def spatial_gradients(
 
 
 def limit(gradient: NDArray[np.floating], light: NDArray[np.floating]) -> None:
-    """Limits gradients (3, C, N) in place, so that the sum of components is nowhere negative.
+    """Limits gradients (3, C, N) in place, so that no component is negative anywhere in a cell.
+
+    A cell's means are kept, as by the slope limiters of finite volumes (van Leer, J. Comput. Phys.
+    32, 1979). What limiting takes from a component the others get by their shares of the light, so
+    that the sum changes as it did: that of an isothermal cavity does not change at all. Where the
+    others cannot take it, all gradients of the cell shrink alike.
 
     Args:
         light: (C, N) mean of each cell.
     """
-    total, most = light.sum(axis=0), np.abs(gradient.sum(axis=1)).sum(axis=0)
-    gradient *= np.divide(2 * total, most, out=np.ones_like(total), where=most > 2 * total)
+    mean = np.maximum(light, 0)
+    total = mean.sum(axis=0)
+    change = gradient.sum(axis=1)
+    change *= _allowed(np.abs(change).sum(axis=0), total)
+    gradient *= _allowed(np.abs(gradient).sum(axis=0), mean)
+    share = np.divide(mean, total, out=np.zeros_like(mean), where=total > 0)
+    gradient += (change - gradient.sum(axis=1))[:, None] * share
+    gradient *= _allowed(np.abs(gradient).sum(axis=0), mean).min(axis=0)
+
+
+def _allowed(steepness: NDArray[np.floating], mean: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Factors up to 1 with which sums of |gradient| along the axes are at most twice the mean."""
+    most = 2 * mean
+    return np.divide(most, steepness, out=np.ones_like(most), where=steepness > most)
 
 
 def _beside(
