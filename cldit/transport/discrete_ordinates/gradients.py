@@ -139,7 +139,7 @@ def limit(gradient: NDArray[np.floating], light: NDArray[np.floating]) -> None:
 def _allowed(steepness: NDArray[np.floating], mean: NDArray[np.floating]) -> NDArray[np.floating]:
     """Factors up to 1 with which sums of |gradient| along the axes are at most twice the mean."""
     most = 2 * mean
-    return np.divide(most, steepness, out=np.ones_like(most), where=steepness > most)
+    return np.asarray(np.divide(most, steepness, out=np.ones_like(most), where=steepness > most))
 
 
 def _beside(
