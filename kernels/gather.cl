@@ -9,9 +9,8 @@
 
    Some cells are so thick that a linear source does not do. There a segment scores the emission alone,
    and the path goes on from one place, with all of the scattered weight, by the phase function itself.
-   Russian roulette ends paths; the sweeps' source there stands for the weight that is left. It also
-   stands for all of it after MAX_SEGMENTS segments, when light has forgotten where it came in. So every
-   path conserves energy to rounding.
+   It ends where little weight is left, or after MAX_SEGMENTS segments, when light has forgotten where it
+   came in: the sweeps' source there stands for what is left. So every path conserves energy to rounding.
 
    Control variate: a path subtracts the stored radiance of its cell along its ordinate; the scattering
    integral of the stored radiance is summed exactly over the quadrature. Paths estimate only the
@@ -37,8 +36,8 @@
 #ifndef MAX_SEGMENTS
 #error "MAX_SEGMENTS: segments of a path"
 #endif
-#ifndef ROULETTE
-#error "ROULETTE: share of its weight below which a path may end"
+#ifndef END_WEIGHT
+#error "END_WEIGHT: share of its weight below which a path ends"
 #endif
 
 /* Weight of an ordinate for light scattered along `sight`, over the probability with which it is drawn:
@@ -61,11 +60,10 @@ INLINE real phase_weight(real4 direction, real3 sight, __global const real *by_h
 #define DIMENSIONS 8
 
 /* A path, in one lane: its point, its scatterings so far, the ordinate whose stored radiance its segment
-   ends in, the random word of its Russian roulette, and the weight below which that is played. */
+   ends in, and the weight below which it ends. */
 typedef struct {
     uint point, event;
     int number;
-    uint chance;
     real floor;
 } Path;
 
@@ -103,7 +101,6 @@ INLINE int start_path(
         turned(
             common->sight, phase_cosine(unit(word[1] ^ common->shift0.x), table),
             unit(word[6] ^ common->shift0.z)), R(0));
-    path->chance = philox((uint4)(common->pixel, common->first + point, 0, common->half_), common->key).w;
     path->number = m->nearest[direction_near(d.xyz)];
     if (path->number < 0) { /* no ordinate is in that octant */
         end_at(sum, weight, p, d.xyz, m->cells + (size_t)cell * RECORD);
@@ -118,9 +115,8 @@ INLINE int start_path(
     const int own = m->beside[SIDES * cell + OWN];
     if (own >= 0) score_later(pending, -weight, m->light + ((size_t)own * m->count + number) * COMPONENTS);
     path->number = number;
-    path->chance = word[6] ^ common->shift0.z;
 #endif
-    path->floor = ROULETTE * weight;
+    path->floor = END_WEIGHT * weight;
     start_segment(f, lane, cell, p, d.xyz, weight, unit(word[2] ^ common->shift0.y));
     return 1;
 }
@@ -131,25 +127,18 @@ INLINE int continue_path(
     const ThickRegion *m, __global const real *table)
 {
     const int cell = LANE_I(f->drawn, lane);
-    real weight = LANE(f->scattered, lane);
+    const real weight = LANE(f->scattered, lane);
     if (cell < 0 || !(weight > R(0))) return 0;
     __global const real *record = m->cells + (size_t)cell * RECORD;
     const real3 d = f->direction[lane];
     const real3 p = (real3)(LANE(f->x, lane), LANE(f->y, lane), LANE(f->z, lane))
         + length_at(LANE(f->u, lane), LANE(f->share, lane), record[DEPTH]) * d;
-    /* Where the path ends, and on average where it does not, the sweeps' source stands for the weight
-       that is left: roulette conserves energy in each path, not only on average. */
-    real known = R(0);
-    int last = ++path->event >= MAX_SEGMENTS;
-    if (last) {
-        known = weight;
-    } else if (weight < path->floor) {
-        last = unit(path->chance) * path->floor >= weight;
-        known = last ? weight : weight - path->floor;
-        weight = path->floor;
+    /* What is left of a path's weight ends in the sweeps' source. So every path conserves energy, and
+       none brings less than no light, as Russian roulette with a source would. */
+    if (++path->event >= MAX_SEGMENTS || weight < path->floor) {
+        end_at(sum, weight, p, d, record);
+        return 0;
     }
-    if (known != R(0)) end_at(sum, known, p, d, record);
-    if (last) return 0;
     __global const uint *word = common->points + path->point * DIMENSIONS;
     const uint4 counter =
         (uint4)(common->pixel, common->first + path->point, path->event, common->half_);
@@ -173,7 +162,6 @@ INLINE int continue_path(
             pending, -weight, m->light + ((size_t)own * m->count + path->number) * COMPONENTS);
     }
 #endif
-    path->chance = words.w;
     start_segment(f, lane, cell, p, on, weight, unit(words.z));
     return 1;
 }
