@@ -77,7 +77,7 @@ class Tuning:
     diffuse_depth: float = _number(2.0, "depth from which sweeps have no diffusion", STABILITY)
     diffuse_coalbedo: float = _number(0.1, "their largest coalbedo, of isotropic parts", STABILITY)
     diffuse_segments: int = _number(2**15, "of a path there, at most: time, bias", STABILITY)
-    diffuse_end_weight: float = _number(0.02, "weight left to the sweeps' source there", STABILITY)
+    diffuse_end_weight: float = _number(0.001, "weight left to the sweeps' source there", STABILITY)
     first_samples: int = _number(16, "a pixel in the first round, a power of two", ERROR)
     growth: int = _number(8, "of samples from one round to the next, at most", ERROR)
     paths: float = _number(1e8, "of an image, at most: core-minutes", ERROR)
