@@ -71,11 +71,11 @@ class Tuning:
     margin: int = _number(1, "cells around thick ones that segments cross", ABLATION)
     # 0: what paths find less what is stored can be below 0, and storing costs what it saves.
     stored_bytes: int = _number(0, "stored radiance of thick cells: memory, noise", ABLATION)
-    end_weight: float = _number(0.2, "weight below which paths end: time, bias", ABLATION)
+    end_weight: float = _number(0.03, "weight below which paths end: time, bias", ABLATION)
     least_transmission: float = _number(0.03, "where segments end, per K asked", ERROR)
     segments: int = _number(128, "of a path, at most: time, bias", STABILITY)
     diffuse_depth: float = _number(2.0, "depth from which sweeps have no diffusion", STABILITY)
-    diffuse_coalbedo: float = _number(0.1, "their largest coalbedo, of isotropic parts", STABILITY)
+    diffuse_coalbedo: float = _number(0.2, "their largest coalbedo, of isotropic parts", STABILITY)
     diffuse_segments: int = _number(2**15, "of a path there, at most: time, bias", STABILITY)
     diffuse_end_weight: float = _number(0.001, "weight left to the sweeps' source there", STABILITY)
     first_samples: int = _number(16, "a pixel in the first round, a power of two", ERROR)
