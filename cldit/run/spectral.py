@@ -219,7 +219,16 @@ def trace_nodes(
 
 
 def summed(traces: Sequence[Trace], quadrature: Quadrature, scene: Scene) -> NodeTraces:
-    """Traces of all nodes with what they give together, for the scene's walls and patches."""
+    """Traces of all nodes with what they give together.
+
+    Args:
+        traces: of each node.
+        quadrature: the nodes.
+        scene: whose temperatures of walls and patches weigh the nodes.
+
+    Returns:
+        The traces and their sums.
+    """
     seconds: dict[str, float] = {}
     counts: dict[str, int] = {}
     for result in traces:
