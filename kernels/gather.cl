@@ -9,13 +9,15 @@
 
    Some cells are so thick that a linear source does not do. There a segment scores the emission alone,
    and the path goes on from one place, with all of the scattered weight, by the phase function itself.
-   Russian roulette ends paths; the sweeps' source there stands for the weight that is left. It also
-   stands for all of it after MAX_SEGMENTS segments, when light has forgotten where it came in. So every
-   path conserves energy to rounding.
+   It ends where little weight is left, or after MAX_SEGMENTS segments, when light has forgotten where it
+   came in: the sweeps' source there stands for what is left. So every path conserves energy to rounding.
 
    Control variate: a path subtracts the stored radiance of its cell along its ordinate; the scattering
    integral of the stored radiance is summed exactly over the quadrature. Paths estimate only the
    remainder. Without a phase function the later segments of a path do the same.
+
+   FREE_DIRECTIONS: light diffuses in thick cells, and paths are long. They have no control variate, and
+   their directions are no ordinates, whose errors add up over many scatterings.
 
    COUNTED: in place of WITHIN stands the number of cells that segments crossed. */
 
@@ -34,8 +36,8 @@
 #ifndef MAX_SEGMENTS
 #error "MAX_SEGMENTS: segments of a path"
 #endif
-#ifndef ROULETTE
-#error "ROULETTE: share of its weight below which a path may end"
+#ifndef END_WEIGHT
+#error "END_WEIGHT: share of its weight below which a path ends"
 #endif
 
 /* Weight of an ordinate for light scattered along `sight`, over the probability with which it is drawn:
@@ -58,11 +60,10 @@ INLINE real phase_weight(real4 direction, real3 sight, __global const real *by_h
 #define DIMENSIONS 8
 
 /* A path, in one lane: its point, its scatterings so far, the ordinate whose stored radiance its segment
-   ends in, the random word of its Russian roulette, and the weight below which that is played. */
+   ends in, and the weight below which it ends. */
 typedef struct {
     uint point, event;
     int number;
-    uint chance;
     real floor;
 } Path;
 
@@ -76,28 +77,6 @@ typedef struct {
     uint2 key;
 } PixelPaths;
 
-/* Starts a path at p in a thick `cell`; subtracts the control variate, the stored radiance of the cell
-   along the ordinate, whose integral `control_variate` sums. */
-INLINE void start_path(
-    Segments *f, PendingScores *pending, int lane, Path *path, uint point, int cell, real3 p, real weight,
-    const PixelPaths *common, const ThickRegion *m, __global const real *by_half_sine)
-{
-    __global const uint *word = common->points + point * DIMENSIONS;
-    const int drawn =
-        direction_at(unit(word[1] ^ common->shift0.x), m->directions, m->start, m->count);
-    const real4 d = m->directions[drawn];
-    const int number = m->number_of[drawn];
-    weight *= phase_weight(d, common->sight, by_half_sine);
-    const int own = m->beside[SIDES * cell + OWN];
-    if (own >= 0) score_later(pending, -weight, m->light + ((size_t)own * m->count + number) * COMPONENTS);
-    path->point = point;
-    path->event = 0;
-    path->number = number;
-    path->chance = word[6] ^ common->shift0.z;
-    path->floor = ROULETTE * weight;
-    start_segment(f, lane, cell, p, d.xyz, weight, unit(word[2] ^ common->shift0.y));
-}
-
 /* Ends a path, or a part of its weight, in the sweeps' source along d at p of a cell. */
 INLINE void end_at(real *sum, real weight, real3 p, real3 d, __global const real *record)
 {
@@ -106,37 +85,66 @@ INLINE void end_at(real *sum, real weight, real3 p, real3 d, __global const real
     score_light(sum, weight, &light);
 }
 
+/* Starts a path at p in a thick `cell`; subtracts the control variate, the stored radiance of the cell
+   along the ordinate, whose integral `control_variate` sums. Returns 0
+   where the path ends there. */
+INLINE int start_path(
+    real *sum, Segments *f, PendingScores *pending, int lane, Path *path, uint point, int cell, real3 p,
+    real weight, const PixelPaths *common, const ThickRegion *m, __global const real *by_half_sine,
+    __global const real *table)
+{
+    __global const uint *word = common->points + point * DIMENSIONS;
+    path->point = point;
+    path->event = 0;
+#ifdef FREE_DIRECTIONS
+    const real4 d = (real4)(
+        turned(
+            common->sight, phase_cosine(unit(word[1] ^ common->shift0.x), table),
+            unit(word[6] ^ common->shift0.z)), R(0));
+    path->number = m->nearest[direction_near(d.xyz)];
+    if (path->number < 0) { /* no ordinate is in that octant */
+        end_at(sum, weight, p, d.xyz, m->cells + (size_t)cell * RECORD);
+        return 0;
+    }
+#else
+    const int drawn =
+        direction_at(unit(word[1] ^ common->shift0.x), m->directions, m->start, m->count);
+    const real4 d = m->directions[drawn];
+    const int number = m->number_of[drawn];
+    weight *= phase_weight(d, common->sight, by_half_sine);
+    const int own = m->beside[SIDES * cell + OWN];
+    if (own >= 0) score_later(pending, -weight, m->light + ((size_t)own * m->count + number) * COMPONENTS);
+    path->number = number;
+#endif
+    path->floor = END_WEIGHT * weight;
+    start_segment(f, lane, cell, p, d.xyz, weight, unit(word[2] ^ common->shift0.y));
+    return 1;
+}
+
 /* Continues a path from the place that was drawn on its segment. Returns 0 where the path has ended. */
 INLINE int continue_path(
     real *sum, PendingScores *pending, Segments *f, int lane, Path *path, const PixelPaths *common,
     const ThickRegion *m, __global const real *table)
 {
     const int cell = LANE_I(f->drawn, lane);
-    real weight = LANE(f->scattered, lane);
+    const real weight = LANE(f->scattered, lane);
     if (cell < 0 || !(weight > R(0))) return 0;
     __global const real *record = m->cells + (size_t)cell * RECORD;
     const real3 d = f->direction[lane];
     const real3 p = (real3)(LANE(f->x, lane), LANE(f->y, lane), LANE(f->z, lane))
         + length_at(LANE(f->u, lane), LANE(f->share, lane), record[DEPTH]) * d;
-    /* Where the path ends, and on average where it does not, the sweeps' source stands for the weight
-       that is left: roulette conserves energy in each path, not only on average. */
-    real known = R(0);
-    int last = ++path->event >= MAX_SEGMENTS;
-    if (last) {
-        known = weight;
-    } else if (weight < path->floor) {
-        last = unit(path->chance) * path->floor >= weight;
-        known = last ? weight : weight - path->floor;
-        weight = path->floor;
+    /* What is left of a path's weight ends in the sweeps' source. So every path conserves energy, and
+       none brings less than no light, as Russian roulette with a source would. */
+    if (++path->event >= MAX_SEGMENTS || weight < path->floor) {
+        end_at(sum, weight, p, d, record);
+        return 0;
     }
-    if (known != R(0)) end_at(sum, known, p, d, record);
-    if (last) return 0;
     __global const uint *word = common->points + path->point * DIMENSIONS;
     const uint4 counter =
         (uint4)(common->pixel, common->first + path->point, path->event, common->half_);
     const uint4 words = path->event == 1
         ? (uint4)(word[3], word[4], word[5], word[7]) ^ common->shift1 : philox(counter, common->key);
-#ifdef PHASE_BINS
+#if defined(PHASE_BINS) || defined(FREE_DIRECTIONS)
     const real3 on = turned(d, phase_cosine(unit(words.x), table), unit(words.y));
     path->number = m->nearest[direction_near(on)];
     if (path->number < 0) { /* no ordinate is in that octant */
@@ -154,7 +162,6 @@ INLINE int continue_path(
             pending, -weight, m->light + ((size_t)own * m->count + path->number) * COMPONENTS);
     }
 #endif
-    path->chance = words.w;
     start_segment(f, lane, cell, p, on, weight, unit(words.z));
     return 1;
 }
@@ -307,7 +314,7 @@ __kernel void gather(
     const real all =
         interval_count > 0 ? interval[(interval_count - 1) * INTERVAL + CUMULATIVE] : R(0);
 
-#ifdef PHASE_WEIGHT
+#if defined(PHASE_WEIGHT) && !defined(FREE_DIRECTIONS)
     real weights = R(0);
     for (uint k = 0; k < samples; ++k) {
         const uint word = points[k * DIMENSIONS + 1] ^ common.shift0.x;
@@ -339,11 +346,14 @@ __kernel void gather(
             const real3 corner = (real3)(one[0], one[1], one[2]);
             const int cell =
                 number_in((int3)((int)corner.x, (int)corner.y, (int)corner.z), &region);
-            start_path(
-                &f, &pending, lane, &paths[lane], started++, cell, from + along * sight - corner,
-                path_weight, &common, &region, by_half_sine);
+            idle[lane] = !start_path(
+                sum, &f, &pending, lane, &paths[lane], started++, cell, from + along * sight - corner,
+                path_weight, &common, &region, by_half_sine, table);
         }
-        if (!any_of(f.active)) break;
+        if (!any_of(f.active)) {
+            if (started >= samples) break;
+            continue;
+        }
         const SegmentEnd e = cross_cell(sum, &pending, &f, &region);
         if (!any_of(e.ended)) continue;
         for (int lane = 0; lane < SIMD_WIDTH; ++lane) {
@@ -358,7 +368,7 @@ __kernel void gather(
         }
     }
     flush_scores(&pending);
-    for (int c = 0; c < PARTS; ++c) means[c * count + item] = total[c] + pending.sum[c];
+    for (int c = 0; c < PARTS; ++c) means[c * count + item] = total[c] + sum[c] + pending.sum[c];
 #ifdef COUNTED
     means[WITHIN * count + item] = pending.crossed;
 #endif

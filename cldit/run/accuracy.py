@@ -5,80 +5,104 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cldit.dit.accuracy import temperature_error_K
+from cldit.dit.accuracy import has_temperature, temperature_errors_K
 from cldit.dit.maps import Maps
 from cldit.optics.response import scene_filter
 from cldit.radiance.boundary import Surroundings
+from cldit.radiance.weights import Weights
 from cldit.run.errors import Cause
 from cldit.run.spectral import NodeTraces
 from cldit.scene import Scene
 from cldit.scene.transport import Transport
 
-# Where no audit tells what two pictures of `source` share, as what was solved for. On `gdi`, asked
-# for 0.05 to 0.3 K, errors were 0.9 to 1.6 times what the pictures differ by.
-_SHARED = 1.3
-
 
 @dataclass(frozen=True)
 class StatedError:
-    """RMS errors of T_app.
+    """RMS errors of T_app; None where one is unknown.
 
-    halves_K: from the difference of two pictures, each of half of the directions or samples; NaN
-    where no pixel has a T_app. What pictures of `source` share is allowed for, if not audited.
-    audit_K: from pixels that were traced by `path` as well, which sees what both pictures simplify;
-    0 where none were.
+    halves_K: from the difference of two pictures, each of half of the directions or samples.
+    audit_K: from pixels that were traced by `path` as well, which sees what both pictures simplify,
+    and one standard error more.
+    unknown: why the error is known in part only, or not at all; "" where it is known.
     """
 
-    halves_K: float
-    audit_K: float = 0.0
+    halves_K: float | None
+    audit_K: float | None = None
+    unknown: str = ""
 
     @classmethod
     def of(cls, scene: Scene, result: NodeTraces, maps: Maps) -> StatedError | None:
-        """None where nothing scatters, and for `branching`, which does not know its error.
+        """None where nothing scatters.
 
         Args:
             scene: what was traced.
             result: its traces.
             maps: of the same run.
         """
-        if result.difference is None:
+        if not result.scatters:
             return None
-        halves = temperature_error_K(
-            maps,
-            result.difference,
-            surroundings=Surroundings.from_scene(scene),
-            filter_um=scene_filter(scene),
-        )
-        alone = scene.transport.method == "source" and not result.audit_K
-        return cls(_SHARED * halves if alone else halves, result.audit_K)
+        if result.difference is None:
+            return cls(None, unknown=f"method {scene.transport.method} does not know its error")
+        count = int(np.count_nonzero(has_temperature(maps)))
+        if not count:
+            return cls(None, unknown="no pixel has an apparent temperature")
+
+        def errors_K(
+            error: Weights, pixels: NDArray[np.int64] | None = None
+        ) -> NDArray[np.float64]:
+            return temperature_errors_K(
+                maps,
+                error,
+                surroundings=Surroundings.from_scene(scene),
+                filter_um=scene_filter(scene),
+                pixels=pixels,
+            )
+
+        halves_K = float(np.sqrt(np.sum(errors_K(result.difference) ** 2) / count))
+        audit = result.audit
+        if audit is None:
+            return cls(halves_K, unknown="; ".join(result.unaudited))
+        one, other = (errors_K(error, audit.sample.pixels) for error in audit.errors)
+        square, doubt = audit.sample.mean_square(one, other, count=count)
+        return cls(halves_K, float(np.sqrt(max(square, 0.0) + doubt)))
 
     @property
-    def cause(self) -> Cause:
-        """The trace's part of the picture's errors."""
-        if not np.isfinite(self.error_K):
-            return Cause("trace", None, "no pixel has a T_app")
+    def causes(self) -> tuple[Cause, ...]:
+        """The trace's part of the picture's errors, and what of it is not known."""
+        if self.error_K is None:
+            return (Cause("trace", None, self.unknown),)
         how = "half the difference of two images, each by half of the ordinates or samples"
-        if self.audit_K > self.halves_K:
+        if self.audit_K is not None and self.audit_K == self.error_K:
             how = "some pixels traced by `path` as well, one standard error added"
-        return Cause("trace", self.error_K, how)
+        known = Cause("trace", self.error_K, how)
+        return (known, Cause("audit", None, self.unknown)) if self.unknown else (known,)
 
     @property
-    def error_K(self) -> float:
-        """The larger of both errors [K]."""
-        return max(self.halves_K, self.audit_K)
+    def error_K(self) -> float | None:
+        """The larger of the errors that are known [K]."""
+        return max((one for one in (self.halves_K, self.audit_K) if one is not None), default=None)
 
     def remarks(self, asked: Transport) -> tuple[str, ...]:
-        """That the error, as it is printed, is more than `asked` for, what it is made of, and what
-        can be done; nothing where it is not."""
-        if not float(f"{self.error_K:.2g}") > asked.accuracy_K:
-            return ()
+        """What is not known of the error; and where it is, as it is printed, more than `asked` for,
+        what it is made of, and what can be done."""
+        error_K = self.error_K
+        if error_K is None:
+            return (f"error of the trace in T_app: unknown ({self.unknown})",)
+        part = ""
+        if self.unknown:
+            part = f"error of the trace in T_app: at least {error_K:.2g} K RMS, of directions and "
+            part += f"paths alone ({self.unknown})"
+        unknown = (part,) if part else ()
+        if not float(f"{error_K:.2g}") > asked.accuracy_K:
+            return unknown
         if asked.method == "source":
             finer = "a smaller transport.accuracy_K"
             if asked.directions is not None:
                 finer = "more transport.directions"
             why = f"directions and chains make it; allowed is {finer}"
-            if self.audit_K > self.halves_K:
+            if self.halves_K is not None and error_K > self.halves_K:
                 why = (
                     f"the audit by path tracing finds it, where directions and chains make some "
                     f"{self.halves_K:.2g} K; allowed is {finer} for that part, and "
@@ -88,6 +112,7 @@ class StatedError:
             why = "it is the samples' noise; allowed is a larger transport.max_samples, or less "
             why += "accuracy"
         return (
-            f"stated error {self.error_K:.2g} K RMS, more than transport.accuracy_K: "
+            *unknown,
+            f"stated error {error_K:.2g} K RMS, more than transport.accuracy_K: "
             f"{asked.accuracy_K:g} asks for: {why}",
         )

@@ -95,7 +95,7 @@ def simulate(
         sensor = _sensor(scene, chosen.quadrature, (result.spectral, reference))
         maps = _evaluate(scene, chosen.quadrature, result.spectral, reference, sensor)
     stated = StatedError.of(scene, result, maps)
-    stages.remark((*result.unaudited, *result.short))
+    stages.remark(result.short)
     if stated is not None:
         stages.remark(stated.remarks(scene.transport))
     with stages.stage("errors"):
@@ -233,7 +233,7 @@ def _errors(
     spectral = medium.properties.chosen
     causes: list[Cause | None] = []
     if stated is not None:
-        causes.append(stated.cause)
+        causes += stated.causes
     if len(spectral.nodes) > 1 or spectral.errors_K:
         error = spectral.errors_K[len(spectral.nodes) - 1] if spectral.errors_K else 0.0
         causes.append(Cause("wavelengths", error, f"{len(spectral.nodes)} nodes against many"))

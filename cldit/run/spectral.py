@@ -22,6 +22,7 @@ from cldit.radiance.weights import Weights
 from cldit.scene import Scene
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.phase import ScatteringTable
+from cldit.transport.result import Audit
 from cldit.transport.trace import Settings, Trace, settings_for, trace
 
 _QUADRATURE = "quadrature.json"
@@ -106,18 +107,23 @@ class SpectralInfo:
 
 @dataclass(frozen=True)
 class NodeTraces:
-    """Traces of all nodes, and their sums: weights and their error for the whole filter."""
+    """Traces of all nodes, and their sums: weights and their errors for the whole filter.
+
+    difference, audit: as in `Trace`; what a node does exactly adds nothing. None where a node does
+        not know its own, or where nothing scatters.
+    """
 
     traces: tuple[Trace, ...]
     weights: Weights
     difference: Weights | None
+    audit: Audit | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
 
     @property
-    def audit_K(self) -> float:
-        """Error that the traces found in themselves, the largest of all nodes; 0 where none did."""
-        return max((result.audit_K or 0.0 for result in self.traces), default=0.0)
+    def scatters(self) -> bool:
+        """Whether anything does."""
+        return any(result.scatters for result in self.traces)
 
     @property
     def unaudited(self) -> tuple[str, ...]:
@@ -200,12 +206,30 @@ def trace_nodes(
     Raises:
         TransportError, DeviceError, KernelError: as `trace`.
     """
-    count = len(trees)
+    total = len(trees)
     traces: list[Trace] = []
-    for number in range(count):
-        if report is not None and count > 1:
-            report(f"wavelength {number + 1} of {count}")
-        traces.append(trace(trees.pop(0), scene, device, settings[number], report=report))
+    for number in range(total):
+        if report is not None and total > 1:
+            report(f"wavelength {number + 1} of {total}")
+        # All nodes' errors in the same pixels, where they add as they do in the picture.
+        drawn = next((one.audit.sample for one in traces if one.audit is not None), None)
+        traces.append(
+            trace(trees.pop(0), scene, device, settings[number], report=report, audit_sample=drawn)
+        )
+    return summed(traces, quadrature, scene)
+
+
+def summed(traces: Sequence[Trace], quadrature: Quadrature, scene: Scene) -> NodeTraces:
+    """Traces of all nodes with what they give together.
+
+    Args:
+        traces: of each node.
+        quadrature: the nodes.
+        scene: whose temperatures of walls and patches weigh the nodes.
+
+    Returns:
+        The traces and their sums.
+    """
     seconds: dict[str, float] = {}
     counts: dict[str, int] = {}
     for result in traces:
@@ -224,11 +248,28 @@ def trace_nodes(
             patches_K={patch.name: patch.temperature_K for patch in scene.patches},
         )
 
-    halves = [r.weights_difference for r in traces if r.weights_difference is not None]
+    def error(parts: Sequence[Weights | None]) -> Weights | None:
+        """Error of the sum; None where a node that scatters does not know its own."""
+        some = next((one for one in parts if one is not None), None)
+        known = [one is not None or not t.scatters for one, t in zip(parts, traces, strict=True)]
+        if some is None or not all(known):
+            return None
+        nothing = some.map(np.zeros_like)
+        return combined([nothing if one is None else one for one in parts])
+
+    found = [result.audit for result in traces]
+    sample = next((audit.sample for audit in found if audit is not None), None)
+    one, other = (
+        error([None if audit is None else audit.errors[half] for audit in found]) for half in (0, 1)
+    )
+    audit = None
+    if sample is not None and one is not None and other is not None:
+        audit = Audit(sample, (one, other))
     return NodeTraces(
         traces=tuple(traces),
         weights=combined([result.weights for result in traces]),
-        difference=combined(halves) if len(halves) == count else None,
+        difference=error([result.weights_difference for result in traces]),
+        audit=audit,
         seconds=seconds,
         counts=counts,
     )

@@ -119,8 +119,8 @@ class FormalSolution:
         *,
         gradient: NDArray[np.floating] | None = None,
         control_variate: NDArray[np.floating] | None = None,
-    ) -> tuple[list[Reals], int]:
-        """Images of sources, and the number of pixels with more than one ray.
+    ) -> tuple[list[Reals], list[Reals], int]:
+        """Images of sources, of one ray a pixel as well where there are several.
 
         Args:
             listed: `at_once` sources (C, N) of the scattering cells; None where nothing scatters.
@@ -132,29 +132,26 @@ class FormalSolution:
 
         Returns:
             Weights (C + 1, H, W) of each image, the part from within the medium last (see
-            energy_balance.py); and the number of pixels.
+            energy_balance.py); the same by one ray through the middle of every pixel, none where
+            they are that; and the number of pixels of several rays.
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
         records = self._records(listed, defect, gradient, control_variate)
         every = np.arange(columns * rows)
-        pixels = None if rays in (1, "adaptive") else every
-        images: Reals = np.empty((0, 0, 0))
-        if rays in (1, "adaptive"):
-            images, left = self._images(self._whole(records))
-            self._gather(images, left, every, 1, gather)
+        pixels = np.empty(0, np.int64) if rays == 1 else every
+        images, left = self._images(self._whole(records))
+        self._gather(images, left, every, 1, gather)
+        middle = [] if rays == 1 else list(images.copy().reshape(*images.shape[:2], rows, columns))
         if rays == "adaptive":  # the same pixels for all images
             whole = images[0, :-1].reshape(-1, rows, columns)
             pixels = pixels_to_refine(whole, self.cells, self.scene, accuracy_K=self.accuracy_K)
-        if pixels is not None and len(pixels):
+        if len(pixels):
             several, left = self._images(self._listed(records, pixels))
             self._gather(several, left, pixels, _ACROSS[rays], gather)
-            if len(pixels) == len(every):
-                images = several
-            else:
-                images[:, :, pixels] = several
+            images[:, :, pixels] = several
         planes = list(images.reshape(*images.shape[:2], rows, columns))
-        return planes, 0 if pixels is None else len(pixels)
+        return planes, middle, len(pixels)
 
     def _records(
         self,

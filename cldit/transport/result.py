@@ -18,6 +18,7 @@ from cldit.transport.phase import ScatteringTable
 from cldit.transport.tuning import Tuning
 from cldit.transport.view import View
 
+Floats = NDArray[np.float64]
 Method = Literal["source", "path", "branching"]
 
 
@@ -82,6 +83,18 @@ class Settings:
 
 
 @dataclass(frozen=True)
+class Audit:
+    """What `path` finds of the error of an image, in a sample of its pixels.
+
+    sample: the pixels.
+    errors: weights (1, N) of the image minus those of `path`, twice, with independent noise.
+    """
+
+    sample: PixelSample
+    errors: tuple[Weights, Weights]
+
+
+@dataclass(frozen=True)
 class Trace:
     """Result of a trace.
 
@@ -93,8 +106,10 @@ class Trace:
     seconds: wall time of each part.
     precision: of the device, float32 or float64.
     counts: sizes for the record: cells, sweeps, samples.
-    audit_K: RMS error of T_app of `source` by a few pixels of `path`, plus one standard error; None
-        where the method simplifies nothing, or where `unaudited` gives a reason.
+    middle: weights of one ray through the middle of each pixel, where `weights` are of several.
+    audit: error of `source` by a few pixels of `path`; None where nothing scatters, where the
+        method is another, or where `unaudited` gives a reason.
+    scatters: whether anything in the medium does.
     short: why the final gather stopped before the wanted accuracy, if it did.
     pixel_sample: the pixels of which the images are one row, where `path` traced only some.
     closure: energy balance; None where no pixel was traced.
@@ -108,8 +123,10 @@ class Trace:
     precision: str
     counts: dict[str, int] = field(default_factory=dict)
     standard_error: Weights | None = None
-    audit_K: float | None = None
+    middle: Weights | None = None
+    audit: Audit | None = None
     unaudited: str = ""
+    scatters: bool = True
     short: str = ""
     pixel_sample: PixelSample | None = None
     closure: EnergyBalance | None = None

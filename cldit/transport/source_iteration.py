@@ -83,7 +83,7 @@ def trace_source(
 
     start = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # of a broken image, which the balance finds
-        halves, refined = image.images(  # 4, and 5 by `gather`
+        halves, middle, refined = image.images(  # 4, and 5 by `gather`
             [None] if camera is None else list(camera.halves),
             np.zeros(0) if camera is None else camera.defect,
             gather,
@@ -111,6 +111,8 @@ def trace_source(
     return Trace(
         weights=weights_of(mean, cells),
         weights_difference=None if difference is None else weights_of(difference, cells),
+        scatters=cells.needs.scattering,
+        middle=weights_of(np.mean(middle, axis=0), cells) if middle else None,
         programs=tuple(programs),
         solution=None if camera is None else camera.solution,
         seconds=seconds,
@@ -132,6 +134,7 @@ def thick_region(cells: OpticalCells, settings: Settings) -> ThickRegion | None:
         deeper_than=settings.thick_depth,
         tuning=settings.tuning,
         light_bytes=settings.final_directions * len(cells.needs.components) * size,
+        asymmetry=0.0 if settings.phase is None else settings.phase.asymmetry,
     )
 
 

@@ -32,6 +32,7 @@ class ThickRegion:
     places: (z, y, x) number of the region's cell at each place of that part; -1: none.
     beside: (R, 8) neighbours of each cell, as in kernels/path_segment.h.
     interfaces: numbers of stored radiance, of interfaces and then of thick cells.
+    diffusive: whether light diffuses in thick cells, so that the sweeps' sources are not relied on.
     """
 
     listed: NDArray[np.int64]
@@ -41,6 +42,7 @@ class ThickRegion:
     places: NDArray[np.int32]
     beside: NDArray[np.int32]
     interfaces: int
+    diffusive: bool = False
 
     @classmethod
     def of(
@@ -51,6 +53,7 @@ class ThickRegion:
         deeper_than: float,
         tuning: Tuning,
         light_bytes: int = 0,
+        asymmetry: float = 0.0,
     ) -> ThickRegion | None:
         """The thick scattering cells and the cells around them.
 
@@ -59,7 +62,10 @@ class ThickRegion:
             deeper_than: optical depth of a cell's edge above which it is thick.
             tuning: `margin` cells around thick ones; `stored_bytes` for their radiance.
             light_bytes: memory of the radiance in one cell along all final ordinates. Where all
-                thick cells need too much, none is stored, and there is no control variate.
+                thick cells need too much, none is stored, and there is no control variate. Nor is
+                there where light diffuses in thick cells: what the sweeps store there is far from
+                what paths find, and the difference of both is noise.
+            asymmetry: mean cosine of scattering.
 
         Returns:
             The region; None where no cell is thick.
@@ -91,13 +97,17 @@ class ThickRegion:
                 number[ends_there] = _INTERFACE - np.arange(interfaces, ends[-1])
                 beside[:, 2 * axis + up] = number
             interfaces = max(ends)
-        if light_bytes * len(listed) <= tuning.stored_bytes:
+        loss = cells.coalbedo[listed]
+        loss = loss / (loss + (1.0 - asymmetry) * cells.albedo[listed])
+        deep = cells.depth[cells.address[listed]] > tuning.diffuse_depth
+        diffusive = bool(np.any(deep & (loss < tuning.diffuse_coalbedo)))
+        if not diffusive and light_bytes * len(listed) <= tuning.stored_bytes:
             owner = places[tuple((there - low).T[::-1])]
             beside[owner, 6] = interfaces + np.arange(len(listed))
             interfaces += len(listed)
         at += low
         address = cells.stored(at + np.asarray(box.low))
-        return cls(listed, at, address, low, places, beside, interfaces)
+        return cls(listed, at, address, low, places, beside, interfaces, diffusive)
 
     @property
     def faces(self) -> NDArray[np.int32]:

@@ -21,6 +21,7 @@ from cldit.transport.branching import trace_branching
 from cldit.transport.cells import OpticalCells
 from cldit.transport.monte_carlo.audit import audited
 from cldit.transport.monte_carlo.path import trace_path
+from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.phase import ScatteringTable, henyey_greenstein
 from cldit.transport.result import Settings, Trace
 from cldit.transport.source_iteration import trace_source
@@ -78,6 +79,7 @@ def trace(
     settings: Settings,
     *,
     report: Callable[[str], None] | None = None,
+    audit_sample: PixelSample | None = None,
 ) -> Trace:
     """Weights of every pixel.
 
@@ -90,6 +92,7 @@ def trace(
         device: traces, together with its others.
         settings: see `settings_for`.
         report: takes lines of progress.
+        audit_sample: pixels to audit; None: they are drawn from the trace.
 
     Raises:
         TransportError: the source did not converge, the medium reaches behind the background, or
@@ -120,4 +123,4 @@ def trace(
             report("single precision does not resolve this source; again in double precision")
         single = replace(settings, precision="float64")
         result = trace_source(cells, scene, view, device, single, report)
-    return audited(cells, scene, view, device, single, result)
+    return audited(cells, scene, view, device, single, result, audit_sample)

@@ -36,7 +36,7 @@ def main() -> None:
     parser.add_argument("--layers", type=int, default=16)
     chosen = parser.parse_args()
     thickness = chosen.layers * EDGE / CELLS
-    print("depth  a cell  albedo  background  wall")
+    print("depth  a cell  albedo  background  wall  emission  T_app stated K")
     with tempfile.TemporaryDirectory() as folder, slab.droplets_of_9_um() as droplets:
         phase: Any = chosen.phase
         if phase == "isotropic":
@@ -77,10 +77,13 @@ def main() -> None:
                 }
                 run = cldit.simulate(cldit.parse_scene(scene), cache=Path(folder) / "cache")
                 behind, front = slab.disort(depth, albedo, moments, streams=48)
+                known_K = run.info.accuracy_K
+                stated = "unknown" if known_K is None else f"{known_K:.3g}"
                 middle = run.weights.background.mean(), run.weights.wall.mean()
                 print(
                     f"{depth:5g} {depth / chosen.layers:7.3g} {albedo:7g} "
-                    f"{middle[0] - behind:+11.4f} {middle[1] - front:+7.4f}",
+                    f"{middle[0] - behind:+11.4f} {middle[1] - front:+7.4f} "
+                    f"{1.0 - behind - front:9.4f} {stated}",
                     flush=True,
                 )
 

@@ -24,7 +24,7 @@ DEFINES = f"""
 #define CUTOFF 1e-4
 #define MIN_TRANSMISSION 1e-4
 #define MAX_SEGMENTS 4
-#define ROULETTE R(0.45)
+#define END_WEIGHT R(0.2)
 #define PENDING_READS 2
 #define SIMD_WIDTH 8
 #define NEAREST_SIDE {NEAREST_SIDE}
@@ -196,7 +196,7 @@ def test_control_variate(device: Device) -> None:
         "MIN_TRANSMISSION": 1e-4,
         "MAX_SEGMENTS": 4,
         "PENDING_READS": 2,
-        "ROULETTE": 0.45,
+        "END_WEIGHT": 0.2,
         "NEAREST_SIDE": NEAREST_SIDE,
         "SIMD_WIDTH": 1,
     }

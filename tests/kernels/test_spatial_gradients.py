@@ -68,7 +68,7 @@ def test_a_source_that_is_linear_is_seen_so(device: Device, cells: OpticalCells)
     source[1] = 0.4 + at @ rise
     across = np.zeros((3, parts, len(at)), np.float32)
     across[:, 1] = rise[:, None]
-    planes, _ = formal_solution.images([source], np.zeros(len(at)), gradient=across)
+    planes, _, _ = formal_solution.images([source], np.zeros(len(at)), gradient=across)
     cell_m = EDGE_M / CELLS
     side = ((np.arange(39) + 0.5) / 39 - 0.5) * 0.078 / cell_m
     expected = 0.4 + side[None, :] * rise[0] - side[:, None] * rise[2]
@@ -80,7 +80,7 @@ def test_a_source_that_is_linear_is_seen_so(device: Device, cells: OpticalCells)
 
 def test_change_of_light(cells: OpticalCells) -> None:
     """Of light that is linear in space it is exact, at the edge of the medium too; of a cell alone
-    it is none; and it leaves no cell with less than no light."""
+    it is none; and it leaves no cell with less than no light of any component."""
     at = cells.positions(cells.address)
     rise = np.array([0.03, -0.01, 0.02])
     light = np.stack([0.5 + at @ rise, 0.1 + 0 * at[:, 0]])
@@ -89,12 +89,21 @@ def test_change_of_light(cells: OpticalCells) -> None:
     assert not found[:, 1].any()
     rng = np.random.default_rng(2)
     steep = rng.exponential(size=(3, len(at))) ** 4
-    lowest = (
-        steep.sum(axis=0)
-        - np.abs(spatial_gradients(steep, cells, cells.box()).sum(axis=1)).sum(0) / 2
-    )
+    limited = spatial_gradients(steep, cells, cells.box())
+    lowest = steep - np.abs(limited).sum(axis=0) / 2
     assert lowest.min() > -1e-12
     assert (lowest < 1e-9).any()  # the bound is met
+
+
+def test_limits_keep_a_sum_that_is_even(cells: OpticalCells) -> None:
+    """Components that sum to 1 everywhere, some close to 0, do so with limited gradients."""
+    rng = np.random.default_rng(4)
+    parts = rng.exponential(size=(3, len(cells.address))) ** 4
+    parts /= parts.sum(axis=0)
+    found = spatial_gradients(parts, cells, cells.box())
+    assert np.all(parts - np.abs(found).sum(axis=0) / 2 > -1e-12)
+    np.testing.assert_allclose(found.sum(axis=1), 0.0, atol=1e-12)
+    assert np.abs(found).max() > 0.1
 
 
 def test_change_that_was_found(cells: OpticalCells) -> None:

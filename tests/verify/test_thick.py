@@ -110,15 +110,16 @@ def test_gaps_between_thick_cells(run_block: Callable[..., Run], phase: Any) -> 
 
 
 @pytest.mark.parametrize("phase", [PHASE, "isotropic"])
-def test_flights_without_light_kept_in_cells(
+def test_flights_with_light_kept_in_cells(
     run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, phase: Any
 ) -> None:
-    """Where there is no room for it, flights find all of what is scattered: the same but for noise,
-    0.01 a pixel, and more of it."""
+    """Where it is kept, flights find only what is scattered beyond it: the same but for noise, 0.01
+    a pixel."""
     transport = {"accuracy_K": 1e-3, "max_samples": 512, "directions": 64, "phase": phase}
-    kept = run_block(BLOCK, **SCENE, transport=transport)
-    monkeypatch.setattr("cldit.transport.trace.Tuning", lambda: Tuning(stored_bytes=0))
     found = run_block(BLOCK, **SCENE, transport=transport)
+    assert min(image.min() for image in found.weights.images.values()) > -1e-6
+    monkeypatch.setattr("cldit.transport.trace.Tuning", lambda: Tuning(stored_bytes=2**29))
+    kept = run_block(BLOCK, **SCENE, transport=transport)
     rms = np.sqrt(np.mean((wall(found) - wall(kept)) ** 2))
     assert 0 < rms < 0.014
     assert abs(np.mean(wall(found) - wall(kept))) < 0.003
@@ -146,12 +147,14 @@ def test_audit_where_no_pixel_sees_the_spray(device: Device) -> None:
 
 
 def test_what_cannot_be_audited_says_so(run_block: Callable[..., Run]) -> None:
-    """Light that would be scattered hundreds of times is not followed."""
-    thick = {**BLOCK, "droplet_absorption_per_m": 0.0, "droplet_scattering_per_m": 1e6}
+    """Light that would be scattered a million times is not followed."""
+    thick = {**BLOCK, "droplet_absorption_per_m": 0.0, "droplet_scattering_per_m": 1e9}
     run = run_block(thick, **SCENE, transport={"audit": True, "directions": 16})
     assert any("no audit by path tracing (light is scattered" in text for text in run.info.remarks)
     unwanted = run_block(BLOCK, **SCENE, transport={"audit": False, "directions": 16})
     assert any("no audit by path tracing (not wanted)" in text for text in unwanted.info.remarks)
+    for text in unwanted.info.remarks:
+        assert "error of the trace in T_app: at least" in text or "audit" not in text
 
 
 def test_chains_that_stop_short_say_so(

@@ -111,7 +111,7 @@ def limited_gradient(
     """
     cells = sweeper.linear_cells
     gradient = sweeper.albedo.astype(light.dtype)[cells] * light
-    limit(gradient, source[: sweeper.components, cells])
+    limit(gradient, source[: sweeper.components, cells], sweeper.boundaries)
     return np.asarray(gradient)
 
 

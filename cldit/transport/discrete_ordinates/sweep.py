@@ -80,7 +80,7 @@ class Sweeper:
         self.box: Box = cells.box()
         self.count = len(cells.address)
         self.components = len(cells.needs.components)
-        self._boundaries = cells.needs.boundaries
+        self.boundaries = cells.needs.boundaries
         self._sweep = sweep
         self._vector = int(sweep.defines["SIMD_WIDTH"])
         self._planes = self.components * (MOMENTS if "MOMENT_SOURCE" in sweep.defines else 1)
@@ -189,7 +189,7 @@ class Sweeper:
 
     def _fill(self, order: SweepArrays, *, cavity: bool) -> None:
         """Puts the source into the box in one order; `cavity`: all other cells emit 1."""
-        count, emitters = order.packets.cells, self.components - self._boundaries
+        count, emitters = order.packets.cells, self.components - self.boundaries
         thermal = order.thermal
         if cavity and emitters:
             ones = np.zeros((emitters, count), self._real)
@@ -404,7 +404,7 @@ class Sweeper:
         The cells emit 1 less the boundary's part of their source `listed` (C, N); all other cells
         emit 1. The sweep is along `rays`.
         """
-        b, real = self._boundaries, self._real
+        b, real = self.boundaries, self._real
         parts = np.zeros((self.components, self.count), real)
         parts[:b] = listed[:b]
         if self.components > b:

@@ -146,15 +146,23 @@ class Gather:
         phase, tuning = settings.phase, settings.tuning
         table, steps = np.zeros(1), np.zeros(1)
         least = max(settings.cutoff, tuning.least_transmission * min(settings.accuracy_K, 0.1))
+        segments, end_weight = tuning.segments, tuning.end_weight
+        if thick.diffusive:
+            # Sweeps have no diffusion limit in thick cells. So paths go on until hardly any of
+            # their weight is left for the sweeps' sources.
+            least = tuning.path_cutoff
+            segments, end_weight = tuning.diffuse_segments, tuning.diffuse_end_weight
         self._defines: dict[str, Define] = {
             **settings.defines(cells, formal_solution.view),
             "CUTOFF": float(settings.cutoff),
             **(flags or {}),
             "MIN_TRANSMISSION": float(least),
-            "MAX_SEGMENTS": tuning.segments,
-            "ROULETTE": f"R({tuning.roulette})",
+            "MAX_SEGMENTS": segments,
+            "END_WEIGHT": f"R({end_weight})",
             "NEAREST_SIDE": NEAREST_SIDE,
         }
+        if thick.diffusive:
+            self._defines["FREE_DIRECTIONS"] = 1
         for flag in ("MOMENT_SOURCE", "LINEAR_SOURCE"):
             if flag in ends.program.defines:
                 self._defines[flag] = 1

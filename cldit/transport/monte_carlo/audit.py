@@ -1,9 +1,10 @@
 """Audit of a `source` image: some of its pixels are traced by `path` as well.
 
 The two halves of the ordinates show the error of the quadrature, but share the simplifications: the
-phase function's moments, and linear sources in cells. `path` shares none. Each pixel of the sample
-gets two independent estimates by `path`. The product of their differences from the image has the
-square of the image's error for its mean, whatever the noise of either.
+phase function's moments, and sources of few numbers in cells. `path` shares none. Each pixel of the
+sample gets two independent estimates by `path`. The product of their differences from the image has
+the square of the image's error for its mean, whatever the noise of either. Thin isotropic media are
+audited as well: the size of their cells makes an error that both halves share.
 
 Which pixels, and how many paths? Let e be a pixel's error, and s / sqrt(n) the noise of one
 estimate from n paths. The product's mean square is about (e^2 + s^2 / n)^2. The variance of its sum
@@ -27,7 +28,7 @@ from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.monte_carlo.path import trace_path
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
-from cldit.transport.result import Settings, Trace
+from cldit.transport.result import Audit, Settings, Trace
 from cldit.transport.temperature_error import counted, temperature_error_K
 from cldit.transport.view import View
 
@@ -41,118 +42,108 @@ def audited(
     device: Device,
     settings: Settings,
     result: Trace,
+    sample: PixelSample | None = None,
 ) -> Trace:
-    """`result` with `audit_K`, or with the reason for none in `unaudited`.
-
-    `audit_K` is the RMS error of T_app over pixels before the background, of emissivity above 0.05,
-    estimated from a sample of them, plus one standard error. A trace without simplifications
-    (isotropic, no thick cell) is returned as it is.
+    """`result` with its `audit`, or with the reason for none in `unaudited`.
 
     Args:
         cells, scene, device: of the trace.
         view: of the scene.
         settings: of the trace.
         result: the trace, by method `source`.
+        sample: pixels to trace; None: they are drawn here.
     """
-    deepest = float(cells.depth[cells.address].max(initial=0.0))
     if not cells.needs.scattering or settings.order == 0:
-        return result
-    if settings.phase is None and deepest <= settings.thick_depth:
-        return result
-    often = scatterings(cells, deepest, settings.order)
-    why = ""
+        return result  # exact
+    often = scatterings(cells, settings.order)
+    tuning = settings.tuning
     if not settings.audit:
-        why = "not wanted"
-    elif often > settings.tuning.audit_scatterings:
-        why = f"light is scattered up to {often:.3g} times"
-    elif scene.camera.rays_per_pixel != 1:
-        why = "its rays go through the middle of a pixel, the image's do not"
-    if why:
+        return replace(result, unaudited="no audit by path tracing (not wanted)")
+    most = tuning.audit_scatterings / (often * tuning.audit_samples_least)
+    if most < tuning.audit_pixels_least:
         return replace(
             result,
-            unaudited=f"no audit by path tracing ({why}): the stated error is that of the "
-            "ordinates alone; thick cells and the phase function may add to it",
+            unaudited=f"no audit by path tracing (light is scattered up to {often:.3g} times)",
         )
-    square, doubt, seconds = mean_square_error(cells, scene, view, device, settings, result.weights)
-    if not np.isfinite(square):
-        return result
-    error = (max(square, 0.0) + doubt) ** 0.5
-    return replace(result, audit_K=error, seconds={**result.seconds, "audit": seconds})
-
-
-def mean_square_error(
-    cells: OpticalCells,
-    scene: Scene,
-    view: View,
-    device: Device,
-    settings: Settings,
-    weights: Weights,
-) -> tuple[float, float, float]:
-    """Unbiased estimate of the mean square error of T_app, by `path`.
-
-    The mean is over the pixels before the background of emissivity above 0.05; those that scatter
-    nothing have no error.
-
-    Args:
-        cells, scene, device, settings: of the trace.
-        view: of the scene.
-        weights: of the image to audit.
-
-    Returns:
-        Mean square error in K^2, below 0 where noise has it so; its standard error; and the
-        seconds of both. NaN where no such pixel scatters.
-    """
-    tuning = settings.tuning
+    weights = result.weights if result.middle is None else result.middle
     emissivity = 1.0 - weights.background.reshape(-1).astype(np.float64)
     visible = counted(view, emissivity, np.arange(len(emissivity)))
+    few = int(min(tuning.audit_pixels, most))
 
     def draw(scattered: Floats) -> PixelSample:
+        if sample is not None:
+            return sample
         here = visible & (scattered > 0)
         share = np.divide(scattered, emissivity, out=np.zeros_like(scattered), where=here) ** 3
         share[here] += tuning.audit_even * share[here].mean() if here.any() else 0.0
-        return PixelSample.of(share, most=tuning.audit_pixels, seed=settings.seed)
+        return PixelSample.of(share, most=few, seed=settings.seed)
 
-    count = int(np.count_nonzero(visible))
-    more = max(0.1 / settings.accuracy_K, tuning.audit_pixels / max(count, 1))
+    drawn = min(few, max(int(np.count_nonzero(visible)), 1))
     samples = int(
-        np.clip(tuning.audit_samples * more, tuning.audit_samples_least, tuning.audit_samples_most)
+        np.clip(
+            tuning.audit_scatterings / (often * drawn),
+            tuning.audit_samples_least,
+            tuning.audit_samples_most,
+        )
     )
+    mine = _planes(weights, cells)
+    halves = None
+    if result.weights_difference is not None:
+        halves = _planes(result.weights_difference, cells)
+
+    def enough(drawn: PixelSample, means: Floats, spread: Floats) -> bool:
+        """Whether the audit is as sharp as the error: what more paths would tell is not asked."""
+
+        def error_K(error: Floats) -> Floats:
+            known = mine[:, drawn.pixels]
+            return np.nan_to_num(temperature_error_K(known, error, cells, scene))
+
+        differences = mine[:, drawn.pixels] - means
+        count = max(int(np.count_nonzero(visible)), 1)
+        square, doubt = drawn.mean_square(
+            error_K(differences - spread), error_K(differences + spread), count=count
+        )
+        allowed = (tuning.audit_share * settings.accuracy_K) ** 2
+        if halves is not None:
+            own = error_K(halves[:, drawn.pixels])
+            allowed = max(allowed, drawn.mean_square(own, own, count=count)[0])
+        # A square that is many times its doubt is no chance that ended the trace.
+        return doubt <= max(allowed, square / 4)
+
     sparse = replace(settings, max_samples=samples, accuracy_K=0.0, seed=settings.seed + 1)
-    truth = trace_path(cells, scene, device, sparse, None, draw=draw, view=view)
+    truth = trace_path(cells, scene, device, sparse, None, draw=draw, enough=enough, view=view)
     seconds = truth.seconds["image"] + truth.seconds["scattering"]
-    if (
-        truth.pixel_sample is None
-        or truth.weights_difference is None
-        or not len(truth.pixel_sample.pixels)
-    ):
-        return float("nan"), float("nan"), seconds
-    mine = _planes(weights, cells)[:, truth.pixel_sample.pixels]
-    means, spread = (_planes(some, cells) for some in (truth.weights, truth.weights_difference))
-    one, other = (
-        np.nan_to_num(temperature_error_K(mine, mine - each, cells, scene))
-        for each in (means + spread, means - spread)
+    if truth.pixel_sample is None or truth.weights_difference is None:
+        return result
+    places = truth.pixel_sample.pixels
+    means, spread = truth.weights.images, truth.weights_difference.images
+
+    def error(sign: float) -> Weights:
+        flat = ((name, image.reshape(1, -1)[:, places]) for name, image in weights.images.items())
+        return Weights.of({name: one - means[name] - sign * spread[name] for name, one in flat})
+
+    return replace(
+        result,
+        audit=Audit(truth.pixel_sample, (error(1.0), error(-1.0))),
+        seconds={**result.seconds, "audit": seconds},
     )
-    # Of a product of two numbers with the same mean and noise, this is the variance.
-    variance = (one**2 - other**2) ** 2 / 4
-    total, doubt = truth.pixel_sample.total(one * other, variance)
-    return total / count, doubt / count, seconds
 
 
-def scatterings(cells: OpticalCells, deepest: float, order: int | None) -> float:
-    """Bound of the mean number of scatterings of a path.
+def scatterings(cells: OpticalCells, order: int | None) -> float:
+    """About the largest mean number of scatterings of a path.
 
     The order and absorption bound it, and so does the size: in a convex body isotropic incident
     light travels 4 V / S in the mean, whatever the scattering (Bardsley and Dubi, SIAM J. Appl.
-    Math. 40, 1981).
+    Math. 40, 1981). Of a slab that is twice its depth.
 
     Args:
         cells: the medium.
-        deepest: largest optical depth of a cell's edge.
         order: most scatterings, None for all.
     """
-    across = deepest * max(cells.box().shape)
+    depth = cells.dense(cells.box(), cells.depth)
+    across = 2.0 * min(float(depth.sum(axis=axis).max()) for axis in range(3))
     most = np.inf if order is None else float(order)
-    return min(most, 1.0 / max(float(cells.coalbedo.min()), 1e-300), max(across, 1.0))
+    return max(1.0, min(most, 1.0 / max(float(cells.coalbedo.min()), 1e-300), across))
 
 
 def _planes(weights: Weights, cells: OpticalCells) -> Floats:

@@ -126,6 +126,7 @@ def trace_path(
     report: Callable[[str], None] | None,
     *,
     draw: Callable[[Floats], PixelSample] | None = None,
+    enough: Callable[[PixelSample, Floats, Floats], bool] | None = None,
     view: View | None = None,
 ) -> Trace:
     """Weights by path tracing; raises as `trace`.
@@ -137,6 +138,8 @@ def trace_path(
         report: takes lines of progress.
         draw: chooses the pixels to trace from what the line of sight of each scatters (P,). The
             images are then these pixels in one row, and the noise is theirs.
+        enough: of the drawn pixels, their weights (C, N) and half the difference of two halves of
+            the samples; ends the trace where it is true, instead of the noise.
         view: of the scene, where the caller has it.
     """
     view = View.of(scene, cells) if view is None else view
@@ -225,6 +228,13 @@ def trace_path(
         means = [tracer.means(components, real) for tracer in tracers]
         sums.add(np.concatenate(means, axis=1).astype(np.float64))
         if sums.batches % 2 or sums.batches < settings.tuning.batches:
+            continue
+        if pixel_sample is not None and enough is not None:
+            found = (image[:, place] + sums.mean)[:-1]
+            if enough(pixel_sample, found, sums.difference[:-1]):
+                break
+            if sums.batches * SAMPLES >= settings.max_samples:
+                break
             continue
         error_K = temperature_error_K(
             (image[:, place] + sums.mean)[:-1], sums.difference[:-1], cells, scene

@@ -65,3 +65,19 @@ class PixelSample:
         middle = np.average(scaled, weights=free) if count else 0.0
         missed = float(np.sum(free * (scaled - middle) ** 2)) * count / max(count - 1, 1)
         return float(scaled.sum()), (missed + float(np.sum(variance / self.chance))) ** 0.5
+
+    def mean_square(self, one: Floats, other: Floats, *, count: int) -> tuple[float, float]:
+        """Unbiased estimate of the mean square of an error over an image.
+
+        Args:
+            one, other: (N,) two estimates of the error with independent noise; 0 where it is not
+                counted.
+            count: pixels of the image over which the mean is taken.
+
+        Returns:
+            Mean square, below 0 where noise has it so; and its standard error.
+        """
+        # Of a product of two numbers with the same mean and noise, this is the variance.
+        variance = (one**2 - other**2) ** 2 / 4
+        total, doubt = self.total(one * other, variance)
+        return total / count, doubt / count

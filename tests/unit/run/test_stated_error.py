@@ -7,13 +7,18 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cldit.gpu.device import Device
+from cldit.radiance.weights import Weights
 from cldit.run import open_run, simulate
 from cldit.run.accuracy import StatedError
-from cldit.scene import load_scene, parse_scene
+from cldit.run.spectral import summed
+from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.transport import Transport
+from cldit.transport.monte_carlo.pixel_sampling import PixelSample
+from cldit.transport.result import Audit
 
 
 @pytest.mark.parametrize(
@@ -32,29 +37,79 @@ def test_more_than_asked(halves: float, audit: float, asked: dict[str, Any], sai
     assert said in text
 
 
-@pytest.mark.parametrize(
-    ("method", "audit", "halves"), [("source", 0.0, 0.13), ("source", 0.2, 0.1), ("path", 0.0, 0.1)]
-)
-def test_what_two_pictures_share(
-    method: str, audit: float, halves: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Is allowed for where no audit sees it; samples of `path` share nothing."""
-    monkeypatch.setattr("cldit.run.accuracy.temperature_error_K", lambda *_, **__: 0.1)
-    data = load_scene("droplets-only").model_dump(mode="json")
-    data["transport"]["method"] = method
-    result: Any = SimpleNamespace(difference=True, audit_K=audit)
-    maps: Any = None
-    stated = StatedError.of(parse_scene(data), result, maps)
-    assert stated is not None
-    assert (stated.halves_K, stated.audit_K) == pytest.approx((halves, audit))
-
-
-@pytest.mark.parametrize(
-    ("halves", "told"), [(0.0, 0), (0.1, 0), (0.1049, 0), (0.1051, 1), (float("nan"), 0)]
-)
+@pytest.mark.parametrize(("halves", "told"), [(0.0, 0), (0.1, 0), (0.1049, 0), (0.1051, 1)])
 def test_as_asked(halves: float, told: int) -> None:
-    """As it is printed, with two digits; without a T_app there is no error to speak of."""
+    """As it is printed, with two digits."""
     assert len(StatedError(halves).remarks(Transport(accuracy_K=0.1))) == told
+
+
+def test_unknown() -> None:
+    """Is said, with what is known; it is never a number, nor less than was asked for."""
+    assert StatedError(None, unknown="why").error_K is None
+    (text,) = StatedError(None, unknown="why").remarks(Transport())
+    assert text == "error of the trace in T_app: unknown (why)"
+    (text,) = StatedError(0.05, unknown="why").remarks(Transport(accuracy_K=0.1))
+    assert text.startswith("error of the trace in T_app: at least 0.05 K RMS")
+    assert len(StatedError(0.2, unknown="why").remarks(Transport(accuracy_K=0.1))) == 2
+
+
+def flat(value: float) -> Weights:
+    """Weights of two by two pixels that all are of one value."""
+    image = np.full((2, 2), value, np.float32)
+    return Weights(image, -image, np.zeros_like(image), np.zeros_like(image))
+
+
+def node(difference: float, audit: float | None, *, noise: float = 0.0) -> Any:
+    """A trace of such weights, audited in all of its pixels."""
+    every = PixelSample(np.arange(4), np.ones(4))
+    found = None
+    if audit is not None:
+        rows = [flat(audit + sign * noise).map(lambda w: w.reshape(1, 4)) for sign in (1, -1)]
+        found = Audit(every, (rows[0], rows[1]))
+    return SimpleNamespace(
+        weights=flat(0.5),
+        weights_difference=flat(difference),
+        audit=found,
+        scatters=True,
+        unaudited="" if found else "no audit",
+        seconds={},
+        counts={},
+    )
+
+
+def stated(scene: Scene, *traces: Any) -> StatedError | None:
+    """Of nodes of equal light."""
+    at_K = 450.0
+    emissivity = np.full((2, 2), 0.5, np.float32)
+    maps: Any = SimpleNamespace(
+        emissivity=emissivity, apparent_temperature_K=np.full((2, 2), at_K, np.float32)
+    )
+    nodes = [SimpleNamespace(share=lambda _: 1 / len(traces)) for _ in traces]
+    quadrature: Any = SimpleNamespace(nodes=nodes, reference_K=at_K)
+    return StatedError.of(scene, summed(traces, quadrature, scene), maps)
+
+
+def test_wavelengths_add_as_they_do_in_the_picture() -> None:
+    """Errors of opposite sign cancel, and equal ones are one node's: their share is the light's."""
+    scene = load_scene("droplets-only")
+    one = stated(scene, node(0.01, 0.02))
+    both = stated(scene, node(0.01, 0.02), node(0.01, 0.02))
+    against = stated(scene, node(0.01, 0.02), node(-0.01, -0.02))
+    half = stated(scene, node(0.01, 0.02), node(0.0, 0.0))
+    assert one is not None and both is not None and against is not None and half is not None
+    assert one.halves_K is not None and one.audit_K is not None
+    assert one.audit_K == pytest.approx(2 * one.halves_K, rel=1e-6)
+    assert (both.halves_K, both.audit_K) == pytest.approx((one.halves_K, one.audit_K), rel=1e-5)
+    assert (against.halves_K, against.audit_K) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert half.audit_K == pytest.approx(one.audit_K / 2, rel=1e-5)
+
+
+def test_one_wavelength_without_an_audit() -> None:
+    """The sum is known in part, and no more than that is said."""
+    found = stated(load_scene("droplets-only"), node(0.01, 0.02), node(0.01, None))
+    assert found is not None
+    assert found.audit_K is None
+    assert found.unknown == "no audit"
 
 
 def test_runs_say_so(device: Device, tmp_path: Path) -> None:
