@@ -110,6 +110,9 @@ def halves(parcels: Parcels, *, seed: int) -> tuple[Parcels, Parcels]:
         parcels: to be halved.
         seed: of the draw.
 
+    Returns:
+        Both halves.
+
     Raises:
         MediumError: the parcels are no sample, but fill boxes; or fewer than two have droplets.
     """
