@@ -104,7 +104,7 @@ class _Painted:
         )
         defect = np.zeros(len(cells.address))
         formal_solution.images([towards], defect)  # builds
-        (images, several), cost = clocked(
+        (images, _, several), cost = clocked(
             case.device, lambda: formal_solution.images([towards], defect)
         )
         return cls(weights_of(images[0], cells), cost, several)

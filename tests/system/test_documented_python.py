@@ -99,9 +99,15 @@ def test_rig(tiny_rig: dict[str, Any]) -> None:
     assert names["saved"].image.any()
 
 
+@pytest.mark.usefixtures("here")
+def test_errors() -> None:
+    names = run("docs/errors.md")
+    assert {cause.name for cause in names["run"].errors.causes} >= {"trace", "cells"}
+
+
 def test_no_page_is_forgotten() -> None:
     found = [*(_ROOT / "docs").rglob("*.md"), _ROOT / "README.md", _ROOT / "CONTRIBUTING.md"]
     pages = [str(page.relative_to(_ROOT)) for page in found]
-    run_here = {"README.md", "docs/extending.md", "docs/rig.md"}
+    run_here = {"README.md", "docs/errors.md", "docs/extending.md", "docs/rig.md"}
     run_here.add("docs/studies.md")  # after its sweep: test_documented_commands_run.py
     assert {p for p in pages if any(language == "python" for language, _ in blocks(p))} == run_here

@@ -81,7 +81,12 @@ def test_diffusing_slab_against_disort(run_block: Callable[..., Run]) -> None:
 
 @pytest.mark.parametrize(
     ("depth", "albedo", "g", "cells"),
-    [(100.0, 0.9, 0.0, 64), (20.0, 0.8, 0.0, 64), (10.0, 0.9, 0.8, 128)],
+    [
+        (100.0, 0.9, 0.0, 64),
+        (20.0, 0.8, 0.0, 64),
+        # Forward in default tests: test_forward_scattering_slab_against_disort.
+        pytest.param(10.0, 0.9, 0.8, 128, marks=pytest.mark.slow),
+    ],
 )
 def test_thick_slab_against_disort(
     run_block: Callable[..., Run], depth: float, albedo: float, g: float, cells: int
