@@ -128,3 +128,7 @@ def main(arguments: list[str]) -> int:
         return ACQUIRE_FAILED
     print("complete" if record.complete else "stopped", record.lost_injections, flush=True)
     return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
