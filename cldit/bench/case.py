@@ -17,6 +17,7 @@ from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
 from cldit.radiance.weights import Weights
 from cldit.run.medium import Medium, make_medium
+from cldit.run.node_temperature import NodeTemperature
 from cldit.run.stages import Stages
 from cldit.scene import Scene, parse_scene
 from cldit.transport.cells import OpticalCells
@@ -183,31 +184,11 @@ class Case:
         return result, Cost(cost.core_s - built_s if self.device.is_cpu else wall_s, wall_s)
 
     @cached_property
-    def _inverse(self) -> tuple[Floats, Floats]:
-        grid_K = np.geomspace(20.0, 5000.0, 20_000)
+    def _temperature(self) -> NodeTemperature:
         nodes = self.medium.properties.chosen.nodes
-        return np.asarray(nodes[len(nodes) // 2].radiance(grid_K), float), grid_K
-
-    @cached_property
-    def _before_background(self) -> NDArray[np.bool_]:
-        return View.of(self.scene, OpticalCells.of(self.tree)).before_background
+        before = View.of(self.scene, OpticalCells.of(self.tree)).before_background
+        return NodeTemperature.of(self.scene, nodes[len(nodes) // 2], before)
 
     def temperature_K(self, weights: Weights) -> Floats:
-        """Apparent temperature (H, W) in the node's light, NaN where emissivity says nothing, and
-        where the line of sight would not end on the background.
-
-        DIT without noise: emissivity = 1 - w_bg, and B(T_app) = what does not come from the
-        background, over the emissivity.
-        """
-        radiance, grid_K = self._inverse
-        wall = np.interp(self.scene.walls.temperature_K, grid_K, radiance)
-        own = weights.wall * wall + weights.vapour.astype(float) + weights.liquid
-        for patch in self.scene.patches:
-            lit = np.interp(patch.temperature_K, grid_K, radiance)
-            own += weights.patches[patch.name] * lit
-        emissivity = 1.0 - weights.background.astype(float)
-        apparent = np.divide(own, emissivity, out=np.zeros_like(own), where=emissivity > 1e-6)
-        # Interpolated between logarithms, whose curve over 1 / T is nearly straight.
-        known = (apparent > radiance[0]) & self._before_background
-        inverse = np.interp(np.log(np.where(known, apparent, 1.0)), np.log(radiance), -1.0 / grid_K)
-        return np.where(known, -1.0 / inverse, np.nan)
+        """Apparent temperature (H, W) in the middle node's light; see `NodeTemperature`."""
+        return self._temperature(weights)
