@@ -234,9 +234,9 @@ def _errors(
     causes: list[Cause | None] = []
     if stated is not None:
         causes += stated.causes
-    if len(spectral.nodes) > 1 or spectral.errors_K:
-        error = spectral.errors_K[len(spectral.nodes) - 1] if spectral.errors_K else 0.0
-        causes.append(Cause("wavelengths", error, f"{len(spectral.nodes)} nodes against many"))
+    if spectral.errors_K:
+        how = f"{len(spectral.nodes)} nodes against more, on lines of sight through the spray"
+        causes.append(Cause("wavelengths", spectral.error_K, how))
     one = replace(settings[probed.number], method="source", audit=False)
     budget = Budget(scene, device, one, probed)
     base = result.traces[probed.number].weights
