@@ -28,7 +28,7 @@ _PARTS = 4  # of the smallest box, at most, in a voxel of the grid that all boxe
 _OFF = 1e-5  # in cells: how far a face may be from the grid, as `cldit.medium.lattice` has it
 _FEW = 0.01  # of what all boxes take out of light, which may be resolved less
 # Of a cell, up to which its source need not be resolved: see `needed_edge_m`.
-CELL_DEPTH = 1.0
+CELL_DEPTH = 0.5
 # What a swept cell without content and a brick of the directory take of a stored cell's memory.
 _SWEPT, _BRICK = 1 / 16, 1 / 8
 

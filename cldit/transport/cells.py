@@ -169,11 +169,11 @@ class OpticalCells:
         return np.stack(planes) if planes else np.zeros((0, len(self.depth[at])), real)
 
     def bounds(self) -> Box:
-        """The smallest box of whole bricks around everything that is not empty space."""
+        """The smallest box around all that is not empty space; its lower corner is a brick's."""
         return self._around(self.tree.filled)
 
     def box(self) -> Box:
-        """The smallest box of whole bricks around all divided bricks: what is swept.
+        """The smallest box around all divided bricks: what is swept. Its lower corner is a brick's.
 
         Undivided leaves outside it are thinner than the octree's bound; only the image has them.
         """
@@ -183,12 +183,27 @@ class OpticalCells:
         if not bricks.any():
             return Box(low=(0, 0, 0), shape=(1, 1, 1))
         low, shape = [], []
-        for others in ((0, 1), (0, 2), (1, 2)):  # what is left is x, y, z
+        for axis, others in enumerate(((0, 1), (0, 2), (1, 2))):  # what is left is x, y, z
             along = np.flatnonzero(bricks.any(axis=others))
             low.append(int(along[0]) * BRICK)
-            high = min((int(along[-1]) + 1) * BRICK, self.tree.frame.cells)
-            shape.append(high - low[-1])
+            last = int(along[-1])
+            shape.append(last * BRICK + self._reach(bricks, last, axis) - low[-1])
         return Box(low=(low[0], low[1], low[2]), shape=(shape[0], shape[1], shape[2]))
+
+    def _reach(self, bricks: NDArray[np.bool_], last: int, axis: int) -> int:
+        """Cells along x, y or z in the `last` layer of some `bricks` up to the last with content.
+
+        A grid whose edge is no multiple of a brick's ends where its cells end, so that a background
+        or a patch may lie right behind it.
+        """
+        whole = min(BRICK, self.tree.frame.cells)
+        layer = (slice(None),) * (2 - axis) + (last,)
+        slots = self.tree.directory[layer][bricks[layer]]
+        if np.any(slots < 0):
+            return whole
+        stored = self.depth[: self.tree.slots * _BRICK_CELLS].reshape(-1, BRICK, BRICK, BRICK)
+        held = np.flatnonzero((stored[slots] > 0).any(axis=(0, *({1, 2, 3} - {3 - axis}))))
+        return int(held[-1]) + 1 if len(held) else whole
 
     def positions(self, address: NDArray[np.int64]) -> NDArray[np.int64]:
         """Finest cell (N, 3; x, y, z) of stored addresses."""

@@ -178,6 +178,9 @@ def upload_tree(device: Device, cells: OpticalCells, real: type[np.floating]) ->
 def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:
     """Checks that no ray leaves the medium beyond the disc or a patch.
 
+    The medium may end anywhere in its last cells. A disc in these is seen as well, for a line's
+    way is followed back to it; a patch is not.
+
     Args:
         scene, cells, view: the boundary and the medium, and both in one unit.
 
@@ -186,7 +189,7 @@ def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:
     """
     frame, box = cells.tree.frame, cells.box()
     low, high = np.asarray(box.low, float), np.add(box.low, box.shape).astype(float)
-    if scene.background.shape == "disc" and view.disc[1] < high[1] - 1e-6:
+    if scene.background.shape == "disc" and view.disc[1] < high[1] - 1.0:
         reach = frame.lower_m[1] + high[1] * frame.cell_m
         raise TransportError(
             f"background.centre_m: y = {scene.background_centre_m[1]:g} m lies inside the spray, "
