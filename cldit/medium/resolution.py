@@ -18,7 +18,7 @@ from cldit.errors import MediumError
 from cldit.medium.deposit import Boxes, Placed, place_droplets
 from cldit.medium.frame import BRICK, Frame
 from cldit.medium.octree import Sources
-from cldit.spray.extent import Box
+from cldit.spray.extent import Box, Cloud
 
 Floats = NDArray[np.float64]
 
@@ -55,9 +55,9 @@ class Candidate:
 def candidates(cube: Frame, sources: Sources, *, limit: int = MOST_CELLS) -> Iterator[Candidate]:
     """Cubes of the medium from one cell to the finest cells that fit, each twice as fine.
 
-    All have one lower corner and edge: those of `cube`, or where all of the medium lies on a grid,
-    of a cube on that grid. Nothing is built: what falls into which brick is marked, level by level,
-    as long as more of them are asked for.
+    All have one lower corner and edge: those of `cube`, or where the boxes of a medium lie on a
+    grid, of a cube on that grid. Nothing is built: what falls into which brick is marked, level by
+    level, as long as more of them are asked for.
 
     Args:
         cube: in which all of the medium must lie.
@@ -81,39 +81,67 @@ def candidates(cube: Frame, sources: Sources, *, limit: int = MOST_CELLS) -> Ite
 
 
 def on_grid(cube: Frame, sources: Sources) -> Frame | None:
-    """A cube whose finest cells are the voxels of the grid that all of a medium lies on.
+    """A cube whose finest cells are the voxels of the grid that all boxes of a medium lie on.
 
-    Its lower corner is that of the medium, so that bricks begin there, too.
+    Its lower corner is that of the boxes, so that bricks begin there, too; parcels in points or as
+    clouds that reach beyond it move it by whole bricks.
 
     Args:
-        cube: without a part in the answer but that edges are told from 0 by its size.
+        cube: in which all of the medium lies.
         sources: droplets and gas.
 
     Returns:
-        The cube; None where the medium is empty, has parcels in points or as clouds, or boxes that
-        lie on no common grid of voxels at least a quarter as large as the smallest box.
+        The cube; None where there is no box, or boxes lie on no common grid of voxels at least a
+        quarter as large as the smallest box.
     """
-    boxes = _boxes(sources)
-    if boxes is None or len(boxes[0]) == 0:
+    lower, upper = _boxes(sources)
+    if len(lower) == 0:
         return None
-    lower, upper = boxes
     origin, reach = lower.min(axis=0), upper.max(axis=0)
-    longest = int(np.argmax(reach - origin))
-    span = float((reach - origin)[longest])
+    edge = _common_edge(lower, upper)
+    if edge is None:
+        return None
+    low, high = _scattered_about(cube, sources)
+    first = np.minimum(np.floor((low - origin) / (edge * BRICK)) * BRICK, 0.0)
+    last = np.maximum(np.ceil((high - origin) / edge), np.rint((reach - origin) / edge))
+    depth = (int((last - first).max()) - 1).bit_length()
+    if depth > DEEPEST:
+        return None
+    x, y, z = (float(corner) for corner in origin + first * edge)
+    return Frame(lower_m=(x, y, z), edge_m=edge * 2**depth, depth=depth)
+
+
+def _common_edge(lower: Floats, upper: Floats) -> float | None:
+    """Edge of the voxels that boxes (N, 3) are made of; None where there are none."""
+    origin, reach = lower.min(axis=0), upper.max(axis=0)
+    span = float((reach - origin).max())
     smallest = float((upper - lower).min())
     if not smallest > 0 or span / smallest > 2**DEEPEST:
         return None
     for parts in range(1, _PARTS + 1):
-        count = round(span / smallest * parts)
-        edge = span / count  # of many voxels: rounding of one box does not add up
-        if count <= 2**DEEPEST and all(
-            np.abs(steps - np.rint(steps)).max() <= _OFF
-            for steps in ((face - origin) / edge for face in (lower, upper))
-        ):
-            depth = (count - 1).bit_length()
-            x, y, z = (float(low) for low in origin)
-            return Frame(lower_m=(x, y, z), edge_m=edge * 2**depth, depth=depth)
+        edge = span / round(span / smallest * parts)  # of many: one box's rounding does not add up
+        steps = (lower - origin) / edge, (upper - origin) / edge
+        if all(np.abs(each - np.rint(each)).max() <= _OFF for each in steps):
+            return edge
     return None
+
+
+def _scattered_about(cube: Frame, sources: Sources) -> tuple[Floats, Floats]:
+    """Corners of the box around parcels in points or as clouds, at most the cube; empty: +-inf."""
+    points, _ = sources
+    if points is None or len(points.position_m) == 0 or isinstance(points.extent, Box):
+        return np.full(3, np.inf), np.full(3, -np.inf)
+    held = points.absorption_m2 + points.scattering_m2 > 0
+    reach = np.zeros_like(points.position_m)
+    if isinstance(points.extent, Cloud):
+        # Brings a compiler, which a scene without clouds does not need.
+        from cldit.medium.rasterise import REACH
+
+        reach = REACH * np.sqrt(np.diagonal(points.extent.covariance_m2, axis1=1, axis2=2))
+    corner = np.asarray(cube.lower_m)
+    low = (points.position_m - reach)[held].min(axis=0, initial=np.inf)
+    high = (points.position_m + reach)[held].max(axis=0, initial=-np.inf)
+    return np.maximum(low, corner), np.minimum(high, corner + cube.edge_m)
 
 
 def needed_edge_m(cube: Frame, sources: Sources, *, finest_m: float) -> float:
@@ -133,12 +161,12 @@ def needed_edge_m(cube: Frame, sources: Sources, *, finest_m: float) -> float:
     Raises:
         MediumError: there are parcels that are no boxes.
     """
-    boxes = _boxes(sources)
-    if boxes is None:
+    if not known_in_boxes(sources):
         raise MediumError("resolution: parcels in points or as clouds have no boxes")
-    if len(boxes[0]) == 0:
+    lower, upper = _boxes(sources)
+    if len(lower) == 0:
         return cube.edge_m
-    edges = boxes[1] - boxes[0]
+    edges = upper - lower
     shortest = edges.min(axis=1)
     extinction, scattering = _coefficients(sources)
     taken = -np.expm1(-extinction * shortest) * np.prod(edges, axis=1) / edges.max(axis=1)
@@ -158,17 +186,23 @@ def _least_but_few(values: Floats, weight: Floats) -> float:
     return float(values[order[np.searchsorted(held, _FEW * held[-1])]])
 
 
-def _boxes(sources: Sources) -> tuple[Floats, Floats] | None:
-    """Corners (N, 3) of all boxes, droplets first; None where droplets are in points or clouds."""
+def known_in_boxes(sources: Sources) -> bool:
+    """Whether all of a medium is in boxes, and no parcel in a point or a cloud."""
+    points, _ = sources
+    return points is None or len(points.position_m) == 0 or isinstance(points.extent, Box)
+
+
+def _boxes(sources: Sources) -> tuple[Floats, Floats]:
+    """Corners (N, 3) of all boxes, droplets first."""
     points, cells = sources
-    lower, upper = [source.lower_m for source in cells], [source.upper_m for source in cells]
-    if points is not None and len(points.position_m):
-        if not isinstance(points.extent, Box):
-            return None
-        half = points.extent.edge_m / 2
-        lower, upper = [points.position_m - half, *lower], [points.position_m + half, *upper]
     none = np.zeros((0, 3))
-    return np.concatenate([none, *lower]), np.concatenate([none, *upper])
+    lower, upper = [none], [none]
+    if points is not None and isinstance(points.extent, Box):
+        half = points.extent.edge_m / 2
+        lower, upper = [points.position_m - half], [points.position_m + half]
+    lower += [source.lower_m for source in cells]
+    upper += [source.upper_m for source in cells]
+    return np.concatenate(lower), np.concatenate(upper)
 
 
 def _coefficients(sources: Sources) -> tuple[Floats, Floats]:

@@ -8,26 +8,27 @@ from pathlib import Path
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources
-from cldit.medium.resolution import MOST_CELLS, candidates, needed_edge_m
+from cldit.medium.resolution import MOST_CELLS, candidates, known_in_boxes, needed_edge_m
 from cldit.scene.vessel import Domain
-from cldit.spray.result import Spray
 
-# Bytes of a cell in which droplets scatter, at the peak of a trace (tests/bench/cells.py): in all,
-# for each further wavelength, and in the largest buffer of a device.
-_CELL_BYTES, _WAVELENGTH_BYTES, _BUFFER_BYTES = 600, 60, 96
+# Bytes of a cell in which droplets scatter, at the peak of a run of a full cube of 128^3 cells: 440
+# where they scatter evenly, 1090 with a phase function. Trees hold 60 for each further wavelength;
+# three gradients of four components in double precision are a device's largest buffer.
+_CELL_BYTES, _PHASE_BYTES, _WAVELENGTH_BYTES, _BUFFER_BYTES = 500, 1200, 60, 96
 _SHARE = 0.7  # of the memory there is, which a run may take
 _CONTROL_GROUP = Path("/sys/fs/cgroup/memory.max")
 
 
-def cells_that_fit(device: Device, *, wavelengths: int) -> int:
+def cells_that_fit(device: Device, *, wavelengths: int, phase: bool) -> int:
     """How many stored cells fit the memory of device and host, at most `MOST_CELLS`.
 
     Args:
         device: that traces.
         wavelengths: whose trees are in memory together.
+        phase: whether droplets scatter by a phase function.
     """
     room = _SHARE * min(host_bytes(), device.info.memory_bytes)
-    bytes_each = _CELL_BYTES + _WAVELENGTH_BYTES * (wavelengths - 1)
+    bytes_each = (_PHASE_BYTES if phase else _CELL_BYTES) + _WAVELENGTH_BYTES * (wavelengths - 1)
     buffer = device.info.largest_buffer_bytes / _BUFFER_BYTES
     return int(min(MOST_CELLS, room / bytes_each, buffer))
 
@@ -46,17 +47,15 @@ def host_bytes() -> float:
     return min(found)
 
 
-def chosen_frame(
-    domain: Domain, spray: Spray, sources: Sources, *, limit: int
-) -> tuple[Frame, tuple[str, ...]]:
+def chosen_frame(domain: Domain, sources: Sources, *, limit: int) -> tuple[Frame, tuple[str, ...]]:
     """The cube with its finest cells.
 
-    What the scene fixes stays fixed. Else coefficients of one's own get the coarsest cells that
-    resolve them; a spray gets the paper's leaf. Both get the finest that fit where these do not.
+    What the scene fixes stays fixed. Else a medium of boxes gets the coarsest cells that resolve
+    it; one with parcels in points or as clouds at most the paper's leaf. Both get the finest that
+    fit where these do not.
 
     Args:
         domain: of the scene.
-        spray: whose sources they are.
         sources: droplets and gas of one wavelength.
         limit: cells at most.
 
@@ -71,11 +70,11 @@ def chosen_frame(
         return Frame.around(centre_m=centre_m, edge_m=edge_m, leaf_edge_m=domain.leaf_m), ()
     cube = Frame.around(centre_m=centre_m, edge_m=edge_m, leaf_edge_m=2 * edge_m)
     wanted_m = domain.leaf_m
-    if spray.prescribed is not None and spray.parcels is None and spray.vapour is None:
-        wanted_m = needed_edge_m(cube, sources, finest_m=domain.leaf_m) * (1 + 1e-9)
+    if known_in_boxes(sources):
+        wanted_m = needed_edge_m(cube, sources, finest_m=domain.leaf_m)
     found = None
     for found in candidates(cube, sources, limit=limit):
-        if found.frame.cell_m < wanted_m:
+        if found.frame.cell_m <= wanted_m * (1 + 1e-9):
             return found.frame, ()
     assert found is not None
     return found.frame, (

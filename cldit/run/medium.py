@@ -150,8 +150,9 @@ def make_medium(
         note.append(f"{count} wavelength{'s' if count > 1 else ''}")
         stages.remark(found.remarks)
     split = scene.domain.optical_depth_split
-    limit = cells_that_fit(device, wavelengths=len(sources))
-    frame, remarks = chosen_frame(scene.domain, spray, sources[0], limit=limit)
+    phase = any(one is not None for one in (*found.phases, found.paper_phase))
+    limit = cells_that_fit(device, wavelengths=len(sources), phase=phase)
+    frame, remarks = chosen_frame(scene.domain, sources[0], limit=limit)
     stages.remark(remarks)
     probed = _probed(scene, frame, (made, spray), found) if scene.transport.audit else None
     del made, spray  # with what the trees are made of, as large as the trace that follows

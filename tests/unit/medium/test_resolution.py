@@ -12,7 +12,7 @@ from cldit.errors import MediumError
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, PointSource, Sources, build_octree
 from cldit.medium.resolution import CELL_DEPTH, candidates, needed_edge_m, on_grid
-from cldit.spray.extent import Box
+from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Cells
 
 Floats = NDArray[np.float64]
@@ -34,6 +34,11 @@ def voxels(
     cells = Cells.regular(origin_m=-np.array(shape) * spacing / 2, spacing_m=spacing, shape=shape)
     extinction = np.full(len(cells.lower_m), depth / spacing.min())
     return None, [source(cells.lower_m, cells.upper_m, extinction)]
+
+
+def droplets(place: Floats, extent: Extent | None = None) -> PointSource:
+    one = np.ones(len(place))
+    return PointSource(place, one, one, one, extent)
 
 
 def tree_of(frame: Frame, sources: Sources) -> Octree:
@@ -168,7 +173,7 @@ def test_a_box_that_nobody_sees_asks_for_no_cells() -> None:
 def test_candidates_go_from_one_cell_to_the_finest_that_fits() -> None:
     """What they say is stored is what a tree stores, but for thin bricks that it merges."""
     rng = np.random.default_rng(4)
-    points = PointSource(rng.normal(0, 0.01, (300, 3)), *(np.ones(300) for _ in range(3)))
+    points = droplets(rng.normal(0, 0.01, (300, 3)))
     for sources in ((points, []), voxels((24, 24, 24), (4e-3,) * 3)):
         found = list(candidates(CUBE, sources, limit=200_000))
         assert found[0].frame.depth == 0
@@ -185,13 +190,29 @@ def test_candidates_go_from_one_cell_to_the_finest_that_fits() -> None:
 def test_droplets_in_the_boxes_of_a_lattice_are_on_a_grid_too() -> None:
     rng = np.random.default_rng(5)
     index = np.repeat(rng.choice(20, (50, 3)), 2, axis=0)
-    points = PointSource(
-        (index - 10 + 0.5) * 2e-3, *(np.ones(100) for _ in range(3)), Box(np.full(3, 2e-3))
-    )
+    points = droplets(np.asarray((index - 9.5) * 2e-3), Box(np.full(3, 2e-3)))
     gas = voxels((10, 10, 10), (2e-3,) * 3)[1]
     frame = on_grid(CUBE, (points, gas))
     assert frame is not None and frame.cell_m == pytest.approx(2e-3)
-    assert on_grid(CUBE, (PointSource(points.position_m, *[np.ones(100)] * 3), gas)) is None
+
+
+def test_parcels_beside_the_gas_have_room() -> None:
+    """Points and clouds lie on no grid: gas keeps its own, and the cube reaches to all of them."""
+    gas = voxels((10, 10, 10), (2e-3,) * 3)[1]
+    place = np.array([[0.0, 0.0, -0.05], [0.03, 0.0, 0.0]])
+    spread = Cloud(np.eye(3)[None] * np.array([1e-6, 4e-6])[:, None, None])
+    for extent in (None, spread):
+        sources: Sources = (droplets(place, extent), gas)
+        frame = on_grid(CUBE, sources)
+        assert frame is not None and frame.cell_m == pytest.approx(2e-3)
+        bricks = (np.array([-0.01] * 3) - np.array(frame.lower_m)) / (8 * frame.cell_m)
+        np.testing.assert_allclose(bricks, np.rint(bricks), atol=1e-9)
+        tree = tree_of(frame, sources)
+        assert tree.integral("droplet_scattering") == pytest.approx(
+            2.0 + 0.8 * 0.1 / 2e-3 * 8e-6, rel=1e-6
+        )
+        assert frame.lower_m[2] <= -0.05
+        assert np.all(np.array(frame.lower_m) + frame.edge_m >= [0.03, 0.01, 0.01])
 
 
 def test_nothing_and_what_cannot_be() -> None:
@@ -207,6 +228,6 @@ def test_nothing_and_what_cannot_be() -> None:
     with pytest.raises(MediumError, match=r"lies outside the domain.*domain\.edge_m"):
         next(candidates(CUBE, (None, [outside])))
     with pytest.raises(MediumError, match="no boxes"):
-        needed_edge_m(CUBE, (PointSource(np.zeros((1, 3)), *[np.ones(1)] * 3), []), finest_m=1e-3)
+        needed_edge_m(CUBE, (droplets(np.zeros((1, 3))), []), finest_m=1e-3)
     with pytest.raises(MediumError, match="allowed are 100"):
         next(candidates(CUBE, (None, [grid]), limit=100))
