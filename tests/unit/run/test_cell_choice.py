@@ -1,4 +1,4 @@
-"""Which cells a run takes: what is fixed stays, what is needed is taken, what is lacking is said."""
+"""Which cells a run takes: fixed, needed, or what there is room for."""
 
 from __future__ import annotations
 
