@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cldit.errors import MediumError
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, PointSource, Sources, build_octree
-from cldit.medium.resolution import CELL_DEPTH, candidates, needed_edge_m, on_grid
+from cldit.medium.resolution import ACROSS, CELL_DEPTH, candidates, needed_edge_m, on_grid
 from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Cells
 
@@ -64,7 +64,17 @@ def test_the_cube_is_laid_on_the_grid(
     assert frame.cells == cells
     assert frame.cell_m == pytest.approx(cell, rel=1e-12)
     np.testing.assert_allclose(frame.lower_m, -np.array(shape) * np.array(spacing) / 2)
-    assert needed_edge_m(CUBE, voxels(shape, spacing), finest_m=5e-4) == frame.cell_m
+    needed = needed_edge_m(CUBE, voxels(shape, spacing), finest_m=5e-4)
+    few = max(np.array(shape) * np.array(spacing)) / frame.cell_m < ACROSS
+    assert needed < frame.cell_m if few else needed == frame.cell_m
+
+
+def test_a_medium_of_few_boxes_that_scatter_is_divided() -> None:
+    one = voxels((1, 1, 1), (0.08,) * 3)
+    assert needed_edge_m(CUBE, one, finest_m=5e-4) == pytest.approx(0.01)
+    _, (grid,) = one
+    black = source(grid.lower_m, grid.upper_m, np.ones(1), albedo=0.0)
+    assert needed_edge_m(CUBE, (None, [black]), finest_m=5e-4) == pytest.approx(0.08)
 
 
 def test_voxels_of_the_grid_are_the_leaves() -> None:
