@@ -32,8 +32,9 @@ _FEW = 0.01  # of what all boxes take out of light, which may be resolved less
 CELL_DEPTH = 0.5
 # Cells along a medium that scatters. One cell of depth 0.4 is off by 0.5 K, 8^3 are by 0.06 K.
 ACROSS = 8
-# What a swept cell without content and a brick of the directory take of a stored cell's memory.
-_SWEPT, _BRICK = 1 / 16, 1 / 8
+# What a swept cell without content (8 bytes, measured) and a brick of the cube (60, by its arrays)
+# take of the memory of a stored cell (500).
+_SWEPT, _BRICK = 1 / 64, 1 / 8
 
 
 @dataclass(frozen=True)
