@@ -68,6 +68,9 @@ def candidates(cube: Frame, sources: Sources, *, limit: int = MOST_CELLS) -> Ite
         sources: droplets and gas of any wavelength.
         limit: `Candidate.memory_cells` at most.
 
+    Returns:
+        Candidates, of which the last is the finest that fits.
+
     Raises:
         MediumError: something lies outside the cube, or one cell is more than `limit`.
     """
