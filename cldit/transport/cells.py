@@ -186,24 +186,28 @@ class OpticalCells:
         for axis, others in enumerate(((0, 1), (0, 2), (1, 2))):  # what is left is x, y, z
             along = np.flatnonzero(bricks.any(axis=others))
             low.append(int(along[0]) * BRICK)
-            last = int(along[-1])
-            shape.append(last * BRICK + self._reach(bricks, last, axis) - low[-1])
+            first, last = int(along[0]), int(along[-1])
+            # Cut at neither side or at both: a box that is mirrored about its content stays so.
+            begins = self._held(bricks, first, axis)[0] == 0
+            end = self._held(bricks, last, axis)[-1] + 1 if begins else BRICK
+            high = min(last * BRICK + int(end), self.tree.frame.cells)
+            shape.append(high - low[-1])
         return Box(low=(low[0], low[1], low[2]), shape=(shape[0], shape[1], shape[2]))
 
-    def _reach(self, bricks: NDArray[np.bool_], last: int, axis: int) -> int:
-        """Cells along x, y or z in the `last` layer of some `bricks` up to the last with content.
+    def _held(self, bricks: NDArray[np.bool_], number: int, axis: int) -> NDArray[np.int64]:
+        """Cells along x, y or z that hold something in layer `number` of some `bricks`; or all.
 
         A grid whose edge is no multiple of a brick's ends where its cells end, so that a background
         or a patch may lie right behind it.
         """
-        whole = min(BRICK, self.tree.frame.cells)
-        layer = (slice(None),) * (2 - axis) + (last,)
+        layer = (slice(None),) * (2 - axis) + (number,)
         slots = self.tree.directory[layer][bricks[layer]]
-        if np.any(slots < 0):
-            return whole
         stored = self.depth[: self.tree.slots * _BRICK_CELLS].reshape(-1, BRICK, BRICK, BRICK)
-        held = np.flatnonzero((stored[slots] > 0).any(axis=(0, *({1, 2, 3} - {3 - axis}))))
-        return int(held[-1]) + 1 if len(held) else whole
+        held = np.zeros(0, np.int64)
+        if not np.any(slots < 0):
+            others = tuple({1, 2, 3} - {3 - axis})
+            held = np.flatnonzero((stored[slots] > 0).any(axis=(0, *others)))
+        return held if len(held) else np.arange(BRICK)
 
     def positions(self, address: NDArray[np.int64]) -> NDArray[np.int64]:
         """Finest cell (N, 3; x, y, z) of stored addresses."""
