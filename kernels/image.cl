@@ -8,8 +8,8 @@
 
    LINEAR_SOURCE: S has a spatial gradient in cells that scatter, since a cell is many pixels wide.
 
-   GATHER: S of thick cells is their emission and the control variate. The final gather (gather.cl) adds
-   the rest, where the last plane is above 0.
+   GATHER: S of thick cells is their emission. The final gather (gather.cl) adds the rest, where the last
+   plane is above 0.
 
    After its components each image has the plane WITHIN: what a medium and an enclosure of radiance 1 add
    from within the medium. With the boundary's weights it sums to 1 in every pixel where energy is

@@ -42,7 +42,6 @@ class CellRecords:
         listed: list[NDArray[np.floating] | None],
         defect: Floats,
         thick: NDArray[np.int64] | None,
-        control_variate: NDArray[np.floating] | None,
         real: type[np.floating],
     ) -> NDArray[np.floating]:
         """(F, R) records of the cells, in the type `real`.
@@ -52,7 +51,7 @@ class CellRecords:
         Where nothing scatters it has emitters alone; the emission at radiance 1 is then 1.
 
         Args:
-            listed, defect, control_variate: as in `FormalSolution.images`.
+            listed, defect: as in `FormalSolution.images`.
             thick: (T,) which scattering cells the final gather refines; None: there is no gather.
             real: the device's precision.
         """
@@ -79,14 +78,9 @@ class CellRecords:
             outside = source[: needs.boundaries].sum(axis=0, dtype=np.float64)
             value[:, -1] = 1.0 - outside + made
             if thick is not None:
-                # The gather adds what is scattered, or its difference from the control variate.
+                # The gather adds what is scattered.
                 value[thick, :-1] = 0.0
                 value[thick, -1] = (cells.coalbedo + made)[thick]
-                if control_variate is not None:
-                    scattered = cells.albedo[thick] * control_variate
-                    value[thick, :-1] = scattered.T
-                    outside = scattered[: needs.boundaries].sum(axis=0)
-                    value[thick, -1] += cells.albedo[thick] - outside
-                value[thick, needs.boundaries : -1] += thermal[row[thick]]
+                value[thick, needs.boundaries : -1] = thermal[row[thick]]
             mine[row] = value
         return out

@@ -118,7 +118,6 @@ class FormalSolution:
         gather: Gathered | None = None,
         *,
         gradient: NDArray[np.floating] | None = None,
-        control_variate: NDArray[np.floating] | None = None,
     ) -> tuple[list[Reals], list[Reals], int]:
         """Images of sources, of one ray a pixel as well where there are several.
 
@@ -127,8 +126,6 @@ class FormalSolution:
             defect: (N,) error of the mean radiance in a cavity of radiance 1.
             gather: adds what thick cells scatter; needed with `thick`.
             gradient: (3, C, N) spatial gradient of all of the sources; needed with `linear`.
-            control_variate: (C, T) mean radiance that thick cells scatter, without the remainder
-                that `gather` adds.
 
         Returns:
             Weights (C + 1, H, W) of each image, the part from within the medium last (see
@@ -137,7 +134,7 @@ class FormalSolution:
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
-        records = self._records(listed, defect, gradient, control_variate)
+        records = self._records(listed, defect, gradient)
         every = np.arange(columns * rows)
         pixels = np.empty(0, np.int64) if rays == 1 else every
         images, left = self._images(self._whole(records))
@@ -158,10 +155,9 @@ class FormalSolution:
         listed: list[NDArray[np.floating] | None],
         defect: Floats,
         gradient: NDArray[np.floating] | None,
-        control_variate: NDArray[np.floating] | None,
     ) -> list[dict[str, Any]]:
         """On each device: kernel arguments of the cells' sources."""
-        made = self.cell_records.records(listed, defect, self.thick, control_variate, self.real)
+        made = self.cell_records.records(listed, defect, self.thick, self.real)
         records = [{"records": upload(part.device, "records", made)} for part in self.parts]
         if gradient is None:
             return records

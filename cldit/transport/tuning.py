@@ -68,8 +68,6 @@ class Tuning:
     path_albedo: float = _number(0.8, "albedo from which paths go on at any depth", ABLATION)
     path_twice: float = _number(0.3, "albedo^2 depth from which they do, over path_depth", ABLATION)
     margin: int = _number(1, "cells around thick ones that segments cross", ABLATION)
-    # 0: what paths find less what is stored can be below 0, and storing costs what it saves.
-    stored_bytes: int = _number(0, "stored radiance of thick cells: memory, noise", ABLATION)
     end_weight: float = _number(0.03, "weight below which paths end: time, bias", ABLATION)
     least_transmission: float = _number(0.03, "where segments end, per K asked", ERROR)
     segments: int = _number(128, "of a path, at most: time, bias", STABILITY)
