@@ -20,11 +20,11 @@
 #include "simd.h"
 
 #include "directions.h"
+#include "extinction.h"
 #include "path_segment.h"
 #include "phase.h"
 #include "random.h"
 #include "ray.h"
-#include "octree_traversal.h"
 
 #ifndef CUTOFF
 #error "CUTOFF: transmission at which a ray ends"
@@ -151,14 +151,16 @@ INLINE int continue_path(
     return 1;
 }
 
-/* An interval of a line of sight within a thick cell: the cell; start and length on the line; optical
-   depth of the cell's edge; absorbed share; and what thick cells scatter to the camera up to its end. */
+/* An interval of a line of sight within a thick cell: the cell; start and length on the line; absorbed
+   share; what thick cells scatter to the camera up to its end; and the extinction where it begins and its
+   rise. */
 #define AT 3
 #define LENGTH 4
-#define DENSITY 5
-#define SHARE 6
-#define CUMULATIVE 7
-#define INTERVAL 8
+#define SHARE 5
+#define CUMULATIVE 6
+#define ENTRY 7
+#define RISE 8
+#define INTERVAL 9
 
 /* Intervals of each listed ray. With `fill` they are written from `first` on, else only counted. */
 __kernel void thick_intervals(
@@ -170,6 +172,7 @@ __kernel void thick_intervals(
     const int count,
     __global const real *albedo, /* in: of stored cells that are thick, else 0 */
     __global const int *directory, __global const int *span, __global const real *depth,
+    EXTINCTION_GRADIENT_ARGUMENT
     const int coarse, const int stored, const int bricks, const int4 low, const int4 high,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
     const real distance, BOUNDARY_ARGUMENTS)
@@ -187,7 +190,10 @@ __kernel void thick_intervals(
         const Crossing cell = traversal_cell(&traversal, &grid, directory, span);
         const real density = depth[cell.address];
         if (density > R(0)) {
-            const lane_t shares = absorbed((lane_t)(density * traversal_length(&traversal, &cell)));
+            const Extinction here_ = extinction_along(
+                density, GRADIENT_OF(extinction_gradient, cell.address), &traversal, &cell);
+            const lane_t shares =
+                absorbed((lane_t)optical_depth(here_, traversal_length(&traversal, &cell)));
             const real share = LANE(shares, 0);
             real taken = transmitted * share;
             transmitted -= taken;
@@ -202,9 +208,10 @@ __kernel void thick_intervals(
                     one[2] = traversal.z;
                     one[AT] = traversal.t;
                     one[LENGTH] = cell.next - traversal.t;
-                    one[DENSITY] = density;
                     one[SHARE] = share;
                     one[CUMULATIVE] = loss;
+                    one[ENTRY] = here_.entry;
+                    one[RISE] = here_.rise;
                 }
                 ++crossed;
             }
@@ -290,8 +297,8 @@ __kernel void gather(
             __global const real *one = interval + here * INTERVAL;
             const real before = here > 0 ? one[CUMULATIVE - INTERVAL] : R(0);
             const real part = most(R(0), least((goal - before) / (one[CUMULATIVE] - before), R(1)));
-            const real along =
-                one[AT] + least(length_at(part, one[SHARE], one[DENSITY]), one[LENGTH]);
+            const Extinction there = {one[ENTRY], one[RISE]};
+            const real along = one[AT] + least(length_along(part, one[SHARE], there), one[LENGTH]);
             const real3 corner = (real3)(one[0], one[1], one[2]);
             const int cell =
                 number_in((int3)((int)corner.x, (int)corner.y, (int)corner.z), &region);

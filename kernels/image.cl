@@ -15,11 +15,10 @@
    from within the medium. With the boundary's weights it sums to 1 in every pixel where energy is
    conserved (cldit/transport/energy_balance.py). */
 
-#include "attenuation.h"
 #include "boundary.h"
 #include "components.h"
+#include "extinction.h"
 #include "ray.h"
-#include "octree_traversal.h"
 
 #ifdef HAS_SCATTERING
 #define FIRST_SOURCE 0
@@ -47,13 +46,18 @@
 #define PLANES LEFT
 #endif
 
-/* A cell's record: optical depth of its edge; albedo, if it is thick; for each image the source, and the
-   emission at radiance 1, which is 1 where nothing scatters. */
-#ifdef GATHER
-#define ALBEDO 1
-#define FIRST 2
+/* A cell's record: optical depth of its edge; its relative gradient along x, y, z (LINEAR_EXTINCTION);
+   albedo, if it is thick; for each image the source, and the emission at radiance 1, which is 1 where
+   nothing scatters. */
+#ifdef LINEAR_EXTINCTION
+#define ALBEDO 4
 #else
-#define FIRST 1
+#define ALBEDO 1
+#endif
+#ifdef GATHER
+#define FIRST (ALBEDO + 1)
+#else
+#define FIRST ALBEDO
 #endif
 #ifdef HAS_SCATTERING
 #define ONE (SOURCES + 1)
@@ -128,7 +132,9 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
         const int number = m->number[cell.address];
         if (number >= 0) {
             last = m->records + number * RECORD;
-            const real t = last[0] * traversal_length(&traversal, &cell);
+            const real t = optical_depth(
+                extinction_along(last[0], last + 1, &traversal, &cell),
+                traversal_length(&traversal, &cell));
             const real share = absorbed(t);
             const real taken = transmitted * share;
             add_source(sum, taken, last);

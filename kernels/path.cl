@@ -6,13 +6,12 @@
    it, so that one traversal serves them all. On later segments the extinction draws the place, or none.
    Russian roulette ends paths of little weight; after the last order the wall is seen. */
 
-#include "attenuation.h"
 #include "boundary.h"
 #include "components.h"
+#include "extinction.h"
 #include "phase.h"
 #include "random.h"
 #include "ray.h"
-#include "octree_traversal.h"
 
 #ifndef HAS_SCATTERING
 #error "path.cl is for scenes that scatter: define HAS_SCATTERING"
@@ -36,6 +35,9 @@ typedef struct {
     __global const int *directory;
     __global const int *span;
     __global const real *depth;     /* optical depth of a cell's edge */
+#ifdef LINEAR_EXTINCTION
+    __global const real *extinction_gradient; /* relative, along x, y, z, of each cell */
+#endif
     __global const real *thermal;   /* source, a plane of stored cells a component */
     __global const real *albedo;
     int stored;                     /* length of a plane */
@@ -89,12 +91,14 @@ INLINE void path(
             const Crossing cell = traversal_cell(&traversal, &m->grid, m->directory, m->span);
             const real density = m->depth[cell.address];
             if (density > R(0)) {
-                const real share = absorbed(density * traversal_length(&traversal, &cell));
+                const Extinction e = extinction_along(
+                    density, GRADIENT_OF(m->extinction_gradient, cell.address), &traversal, &cell);
+                const real share = absorbed(optical_depth(e, traversal_length(&traversal, &cell)));
                 const real taken = transmitted * share;
                 score_thermal(sum, weight * taken, cell.address, m);
                 if (!has_scattered && transmitted - taken <= goal) {
                     const real part = most(R(0), least((transmitted - goal) / taken, R(1)));
-                    const real at = least(traversal.t + length_at(part, share, density), cell.next);
+                    const real at = least(traversal.t + length_along(part, share, e), cell.next);
                     p = (real3)(traversal.px, traversal.py, traversal.pz) + at * d;
                     albedo = m->albedo[cell.address];
                     has_scattered = 1;
@@ -127,12 +131,12 @@ INLINE void path(
 
 #define MEDIUM_ARGUMENTS \
     __global const int *directory, __global const int *span, __global const real *depth, \
-    __global const real *thermal, __global const real *albedo, \
+    EXTINCTION_GRADIENT_ARGUMENT __global const real *thermal, __global const real *albedo, \
     const int coarse, const int stored, const int bricks, \
     const int4 low, const int4 high, const int columns, const int rows, const real4 middle, \
     const real pitch_x, const real pitch_z, const real distance, BOUNDARY_ARGUMENTS
 
-#define MEDIUM {directory, span, depth, thermal, albedo, stored, {coarse, bricks, low, high}, \
+#define MEDIUM {directory, span, depth, EXTINCTION_GRADIENT thermal, albedo, stored, {coarse, bricks, low, high}, \
     BOUNDARY}
 
 /* Unscattered radiance of every pixel, and what its line of sight scatters in all. */
@@ -156,7 +160,10 @@ __kernel void straight(
         const Crossing cell = traversal_cell(&traversal, &m.grid, directory, span);
         const real density = depth[cell.address];
         if (density > R(0)) {
-            const real taken = transmitted * absorbed(density * traversal_length(&traversal, &cell));
+            const Extinction e = extinction_along(
+                density, GRADIENT_OF(extinction_gradient, cell.address), &traversal, &cell);
+            const real taken =
+                transmitted * absorbed(optical_depth(e, traversal_length(&traversal, &cell)));
             score_thermal(sum, taken, cell.address, &m);
             const real share = taken * albedo[cell.address];
             sum[WITHIN] += taken - share;
@@ -210,7 +217,9 @@ __kernel void scatter(
         const Crossing cell = traversal_cell(&traversal, &m.grid, directory, span);
         const real density = depth[cell.address];
         if (density > R(0)) {
-            const real share = absorbed(density * traversal_length(&traversal, &cell));
+            const Extinction e = extinction_along(
+                density, GRADIENT_OF(extinction_gradient, cell.address), &traversal, &cell);
+            const real share = absorbed(optical_depth(e, traversal_length(&traversal, &cell)));
             const real taken = transmitted * share;
             const real here = taken * albedo[cell.address];
             transmitted -= taken;
@@ -220,7 +229,7 @@ __kernel void scatter(
                 const real goal = (sample + offset) * (all / SAMPLES) - loss;
                 if (goal >= here && !end) break;
                 const real part = most(R(0), least(goal / here, R(1)));
-                const real at = least(traversal.t + length_at(part, share, density), cell.next);
+                const real at = least(traversal.t + length_along(part, share, e), cell.next);
                 const real3 p = (real3)(ray.px, ray.py, ray.pz) + at * along;
                 const uint index = van_der_corput(sample);
                 path(sum, all / SAMPLES, p, along, pixel, index, batch, key, shift0, shift1, &m,

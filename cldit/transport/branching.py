@@ -79,7 +79,7 @@ def trace_branching(
                     "key": np.array([settings.seed, 1], np.uint32),
                     "thermal": upload(one, "thermal source", cells.thermal_planes(real)),
                     "albedo": upload(one, "albedo", albedo),
-                    **upload_tree(one, cells, real),
+                    **upload_tree(one, cells, real, linear=settings.linear_extinction),
                     **view.geometry(one, cells, real),
                 },
                 offset=(0, mine.start),

@@ -21,21 +21,23 @@ class CellRecords:
     """The non-empty cells, those that scatter first.
 
     at: (F,) their addresses. number: (P,) int32 row of each stored cell, -1 where it is empty.
+    linear: whether the extinction is linear in cells.
     """
 
     cells: OpticalCells
     at: NDArray[np.int64]
     number: NDArray[np.int32]
+    linear: bool = False
 
     @classmethod
-    def of(cls, cells: OpticalCells) -> CellRecords:
-        """Of all stored cells of optical depth above 0."""
+    def of(cls, cells: OpticalCells, *, linear: bool = False) -> CellRecords:
+        """Of all stored cells of optical depth above 0; `linear` as in `CellRecords`."""
         others = cells.depth > 0
         others[cells.address] = False
         at = np.concatenate([cells.address, np.flatnonzero(others)])
         number = np.full(len(cells.depth), -1, np.int32)
         number[at] = np.arange(len(at))
-        return cls(cells, at, number)
+        return cls(cells, at, number, linear)
 
     def records(
         self,
@@ -46,9 +48,10 @@ class CellRecords:
     ) -> NDArray[np.floating]:
         """(F, R) records of the cells, in the type `real`.
 
-        A record has the optical depth of the cell's edge; with `thick`, the albedo of thick cells,
-        else 0; and for each image the source of all components and the emission at radiance 1.
-        Where nothing scatters it has emitters alone; the emission at radiance 1 is then 1.
+        A record has the optical depth of the cell's edge; its relative gradient where it is linear;
+        with `thick`, the albedo of thick cells, else 0; and for each image the source of all
+        components and the emission at radiance 1. Where nothing scatters it has emitters alone; the
+        emission at radiance 1 is then 1.
 
         Args:
             listed, defect: as in `FormalSolution.images`.
@@ -57,15 +60,19 @@ class CellRecords:
         """
         cells, needs = self.cells, self.cells.needs
         thermal = cells.thermal_planes(real, self.at).T
-        first = 1 if thick is None else 2
+        head = cells.depth[self.at, None].astype(real)
+        if self.linear:
+            head = np.column_stack([head, cells.extinction_gradient[self.at].astype(real)])
         if not needs.scattering:
-            return np.column_stack([cells.depth[self.at].astype(real), thermal])
+            return np.column_stack([head, thermal])
+        albedo_at = head.shape[1]
+        first = albedo_at if thick is None else albedo_at + 1
         parts = len(needs.components) + 1
         out = np.zeros((len(self.at), first + parts * len(listed)), real)
-        out[:, 0] = cells.depth[self.at]
+        out[:, :albedo_at] = head
         row = self.number[cells.address]
         if thick is not None:
-            out[row[thick], 1] = cells.albedo[thick]
+            out[row[thick], albedo_at] = cells.albedo[thick]
         for image, source in enumerate(listed):
             mine = out[:, first + parts * image : first + parts * (image + 1)]
             mine[:, needs.boundaries : -1] = thermal

@@ -6,6 +6,7 @@ Every method and all stages of `trace_source` take their medium from here.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from cldit.medium.frame import BRICK
 from cldit.medium.octree import Octree
+from cldit.transport.extinction_gradient import extinction_gradient
 
 _BRICK_CELLS = BRICK**3
 _FAINTEST = 1e-3  # of the hottest black body: unit of thermal sources where all of them are weaker
@@ -149,6 +151,11 @@ class OpticalCells:
             albedo=scattering[address] / safe[address],
             coalbedo=absorption[address] / safe[address],
         )
+
+    @cached_property
+    def extinction_gradient(self) -> NDArray[np.float32]:
+        """Relative gradient (P, 3) of the extinction along x, y, z, per finest cell."""
+        return extinction_gradient(self.tree, self.depth.astype(np.float32))
 
     def in_units_of(self, other: OpticalCells) -> OpticalCells:
         """The same cells, with thermal sources in the other's unit."""

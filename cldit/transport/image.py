@@ -95,7 +95,7 @@ class FormalSolution:
         rays = scene.camera.rays_per_pixel
         if rays != 1:
             defines["RAYS_ACROSS"] = _ACROSS[rays]
-        cell_records = CellRecords.of(cells)
+        cell_records = CellRecords.of(cells, linear="LINEAR_EXTINCTION" in defines)
         parts = [
             _Part(
                 device=one,

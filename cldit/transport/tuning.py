@@ -54,6 +54,9 @@ class Tuning:
     delta_m: bool = _number(True, "delta-M method: bias, ordinates", ABLATION)
     moment_share: int = _number(2, "ordinates of moment sweeps: bias, time", ABLATION)
 
+    # Extinction within cells.
+    linear_extinction: bool = _number(True, "linear in cells: blocks, memory", ABLATION)
+
     # Final sweeps.
     lean: float = _number(0.6, "density of ordinates on the camera's side", ABLATION)
     spatial_from: int = _number(48, "ordinates from which the sweeps test gradients", ABLATION)

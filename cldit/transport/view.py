@@ -167,12 +167,21 @@ def upload_directory(device: Device, cells: OpticalCells) -> dict[str, Any]:
     }
 
 
-def upload_tree(device: Device, cells: OpticalCells, real: type[np.floating]) -> dict[str, Any]:
-    """Kernel arguments on `device` of the octree of `cells`, with optical depths as `real`."""
-    return {
+def upload_tree(
+    device: Device, cells: OpticalCells, real: type[np.floating], *, linear: bool = False
+) -> dict[str, Any]:
+    """Kernel arguments on `device` of the octree of `cells`, with optical depths as `real`.
+
+    linear: with the gradient of the extinction, for LINEAR_EXTINCTION.
+    """
+    out = {
         **upload_directory(device, cells),
         "depth": upload(device, "optical depth", cells.depth.astype(real)),
     }
+    if linear:
+        gradient = cells.extinction_gradient.astype(real, copy=False)
+        out["extinction_gradient"] = upload(device, "extinction gradient", gradient)
+    return out
 
 
 def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:

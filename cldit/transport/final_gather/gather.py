@@ -42,7 +42,7 @@ Floats = NDArray[np.float64]
 
 _GROUP = 16
 _PENDING = 8  # reads of stored radiance made together; GPUs hide the latency by other paths
-_INTERVAL = 8  # numbers of an interval within a thick cell, as in gather.cl
+_INTERVAL = 9  # numbers of an interval within a thick cell, as in gather.cl
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ class Gather:
             self._traversals.append(
                 {
                     "albedo": upload(one, "albedo", albedo),
-                    **upload_tree(one, cells, real),
+                    **upload_tree(one, cells, real, linear=settings.linear_extinction),
                     **view.geometry(one, cells, real),
                 }
             )

@@ -169,7 +169,7 @@ def trace_path(
         return {
             "thermal": upload(one, "source", cells.thermal_planes(real)),
             "albedo": upload(one, "albedo", albedo.astype(real)),
-            **upload_tree(one, cells, real),
+            **upload_tree(one, cells, real, linear=settings.linear_extinction),
             **view.geometry(one, cells, real),
         }
 
