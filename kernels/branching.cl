@@ -11,7 +11,7 @@
 
 #include "boundary.h"
 #include "components.h"
-#include "extinction.h"
+#include "linear_cell.h"
 #include "phase.h"
 #include "random.h"
 #include "ray.h"
@@ -49,7 +49,7 @@ __kernel void branching(
     __global uint *started,           /* out: rays of each pixel */
     const uint2 key,
     __global const int *directory, __global const int *span, __global const real *depth,
-    EXTINCTION_GRADIENT_ARGUMENT __global const real *thermal, __global const real *albedo,
+    CELL_GRADIENTS_ARGUMENT __global const real *thermal, __global const real *albedo,
     const int coarse, const int stored, const int bricks,
     const int4 low, const int4 high, const int columns, const int rows, const real4 middle,
     const real pitch_x, const real pitch_z, const real distance, BOUNDARY_ARGUMENTS)
@@ -101,12 +101,20 @@ __kernel void branching(
             const real density = depth[cell.address];
             if (density > R(0)) {
                 const Extinction e = extinction_along(
-                    density, GRADIENT_OF(extinction_gradient, cell.address), &b.traversal, &cell);
-                const real taken = b.transmitted
-                    * absorbed(optical_depth(e, traversal_length(&b.traversal, &cell)));
+                    density, GRADIENTS_OF(cell_gradients, cell.address), &b.traversal, &cell);
+                const real t = optical_depth(e, traversal_length(&b.traversal, &cell));
+                const real shares = absorbed(t);
+                const real taken = b.transmitted * shares;
+                real scatters = albedo[cell.address];
+#ifdef LINEAR_COEFFICIENTS
+                __global const real *gradients = GRADIENTS_OF(cell_gradients, cell.address);
+                const real3 place = mean_place(&b.traversal, &cell, t, shares);
+                add_emission_gradient(sum, b.weight * taken, gradients, place);
+                scatters = albedo_at(scatters, gradients, place);
+#endif
                 for (int c = 0; c < EMITTERS; ++c)
                     sum[BOUNDARIES + c] += b.weight * taken * thermal[c * stored + cell.address];
-                const real share = taken * albedo[cell.address];
+                const real share = taken * scatters;
                 sum[WITHIN] += b.weight * (taken - share);
                 b.transmitted -= taken;
                 if (level == ORDER) {

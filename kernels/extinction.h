@@ -1,7 +1,7 @@
 /* Extinction along the crossing of a cell or coarse leaf. All rays that traverse the octree take it from
    here, so that all methods see the same medium.
 
-   LINEAR_EXTINCTION: it varies within a cell as k (1 + g . (p - centre)). So the optical depth of a
+   LINEAR_COEFFICIENTS: it varies within a cell as k (1 + g . (p - centre)). So the optical depth of a
    straight segment is exactly that at its middle times its length, and a place of given optical depth
    is the root of a quadratic. Without it k is constant. */
 #ifndef EXTINCTION_H
@@ -10,15 +10,32 @@
 #include "attenuation.h"
 #include "octree_traversal.h"
 
-#ifdef LINEAR_EXTINCTION
-#define EXTINCTION_GRADIENT_ARGUMENT __global const real *extinction_gradient,
-#define EXTINCTION_GRADIENT extinction_gradient,
-#define GRADIENT_OF(table, number) ((table) + 3 * (size_t)(number))
+#ifdef LINEAR_COEFFICIENTS
+/* Of each stored cell: gradients along x, y, z of the extinction over its mean, of the albedo, and of each
+   emitter's source. */
+#define CELL_GRADIENTS_ARGUMENT __global const real *cell_gradients,
+#define CELL_GRADIENTS cell_gradients,
+#define GRADIENTS_OF(table, number) ((table) + (3 * (2 + EMITTERS)) * (size_t)(number))
 #else
-#define EXTINCTION_GRADIENT_ARGUMENT
-#define EXTINCTION_GRADIENT
-#define GRADIENT_OF(table, number) 0
+#define CELL_GRADIENTS_ARGUMENT
+#define CELL_GRADIENTS
+#define GRADIENTS_OF(table, number) 0
 #endif
+
+/* Place of the line at t, from the middle of the cell or leaf. */
+INLINE real3 place_in(const Traversal *w, const Crossing *c, real t)
+{
+    const real half_ = R(0.5) * (c->mask + 1);
+    return (real3)(
+        w->px + t * w->dx - (w->x & ~c->mask) - half_,
+        w->py + t * w->dy - (w->y & ~c->mask) - half_,
+        w->pz + t * w->dz - (w->z & ~c->mask) - half_);
+}
+
+INLINE real along_gradient(__global const real *gradient, real3 place)
+{
+    return gradient[0] * place.x + gradient[1] * place.y + gradient[2] * place.z;
+}
 
 /* Optical depth per finest cell: where the line enters, and its rise per length. */
 typedef struct { real entry, rise; } Extinction;
@@ -27,13 +44,9 @@ typedef struct { real entry, rise; } Extinction;
 INLINE Extinction extinction_along(
     real density, __global const real *gradient, const Traversal *w, const Crossing *c)
 {
-#ifdef LINEAR_EXTINCTION
-    const real half_ = R(0.5) * (c->mask + 1);
-    const real x = w->px + w->t * w->dx - (w->x & ~c->mask) - half_;
-    const real y = w->py + w->t * w->dy - (w->y & ~c->mask) - half_;
-    const real z = w->pz + w->t * w->dz - (w->z & ~c->mask) - half_;
+#ifdef LINEAR_COEFFICIENTS
     const Extinction e = {
-        density * (R(1) + gradient[0] * x + gradient[1] * y + gradient[2] * z),
+        density * (R(1) + along_gradient(gradient, place_in(w, c, w->t))),
         density * (gradient[0] * w->dx + gradient[1] * w->dy + gradient[2] * w->dz)};
 #else
     const Extinction e = {density, R(0)};
@@ -43,7 +56,7 @@ INLINE Extinction extinction_along(
 
 INLINE real optical_depth(Extinction e, real length)
 {
-#ifdef LINEAR_EXTINCTION
+#ifdef LINEAR_COEFFICIENTS
     return length * (e.entry + R(0.5) * length * e.rise);
 #else
     return e.entry * length;
@@ -53,7 +66,7 @@ INLINE real optical_depth(Extinction e, real length)
 /* Length up to which a ray has lost `part` of the `share` that the whole crossing absorbs. */
 INLINE real length_along(real part, real share, Extinction e)
 {
-#ifdef LINEAR_EXTINCTION
+#ifdef LINEAR_COEFFICIENTS
     const real t = depth_of(part * share);
     /* e.entry may be 0: then no term cancels. */
     return t > R(0) ? R(2) * t / (e.entry + root(most(e.entry * e.entry + R(2) * e.rise * t, R(0))))

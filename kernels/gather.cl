@@ -172,7 +172,7 @@ __kernel void thick_intervals(
     const int count,
     __global const real *albedo, /* in: of stored cells that are thick, else 0 */
     __global const int *directory, __global const int *span, __global const real *depth,
-    EXTINCTION_GRADIENT_ARGUMENT
+    CELL_GRADIENTS_ARGUMENT
     const int coarse, const int stored, const int bricks, const int4 low, const int4 high,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
     const real distance, BOUNDARY_ARGUMENTS)
@@ -191,7 +191,7 @@ __kernel void thick_intervals(
         const real density = depth[cell.address];
         if (density > R(0)) {
             const Extinction here_ = extinction_along(
-                density, GRADIENT_OF(extinction_gradient, cell.address), &traversal, &cell);
+                density, GRADIENTS_OF(cell_gradients, cell.address), &traversal, &cell);
             const lane_t shares =
                 absorbed((lane_t)optical_depth(here_, traversal_length(&traversal, &cell)));
             const real share = LANE(shares, 0);

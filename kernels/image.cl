@@ -7,6 +7,7 @@
    images, of as many sources, share one traversal.
 
    LINEAR_SOURCE: S has a spatial gradient in cells that scatter, since a cell is many pixels wide.
+   LINEAR_COEFFICIENTS: so has the extinction (extinction.h), and S in all cells.
 
    GATHER: S of thick cells is their emission. The final gather (gather.cl) adds the rest, where the last
    plane is above 0.
@@ -46,10 +47,10 @@
 #define PLANES LEFT
 #endif
 
-/* A cell's record: optical depth of its edge; its relative gradient along x, y, z (LINEAR_EXTINCTION);
+/* A cell's record: optical depth of its edge; its relative gradient along x, y, z (LINEAR_COEFFICIENTS);
    albedo, if it is thick; for each image the source, and the emission at radiance 1, which is 1 where
    nothing scatters. */
-#ifdef LINEAR_EXTINCTION
+#ifdef LINEAR_COEFFICIENTS
 #define ALBEDO 4
 #else
 #define ALBEDO 1
@@ -107,11 +108,12 @@ INLINE void add_gradient(
     const real nearer = transmitted * t * rising(t, share, mean_transmission(t, share));
     const real where =
         R(0.5) * taken * (traversal->t + cell->next) - nearer * (cell->next - traversal->t);
-    const real x = where * traversal->dx + taken * (traversal->px - traversal->x - R(0.5));
-    const real y = where * traversal->dy + taken * (traversal->py - traversal->y - R(0.5));
-    const real z = where * traversal->dz + taken * (traversal->pz - traversal->z - R(0.5));
-    UNROLL for (int c = 0; c < COMPONENTS; ++c, ++gradient) {
-        const real more = x * gradient[0] + y * gradient[COMPONENTS] + z * gradient[2 * COMPONENTS];
+    const real half_ = R(0.5) * (cell->mask + 1);
+    const real x = where * traversal->dx + taken * (traversal->px - (traversal->x & ~cell->mask) - half_);
+    const real y = where * traversal->dy + taken * (traversal->py - (traversal->y & ~cell->mask) - half_);
+    const real z = where * traversal->dz + taken * (traversal->pz - (traversal->z & ~cell->mask) - half_);
+    UNROLL for (int c = FIRST_SOURCE; c < COMPONENTS; ++c, ++gradient) {
+        const real more = x * gradient[0] + y * gradient[SOURCES] + z * gradient[2 * SOURCES];
         UNROLL for (int p = 0; p < IMAGES; ++p) {
             sum[p * PARTS + c] += more;
             if (c < BOUNDARIES) sum[p * PARTS + WITHIN] -= more;
@@ -142,7 +144,7 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
             if (number < m->scattering)
                 add_gradient(
                     sum, transmitted, t, share, &traversal, &cell,
-                    m->gradient + number * (3 * COMPONENTS));
+                    m->gradient + number * (3 * SOURCES));
 #endif
             transmitted -= taken;
         }

@@ -8,7 +8,7 @@
 
 #include "boundary.h"
 #include "components.h"
-#include "extinction.h"
+#include "linear_cell.h"
 #include "phase.h"
 #include "random.h"
 #include "ray.h"
@@ -35,8 +35,8 @@ typedef struct {
     __global const int *directory;
     __global const int *span;
     __global const real *depth;     /* optical depth of a cell's edge */
-#ifdef LINEAR_EXTINCTION
-    __global const real *extinction_gradient; /* relative, along x, y, z, of each cell */
+#ifdef LINEAR_COEFFICIENTS
+    __global const real *cell_gradients; /* see extinction.h */
 #endif
     __global const real *thermal;   /* source, a plane of stored cells a component */
     __global const real *albedo;
@@ -92,15 +92,24 @@ INLINE void path(
             const real density = m->depth[cell.address];
             if (density > R(0)) {
                 const Extinction e = extinction_along(
-                    density, GRADIENT_OF(m->extinction_gradient, cell.address), &traversal, &cell);
-                const real share = absorbed(optical_depth(e, traversal_length(&traversal, &cell)));
+                    density, GRADIENTS_OF(m->cell_gradients, cell.address), &traversal, &cell);
+                const real t = optical_depth(e, traversal_length(&traversal, &cell));
+                const real share = absorbed(t);
                 const real taken = transmitted * share;
                 score_thermal(sum, weight * taken, cell.address, m);
+#ifdef LINEAR_COEFFICIENTS
+                __global const real *gradients = GRADIENTS_OF(m->cell_gradients, cell.address);
+                const real3 place = mean_place(&traversal, &cell, t, share);
+                add_emission_gradient(sum, weight * taken, gradients, place);
+#endif
                 if (!has_scattered && transmitted - taken <= goal) {
                     const real part = most(R(0), least((transmitted - goal) / taken, R(1)));
                     const real at = least(traversal.t + length_along(part, share, e), cell.next);
                     p = (real3)(traversal.px, traversal.py, traversal.pz) + at * d;
                     albedo = m->albedo[cell.address];
+#ifdef LINEAR_COEFFICIENTS
+                    albedo = albedo_at(albedo, gradients, place_in(&traversal, &cell, at));
+#endif
                     has_scattered = 1;
                 }
                 transmitted -= taken;
@@ -131,12 +140,12 @@ INLINE void path(
 
 #define MEDIUM_ARGUMENTS \
     __global const int *directory, __global const int *span, __global const real *depth, \
-    EXTINCTION_GRADIENT_ARGUMENT __global const real *thermal, __global const real *albedo, \
+    CELL_GRADIENTS_ARGUMENT __global const real *thermal, __global const real *albedo, \
     const int coarse, const int stored, const int bricks, \
     const int4 low, const int4 high, const int columns, const int rows, const real4 middle, \
     const real pitch_x, const real pitch_z, const real distance, BOUNDARY_ARGUMENTS
 
-#define MEDIUM {directory, span, depth, EXTINCTION_GRADIENT thermal, albedo, stored, {coarse, bricks, low, high}, \
+#define MEDIUM {directory, span, depth, CELL_GRADIENTS thermal, albedo, stored, {coarse, bricks, low, high}, \
     BOUNDARY}
 
 /* Unscattered radiance of every pixel, and what its line of sight scatters in all. */
@@ -161,13 +170,21 @@ __kernel void straight(
         const real density = depth[cell.address];
         if (density > R(0)) {
             const Extinction e = extinction_along(
-                density, GRADIENT_OF(extinction_gradient, cell.address), &traversal, &cell);
-            const real taken =
-                transmitted * absorbed(optical_depth(e, traversal_length(&traversal, &cell)));
+                density, GRADIENTS_OF(cell_gradients, cell.address), &traversal, &cell);
+            const real t = optical_depth(e, traversal_length(&traversal, &cell));
+            const real share = absorbed(t);
+            const real taken = transmitted * share;
             score_thermal(sum, taken, cell.address, &m);
-            const real share = taken * albedo[cell.address];
-            sum[WITHIN] += taken - share;
-            loss += share;
+            real scatters = albedo[cell.address];
+#ifdef LINEAR_COEFFICIENTS
+            __global const real *gradients = GRADIENTS_OF(cell_gradients, cell.address);
+            const real3 place = mean_place(&traversal, &cell, t, share);
+            add_emission_gradient(sum, taken, gradients, place);
+            scatters = albedo_at(scatters, gradients, place);
+#endif
+            const real here = taken * scatters;
+            sum[WITHIN] += taken - here;
+            loss += here;
             transmitted -= taken;
             last = cell.address;
         }
@@ -218,10 +235,17 @@ __kernel void scatter(
         const real density = depth[cell.address];
         if (density > R(0)) {
             const Extinction e = extinction_along(
-                density, GRADIENT_OF(extinction_gradient, cell.address), &traversal, &cell);
-            const real share = absorbed(optical_depth(e, traversal_length(&traversal, &cell)));
+                density, GRADIENTS_OF(cell_gradients, cell.address), &traversal, &cell);
+            const real t = optical_depth(e, traversal_length(&traversal, &cell));
+            const real share = absorbed(t);
             const real taken = transmitted * share;
-            const real here = taken * albedo[cell.address];
+            real scatters = albedo[cell.address];
+#ifdef LINEAR_COEFFICIENTS
+            scatters = albedo_at(
+                scatters, GRADIENTS_OF(cell_gradients, cell.address),
+                mean_place(&traversal, &cell, t, share));
+#endif
+            const real here = taken * scatters;
             transmitted -= taken;
             /* The end of the line takes all samples that are left: rounding must lose none. */
             const int end = transmitted <= R(CUTOFF) || loss + here >= all * R(0.999999);

@@ -40,7 +40,7 @@ MECHANISMS: dict[str, Callable[[Settings], Settings]] = {
     "paths at high albedo": _tuned(path_albedo=_INF, path_twice=_INF),
     "early ends of paths": _tuned(end_weight=0.01),
     "final gather": lambda settings: replace(settings, gather=False),
-    "extinction linear in cells": lambda settings: replace(settings, linear_extinction=False),
+    "extinction linear in cells": lambda settings: replace(settings, linear_coefficients=False),
 }
 
 

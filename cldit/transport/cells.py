@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cldit.medium.frame import BRICK
 from cldit.medium.octree import Octree
-from cldit.transport.extinction_gradient import extinction_gradient
+from cldit.transport.linear_coefficients import LinearCoefficients
 
 _BRICK_CELLS = BRICK**3
 _FAINTEST = 1e-3  # of the hottest black body: unit of thermal sources where all of them are weaker
@@ -153,9 +153,32 @@ class OpticalCells:
         )
 
     @cached_property
-    def extinction_gradient(self) -> NDArray[np.float32]:
-        """Relative gradient (P, 3) of the extinction along x, y, z, per finest cell."""
-        return extinction_gradient(self.tree, self.depth.astype(np.float32))
+    def linear(self) -> LinearCoefficients:
+        """Gradients of the coefficients in cells."""
+        return LinearCoefficients.of(self.tree)
+
+    def linear_planes(self, real: type[np.floating]) -> NDArray[np.floating]:
+        """Gradients (P, G, 3) in cells as kernels/extinction.h reads them, in the type `real`."""
+        linear, emitters = self.linear, self.needs.emitters
+        out = np.zeros((len(self.depth), 2 + len(emitters), 3), real)
+        out[:, 0] = linear.extinction
+        out[self.address, 1] = self.albedo[:, None] * linear.albedo[self.address]
+        for number, name in enumerate(emitters, 2):
+            if name in linear.emission:
+                out[:, number] = self.emitted[name][:, None] * linear.emission[name]
+        return out
+
+    def middles(self) -> OpticalCells:
+        """Albedo and emission in the cells' middles in place of their means; see `linear`."""
+        linear = self.linear
+        emitted = {
+            name: values * linear.middle(linear.emission[name])
+            if name in linear.emission
+            else values
+            for name, values in self.emitted.items()
+        }
+        albedo = self.albedo * linear.middle(linear.albedo)[self.address]
+        return replace(self, emitted=emitted, albedo=albedo, coalbedo=1.0 - albedo)
 
     def in_units_of(self, other: OpticalCells) -> OpticalCells:
         """The same cells, with thermal sources in the other's unit."""

@@ -89,13 +89,13 @@ class FormalSolution:
         defines = {**defines, "IMAGES": at_once}
         if thick is not None:
             defines["GATHER"] = 1
-        if linear:
+        if linear or "LINEAR_COEFFICIENTS" in defines:
             defines["LINEAR_SOURCE"] = 1
         real: type[np.floating] = np.float64 if "USE_FLOAT64" in defines else np.float32
         rays = scene.camera.rays_per_pixel
         if rays != 1:
             defines["RAYS_ACROSS"] = _ACROSS[rays]
-        cell_records = CellRecords.of(cells, linear="LINEAR_EXTINCTION" in defines)
+        cell_records = CellRecords.of(cells, linear="LINEAR_COEFFICIENTS" in defines)
         parts = [
             _Part(
                 device=one,
@@ -157,12 +157,17 @@ class FormalSolution:
         gradient: NDArray[np.floating] | None,
     ) -> list[dict[str, Any]]:
         """On each device: kernel arguments of the cells' sources."""
+        table = None
+        if self.cell_records.linear:
+            listed, table = self.cell_records.linear_sources(listed, gradient, self.thick)
+        elif gradient is not None:
+            table = gradient.reshape(-1, gradient.shape[2]).T
         made = self.cell_records.records(listed, defect, self.thick, self.real)
         records = [{"records": upload(part.device, "records", made)} for part in self.parts]
-        if gradient is None:
+        if table is None:
             return records
-        table = gradient.reshape(-1, gradient.shape[2]).T.astype(self.real)
-        if self.thick is not None:
+        table = np.ascontiguousarray(table, self.real)
+        if self.thick is not None and not self.cell_records.linear:
             table[self.thick] = 0.0
         for part, some in zip(self.parts, records, strict=True):
             some["gradient"] = upload(part.device, "gradient", table)

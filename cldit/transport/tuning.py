@@ -55,7 +55,7 @@ class Tuning:
     moment_share: int = _number(2, "ordinates of moment sweeps: bias, time", ABLATION)
 
     # Extinction within cells.
-    linear_extinction: bool = _number(True, "linear in cells: blocks, memory", ABLATION)
+    linear_coefficients: bool = _number(True, "linear in cells: blocks, memory", ABLATION)
 
     # Final sweeps.
     lean: float = _number(0.6, "density of ordinates on the camera's side", ABLATION)

@@ -172,15 +172,15 @@ def upload_tree(
 ) -> dict[str, Any]:
     """Kernel arguments on `device` of the octree of `cells`, with optical depths as `real`.
 
-    linear: with the gradient of the extinction, for LINEAR_EXTINCTION.
+    linear: with gradients of the coefficients, for LINEAR_COEFFICIENTS.
     """
     out = {
         **upload_directory(device, cells),
         "depth": upload(device, "optical depth", cells.depth.astype(real)),
     }
     if linear:
-        gradient = cells.extinction_gradient.astype(real, copy=False)
-        out["extinction_gradient"] = upload(device, "extinction gradient", gradient)
+        gradients = cells.linear_planes(real)
+        out["cell_gradients"] = upload(device, "gradients in cells", gradients)
     return out
 
 

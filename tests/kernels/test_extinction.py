@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 COUNT = 4000
-LINEAR = "#define LINEAR_EXTINCTION 1"
+LINEAR = "#define LINEAR_COEFFICIENTS 1"
 # A line p + t d from t = a on, through the leaf of 1 or 8 cells that has cell (3, 4, 5) in it.
 SETUP = """
     __global const real *l = b_ + 6 * i;
@@ -67,7 +67,7 @@ def test_optical_depth(apply: Any, edge: int) -> None:
 
 
 def test_constant_extinction(apply: Any) -> None:
-    """Without LINEAR_EXTINCTION no gradient is read."""
+    """Without LINEAR_COEFFICIENTS no gradient is read."""
     inputs, _, length = lines(1)
     got = apply(
         "extinction.h", "optical_depth(k, e)", [*inputs, length], setup=SETUP.format(mask=0)

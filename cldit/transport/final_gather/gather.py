@@ -201,7 +201,7 @@ class Gather:
             self._traversals.append(
                 {
                     "albedo": upload(one, "albedo", albedo),
-                    **upload_tree(one, cells, real, linear=settings.linear_extinction),
+                    **upload_tree(one, cells, real, linear=settings.linear_coefficients),
                     **view.geometry(one, cells, real),
                 }
             )

@@ -38,15 +38,15 @@ def limited(middle: Reals, below: Reals, above: Reals, *, down: Reals, up: Reals
     central = (first * up + second * down) / (down + up)
     # Half an edge from the middle lies the side, where no neighbour's value is passed.
     most = 2.0 * np.minimum(np.abs(middle - below), np.abs(above - middle))
-    return np.where(first * second > 0, np.clip(central, -most, most), 0.0)
+    return np.where((first > 0) == (second > 0), np.clip(central, -most, most), 0.0)
 
 
-def extinction_gradient(tree: Octree, depth: Reals) -> NDArray[np.float32]:
-    """Relative gradient of the extinction in all stored cells and coarse leaves.
+def relative_gradient(tree: Octree, depth: Reals) -> NDArray[np.float32]:
+    """Relative gradient of a coefficient in all stored cells and coarse leaves.
 
     Args:
         tree: where they lie.
-        depth: (P,) optical depth of a finest cell's edge.
+        depth: (P,) the coefficient, 0 or more.
 
     Returns:
         (P, 3) along x, y, z, per finest cell; 0 in empty cells, and in coarse leaves that fill the

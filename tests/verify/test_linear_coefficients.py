@@ -88,7 +88,7 @@ def exact_transmission(pixels: int = 37) -> NDArray[np.float64]:
 def errors(device: Device, *, linear: bool, coarse: bool) -> list[float]:
     out = []
     for cells in (16, 32, 64, 128):
-        settings = Settings(**{**vars(SETTINGS), "linear_extinction": linear})
+        settings = Settings(**{**vars(SETTINGS), "linear_coefficients": linear})
         got = trace(gaussian_tree(cells, coarse=coarse), scene(), device, settings)
         out.append(float(np.sqrt(np.mean((got.weights.background - exact_transmission()) ** 2))))
     return out
