@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates.gradients import limit
+from cldit.transport.discrete_ordinates.limiter import limit
 from cldit.transport.linear_coefficients import MOST
 
 Floats = NDArray[np.float64]
@@ -56,55 +56,39 @@ class CellRecords:
 
         Returns:
             Sources (C, N) for `records`; and (F, 3 S) gradients of the S components that begin in
-            cells, of thick cells those of the emission alone.
+            cells. Those of thick cells are 0: the gather has one albedo in each.
         """
-        cells, needs = self.cells, self.cells.needs
-        linear, inner = cells.linear, needs.boundaries
-        first = 0 if needs.scattering else inner
-        parts = len(needs.components)
-        count = 0 if not listed or listed[0] is None else len(cells.address)
+        cells, needs, linear = self.cells, self.cells.needs, self.cells.linear
+        first = 0 if needs.scattering else needs.boundaries
         out = [None if source is None else np.array(source) for source in listed]
-        table = np.empty((len(self.at), 3, parts - first), np.float32)
-        own = np.zeros(len(self.at), bool)
-        if thick is not None:
-            own[thick] = True
-        for begin in range(0, len(self.at), _TOGETHER):  # for memory
+        sources = [source for source in out if source is not None]
+        count = len(cells.address) if sources else 0
+        table = np.zeros((len(self.at), 3, len(needs.components) - first), np.float32)
+        for begin in range(0, len(self.at), _TOGETHER):
             some = slice(begin, min(begin + _TOGETHER, len(self.at)))
             at = self.at[some]
-            emitted = np.zeros((parts, len(at)), np.float32)
-            emitted[inner:] = cells.thermal_planes(np.float32, at)
-            change = np.zeros((3, parts, len(at)), np.float32)
-            for number, name in enumerate(needs.emitters, inner):
-                if name in linear.emission:
-                    change[:, number] = emitted[number] * linear.emission[name][at].T
-            known = slice(begin, max(min(some.stop, count), begin))
-            if known.stop > known.start:
-                whole = emitted.copy()
-                mine = slice(0, known.stop - known.start)
-                whole[:, mine] = np.mean([one[:, known] for one in out if one is not None], axis=0)
-                total = change + (whole - emitted) * linear.albedo[at].T[:, None]
+            change = np.zeros((3, len(needs.components), len(at)), np.float32)
+            change[:, needs.boundaries :] = linear.emission[:, at].transpose(2, 0, 1)
+            known, mine = slice(begin, min(some.stop, count)), slice(0, max(count - begin, 0))
+            if mine.stop:
+                mean = np.mean([source[:, known] for source in sources], axis=0)
+                light = mean.copy()
+                light[needs.boundaries :] -= cells.thermal_planes(np.float32, at[mine])
+                light /= cells.albedo[known].astype(np.float32)
+                own = change[:, :, mine] + light * linear.albedo[at[mine]].T[:, None]
                 if gradient is not None:
-                    total[:, :, mine] += gradient[:, :, known]
-                limit(total, whole / np.float32(MOST), inner)
-                total[:, :, own[some]] = change[:, :, own[some]]
-                change = total
-                across = np.einsum("ip,icp->cp", linear.extinction[at].T, change)
-                across *= linear.edge[at] ** 2 / np.float32(12)
-                for source in out:
-                    if source is not None:
-                        source[:, known] -= across[:, mine]
+                    own += gradient[:, :, known]
+                edge = linear.edge[at[mine]]
+                own *= edge
+                limit(own, mean / np.float32(MOST), needs.boundaries)
+                excess = np.einsum("pi,icp->cp", linear.extinction[at[mine]], own) * edge
+                for source in sources:
+                    source[:, known] -= excess / np.float32(12)
+                change[:, :, mine] = own / edge
             table[some] = change[:, first:].transpose(2, 0, 1)
+        if thick is not None:
+            table[thick] = 0.0
         return out, table.reshape(len(self.at), -1)
-
-    def _thermal(self, real: type[np.floating]) -> NDArray[np.floating]:
-        """Emission over extinction (E, F), in the cells' middles."""
-        planes = self.cells.thermal_planes(real, self.at)
-        if self.linear:
-            linear = self.cells.linear
-            for plane, name in zip(planes, self.cells.needs.emitters, strict=True):
-                if name in linear.emission:
-                    plane *= linear.middle(linear.emission[name])[self.at]
-        return planes
 
     def records(
         self,
@@ -126,7 +110,8 @@ class CellRecords:
             real: the device's precision.
         """
         cells, needs = self.cells, self.cells.needs
-        thermal = self._thermal(real).T
+        middles = cells.middles() if self.linear else cells
+        thermal = middles.thermal_planes(real, self.at).T
         head = cells.depth[self.at, None].astype(real)
         if self.linear:
             head = np.column_stack([head, cells.linear.extinction[self.at].astype(real)])
@@ -155,6 +140,8 @@ class CellRecords:
                 # The gather adds what is scattered.
                 value[thick, :-1] = 0.0
                 value[thick, -1] = (cells.coalbedo + made)[thick]
-                value[thick, needs.boundaries : -1] = thermal[row[thick]]
+                value[thick, needs.boundaries : -1] = cells.thermal_planes(
+                    real, cells.address[thick]
+                ).T
             mine[row] = value
         return out

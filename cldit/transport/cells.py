@@ -155,30 +155,27 @@ class OpticalCells:
     @cached_property
     def linear(self) -> LinearCoefficients:
         """Gradients of the coefficients in cells."""
-        return LinearCoefficients.of(self.tree)
+        albedo = np.zeros(len(self.depth))
+        albedo[self.address] = self.albedo
+        emitted = {name: self.emitted[name] for name in self.needs.emitters}
+        return LinearCoefficients.of(self.tree, albedo, emitted)
 
     def linear_planes(self, real: type[np.floating]) -> NDArray[np.floating]:
-        """Gradients (P, G, 3) in cells as kernels/extinction.h reads them, in the type `real`."""
-        linear, emitters = self.linear, self.needs.emitters
-        out = np.zeros((len(self.depth), 2 + len(emitters), 3), real)
-        out[:, 0] = linear.extinction
-        out[self.address, 1] = self.albedo[:, None] * linear.albedo[self.address]
-        for number, name in enumerate(emitters, 2):
-            if name in linear.emission:
-                out[:, number] = self.emitted[name][:, None] * linear.emission[name]
-        return out
+        """Gradients (P, 2 + E, 3) as kernels/extinction.h reads them, in the type `real`."""
+        linear = self.linear
+        planes = [linear.extinction, linear.albedo, *linear.emission]
+        return np.stack(planes, axis=1).astype(real, copy=False)
 
     def middles(self) -> OpticalCells:
         """Albedo and emission in the cells' middles in place of their means; see `linear`."""
         linear = self.linear
-        emitted = {
-            name: values * linear.middle(linear.emission[name])
-            if name in linear.emission
-            else values
-            for name, values in self.emitted.items()
-        }
-        albedo = self.albedo * linear.middle(linear.albedo)[self.address]
-        return replace(self, emitted=emitted, albedo=albedo, coalbedo=1.0 - albedo)
+        emitted = dict(self.emitted)
+        for name, gradient in zip(self.needs.emitters, linear.emission, strict=True):
+            emitted[name] = self.emitted[name] - linear.excess(gradient)
+        excess = linear.excess(linear.albedo)[self.address]
+        return replace(
+            self, emitted=emitted, albedo=self.albedo - excess, coalbedo=self.coalbedo + excess
+        )
 
     def in_units_of(self, other: OpticalCells) -> OpticalCells:
         """The same cells, with thermal sources in the other's unit."""

@@ -53,6 +53,8 @@ def relative_gradient(tree: Octree, depth: Reals) -> NDArray[np.float32]:
         cube.
     """
     out = np.zeros((len(depth), 3), np.float32)
+    if not depth.any():
+        return out
     fine = tree.slots * _CELLS
     if tree.slots:
         out[:fine] = _positive(depth[:fine], _stored(tree, depth)).T
