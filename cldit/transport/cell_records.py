@@ -88,7 +88,7 @@ class CellRecords:
             table[some] = change[:, first:].transpose(2, 0, 1)
         if thick is not None:
             table[thick] = 0.0
-        return out, table.reshape(len(self.at), -1)
+        return out, table.reshape(len(self.at), 3 * table.shape[2])
 
     def records(
         self,
