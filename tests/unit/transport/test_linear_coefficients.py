@@ -92,7 +92,7 @@ def test_sources_of_the_image() -> None:
     assert not steep[thick].any()
     points = CORNERS / 3**0.5
     extinction = 1 + cells.linear.extinction[cells.address].astype(float) @ points.T
-    for number, (source, before) in enumerate(zip(sources, given, strict=True)):
+    for source, before in zip(sources, given, strict=True):
         assert source is not None and source is not before
         change = np.einsum("pic,ki->cpk", steep[:count].astype(float), points)
         found = np.mean((source[..., None] + change) * extinction, axis=2)
