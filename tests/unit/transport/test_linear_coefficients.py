@@ -97,9 +97,7 @@ def test_sources_of_the_image() -> None:
         change = np.einsum("pic,ki->cpk", steep[:count].astype(float), points)
         found = np.mean((source[..., None] + change) * extinction, axis=2)
         plain = np.setdiff1d(np.arange(count), thick)
-        np.testing.assert_allclose(
-            found[:, plain], before[:, plain], atol=1e-6, err_msg=str(number)
-        )
+        np.testing.assert_allclose(found[:, plain], before[:, plain], atol=1e-6)
     mean = np.mean([one for one in sources if one is not None], axis=0)
     corners = mean[..., None] + np.einsum("pic,ki->cpk", steep[:count].astype(float), CORNERS)
     assert corners[:, np.setdiff1d(np.arange(count), thick)].min() > -1e-6
