@@ -170,9 +170,16 @@ def upload_directory(device: Device, cells: OpticalCells) -> dict[str, Any]:
 def upload_tree(
     device: Device, cells: OpticalCells, real: type[np.floating], *, linear: bool = False
 ) -> dict[str, Any]:
-    """Kernel arguments on `device` of the octree of `cells`, with optical depths as `real`.
+    """Kernel arguments of the octree with its optical depths.
 
-    linear: with gradients of the coefficients, for LINEAR_COEFFICIENTS.
+    Args:
+        device: holds them.
+        cells: the medium.
+        real: type of real numbers on the device.
+        linear: with gradients of the coefficients, for LINEAR_COEFFICIENTS.
+
+    Returns:
+        The arguments by name.
     """
     out = {
         **upload_directory(device, cells),
