@@ -6,6 +6,7 @@ Every method and all stages of `trace_source` take their medium from here.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from cldit.medium.frame import BRICK
 from cldit.medium.octree import Octree
+from cldit.transport.linear_coefficients import LinearCoefficients
 
 _BRICK_CELLS = BRICK**3
 _FAINTEST = 1e-3  # of the hottest black body: unit of thermal sources where all of them are weaker
@@ -148,6 +150,31 @@ class OpticalCells:
             address=address,
             albedo=scattering[address] / safe[address],
             coalbedo=absorption[address] / safe[address],
+        )
+
+    @cached_property
+    def linear(self) -> LinearCoefficients:
+        """Gradients of the coefficients in cells."""
+        albedo = np.zeros(len(self.depth))
+        albedo[self.address] = self.albedo
+        emitted = {name: self.emitted[name] for name in self.needs.emitters}
+        return LinearCoefficients.of(self.tree, albedo, emitted)
+
+    def linear_planes(self, real: type[np.floating]) -> NDArray[np.floating]:
+        """Gradients (P, 2 + E, 3) as kernels/extinction.h reads them, in the type `real`."""
+        linear = self.linear
+        planes = [linear.extinction, linear.albedo, *linear.emission]
+        return np.stack(planes, axis=1).astype(real, copy=False)
+
+    def middles(self) -> OpticalCells:
+        """Albedo and emission in the cells' middles in place of their means; see `linear`."""
+        linear = self.linear
+        emitted = dict(self.emitted)
+        for name, gradient in zip(self.needs.emitters, linear.emission, strict=True):
+            emitted[name] = self.emitted[name] - linear.excess(gradient)
+        excess = linear.excess(linear.albedo)[self.address]
+        return replace(
+            self, emitted=emitted, albedo=self.albedo - excess, coalbedo=self.coalbedo + excess
         )
 
     def in_units_of(self, other: OpticalCells) -> OpticalCells:

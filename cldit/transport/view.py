@@ -167,12 +167,28 @@ def upload_directory(device: Device, cells: OpticalCells) -> dict[str, Any]:
     }
 
 
-def upload_tree(device: Device, cells: OpticalCells, real: type[np.floating]) -> dict[str, Any]:
-    """Kernel arguments on `device` of the octree of `cells`, with optical depths as `real`."""
-    return {
+def upload_tree(
+    device: Device, cells: OpticalCells, real: type[np.floating], *, linear: bool = False
+) -> dict[str, Any]:
+    """Kernel arguments of the octree with its optical depths.
+
+    Args:
+        device: holds them.
+        cells: the medium.
+        real: type of real numbers on the device.
+        linear: with gradients of the coefficients, for LINEAR_COEFFICIENTS.
+
+    Returns:
+        The arguments by name.
+    """
+    out = {
         **upload_directory(device, cells),
         "depth": upload(device, "optical depth", cells.depth.astype(real)),
     }
+    if linear:
+        gradients = cells.linear_planes(real)
+        out["cell_gradients"] = upload(device, "gradients in cells", gradients)
+    return out
 
 
 def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:

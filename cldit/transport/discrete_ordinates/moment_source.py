@@ -24,8 +24,8 @@ from cldit.gpu.program import Program
 from cldit.transport.angular_moments import phase_coefficients
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.gmres import Solution
-from cldit.transport.discrete_ordinates.gradients import limit
 from cldit.transport.discrete_ordinates.iteration import Moments, SolvedSource
+from cldit.transport.discrete_ordinates.limiter import limit
 from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 
