@@ -64,7 +64,7 @@ def halved(scene: Scene) -> Scene:
     """The scene at half its resolution in space and picture."""
     return changed(
         scene,
-        domain={"leaf_edge_m": 2 * scene.domain.leaf_edge_m},
+        domain={"leaf_edge_m": 2 * scene.domain.leaf_m},
         camera={"pixels": [max(pixels // 2, 1) for pixels in scene.camera.pixels]},
     )
 

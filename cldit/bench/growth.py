@@ -141,7 +141,7 @@ def _cells(case: Case, cache: Path) -> Growth:
     for coarser in (4, 2, 1):
         scene = changed(
             case.scene,
-            domain={"leaf_edge_m": coarser * case.scene.domain.leaf_edge_m},
+            domain={"leaf_edge_m": coarser * case.scene.domain.leaf_m},
             camera={"pixels": [1, 1]},
         )
         some = case.seen(scene) if coarser == 1 else Case.of(scene, case.device, cache=cache)

@@ -44,7 +44,8 @@ class Bench:
         """The case with Mie's phase function (`mie`) or isotropic, at full or `half` resolution."""
         phase = "mie" if mie else "isotropic"
         scene = halved(self.scene) if half else self.scene
-        scene = changed(scene, transport={"phase": phase, "method": "source", "order": None})
+        fixed = {"phase": phase, "method": "source", "order": None, "accuracy_K": 0.1}
+        scene = changed(scene, transport=fixed)
         return Case.of(scene, self.device, cache=self.cache)
 
 

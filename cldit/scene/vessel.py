@@ -10,6 +10,9 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from cldit.scene.checks import Section, Within
 from cldit.scene.values import Direction, Length, Point, Temperature
 
+FINEST = 4096  # cells along an edge, at most
+PAPER_LEAF_M = 0.5e-3  # paper, Section "Ray Tracing"
+
 
 class Domain(Section):
     """The cube that is traced, and how finely the octree may divide it."""
@@ -18,19 +21,27 @@ class Domain(Section):
     """Of the cube."""
     centre_m: Point = (0.0, 0.0, 0.0)
     """Of the cube; the injector's tip is at the origin."""
-    leaf_edge_m: Annotated[float, Within(1e-6, 100.0)] = 0.5e-3
-    """Finest cells, at the most 4096 along an edge."""
+    leaf_edge_m: Annotated[float, Within(1e-6, 100.0)] | None = None
+    """Finest cells, at the most 4096 along an edge; left out: chosen from
+    `transport.accuracy_K`."""
     optical_depth_split: Annotated[float, Within(0.0, 1.0)] = 1e-5
     """A cell of more optical depth than this is divided."""
 
     @model_validator(mode="after")
     def _depth(self) -> Domain:
-        if self.edge_m / self.leaf_edge_m > 4096:
+        if self.leaf_edge_m is not None and self.edge_m / self.leaf_edge_m > FINEST:
             raise ValueError(
-                f"leaf_edge_m: {self.leaf_edge_m:g} is finer than edge_m / 4096 = "
-                f"{self.edge_m / 4096:g}"
+                f"leaf_edge_m: {self.leaf_edge_m:g} is finer than edge_m / {FINEST} = "
+                f"{self.edge_m / FINEST:g}"
             )
         return self
+
+    @property
+    def leaf_m(self) -> float:
+        """`leaf_edge_m`; where it is left out and nobody chooses, the paper's."""
+        if self.leaf_edge_m is not None:
+            return self.leaf_edge_m
+        return max(PAPER_LEAF_M, self.edge_m / FINEST)
 
 
 class Background(Section):

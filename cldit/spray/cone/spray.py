@@ -292,7 +292,7 @@ def _parcels(
     wet = np.flatnonzero(liquid > 0)
     if source.sizes is None or not wet.size:
         return None, np.zeros(len(mass))
-    count = spec.size_classes
+    count = spec.classes
     temperature = state.liquid_K[wet]
     density = heptane_density_kg_m3(temperature)
     diameter = source.sizes.diameters_m(state.evaporated[wet], count)
