@@ -19,8 +19,8 @@ from cldit.medium.octree import Octree, build_octree
 from cldit.optics.spectral import Quadrature
 from cldit.radiance.weights import Weights
 from cldit.run.accuracy import StatedError
-from cldit.run.budget import Budget
-from cldit.run.cells import choose_cells
+from cldit.run.budget import Budget, Sized
+from cldit.run.cells import Cells, choose_cells, foretold_cells
 from cldit.run.error_maps import error_maps
 from cldit.run.errors import Cause, Errors
 from cldit.run.evaluation import evaluated, sensor_of
@@ -94,7 +94,8 @@ class Attempts:
     spray: Spray | None
     _prepared: tuple[Scene, Prepared] | None = None
     _pilot: tuple[Scene, Pilot] | None = None
-    _sources: Found | None = field(default=None)
+    _sources: Found | None = None
+    _sized: dict[str, Sized] = field(default_factory=dict)
 
     def best(self) -> Attempt:
         """The last attempt.
@@ -109,7 +110,12 @@ class Attempts:
             made = self._made(plan)
             better = None
             if made.errors is not None:
-                better = made.plan.refined(made.errors, self.scene, reducible=self._reducible(made))
+                better = made.plan.refined(
+                    made.errors,
+                    self.scene,
+                    reducible=self._reducible(made),
+                    orders={name: one.order for name, one in self._sized.items()},
+                )
             if better is None:
                 break
             self.stages.remark((_again(made, better),))
@@ -140,7 +146,10 @@ class Attempts:
         if prepared.probed is not None:
             pilot = self._piloted(scene, prepared, plan)
             if plan.depth is None:
-                plan = self._with_cells(plan, pilot)
+                settled = self._settled(plan, pilot)
+                if settled.scene(self.scene) != scene:
+                    return self._made(settled)
+                plan = settled
         plan, medium = self._grown(prepared, plan)
         frame = medium.trees[0].frame
         say = self.stages.say
@@ -155,7 +164,7 @@ class Attempts:
         errors, images = None, {}
         if pilot is not None:
             with self.stages.stage("errors"):
-                found = self._causes(pilot, medium, result, stated, frame.depth)
+                found = self._causes(pilot, medium, result, stated, plan)
                 errors = Errors.of(cause for cause, _ in found)
                 maps_K = {cause.name: step.map_K for cause, step in found if step is not None}
                 images = error_maps(errors, maps_K, has_temperature(maps))
@@ -180,20 +189,36 @@ class Attempts:
             self._pilot = scene, Pilot.of(scene, self.device, nodes[probed.number], probed)
         return self._pilot[1]
 
-    def _with_cells(self, plan: Plan, pilot: Pilot) -> Plan:
-        """The plan with the depth that it needs; that of the scene where that is fixed."""
+    def _settled(self, plan: Plan, pilot: Pilot) -> Plan:
+        """The plan with the cells that it needs, or that the scene fixes; and with classes and
+        lattice for what these leave."""
         points, boxes = pilot.probed.sources
-        empty = points is None and not boxes
-        if self.scene.domain.leaf_edge_m is not None or empty:
-            return replace(plan, depth=pilot.probed.frame.depth)
+        depth = pilot.probed.frame.depth
+        if points is None and not boxes:
+            return replace(plan, depth=depth)
+        if self.scene.domain.leaf_edge_m is not None:
+            chosen = foretold_cells(pilot, depth)
+        else:
+            chosen = self._chosen_cells(plan, pilot) or Cells(depth, None)
+        plan = replace(plan, depth=chosen.depth, limited=chosen.limited)
+        with self.stages.stage("pilots of the spray"):
+            self._sized = Budget(self.scene, pilot, chosen.depth, self.stages.tell).sized()
+        known = {
+            name: (one.step.error_K, one.order)
+            for name, one in self._sized.items()
+            if one.step.error_K is not None
+        }
+        return plan.settled(self.scene, chosen.error_K, known)
+
+    def _chosen_cells(self, plan: Plan, pilot: Pilot) -> Cells | None:
         with self.stages.stage("pilots") as note:
             chosen = choose_cells(pilot, plan.cells_K, self.stages.tell)
             if chosen is None:
                 note.append("no pixel has a T_app: cells as the paper's")
-                return replace(plan, depth=pilot.probed.frame.depth)
-            cell_mm = 1e3 * pilot.probed.frame.edge_m / 2**chosen.depth
-            note.append(f"cells of {cell_mm:.3g} mm for {plan.cells_K:.2g} K")
-        return replace(plan, depth=chosen.depth, limited=chosen.limited)
+            else:
+                cell_mm = 1e3 * pilot.probed.frame.edge_m / 2**chosen.depth
+                note.append(f"cells of {cell_mm:.3g} mm for {plan.cells_K:.2g} K")
+        return chosen
 
     def _grown(self, prepared: Prepared, plan: Plan) -> tuple[Plan, Medium]:
         """The medium; on larger cells where those of the plan do not fit the memory."""
@@ -214,7 +239,7 @@ class Attempts:
         medium: Medium,
         result: NodeTraces,
         stated: StatedError | None,
-        depth: int,
+        plan: Plan,
     ) -> Found:
         found: Found = []
         for cause in () if stated is None else stated.causes:
@@ -229,7 +254,8 @@ class Attempts:
             fixed = "optics.wavelengths" if optics.wavelengths is not None else ""
             fixed = fixed or ("optics.spectral_error_K" if optics.spectral_error_K else "")
             found.append((Cause("wavelengths", spectral.error_K, how, fixed), None))
-        budget = Budget(self.scene, pilot, depth, self.stages.tell)
+        assert plan.depth is not None
+        budget = Budget(self.scene, pilot, plan.depth, self.stages.tell)
         one = result.traces[pilot.probed.number]
         if self.scene.transport.method == "source":
             found += budget.of_cells(one.weights, one.middle)
@@ -237,7 +263,12 @@ class Attempts:
             found += budget.of_cells_by_pilot()
         if self._sources is None:
             self._sources = budget.of_sources()
-        return [*found, *self._sources]
+        sizes = {
+            "size classes": 1.0 / (plan.size_classes or 1),
+            "gas grid": plan.spacing_m or 0.0,
+        }
+        sized = [one.at(sizes[name]) for name, one in self._sized.items()]
+        return [*found, *self._sources, *sized]
 
     def _reducible(self, made: Attempt) -> set[str]:
         """Causes that another plan can make smaller."""

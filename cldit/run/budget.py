@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from cldit.errors import SprayError
 from cldit.radiance.weights import Weights
@@ -54,9 +55,9 @@ class Budget:
         return [self._cells(), (Cause("pixel sampling", None, why, "camera.rays_per_pixel"), None)]
 
     def of_sources(self) -> list[tuple[Cause, Step | None]]:
-        """Errors of parcels, their width, classes of size and the gas's grid."""
+        """Errors of parcels and their width, and of a gas that comes on one grid."""
         probed = self.pilot.probed
-        out = [*self._parcels(), *self._cone()]
+        out = self._parcels()
         if probed.gas:
             out.append((Cause("gas grid", None, probed.gas), None))
         return out
@@ -96,37 +97,60 @@ class Budget:
             out.append(_cause("deposit width", narrow, how, key))
         return out
 
-    def _cone(self) -> list[tuple[Cause, Step | None]]:
+    def sized(self) -> dict[str, Sized]:
+        """Errors of the cone's classes of size and of its lattice, by cause."""
         cone = self.pilot.probed.cone
         if cone is None:
-            return []
+            return {}
         base = self.pilot.level(self._coarse)
-        out: list[tuple[Cause, Step | None]] = []
-        if cone.droplets is not None:
-            key = "spray.size_classes"
-            fixed = key if getattr(self.scene.spray, "size_classes", None) is not None else ""
-            if cone.classes < 2:
-                out.append((Cause("size classes", None, "one class alone", fixed), None))
-            else:
-                self.say("errors: half of the classes of size")
-                half = cone.model_copy(update={"size_classes": cone.classes // 2})
-                step = self.pilot.step(base, self._resprayed(half))
-                how = f"{half.size_classes} classes for {cone.classes}: error falls as 1 / number"
-                out.append(_cause("size classes", step, how, fixed))
+        out: dict[str, Sized] = {}
+        given: Any = self.scene.spray
+        if cone.droplets is not None and cone.classes > 1:
+            fixed = "" if given.size_classes is None else "spray.size_classes"
+            self.say("errors: half of the classes of size")
+            half = cone.model_copy(update={"size_classes": cone.classes // 2})
+            step = self.pilot.step(base, self._resprayed(half))
+            how = f"{cone.classes // 2} classes for {cone.classes}: error falls as 1 / number"
+            out["size classes"] = Sized("size classes", step, 1.0, 1 / cone.classes, how, fixed)
+        fixed = "" if given.spacing_m is None else "spray.spacing_m"
         self.say("errors: a lattice twice and four times as coarse")
-        wider = [cone.model_copy(update={"spacing_m": up * cone.spacing_m}) for up in (2, 4)]
+        wider = [cone.model_copy(update={"spacing_m": up * cone.lattice_m}) for up in (2, 4)]
         try:
             coarser, coarsest = (self._resprayed(one) for one in wider)
         except SprayError:
-            why = "a coarser lattice does not hold the plumes"
-            return [*out, (Cause("gas grid", None, why, "spray.spacing_m"), None)]
+            return out
         before, last = self.pilot.step(coarser, coarsest), self.pilot.step(base, coarser)
         found = Refined.of(before, last)
-        how = f"cone on lattices 2 and 4 times as coarse, extrapolated by order {found.order:.2g}"
-        return [*out, _cause("gas grid", found.step, how, "spray.spacing_m")]
+        sizes = ", ".join(f"{1e3 * up * cone.lattice_m:.3g}" for up in (1, 2, 4))
+        how = f"cone on lattices of {sizes} mm, extrapolated by order {found.order:.2g}"
+        name = "gas grid"
+        out[name] = Sized(name, found.step, found.order, cone.lattice_m, how, fixed)
+        return out
 
     def _resprayed(self, cone: ConeSpray) -> Weights:
         return self.pilot.traced(self.pilot.probed.resprayed(cone), self._coarse)
+
+
+@dataclass(frozen=True)
+class Sized:
+    """Error of a cause that follows a size by a known order.
+
+    size: for which `step` is the error; metres of a lattice, or one over a number of classes.
+    """
+
+    name: str
+    step: Step
+    order: float
+    size: float
+    how: str
+    fixed: str
+
+    def at(self, size: float) -> tuple[Cause, Step | None]:
+        """The cause where the size is another."""
+        how = self.how
+        if abs(size / self.size - 1) > 1e-9:
+            how += f"; scaled to {size / self.size:.2g} of that size"
+        return _cause(self.name, self.step.times((size / self.size) ** self.order), how, self.fixed)
 
 
 def _cause(name: str, step: Step, how: str, fixed: str) -> tuple[Cause, Step | None]:

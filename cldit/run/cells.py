@@ -42,10 +42,11 @@ class Cells:
     """The chosen cells.
 
     depth: how often the cube is halved. limited: why it is not halved more often, where the wanted
-    error needs it; else empty.
+    error needs it; else empty. error_K: found, or foretold; None: it cannot be said.
     """
 
     depth: int
+    error_K: float | None
     limited: str = ""
 
 
@@ -56,6 +57,19 @@ def error_at(pilot: Pilot, depth: int) -> Refined | None:
     coarsest, coarser, fine = (pilot.level(depth - down) for down in (2, 1, 0))
     before, last = pilot.step(coarser, coarsest), pilot.step(fine, coarser)
     return None if last.error_K is None else Refined.of(before, last)
+
+
+def foretold_cells(pilot: Pilot, depth: int) -> Cells:
+    """Cells that the scene fixes, with the error that coarser ones foretell.
+
+    Args:
+        pilot: traces.
+        depth: of the fixed cells.
+    """
+    found = error_at(pilot, depth - 1)
+    if found is None or found.step.error_K is None:
+        return Cells(depth, None)
+    return Cells(depth, found.step.error_K / 2**found.order)
 
 
 def choose_cells(pilot: Pilot, wanted_K: float, say: Callable[[str], None]) -> Cells | None:
@@ -82,15 +96,19 @@ def choose_cells(pilot: Pilot, wanted_K: float, say: Callable[[str], None]) -> C
         try:
             found = error_at(pilot, depth)
         except MediumError:
-            return Cells(
-                depth - 1, f"cells of {2 * cell_mm:.3g} mm are the finest that memory holds"
-            )
+            before = error_at(pilot, depth - 1)
+            error_K = None if before is None else before.step.error_K
+            why = f"cells of {2 * cell_mm:.3g} mm are the finest that memory holds"
+            return Cells(depth - 1, error_K, why)
         if found is None or found.step.error_K is None:
             return None
         if found.step.error_K <= wanted_K:
-            return Cells(depth)
+            return Cells(depth, found.step.error_K)
         if depth == _FINEST:
-            return Cells(depth, f"cells of {cell_mm:.3g} mm are the finest there are")
-        if found.step.error_K / 2**found.order <= wanted_K or depth + 1 == _FINEST:
-            return Cells(depth + 1)
+            return Cells(
+                depth, found.step.error_K, f"cells of {cell_mm:.3g} mm are the finest there are"
+            )
+        foretold_K = found.step.error_K / 2**found.order
+        if foretold_K <= wanted_K or depth + 1 == _FINEST:
+            return Cells(depth + 1, foretold_K)
         depth += 1

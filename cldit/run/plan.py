@@ -20,18 +20,21 @@ from cldit.scene.spray import ConeSpray
 
 MOST_REFINEMENTS = 2
 # The number of cells grows as h^-3, their error falls at least as h. A trace errs by the number of
-# its ordinates to the power -2/3, wavelengths and classes by about one over their number; classes
-# only cost time where the medium is made, a tenth of a run.
+# its ordinates to the power -2/3, wavelengths and classes by about one over their number, a
+# lattice by its spacing to the power 3/2; classes and lattice cost time where the medium is made.
 EFFORTS = {
     "cells": Effort(3.0),
     "trace": Effort(1.5),
     "wavelengths": Effort(1.0),
     "size classes": Effort(1.0, share=0.1),
+    "gas grid": Effort(2.0, share=0.3),
 }
 # What comes out of a trace or of wavelengths is mostly below what was asked of them. Cells can only
 # be halved, at eight times the cost: they may take what others are likely to leave.
 _COMES_OUT = 0.6
+_CLOSE = 1.1  # in squares: not worth another spray
 _MOST_CLASSES = 64
+_FINEST_LATTICE_m = 0.1e-3
 
 
 @dataclass(frozen=True)
@@ -40,8 +43,9 @@ class Plan:
 
     wanted_K: error of all causes together. shares_K: errors that free causes may have. depth: how
     often the cube is halved; None: as the scene has it. trace_K, spectral_K: asked of the trace and
-    of the choice of wavelengths. size_classes: of the cone; None: there is none. refinements: made
-    so far. limited: why cells are not finer, where they are not fine enough; else empty.
+    of the choice of wavelengths. size_classes, spacing_m: of the cone; None: there is none.
+    refinements: made so far. limited: why cells are not finer, where they should be; else
+    empty.
     """
 
     wanted_K: float
@@ -49,6 +53,7 @@ class Plan:
     trace_K: float
     spectral_K: float
     size_classes: int | None
+    spacing_m: float | None
     depth: int | None = None
     refinements: int = 0
     limited: str = ""
@@ -61,9 +66,10 @@ class Plan:
             scene: as the user wrote it.
         """
         wanted_K = scene.transport.accuracy_K
-        classes = scene.spray.classes if isinstance(scene.spray, ConeSpray) else None
+        cone = scene.spray if isinstance(scene.spray, ConeSpray) else None
+        classes, spacing_m = (None, None) if cone is None else (cone.classes, cone.lattice_m)
         if not scene.transport.audit:
-            return cls(wanted_K, {}, wanted_K, scene.optics.bound_K, classes)
+            return cls(wanted_K, {}, wanted_K, scene.optics.bound_K, classes, spacing_m)
         shares_K = split(wanted_K, {name: EFFORTS[name] for name in free_causes(scene)})
         return cls(
             wanted_K=wanted_K,
@@ -71,6 +77,7 @@ class Plan:
             trace_K=shares_K.get("trace", wanted_K),
             spectral_K=_spectral_K(scene, shares_K.get("wavelengths", wanted_K)),
             size_classes=classes,
+            spacing_m=spacing_m,
         )
 
     @property
@@ -85,17 +92,65 @@ class Plan:
         optics = scene.optics.model_copy(update={"spectral_error_K": self.spectral_K})
         parts: dict[str, Any] = {"transport": transport, "optics": optics}
         if isinstance(scene.spray, ConeSpray):
-            update = {"size_classes": self.size_classes}
+            update = {"size_classes": self.size_classes, "spacing_m": self.spacing_m}
             parts["spray"] = scene.spray.model_copy(update=update)
         return scene.model_copy(update=parts)
 
-    def refined(self, errors: Errors, scene: Scene, *, reducible: set[str]) -> Plan | None:
+    def settled(
+        self, scene: Scene, cells_K: float | None, errors_K: Mapping[str, tuple[float, float]]
+    ) -> Plan:
+        """The plan with classes and lattice as fine as what the cells leave needs.
+
+        Args:
+            scene: as the user wrote it.
+            cells_K: error that the cells are likely to have; None: unknown, and taken for none.
+            errors_K: of classes and lattice by cause, and the order in which they fall.
+        """
+        free = set(free_causes(scene))
+        left = self.wanted_K**2 - (cells_K or 0.0) ** 2
+        left -= sum(
+            (_COMES_OUT * self.shares_K.get(name, 0.0)) ** 2 for name in ("trace", "wavelengths")
+        )
+        left -= sum(e**2 for name, (e, _) in errors_K.items() if name not in free)
+        mine = {name: e for name, (e, _) in errors_K.items() if name in free}
+        if left <= 0 or not mine or sum(e**2 for e in mine.values()) <= _CLOSE * left:
+            return self
+        shares_K = _shares(left, mine)
+        larger = {name: e / shares_K[name] for name, e in mine.items() if e > shares_K[name]}
+        plan = replace(self, shares_K={**self.shares_K, **shares_K})
+        return plan.resized(larger, {name: order for name, (_, order) in errors_K.items()})
+
+    def resized(self, larger: Mapping[str, float], orders: Mapping[str, float]) -> Plan:
+        """The plan with finer classes and lattice.
+
+        Args:
+            larger: error over what it may be, by cause.
+            orders: in which the errors fall.
+        """
+        plan = self
+        if "size classes" in larger and plan.size_classes is not None:
+            classes = min(_MOST_CLASSES, math.ceil(plan.size_classes * larger["size classes"]))
+            plan = replace(plan, size_classes=classes)
+        if "gas grid" in larger and plan.spacing_m is not None:
+            finer = larger["gas grid"] ** (1.0 / orders.get("gas grid", 1.0))
+            plan = replace(plan, spacing_m=max(plan.spacing_m / finer, _FINEST_LATTICE_m))
+        return plan
+
+    def refined(
+        self,
+        errors: Errors,
+        scene: Scene,
+        *,
+        reducible: set[str],
+        orders: Mapping[str, float],
+    ) -> Plan | None:
         """A plan for smaller errors; None where these are small enough, or cannot be made so.
 
         Args:
             errors: as measured.
             scene: as the user wrote it.
             reducible: causes that the plan can make smaller.
+            orders: in which errors of classes and lattice fall with their size.
         """
         if self.refinements >= MOST_REFINEMENTS or not errors.exceed(self.wanted_K):
             return None
@@ -104,13 +159,8 @@ class Plan:
         left = self.wanted_K**2 - sum(e**2 for name, e in known.items() if name not in free)
         if not free or left <= 0:
             return None
-        shares_K = split(left**0.5, {name: EFFORTS[name] for name in free})
-        # What errs by less than its share leaves the rest to others.
-        within = {name for name in free if known[name] <= shares_K[name]}
-        rest = [name for name in free if name not in within]
-        left -= sum(known[name] ** 2 for name in within)
-        shares_K |= split(left**0.5, {name: EFFORTS[name] for name in rest}) if rest else {}
-        larger = {name: known[name] / shares_K[name] for name in rest}
+        shares_K = _shares(left, {name: known[name] for name in free})
+        larger = {n: known[n] / shares_K[n] for n in free if known[n] > shares_K[n]}
         plan = replace(self, shares_K=shares_K, refinements=self.refinements + 1)
         if "cells" in larger and self.depth is not None:
             plan = replace(plan, depth=self.depth + max(1, math.floor(math.log2(larger["cells"]))))
@@ -118,10 +168,7 @@ class Plan:
             plan = replace(plan, trace_K=self.trace_K / larger["trace"])
         if "wavelengths" in larger:
             plan = replace(plan, spectral_K=_spectral_K(scene, shares_K["wavelengths"]))
-        if "size classes" in larger and self.size_classes is not None:
-            classes = min(_MOST_CLASSES, math.ceil(self.size_classes * larger["size classes"]))
-            plan = replace(plan, size_classes=classes)
-        return plan
+        return plan.resized(larger, orders)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -150,7 +197,22 @@ def free_causes(scene: Scene) -> tuple[str, ...]:
     spray = scene.spray
     if isinstance(spray, ConeSpray) and spray.droplets is not None and spray.size_classes is None:
         free.append("size classes")
+    if isinstance(spray, ConeSpray) and spray.spacing_m is None:
+        free.append("gas grid")
     return tuple(free)
+
+
+def _shares(left_K2: float, known_K: Mapping[str, float]) -> dict[str, float]:
+    """Shares of a square of errors; what errs by less than its share leaves the rest to others."""
+    shares_K, open_ = dict(known_K), set(known_K)
+    while open_:
+        wanted = split(left_K2**0.5, {name: EFFORTS[name] for name in open_})
+        within = {name for name in open_ if known_K[name] <= wanted[name]}
+        if not within:
+            return shares_K | wanted
+        left_K2 -= sum(known_K[name] ** 2 for name in within)
+        open_ -= within
+    return shares_K
 
 
 def _spectral_K(scene: Scene, share_K: float) -> float:
