@@ -45,8 +45,7 @@ class Budget:
             picture: (H, W) at the wavelength of the pilot, by `source`.
             middle: of one ray a pixel, where `picture` is of several.
         """
-        one_ray = picture if middle is None else middle
-        self.pilot.kept[self.depth] = self.pilot.thinned(one_ray)
+        self.pilot.kept[self.depth] = self.pilot.thinned(picture)
         return [self._cells(), pixel_error(self.scene, self.pilot.probed, picture, middle)]
 
     def of_cells_by_pilot(self) -> list[tuple[Cause, Step | None]]:

@@ -123,9 +123,10 @@ class Pilot:
             settings: of the wavelength that is probed.
             probed: the medium.
         """
-        stride = _stride(scene.camera.pixels)
+        # Several rays a pixel see its own edges: pixels are left out of none of those.
+        stride = _stride(scene.camera.pixels) if scene.camera.rays_per_pixel == 1 else 1
         columns, rows = (count // stride for count in scene.camera.pixels)
-        camera = scene.camera.model_copy(update={"pixels": (columns, rows), "rays_per_pixel": 1})
+        camera = scene.camera.model_copy(update={"pixels": (columns, rows)})
         few = scene.model_copy(update={"camera": camera})
         return cls(
             scene=few,
