@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cldit.camera.sensor import SensorModel
 from cldit.dit.accuracy import has_temperature
 from cldit.dit.maps import Maps
-from cldit.errors import MediumError
+from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, build_octree
@@ -38,6 +38,7 @@ from cldit.run.spectral import (
 )
 from cldit.run.stages import Stages
 from cldit.scene import Scene
+from cldit.scene.spray import ConeSpray
 from cldit.spray.result import Spray
 from cldit.transport.trace import settings_for, trace
 
@@ -137,8 +138,8 @@ class Attempts:
             return Difference.of(last.maps, maps)
 
     def _made(self, plan: Plan) -> Attempt:
+        plan, prepared = self._prepare(plan)
         scene = plan.scene(self.scene)
-        prepared = self._prepare(scene)
         properties = prepared.properties
         quadrature = properties.chosen.quadrature
         settings = node_settings(scene, quadrature, properties.phases)
@@ -172,13 +173,25 @@ class Attempts:
             self.scene, plan, medium, result, reference, maps, sensor, stated, errors, images
         )
 
-    def _prepare(self, scene: Scene) -> Prepared:
-        """Spray and optics; kept where the plan does not change them."""
-        alike = scene.model_copy(update={"transport": self.scene.transport})
-        if self._prepared is None or self._prepared[0] != alike:
-            prepared = prepare(scene, self.stages, self.cache, self.spray)
+    def _prepare(self, plan: Plan) -> tuple[Plan, Prepared]:
+        """Spray and optics; kept where the plan does not change them. A lattice that is too fine
+        for the cone becomes as fine as it may be."""
+        given_m = self.scene.spray.lattice_m if isinstance(self.scene.spray, ConeSpray) else 0.0
+        while True:
+            scene = plan.scene(self.scene)
+            alike = scene.model_copy(update={"transport": self.scene.transport})
+            if self._prepared is not None and self._prepared[0] == alike:
+                return plan, self._prepared[1]
+            try:
+                prepared = prepare(scene, self.stages, self.cache, self.spray)
+            except SprayError:
+                if plan.spacing_m is None or plan.spacing_m >= given_m:
+                    raise
+                coarser_m = min(_COARSER * plan.spacing_m, given_m)
+                plan = replace(plan, spacing_m=coarser_m, finest_lattice=True)
+                continue
             self._prepared, self._pilot, self._sources = (alike, prepared), None, None
-        return self._prepared[1]
+            return plan, prepared
 
     def _piloted(self, scene: Scene, prepared: Prepared, plan: Plan) -> Pilot:
         """Coarse traces; kept where the plan does not change ordinates."""
@@ -275,6 +288,8 @@ class Attempts:
         free = set(free_causes(self.scene))
         if made.plan.limited:
             free.discard("cells")
+        if made.plan.finest_lattice:
+            free.discard("gas grid")
         if made.stated is None or not made.stated.can_shrink or made.result.short:
             free.discard("trace")
         return free
@@ -291,6 +306,7 @@ class Attempts:
             self.stages.remark(made.stated.remarks(wanted))
 
 
+_COARSER = 1.15  # steps to the finest lattice that a cone takes
 _NO_AUDIT = (
     "transport.audit: false: transport.accuracy_K is that of the trace alone, and the error of the "
     "picture is not measured"

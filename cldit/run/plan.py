@@ -45,7 +45,7 @@ class Plan:
     often the cube is halved; None: as the scene has it. trace_K, spectral_K: asked of the trace and
     of the choice of wavelengths. size_classes, spacing_m: of the cone; None: there is none.
     refinements: made so far. limited: why cells are not finer, where they should be; else
-    empty.
+    empty. finest_lattice: whether the cone takes no finer lattice.
     """
 
     wanted_K: float
@@ -57,6 +57,7 @@ class Plan:
     depth: int | None = None
     refinements: int = 0
     limited: str = ""
+    finest_lattice: bool = False
 
     @classmethod
     def first(cls, scene: Scene) -> Plan:

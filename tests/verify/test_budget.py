@@ -37,7 +37,7 @@ def test_cells_of_an_even_block(run_block: Callable[..., Run]) -> None:
     found = by_name(run.errors)
     cells = found["cells"]
     assert cells is not None and 0.0 < cells < 2.0
-    assert set(found) == {"trace", "cells"}
+    assert set(found) == {"trace", "cells", "pixel sampling"}
     assert run.errors is not None and not run.errors.unknown
 
 
