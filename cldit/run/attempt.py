@@ -257,8 +257,8 @@ class Attempts:
         found: Found = []
         for cause in () if stated is None else stated.causes:
             fixed = "" if self.scene.transport.directions is None else "transport.directions"
-            known = stated is not None and stated.map_K is not None and cause.name == "trace"
-            step = Step(cause.error_K, stated.map_K) if known else None  # type: ignore[union-attr,arg-type]
+            map_K = None if stated is None or cause.name != "trace" else stated.map_K
+            step = None if map_K is None else Step(cause.error_K, map_K)
             found.append((replace(cause, fixed=fixed), step))
         spectral = medium.properties.chosen
         if spectral.errors_K:
@@ -281,7 +281,7 @@ class Attempts:
             "gas grid": plan.spacing_m or 0.0,
         }
         sized = [one.at(sizes[name]) for name, one in self._sized.items()]
-        return [*found, *self._sources, *sized]
+        return [*found, *self._sources, *sized, *budget.unsized(self._sized)]
 
     def _reducible(self, made: Attempt) -> set[str]:
         """Causes that another plan can make smaller."""

@@ -7,7 +7,7 @@ not depend on the cells is traced on cells twice as large as the picture's.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,29 +101,48 @@ class Budget:
         cone = self.pilot.probed.cone
         if cone is None:
             return {}
-        base = self.pilot.level(self._coarse)
         out: dict[str, Sized] = {}
         given: Any = self.scene.spray
-        if cone.droplets is not None and cone.classes > 1:
-            fixed = "" if given.size_classes is None else "spray.size_classes"
-            self.say("errors: half of the classes of size")
-            half = cone.model_copy(update={"size_classes": cone.classes // 2})
-            step = self.pilot.step(base, self._resprayed(half))
-            how = f"{cone.classes // 2} classes for {cone.classes}: error falls as 1 / number"
-            out["size classes"] = Sized("size classes", step, 1.0, 1 / cone.classes, how, fixed)
-        fixed = "" if given.spacing_m is None else "spray.spacing_m"
         self.say("errors: a lattice twice and four times as coarse")
         wider = [cone.model_copy(update={"spacing_m": up * cone.lattice_m}) for up in (2, 4)]
         try:
             coarser, coarsest = (self._resprayed(one) for one in wider)
-        except SprayError:
+        except SprayError:  # it does not hold the plumes: what a finer one gains is unknown
             return out
-        before, last = self.pilot.step(coarser, coarsest), self.pilot.step(base, coarser)
+        before = self.pilot.step(coarser, coarsest)
+        last = self.pilot.step(self.pilot.level(self._coarse), coarser)
         found = Refined.of(before, last)
         sizes = ", ".join(f"{1e3 * up * cone.lattice_m:.3g}" for up in (1, 2, 4))
         how = f"cone on lattices of {sizes} mm, extrapolated by order {found.order:.2g}"
+        fixed = "" if given.spacing_m is None else "spray.spacing_m"
         name = "gas grid"
         out[name] = Sized(name, found.step, found.order, cone.lattice_m, how, fixed)
+        if cone.droplets is not None and cone.classes > 1:
+            self.say("errors: half of the classes of size")
+            half = wider[0].model_copy(update={"size_classes": cone.classes // 2})
+            step = self.pilot.step(coarser, self._resprayed(half))
+            how = f"{half.size_classes} classes for {cone.classes}: error falls as 1 / number"
+            fixed = "" if given.size_classes is None else "spray.size_classes"
+            name = "size classes"
+            out[name] = Sized(name, step, 1.0, 1 / cone.classes, how, fixed)
+        return out
+
+    def unsized(self, known: Mapping[str, Sized]) -> list[tuple[Cause, Step | None]]:
+        """Causes of the cone whose error is not known.
+
+        Args:
+            known: as `sized` found them.
+        """
+        cone = self.pilot.probed.cone
+        out: list[tuple[Cause, Step | None]] = []
+        if cone is None or self.pilot.probed.sources == (None, []):
+            return out
+        if "gas grid" not in known:
+            why = "a lattice twice or four times as coarse does not hold the plumes"
+            out.append((Cause("gas grid", None, why, "spray.spacing_m"), None))
+        if "size classes" not in known and cone.droplets is not None:
+            why = "one class alone, or no coarser lattice to compare on"
+            out.append((Cause("size classes", None, why, "spray.size_classes"), None))
         return out
 
     def _resprayed(self, cone: ConeSpray) -> Weights:

@@ -32,8 +32,10 @@ from cldit.spray.result import Cells, Parcels, Spray, Vapour
 
 def finest(scene: Scene, given: argparse.Namespace, *, coarser: int) -> Scene:
     """The scene with every key fixed; `coarser`: 1, or 2 for the picture to compare with."""
+    # An even grid differs from its cells at its edges alone.
+    leaf_m = given.leaf_edge_m * (5 if scene.spray.model == "grid" else 1)
     sections = {
-        "domain": {"leaf_edge_m": given.leaf_edge_m * coarser},
+        "domain": {"leaf_edge_m": leaf_m * coarser},
         "transport": {"audit": False, "directions": given.directions, "accuracy_K": 0.1},
         "optics": {"spectral_error_K": 0.05 * coarser},
     }
