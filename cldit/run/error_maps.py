@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import uniform_filter
 
 from cldit.images import read_image, write_image
 from cldit.run.errors import Errors
 
 Image = NDArray[np.float32]
 TOTAL = "total"
-_NEARBY = 0.015  # of the picture's edge: standard deviation of what counts as nearby
+_NEARBY = 0.05  # of the picture's edge: that of the square around a pixel that counts as nearby
 
 
 def error_maps(
@@ -66,12 +66,12 @@ def _nearby(
     known = np.isfinite(difference_K) & counted
     if not known.any():
         return None
-    width = max(1.0, _NEARBY * max(counted.shape))
-    weight = gaussian_filter(known.astype(float), width)
-    square = gaussian_filter(np.where(known, np.nan_to_num(difference_K) ** 2, 0.0), width)
+    width = max(3, round(_NEARBY * max(counted.shape)))
+    weight = uniform_filter(known.astype(float), width)
+    square = uniform_filter(np.where(known, np.nan_to_num(difference_K) ** 2, 0.0), width)
     mean = float(np.mean(difference_K[known] ** 2))
     local = np.divide(square, weight, out=np.full(square.shape, mean), where=weight > 1e-3)
-    return np.asarray(np.sqrt(local))
+    return np.sqrt(np.maximum(local, 0.0))  # running sums leave rounding below 0
 
 
 def save_maps(maps: Mapping[str, Image], folder: Path, *, pixel_m: tuple[float, float]) -> None:
