@@ -71,7 +71,7 @@ def _nearby(
     square = uniform_filter(np.where(known, np.nan_to_num(difference_K) ** 2, 0.0), width)
     mean = float(np.mean(difference_K[known] ** 2))
     local = np.divide(square, weight, out=np.full(square.shape, mean), where=weight > 1e-3)
-    return np.sqrt(np.maximum(local, 0.0))  # running sums leave rounding below 0
+    return np.asarray(np.sqrt(np.maximum(local, 0.0)))  # running sums leave rounding below 0
 
 
 def save_maps(maps: Mapping[str, Image], folder: Path, *, pixel_m: tuple[float, float]) -> None:
