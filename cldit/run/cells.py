@@ -15,6 +15,7 @@ from cldit.errors import MediumError
 from cldit.run.pilot import Pilot, Step
 
 _FINEST = 12  # 4096 cells along an edge
+_CLOSE = 1.1  # of the wanted error: a pilot of the picture's own cells costs as much as that
 _ACROSS = 32  # cells across the picture, of the coarsest pilot
 
 
@@ -109,6 +110,6 @@ def choose_cells(pilot: Pilot, wanted_K: float, say: Callable[[str], None]) -> C
                 depth, found.step.error_K, f"cells of {cell_mm:.3g} mm are the finest there are"
             )
         foretold_K = found.step.error_K / 2**found.order
-        if foretold_K <= wanted_K or depth + 1 == _FINEST:
+        if foretold_K <= _CLOSE * wanted_K or depth + 1 == _FINEST:
             return Cells(depth + 1, foretold_K)
         depth += 1
