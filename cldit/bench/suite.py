@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cldit.bench.ablation import ablation
+from cldit.bench.budget import ASKED_K, budget
 from cldit.bench.case import Case, Lattice, Say, changed, halved
 from cldit.bench.error import bench_error
 from cldit.bench.error_report import error_part
@@ -28,7 +29,8 @@ class Bench:
     """What is measured, and how much of it.
 
     lattice: pixels that `path` and the reference trace. samples: of the reference, a pixel.
-    accuracies_K: what `source` is asked for. save: takes a part as far as it has come.
+    accuracies_K: what `source` is asked for. pixels, asked_K: of `budget`. save: takes a part as
+    far as it has come.
     """
 
     scene: Scene
@@ -39,12 +41,15 @@ class Bench:
     accuracies_K: tuple[float, ...]
     say: Say
     save: Callable[[Part], None]
+    pixels: int = 100
+    asked_K: tuple[float, ...] = ASKED_K
 
     def case(self, *, mie: bool = False, half: bool = False) -> Case:
         """The case with Mie's phase function (`mie`) or isotropic, at full or `half` resolution."""
         phase = "mie" if mie else "isotropic"
         scene = halved(self.scene) if half else self.scene
-        scene = changed(scene, transport={"phase": phase, "method": "source", "order": None})
+        fixed = {"phase": phase, "method": "source", "order": None, "accuracy_K": 0.1}
+        scene = changed(scene, transport=fixed)
         return Case.of(scene, self.device, cache=self.cache)
 
 
@@ -71,6 +76,13 @@ def error(bench: Bench) -> Part:
 MEASUREMENTS: dict[str, Callable[[Bench], Part]] = {
     "error": error,
     "growth": lambda bench: growth(bench.case(), cache=bench.cache, say=bench.say),
+    "budget": lambda bench: budget(
+        bench.device,
+        cache=bench.cache,
+        say=bench.say,
+        pixels=bench.pixels,
+        asked_K=bench.asked_K,
+    ),
     "memory": lambda bench: memory(bench.scene, bench.device, say=bench.say),
     "leave-out": lambda bench: leave_out(bench.case(), say=bench.say),
     "roofline": lambda bench: roofline(bench.case()),

@@ -41,7 +41,12 @@ from cldit.scene import Scene, load_scene, parse_scene
     type=click.Choice(["paper", "spectral"]),
     help="Optics at one wavelength, as in the paper, or over all of the filter.",
 )
-@click.option("--accuracy", "accuracy_K", type=KELVIN, help="Error allowed in T_app, K.")
+@click.option(
+    "--accuracy",
+    "accuracy_K",
+    type=KELVIN,
+    help="Error allowed in T_app, K, of all causes of the simulation together; 1 K.",
+)
 @click.option(
     "--device",
     help="OpenCL device: platform:device, or part of its name; several with commas.",
@@ -116,10 +121,14 @@ def _changed(
 def _print_errors(errors: Errors) -> None:
     """Prints the error of T_app, and what each cause adds."""
     OUT.print(f"error of T_app, RMS over the pixels that have one: {errors.text}")
-    table = Table("cause", "K", "how it is known", box=None)
+    table = Table("cause", "K", "held by", "how it is known", box=None)
     for cause in errors.causes:
-        table.add_row(cause.name, cause.text.removesuffix(" K"), cause.how)
+        table.add_row(cause.name, cause.text.removesuffix(" K"), cause.fixed, cause.how)
     OUT.print(table)
+    if errors.model:
+        OUT.print("the model's own spread, not in the sum:")
+        for cause in errors.model:
+            OUT.print(f"  {cause.name}: {cause.text} ({cause.how})", style="dim")
 
 
 def _summary(result: Run) -> None:

@@ -320,7 +320,7 @@ def _chosen(
         errors.append(error)
     wanted = scene.optics.wavelengths
     if wanted is None:
-        wanted = enough(errors, bound_K=scene.optics.spectral_error_K, most=most)
+        wanted = enough(errors, bound_K=scene.optics.bound_K, most=most)
     return found[min(wanted, most) - 1], errors
 
 

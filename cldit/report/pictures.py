@@ -307,6 +307,36 @@ def errors_picture(maps: Maps, frame: Frame, *, title: str) -> bytes:
     )
 
 
+def error_maps_picture(
+    images: Mapping[str, NDArray[np.float32]], frame: Frame, *, title: str
+) -> bytes:
+    """PNG of the standard error of T_app in every pixel: all causes together, and the largest.
+
+    Args:
+        images: (H, W) by cause, K, NaN where there is no T_app; `total` is among them.
+        frame: axes.
+        title: above all.
+    """
+
+    def mean(name: str) -> float:
+        return float(np.nanmean(images[name]))
+
+    largest = max((name for name in images if name != "total"), key=mean, default=None)
+    shown = ["total", *([] if largest is None else [largest])]
+    limits = (0.0, robust_limits(images["total"])[1])
+    panels = [
+        Panel(
+            images[name],
+            "all causes together" if name == "total" else f"of it by {name}",
+            "K",
+            limits,
+            "viridis",
+        )
+        for name in shown
+    ]
+    return panels_picture(panels, frame, title=title)
+
+
 def nodes_picture(errors_K: Sequence[float], *, chosen: int, title: str) -> bytes:
     """PNG of the error in T_app with 1, 2, .. spectral nodes.
 

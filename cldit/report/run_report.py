@@ -18,6 +18,7 @@ from cldit.report.html import Picture, ReportContent, write_report
 from cldit.report.pictures import (
     Frame,
     camera_pictures,
+    error_maps_picture,
     errors_picture,
     map_picture,
     nodes_picture,
@@ -25,6 +26,7 @@ from cldit.report.pictures import (
 )
 from cldit.report.shares import Shares
 from cldit.run import Run, open_run
+from cldit.run.errors import Cause
 from cldit.scene import dump_scene
 
 
@@ -65,6 +67,13 @@ def write_pictures(run: Run) -> dict[str, Picture]:
         weights_picture(run.weights, traced, title=_title(run, "weights of the trace")),
         "Where the light of every pixel comes from; one trace serves every background.",
     )
+    if run.error_maps:
+        pictures["simulation_errors"] = Picture(
+            error_maps_picture(
+                run.error_maps, traced, title=_title(run, "standard error of the simulated T_app")
+            ),
+            "What the simulation itself errs by; errors/ holds a map of every cause.",
+        )
     if run.info.spectral is not None and run.info.spectral.errors_K:
         pictures["wavelengths"] = Picture(
             nodes_picture(
@@ -152,12 +161,21 @@ def _trace(run: Run) -> dict[str, str]:
     if run.errors is not None:
         figures["error of T_app, RMS over the pixels that have one"] = run.errors.text
         for cause in run.errors.causes:
-            figures[f"error of T_app by {cause.name}"] = f"{cause.text}: {cause.how}"
+            figures[f"error of T_app by {cause.name}"] = _cause(cause)
+        for cause in run.errors.model:
+            figures[f"model, not in the sum: {cause.name}"] = f"{cause.text}: {cause.how}"
+    if run.info.plan is not None:
+        figures["accuracy asked for"] = f"{run.scene.transport.accuracy_K:g} K"
     if run.info.accuracy_K is not None:
         figures["estimated error of the trace in T_app"] = f"{run.info.accuracy_K:.2g} K RMS"
     for file, defines in run.info.defines.items():
         figures[f"{file} compiled with"] = " ".join(f"{k}={v}" for k, v in sorted(defines.items()))
     return figures
+
+
+def _cause(cause: Cause) -> str:
+    held = f" (held by {cause.fixed})" if cause.fixed else ""
+    return f"{cause.text}: {cause.how}{held}"
 
 
 def _commands(run: Run) -> tuple[str, ...]:
@@ -202,7 +220,9 @@ def write_run_report(run: Run) -> Path:
             ),
         ),
         more_pictures=tuple(
-            pictures[name] for name in ("errors", "weights", "wavelengths") if name in pictures
+            pictures[name]
+            for name in ("simulation_errors", "errors", "weights", "wavelengths")
+            if name in pictures
         ),
         reasons={reason.text: count for reason, count in maps.count().items()},
         figures=_spray(run),

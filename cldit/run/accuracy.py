@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +26,13 @@ class StatedError:
     audit_K: from pixels that were traced by `path` as well, which sees what both pictures simplify,
     and one standard error more.
     unknown: why the error is known in part only, or not at all; "" where it is known.
+    map_K: (H, W) half the halves' difference in every pixel; None where it is not known.
     """
 
     halves_K: float | None
     audit_K: float | None = None
     unknown: str = ""
+    map_K: NDArray[np.float64] | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def of(cls, scene: Scene, result: NodeTraces, maps: Maps) -> StatedError | None:
@@ -60,13 +62,14 @@ class StatedError:
                 pixels=pixels,
             )
 
-        halves_K = float(np.sqrt(np.sum(errors_K(result.difference) ** 2) / count))
+        halves = errors_K(result.difference).reshape(maps.emissivity.shape)
+        halves_K, map_K = float(np.sqrt(np.sum(halves**2) / count)), np.abs(halves)
         audit = result.audit
         if audit is None:
-            return cls(halves_K, unknown="; ".join(result.unaudited))
+            return cls(halves_K, unknown="; ".join(result.unaudited), map_K=map_K)
         one, other = (errors_K(error, audit.sample.pixels) for error in audit.errors)
         square, doubt = audit.sample.mean_square(one, other, count=count)
-        return cls(halves_K, float(np.sqrt(max(square, 0.0) + doubt)))
+        return cls(halves_K, float(np.sqrt(max(square, 0.0) + doubt)), map_K=map_K)
 
     @property
     def causes(self) -> tuple[Cause, ...]:
@@ -76,7 +79,7 @@ class StatedError:
         how = "half the difference of two images, each by half of the ordinates or samples"
         if self.audit_K is not None and self.audit_K == self.error_K:
             how = "some pixels traced by `path` as well, one standard error added"
-        known = Cause("trace", self.error_K, how)
+        known = Cause("trace", self.error_K, f"{how}; holds ordinates, iteration and gather")
         return (known, Cause("audit", None, self.unknown)) if self.unknown else (known,)
 
     @property
@@ -84,18 +87,26 @@ class StatedError:
         """The larger of the errors that are known [K]."""
         return max((one for one in (self.halves_K, self.audit_K) if one is not None), default=None)
 
+    @property
+    def can_shrink(self) -> bool:
+        """Whether ordinates and samples make it: not what only the audit sees."""
+        return self.halves_K is not None and 2 * self.halves_K > (self.error_K or 0.0)
+
+    @property
+    def unknown_remarks(self) -> tuple[str, ...]:
+        """What is not known of the error."""
+        if self.error_K is None:
+            return (f"error of the trace in T_app: unknown ({self.unknown})",)
+        if not self.unknown:
+            return ()
+        part = f"error of the trace in T_app: at least {self.error_K:.2g} K RMS, of directions and "
+        return (part + f"paths alone ({self.unknown})",)
+
     def remarks(self, asked: Transport) -> tuple[str, ...]:
         """What is not known of the error; and where it is, as it is printed, more than `asked` for,
         what it is made of, and what can be done."""
-        error_K = self.error_K
-        if error_K is None:
-            return (f"error of the trace in T_app: unknown ({self.unknown})",)
-        part = ""
-        if self.unknown:
-            part = f"error of the trace in T_app: at least {error_K:.2g} K RMS, of directions and "
-            part += f"paths alone ({self.unknown})"
-        unknown = (part,) if part else ()
-        if not float(f"{error_K:.2g}") > asked.accuracy_K:
+        error_K, unknown = self.error_K, self.unknown_remarks
+        if error_K is None or not float(f"{error_K:.2g}") > asked.accuracy_K:
             return unknown
         if asked.method == "source":
             finer = "a smaller transport.accuracy_K"

@@ -1,178 +1,176 @@
-"""Measuring what each cause of the simulation adds to the error of T_app.
+"""Measuring what each cause of the medium adds to the error of T_app.
 
-A cause is found by a second trace in which it alone differs: on cells twice as large, with either
-half of the parcels, with parcels spread less. Both traces have the same ordinates, whose own error
-so cancels. They are of one wavelength, the middle one, for that is what the medium looks like in
-all of them.
+A cause is found by a second trace in which it alone differs: on larger cells, with either half of
+the parcels, with parcels spread less, with fewer classes of size, on a coarser lattice. What does
+not depend on the cells is traced on cells twice as large as the picture's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from cldit.dit.accuracy import VISIBLE_EMISSIVITY
-from cldit.errors import TransportError
-from cldit.gpu.device import Device
-from cldit.medium.frame import Frame
-from cldit.medium.octree import Sources, build_octrees
-from cldit.optics.spectral import SpectralNode
+from cldit.errors import SprayError, TransportError
 from cldit.radiance.weights import Weights
+from cldit.run.cells import Refined, error_at
 from cldit.run.errors import Cause
-from cldit.run.node_temperature import NodeTemperature
+from cldit.run.pilot import Pilot, Step
+from cldit.run.pixels import pixel_error
 from cldit.scene import Scene
-from cldit.transport.cells import OpticalCells
-from cldit.transport.trace import Settings, trace
-from cldit.transport.view import View
-
-Floats = NDArray[np.float64]
+from cldit.scene.spray import ConeSpray
 
 # The bias of the width falls with its fourth power: from a variance to its half goes 3/4 of it.
 _OF_WIDTH = 4.0 / 3.0
-
-
-@dataclass(frozen=True)
-class ParcelVariants:
-    """Sources of one wavelength in which the parcels differ; see `cldit.medium.cloud.Variants`.
-
-    sampling: error by sampling over the halves' difference.
-    """
-
-    halves: tuple[Sources, Sources]
-    narrower: Sources | None
-    sampling: float
-
-
-@dataclass(frozen=True)
-class Probed:
-    """What the causes of the medium are measured on.
-
-    frame, sources: of the traced medium, at the wavelength of `node`, its `number`. parcels: None
-    where the
-    droplets are no sample. gas: why the error of the gas's own grid is not known; empty: there is
-    no gas, or it has no error of its own.
-    """
-
-    frame: Frame
-    sources: Sources
-    number: int
-    node: SpectralNode
-    parcels: ParcelVariants | None
-    gas: str
-    optical_depth_split: float
+_NO_PIXEL = "no pixel has a T_app on either"
 
 
 @dataclass(frozen=True)
 class Budget:
-    """Traces variants of a medium, and compares them with it."""
+    """Traces variants of a medium, and compares them with it.
+
+    scene: as the user wrote it, whose keys are fixed where they are not left out. depth: of the
+    picture's cells.
+    """
 
     scene: Scene
-    device: Device
-    settings: Settings
-    probed: Probed
+    pilot: Pilot
+    depth: int
+    say: Callable[[str], None]
 
-    def traced(self) -> Weights:
-        """The medium itself, by the budget's settings."""
-        return self._traced(self.probed.sources, self.probed.frame)
-
-    def causes(self, weights: Weights, say: Callable[[str], None] | None) -> list[Cause | None]:
-        """The errors of cells, parcels, width and gas.
+    def of_cells(self, picture: Weights, middle: Weights | None) -> list[tuple[Cause, Step | None]]:
+        """Errors of cells and pixels, which depend on the chosen cells.
 
         Args:
-            weights: of the traced medium, at the node's wavelength.
-            say: told of each trace.
-
-        Returns:
-            A cause each; None for one that the scene has not.
+            picture: (H, W) at the wavelength of the pilot, by `source`.
+            middle: of one ray a pixel, where `picture` is of several.
         """
-        tell = say or (lambda _: None)
-        temperature = self._temperature(weights)
-        return [
-            self._cells(temperature, weights, tell),
-            *self._parcels(temperature, weights, tell),
-            Cause("gas grid", None, self.probed.gas) if self.probed.gas else None,
-        ]
+        self.pilot.kept[self.depth] = self.pilot.thinned(picture)
+        return [self._cells(), pixel_error(self.scene, self.pilot.probed, picture, middle)]
 
-    def _cells(
-        self, temperature: NodeTemperature, weights: Weights, tell: Callable[[str], None]
-    ) -> Cause:
-        frame = self.probed.frame
-        if frame.depth == 0:
-            return Cause("cells", None, "one cell: there are no larger ones to compare with")
-        tell("errors: cells twice as large")
-        coarse = replace(frame, depth=frame.depth - 1)
-        try:
-            other = self._traced(self.probed.sources, coarse)
-        except TransportError as wrong:  # larger cells reach behind a patch
-            return Cause("cells", None, f"cells of {coarse.cell_m * 1e3:.3g} mm: {wrong}")
-        error = difference_K(temperature, weights, other)
-        return Cause(
-            "cells",
-            error,
-            f"cells of {coarse.cell_m * 1e3:.3g} mm for {frame.cell_m * 1e3:.3g} mm: the error "
-            "of the first order is that of the step"
-            if error is not None
-            else "no pixel has a T_app on either",
-        )
+    def of_cells_by_pilot(self) -> list[tuple[Cause, Step | None]]:
+        """The same for a picture by another method, whose noise would hide them."""
+        why = "a picture of samples does not tell it; method source does"
+        return [self._cells(), (Cause("pixel sampling", None, why, "camera.rays_per_pixel"), None)]
 
-    def _parcels(
-        self, temperature: NodeTemperature, weights: Weights, tell: Callable[[str], None]
-    ) -> list[Cause]:
-        parcels = self.probed.parcels
+    def of_sources(self) -> list[tuple[Cause, Step | None]]:
+        """Errors of parcels and their width, and of a gas that comes on one grid."""
+        probed = self.pilot.probed
+        out = self._parcels()
+        if probed.gas:
+            out.append((Cause("gas grid", None, probed.gas), None))
+        return out
+
+    @property
+    def _coarse(self) -> int:
+        return max(self.depth - 1, 0)
+
+    def _cells(self) -> tuple[Cause, Step | None]:
+        fixed = "" if self.scene.domain.leaf_edge_m is None else "domain.leaf_edge_m"
+        self.say("errors: cells twice and four times as large")
+        found = error_at(self.pilot, self.depth)
+        frame = self.pilot.probed.frame
+        if found is None:
+            why = "too few halvings of the cube to compare" if self.depth < 2 else _NO_PIXEL
+            return Cause("cells", None, why, fixed), None
+        sizes = [f"{1e3 * frame.edge_m / 2 ** (self.depth - up):.3g}" for up in (0, 1, 2)]
+        how = f"cells of {', '.join(sizes)} mm, extrapolated by order {found.order:.2g}"
+        return Cause("cells", found.step.error_K, how, fixed), found.step
+
+    def _parcels(self) -> list[tuple[Cause, Step | None]]:
+        parcels = self.pilot.probed.parcels
         if parcels is None:
             return []
-        tell("errors: either half of the parcels")
-        one, other = (self._traced(half, self.probed.frame) for half in parcels.halves)
-        sampling = difference_K(temperature, one, other)
-        causes = [
-            Cause(
-                "parcels",
-                None if sampling is None else parcels.sampling * sampling,
-                f"{parcels.sampling:g} of the difference of two halves of the parcels",
-            )
-        ]
+        self.say("errors: either half of the parcels")
+        one, other = (self.pilot.traced(half, self._coarse) for half in parcels.halves)
+        sampling = self.pilot.step(one, other).times(parcels.sampling)
+        how = f"{parcels.sampling:.2g} of the difference of two halves of the parcels"
+        fixed = getattr(self.scene.spray, "droplets_per_parcel", None) is not None
+        key = "spray.droplets_per_parcel" if fixed else "spray.file"
+        out = [_cause("parcels", sampling, how, key)]
         if parcels.narrower is not None:
-            tell("errors: parcels spread less")
-            narrow = difference_K(
-                temperature, weights, self._traced(parcels.narrower, self.probed.frame)
-            )
-            causes.append(
-                Cause(
-                    "deposit width",
-                    None if narrow is None else _OF_WIDTH * narrow,
-                    "4/3 of the step to half of the variance, as bias of fourth order has it",
-                )
-            )
-        return causes
+            self.say("errors: parcels spread less")
+            narrower = self.pilot.traced(parcels.narrower, self._coarse)
+            narrow = self.pilot.step(self.pilot.level(self._coarse), narrower).times(_OF_WIDTH)
+            how = "4/3 of the step to half of the variance, as bias of fourth order has it"
+            out.append(_cause("deposit width", narrow, how, key))
+        return out
 
-    def _temperature(self, weights: Weights) -> NodeTemperature:
-        names = tuple(patch.name for patch in self.scene.patches)
-        tree = build_octrees(
-            replace(self.probed.frame, depth=0), [(None, [])], optical_depth_split=1.0
-        )[0]
-        view = View.of(self.scene, OpticalCells.of(tree, patches=names))
-        return NodeTemperature.of(self.scene, self.probed.node, view.before_background)
+    def sized(self) -> dict[str, Sized]:
+        """Errors of the cone's classes of size and of its lattice, by cause."""
+        cone = self.pilot.probed.cone
+        if cone is None:
+            return {}
+        out: dict[str, Sized] = {}
+        given: Any = self.scene.spray
+        self.say("errors: a lattice twice and four times as coarse")
+        wider = [cone.model_copy(update={"spacing_m": up * cone.lattice_m}) for up in (2, 4)]
+        try:
+            coarser, coarsest = (self._resprayed(one) for one in wider)
+        except SprayError:  # it does not hold the plumes: what a finer one gains is unknown
+            return out
+        before = self.pilot.step(coarser, coarsest)
+        last = self.pilot.step(self.pilot.level(self._coarse), coarser)
+        found = Refined.of(before, last)
+        sizes = ", ".join(f"{1e3 * up * cone.lattice_m:.3g}" for up in (1, 2, 4))
+        how = f"cone on lattices of {sizes} mm, extrapolated by order {found.order:.2g}"
+        fixed = "" if given.spacing_m is None else "spray.spacing_m"
+        name = "gas grid"
+        out[name] = Sized(name, found.step, found.order, cone.lattice_m, how, fixed)
+        if cone.droplets is not None and cone.classes > 1:
+            self.say("errors: half of the classes of size")
+            half = wider[0].model_copy(update={"size_classes": cone.classes // 2})
+            step = self.pilot.step(coarser, self._resprayed(half))
+            how = f"{half.size_classes} classes for {cone.classes}: error falls as 1 / number"
+            fixed = "" if given.size_classes is None else "spray.size_classes"
+            name = "size classes"
+            out[name] = Sized(name, step, 1.0, 1 / cone.classes, how, fixed)
+        return out
 
-    def _traced(self, sources: Sources, frame: Frame) -> Weights:
-        tree = build_octrees(frame, [sources], optical_depth_split=self.probed.optical_depth_split)[
-            0
-        ]
-        return trace(tree, self.scene, self.device, self.settings).weights
+    def unsized(self, known: Mapping[str, Sized]) -> list[tuple[Cause, Step | None]]:
+        """Causes of the cone whose error is not known.
+
+        Args:
+            known: as `sized` found them.
+        """
+        cone = self.pilot.probed.cone
+        out: list[tuple[Cause, Step | None]] = []
+        if cone is None or self.pilot.probed.sources == (None, []):
+            return out
+        if "gas grid" not in known:
+            why = "a lattice twice or four times as coarse does not hold the plumes"
+            out.append((Cause("gas grid", None, why, "spray.spacing_m"), None))
+        if "size classes" not in known and cone.droplets is not None:
+            why = "one class alone, or no coarser lattice to compare on"
+            out.append((Cause("size classes", None, why, "spray.size_classes"), None))
+        return out
+
+    def _resprayed(self, cone: ConeSpray) -> Weights:
+        return self.pilot.traced(self.pilot.probed.resprayed(cone), self._coarse)
 
 
-def difference_K(temperature: NodeTemperature, one: Weights, other: Weights) -> float | None:
-    """RMS difference of T_app over the pixels of emissivity above 0.05 in both; None: no pixel.
+@dataclass(frozen=True)
+class Sized:
+    """Error of a cause that follows a size by a known order.
 
-    Args:
-        temperature: of the scene and wavelength.
-        one, other: weights (H, W).
+    size: for which `step` is the error; metres of a lattice, or one over a number of classes.
     """
-    both = (1.0 - one.background > VISIBLE_EMISSIVITY) & (
-        1.0 - other.background > VISIBLE_EMISSIVITY
-    )
-    apart = temperature(one) - temperature(other)
-    both &= np.isfinite(apart)
-    return float(np.sqrt(np.mean(apart[both] ** 2))) if both.any() else None
+
+    name: str
+    step: Step
+    order: float
+    size: float
+    how: str
+    fixed: str
+
+    def at(self, size: float) -> tuple[Cause, Step | None]:
+        """The cause where the size is another."""
+        how = self.how
+        if abs(size / self.size - 1) > 1e-9:
+            how += f"; scaled to {size / self.size:.2g} of that size"
+        return _cause(self.name, self.step.times((size / self.size) ** self.order), how, self.fixed)
+
+
+def _cause(name: str, step: Step, how: str, fixed: str) -> tuple[Cause, Step | None]:
+    known = step.error_K is not None
+    return Cause(name, step.error_K, how if known else _NO_PIXEL, fixed), step if known else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 
@@ -32,12 +32,14 @@ class Cause:
 
 @dataclass(frozen=True)
 class Errors:
-    """All causes of the simulation together. Those of the model itself are not among them.
+    """All causes of the simulation together.
 
-    Causes are taken for independent of each other: their squares add up.
+    Causes are taken for independent of each other: their squares add up. model: the spread of the
+    model itself (which evaporation, which n and k), which is beside them and never in the sum.
     """
 
     causes: tuple[Cause, ...]
+    model: tuple[Cause, ...] = ()
 
     @property
     def total_K(self) -> float | None:
@@ -57,6 +59,10 @@ class Errors:
             return "unknown"
         return f"at least {self.total_K:.2g} K" if self.unknown else f"{self.total_K:.2g} K"
 
+    def exceed(self, wanted_K: float) -> bool:
+        """Whether the known sum, as it is printed, is more than `wanted_K`."""
+        return self.total_K is not None and float(f"{self.total_K:.2g}") > wanted_K
+
     def largest(self) -> Cause | None:
         """The cause that adds most; None where none is known."""
         known = [cause for cause in self.causes if cause.error_K is not None]
@@ -67,10 +73,8 @@ class Errors:
         return {
             "total_K": self.total_K,
             "at_least": bool(self.unknown),
-            "causes": [
-                {"name": one.name, "error_K": one.error_K, "how": one.how, "fixed": one.fixed}
-                for one in self.causes
-            ],
+            "causes": [asdict(cause) for cause in self.causes],
+            "model": [asdict(cause) for cause in self.model],
         }
 
     @classmethod
@@ -80,9 +84,50 @@ class Errors:
         Args:
             data: of run.json.
         """
-        return cls(tuple(Cause(**cause) for cause in data["causes"]))
+        causes, model = (
+            tuple(Cause(**cause) for cause in data.get(name, ())) for name in ("causes", "model")
+        )
+        return cls(causes, model)
 
     @classmethod
-    def of(cls, causes: Iterable[Cause | None]) -> Errors:
+    def of(cls, causes: Iterable[Cause | None], model: Iterable[Cause] = ()) -> Errors:
         """Of those causes that the scene has; None stands for one that it has not."""
-        return cls(tuple(cause for cause in causes if cause is not None))
+        return cls(tuple(cause for cause in causes if cause is not None), tuple(model))
+
+    def remarks(self, wanted_K: float, limited: str = "") -> tuple[str, ...]:
+        """Where the error is larger than was asked for: by what, and what can be done.
+
+        Args:
+            wanted_K: `transport.accuracy_K`.
+            limited: why cells are not finer; empty where they may be.
+        """
+        largest = self.largest()
+        if largest is None or not self.exceed(wanted_K):
+            return ()
+        fix = _FIX.get(largest.name, "a larger transport.accuracy_K")
+        held = f", held by {largest.fixed}" if largest.fixed else ""
+        if largest.name == "cells" and limited:
+            held, fix = f", for {limited}", "a smaller domain.edge_m, or a machine of more memory"
+        return (
+            f"stated error {self.text} RMS, more than transport.accuracy_K: {wanted_K:g} asks for: "
+            f"{largest.name} make{'s' if largest.name in _ONE else ''} {largest.text}{held}; "
+            f"allowed is {fix}",
+        )
+
+
+_ONE = ("trace", "deposit width", "gas grid", "pixel sampling")
+_MORE_PARCELS = (
+    "a smaller spray.droplets_per_parcel (run time grows as the number of parcels), or more "
+    "parcels in the file"
+)
+_FIX = {
+    "cells": "a smaller domain.leaf_edge_m, or none, so that it is chosen",
+    "trace": "more transport.directions or a larger transport.max_samples, or, for what only the "
+    "audit finds, transport.method: path",
+    "wavelengths": "more optics.wavelengths, or none, so that they are chosen",
+    "parcels": _MORE_PARCELS,
+    "deposit width": _MORE_PARCELS,
+    "size classes": "more spray.size_classes, or none, so that they are chosen",
+    "gas grid": "a smaller spray.spacing_m",
+    "pixel sampling": "more camera.pixels, or camera.rays_per_pixel: 4 or more",
+}

@@ -13,6 +13,7 @@ from cldit.errors import RunFolderError
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.radiance.weights import Weights
+from cldit.run.error_maps import load_maps, save_maps
 from cldit.run.result import Run, RunInfo, Stage
 from cldit.run.spectral import (
     node_folders,
@@ -29,6 +30,7 @@ def save_run(run: Run, folder: Path) -> None:
     save_nodes(folder / "weights", run.quadrature, run.spectral, pixel_m=run.pixel_m)
     run.reference.save(folder / "weights_reference", pixel_m=run.pixel_m)
     run.maps.save(folder / "maps", pixel_m=run.pixel_m)
+    save_maps(run.error_maps, folder / "errors", pixel_m=run.pixel_m)
     (folder / "run.json").write_text(run.info.to_json(), encoding="utf-8")
 
 
@@ -89,6 +91,7 @@ def open_run(path: str | Path) -> Run:
         reference=Weights.load(folder / "weights_reference", patches=patches),
         maps=Maps.load(folder / "maps"),
         info=info,
+        error_maps=load_maps(folder / "errors"),
         measured=Maps.load(measured) if measured.is_dir() else None,
         folder=folder,
     )

@@ -10,22 +10,29 @@ import numpy as np
 from cldit.gpu.device import Device
 from cldit.medium.cloud import SAMPLING, Kernel, halves, variants
 from cldit.medium.frame import Frame
-from cldit.medium.octree import CellSource, Octree, PointSource, build_octrees
+from cldit.medium.octree import Octree, Sources, build_octrees
 from cldit.optics.band import BandOptics
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
-from cldit.run.budget import ParcelVariants, Probed
 from cldit.run.cell_choice import cells_that_fit, chosen_frame
 from cldit.run.phases import droplets_content, mean_phase, phase_choice
+from cldit.run.pilot import ParcelVariants, Probed
 from cldit.run.spray_factory import make_spray
 from cldit.run.stages import Stages
 from cldit.scene import Scene
 from cldit.scene.optics import MOST_WAVELENGTHS, Optics
+from cldit.scene.spray import ConeSpray
 from cldit.spray.result import Spray
 from cldit.transport.phase import ScatteringTable
 
-Source = tuple[PointSource | None, list[CellSource]]
 _SEED = 1  # of the halves of the parcels
+# Why the error of a gas's own grid is not known.
+_GAS = {
+    "cfd": "the gas comes on one grid alone; compare with a run from a finer one",
+    "grid": "the gas comes on one grid alone; compare with a run from a finer one",
+    "lagrangian": "a run on gas cells twice as large has droplets of other chances, which differ "
+    "by more than the grid does; compare means of several seeds on two spray.box.spacing_m",
+}
 
 
 @dataclass(frozen=True)
@@ -38,9 +45,9 @@ class Properties:
     """
 
     chosen: Wavelengths
-    sources: tuple[Source, ...]
+    sources: tuple[Sources, ...]
     phases: tuple[ScatteringTable | None, ...]
-    paper: Source | None
+    paper: Sources | None
     paper_phase: ScatteringTable | None
     phase: str
     remarks: tuple[str, ...]
@@ -84,13 +91,13 @@ def properties_of(scene: Scene, spray: Spray, *, cache: Path | None) -> Properti
 
 def _not_reached(asked: Optics, chosen: Wavelengths) -> tuple[str, ...]:
     """That the wavelengths, as their error is printed, err by more than `asked` for."""
-    if not float(f"{chosen.error_K:.2g}") > asked.spectral_error_K:
+    if not float(f"{chosen.error_K:.2g}") > asked.bound_K:
         return ()
     count = len(chosen.nodes)
     given = "as optics.wavelengths sets it" if asked.wavelengths is not None else "the most"
     return (
         f"wavelengths: {count} ({given}) leave an estimated {chosen.error_K:.2g} K RMS in T_app, "
-        f"more than optics.spectral_error_K: {asked.spectral_error_K:g} asks for; allowed is "
+        f"more than optics.spectral_error_K: {asked.bound_K:.2g} asks for; allowed is "
         f"optics.wavelengths up to {MOST_WAVELENGTHS}, or a larger optics.spectral_error_K",
     )
 
@@ -111,6 +118,38 @@ def deposited(scene: Scene, spray: Spray) -> Spray:
 
 
 @dataclass(frozen=True)
+class Prepared:
+    """What trees are made of.
+
+    frame: the cube, divided as the scene has it, or as the paper has it. properties: with
+    `sources`. probed: what the errors of the medium are measured on; None where the scene wants no
+    audit.
+    """
+
+    frame: Frame
+    optical_depth_split: float
+    properties: Properties
+    notes: dict[str, float]
+    probed: Probed | None
+
+    def grown(self, stages: Stages, depth: int | None = None) -> Medium:
+        """The medium with the cube halved `depth` times; None: as the scene has it.
+
+        Raises:
+            MediumError: there are more cells than memory allows.
+        """
+        found = self.properties
+        frame = self.frame if depth is None else replace(self.frame, depth=depth)
+        sources = [*found.sources, *([] if found.paper is None else [found.paper])]
+        with stages.stage("octree") as note:
+            trees = build_octrees(frame, sources, optical_depth_split=self.optical_depth_split)
+            note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
+        paper = trees.pop() if found.paper is not None else None
+        bare = replace(found, sources=(), paper=None)
+        return Medium(trees, paper, bare, self.notes, self.probed)
+
+
+@dataclass(frozen=True)
 class Medium:
     """A tree for each spectral node, and one with the paper's properties where that is wanted.
 
@@ -128,7 +167,14 @@ class Medium:
 def make_medium(
     scene: Scene, device: Device, stages: Stages, cache: Path, spray: Spray | None = None
 ) -> Medium:
-    """The scene's medium.
+    """The scene's medium; see `prepare`."""
+    return prepare(scene, device, stages, cache, spray).grown(stages)
+
+
+def prepare(
+    scene: Scene, device: Device, stages: Stages, cache: Path, spray: Spray | None = None
+) -> Prepared:
+    """The scene's spray and its optical properties.
 
     Args:
         scene: what is to be traced.
@@ -145,44 +191,45 @@ def make_medium(
         notes = dict(spray.notes)
     with stages.stage("optics") as note:
         found = properties_of(scene, spray, cache=cache)
-        sources = [*found.sources, *([] if found.paper is None else [found.paper])]
         count = len(found.sources)
         note.append(f"{count} wavelength{'s' if count > 1 else ''}")
         stages.remark(found.remarks)
-    split = scene.domain.optical_depth_split
     phase = any(one is not None for one in (*found.phases, found.paper_phase))
-    limit = cells_that_fit(device, wavelengths=len(sources), phase=phase)
-    frame, remarks = chosen_frame(scene.domain, sources[0], limit=limit)
+    limit = cells_that_fit(device, wavelengths=len(found.sources), phase=phase)
+    frame, remarks = chosen_frame(scene.domain, found.sources[0], limit=limit)
     stages.remark(remarks)
-    probed = _probed(scene, frame, (made, spray), found) if scene.transport.audit else None
-    del made, spray  # with what the trees are made of, as large as the trace that follows
-    with stages.stage("octree") as note:
-        trees = build_octrees(frame, sources, optical_depth_split=split)
-        note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
-    paper = trees.pop() if found.paper is not None else None
-    return Medium(trees, paper, replace(found, sources=(), paper=None), notes, probed)
+    probed = None
+    if scene.transport.audit:
+        probed = _probed(scene, frame, (made, spray), found, cache)
+    return Prepared(frame, scene.domain.optical_depth_split, found, notes, probed, limit)
 
 
-def _probed(scene: Scene, frame: Frame, sprays: tuple[Spray, Spray], found: Properties) -> Probed:
+def _probed(
+    scene: Scene, frame: Frame, sprays: tuple[Spray, Spray], found: Properties, cache: Path
+) -> Probed:
     """What is measured on, at the wavelength with most of the light; of the spray as it was made
     and as it is deposited."""
     made, spray = sprays
     chosen = found.chosen
     at_K = chosen.quadrature.reference_K
     number = int(np.argmax([float(node.share(at_K)) for node in chosen.nodes]))
-    gas = ""
-    if spray.vapour is not None:
-        gas = (
-            f"the gas of {scene.spray.model} is known on one grid alone; compare with a run on a "
-            "finer one"
-        )
+    gas, cone = "", scene.spray
+    band = chosen.bands[number]
+    if spray.vapour is not None and not isinstance(cone, ConeSpray):
+        gas = _GAS.get(scene.spray.model, _GAS["cfd"])
+
+    def resprayed(other: ConeSpray) -> Sources:
+        return emitters(make_spray(other, cache=cache), band)
+
     return Probed(
         frame=frame,
         sources=found.sources[number],
         number=number,
         node=chosen.nodes[number],
-        parcels=_parcel_variants(made, spray, chosen.bands[number]),
+        parcels=_parcel_variants(made, spray, band),
         gas=gas,
+        cone=cone if isinstance(cone, ConeSpray) else None,
+        resprayed=resprayed,
         optical_depth_split=scene.domain.optical_depth_split,
     )
 

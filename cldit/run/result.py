@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cldit.dit.maps import Maps
 from cldit.optics.spectral import Quadrature
@@ -46,6 +50,7 @@ class RunInfo:
     remarks: tuple[str, ...] = ()  # what was inferred, or is not as asked
     phase: str = ""  # how droplets were taken to scatter
     errors: Errors | None = None  # of T_app, by cause; None where nothing was asked for
+    plan: dict[str, Any] | None = None  # what was chosen for the wanted error; `Plan.to_dict`
 
     def to_json(self) -> str:
         """JSON that `from_json` reads."""
@@ -88,6 +93,8 @@ class Run:
     spectral: the weights of each node of `quadrature`; (weights,) where there is one.
     maps: DIT of the trace without noise, (H, W); the standard errors are those that the scene's
         sensor and number of shots would give.
+    error_maps: standard error of T_app, K, (H, W) float32 by cause, and `total`; NaN in pixels
+        that do not count. Empty where it was not measured.
     measured: DIT of what the rig acquired, on the sensor's pixels; None before an acquisition.
     folder: where it is stored, if anywhere.
     """
@@ -99,6 +106,7 @@ class Run:
     info: RunInfo
     quadrature: Quadrature
     spectral: tuple[Weights, ...]
+    error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     measured: Maps | None = None
     folder: Path | None = None
 

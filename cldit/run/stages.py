@@ -17,20 +17,23 @@ class Stages:
     def __init__(self, say: Say | None) -> None:
         self.done: list[Stage] = []
         self.remarks: list[str] = []
-        self._say = say
+        self.say = say
 
     def remark(self, remarks: Sequence[str]) -> None:
         """What a stage inferred and the user should know; kept for the report."""
         self.remarks += remarks
-        if self._say is not None:
-            for text in remarks:
-                self._say(text)
+        for text in remarks:
+            self.tell(text)
+
+    def tell(self, text: str) -> None:
+        """Tells the user what is under way."""
+        if self.say is not None:
+            self.say(text)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[list[str]]:
         """Times what is done within; texts that are appended to the list are noted with it."""
-        if self._say is not None:
-            self._say(name)
+        self.tell(name)
         note: list[str] = []
         start = time.perf_counter()
         yield note

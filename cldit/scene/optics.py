@@ -41,10 +41,16 @@ class Optics(Section):
     """
     wavelengths: Annotated[int, Within(1, MOST_WAVELENGTHS)] | None = None
     """Number of wavelengths of `spectral`; left out: as many as `spectral_error_K` needs."""
-    spectral_error_K: Annotated[float, Within(1e-3, 100.0)] = 0.1
-    """Wanted error of the wavelengths, RMS in apparent temperature."""
+    spectral_error_K: Annotated[float, Within(1e-3, 100.0)] | None = None
+    """Wanted error of the wavelengths, RMS in apparent temperature; left out: chosen from
+    `transport.accuracy_K`."""
     compare_paper: bool = True
     """Preset `spectral`: trace the paper's properties too, and report the difference."""
+
+    @property
+    def bound_K(self) -> float:
+        """`spectral_error_K`; where it is left out and nobody chooses, 0.1 K."""
+        return 0.1 if self.spectral_error_K is None else self.spectral_error_K
 
     @model_validator(mode="after")
     def _ordered(self) -> Optics:

@@ -77,16 +77,28 @@ class ConeSpray(Section):
     """Sizes at the hole; null: vapour alone."""
     evaporation: bool = True
     """Whether droplets evaporate."""
-    size_classes: Annotated[int, Within(1, 64)] = 4
-    """Classes of equal mass that stand for the sizes of a cell's droplets."""
-    spacing_m: Annotated[float, Within(1e-5, 1e-2)] = 0.5e-3
-    """Edge of the cells, which droplets and vapour fill evenly."""
+    size_classes: Annotated[int, Within(1, 64)] | None = None
+    """Classes of equal mass that stand for the sizes of a cell's droplets; left out: 4, or as many
+    as `transport.accuracy_K` needs."""
+    spacing_m: Annotated[float, Within(1e-5, 1e-2)] | None = None
+    """Edge of the cells, which droplets and vapour fill evenly; left out: 0.5 mm, or as small as
+    `transport.accuracy_K` needs."""
     parcels_per_cell: Annotated[int, Within(1, 1000)] | None = None
     """Without effect, accepted in scenes of older versions: see `size_classes`."""
     seed: Annotated[int, Within(0, 2**31 - 1)] | None = None
     """Without effect, accepted in scenes of older versions: nothing is drawn at random."""
     plumes: Plumes = EIGHT_PLUMES
     """One for each hole, 1 to 64."""
+
+    @property
+    def classes(self) -> int:
+        """`size_classes`; where it is left out and nobody chooses, 4."""
+        return 4 if self.size_classes is None else self.size_classes
+
+    @property
+    def lattice_m(self) -> float:
+        """`spacing_m`; where it is left out and nobody chooses, 0.5 mm."""
+        return 0.5e-3 if self.spacing_m is None else self.spacing_m
 
 
 class InjectionRate(Section):

@@ -41,8 +41,9 @@ class Transport(Section):
     paper's."""
     order: Annotated[int, Within(0, 1000)] | None = None
     """Scatterings that are followed, beyond them the wall is seen; left out: all."""
-    accuracy_K: Annotated[float, Within(1e-4, 100.0)] = 0.1
-    """Wanted error of the trace, RMS in apparent temperature."""
+    accuracy_K: Annotated[float, Within(1e-4, 100.0)] = 1.0
+    """Wanted error of the picture's apparent temperature, RMS over the pixels that have one, of all
+    causes of the simulation together. With `audit: false`: of the trace alone."""
     max_samples: Annotated[int, Within(128, 10_000_000)] = 4096
     """Of `path`, and of what `source` gathers, a pixel."""
     phase: Phase | None = None
@@ -53,11 +54,11 @@ class Transport(Section):
     them and from cell to cell."""
     audit: bool = True
     """Trace some pixels by `path` as well, and the medium on larger cells and with half of the
-    parcels, to know the picture's error by cause."""
+    parcels, to know the picture's error by cause, and to choose what is left out from it."""
     cutoff: Annotated[float, Within(0.0, 0.5)] = 1e-4
     """Transmission at which a ray ends."""
     directions: Annotated[int, Within(4, 4096)] | None = None
-    """Of the sweeps; left out: chosen from `accuracy_K`."""
+    """Of the sweeps; left out: chosen from what `accuracy_K` leaves for the trace."""
     precision: Literal["auto", "float32", "float64"] = "auto"
     """`auto`: float32 where it is enough."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1

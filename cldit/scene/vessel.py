@@ -10,8 +10,8 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from cldit.scene.checks import Section, Within
 from cldit.scene.values import Direction, Length, Point, Temperature
 
-PAPER_LEAF_M = 0.5e-3
-_MOST_CELLS = 4096  # along an edge
+FINEST = 4096  # cells along an edge, at most
+PAPER_LEAF_M = 0.5e-3  # paper, Section "Ray Tracing"
 
 
 class Domain(Section):
@@ -24,7 +24,8 @@ class Domain(Section):
     rule: Literal["need", "paper"] = "need"
     """Cells as the medium needs them, or the paper's: of 0.5 mm wherever droplets are."""
     leaf_edge_m: Annotated[float, Within(1e-6, 100.0)] | None = None
-    """Finest cells, at the most 4096 along an edge; left out: by the rule."""
+    """Finest cells, at the most 4096 along an edge; left out: by the rule, and
+    `transport.accuracy_K`."""
     optical_depth_split: Annotated[float, Within(0.0, 1.0)] = 1e-5
     """A cell of more optical depth than this is divided."""
 
@@ -37,13 +38,20 @@ class Domain(Section):
     def _depth(self) -> Domain:
         if self.leaf_edge_m is None and self.rule == "need":
             return self  # what is chosen is never finer
-        if self.edge_m / self.leaf_m > _MOST_CELLS:
+        if self.edge_m / self.leaf_m > FINEST:
             given = "" if self.leaf_edge_m is not None else " (rule: paper)"
             raise ValueError(
-                f"leaf_edge_m: {self.leaf_m:g}{given} is finer than edge_m / {_MOST_CELLS} = "
-                f"{self.edge_m / _MOST_CELLS:g}"
+                f"leaf_edge_m: {self.leaf_m:g}{given} is finer than edge_m / {FINEST} = "
+                f"{self.edge_m / FINEST:g}"
             )
         return self
+
+    @property
+    def leaf_m(self) -> float:
+        """`leaf_edge_m`; where it is left out and nobody chooses, the paper's."""
+        if self.leaf_edge_m is not None:
+            return self.leaf_edge_m
+        return max(PAPER_LEAF_M, self.edge_m / FINEST)
 
 
 class Background(Section):

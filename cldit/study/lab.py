@@ -10,6 +10,7 @@ from cldit.gpu.device import Device
 from cldit.run import Run, RunCache, Say
 from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene, load_scene
+from cldit.scene.vessel import PAPER_LEAF_M
 from cldit.spray.result import Spray
 from cldit.study.grid import changed
 
@@ -62,6 +63,9 @@ class Lab:
             "description": "",
             "spray": {**spray, "droplets_per_parcel": _PARCELS},
             "walls.temperature_K": _WALLS_K,
+            # Scenes are compared: all on the same cells, whose error they share.
+            "domain.leaf_edge_m": PAPER_LEAF_M,
+            "transport.accuracy_K": 0.1,
         }
         quick = {**QUICK, **_QUICK_SPRAY} if self.quick else {}
         scene = changed(base, {**fixed, **_CAMERA, **quick, **(values or {})})
@@ -69,7 +73,8 @@ class Lab:
 
     def shipped(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
         """The shipped scene `name` with some `values` changed, reduced where the study is quick."""
-        quick = QUICK if self.quick else {}
+        fixed = {"domain.leaf_edge_m": PAPER_LEAF_M, "transport.accuracy_K": 0.1}
+        quick = {**fixed, **(QUICK if self.quick else {})}
         return changed(changed(load_scene(name), {**quick, **(values or {})}), self.always)
 
     def run(self, scene: Scene) -> Run:

@@ -37,7 +37,7 @@ def run_block(tmp_path: Path, tables: Path, device: Device) -> Callable[..., Run
         np.savez(file, **contents)
         data = {"name": "block", "spray": {"model": "grid", "file": str(file)}, **scene}
         # Here the truth is known otherwise.
-        data["transport"] = {"audit": False, **data.get("transport", {})}
+        data["transport"] = {"audit": False, "accuracy_K": 0.1, **data.get("transport", {})}
         return cldit.simulate(cldit.parse_scene(data), device=device, cache=tables)
 
     return run

@@ -37,7 +37,7 @@ def test_cells_of_an_even_block(run_block: Callable[..., Run]) -> None:
     found = by_name(run.errors)
     cells = found["cells"]
     assert cells is not None and 0.0 < cells < 2.0
-    assert set(found) == {"trace", "cells"}
+    assert set(found) == {"trace", "cells", "pixel sampling"}
     assert run.errors is not None and not run.errors.unknown
 
 
@@ -46,14 +46,16 @@ def test_no_audit_no_errors(run_block: Callable[..., Run]) -> None:
 
 
 def test_errors_are_kept(tmp_path: Path) -> None:
-    """In run.json, without NaN; a gas on one grid makes the sum a lower bound."""
+    """In run.json, without NaN, and as maps; the cone's own lattice has an error that is known."""
     data: dict[str, Any] = cldit.load_scene("methane-jet").model_dump(mode="json")
     data["camera"]["pixels"] = [32, 32]
     data["domain"]["leaf_edge_m"] = 4e-3
     run = cldit.simulate(cldit.parse_scene(data), tmp_path / "run")
-    assert run.errors is not None and run.errors.text.startswith("at least ")
+    assert run.errors is not None and not run.errors.unknown
+    assert by_name(run.errors)["gas grid"]
     again = cldit.open_run(tmp_path / "run")
     assert again.errors == run.errors
+    assert set(again.error_maps) == set(run.error_maps) >= {"total", "cells", "gas grid"}
     assert "NaN" not in (tmp_path / "run" / "run.json").read_text(encoding="utf-8")
     known = [error for error in by_name(run.errors).values() if error is not None]
     assert run.errors.total_K == pytest.approx(sum(error**2 for error in known) ** 0.5)

@@ -138,6 +138,8 @@ def test_what_cannot_be_audited_says_so(run_block: Callable[..., Run]) -> None:
     unwanted = run_block(BLOCK, **SCENE, transport={"audit": False, "directions": 16})
     assert any("no audit by path tracing (not wanted)" in text for text in unwanted.info.remarks)
     for text in unwanted.info.remarks:
+        if text.startswith("transport.audit: false: transport.accuracy_K is that of the trace"):
+            continue
         assert "error of the trace in T_app: at least" in text or "audit" not in text
 
 

@@ -67,6 +67,13 @@ _OLD_PARTS = {"floor": "roofline", "peers": "mitsuba"}  # names of 0.1.0
     help="K that source is asked for; may be repeated.",
 )
 @click.option(
+    "--pixels",
+    type=click.IntRange(16),
+    default=100,
+    show_default=True,
+    help="Of budget, along an edge; there must be references of so many.",
+)
+@click.option(
     "--out",
     type=click.Path(path_type=Path),
     default=Path("bench"),

@@ -26,12 +26,15 @@ class Asked:
     every: int
     samples: int
     accuracies_K: tuple[float, ...]
+    pixels: int
     out: Path
     device: str | None
 
     def command(self, part: str) -> str:
         """What makes this part alone."""
         command = f"cldit bench --scene {self.scene} --only {part} --out {self.out}"
+        if part == "budget":
+            command += f" --pixels {self.pixels}"
         if part == "error":
             command += f" --every {self.every} --samples {self.samples}"
             command += "".join(f" --accuracy {accuracy_K:g}K" for accuracy_K in self.accuracies_K)
@@ -56,6 +59,7 @@ def bench_transport(asked: Asked) -> None:
         accuracies_K=asked.accuracies_K,
         say=say,
         save=save,
+        pixels=asked.pixels,
     )
     for name in asked.parts or (*USUAL, *(["mitsuba"] if asked.mitsuba else [])):
         part = MEASUREMENTS[name](measured)

@@ -89,7 +89,7 @@ def make_cone(spec: ConeSpray) -> Spray:
     state = source.mixture.at(content, kinetic)
     parcels, liquid = _parcels(spec, source, index, mass, state)
     gone = mass - liquid
-    distance = np.linalg.norm((index + 0.5) * spec.spacing_m, axis=1)
+    distance = np.linalg.norm((index + 0.5) * spec.lattice_m, axis=1)
     share = state.evaporated * state.fuel_to_gas / (1 + state.fuel_to_gas)
     notes |= source.notes
     if source.disc > 0:
@@ -114,7 +114,7 @@ def make_cone(spec: ConeSpray) -> Spray:
         notes |= {
             "parcels": float(len(parcels.diameter_m)),
             "sauter_mean_diameter_m": parcels.sauter_mean_diameter_m,
-            "liquid_penetration_m": _mass_depth_m(parcels, 0.97, spacing_m=spec.spacing_m),
+            "liquid_penetration_m": _mass_depth_m(parcels, 0.97, spacing_m=spec.lattice_m),
         }
     vapour = _vapour(spec, index, gone, state.gas_K)
     return Spray(parcels=parcels, vapour=vapour, notes=notes, remarks=remarks)
@@ -171,7 +171,7 @@ def _grid(
     kept = np.sort(order[~thin])
     mass = mass[kept] * (injected / mass[kept].sum())
     index = np.stack(np.unravel_index(keys[kept], tuple(shape)), axis=1) + low
-    content = mass / (part[kept] * spec.spacing_m**3)
+    content = mass / (part[kept] * spec.lattice_m**3)
     return index, mass, content, np.minimum(kinetic[kept], 1.0)
 
 
@@ -184,7 +184,7 @@ def _plume(
     Near the hole the plume is finer than the grid. It is widened there and fills that much less of
     its cells: it neither takes up more gas nor evaporates sooner because the grid is coarse.
     """
-    h = spec.spacing_m
+    h = spec.lattice_m
     inclination, azimuth = np.radians(plume.inclination_deg), np.radians(plume.azimuth_deg)
     side = np.sin(inclination)
     axis = np.array([side * np.cos(azimuth), side * np.sin(azimuth), -np.cos(inclination)])
@@ -292,7 +292,7 @@ def _parcels(
     wet = np.flatnonzero(liquid > 0)
     if source.sizes is None or not wet.size:
         return None, np.zeros(len(mass))
-    count = spec.size_classes
+    count = spec.classes
     temperature = state.liquid_K[wet]
     density = heptane_density_kg_m3(temperature)
     diameter = source.sizes.diameters_m(state.evaporated[wet], count)
@@ -304,12 +304,12 @@ def _parcels(
         return None, liquid
     cell = np.broadcast_to(np.arange(wet.size)[:, None], seen.shape)[seen]
     parcels = Parcels(
-        position_m=np.asarray((index[wet][cell] + 0.5) * spec.spacing_m, dtype=float),
+        position_m=np.asarray((index[wet][cell] + 0.5) * spec.lattice_m, dtype=float),
         diameter_m=diameter[seen],
         droplets=droplets[seen],
         temperature_K=temperature[cell],
         density_kg_m3=density[cell],
-        extent=Box(np.full(3, spec.spacing_m)),
+        extent=Box(np.full(3, spec.lattice_m)),
     )
     return parcels, liquid
 
@@ -319,10 +319,10 @@ def _vapour(spec: ConeSpray, index: Ints, mass: Floats, temperature: Floats) -> 
     if not held.any():
         return None
     molar = METHANE.molar_mass_kg_mol if spec.fuel == "methane" else HEPTANE_MOLAR_MASS_kg_mol
-    corners = [np.asarray(place * spec.spacing_m, dtype=float) for place in (index, index + 1)]
+    corners = [np.asarray(place * spec.lattice_m, dtype=float) for place in (index, index + 1)]
     return Vapour(
         cells=Cells(lower_m=corners[0][held], upper_m=corners[1][held]),
-        number_density_m3=mass[held] / spec.spacing_m**3 * (_AVOGADRO / molar),
+        number_density_m3=mass[held] / spec.lattice_m**3 * (_AVOGADRO / molar),
         temperature_K=temperature[held],
         molar_mass_kg_mol=molar,
     )

@@ -329,7 +329,7 @@ def test_methane_is_a_cold_gas_jet_without_droplets() -> None:
     assert spray.notes["mach_disc_m"] == pytest.approx(0.67 * np.sqrt(37.5) * hole, rel=1e-6)
     # Up to there, on the axis, no gas has been taken up: as cold as the notional nozzle.
     lower = spray.vapour.cells.lower_m
-    core = np.all(np.abs(lower[:, :2] + spec.spacing_m / 2) < spec.spacing_m, axis=1)
+    core = np.all(np.abs(lower[:, :2] + spec.lattice_m / 2) < spec.lattice_m, axis=1)
     core &= lower[:, 2] > -spray.notes["mach_disc_m"]
     assert core.sum() >= 4
     assert temperature[core].max() < spray.notes["notional_K"] + 2

@@ -1,0 +1,213 @@
+"""The error of the whole picture against the time of the whole run, stated error beside it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from cldit.bench.budget_scenes import SCENES, Reference, budget_scene
+from cldit.bench.case import BenchError, Say, changed, clocked
+from cldit.bench.report import Part, Table, number
+from cldit.dit.accuracy import has_temperature
+from cldit.gpu.device import Device
+from cldit.report.sheet import figure_of
+from cldit.run import Run, simulate
+from cldit.scene import Scene
+
+ASKED_K = (4.0, 2.0, 1.0, 0.5)
+_COLOURS = dict(zip(SCENES, ("tab:blue", "tab:orange", "tab:green", "tab:red"), strict=True))
+
+
+@dataclass(frozen=True)
+class BudgetRow:
+    """One run of one scene.
+
+    asked_K: `transport.accuracy_K`. stated_K: what the run states; at_least: where something of it
+    is unknown. true_K: RMS against the reference. causes_K: by name.
+    """
+
+    scene: str
+    asked_K: float
+    stated_K: float | None
+    at_least: bool
+    true_K: float
+    core_s: float
+    wall_s: float
+    causes_K: dict[str, float | None]
+
+
+def true_error_K(run: Run, reference: Reference) -> float:
+    """RMS of T_app against the reference, over the pixels that have one in both."""
+    here = has_temperature(run.maps) & np.isfinite(reference.temperature_K)
+    if not here.any():
+        raise BenchError(f"{run.scene.name}: no pixel has a T_app in the reference as well")
+    apart = run.maps.apparent_temperature_K.astype(float) - reference.temperature_K
+    return float(np.sqrt(np.mean(apart[here] ** 2)))
+
+
+def measure(
+    scene: Scene, reference: Reference, device: Device, *, asked_K: float, cache: Path
+) -> BudgetRow:
+    """Runs a scene once, from its spray to its errors, and compares it.
+
+    Args:
+        scene: with its keys left to the plan.
+        reference: its true picture.
+        device: traces.
+        asked_K: error of the picture.
+        cache: folder of tables; computed sprays are in it after the first run, and then not paid.
+    """
+    wanted = changed(scene, transport={"accuracy_K": asked_K})
+    run, cost = clocked(device, lambda: simulate(wanted, device=device, cache=cache))
+    errors = run.errors
+    assert errors is not None  # scenes of the benchmark are audited
+    return BudgetRow(
+        scene=scene.name,
+        asked_K=asked_K,
+        stated_K=errors.total_K,
+        at_least=bool(errors.unknown),
+        true_K=true_error_K(run, reference),
+        core_s=cost.core_s,
+        wall_s=cost.wall_s,
+        causes_K={cause.name: cause.error_K for cause in errors.causes},
+    )
+
+
+def budget(
+    device: Device,
+    *,
+    cache: Path,
+    say: Say,
+    pixels: int = 100,
+    scenes: Sequence[str] = SCENES,
+    asked_K: Sequence[float] = ASKED_K,
+) -> Part:
+    """Measures every scene that has a reference at every accuracy.
+
+    Args:
+        device: traces.
+        cache: folder of tables and computed sprays.
+        say: told of each run.
+        pixels: along an edge; there must be references of so many.
+        scenes: of `SCENES`.
+        asked_K: errors of the picture.
+
+    Raises:
+        BenchError: no scene has a reference of so many pixels.
+    """
+    rows, left_out, errors_K = [], [], {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name in scenes:
+            reference = Reference.load(name, pixels=pixels)
+            if reference is None:
+                left_out.append(name)
+                continue
+            errors_K[name] = reference.error_K
+            scene = budget_scene(name, pixels=pixels, folder=Path(folder))
+            quick = changed(scene, transport={"accuracy_K": 20.0})
+            simulate(quick, device=device, cache=cache)  # builds kernels, and the tables
+            for kelvin in asked_K:
+                say(f"{name}: {kelvin:g} K")
+                rows.append(measure(scene, reference, device, asked_K=kelvin, cache=cache))
+    if not rows:
+        raise BenchError(
+            f"no reference of {pixels} x {pixels} pixels for {', '.join(scenes)}; "
+            "tests/bench/budget_reference.py makes them"
+        )
+    return budget_part(rows, pixels=pixels, references_K=errors_K, left_out=left_out)
+
+
+def budget_part(
+    rows: Sequence[BudgetRow],
+    *,
+    pixels: int,
+    references_K: dict[str, float],
+    left_out: Sequence[str],
+) -> Part:
+    """Tables and picture of the measured runs.
+
+    Args:
+        rows: of all scenes.
+        pixels: along an edge.
+        references_K: error of each scene's reference.
+        left_out: scenes without one.
+    """
+    head = ("scene", "asked, K", "stated, K", "true, K", "stated / true", "core-s", "wall s")
+    lines = [_line(row) for row in rows]
+    names = list(dict.fromkeys(name for row in rows for name in row.causes_K))
+    by_cause = [
+        (row.scene, f"{row.asked_K:g}", *(_cause(row.causes_K, name) for name in names))
+        for row in rows
+    ]
+    text = [
+        f"{pixels} x {pixels} pixels. Time is that of the whole run, from the spray to the stated "
+        "errors; sprays whose gas is computed, and tables, are in the cache. True is the RMS of "
+        "T_app against the reference. Errors of the references themselves: "
+        + ", ".join(f"{name} {error_K:.2g} K" for name, error_K in references_K.items())
+        + "."
+    ]
+    if left_out:
+        text.append(f"Without a reference of so many pixels: {', '.join(left_out)}.")
+    return Part(
+        name="budget",
+        title="Error of the picture against time of the run",
+        tables=(
+            Table.of(head, lines),
+            Table.of(("scene", "asked, K", *(f"{name}, K" for name in names)), by_cause),
+        ),
+        data={"pixels": pixels, "rows": [asdict(row) for row in rows]},
+        text=tuple(text),
+        figure=_figure(rows),
+        alternative="True and stated error of T_app against core seconds of the whole run",
+    )
+
+
+def _line(row: BudgetRow) -> tuple[str, ...]:
+    stated = number(row.stated_K, 2)
+    ratio = None if row.stated_K is None else row.stated_K / row.true_K
+    return (
+        row.scene,
+        f"{row.asked_K:g}",
+        f"at least {stated}" if row.at_least and row.stated_K is not None else stated,
+        number(row.true_K, 2),
+        number(ratio, 2),
+        number(row.core_s),
+        number(row.wall_s),
+    )
+
+
+def _cause(causes_K: dict[str, float | None], name: str) -> str:
+    if name not in causes_K:
+        return "-"
+    error_K = causes_K[name]
+    return "unknown" if error_K is None else number(error_K, 2)
+
+
+def _figure(rows: Sequence[BudgetRow]) -> Figure:
+    figure = figure_of(7.0, 4.5)
+    axes: Any = figure.subplots()
+    for name in dict.fromkeys(row.scene for row in rows):
+        mine = [row for row in rows if row.scene == name]
+        colour = _COLOURS.get(name, "black")
+        seconds = [row.core_s for row in mine]
+        axes.plot(seconds, [row.true_K for row in mine], "o-", color=colour, label=name)
+        stated = [np.nan if row.stated_K is None else row.stated_K for row in mine]
+        axes.plot(seconds, stated, "x:", color=colour)
+        for row in mine:
+            axes.annotate(
+                f"{row.asked_K:g} K", (row.core_s, row.true_K), (4, 4), textcoords="offset points"
+            )
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel("core seconds of the whole run")
+    axes.set_ylabel("error of T_app, K RMS")
+    axes.set_title("dots: true; crosses: stated; labels: asked", fontsize=9)
+    axes.legend()
+    axes.grid(True, which="both", alpha=0.3)
+    return figure

@@ -1,0 +1,97 @@
+"""Scenes of the budget's benchmark, and the pictures that count as true."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.bench.case import BenchError
+from cldit.scene import Scene, load_scene, parse_scene
+
+Floats = NDArray[np.float64]
+
+SCENES = ("gdi", "gdi-flow", "droplets-only", "even-grid")
+FOLDER = Path(__file__).parent / "references"
+_RAYS = {1000: 1}  # else 16: pixels larger than the paper's hide much of the spray within them
+_STEP_K = 0.01  # of stored temperatures, in 16 bits
+
+
+def budget_scene(name: str, *, pixels: int, folder: Path) -> Scene:
+    """A scene whose keys are left to the plan.
+
+    Args:
+        name: one of `SCENES`.
+        pixels: along an edge.
+        folder: of files that the scene needs.
+    """
+    data: dict[str, Any] = {
+        "camera": {"pixels": [pixels, pixels], "rays_per_pixel": _RAYS.get(pixels, 16)}
+    }
+    if name == "even-grid":
+        return parse_scene({**_even_grid(folder), **data})
+    scene = load_scene(name).model_dump(mode="json")
+    scene["camera"].update(data["camera"])
+    scene["optics"]["compare_paper"] = False
+    if name == "droplets-only":
+        scene["optics"]["preset"] = "spectral"
+    if name == "gdi-flow":
+        scene["spray"]["droplets_per_parcel"] = 1e3
+    return parse_scene(scene)
+
+
+def _even_grid(folder: Path) -> dict[str, Any]:
+    """24^3 even voxels that absorb and scatter, before a hot disc."""
+    edge, voxels = 0.12, 24
+    shape = (voxels,) * 3
+    file = folder / "even-grid.npz"
+    np.savez(
+        file,
+        origin_m=np.full(3, -edge / 2),
+        spacing_m=np.full(3, edge / voxels),
+        droplet_absorption_per_m=np.full(shape, 5.0),
+        droplet_scattering_per_m=np.full(shape, 10.0),
+        droplet_temperature_K=np.full(shape, 370.0),
+    )
+    return {
+        "name": "even-grid",
+        "spray": {"model": "grid", "file": str(file)},
+        "background": {"radius_m": 0.08, "temperatures_K": [413.0, 473.0, 533.0]},
+        "walls": {"temperature_K": 450.0},
+    }
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A converged picture.
+
+    temperature_K: (H, W), NaN where there is none. error_K: RMS of its own, estimated.
+    """
+
+    temperature_K: Floats
+    error_K: float
+
+    def save(self, name: str, folder: Path = FOLDER) -> Path:
+        """Writes NAME-PIXELS.npz, of 0.01 K in 16 bits, and returns its path."""
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f"{name}-{len(self.temperature_K)}.npz"
+        known = np.isfinite(self.temperature_K)
+        steps = np.where(known, np.round(np.nan_to_num(self.temperature_K) / _STEP_K), 0)
+        if steps.max() > np.iinfo(np.uint16).max:
+            raise BenchError(f"{name}: {steps.max() * _STEP_K:.4g} K; at most 655 K are stored")
+        np.savez_compressed(path, steps=steps.astype(np.uint16), error_K=self.error_K)
+        return path
+
+    @classmethod
+    def load(cls, name: str, *, pixels: int, folder: Path = FOLDER) -> Reference | None:
+        """Reads one; None where there is none of so many pixels."""
+        path = folder / f"{name}-{pixels}.npz"
+        if not path.is_file():
+            return None
+        with np.load(path) as data:
+            steps = data["steps"]
+            temperature_K = np.where(steps > 0, steps * _STEP_K, np.nan)
+            return cls(temperature_K, float(data["error_K"]))

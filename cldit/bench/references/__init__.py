@@ -1,0 +1,1 @@
+"""Converged pictures that the budget is compared with; tests/bench/budget_reference.py."""

@@ -1,0 +1,328 @@
+"""A scene traced by a plan, its errors measured, and traced again where they are too large."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.camera.sensor import SensorModel
+from cldit.dit.accuracy import has_temperature
+from cldit.dit.maps import Maps
+from cldit.errors import MediumError, SprayError
+from cldit.gpu.device import Device
+from cldit.medium.frame import Frame
+from cldit.medium.octree import Octree, build_octree
+from cldit.optics.spectral import Quadrature
+from cldit.radiance.weights import Weights
+from cldit.run.accuracy import StatedError
+from cldit.run.budget import Budget, Sized
+from cldit.run.cells import Cells, choose_cells, foretold_cells
+from cldit.run.error_maps import error_maps
+from cldit.run.errors import Cause, Errors
+from cldit.run.evaluation import evaluated, sensor_of
+from cldit.run.medium import Medium, Prepared, prepare
+from cldit.run.model_spread import model_spread
+from cldit.run.pilot import Pilot, Step
+from cldit.run.plan import Plan, free_causes
+from cldit.run.record import traced_stages
+from cldit.run.spectral import (
+    Difference,
+    NodeTraces,
+    SpectralInfo,
+    node_settings,
+    trace_nodes,
+)
+from cldit.run.stages import Stages
+from cldit.scene import Scene
+from cldit.scene.spray import ConeSpray
+from cldit.spray.result import Spray
+from cldit.transport.trace import settings_for, trace
+
+Found = list[tuple[Cause, Step | None]]
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A scene traced by a plan.
+
+    error_maps: of `errors`, by cause. errors: None where the scene wants no audit.
+    """
+
+    scene: Scene
+    plan: Plan
+    medium: Medium
+    result: NodeTraces
+    reference: Weights
+    maps: Maps
+    sensor: SensorModel
+    stated: StatedError | None
+    errors: Errors | None
+    error_maps: Mapping[str, NDArray[np.float32]]
+
+    @property
+    def quadrature(self) -> Quadrature:
+        """The nodes that were traced."""
+        return self.medium.properties.chosen.quadrature
+
+    def spectral(self, from_paper: Difference | None) -> SpectralInfo:
+        """How the filter was resolved, with the difference from the paper's optics."""
+        errors_K = self.medium.properties.chosen.errors_K
+        return SpectralInfo.of(self.quadrature, errors_K, from_paper)
+
+    def with_model(self, from_paper: Difference | None) -> Errors | None:
+        """The errors, and beside them what is known of the model's own spread."""
+        if self.errors is None:
+            return None
+        return replace(self.errors, model=model_spread(self.scene, from_paper))
+
+
+@dataclass
+class Attempts:
+    """Traces a scene until its error is what was asked for, or cannot be made smaller.
+
+    What a plan leaves as it was (spray and optics, coarse traces, measured causes) is kept from one
+    attempt to the next.
+    """
+
+    scene: Scene
+    device: Device
+    stages: Stages
+    cache: Path
+    spray: Spray | None
+    _prepared: tuple[Scene, Prepared] | None = None
+    _pilot: tuple[Scene, Pilot] | None = None
+    _sources: Found | None = None
+    _sized: dict[str, Sized] = field(default_factory=dict)
+
+    def best(self) -> Attempt:
+        """The last attempt.
+
+        Raises:
+            ClditError: as `cldit.simulate`.
+        """
+        plan = Plan.first(self.scene)
+        if not self.scene.transport.audit:
+            self.stages.remark((_NO_AUDIT,))
+        while True:
+            made = self._made(plan)
+            better = None
+            if made.errors is not None:
+                better = made.plan.refined(
+                    made.errors,
+                    self.scene,
+                    reducible=self._reducible(made),
+                    orders={name: one.order for name, one in self._sized.items()},
+                )
+            if better is None:
+                break
+            self.stages.remark((_again(made, better),))
+            plan = better
+        self._conclude(made)
+        return made
+
+    def against_paper(self, last: Attempt) -> Difference | None:
+        """Difference from the paper's optical properties; None where it is not wanted."""
+        if last.medium.paper is None:
+            return None
+        with self.stages.stage("the paper's properties"):
+            scene = last.plan.scene(self.scene)
+            grey = settings_for(scene, last.medium.properties.paper_phase)
+            other = trace(last.medium.paper, scene, self.device, grey).weights
+            chosen = last.quadrature
+            one = Quadrature.grey(chosen.filter_um, reference_K=chosen.reference_K)
+            maps = evaluated(self.scene, one, (other,), last.reference, last.sensor)
+            return Difference.of(last.maps, maps)
+
+    def _made(self, plan: Plan) -> Attempt:
+        plan, prepared = self._prepare(plan)
+        scene = plan.scene(self.scene)
+        properties = prepared.properties
+        quadrature = properties.chosen.quadrature
+        settings = node_settings(scene, quadrature, properties.phases)
+        pilot = None
+        if prepared.probed is not None:
+            pilot = self._piloted(scene, prepared, plan)
+            if plan.depth is None:
+                settled = self._settled(plan, pilot)
+                if settled.scene(self.scene) != scene:
+                    return self._made(settled)
+                plan = settled
+        plan, medium = self._grown(prepared, plan)
+        frame = medium.trees[0].frame
+        say = self.stages.say
+        result = trace_nodes(medium.trees, quadrature, scene, self.device, settings, report=say)
+        grey = settings_for(scene, properties.paper_phase)
+        reference = trace(_nothing(frame), scene, self.device, grey).weights
+        self.stages.done += traced_stages(result, scene.transport.order)
+        with self.stages.stage("evaluation"):
+            sensor = sensor_of(scene, quadrature, (result.spectral, reference))
+            maps = evaluated(scene, quadrature, result.spectral, reference, sensor)
+        stated = StatedError.of(scene, result, maps)
+        errors, images = None, {}
+        if pilot is not None:
+            with self.stages.stage("errors"):
+                found = self._causes(pilot, medium, result, stated, plan)
+                errors = Errors.of(cause for cause, _ in found)
+                maps_K = {cause.name: step.map_K for cause, step in found if step is not None}
+                images = error_maps(errors, maps_K, has_temperature(maps))
+        return Attempt(
+            self.scene, plan, medium, result, reference, maps, sensor, stated, errors, images
+        )
+
+    def _prepare(self, plan: Plan) -> tuple[Plan, Prepared]:
+        """Spray and optics; kept where the plan does not change them. A lattice that is too fine
+        for the cone becomes as fine as it may be."""
+        given_m = self.scene.spray.lattice_m if isinstance(self.scene.spray, ConeSpray) else 0.0
+        while True:
+            scene = plan.scene(self.scene)
+            alike = scene.model_copy(update={"transport": self.scene.transport})
+            if self._prepared is not None and self._prepared[0] == alike:
+                return plan, self._prepared[1]
+            try:
+                prepared = prepare(scene, self.stages, self.cache, self.spray)
+            except SprayError:
+                if plan.spacing_m is None or plan.spacing_m >= given_m:
+                    raise
+                coarser_m = min(_COARSER * plan.spacing_m, given_m)
+                plan = replace(plan, spacing_m=coarser_m, finest_lattice=True)
+                continue
+            self._prepared, self._pilot, self._sources = (alike, prepared), None, None
+            return plan, prepared
+
+    def _piloted(self, scene: Scene, prepared: Prepared, plan: Plan) -> Pilot:
+        """Coarse traces; kept where the plan does not change ordinates."""
+        if self._pilot is None or self._pilot[0] != scene:
+            probed, properties = prepared.probed, prepared.properties
+            assert probed is not None
+            nodes = node_settings(scene, properties.chosen.quadrature, properties.phases)
+            self._pilot = scene, Pilot.of(scene, self.device, nodes[probed.number], probed)
+        return self._pilot[1]
+
+    def _settled(self, plan: Plan, pilot: Pilot) -> Plan:
+        """The plan with the cells that it needs, or that the scene fixes; and with classes and
+        lattice for what these leave."""
+        points, boxes = pilot.probed.sources
+        depth = pilot.probed.frame.depth
+        if points is None and not boxes:
+            return replace(plan, depth=depth)
+        if self.scene.domain.leaf_edge_m is not None:
+            chosen = foretold_cells(pilot, depth)
+        else:
+            chosen = self._chosen_cells(plan, pilot) or Cells(depth, None)
+        plan = replace(plan, depth=chosen.depth, limited=chosen.limited)
+        with self.stages.stage("pilots of the spray"):
+            self._sized = Budget(self.scene, pilot, chosen.depth, self.stages.tell).sized()
+        known = {
+            name: (one.step.error_K, one.order)
+            for name, one in self._sized.items()
+            if one.step.error_K is not None
+        }
+        return plan.settled(self.scene, chosen.error_K, known)
+
+    def _chosen_cells(self, plan: Plan, pilot: Pilot) -> Cells | None:
+        with self.stages.stage("pilots") as note:
+            chosen = choose_cells(pilot, plan.cells_K, self.stages.tell)
+            if chosen is None:
+                note.append("no pixel has a T_app: cells as the paper's")
+            else:
+                cell_mm = 1e3 * pilot.probed.frame.edge_m / 2**chosen.depth
+                note.append(f"cells of {cell_mm:.3g} mm for {plan.cells_K:.2g} K")
+        return chosen
+
+    def _grown(self, prepared: Prepared, plan: Plan) -> tuple[Plan, Medium]:
+        """The medium; on larger cells where those of the plan do not fit the memory."""
+        fixed = self.scene.domain.leaf_edge_m is not None or plan.depth is None
+        while True:
+            try:
+                return plan, prepared.grown(self.stages, plan.depth)
+            except MediumError:
+                if fixed or plan.depth is None or plan.depth <= 3:
+                    raise
+                cell_mm = 1e3 * prepared.frame.edge_m / 2 ** (plan.depth - 1)
+                limited = f"cells of {cell_mm:.3g} mm are the finest that memory holds"
+                plan = replace(plan, depth=plan.depth - 1, limited=limited)
+
+    def _causes(
+        self,
+        pilot: Pilot,
+        medium: Medium,
+        result: NodeTraces,
+        stated: StatedError | None,
+        plan: Plan,
+    ) -> Found:
+        found: Found = []
+        for cause in () if stated is None else stated.causes:
+            fixed = "" if self.scene.transport.directions is None else "transport.directions"
+            map_K = None if stated is None or cause.name != "trace" else stated.map_K
+            step = None if map_K is None else Step(cause.error_K, map_K)
+            found.append((replace(cause, fixed=fixed), step))
+        spectral = medium.properties.chosen
+        if spectral.errors_K:
+            how = f"{len(spectral.nodes)} nodes against more, on lines of sight through the spray"
+            optics = self.scene.optics
+            fixed = "optics.wavelengths" if optics.wavelengths is not None else ""
+            fixed = fixed or ("optics.spectral_error_K" if optics.spectral_error_K else "")
+            found.append((Cause("wavelengths", spectral.error_K, how, fixed), None))
+        assert plan.depth is not None
+        budget = Budget(self.scene, pilot, plan.depth, self.stages.tell)
+        one = result.traces[pilot.probed.number]
+        if self.scene.transport.method == "source":
+            found += budget.of_cells(one.weights, one.middle)
+        else:
+            found += budget.of_cells_by_pilot()
+        if self._sources is None:
+            self._sources = budget.of_sources()
+        sizes = {
+            "size classes": 1.0 / (plan.size_classes or 1),
+            "gas grid": plan.spacing_m or 0.0,
+        }
+        sized = [one.at(sizes[name]) for name, one in self._sized.items()]
+        return [*found, *self._sources, *sized, *budget.unsized(self._sized)]
+
+    def _reducible(self, made: Attempt) -> set[str]:
+        """Causes that another plan can make smaller."""
+        free = set(free_causes(self.scene))
+        if made.plan.limited:
+            free.discard("cells")
+        if made.plan.finest_lattice:
+            free.discard("gas grid")
+        if made.stated is None or not made.stated.can_shrink or made.result.short:
+            free.discard("trace")
+        return free
+
+    def _conclude(self, made: Attempt) -> None:
+        """Remarks on what is not known, and on what is more than was asked for."""
+        self.stages.remark(made.result.short)
+        wanted = self.scene.transport
+        if made.errors is not None:
+            unknown = () if made.stated is None else made.stated.unknown_remarks
+            limited = made.plan.limited
+            self.stages.remark((*unknown, *made.errors.remarks(wanted.accuracy_K, limited)))
+        elif made.stated is not None:
+            self.stages.remark(made.stated.remarks(wanted))
+
+
+_COARSER = 1.15  # steps to the finest lattice that a cone takes
+_NO_AUDIT = (
+    "transport.audit: false: transport.accuracy_K is that of the trace alone, and the error of the "
+    "picture is not measured"
+)
+
+
+def _again(made: Attempt, better: Plan) -> str:
+    assert made.errors is not None
+    largest = made.errors.largest()
+    assert largest is not None
+    return (
+        f"error {made.errors.text}, {largest.text} of it by {largest.name}: refined, "
+        f"{better.refinements} of at most 2 times"
+    )
+
+
+def _nothing(frame: Frame) -> Octree:
+    """The same cube without a spray."""
+    return build_octree(frame, None, [], optical_depth_split=1.0)

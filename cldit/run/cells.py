@@ -1,0 +1,115 @@
+"""Which cells a picture needs: each of a few coarse ones costs an eighth of the next.
+
+From cells of edge h to the next of h / 2 the error falls by 2^p. With d(h) the difference of the
+pictures at 2 h and h, the order is p = log2(d(2 h) / d(h)), and the error at h is d(h) / (2^p - 1)
+(Roache, J. Fluids Eng. 116, 405, 1994). Orders are taken between 1, that of even cells, and 2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from cldit.errors import MediumError
+from cldit.run.pilot import Pilot, Step
+
+_FINEST = 12  # 4096 cells along an edge
+_CLOSE = 1.1  # of the wanted error: a pilot of the picture's own cells costs as much as that
+_ACROSS = 32  # cells across the picture, of the coarsest pilot
+
+
+@dataclass(frozen=True)
+class Refined:
+    """What two halvings of a size say of the error that is left.
+
+    order: p. step: error of the finest, with its map.
+    """
+
+    order: float
+    step: Step
+
+    @classmethod
+    def of(cls, before: Step, last: Step) -> Refined:
+        """From the differences of 4 h against 2 h, and of 2 h against h."""
+        order = 1.0
+        if before.error_K and last.error_K:
+            order = min(max(math.log2(before.error_K / last.error_K), 1.0), 2.0)
+        return cls(order, last.times(1.0 / (2.0**order - 1.0)))
+
+
+@dataclass(frozen=True)
+class Cells:
+    """The chosen cells.
+
+    depth: how often the cube is halved. limited: why it is not halved more often, where the wanted
+    error needs it; else empty. error_K: found, or foretold; None: it cannot be said.
+    """
+
+    depth: int
+    error_K: float | None
+    limited: str = ""
+
+
+def error_at(pilot: Pilot, depth: int) -> Refined | None:
+    """Error of the cells of a cube that is halved `depth` times; None: it cannot be said."""
+    if depth < 2:
+        return None
+    coarsest, coarser, fine = (pilot.level(depth - down) for down in (2, 1, 0))
+    before, last = pilot.step(coarser, coarsest), pilot.step(fine, coarser)
+    return None if last.error_K is None else Refined.of(before, last)
+
+
+def foretold_cells(pilot: Pilot, depth: int) -> Cells:
+    """Cells that the scene fixes, with the error that coarser ones foretell.
+
+    Args:
+        pilot: traces.
+        depth: of the fixed cells.
+    """
+    found = error_at(pilot, depth - 1)
+    if found is None or found.step.error_K is None:
+        return Cells(depth, None)
+    return Cells(depth, found.step.error_K / 2**found.order)
+
+
+def choose_cells(pilot: Pilot, wanted_K: float, say: Callable[[str], None]) -> Cells | None:
+    """The largest cells whose error is within `wanted_K`; None: no pixel says which.
+
+    Goes on until the error that is foretold for the next finer cells is small enough, so that these
+    are traced once, for the picture.
+
+    Args:
+        pilot: traces.
+        wanted_K: error that the cells may have.
+        say: told of each trace.
+    """
+    frame, across = pilot.probed.frame, pilot.scene.camera.field_m
+    depth = max(3, math.ceil(math.log2(_ACROSS * frame.edge_m / max(across))))
+    depth = min(depth, _FINEST - 3)
+    for coarse in (depth, depth + 1):
+        say(f"pilot: cells of {1e3 * frame.edge_m / 2**coarse:.3g} mm")
+        pilot.level(coarse)
+    depth += 2
+    while True:
+        cell_mm = 1e3 * frame.edge_m / 2**depth
+        say(f"pilot: cells of {cell_mm:.3g} mm")
+        try:
+            found = error_at(pilot, depth)
+        except MediumError:
+            before = error_at(pilot, depth - 1)
+            error_K = None if before is None else before.step.error_K
+            why = f"cells of {2 * cell_mm:.3g} mm are the finest that memory holds"
+            return Cells(depth - 1, error_K, why)
+        if found is None or found.step.error_K is None:
+            return None
+        if found.step.error_K <= wanted_K:
+            return Cells(depth, found.step.error_K)
+        if depth == _FINEST:
+            return Cells(
+                depth, found.step.error_K, f"cells of {cell_mm:.3g} mm are the finest there are"
+            )
+        foretold_K = found.step.error_K / 2**found.order
+        if foretold_K <= _CLOSE * wanted_K or depth + 1 == _FINEST:
+            return Cells(depth + 1, foretold_K)
+        depth += 1

@@ -1,0 +1,192 @@
+"""Traces of variants of a medium at few pixels and one wavelength, and how far they are apart.
+
+A variant is compared with a trace by the same ordinates, whose own error so cancels. The pixels are
+every third, fifth, .. of the picture, whose lines of sight are those of the picture's own pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.dit.accuracy import VISIBLE_EMISSIVITY
+from cldit.gpu.device import Device
+from cldit.medium.frame import Frame
+from cldit.medium.octree import Sources, build_octrees
+from cldit.optics.spectral import SpectralNode
+from cldit.radiance.weights import Weights
+from cldit.run.node_temperature import NodeTemperature
+from cldit.scene import Scene
+from cldit.scene.spray import ConeSpray
+from cldit.transport.cells import OpticalCells
+from cldit.transport.trace import Settings, trace
+from cldit.transport.view import View
+
+Floats = NDArray[np.float64]
+
+_FEWEST = 100  # pixels along an edge that a pilot keeps
+_BYTES_PER_CELL = 250  # of the host and the device, while a tree is made and traced
+
+
+@dataclass(frozen=True)
+class ParcelVariants:
+    """Sources of one wavelength in which the parcels differ; see `cldit.medium.cloud.Variants`.
+
+    sampling: error by sampling over the halves' difference.
+    """
+
+    halves: tuple[Sources, Sources]
+    narrower: Sources | None
+    sampling: float
+
+
+@dataclass(frozen=True)
+class Probed:
+    """What the causes of the medium are measured on.
+
+    frame: the cube, divided as the scene has it. sources: at the wavelength of `node`, its
+    `number`. parcels: None where the droplets are no sample. gas: why the error of the gas's own
+    grid is not known; empty: there is no gas, or its error is measured. cone: the cone, where the
+    spray is one; resprayed: the sources of another.
+    """
+
+    frame: Frame
+    sources: Sources
+    number: int
+    node: SpectralNode
+    parcels: ParcelVariants | None
+    gas: str
+    optical_depth_split: float
+    cone: ConeSpray | None
+    resprayed: Callable[[ConeSpray], Sources]
+
+
+@dataclass(frozen=True)
+class Step:
+    """Difference of T_app of two pictures.
+
+    error_K: RMS over the pixels of emissivity above 0.05 in both; None: there is none. map_K:
+    (H, W) its size in each of them, NaN elsewhere.
+    """
+
+    error_K: float | None
+    map_K: Floats
+
+    def times(self, factor: float) -> Step:
+        """The difference, scaled."""
+        error_K = None if self.error_K is None else factor * self.error_K
+        return Step(error_K, factor * self.map_K)
+
+    @classmethod
+    def between(cls, temperature: NodeTemperature, one: Weights, other: Weights) -> Step:
+        """Compares two pictures.
+
+        Args:
+            temperature: of the scene and wavelength.
+            one, other: weights (H, W).
+        """
+        both = (1.0 - one.background > VISIBLE_EMISSIVITY) & (
+            1.0 - other.background > VISIBLE_EMISSIVITY
+        )
+        apart = np.abs(temperature(one) - temperature(other))
+        apart[~both] = np.nan
+        known = apart[np.isfinite(apart)]
+        return cls(float(np.sqrt(np.mean(known**2))) if known.size else None, apart)
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """Traces variants of a medium.
+
+    scene: with fewer pixels, every `stride`-th. kept: weights of the medium itself by how often
+    its cube is halved.
+    """
+
+    scene: Scene
+    device: Device
+    settings: Settings
+    probed: Probed
+    stride: int
+    temperature: NodeTemperature
+    kept: dict[int, Weights] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, scene: Scene, device: Device, settings: Settings, probed: Probed) -> Pilot:
+        """A pilot of a scene.
+
+        Args:
+            scene: what is traced, its `transport.accuracy_K` that of the trace.
+            device: traces.
+            settings: of the wavelength that is probed.
+            probed: the medium.
+        """
+        # Several rays a pixel see its own edges: pixels are left out of none of those.
+        stride = _stride(scene.camera.pixels) if scene.camera.rays_per_pixel == 1 else 1
+        columns, rows = (count // stride for count in scene.camera.pixels)
+        camera = scene.camera.model_copy(update={"pixels": (columns, rows)})
+        few = scene.model_copy(update={"camera": camera})
+        return cls(
+            scene=few,
+            device=device,
+            settings=replace(settings, method="source", audit=False),
+            probed=probed,
+            stride=stride,
+            temperature=temperature_of(few, probed),
+        )
+
+    @property
+    def most_cells(self) -> float:
+        """Finest cells that memory holds."""
+        return min(60e6, 0.5 * self.device.info.memory_bytes / _BYTES_PER_CELL)
+
+    def level(self, depth: int) -> Weights:
+        """The medium itself, its cube halved `depth` times; traced once.
+
+        Raises:
+            MediumError: that are more cells than memory holds.
+        """
+        if depth not in self.kept:
+            self.kept[depth] = self.traced(self.probed.sources, depth)
+        return self.kept[depth]
+
+    def traced(self, sources: Sources, depth: int) -> Weights:
+        """Weights of other sources in the same cube."""
+        tree = build_octrees(
+            replace(self.probed.frame, depth=depth),
+            [sources],
+            optical_depth_split=self.probed.optical_depth_split,
+            max_cells=int(self.most_cells),
+        )[0]
+        return trace(tree, self.scene, self.device, self.settings).weights
+
+    def thinned(self, weights: Weights) -> Weights:
+        """The pilot's pixels of the picture's `weights`."""
+        first, step = self.stride // 2, self.stride
+        return weights.map(lambda image: image[first::step, first::step])
+
+    def spread(self, image: Floats) -> Floats:
+        """A map of the pilot's pixels over those of the picture."""
+        return image.repeat(self.stride, 0).repeat(self.stride, 1)
+
+    def step(self, one: Weights, other: Weights) -> Step:
+        """Difference of two of the pilot's pictures; its map is that of the picture."""
+        found = Step.between(self.temperature, one, other)
+        return Step(found.error_K, self.spread(found.map_K))
+
+
+def temperature_of(scene: Scene, probed: Probed) -> NodeTemperature:
+    """T_app of a scene's picture in the light of the node that is probed."""
+    names = tuple(patch.name for patch in scene.patches)
+    nothing = build_octrees(replace(probed.frame, depth=0), [(None, [])], optical_depth_split=1.0)
+    view = View.of(scene, OpticalCells.of(nothing[0], patches=names))
+    return NodeTemperature.of(scene, probed.node, view.before_background)
+
+
+def _stride(pixels: tuple[int, int]) -> int:
+    """The largest odd divisor of both numbers that leaves 100 pixels or more."""
+    most = min(pixels) // _FEWEST
+    fits = (n for n in range(1, most + 1, 2) if not any(count % n for count in pixels))
+    return max(fits, default=1)

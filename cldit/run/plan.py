@@ -1,0 +1,221 @@
+"""What a run is to be traced with, so that its picture errs by no more than was asked for.
+
+`transport.accuracy_K` is split over the causes of error by what a smaller error costs in each
+(`cldit.run.split`). Keys that the scene fixes stay fixed, and take no part. The cells are chosen by
+a few coarse traces (`cldit.run.cells`). When the errors have been measured, what is too large is
+made smaller, twice at most.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from cldit.run.errors import Errors
+from cldit.run.split import Effort, split
+from cldit.scene import Scene
+from cldit.scene.spray import ConeSpray
+
+MOST_REFINEMENTS = 2
+# The number of cells grows as h^-3, their error falls at least as h. A trace errs by the number of
+# its ordinates to the power -2/3, wavelengths and classes by about one over their number, a
+# lattice by its spacing to the power 3/2; classes and lattice cost time where the medium is made.
+EFFORTS = {
+    "cells": Effort(3.0),
+    "trace": Effort(1.5),
+    "wavelengths": Effort(1.0),
+    "size classes": Effort(1.0, share=0.1),
+    "gas grid": Effort(2.0, share=0.3),
+}
+# What comes out of a trace or of wavelengths is mostly below what was asked of them. Cells can only
+# be halved, at eight times the cost: they may take what others are likely to leave.
+_COMES_OUT = 0.6
+_CLOSE = 1.1  # in squares: not worth another spray
+_MOST_CLASSES = 64
+_FINEST_LATTICE_m = 0.1e-3
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a scene is traced.
+
+    wanted_K: error of all causes together. shares_K: errors that free causes may have. depth: how
+    often the cube is halved; None: as the scene has it. trace_K, spectral_K: asked of the trace and
+    of the choice of wavelengths. size_classes, spacing_m: of the cone; None: there is none.
+    refinements: made so far. limited: why cells are not finer, where they should be; else
+    empty. finest_lattice: whether the cone takes no finer lattice.
+    """
+
+    wanted_K: float
+    shares_K: Mapping[str, float]
+    trace_K: float
+    spectral_K: float
+    size_classes: int | None
+    spacing_m: float | None
+    depth: int | None = None
+    refinements: int = 0
+    limited: str = ""
+    finest_lattice: bool = False
+
+    @classmethod
+    def first(cls, scene: Scene) -> Plan:
+        """The plan before anything is known of the spray.
+
+        Args:
+            scene: as the user wrote it.
+        """
+        wanted_K = scene.transport.accuracy_K
+        cone = scene.spray if isinstance(scene.spray, ConeSpray) else None
+        classes, spacing_m = (None, None) if cone is None else (cone.classes, cone.lattice_m)
+        if not scene.transport.audit:
+            return cls(wanted_K, {}, wanted_K, scene.optics.bound_K, classes, spacing_m)
+        shares_K = split(wanted_K, {name: EFFORTS[name] for name in free_causes(scene)})
+        return cls(
+            wanted_K=wanted_K,
+            shares_K=shares_K,
+            trace_K=shares_K.get("trace", wanted_K),
+            spectral_K=_spectral_K(scene, shares_K.get("wavelengths", wanted_K)),
+            size_classes=classes,
+            spacing_m=spacing_m,
+        )
+
+    @property
+    def cells_K(self) -> float:
+        """Error that the cells may have: what the other causes are likely to leave."""
+        others = sum(one**2 for name, one in self.shares_K.items() if name != "cells")
+        return float((self.wanted_K**2 - _COMES_OUT**2 * others) ** 0.5)
+
+    def scene(self, scene: Scene) -> Scene:
+        """The scene with what the plan chose where it leaves keys out."""
+        transport = scene.transport.model_copy(update={"accuracy_K": self.trace_K})
+        optics = scene.optics.model_copy(update={"spectral_error_K": self.spectral_K})
+        parts: dict[str, Any] = {"transport": transport, "optics": optics}
+        if isinstance(scene.spray, ConeSpray):
+            update = {"size_classes": self.size_classes, "spacing_m": self.spacing_m}
+            parts["spray"] = scene.spray.model_copy(update=update)
+        return scene.model_copy(update=parts)
+
+    def settled(
+        self, scene: Scene, cells_K: float | None, errors_K: Mapping[str, tuple[float, float]]
+    ) -> Plan:
+        """The plan with classes and lattice as fine as what the cells leave needs.
+
+        Args:
+            scene: as the user wrote it.
+            cells_K: error that the cells are likely to have; None: unknown, and taken for none.
+            errors_K: of classes and lattice by cause, and the order in which they fall.
+        """
+        free = set(free_causes(scene))
+        left = self.wanted_K**2 - (cells_K or 0.0) ** 2
+        left -= sum(
+            (_COMES_OUT * self.shares_K.get(name, 0.0)) ** 2 for name in ("trace", "wavelengths")
+        )
+        left -= sum(e**2 for name, (e, _) in errors_K.items() if name not in free)
+        mine = {name: e for name, (e, _) in errors_K.items() if name in free}
+        if left <= 0 or not mine or sum(e**2 for e in mine.values()) <= _CLOSE * left:
+            return self
+        shares_K = _shares(left, mine)
+        larger = {name: e / shares_K[name] for name, e in mine.items() if e > shares_K[name]}
+        plan = replace(self, shares_K={**self.shares_K, **shares_K})
+        return plan.resized(larger, {name: order for name, (_, order) in errors_K.items()})
+
+    def resized(self, larger: Mapping[str, float], orders: Mapping[str, float]) -> Plan:
+        """The plan with finer classes and lattice.
+
+        Args:
+            larger: error over what it may be, by cause.
+            orders: in which the errors fall.
+        """
+        plan = self
+        if "size classes" in larger and plan.size_classes is not None:
+            classes = min(_MOST_CLASSES, math.ceil(plan.size_classes * larger["size classes"]))
+            plan = replace(plan, size_classes=classes)
+        if "gas grid" in larger and plan.spacing_m is not None:
+            finer = larger["gas grid"] ** (1.0 / orders.get("gas grid", 1.0))
+            plan = replace(plan, spacing_m=max(plan.spacing_m / finer, _FINEST_LATTICE_m))
+        return plan
+
+    def refined(
+        self,
+        errors: Errors,
+        scene: Scene,
+        *,
+        reducible: set[str],
+        orders: Mapping[str, float],
+    ) -> Plan | None:
+        """A plan for smaller errors; None where these are small enough, or cannot be made so.
+
+        Args:
+            errors: as measured.
+            scene: as the user wrote it.
+            reducible: causes that the plan can make smaller.
+            orders: in which errors of classes and lattice fall with their size.
+        """
+        if self.refinements >= MOST_REFINEMENTS or not errors.exceed(self.wanted_K):
+            return None
+        known = {one.name: one.error_K for one in errors.causes if one.error_K is not None}
+        free = [name for name in known if name in reducible]
+        left = self.wanted_K**2 - sum(e**2 for name, e in known.items() if name not in free)
+        if not free or left <= 0:
+            return None
+        shares_K = _shares(left, {name: known[name] for name in free})
+        larger = {n: known[n] / shares_K[n] for n in free if known[n] > shares_K[n]}
+        plan = replace(self, shares_K=shares_K, refinements=self.refinements + 1)
+        if "cells" in larger and self.depth is not None:
+            plan = replace(plan, depth=self.depth + max(1, math.floor(math.log2(larger["cells"]))))
+        if "trace" in larger:
+            plan = replace(plan, trace_K=self.trace_K / larger["trace"])
+        if "wavelengths" in larger:
+            plan = replace(plan, spectral_K=_spectral_K(scene, shares_K["wavelengths"]))
+        return plan.resized(larger, orders)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {**asdict(self), "shares_K": dict(self.shares_K)}
+
+
+def free_causes(scene: Scene) -> tuple[str, ...]:
+    """Causes whose error the scene leaves to the plan.
+
+    Args:
+        scene: as the user wrote it.
+    """
+    free = []
+    if scene.domain.leaf_edge_m is None:
+        free.append("cells")
+    droplets = getattr(scene.spray, "droplets", True) is not None
+    if scene.transport.directions is None and droplets:
+        free.append("trace")
+    optics = scene.optics
+    if (
+        optics.preset == "spectral"
+        and optics.wavelengths is None
+        and optics.spectral_error_K is None
+    ):
+        free.append("wavelengths")
+    spray = scene.spray
+    if isinstance(spray, ConeSpray) and spray.droplets is not None and spray.size_classes is None:
+        free.append("size classes")
+    if isinstance(spray, ConeSpray) and spray.spacing_m is None:
+        free.append("gas grid")
+    return tuple(free)
+
+
+def _shares(left_K2: float, known_K: Mapping[str, float]) -> dict[str, float]:
+    """Shares of a square of errors; what errs by less than its share leaves the rest to others."""
+    shares_K, open_ = dict(known_K), set(known_K)
+    while open_:
+        wanted = split(left_K2**0.5, {name: EFFORTS[name] for name in open_})
+        within = {name for name in open_ if known_K[name] <= wanted[name]}
+        if not within:
+            return shares_K | wanted
+        left_K2 -= sum(known_K[name] ** 2 for name in within)
+        open_ -= within
+    return shares_K
+
+
+def _spectral_K(scene: Scene, share_K: float) -> float:
+    fixed = scene.optics.spectral_error_K
+    return fixed if fixed is not None else min(max(share_K, 1e-3), 100.0)

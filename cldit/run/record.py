@@ -1,0 +1,91 @@
+"""What is put down of a run: its stages, and how it came about."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import version
+
+from cldit.gpu.device import Device
+from cldit.run.accuracy import StatedError
+from cldit.run.errors import Errors
+from cldit.run.plan import Plan
+from cldit.run.result import RunInfo, Stage
+from cldit.run.spectral import NodeTraces, SpectralInfo
+from cldit.run.stages import Stages
+
+_VERSIONS = ("cldit", "numpy", "scipy", "pyopencl")
+
+
+def traced_stages(result: NodeTraces, order: int | None) -> list[Stage]:
+    """What the traces did, step by step, and how long it took."""
+    counts = result.counts
+    iterations = [one.solution.iterations for one in result.traces if one.solution is not None]
+    samples = f"{counts['samples']} samples a pixel" if "samples" in counts else ""
+    notes = {"audit": "of some pixels, by path tracing", "gather": samples}
+    scattering = []
+    if order is not None:
+        scattering.append(f"up to order {order}, beyond it the wall is seen")
+    if iterations:
+        scattering.append(f"{counts['sweeps']} sweeps; {sum(iterations)} iterations")
+    if "gather" not in result.seconds and samples:
+        scattering.append(samples)
+    if "scattered_rays" in counts:
+        scattering.append(f"{counts['scattered_rays']} rays started by scattering")
+    notes["scattering"] = "; ".join(scattering)
+    usual = ("compile", "scattering", "image")
+    steps = [*usual, *(name for name in ("gather", "audit") if name in result.seconds)]
+    return [
+        Stage(name, result.seconds[name], notes.get(name, ""))
+        if name in result.seconds
+        else Stage(name, 0.0, "left out: nothing scatters")
+        for name in steps
+    ]
+
+
+def run_info(
+    device: Device,
+    result: NodeTraces,
+    stages: Stages,
+    *,
+    stated: StatedError | None,
+    notes: dict[str, float],
+    phase: str,
+    integration_time_s: float,
+    spectral: SpectralInfo,
+    errors: Errors | None,
+    plan: Plan,
+) -> RunInfo:
+    """How a run came about.
+
+    Args:
+        device, result, stages: that traced, what it traced, and what was done.
+        stated: error of the trace.
+        notes: figures of the spray.
+        phase: how droplets scatter, in words.
+        integration_time_s: of the sensor.
+        spectral: how the filter was resolved.
+        errors: of the picture, by cause.
+        plan: what was chosen.
+    """
+    last = result.traces[-1]  # all are compiled alike
+    versions = {name: version(name) for name in _VERSIONS}
+    versions["python"] = platform.python_version()
+    versions["opencl"] = f"{device.info.version}, driver {device.info.driver}"
+    return RunInfo(
+        device=f"{device.info.index} {device.info.name} ({device.info.platform})",
+        device_reason=device.reason,
+        stages=tuple(stages.done),
+        accuracy_K=None if stated is None else stated.error_K,
+        spray=notes,
+        phase=phase,
+        counts=result.counts,
+        defines={program.name: dict(program.defines) for program in last.programs},
+        precision=last.precision,
+        closure=result.closure,
+        remarks=tuple(stages.remarks),
+        integration_time_s=integration_time_s,
+        spectral=spectral,
+        versions=versions,
+        errors=errors,
+        plan=plan.to_dict(),
+    )

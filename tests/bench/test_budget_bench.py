@@ -1,0 +1,59 @@
+"""The budget's benchmark: references are kept, errors are those of the pixels that count."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.bench.budget import BudgetRow, budget_part, true_error_K
+from cldit.bench.budget_scenes import Reference, budget_scene
+from cldit.bench.case import BenchError
+
+
+def test_a_reference_is_kept(tmp_path: Path) -> None:
+    temperature_K = np.array([[300.123, np.nan], [450.0, 512.346]])
+    Reference(temperature_K, 0.2).save("some", tmp_path)
+    again = Reference.load("some", pixels=2, folder=tmp_path)
+    assert again is not None and again.error_K == 0.2
+    np.testing.assert_allclose(again.temperature_K, temperature_K, atol=0.005001)
+    assert Reference.load("some", pixels=3, folder=tmp_path) is None
+    with pytest.raises(BenchError, match="at most 655 K"):
+        Reference(np.full((2, 2), 700.0), 0.2).save("hot", tmp_path)
+
+
+def test_true_error_is_of_pixels_that_count() -> None:
+    maps = SimpleNamespace(
+        apparent_temperature_K=np.array([[303.0, 500.0], [404.0, np.nan]], np.float32),
+        emissivity=np.array([[0.5, 0.01], [0.5, 0.5]], np.float32),
+    )
+    run: Any = SimpleNamespace(maps=maps, scene=SimpleNamespace(name="some"))
+    reference = Reference(np.array([[300.0, 300.0], [400.0, 400.0]]), 0.0)
+    assert true_error_K(run, reference) == pytest.approx((12.5) ** 0.5)
+    with pytest.raises(BenchError, match="no pixel has a T_app"):
+        true_error_K(run, Reference(np.full((2, 2), np.nan), 0.0))
+
+
+def test_scenes_leave_their_keys_to_the_plan(tmp_path: Path) -> None:
+    for name in ("gdi", "droplets-only", "gdi-flow", "even-grid"):
+        scene = budget_scene(name, pixels=20, folder=tmp_path)
+        assert scene.domain.leaf_edge_m is None and scene.transport.audit
+        assert scene.camera.pixels == (20, 20) and scene.camera.rays_per_pixel == 16
+
+
+def test_page_of_rows() -> None:
+    """Unknown causes are said, and a sum with one is a lower bound."""
+    causes = {"trace": 0.3, "gas grid": None}
+    rows = [
+        BudgetRow("gdi", 1.0, 0.9, False, 0.8, 20.0, 11.0, {"trace": 0.3}),
+        BudgetRow("gdi-flow", 1.0, 2.0, True, 2.5, 60.0, 40.0, causes),
+    ]
+    part = budget_part(rows, pixels=20, references_K={"gdi": 0.1}, left_out=["even-grid"])
+    first, second = part.tables
+    assert first.rows[0][2:5] == ("0.9", "0.8", "1.1")
+    assert first.rows[1][2] == "at least 2"
+    assert second.rows[0][2:] == ("0.3", "-") and second.rows[1][2:] == ("0.3", "unknown")
+    assert part.figure is not None and "even-grid" in part.text[-1]

@@ -1,0 +1,82 @@
+"""The choice of cells by pilots, on pictures whose error is known."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.errors import MediumError
+from cldit.run.cells import Refined, choose_cells, error_at, foretold_cells
+from cldit.run.pilot import Step
+
+
+class KnownPilot:
+    """Pictures that err by `factor` times the cell's edge (mm) to the power `order`."""
+
+    def __init__(self, order: float, *, factor: float = 1.0, finest: int = 12) -> None:
+        self.order, self.factor, self.finest = order, factor, finest
+        self.probed = SimpleNamespace(frame=SimpleNamespace(edge_m=0.2))
+        self.scene = SimpleNamespace(camera=SimpleNamespace(field_m=(0.16, 0.16)))
+        self.traced: list[int] = []
+
+    def true_K(self, depth: int) -> float:
+        return float(self.factor * (200.0 / 2**depth) ** self.order)
+
+    def level(self, depth: int) -> Any:
+        if depth > self.finest:
+            raise MediumError("too many cells")
+        self.traced.append(depth)
+        return self.true_K(depth)
+
+    def step(self, one: float, other: float) -> Step:
+        return Step(abs(one - other), np.full((2, 2), abs(one - other)))
+
+
+@pytest.mark.parametrize("order", [1.0, 1.5, 2.0])
+def test_error_is_that_of_the_finest(order: float) -> None:
+    pilot: Any = KnownPilot(order)
+    found = error_at(pilot, 8)
+    assert found is not None
+    assert found.order == pytest.approx(order)
+    assert found.step.error_K == pytest.approx(pilot.true_K(8))
+
+
+def test_orders_are_bounded() -> None:
+    """A step that is small by chance is no proof of a high order, nor a large one of none."""
+    one = np.ones((1, 1))
+    assert Refined.of(Step(8.0, one), Step(0.1, one)).order == 2.0
+    assert Refined.of(Step(1.0, one), Step(2.0, one)).order == 1.0
+    assert Refined.of(Step(1.0, one), Step(0.0, one)).step.error_K == 0.0
+
+
+@pytest.mark.parametrize("order", [1.0, 2.0])
+@pytest.mark.parametrize("wanted_K", [2.0, 0.5, 0.1])
+def test_largest_cells_that_do(order: float, wanted_K: float) -> None:
+    """And none finer than one level above them is traced on the way."""
+    pilot: Any = KnownPilot(order)
+    chosen = choose_cells(pilot, wanted_K, lambda _: None)
+    assert chosen is not None and not chosen.limited
+    assert pilot.true_K(chosen.depth) <= wanted_K * (1 + 1e-9)
+    assert chosen.error_K == pytest.approx(pilot.true_K(chosen.depth))
+    least = math.ceil(math.log2(200.0 / wanted_K ** (1 / order)))
+    assert chosen.depth == max(least, 8)
+    assert max(pilot.traced) <= max(chosen.depth - 1, 8)
+
+
+def test_memory_ends_it() -> None:
+    pilot: Any = KnownPilot(1.0, finest=9)
+    chosen = choose_cells(pilot, 0.01, lambda _: None)
+    assert chosen is not None and chosen.depth == 9
+    assert chosen.error_K == pytest.approx(pilot.true_K(9))
+    assert "finest that memory holds" in chosen.limited
+
+
+def test_fixed_cells_are_foretold_by_coarser_ones() -> None:
+    pilot: Any = KnownPilot(1.5)
+    assert foretold_cells(pilot, 9).error_K == pytest.approx(pilot.true_K(9))
+    assert max(pilot.traced) == 8
+    assert foretold_cells(pilot, 2).error_K is None
