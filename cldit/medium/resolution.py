@@ -87,6 +87,16 @@ def candidates(cube: Frame, sources: Sources, *, limit: int = MOST_CELLS) -> Ite
         yield one
 
 
+def swept_cells(frame: Frame, sources: Sources) -> int:
+    """Finest cells of the smallest box of bricks around a medium.
+
+    Args:
+        frame: the cube with its cells.
+        sources: droplets and gas.
+    """
+    return _counted(frame, sources).swept
+
+
 def on_grid(cube: Frame, sources: Sources) -> Frame | None:
     """A cube whose finest cells are the voxels of the grid that all boxes of a medium lie on.
 

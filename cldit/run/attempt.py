@@ -20,7 +20,7 @@ from cldit.optics.spectral import Quadrature
 from cldit.radiance.weights import Weights
 from cldit.run.accuracy import StatedError
 from cldit.run.budget import Budget, Sized
-from cldit.run.cells import Cells, choose_cells, foretold_cells
+from cldit.run.cells import Cells, choose_cells, error_at, foretold_cells
 from cldit.run.error_maps import error_maps
 from cldit.run.errors import Cause, Errors
 from cldit.run.evaluation import evaluated, sensor_of
@@ -38,7 +38,7 @@ from cldit.run.spectral import (
 )
 from cldit.run.stages import Stages
 from cldit.scene import Scene
-from cldit.scene.spray import ConeSpray
+from cldit.scene.spray import ConeSpray, GridSpray
 from cldit.spray.result import Spray
 from cldit.transport.trace import settings_for, trace
 
@@ -115,7 +115,7 @@ class Attempts:
                     made.errors,
                     self.scene,
                     reducible=self._reducible(made),
-                    orders={name: one.order for name, one in self._sized.items()},
+                    orders=self._orders(made.plan),
                 )
             if better is None:
                 break
@@ -151,7 +151,12 @@ class Attempts:
                 if settled.scene(self.scene) != scene:
                     return self._made(settled)
                 plan = settled
-        plan, medium = self._grown(prepared, plan)
+        try:
+            plan, medium = self._grown(prepared, plan)
+        except MediumError:
+            if plan.lattice_of_m is None or plan.depth is None or plan.depth <= 3:
+                raise
+            return self._made(_coarser(plan, plan.lattice_of_m))
         frame = medium.trees[0].frame
         say = self.stages.say
         result = trace_nodes(medium.trees, quadrature, scene, self.device, settings, report=say)
@@ -183,11 +188,21 @@ class Attempts:
             if self._prepared is not None and self._prepared[0] == alike:
                 return plan, self._prepared[1]
             try:
-                prepared = prepare(scene, self.stages, self.cache, self.spray)
+                prepared = prepare(
+                    scene,
+                    self.device,
+                    self.stages,
+                    self.cache,
+                    self.spray,
+                    lattice_of_m=plan.lattice_of_m,
+                )
             except SprayError:
                 if plan.spacing_m is None or plan.spacing_m >= given_m:
                     raise
                 coarser_m = min(_COARSER * plan.spacing_m, given_m)
+                if plan.lattice_of_m is not None:
+                    limited = f"the cone takes no lattice finer than {1e3 * coarser_m:.3g} mm"
+                    plan = replace(plan.on_lattice(coarser_m), limited=limited)
                 plan = replace(plan, spacing_m=coarser_m, finest_lattice=True)
                 continue
             self._prepared, self._pilot, self._sources = (alike, prepared), None, None
@@ -209,11 +224,15 @@ class Attempts:
         depth = pilot.probed.frame.depth
         if points is None and not boxes:
             return replace(plan, depth=depth)
-        if self.scene.domain.leaf_edge_m is not None:
+        if isinstance(self.scene.spray, GridSpray):
+            chosen = Cells(depth, None)
+        elif "cells" not in free_causes(self.scene):
             chosen = foretold_cells(pilot, depth)
         else:
             chosen = self._chosen_cells(plan, pilot) or Cells(depth, None)
-        plan = replace(plan, depth=chosen.depth, limited=chosen.limited)
+        plan = plan.at_depth(chosen.depth, chosen.limited)
+        if plan.lattice_of_m is not None and plan.spacing_m is not None:
+            plan = plan.on_lattice(plan.spacing_m * chosen.less)
         with self.stages.stage("pilots of the spray"):
             self._sized = Budget(self.scene, pilot, chosen.depth, self.stages.tell).sized()
         known = {
@@ -235,16 +254,16 @@ class Attempts:
 
     def _grown(self, prepared: Prepared, plan: Plan) -> tuple[Plan, Medium]:
         """The medium; on larger cells where those of the plan do not fit the memory."""
-        fixed = self.scene.domain.leaf_edge_m is not None or plan.depth is None
+        fixed = "cells" not in free_causes(self.scene) or plan.depth is None
+        if plan.lattice_of_m is not None:  # cells and lattice were made together
+            return plan, prepared.grown(self.stages)
         while True:
             try:
                 return plan, prepared.grown(self.stages, plan.depth)
             except MediumError:
                 if fixed or plan.depth is None or plan.depth <= 3:
                     raise
-                cell_mm = 1e3 * prepared.frame.edge_m / 2 ** (plan.depth - 1)
-                limited = f"cells of {cell_mm:.3g} mm are the finest that memory holds"
-                plan = replace(plan, depth=plan.depth - 1, limited=limited)
+                plan = _coarser(plan, prepared.frame.edge_m)
 
     def _causes(
         self,
@@ -283,6 +302,15 @@ class Attempts:
         sized = [one.at(sizes[name]) for name, one in self._sized.items()]
         return [*found, *self._sources, *sized, *budget.unsized(self._sized)]
 
+    def _orders(self, plan: Plan) -> dict[str, float]:
+        """In which errors fall with what makes them: lattice, classes, cells."""
+        orders = {name: one.order for name, one in self._sized.items()}
+        if self._pilot is not None and plan.depth is not None:
+            found = error_at(self._pilot[1], plan.depth)
+            if found is not None:
+                orders["cells"] = found.order
+        return orders
+
     def _reducible(self, made: Attempt) -> set[str]:
         """Causes that another plan can make smaller."""
         free = set(free_causes(self.scene))
@@ -311,6 +339,14 @@ _NO_AUDIT = (
     "transport.audit: false: transport.accuracy_K is that of the trace alone, and the error of the "
     "picture is not measured"
 )
+
+
+def _coarser(plan: Plan, edge_m: float) -> Plan:
+    assert plan.depth is not None
+    cell_mm = 1e3 * edge_m / 2 ** (plan.depth - 1)
+    return plan.at_depth(
+        plan.depth - 1, f"cells of {cell_mm:.3g} mm are the finest that memory holds"
+    )
 
 
 def _again(made: Attempt, better: Plan) -> str:

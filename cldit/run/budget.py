@@ -11,17 +11,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from cldit.errors import SprayError, TransportError
+from cldit.errors import SprayError
+from cldit.medium.resolution import swept_cells
 from cldit.radiance.weights import Weights
 from cldit.run.cells import Refined, error_at
 from cldit.run.errors import Cause
 from cldit.run.pilot import Pilot, Step
 from cldit.run.pixels import pixel_error
 from cldit.scene import Scene
-from cldit.scene.spray import ConeSpray
+from cldit.scene.spray import ConeSpray, GridSpray
 
 # The bias of the width falls with its fourth power: from a variance to its half goes 3/4 of it.
 _OF_WIDTH = 4.0 / 3.0
+_FINER_CELLS = 4e6  # swept, of a trace that is to tell the error of a grid's voxels
 _NO_PIXEL = "no pixel has a T_app on either"
 
 
@@ -66,7 +68,12 @@ class Budget:
         return max(self.depth - 1, 0)
 
     def _cells(self) -> tuple[Cause, Step | None]:
-        fixed = "" if self.scene.domain.leaf_edge_m is None else "domain.leaf_edge_m"
+        domain = self.scene.domain
+        fixed = "" if domain.leaf_edge_m is None else "domain.leaf_edge_m"
+        if not fixed and domain.rule == "paper":
+            fixed = "domain.rule"
+        if isinstance(self.scene.spray, GridSpray):
+            return self._finer(fixed)
         self.say("errors: cells twice and four times as large")
         found = error_at(self.pilot, self.depth)
         frame = self.pilot.probed.frame
@@ -74,8 +81,25 @@ class Budget:
             why = "too few halvings of the cube to compare" if self.depth < 2 else _NO_PIXEL
             return Cause("cells", None, why, fixed), None
         sizes = [f"{1e3 * frame.edge_m / 2 ** (self.depth - up):.3g}" for up in (0, 1, 2)]
-        how = f"cells of {', '.join(sizes)} mm, extrapolated by order {found.order:.2g}"
+        what = "cone and cells" if self.pilot.probed.on_lattice else "cells"
+        how = f"{what} of {', '.join(sizes)} mm, extrapolated by order {found.order:.2g}"
         return Cause("cells", found.step.error_K, how, fixed), found.step
+
+    def _finer(self, fixed: str) -> tuple[Cause, Step | None]:
+        """Of a grid whose voxels are its cells: larger cells mix voxels, smaller ones do not."""
+        probed = self.pilot.probed
+        cells = swept_cells(probed.frame, probed.sources) * 8
+        if cells > _FINER_CELLS:
+            why = (
+                f"cells half as large are {cells:.2g}, which would take longer than the picture; "
+                "compare with a run of half the domain.leaf_edge_m"
+            )
+            return Cause("cells", None, why, fixed), None
+        self.say("errors: cells half as large")
+        step = self.pilot.step(self.pilot.level(self.depth), self.pilot.level(self.depth + 1))
+        h_mm = 1e3 * probed.frame.edge_m / 2**self.depth
+        how = f"cells of {h_mm / 2:.3g} mm for {h_mm:.3g} mm: twice the step, by the first order"
+        return _cause("cells", step.times(2.0), how, fixed)
 
     def _parcels(self) -> list[tuple[Cause, Step | None]]:
         parcels = self.pilot.probed.parcels
@@ -103,6 +127,8 @@ class Budget:
             return {}
         out: dict[str, Sized] = {}
         given: Any = self.scene.spray
+        if self.pilot.probed.on_lattice:
+            return self._classes(cone)
         self.say("errors: a lattice twice and four times as coarse")
         wider = [cone.model_copy(update={"spacing_m": up * cone.lattice_m}) for up in (2, 4)]
         try:
@@ -127,6 +153,26 @@ class Budget:
             out[name] = Sized(name, step, 1.0, 1 / cone.classes, how, fixed)
         return out
 
+    def _classes(self, cone: ConeSpray) -> dict[str, Sized]:
+        """Of the classes of size alone, where the lattice is that of the cells."""
+        if cone.droplets is None or cone.classes < 2:
+            return {}
+        self.say("errors: half of the classes of size")
+        half = cone.model_copy(update={"size_classes": cone.classes // 2})
+        coarse = self._coarse
+        try:
+            one = self.pilot.level(coarse)
+            other = self.pilot.traced(
+                self.pilot.probed.resprayed(self.pilot.cone_at(half, coarse)), coarse
+            )
+        except SprayError:
+            return {}
+        name, given = "size classes", self.scene.spray
+        assert isinstance(given, ConeSpray)
+        how = f"{half.size_classes} classes for {cone.classes}: error falls as 1 / number"
+        fixed = "" if given.size_classes is None else "spray.size_classes"
+        return {name: Sized(name, self.pilot.step(one, other), 1.0, 1 / cone.classes, how, fixed)}
+
     def unsized(self, known: Mapping[str, Sized]) -> list[tuple[Cause, Step | None]]:
         """Causes of the cone whose error is not known.
 
@@ -137,7 +183,7 @@ class Budget:
         out: list[tuple[Cause, Step | None]] = []
         if cone is None or self.pilot.probed.sources == (None, []):
             return out
-        if "gas grid" not in known:
+        if "gas grid" not in known and not self.pilot.probed.on_lattice:
             why = "a lattice twice or four times as coarse does not hold the plumes"
             out.append((Cause("gas grid", None, why, "spray.spacing_m"), None))
         if "size classes" not in known and cone.droplets is not None:

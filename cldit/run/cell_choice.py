@@ -8,7 +8,13 @@ from pathlib import Path
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources
-from cldit.medium.resolution import MOST_CELLS, candidates, known_in_boxes, needed_edge_m
+from cldit.medium.resolution import (
+    MOST_CELLS,
+    candidates,
+    known_in_boxes,
+    needed_edge_m,
+    on_grid,
+)
 from cldit.scene.vessel import Domain
 
 # Bytes of a cell in which droplets scatter, at the peak of a run of a full cube of 128^3 cells: 440
@@ -82,3 +88,25 @@ def chosen_frame(domain: Domain, sources: Sources, *, limit: int) -> tuple[Frame
         f"{found.stored:.3g} cells; the medium asks for {wanted_m * 1e3:.3g} mm. What they leave "
         "is the cause `cells` of the run's errors; domain.leaf_edge_m takes others",
     )
+
+
+def lattice_frames(
+    domain: Domain, sources: Sources, *, edge_m: float, spacing_m: float
+) -> tuple[Frame, Frame]:
+    """The domain's cube in cells of a lattice, and the cube that is laid on the boxes of it.
+
+    Args:
+        domain: of the scene.
+        sources: droplets and gas of one wavelength, in boxes of the lattice.
+        edge_m: of the first cube, at least that of the domain, and a power of 2 of the lattice's.
+        spacing_m: of the lattice.
+
+    Raises:
+        MediumError: something lies outside the domain.
+    """
+    whole = Frame.around(
+        centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=2 * domain.edge_m
+    )
+    next(candidates(whole, sources, limit=MOST_CELLS))  # refuses what lies outside the domain
+    cube = Frame.around(centre_m=domain.centre_m, edge_m=edge_m, leaf_edge_m=spacing_m * (1 + 1e-9))
+    return cube, on_grid(cube, sources) or cube

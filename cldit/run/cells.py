@@ -11,10 +11,12 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cldit.errors import MediumError
+from cldit.errors import MediumError, SprayError, TransportError
 from cldit.run.pilot import Pilot, Step
 
 _FINEST = 12  # 4096 cells along an edge
+_SAFE = 0.85  # of the wanted error, which what is foretold is aimed at
+_FORETOLD, _LEAST = 1.4, 0.35  # order, and how far cells are foretold
 _CLOSE = 1.1  # of the wanted error: a pilot of the picture's own cells costs as much as that
 _ACROSS = 32  # cells across the picture, of the coarsest pilot
 
@@ -49,13 +51,18 @@ class Cells:
     depth: int
     error_K: float | None
     limited: str = ""
+    less: float = 1.0
 
 
 def error_at(pilot: Pilot, depth: int) -> Refined | None:
     """Error of the cells of a cube that is halved `depth` times; None: it cannot be said."""
     if depth < 2:
         return None
-    coarsest, coarser, fine = (pilot.level(depth - down) for down in (2, 1, 0))
+    fine = pilot.level(depth)
+    try:
+        coarsest, coarser = (pilot.level(depth - down) for down in (2, 1))
+    except (SprayError, TransportError):  # no cone has the lattice, or cells reach behind a patch
+        return None
     before, last = pilot.step(coarser, coarsest), pilot.step(fine, coarser)
     return None if last.error_K is None else Refined.of(before, last)
 
@@ -87,22 +94,36 @@ def choose_cells(pilot: Pilot, wanted_K: float, say: Callable[[str], None]) -> C
     frame, across = pilot.probed.frame, pilot.scene.camera.field_m
     depth = max(3, math.ceil(math.log2(_ACROSS * frame.edge_m / max(across))))
     depth = min(depth, _FINEST - 3)
-    for coarse in (depth, depth + 1):
-        say(f"pilot: cells of {1e3 * frame.edge_m / 2**coarse:.3g} mm")
-        pilot.level(coarse)
-    depth += 2
+    traced = 0
+    while traced < 2:
+        say(f"pilot: cells of {1e3 * frame.edge_m / 2**depth:.3g} mm")
+        try:
+            pilot.level(depth)
+            traced += 1
+        except (
+            SprayError,
+            TransportError,
+        ):  # no cone has the lattice, or cells reach behind a patch
+            if depth >= _FINEST - 3:
+                raise
+            traced = 0
+        depth += 1
     while True:
         cell_mm = 1e3 * frame.edge_m / 2**depth
         say(f"pilot: cells of {cell_mm:.3g} mm")
         try:
             found = error_at(pilot, depth)
-        except MediumError:
+        except (MediumError, SprayError):
             before = error_at(pilot, depth - 1)
             error_K = None if before is None else before.step.error_K
             why = f"cells of {2 * cell_mm:.3g} mm are the finest that memory holds"
             return Cells(depth - 1, error_K, why)
         if found is None or found.step.error_K is None:
             return None
+        # Coarse cells foretell too high an order: what it may be for the next is bounded.
+        less = (_SAFE * wanted_K / found.step.error_K) ** (1.0 / min(found.order, _FORETOLD))
+        if pilot.probed.on_lattice and less >= _LEAST:
+            return Cells(depth, _SAFE * wanted_K, less=min(less, 2.0))
         if found.step.error_K <= wanted_K:
             return Cells(depth, found.step.error_K)
         if depth == _FINEST:

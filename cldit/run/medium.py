@@ -14,7 +14,7 @@ from cldit.medium.octree import Octree, Sources, build_octrees
 from cldit.optics.band import BandOptics
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
-from cldit.run.cell_choice import cells_that_fit, chosen_frame
+from cldit.run.cell_choice import cells_that_fit, chosen_frame, lattice_frames
 from cldit.run.phases import droplets_content, mean_phase, phase_choice
 from cldit.run.pilot import ParcelVariants, Probed
 from cldit.run.spray_factory import make_spray
@@ -123,7 +123,7 @@ class Prepared:
 
     frame: the cube, divided as the scene has it, or as the paper has it. properties: with
     `sources`. probed: what the errors of the medium are measured on; None where the scene wants no
-    audit.
+    audit. limit: cells that fit the memory.
     """
 
     frame: Frame
@@ -131,6 +131,7 @@ class Prepared:
     properties: Properties
     notes: dict[str, float]
     probed: Probed | None
+    limit: int
 
     def grown(self, stages: Stages, depth: int | None = None) -> Medium:
         """The medium with the cube halved `depth` times; None: as the scene has it.
@@ -142,7 +143,12 @@ class Prepared:
         frame = self.frame if depth is None else replace(self.frame, depth=depth)
         sources = [*found.sources, *([] if found.paper is None else [found.paper])]
         with stages.stage("octree") as note:
-            trees = build_octrees(frame, sources, optical_depth_split=self.optical_depth_split)
+            trees = build_octrees(
+                frame,
+                sources,
+                optical_depth_split=self.optical_depth_split,
+                max_cells=self.limit,
+            )
             note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
         paper = trees.pop() if found.paper is not None else None
         bare = replace(found, sources=(), paper=None)
@@ -172,7 +178,13 @@ def make_medium(
 
 
 def prepare(
-    scene: Scene, device: Device, stages: Stages, cache: Path, spray: Spray | None = None
+    scene: Scene,
+    device: Device,
+    stages: Stages,
+    cache: Path,
+    spray: Spray | None = None,
+    *,
+    lattice_of_m: float | None = None,
 ) -> Prepared:
     """The scene's spray and its optical properties.
 
@@ -182,6 +194,8 @@ def prepare(
         stages: take the time of each step.
         cache: folder of tables and sprays.
         spray: that of the scene, where it is there already.
+        lattice_of_m: edge of the cube whose cells are those of the cone's lattice; None: cells are
+            as the scene has them.
     """
     with stages.stage("spray") as note:
         note.append(scene.spray.model if spray is None else "given")
@@ -196,16 +210,34 @@ def prepare(
         stages.remark(found.remarks)
     phase = any(one is not None for one in (*found.phases, found.paper_phase))
     limit = cells_that_fit(device, wavelengths=len(found.sources), phase=phase)
-    frame, remarks = chosen_frame(scene.domain, found.sources[0], limit=limit)
-    stages.remark(remarks)
+    if lattice_of_m is not None:
+        cube, frame = lattice_frames(
+            scene.domain, found.sources[0], edge_m=lattice_of_m, spacing_m=_spacing_m(scene)
+        )
+    else:
+        frame, remarks = chosen_frame(scene.domain, found.sources[0], limit=limit)
+        cube = frame
+        stages.remark(remarks)
     probed = None
     if scene.transport.audit:
-        probed = _probed(scene, frame, (made, spray), found, cache)
+        probed = _probed(scene, (made, spray), found, cache, frame=cube, limit=limit)
+        probed = replace(probed, on_lattice=lattice_of_m is not None)
     return Prepared(frame, scene.domain.optical_depth_split, found, notes, probed, limit)
 
 
+def _spacing_m(scene: Scene) -> float:
+    assert isinstance(scene.spray, ConeSpray)
+    return scene.spray.lattice_m
+
+
 def _probed(
-    scene: Scene, frame: Frame, sprays: tuple[Spray, Spray], found: Properties, cache: Path
+    scene: Scene,
+    sprays: tuple[Spray, Spray],
+    found: Properties,
+    cache: Path,
+    *,
+    frame: Frame,
+    limit: int,
 ) -> Probed:
     """What is measured on, at the wavelength with most of the light; of the spray as it was made
     and as it is deposited."""
@@ -231,6 +263,8 @@ def _probed(
         cone=cone if isinstance(cone, ConeSpray) else None,
         resprayed=resprayed,
         optical_depth_split=scene.domain.optical_depth_split,
+        limit=limit,
+        on_lattice=False,
     )
 
 

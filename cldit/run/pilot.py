@@ -16,6 +16,7 @@ from cldit.dit.accuracy import VISIBLE_EMISSIVITY
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources, build_octrees
+from cldit.medium.resolution import on_grid
 from cldit.optics.spectral import SpectralNode
 from cldit.radiance.weights import Weights
 from cldit.run.node_temperature import NodeTemperature
@@ -28,7 +29,6 @@ from cldit.transport.view import View
 Floats = NDArray[np.float64]
 
 _FEWEST = 100  # pixels along an edge that a pilot keeps
-_BYTES_PER_CELL = 250  # of the host and the device, while a tree is made and traced
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,11 @@ class ParcelVariants:
 class Probed:
     """What the causes of the medium are measured on.
 
-    frame: the cube, divided as the scene has it. sources: at the wavelength of `node`, its
-    `number`. parcels: None where the droplets are no sample. gas: why the error of the gas's own
-    grid is not known; empty: there is no gas, or its error is measured. cone: the cone, where the
-    spray is one; resprayed: the sources of another.
+    frame: the cube, divided as the scene has it; on_lattice: whose cells are the cone's lattice, so
+    that another cone goes with other cells. limit: cells that fit the memory. sources: at the
+    wavelength of `node`, its `number`. parcels: None where the droplets are no sample. gas: why the
+    error of the gas's own grid is not known; empty: there is no gas, or its error is measured.
+    cone: the cone, where the spray is one; resprayed: the sources of another.
     """
 
     frame: Frame
@@ -60,6 +61,8 @@ class Probed:
     parcels: ParcelVariants | None
     gas: str
     optical_depth_split: float
+    limit: int
+    on_lattice: bool
     cone: ConeSpray | None
     resprayed: Callable[[ConeSpray], Sources]
 
@@ -137,28 +140,36 @@ class Pilot:
             temperature=temperature_of(few, probed),
         )
 
-    @property
-    def most_cells(self) -> float:
-        """Finest cells that memory holds."""
-        return min(60e6, 0.5 * self.device.info.memory_bytes / _BYTES_PER_CELL)
-
     def level(self, depth: int) -> Weights:
         """The medium itself, its cube halved `depth` times; traced once.
 
         Raises:
             MediumError: that are more cells than memory holds.
+            SprayError: no cone has such a lattice.
         """
         if depth not in self.kept:
-            self.kept[depth] = self.traced(self.probed.sources, depth)
+            probed = self.probed
+            sources = probed.sources
+            if probed.on_lattice:
+                assert probed.cone is not None
+                sources = probed.resprayed(self.cone_at(probed.cone, depth))
+            self.kept[depth] = self.traced(sources, depth)
         return self.kept[depth]
 
+    def cone_at(self, cone: ConeSpray, depth: int) -> ConeSpray:
+        """A cone on the lattice of the cells of a cube that is halved `depth` times."""
+        return cone.model_copy(update={"spacing_m": self.probed.frame.edge_m / 2**depth})
+
     def traced(self, sources: Sources, depth: int) -> Weights:
-        """Weights of other sources in the same cube."""
+        """Weights of other sources in the same cube; where they have its cells, laid on them."""
+        frame = replace(self.probed.frame, depth=depth)
+        if self.probed.on_lattice:
+            frame = on_grid(frame, sources) or frame
         tree = build_octrees(
-            replace(self.probed.frame, depth=depth),
+            frame,
             [sources],
             optical_depth_split=self.probed.optical_depth_split,
-            max_cells=int(self.most_cells),
+            max_cells=self.probed.limit,
         )[0]
         return trace(tree, self.scene, self.device, self.settings).weights
 

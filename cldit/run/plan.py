@@ -16,7 +16,7 @@ from typing import Any
 from cldit.run.errors import Errors
 from cldit.run.split import Effort, split
 from cldit.scene import Scene
-from cldit.scene.spray import ConeSpray
+from cldit.scene.spray import ConeSpray, GridSpray
 
 MOST_REFINEMENTS = 2
 # The number of cells grows as h^-3, their error falls at least as h. A trace errs by the number of
@@ -35,17 +35,21 @@ _COMES_OUT = 0.6
 _CLOSE = 1.1  # in squares: not worth another spray
 _MOST_CLASSES = 64
 _FINEST_LATTICE_m = 0.1e-3
+_FIRST_LATTICE_m = 1e-3
+_SAFE = 0.9  # of an error that is foretold
 
 
 @dataclass(frozen=True)
 class Plan:
     """How a scene is traced.
 
-    wanted_K: error of all causes together. shares_K: errors that free causes may have. depth: how
-    often the cube is halved; None: as the scene has it. trace_K, spectral_K: asked of the trace and
-    of the choice of wavelengths. size_classes, spacing_m: of the cone; None: there is none.
-    refinements: made so far. limited: why cells are not finer, where they should be; else
-    empty. finest_lattice: whether the cone takes no finer lattice.
+    domain_m: edge of the domain. wanted_K: error of all causes together. shares_K: errors that free
+    causes may have. depth: how often the cube is halved; None: as the scene has it. trace_K,
+    spectral_K: asked of the trace and of the choice of wavelengths. size_classes, spacing_m: of the cone; None: there is none.
+    lattice_of_m: edge of the cube whose cells are the cone's lattice as well, where the scene
+    leaves both to choice; spacing_m then follows depth. refinements: made so far. limited: why
+    cells are not finer, where they should be; else empty. finest_lattice: whether the cone takes
+    no finer lattice.
     """
 
     wanted_K: float
@@ -54,7 +58,9 @@ class Plan:
     spectral_K: float
     size_classes: int | None
     spacing_m: float | None
+    domain_m: float
     depth: int | None = None
+    lattice_of_m: float | None = None
     refinements: int = 0
     limited: str = ""
     finest_lattice: bool = False
@@ -69,8 +75,12 @@ class Plan:
         wanted_K = scene.transport.accuracy_K
         cone = scene.spray if isinstance(scene.spray, ConeSpray) else None
         classes, spacing_m = (None, None) if cone is None else (cone.classes, cone.lattice_m)
+        lattice_of_m = None
+        if follows_cells(scene):  # a first lattice, to learn from
+            lattice_of_m, spacing_m = scene.domain.edge_m, _FIRST_LATTICE_m
         if not scene.transport.audit:
-            return cls(wanted_K, {}, wanted_K, scene.optics.bound_K, classes, spacing_m)
+            edge_m = scene.domain.edge_m
+            return cls(wanted_K, {}, wanted_K, scene.optics.bound_K, classes, spacing_m, edge_m)
         shares_K = split(wanted_K, {name: EFFORTS[name] for name in free_causes(scene)})
         return cls(
             wanted_K=wanted_K,
@@ -79,7 +89,36 @@ class Plan:
             spectral_K=_spectral_K(scene, shares_K.get("wavelengths", wanted_K)),
             size_classes=classes,
             spacing_m=spacing_m,
+            domain_m=scene.domain.edge_m,
+            lattice_of_m=lattice_of_m,
         )
+
+    def at_depth(self, depth: int, limited: str = "") -> Plan:
+        """The plan with the cube halved `depth` times, and the lattice that goes with it.
+
+        Args:
+            depth: halvings.
+            limited: why they are not more, where they should be.
+        """
+        if self.lattice_of_m is not None:
+            return replace(self.on_lattice(self.lattice_of_m / 2**depth), limited=limited)
+        return replace(self, depth=depth, limited=limited)
+
+    def on_lattice(self, spacing_m: float) -> Plan:
+        """The plan with a lattice, and the cells that go with it.
+
+        The cube may become larger than the domain, by less than twice, so that halving it ends in
+        cells of the lattice.
+
+        Args:
+            spacing_m: of lattice and cells.
+        """
+        assert self.lattice_of_m is not None
+        edge_m = spacing_m
+        depth = 0
+        while edge_m < self.domain_m * (1 - 1e-9):
+            edge_m, depth = 2 * edge_m, depth + 1
+        return replace(self, depth=depth, spacing_m=spacing_m, lattice_of_m=edge_m)
 
     @property
     def cells_K(self) -> float:
@@ -164,7 +203,12 @@ class Plan:
         larger = {n: known[n] / shares_K[n] for n in free if known[n] > shares_K[n]}
         plan = replace(self, shares_K=shares_K, refinements=self.refinements + 1)
         if "cells" in larger and self.depth is not None:
-            plan = replace(plan, depth=self.depth + max(1, math.floor(math.log2(larger["cells"]))))
+            if plan.lattice_of_m is None:
+                finer = max(1, math.floor(math.log2(larger["cells"])))
+                plan = plan.at_depth(self.depth + finer, plan.limited)
+            elif plan.spacing_m is not None:
+                less = (_SAFE / larger["cells"]) ** (1.0 / orders.get("cells", 1.0))
+                plan = plan.on_lattice(plan.spacing_m * less)
         if "trace" in larger:
             plan = replace(plan, trace_K=self.trace_K / larger["trace"])
         if "wavelengths" in larger:
@@ -176,6 +220,27 @@ class Plan:
         return {**asdict(self), "shares_K": dict(self.shares_K)}
 
 
+def follows_cells(scene: Scene) -> bool:
+    """Whether the cone's lattice is that of the cells: the scene leaves both to choice.
+
+    Args:
+        scene: as the user wrote it.
+    """
+    return (
+        isinstance(scene.spray, ConeSpray)
+        and scene.spray.spacing_m is None
+        and _cells_are_free(scene)
+        and scene.transport.audit
+    )
+
+
+def _cells_are_free(scene: Scene) -> bool:
+    """A grid of the user's is its own cells."""
+    domain = scene.domain
+    own = isinstance(scene.spray, GridSpray)
+    return domain.leaf_edge_m is None and domain.rule == "need" and not own
+
+
 def free_causes(scene: Scene) -> tuple[str, ...]:
     """Causes whose error the scene leaves to the plan.
 
@@ -183,7 +248,7 @@ def free_causes(scene: Scene) -> tuple[str, ...]:
         scene: as the user wrote it.
     """
     free = []
-    if scene.domain.leaf_edge_m is None:
+    if _cells_are_free(scene):
         free.append("cells")
     droplets = getattr(scene.spray, "droplets", True) is not None
     if scene.transport.directions is None and droplets:
@@ -198,7 +263,7 @@ def free_causes(scene: Scene) -> tuple[str, ...]:
     spray = scene.spray
     if isinstance(spray, ConeSpray) and spray.droplets is not None and spray.size_classes is None:
         free.append("size classes")
-    if isinstance(spray, ConeSpray) and spray.spacing_m is None:
+    if isinstance(spray, ConeSpray) and spray.spacing_m is None and not follows_cells(scene):
         free.append("gas grid")
     return tuple(free)
 

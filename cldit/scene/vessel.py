@@ -32,7 +32,9 @@ class Domain(Section):
     @property
     def leaf_m(self) -> float:
         """`leaf_edge_m`, or where that is left out the paper's 0.5 mm."""
-        return PAPER_LEAF_M if self.leaf_edge_m is None else self.leaf_edge_m
+        if self.leaf_edge_m is not None:
+            return self.leaf_edge_m
+        return PAPER_LEAF_M if self.rule == "paper" else max(PAPER_LEAF_M, self.edge_m / FINEST)
 
     @model_validator(mode="after")
     def _depth(self) -> Domain:
@@ -45,13 +47,6 @@ class Domain(Section):
                 f"{self.edge_m / FINEST:g}"
             )
         return self
-
-    @property
-    def leaf_m(self) -> float:
-        """`leaf_edge_m`; where it is left out and nobody chooses, the paper's."""
-        if self.leaf_edge_m is not None:
-            return self.leaf_edge_m
-        return max(PAPER_LEAF_M, self.edge_m / FINEST)
 
 
 class Background(Section):
