@@ -74,8 +74,8 @@ def candidates(cube: Frame, sources: Sources, *, limit: int = MOST_CELLS) -> Ite
     Raises:
         MediumError: something lies outside the cube, or one cell is more than `limit`.
     """
+    refuse_outside(cube, sources)
     whole = replace(cube, depth=0)
-    _placed(whole, sources)  # what lies outside is refused
     laid = on_grid(whole, sources)
     corner = whole if laid is None else laid
     for depth in range(DEEPEST + 1):
@@ -85,6 +85,19 @@ def candidates(cube: Frame, sources: Sources, *, limit: int = MOST_CELLS) -> Ite
                 raise MediumError(f"one cell is {one.memory_cells} cells, allowed are {limit}")
             return
         yield one
+
+
+def refuse_outside(cube: Frame, sources: Sources) -> None:
+    """Checks that all of a medium is in a cube.
+
+    Args:
+        cube: of any depth.
+        sources: droplets and gas.
+
+    Raises:
+        MediumError: something is not.
+    """
+    _placed(replace(cube, depth=0), sources)
 
 
 def swept_cells(frame: Frame, sources: Sources) -> int:
@@ -97,7 +110,7 @@ def swept_cells(frame: Frame, sources: Sources) -> int:
     return _counted(frame, sources).swept
 
 
-def on_grid(cube: Frame, sources: Sources) -> Frame | None:
+def on_grid(cube: Frame, sources: Sources, *, voxel_m: float | None = None) -> Frame | None:
     """A cube whose finest cells are the voxels of the grid that all boxes of a medium lie on.
 
     Its lower corner is that of the boxes, so that bricks begin there, too; parcels in points or as
@@ -106,6 +119,7 @@ def on_grid(cube: Frame, sources: Sources) -> Frame | None:
     Args:
         cube: in which all of the medium lies.
         sources: droplets and gas.
+        voxel_m: edge of the voxels, where it is known that all boxes are made of these.
 
     Returns:
         The cube; None where there is no box, or boxes lie on no common grid of voxels at least a
@@ -115,7 +129,7 @@ def on_grid(cube: Frame, sources: Sources) -> Frame | None:
     if len(lower) == 0:
         return None
     origin, reach = lower.min(axis=0), upper.max(axis=0)
-    edge = _common_edge(lower, upper)
+    edge = _common_edge(lower, upper) if voxel_m is None else voxel_m
     if edge is None:
         return None
     low, high = _scattered_about(cube, sources)

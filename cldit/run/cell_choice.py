@@ -14,6 +14,7 @@ from cldit.medium.resolution import (
     known_in_boxes,
     needed_edge_m,
     on_grid,
+    refuse_outside,
 )
 from cldit.scene.vessel import Domain
 
@@ -107,6 +108,6 @@ def lattice_frames(
     whole = Frame.around(
         centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=2 * domain.edge_m
     )
-    next(candidates(whole, sources, limit=MOST_CELLS))  # refuses what lies outside the domain
+    refuse_outside(whole, sources)
     cube = Frame.around(centre_m=domain.centre_m, edge_m=edge_m, leaf_edge_m=spacing_m * (1 + 1e-9))
-    return cube, on_grid(cube, sources) or cube
+    return cube, on_grid(cube, sources, voxel_m=spacing_m) or cube

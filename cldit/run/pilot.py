@@ -164,7 +164,7 @@ class Pilot:
         """Weights of other sources in the same cube; where they have its cells, laid on them."""
         frame = replace(self.probed.frame, depth=depth)
         if self.probed.on_lattice:
-            frame = on_grid(frame, sources) or frame
+            frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
         tree = build_octrees(
             frame,
             [sources],

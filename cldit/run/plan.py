@@ -36,6 +36,9 @@ _CLOSE = 1.1  # in squares: not worth another spray
 _MOST_CLASSES = 64
 _FINEST_LATTICE_m = 0.1e-3
 _FIRST_LATTICE_m = 1e-3
+# A refinement halves cells and quarters other errors at most: what cannot be made smaller may leave
+# the rest next to nothing, and its share would cost more than the picture is worth.
+_MOST_LARGER = 4.0
 _SAFE = 0.9  # of an error that is foretold
 
 
@@ -45,7 +48,8 @@ class Plan:
 
     domain_m: edge of the domain. wanted_K: error of all causes together. shares_K: errors that free
     causes may have. depth: how often the cube is halved; None: as the scene has it. trace_K,
-    spectral_K: asked of the trace and of the choice of wavelengths. size_classes, spacing_m: of the cone; None: there is none.
+    spectral_K: asked of the trace and of the choice of wavelengths. size_classes, spacing_m: of the
+    cone; None: there is none.
     lattice_of_m: edge of the cube whose cells are the cone's lattice as well, where the scene
     leaves both to choice; spacing_m then follows depth. refinements: made so far. limited: why
     cells are not finer, where they should be; else empty. finest_lattice: whether the cone takes
@@ -200,15 +204,16 @@ class Plan:
         if not free or left <= 0:
             return None
         shares_K = _shares(left, {name: known[name] for name in free})
-        larger = {n: known[n] / shares_K[n] for n in free if known[n] > shares_K[n]}
+        larger = {
+            n: min(known[n] / shares_K[n], _MOST_LARGER) for n in free if known[n] > shares_K[n]
+        }
         plan = replace(self, shares_K=shares_K, refinements=self.refinements + 1)
         if "cells" in larger and self.depth is not None:
             if plan.lattice_of_m is None:
-                finer = max(1, math.floor(math.log2(larger["cells"])))
-                plan = plan.at_depth(self.depth + finer, plan.limited)
+                plan = plan.at_depth(self.depth + 1, plan.limited)
             elif plan.spacing_m is not None:
                 less = (_SAFE / larger["cells"]) ** (1.0 / orders.get("cells", 1.0))
-                plan = plan.on_lattice(plan.spacing_m * less)
+                plan = plan.on_lattice(plan.spacing_m * max(less, 0.5))
         if "trace" in larger:
             plan = replace(plan, trace_K=self.trace_K / larger["trace"])
         if "wavelengths" in larger:

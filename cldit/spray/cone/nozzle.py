@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,9 +51,16 @@ class Source:
 def source_of(spec: ConeSpray) -> Source:
     """State of the fuel at the holes, and the table of its mixtures with the gas.
 
+    Neither depends on lattice and classes: cones that differ in these alone share it.
+
     Raises:
         SprayError: the pressure drives nothing, or droplets are missing.
     """
+    return _source_of(spec.model_copy(update={"spacing_m": None, "size_classes": None}))
+
+
+@lru_cache(maxsize=4)
+def _source_of(spec: ConeSpray) -> Source:
     ambient = spec.ambient
     if spec.injection_pressure_Pa <= ambient.pressure_Pa:
         raise SprayError(

@@ -50,7 +50,7 @@ NEGLIGIBLE = 1e-7  # of the fuel's mass: the thinnest cells go, and the others t
 THIN = 2e-4  # of the liquid: the thinnest cells count as evaporated
 SMALLEST_m = 1e-7  # droplets below count as evaporated
 RESOLVED = 1.5  # the plume is at least this many cells wide (radius)
-MOST_CELLS = 5e7  # looked at, in the boxes around all plumes
+MOST_CELLS = 2e8  # looked at, in the boxes around all plumes
 _AVOGADRO = 6.02214076e23
 
 
