@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.errors import TransportError
 from cldit.medium.frame import BRICK
 from cldit.medium.octree import Octree
+from cldit.transport.phase import ScatteringTable
 
 _BRICK_CELLS = BRICK**3
 _FAINTEST = 1e-3  # of the hottest black body: unit of thermal sources where all of them are weaker
@@ -149,6 +151,29 @@ class OpticalCells:
             albedo=scattering[address] / safe[address],
             coalbedo=absorption[address] / safe[address],
         )
+
+    def class_shares(self, phase: ScatteringTable | None) -> NDArray[np.uint8] | None:
+        """Shares (K - 1, P) of classes of droplet size, see `Octree.shares`.
+
+        Args:
+            phase: how droplets scatter.
+
+        Returns:
+            The shares; None where one phase function holds for all cells.
+
+        Raises:
+            TransportError: the phase function has other classes than the octree.
+        """
+        if phase is None or phase.classes is None:
+            return None
+        shares, classes = self.tree.shares, len(phase.tables)
+        if shares is None or len(shares) != classes - 1:
+            found = 1 if shares is None else len(shares) + 1
+            raise TransportError(
+                f"phase function of {classes} classes of droplet size, and an octree with {found}; "
+                "allowed is as many"
+            )
+        return shares
 
     def in_units_of(self, other: OpticalCells) -> OpticalCells:
         """The same cells, with thermal sources in the other's unit."""

@@ -156,7 +156,11 @@ def trace_path(
     table = np.zeros(1, real)
     if settings.phase is not None:
         defines["PHASE_BINS"] = settings.phase.bins
-        table = settings.phase.to_sample().astype(real)
+        tables = settings.phase.tables
+        table = np.concatenate([one.to_sample() for one in tables]).astype(real)
+        if len(tables) > 1:
+            defines["PHASE_CLASSES"] = len(tables)
+    classes = cells.class_shares(settings.phase)
     programs = [build(one, "path.cl", defines) for one in (device, *device.others)]
     start = time.perf_counter()
     components = len(cells.needs.components) + 1  # the last: from within, see energy_balance.py
@@ -169,6 +173,7 @@ def trace_path(
         return {
             "thermal": upload(one, "source", cells.thermal_planes(real)),
             "albedo": upload(one, "albedo", albedo.astype(real)),
+            **({} if classes is None else {"shares": upload(one, "size classes", classes)}),
             **upload_tree(one, cells, real),
             **view.geometry(one, cells, real),
         }

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cldit.optics.droplets import droplet_table
-from cldit.transport.phase import PhaseError, henyey_greenstein, mie_table
+from cldit.transport.mie_phase import mie_table
+from cldit.transport.phase import PhaseError, henyey_greenstein
 
 OPTICS = {"wavelength_um": 3.4, "n": 1.338, "k": 0.0341}
 
