@@ -59,16 +59,11 @@ INLINE void score_boundary(real *sum, real weight, const Traversal *w, real from
     for (int c = 0; c < BOUNDARIES; ++c) sum[c] += c == seen ? weight : R(0);
 }
 
-/* Cosine of the scattering angle in a cell. */
-INLINE real cell_cosine(real u, int address, const Medium *m, __global const real *table)
-{
 #ifdef PHASE_CLASSES
-    const int class_ = phase_class(&u, m->shares + address, m->stored);
-    return phase_cosine(u, table + class_ * (3 * PHASE_BINS + 2));
+#define COSINE(u, address) class_cosine(u, m->shares + (address), m->stored, table)
 #else
-    return phase_cosine(u, table);
+#define COSINE(u, address) phase_cosine(u, table)
 #endif
-}
 
 /* Traces one path from p in the cell at `address`, where light is scattered into the direction -d; adds
    its score times weight to sum. */
@@ -92,7 +87,7 @@ INLINE void path(
             word.y = sobol(sample, 3 * event + 2, columns) ^ shift.y;
             word.z = sobol(sample, 3 * event + 3, columns) ^ shift.z;
         }
-        d = turned(d, cell_cosine(unit(word.x), address, m, table), unit(word.y));
+        d = turned(d, COSINE(unit(word.x), address), unit(word.y));
         const real goal = unit(word.z); /* transmission at which this segment is scattered */
 
         Traversal traversal = {p.x, p.y, p.z, d.x, d.y, d.z, R(0), 0, 0, 0};

@@ -23,13 +23,15 @@ INLINE real phase_cosine(real u, __global const real *table)
     return table[low] + part * (table[low + 1] - table[low]);
 }
 
+#define PHASE_TABLE (3 * PHASE_BINS + 2) /* numbers of a table */
+
 #else
 
 INLINE real phase_cosine(real u, __global const real *table) { return R(1) - R(2) * u; }
 
 #endif
 
-#ifdef PHASE_CLASSES
+#if defined(PHASE_CLASSES) && defined(PHASE_BINS)
 
 /* Class of droplet size that scatters in a cell, by its share; *u, 0 to 1, draws it and is uniform again
    after that. shares: a byte for each class but the last, `stride` apart, what it and those before it
@@ -49,6 +51,14 @@ INLINE int phase_class(real *u, __global const uchar *shares, int stride)
     }
     *u = most(R(0), least((drawn - below) / (above - below), R(0.9999999)));
     return number;
+}
+
+/* Cosine of the scattering angle in a cell, by the tables of all classes. */
+INLINE real class_cosine(
+    real u, __global const uchar *shares, int stride, __global const real *tables)
+{
+    const int number = phase_class(&u, shares, stride);
+    return phase_cosine(u, tables + number * PHASE_TABLE);
 }
 
 #endif

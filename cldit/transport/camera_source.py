@@ -120,9 +120,17 @@ def _camera_sweep(problem: SweepProblem, final: FinalSource) -> CameraSweep | No
     settings, view = problem.settings, problem.view
     if "CAMERA_SWEEP" not in problem.final_program.defines:
         return None
-    table = np.zeros(1) if settings.phase is None else settings.phase.by_half_sine(PHASE_STEPS)
+    phase = settings.phase
+    tables = [] if phase is None else [one.by_half_sine(PHASE_STEPS) for one in phase.tables]
+    weights = None if phase is None else problem.medium.class_weights(phase)
     place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
-    return final.sweeper.to_camera(problem.final_program, problem.medium, table, place)
+    return final.sweeper.to_camera(
+        problem.final_program,
+        problem.medium,
+        np.concatenate(tables) if tables else np.zeros(1),
+        place,
+        weights,
+    )
 
 
 def _swept(

@@ -108,7 +108,7 @@ class OpticalCells:
         tree: Octree,
         *,
         patches: tuple[str, ...] = (),
-        scattered: float = 1.0,
+        scattered: float | NDArray[np.float64] = 1.0,
         compiled_in: Needs | None = None,
     ) -> OpticalCells:
         """Coefficients of a tree, in double precision.
@@ -116,7 +116,8 @@ class OpticalCells:
         Args:
             tree: the medium.
             patches: names of the enclosure's patches.
-            scattered: share of the scattering that counts; 1 - g is the transport correction.
+            scattered: share of the scattering that counts, of all cells or (P,); 1 - g is the
+                transport correction.
             compiled_in: physics to compile even if unused, to measure its cost.
         """
         fields = tree.fields
@@ -174,6 +175,24 @@ class OpticalCells:
                 "allowed is as many"
             )
         return shares
+
+    def class_weights(self, phase: ScatteringTable) -> NDArray[np.float64] | None:
+        """Share (K, P) of what each class of droplet size scatters; None as in `class_shares`."""
+        shares = self.class_shares(phase)
+        if shares is None:
+            return None
+        ends = np.zeros((2, shares.shape[1]))
+        ends[1] = 255.0
+        return np.asarray(np.diff(np.vstack([ends[:1], shares, ends[1:]]), axis=0) / 255.0)
+
+    def phase_moments(self, phase: ScatteringTable, count: int) -> NDArray[np.float64]:
+        """Legendre moments (count, N) of `phase` in each scattering cell.
+
+        Where one phase function holds for all cells they are (count, 1).
+        """
+        moments = np.stack([table.moments(count) for table in phase.tables], axis=1)
+        weights = self.class_weights(phase)
+        return moments if weights is None else moments @ weights[:, self.address]
 
     def in_units_of(self, other: OpticalCells) -> OpticalCells:
         """The same cells, with thermal sources in the other's unit."""

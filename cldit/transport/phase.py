@@ -58,14 +58,6 @@ class ScatteringTable:
         """Mean cosine of the scattering angle, g."""
         return float(self.moments(2)[1])
 
-    @property
-    def forward(self) -> float:
-        """Forward fraction f of the delta-M method for two moments: the third moment.
-
-        So the third moment is right too (Wiscombe, J. Atmos. Sci. 34, 1977).
-        """
-        return max(float(self.moments(4)[3]), 0.0)
-
     def to_sample(self) -> Floats:
         """Table (3 M + 2,) of kernels/phase.h: cosines, cumulative shares, bins of k / M."""
         even = np.arange(self.bins) / self.bins

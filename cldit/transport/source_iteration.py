@@ -128,13 +128,15 @@ def thick_region(cells: OpticalCells, settings: Settings) -> ThickRegion | None:
     if not (settings.within_cells and cells.needs.scattering):
         return None
     size = np.dtype(settings.real).itemsize
+    phase = settings.phase
     return ThickRegion.of(
         cells,
         cells.box(),
         deeper_than=settings.thick_depth,
         tuning=settings.tuning,
         light_bytes=settings.final_directions * len(cells.needs.components) * size,
-        asymmetry=0.0 if settings.phase is None else settings.phase.asymmetry,
+        stored=phase is None or phase.classes is None,
+        asymmetry=0.0 if phase is None else cells.phase_moments(phase, 2)[1],
     )
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from cldit.transport.cells import Box, OpticalCells
+from cldit.transport.phase import ScatteringTable
 from cldit.transport.tuning import Tuning
 
 NONE, OUTSIDE = -1, -2
@@ -53,7 +54,8 @@ class ThickRegion:
         deeper_than: float,
         tuning: Tuning,
         light_bytes: int = 0,
-        asymmetry: float = 0.0,
+        stored: bool = True,
+        asymmetry: float | NDArray[np.float64] = 0.0,
     ) -> ThickRegion | None:
         """The thick scattering cells and the cells around them.
 
@@ -65,7 +67,9 @@ class ThickRegion:
                 thick cells need too much, none is stored, and there is no control variate. Nor is
                 there where light diffuses in thick cells: what the sweeps store there is far from
                 what paths find, and the difference of both is noise.
-            asymmetry: mean cosine of scattering.
+            stored: whether radiance in thick cells may be stored at all: not where each scatters in
+                its own way.
+            asymmetry: mean cosine of scattering, of all cells or (N,).
 
         Returns:
             The region; None where no cell is thick.
@@ -98,10 +102,10 @@ class ThickRegion:
                 beside[:, 2 * axis + up] = number
             interfaces = max(ends)
         loss = cells.coalbedo[listed]
-        loss = loss / (loss + (1.0 - asymmetry) * cells.albedo[listed])
+        loss = loss / (loss + ((1.0 - asymmetry) * cells.albedo)[listed])
         deep = cells.depth[cells.address[listed]] > tuning.diffuse_depth
         diffusive = bool(np.any(deep & (loss < tuning.diffuse_coalbedo)))
-        if not diffusive and light_bytes * len(listed) <= tuning.stored_bytes:
+        if stored and not diffusive and light_bytes * len(listed) <= tuning.stored_bytes:
             owner = places[tuple((there - low).T[::-1])]
             beside[owner, 6] = interfaces + np.arange(len(listed))
             interfaces += len(listed)
@@ -123,6 +127,15 @@ class ThickRegion:
     def own(self) -> NDArray[np.int32]:
         """Numbers (R,) of the radiance stored in thick cells, after interfaces; -1: others."""
         return self.beside[:, 6]
+
+    def class_shares(
+        self, cells: OpticalCells, phase: ScatteringTable | None
+    ) -> NDArray[np.uint8] | None:
+        """`OpticalCells.class_shares` (K - 1, R) of the region's cells; 0 where not stored."""
+        shares = cells.class_shares(phase)
+        if shares is None:
+            return None
+        return np.where(self.address >= 0, shares[:, self.address], np.uint8(0))
 
     def records(
         self,

@@ -111,7 +111,9 @@ def _moments(
     settings, phase = problem.settings, problem.settings.phase
     plain = problem.program(problem.solver_defines)
     every = settings.order is None
-    turned = phase.asymmetry if every and phase is not None else 0.0
+    turned: float | Floats = 0.0
+    if every and phase is not None:
+        turned = problem.medium.phase_moments(phase, 2)[1]
     # Without a phase function all sweeps are of one medium: one sweeper serves them all.
     serves = phase is None and "LINEAR_SOURCE" not in problem.solver_defines
     sweeper = problem.sweeper(

@@ -124,10 +124,11 @@ def _scattered(problem: SweepProblem, sweeper: Sweeper, light: Moments) -> Momen
     source = albedo * light.angular
     source[0] += sweeper.thermal
     if problem.settings.phase is not None:
-        moments, forward = problem.settings.phase.moments(3), problem.forward_fraction
+        moments = problem.medium.phase_moments(problem.settings.phase, 3)
+        forward = problem.forward_fraction
         _, first, second = (moments - forward) / (1.0 - forward)
-        ratios = phase_coefficients(float(first), float(second)).astype(source.dtype)
-        source[1:] *= ratios[:, None, None]
+        ratios = phase_coefficients(first, second).astype(source.dtype)
+        source[1:] *= ratios[:, None, :]
     gradient = None
     if light.gradient is not None:
         gradient = limited_gradient(sweeper, light.gradient, source[0])

@@ -111,6 +111,16 @@ def neyman_allocation(
     return power
 
 
+def _classes(device: Device, shares: NDArray[np.uint8] | None) -> dict[str, Any]:
+    """Kernel arguments of PHASE_CLASSES, from the `shares` (K - 1, R) of the region's cells."""
+    if shares is None:
+        return {}
+    return {
+        "class_shares": upload(device, "size classes", shares),
+        "region_cells": shares.shape[1],
+    }
+
+
 class Gather:
     """The final gather of an image, in rounds of paths.
 
@@ -161,13 +171,17 @@ class Gather:
             "END_WEIGHT": f"R({end_weight})",
             "NEAREST_SIDE": NEAREST_SIDE,
         }
-        if thick.diffusive:
+        classes = thick.class_shares(cells, phase)
+        if classes is not None:
+            self._defines["PHASE_CLASSES"] = len(classes) + 1
+        if thick.diffusive or classes is not None:
             self._defines["FREE_DIRECTIONS"] = 1
         for flag in ("MOMENT_SOURCE", "LINEAR_SOURCE"):
             if flag in ends.program.defines:
                 self._defines[flag] = 1
         if phase is not None:
-            table, steps = phase.to_sample(), phase.by_half_sine(PHASE_STEPS)
+            table = np.concatenate([one.to_sample() for one in phase.tables])
+            steps = phase.by_half_sine(PHASE_STEPS)
             self._defines.update(PHASE_BINS=phase.bins, PHASE_STEPS=PHASE_STEPS)
         real = self._real
         albedo = np.zeros(len(cells.depth), real)
@@ -237,6 +251,7 @@ class Gather:
                     "first_own": light.interfaces - len(self._own),
                     "box_low": np.array([*(box.low + thick.low), 0], np.int32),
                     "box_shape": np.array([*thick.places.shape[::-1], 0], np.int32),
+                    **_classes(one, classes),
                     **last,
                     **view.lines_of_sight(one, real),
                 }
