@@ -33,6 +33,7 @@ HALF = EDGE / 4  # of the box
 BETA, ALBEDO = np.array([120.0, 70.0]), np.array([0.97, 0.85])
 DISC_Y, DISC_RADIUS = 0.04, 0.02
 PIXELS = 6
+SAMPLES = 8192
 
 
 def scene(**transport: object) -> Scene:
@@ -90,7 +91,7 @@ def medium() -> tuple[Octree, ScatteringTable]:
     return build_octree(frame, points, [], optical_depth_split=1.0), phase
 
 
-def traced(device: Device, *, one_phase: bool = False, **transport: object) -> Trace:
+def traced(device: Device, *, one_phase: bool, transport: dict[str, object]) -> Trace:
     tree, phase = medium()
     if one_phase:
         phase = replace(phase, classes=None)
@@ -156,7 +157,7 @@ def _turned(d: Floats, cosine: Floats, angle: Floats) -> Floats:
 
 @pytest.fixture(scope="module")
 def truth() -> tuple[Floats, Floats]:
-    return monte_carlo(60_000, 5)
+    return monte_carlo(40_000, 5)
 
 
 def _weights(result: Trace) -> Floats:
@@ -168,21 +169,28 @@ def test_path_by_two_classes(device: Device, truth: tuple[Floats, Floats], seed:
     """Twelve weights: each within four standard errors of both (4e-4 by chance for all of them),
     their mean squares as those of such errors, whose 99.9th percentile is 2.7. One phase function
     for all cells is further off than ten."""
-    asked = {"method": "path", "accuracy_K": 1e-3, "max_samples": 2048, "seed": seed}
-    both = traced(device, **asked)
+
+    def by_path(*, one_phase: bool) -> Trace:
+        asked = {"method": "path", "accuracy_K": 1e-3, "max_samples": SAMPLES, "seed": seed}
+        return traced(device, one_phase=one_phase, transport=asked)
+
+    both = by_path(one_phase=False)
+    assert both.counts["samples"] == SAMPLES
     assert both.standard_error is not None
     own = np.stack([both.standard_error.background[0], both.standard_error.wall[0]])
     error = np.hypot(own.astype(float), truth[1])
     apart = (_weights(both) - truth[0]) / error
     assert np.abs(apart).max() < 4 and np.mean(apart**2) < 2.7
-    one = traced(device, one_phase=True, **asked)
+    one = by_path(one_phase=True)
     assert np.abs((_weights(one) - truth[0]) / error).max() > 10
 
 
 def test_source_by_two_classes(device: Device, truth: tuple[Floats, Floats]) -> None:
     """Left are what `source` simplifies, and the ordinates: less than a quarter of what one phase
     function for all cells errs by."""
-    both, one = (traced(device, one_phase=one, accuracy_K=0.05) for one in (False, True))
+    both, one = (
+        traced(device, one_phase=one, transport={"accuracy_K": 0.05}) for one in (False, True)
+    )
     left, before = (
         float(np.sqrt(np.mean((_weights(result) - truth[0]) ** 2))) for result in (both, one)
     )
@@ -193,5 +201,5 @@ def test_source_by_two_classes(device: Device, truth: tuple[Floats, Floats]) -> 
 def test_other_classes_than_the_medium_has(device: Device) -> None:
     tree, phase = medium()
     asked = scene(method="path")
-    with pytest.raises(TransportError, match="phase function of 2 classes .* an octree with 1"):
+    with pytest.raises(TransportError, match=r"phase function of 2 classes .* an octree with 1"):
         trace(replace(tree, shares=None), asked, device, settings_for(asked, phase))
