@@ -46,9 +46,9 @@ def classes_of(
 
 
 def test_one_class_where_sizes_are_alike_everywhere(place: Floats) -> None:
-    """Any sizes at any place: chance alone sets 125 groups of 32 apart, and is taken off. It is half
-    the distance of both sizes, 0.5, over the root of 32; its square is known to 2 / 125 of 1, so
-    that what is left is below 0.02 or so."""
+    """Any sizes at any place: chance alone sets 125 groups of 32 apart, and is taken off. It is
+    half the distance of both sizes, 0.5, over the root of 32; its square is known to 2 / 125 of 1,
+    so that what is left is below 0.02 or so."""
     diameter = np.random.default_rng(3).choice([2e-6, 18e-6], COUNT)
     assert classes_of(place, diameter, tolerated=0.03).classes is None
     by_chance = classes_of(place, diameter, tolerated=0.03, sampled=False).classes
