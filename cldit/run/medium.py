@@ -14,7 +14,7 @@ from cldit.optics.band import BandOptics
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.run.budget import ParcelVariants, Probed
-from cldit.run.phases import droplets_content, in_classes, mean_phase, phase_choice
+from cldit.run.phases import droplets_content, in_classes, mean_phase, phase_choice, sizes_left
 from cldit.run.spray_factory import make_spray
 from cldit.run.stages import Stages
 from cldit.scene import Scene
@@ -83,7 +83,7 @@ def properties_of(scene: Scene, spray: Spray, *, cache: Path | None) -> Properti
         if phase_choice(scene, spray, "paper").mie:
             paper_phase = mean_phase(spray, band, paper[0], content=content, cache=cache)
             paper = (in_classes(paper[0], spray, paper_phase), paper[1])
-    remarks = (*choice.remarks, *_not_reached(scene.optics, chosen))
+    remarks = (*choice.remarks, *_not_reached(scene.optics, chosen), *sizes_left(phases))
     return Properties(chosen, sources, tuple(phases), paper, paper_phase, words, remarks)
 
 

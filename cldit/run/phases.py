@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -16,7 +17,7 @@ from cldit.spray.result import Spray
 from cldit.tables import Arrays, cached, digest
 from cldit.transport.mie_phase import SizeBins
 from cldit.transport.phase import PhaseError, ScatteringTable
-from cldit.transport.size_classes import in_size_classes
+from cldit.transport.size_classes import MOST_CLASSES, TOLERATED, in_size_classes
 
 _FORM = 2  # of kept phase functions
 
@@ -130,6 +131,22 @@ def mean_phase(
 
 def _plain(bins: SizeBins) -> Arrays:
     return {"edges_m": bins.edges_m, "share": bins.share, "within": bins.within}
+
+
+def sizes_left(phases: Sequence[ScatteringTable | None]) -> tuple[str, ...]:
+    """That the most classes of size do not tell the places of a spray apart.
+
+    Args:
+        phases: of each wavelength.
+    """
+    classes = [phase.classes for phase in phases if phase is not None]
+    left = max((one.left for one in classes if one is not None), default=0.0)
+    if left <= TOLERATED:
+        return ()
+    return (
+        f"phase functions: {MOST_CLASSES} classes of droplet size leave places {left:.2g} apart, "
+        f"more than {TOLERATED:g}, which is some 0.1 K of T_app; this is in no stated error",
+    )
 
 
 def in_classes(

@@ -186,9 +186,14 @@ class OpticalCells:
         return np.asarray(np.diff(np.vstack([ends[:1], shares, ends[1:]]), axis=0) / 255.0)
 
     def phase_moments(self, phase: ScatteringTable, count: int) -> NDArray[np.float64]:
-        """Legendre moments (count, N) of `phase` in each scattering cell.
+        """Legendre moments of a phase function in each scattering cell.
 
-        Where one phase function holds for all cells they are (count, 1).
+        Args:
+            phase: how droplets scatter.
+            count: M, the number of moments; moment 0 is 1 and moment 1 is g.
+
+        Returns:
+            (M, N); (M, 1) where one phase function holds for all cells.
         """
         moments = np.stack([table.moments(count) for table in phase.tables], axis=1)
         weights = self.class_weights(phase)

@@ -97,7 +97,8 @@ def mie_table(
     """Mean Mie phase function of droplets, weighted by scattering cross sections.
 
     Args:
-        diameter_m, scattering_m2, wavelength_um, n, k: as in `SizeBins.of`.
+        diameter_m, scattering_m2: (N,), as in `SizeBins.of`.
+        wavelength_um, n, k: likewise.
 
     Raises:
         PhaseError: nothing scatters.

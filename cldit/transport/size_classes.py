@@ -24,7 +24,9 @@ from cldit.transport.phase import ScatteringTable, SizeClasses, cosine_bounds
 Floats = NDArray[np.float64]
 
 MOST_CLASSES = 8
-# RMS distance of the groups' phase functions that is let be.
+# RMS distance of the groups' phase functions that is let be. Two sprays of droplets of 18 and 2 um
+# in different places had 0.17 and 0.24, and one phase function for all cells erred by 1.9 and 3.1 K
+# RMS of T_app, before walls at 300 K and a background at 400 K: so 0.01 is some 0.1 K.
 TOLERATED = 0.01
 _GROUP, _MOST_GROUPS = 32, 4096  # parcels of a group at least, and groups
 _EVERY = 16  # bin of the phase function whose bound is compared

@@ -131,7 +131,7 @@ class ThickRegion:
     def class_shares(
         self, cells: OpticalCells, phase: ScatteringTable | None
     ) -> NDArray[np.uint8] | None:
-        """`OpticalCells.class_shares` (K - 1, R) of the region's cells; 0 where not stored."""
+        """`OpticalCells.class_shares` of `cells` by `phase`: (K - 1, R); 0 where not stored."""
         shares = cells.class_shares(phase)
         if shares is None:
             return None
