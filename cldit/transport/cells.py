@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.errors import TransportError
 from cldit.medium.frame import BRICK
 from cldit.medium.octree import Octree
-from cldit.transport.phase import ScatteringTable
 
 _BRICK_CELLS = BRICK**3
 _FAINTEST = 1e-3  # of the hottest black body: unit of thermal sources where all of them are weaker
@@ -152,52 +150,6 @@ class OpticalCells:
             albedo=scattering[address] / safe[address],
             coalbedo=absorption[address] / safe[address],
         )
-
-    def class_shares(self, phase: ScatteringTable | None) -> NDArray[np.uint8] | None:
-        """Shares (K - 1, P) of classes of droplet size, see `Octree.shares`.
-
-        Args:
-            phase: how droplets scatter.
-
-        Returns:
-            The shares; None where one phase function holds for all cells.
-
-        Raises:
-            TransportError: the phase function has other classes than the octree.
-        """
-        if phase is None or phase.classes is None:
-            return None
-        shares, classes = self.tree.shares, len(phase.tables)
-        if shares is None or len(shares) != classes - 1:
-            found = 1 if shares is None else len(shares) + 1
-            raise TransportError(
-                f"phase function of {classes} classes of droplet size, and an octree with {found}; "
-                "allowed is as many"
-            )
-        return shares
-
-    def class_weights(self, phase: ScatteringTable) -> NDArray[np.float64] | None:
-        """Share (K, P) of what each class of droplet size scatters; None as in `class_shares`."""
-        shares = self.class_shares(phase)
-        if shares is None:
-            return None
-        ends = np.zeros((2, shares.shape[1]))
-        ends[1] = 255.0
-        return np.asarray(np.diff(np.vstack([ends[:1], shares, ends[1:]]), axis=0) / 255.0)
-
-    def phase_moments(self, phase: ScatteringTable, count: int) -> NDArray[np.float64]:
-        """Legendre moments of a phase function in each scattering cell.
-
-        Args:
-            phase: how droplets scatter.
-            count: M, the number of moments; moment 0 is 1 and moment 1 is g.
-
-        Returns:
-            (M, N); (M, 1) where one phase function holds for all cells.
-        """
-        moments = np.stack([table.moments(count) for table in phase.tables], axis=1)
-        weights = self.class_weights(phase)
-        return moments if weights is None else moments @ weights[:, self.address]
 
     def in_units_of(self, other: OpticalCells) -> OpticalCells:
         """The same cells, with thermal sources in the other's unit."""

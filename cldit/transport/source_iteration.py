@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from cldit.gpu.device import Device
 from cldit.scene.schema import Scene
 from cldit.transport.camera_source import final_sweeps, order_0_source
+from cldit.transport.cell_phases import phase_moments
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.iteration import iterate_source
 from cldit.transport.discrete_ordinates.moment_source import moment_source
@@ -136,7 +137,7 @@ def thick_region(cells: OpticalCells, settings: Settings) -> ThickRegion | None:
         tuning=settings.tuning,
         light_bytes=settings.final_directions * len(cells.needs.components) * size,
         stored=phase is None or phase.classes is None,
-        asymmetry=0.0 if phase is None else cells.phase_moments(phase, 2)[1],
+        asymmetry=0.0 if phase is None else phase_moments(cells, phase, 2)[1],
     )
 
 

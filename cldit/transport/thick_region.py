@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from cldit.transport.cells import Box, OpticalCells
-from cldit.transport.phase import ScatteringTable
 from cldit.transport.tuning import Tuning
 
 NONE, OUTSIDE = -1, -2
@@ -127,15 +126,6 @@ class ThickRegion:
     def own(self) -> NDArray[np.int32]:
         """Numbers (R,) of the radiance stored in thick cells, after interfaces; -1: others."""
         return self.beside[:, 6]
-
-    def class_shares(
-        self, cells: OpticalCells, phase: ScatteringTable | None
-    ) -> NDArray[np.uint8] | None:
-        """`OpticalCells.class_shares` of `cells` by `phase`: (K - 1, R); 0 where not stored."""
-        shares = cells.class_shares(phase)
-        if shares is None:
-            return None
-        return np.where(self.address >= 0, shares[:, self.address], np.uint8(0))
 
     def records(
         self,

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from cldit.gpu.program import Program
 from cldit.transport.angular_moments import phase_coefficients
+from cldit.transport.cell_phases import phase_moments
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.gmres import Solution
 from cldit.transport.discrete_ordinates.gradients import limit
@@ -124,7 +125,7 @@ def _scattered(problem: SweepProblem, sweeper: Sweeper, light: Moments) -> Momen
     source = albedo * light.angular
     source[0] += sweeper.thermal
     if problem.settings.phase is not None:
-        moments = problem.medium.phase_moments(problem.settings.phase, 3)
+        moments = phase_moments(problem.medium, problem.settings.phase, 3)
         forward = problem.forward_fraction
         _, first, second = (moments - forward) / (1.0 - forward)
         ratios = phase_coefficients(first, second).astype(source.dtype)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
+from cldit.transport.cell_phases import phase_moments
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
@@ -73,7 +74,7 @@ class SweepProblem:
         """
         share: float | Floats = 1.0
         if settings.phase is not None:
-            share = 1.0 - medium.phase_moments(settings.phase, 2)[1]
+            share = 1.0 - phase_moments(medium, settings.phase, 2)[1]
         tuning = settings.tuning
         linear = medium.depth[medium.address] > tuning.linear_depth
         linear_cells = linear if settings.linear_sources and linear.any() else None
@@ -165,7 +166,7 @@ class SweepProblem:
         phase, settings = self.settings.phase, self.settings
         if phase is None or settings.order is not None or not settings.tuning.delta_m:
             return np.zeros(1)
-        return np.asarray(np.maximum(self.medium.phase_moments(phase, 4)[3], 0.0))
+        return np.asarray(np.maximum(phase_moments(self.medium, phase, 4)[3], 0.0))
 
     @property
     def half(self) -> int:

@@ -21,6 +21,7 @@ from cldit.gpu.buffers import download, unset, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.partition import shares
 from cldit.gpu.program import Define, Program, build
+from cldit.transport.cell_phases import class_shares
 from cldit.transport.cells import Box
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.quadrature import (
@@ -111,13 +112,16 @@ def neyman_allocation(
     return power
 
 
-def _classes(device: Device, shares: NDArray[np.uint8] | None) -> dict[str, Any]:
-    """Kernel arguments of PHASE_CLASSES, from the `shares` (K - 1, R) of the region's cells."""
+def _classes(
+    device: Device, shares: NDArray[np.uint8] | None, thick: ThickRegion
+) -> dict[str, Any]:
+    """Kernel arguments of PHASE_CLASSES, from the `shares` (K - 1, P) of stored cells."""
     if shares is None:
         return {}
+    of_region = np.where(thick.address >= 0, shares[:, thick.address], np.uint8(0))
     return {
-        "class_shares": upload(device, "size classes", shares),
-        "region_cells": shares.shape[1],
+        "class_shares": upload(device, "size classes", of_region),
+        "region_cells": of_region.shape[1],
     }
 
 
@@ -171,7 +175,7 @@ class Gather:
             "END_WEIGHT": f"R({end_weight})",
             "NEAREST_SIDE": NEAREST_SIDE,
         }
-        classes = thick.class_shares(cells, phase)
+        classes = class_shares(cells, phase)
         if classes is not None:
             self._defines["PHASE_CLASSES"] = len(classes) + 1
         if thick.diffusive or classes is not None:
@@ -251,7 +255,7 @@ class Gather:
                     "first_own": light.interfaces - len(self._own),
                     "box_low": np.array([*(box.low + thick.low), 0], np.int32),
                     "box_shape": np.array([*thick.places.shape[::-1], 0], np.int32),
-                    **_classes(one, classes),
+                    **_classes(one, classes, thick),
                     **last,
                     **view.lines_of_sight(one, real),
                 }

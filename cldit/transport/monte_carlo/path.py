@@ -20,6 +20,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.partition import shares
 from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
+from cldit.transport.cell_phases import class_shares
 from cldit.transport.cells import OpticalCells
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
@@ -160,7 +161,7 @@ def trace_path(
         table = np.concatenate([one.to_sample() for one in tables]).astype(real)
         if len(tables) > 1:
             defines["PHASE_CLASSES"] = len(tables)
-    classes = cells.class_shares(settings.phase)
+    classes = class_shares(cells, settings.phase)
     programs = [build(one, "path.cl", defines) for one in (device, *device.others)]
     start = time.perf_counter()
     components = len(cells.needs.components) + 1  # the last: from within, see energy_balance.py
