@@ -58,13 +58,13 @@ def scene(**transport: object) -> Scene:
     )
 
 
-def medium() -> tuple[Octree, ScatteringTable]:
+def medium(denser: float = 1.0) -> tuple[Octree, ScatteringTable]:
     """A parcel in the middle of each cell of the box, and the phase functions of both sizes."""
     cell = EDGE / CELLS
     along = (np.arange(CELLS // 2) + 0.5) * cell - HALF
     place = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3)
     side = (place[:, 0] > 0).astype(int)
-    extinction = BETA[side] * cell**3
+    extinction = denser * BETA[side] * cell**3
     scattering = ALBEDO[side] * extinction
     diameter = np.where(side, LARGE, SMALL)
     bins = SizeBins.of(diameter, scattering, wavelength_um=UM, n=N, k=K)
@@ -91,8 +91,10 @@ def medium() -> tuple[Octree, ScatteringTable]:
     return build_octree(frame, points, [], optical_depth_split=1.0), phase
 
 
-def traced(device: Device, *, one_phase: bool, transport: dict[str, object]) -> Trace:
-    tree, phase = medium()
+def traced(
+    device: Device, *, one_phase: bool, transport: dict[str, object], denser: float = 1.0
+) -> Trace:
+    tree, phase = medium(denser)
     if one_phase:
         phase = replace(phase, classes=None)
     asked = scene(**transport)
@@ -185,17 +187,25 @@ def test_path_by_two_classes(device: Device, truth: tuple[Floats, Floats], seed:
     assert np.abs((_weights(one) - truth[0]) / error).max() > 10
 
 
-def test_source_by_two_classes(device: Device, truth: tuple[Floats, Floats]) -> None:
-    """Left are what `source` simplifies, and the ordinates: less than a quarter of what one phase
-    function for all cells errs by."""
+@pytest.mark.parametrize("denser", [1.0, 10.0])
+def test_source_by_two_classes(device: Device, denser: float) -> None:
+    """Against `path`, in cells of optical depth 0.2 and in deep ones, where paths of the gather
+    draw a class too. Left are what `source` simplifies, and ordinates: 0.3 at most of what one
+    phase function for all cells errs by. Energy is conserved as with one."""
+    by_path = {"method": "path", "accuracy_K": 1e-3, "max_samples": SAMPLES}
+    truth = traced(device, one_phase=False, transport=by_path, denser=denser)
+    assert truth.standard_error is not None
     both, one = (
-        traced(device, one_phase=one, transport={"accuracy_K": 0.05}) for one in (False, True)
+        traced(device, one_phase=one, transport={"accuracy_K": 0.05}, denser=denser)
+        for one in (False, True)
     )
+    noise = np.stack([truth.standard_error.background, truth.standard_error.wall]).astype(float)
     left, before = (
-        float(np.sqrt(np.mean((_weights(result) - truth[0]) ** 2))) for result in (both, one)
+        float(np.mean((_weights(result) - _weights(truth)) ** 2 - noise[:, 0] ** 2))
+        for result in (both, one)
     )
-    noise = float(np.sqrt(np.mean(truth[1] ** 2)))
-    assert np.sqrt(max(left**2 - noise**2, 0.0)) < before / 4
+    assert before > 0 and left < 0.3**2 * before
+    assert both.closure is not None and abs(both.closure.largest) < 1e-3
 
 
 def test_other_classes_than_the_medium_has(device: Device) -> None:
