@@ -54,8 +54,10 @@ class _Groups:
         bins: int,
         sampled: bool,
     ) -> _Groups:
-        scatters = scattering_m2 > 0
-        position, weight, number = position_m[scatters], scattering_m2[scatters], number[scatters]
+        position, weight = position_m, scattering_m2
+        if not np.all(weight > 0):
+            some = weight > 0
+            position, weight, number = position[some], weight[some], number[some]
         order = np.argsort(_morton(position), kind="stable")
         count = int(np.clip(len(order) // _GROUP, 1, _MOST_GROUPS))
         group = np.empty(len(order), np.intp)
@@ -84,15 +86,18 @@ class _Groups:
         return float(np.sqrt(max(self.weight @ (lengths - chance), 0.0)))
 
 
-def _morton(position: Floats) -> NDArray[np.int64]:
+def _morton(position: Floats) -> NDArray[np.int32]:
     """Numbers (N,) along Morton's curve of places (N, 3): neighbours mostly follow each other."""
-    low, high = position.min(axis=0), position.max(axis=0)
-    size = max(float((high - low).max()), 1e-300)
-    place = np.minimum((position - low) / size * 1024, 1023).astype(np.int64)
-    out = np.zeros(len(position), np.int64)
+    every = np.arange(1024, dtype=np.int32)
+    spread = np.zeros_like(every)  # a number's bits, three apart
     for bit in range(10):
-        for axis in range(3):
-            out |= (place[:, axis] >> bit & 1) << (3 * bit + axis)
+        spread |= (every >> bit & 1) << 3 * bit
+    out = np.zeros(len(position), np.int32)
+    axes = [np.ascontiguousarray(axis) for axis in position.T]
+    size = max(*(float(np.ptp(axis)) for axis in axes), 1e-300)
+    for number, axis in enumerate(axes):
+        place = ((axis - axis.min()) * (1024 / size)).astype(np.int32)
+        out |= spread[np.minimum(place, 1023)] << number
     return out
 
 
