@@ -9,13 +9,12 @@
    Each ray has sums of its own, which it adds to its parent's when it ends: a million small numbers
    added to a large one would in part be rounded away. */
 
-#include "attenuation.h"
 #include "boundary.h"
 #include "components.h"
+#include "linear_cell.h"
 #include "phase.h"
 #include "random.h"
 #include "ray.h"
-#include "octree_traversal.h"
 
 #ifndef HAS_SCATTERING
 #error "branching.cl is for scenes that scatter: define HAS_SCATTERING"
@@ -50,7 +49,7 @@ __kernel void branching(
     __global uint *started,           /* out: rays of each pixel */
     const uint2 key,
     __global const int *directory, __global const int *span, __global const real *depth,
-    __global const real *thermal, __global const real *albedo,
+    CELL_GRADIENTS_ARGUMENT __global const real *thermal, __global const real *albedo,
     const int coarse, const int stored, const int bricks,
     const int4 low, const int4 high, const int columns, const int rows, const real4 middle,
     const real pitch_x, const real pitch_z, const real distance, BOUNDARY_ARGUMENTS)
@@ -101,11 +100,21 @@ __kernel void branching(
             const Crossing cell = traversal_cell(&b.traversal, &grid, directory, span);
             const real density = depth[cell.address];
             if (density > R(0)) {
-                const real taken =
-                    b.transmitted * absorbed(density * traversal_length(&b.traversal, &cell));
+                const Extinction e = extinction_along(
+                    density, GRADIENTS_OF(cell_gradients, cell.address), &b.traversal, &cell);
+                const real t = optical_depth(e, traversal_length(&b.traversal, &cell));
+                const real shares = absorbed(t);
+                const real taken = b.transmitted * shares;
+                real scatters = albedo[cell.address];
+#ifdef LINEAR_COEFFICIENTS
+                __global const real *gradients = GRADIENTS_OF(cell_gradients, cell.address);
+                const real3 place = mean_place(&b.traversal, &cell, t, shares);
+                add_emission_gradient(sum, b.weight * taken, gradients, place);
+                scatters = albedo_at(scatters, gradients, place);
+#endif
                 for (int c = 0; c < EMITTERS; ++c)
                     sum[BOUNDARIES + c] += b.weight * taken * thermal[c * stored + cell.address];
-                const real share = taken * albedo[cell.address];
+                const real share = taken * scatters;
                 sum[WITHIN] += b.weight * (taken - share);
                 b.transmitted -= taken;
                 if (level == ORDER) {

@@ -12,24 +12,20 @@
    It ends where little weight is left, or after MAX_SEGMENTS segments, when light has forgotten where it
    came in: the sweeps' source there stands for what is left. So every path conserves energy to rounding.
 
-   Control variate: a path subtracts the stored radiance of its cell along its ordinate; the scattering
-   integral of the stored radiance is summed exactly over the quadrature. Paths estimate only the
-   remainder. Without a phase function the later segments of a path do the same.
-
-   FREE_DIRECTIONS: light diffuses in thick cells, and paths are long. They have no control variate, and
-   their directions are no ordinates, whose errors add up over many scatterings. So it is by PHASE_CLASSES,
-   since cells scatter each in their own way.
+   FREE_DIRECTIONS: light diffuses in thick cells, and paths are long. Their directions are no ordinates,
+   whose errors add up over many scatterings. So it is by PHASE_CLASSES, since cells scatter each in their
+   own way.
 
    COUNTED: in place of WITHIN stands the number of cells that segments crossed. */
 
 #include "simd.h"
 
 #include "directions.h"
+#include "extinction.h"
 #include "path_segment.h"
 #include "phase.h"
 #include "random.h"
 #include "ray.h"
-#include "octree_traversal.h"
 
 #ifndef CUTOFF
 #error "CUTOFF: transmission at which a ray ends"
@@ -92,12 +88,10 @@ INLINE void end_at(real *sum, real weight, real3 p, real3 d, __global const real
     score_light(sum, weight, &light);
 }
 
-/* Starts a path at p in a thick `cell`; subtracts the control variate, the stored radiance of the cell
-   along the ordinate, whose integral `control_variate` sums. Returns 0
-   where the path ends there. */
+/* Starts a path at p in a thick `cell`. Returns 0 where the path ends there. */
 INLINE int start_path(
-    real *sum, Segments *f, PendingScores *pending, int lane, Path *path, uint point, int cell, real3 p,
-    real weight, const PixelPaths *common, const ThickRegion *m, __global const real *by_half_sine,
+    real *sum, Segments *f, int lane, Path *path, uint point, int cell, real3 p, real weight,
+    const PixelPaths *common, const ThickRegion *m, __global const real *by_half_sine,
     __global const real *table)
 {
     __global const uint *word = common->points + point * DIMENSIONS;
@@ -117,11 +111,8 @@ INLINE int start_path(
     const int drawn =
         direction_at(unit(word[1] ^ common->shift0.x), m->directions, m->start, m->count);
     const real4 d = m->directions[drawn];
-    const int number = m->number_of[drawn];
     weight *= phase_weight(d, common->sight, by_half_sine);
-    const int own = m->beside[SIDES * cell + OWN];
-    if (own >= 0) score_later(pending, -weight, m->light + ((size_t)own * m->count + number) * COMPONENTS);
-    path->number = number;
+    path->number = m->number_of[drawn];
 #endif
     path->floor = END_WEIGHT * weight;
     start_segment(f, lane, cell, p, d.xyz, weight, unit(word[2] ^ common->shift0.y));
@@ -130,8 +121,8 @@ INLINE int start_path(
 
 /* Continues a path from the place that was drawn on its segment. Returns 0 where the path has ended. */
 INLINE int continue_path(
-    real *sum, PendingScores *pending, Segments *f, int lane, Path *path, const PixelPaths *common,
-    const ThickRegion *m, __global const real *table)
+    real *sum, Segments *f, int lane, Path *path, const PixelPaths *common, const ThickRegion *m,
+    __global const real *table)
 {
     const int cell = LANE_I(f->drawn, lane);
     const real weight = LANE(f->scattered, lane);
@@ -162,61 +153,21 @@ INLINE int continue_path(
     const int drawn = direction_at(unit(words.x), m->directions, m->start, m->count);
     const real3 on = m->directions[drawn].xyz;
     path->number = m->number_of[drawn];
-    const int own = m->beside[SIDES * cell + OWN];
-    if (own >= 0) { /* together: in a long path either sum is far larger than their difference */
-        score(pending->sum, weight, m->means + (own - m->first_own) * COMPONENTS);
-        score_later(
-            pending, -weight, m->light + ((size_t)own * m->count + path->number) * COMPONENTS);
-    }
 #endif
     start_segment(f, lane, cell, p, on, weight, unit(words.z));
     return 1;
 }
 
-/* Control variate: mean over the quadrature of the stored radiance in each thick cell, weighted by the
-   phase function for scattering to the camera. */
-__kernel void control_variate(
-    __global real *means,         /* out: [cell][component] */
-    __global const int4 *cells,   /* in: place in the cube, number in `light` */
-    const int count,
-    __global const real *light, __global const real4 *directions,
-    __global const int *number_of, const int direction_count,
-    __global const real *by_half_sine, const real4 camera)
-{
-    const int item = get_global_id(0);
-    if (item >= count) return;
-    const int4 cell = cells[item];
-#ifdef PHASE_WEIGHT
-    const real3 to_cell = (real3)(
-        cell.x + R(0.5) - camera.x, cell.y + R(0.5) - camera.y, cell.z + R(0.5) - camera.z);
-    const real far = root(to_cell.x * to_cell.x + to_cell.y * to_cell.y + to_cell.z * to_cell.z);
-    const real3 sight = to_cell / most(far, R(1e-6));
-#else
-    const real3 sight = (real3)(R(0), R(1), R(0));
-#endif
-    /* Differences from the first ordinate: rounding would count once for each segment of a path. */
-    __global const real *lit = light + (size_t)cell.w * direction_count * COMPONENTS;
-    real more[COMPONENTS];
-    for (int c = 0; c < COMPONENTS; ++c) more[c] = R(0);
-    real all = R(0), before = R(0);
-    for (int k = 0; k < direction_count; ++k) {
-        const real share = (directions[k].w - before) * phase_weight(directions[k], sight, by_half_sine);
-        before = directions[k].w;
-        all += share;
-        __global const real *seen = lit + number_of[k] * COMPONENTS;
-        for (int c = 0; c < COMPONENTS; ++c) more[c] += share * (seen[c] - lit[c]);
-    }
-    for (int c = 0; c < COMPONENTS; ++c) means[item * COMPONENTS + c] = lit[c] + more[c] / all;
-}
-
-/* An interval of a line of sight within a thick cell: the cell; start and length on the line; optical
-   depth of the cell's edge; absorbed share; and what thick cells scatter to the camera up to its end. */
+/* An interval of a line of sight within a thick cell: the cell; start and length on the line; absorbed
+   share; what thick cells scatter to the camera up to its end; and the extinction where it begins and its
+   rise. */
 #define AT 3
 #define LENGTH 4
-#define DENSITY 5
-#define SHARE 6
-#define CUMULATIVE 7
-#define INTERVAL 8
+#define SHARE 5
+#define CUMULATIVE 6
+#define ENTRY 7
+#define RISE 8
+#define INTERVAL 9
 
 /* Intervals of each listed ray. With `fill` they are written from `first` on, else only counted. */
 __kernel void thick_intervals(
@@ -228,6 +179,7 @@ __kernel void thick_intervals(
     const int count,
     __global const real *albedo, /* in: of stored cells that are thick, else 0 */
     __global const int *directory, __global const int *span, __global const real *depth,
+    CELL_GRADIENTS_ARGUMENT
     const int coarse, const int stored, const int bricks, const int4 low, const int4 high,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
     const real distance, BOUNDARY_ARGUMENTS)
@@ -245,7 +197,10 @@ __kernel void thick_intervals(
         const Crossing cell = traversal_cell(&traversal, &grid, directory, span);
         const real density = depth[cell.address];
         if (density > R(0)) {
-            const lane_t shares = absorbed((lane_t)(density * traversal_length(&traversal, &cell)));
+            const Extinction here_ = extinction_along(
+                density, GRADIENTS_OF(cell_gradients, cell.address), &traversal, &cell);
+            const lane_t shares =
+                absorbed((lane_t)optical_depth(here_, traversal_length(&traversal, &cell)));
             const real share = LANE(shares, 0);
             real taken = transmitted * share;
             transmitted -= taken;
@@ -260,9 +215,10 @@ __kernel void thick_intervals(
                     one[2] = traversal.z;
                     one[AT] = traversal.t;
                     one[LENGTH] = cell.next - traversal.t;
-                    one[DENSITY] = density;
                     one[SHARE] = share;
                     one[CUMULATIVE] = loss;
+                    one[ENTRY] = here_.entry;
+                    one[RISE] = here_.rise;
                 }
                 ++crossed;
             }
@@ -288,7 +244,7 @@ __kernel void gather(
     __global const int4 *at, __global const int *beside, __global const real *region_depth,
     __global const real *cells, __global const real *light,
     __global const real4 *directions, __global const int *number_of, __global const int *start,
-    __global const int *nearest, __global const real *light_means, const int first_own,
+    __global const int *nearest,
     const int direction_count, const int4 box_low, const int4 box_shape,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
     const real distance, BOUNDARY_ARGUMENTS
@@ -303,7 +259,7 @@ __kernel void gather(
     const Ray ray = ray_at(
         list[2 * number], list[2 * number + 1], columns, rows, middle, pitch_x, pitch_z, distance);
     const ThickRegion region = {places, at, beside, region_depth, cells, light, directions, number_of,
-                       start, nearest, light_means, first_own, direction_count, box_low, box_shape,
+                       start, nearest, direction_count, box_low, box_shape,
                        BOUNDARY
 #ifdef PHASE_CLASSES
                        , class_shares, region_cells
@@ -356,13 +312,13 @@ __kernel void gather(
             __global const real *one = interval + here * INTERVAL;
             const real before = here > 0 ? one[CUMULATIVE - INTERVAL] : R(0);
             const real part = most(R(0), least((goal - before) / (one[CUMULATIVE] - before), R(1)));
-            const real along =
-                one[AT] + least(length_at(part, one[SHARE], one[DENSITY]), one[LENGTH]);
+            const Extinction there = {one[ENTRY], one[RISE]};
+            const real along = one[AT] + least(length_along(part, one[SHARE], there), one[LENGTH]);
             const real3 corner = (real3)(one[0], one[1], one[2]);
             const int cell =
                 number_in((int3)((int)corner.x, (int)corner.y, (int)corner.z), &region);
             idle[lane] = !start_path(
-                sum, &f, &pending, lane, &paths[lane], started++, cell, from + along * sight - corner,
+                sum, &f, lane, &paths[lane], started++, cell, from + along * sight - corner,
                 path_weight, &common, &region, by_half_sine, table);
         }
         if (!any_of(f.active)) {
@@ -375,7 +331,7 @@ __kernel void gather(
             if (!LANE_I(e.ended, lane)) continue;
             LANE_I(f.active, lane) = 0;
             end_segment(sum, &pending, &f, lane, &e, paths[lane].number, &region);
-            idle[lane] = !continue_path(sum, &pending, &f, lane, &paths[lane], &common, &region, table);
+            idle[lane] = !continue_path(sum, &f, lane, &paths[lane], &common, &region, table);
         }
         UNROLL for (int c = 0; c < PARTS; ++c) {
             total[c] += sum[c];

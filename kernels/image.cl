@@ -7,19 +7,19 @@
    images, of as many sources, share one traversal.
 
    LINEAR_SOURCE: S has a spatial gradient in cells that scatter, since a cell is many pixels wide.
+   LINEAR_COEFFICIENTS: so has the extinction (extinction.h), and S in all cells.
 
-   GATHER: S of thick cells is their emission and the control variate. The final gather (gather.cl) adds
-   the rest, where the last plane is above 0.
+   GATHER: S of thick cells is their emission. The final gather (gather.cl) adds the rest, where the last
+   plane is above 0.
 
    After its components each image has the plane WITHIN: what a medium and an enclosure of radiance 1 add
    from within the medium. With the boundary's weights it sums to 1 in every pixel where energy is
    conserved (cldit/transport/energy_balance.py). */
 
-#include "attenuation.h"
 #include "boundary.h"
 #include "components.h"
+#include "extinction.h"
 #include "ray.h"
-#include "octree_traversal.h"
 
 #ifdef HAS_SCATTERING
 #define FIRST_SOURCE 0
@@ -47,13 +47,18 @@
 #define PLANES LEFT
 #endif
 
-/* A cell's record: optical depth of its edge; albedo, if it is thick; for each image the source, and the
-   emission at radiance 1, which is 1 where nothing scatters. */
-#ifdef GATHER
-#define ALBEDO 1
-#define FIRST 2
+/* A cell's record: optical depth of its edge; its relative gradient along x, y, z (LINEAR_COEFFICIENTS);
+   albedo, if it is thick; for each image the source, and the emission at radiance 1, which is 1 where
+   nothing scatters. */
+#ifdef LINEAR_COEFFICIENTS
+#define ALBEDO 4
 #else
-#define FIRST 1
+#define ALBEDO 1
+#endif
+#ifdef GATHER
+#define FIRST (ALBEDO + 1)
+#else
+#define FIRST ALBEDO
 #endif
 #ifdef HAS_SCATTERING
 #define ONE (SOURCES + 1)
@@ -103,11 +108,12 @@ INLINE void add_gradient(
     const real nearer = transmitted * t * rising(t, share, mean_transmission(t, share));
     const real where =
         R(0.5) * taken * (traversal->t + cell->next) - nearer * (cell->next - traversal->t);
-    const real x = where * traversal->dx + taken * (traversal->px - traversal->x - R(0.5));
-    const real y = where * traversal->dy + taken * (traversal->py - traversal->y - R(0.5));
-    const real z = where * traversal->dz + taken * (traversal->pz - traversal->z - R(0.5));
-    UNROLL for (int c = 0; c < COMPONENTS; ++c, ++gradient) {
-        const real more = x * gradient[0] + y * gradient[COMPONENTS] + z * gradient[2 * COMPONENTS];
+    const real half_ = R(0.5) * (cell->mask + 1);
+    const real x = where * traversal->dx + taken * (traversal->px - (traversal->x & ~cell->mask) - half_);
+    const real y = where * traversal->dy + taken * (traversal->py - (traversal->y & ~cell->mask) - half_);
+    const real z = where * traversal->dz + taken * (traversal->pz - (traversal->z & ~cell->mask) - half_);
+    UNROLL for (int c = FIRST_SOURCE; c < COMPONENTS; ++c, ++gradient) {
+        const real more = x * gradient[0] + y * gradient[SOURCES] + z * gradient[2 * SOURCES];
         UNROLL for (int p = 0; p < IMAGES; ++p) {
             sum[p * PARTS + c] += more;
             if (c < BOUNDARIES) sum[p * PARTS + WITHIN] -= more;
@@ -128,7 +134,9 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
         const int number = m->number[cell.address];
         if (number >= 0) {
             last = m->records + number * RECORD;
-            const real t = last[0] * traversal_length(&traversal, &cell);
+            const real t = optical_depth(
+                extinction_along(last[0], last + 1, &traversal, &cell),
+                traversal_length(&traversal, &cell));
             const real share = absorbed(t);
             const real taken = transmitted * share;
             add_source(sum, taken, last);
@@ -136,7 +144,7 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
             if (number < m->scattering)
                 add_gradient(
                     sum, transmitted, t, share, &traversal, &cell,
-                    m->gradient + number * (3 * COMPONENTS));
+                    m->gradient + number * (3 * SOURCES));
 #endif
             transmitted -= taken;
         }

@@ -6,13 +6,12 @@
    it, so that one traversal serves them all. On later segments the extinction draws the place, or none.
    Russian roulette ends paths of little weight; after the last order the wall is seen. */
 
-#include "attenuation.h"
 #include "boundary.h"
 #include "components.h"
+#include "linear_cell.h"
 #include "phase.h"
 #include "random.h"
 #include "ray.h"
-#include "octree_traversal.h"
 
 #ifndef HAS_SCATTERING
 #error "path.cl is for scenes that scatter: define HAS_SCATTERING"
@@ -36,6 +35,9 @@ typedef struct {
     __global const int *directory;
     __global const int *span;
     __global const real *depth;     /* optical depth of a cell's edge */
+#ifdef LINEAR_COEFFICIENTS
+    __global const real *cell_gradients; /* see extinction.h */
+#endif
     __global const real *thermal;   /* source, a plane of stored cells a component */
     __global const real *albedo;
     int stored;                     /* length of a plane */
@@ -98,15 +100,26 @@ INLINE void path(
             const Crossing cell = traversal_cell(&traversal, &m->grid, m->directory, m->span);
             const real density = m->depth[cell.address];
             if (density > R(0)) {
-                const real share = absorbed(density * traversal_length(&traversal, &cell));
+                const Extinction e = extinction_along(
+                    density, GRADIENTS_OF(m->cell_gradients, cell.address), &traversal, &cell);
+                const real t = optical_depth(e, traversal_length(&traversal, &cell));
+                const real share = absorbed(t);
                 const real taken = transmitted * share;
                 score_thermal(sum, weight * taken, cell.address, m);
+#ifdef LINEAR_COEFFICIENTS
+                __global const real *gradients = GRADIENTS_OF(m->cell_gradients, cell.address);
+                const real3 place = mean_place(&traversal, &cell, t, share);
+                add_emission_gradient(sum, weight * taken, gradients, place);
+#endif
                 if (!has_scattered && transmitted - taken <= goal) {
                     const real part = most(R(0), least((transmitted - goal) / taken, R(1)));
-                    const real at = least(traversal.t + length_at(part, share, density), cell.next);
+                    const real at = least(traversal.t + length_along(part, share, e), cell.next);
                     p = (real3)(traversal.px, traversal.py, traversal.pz) + at * d;
                     albedo = m->albedo[cell.address];
                     address = cell.address;
+#ifdef LINEAR_COEFFICIENTS
+                    albedo = albedo_at(albedo, gradients, place_in(&traversal, &cell, at));
+#endif
                     has_scattered = 1;
                 }
                 transmitted -= taken;
@@ -146,13 +159,13 @@ INLINE void path(
 
 #define MEDIUM_ARGUMENTS \
     __global const int *directory, __global const int *span, __global const real *depth, \
-    __global const real *thermal, __global const real *albedo, \
+    CELL_GRADIENTS_ARGUMENT __global const real *thermal, __global const real *albedo, \
     const int coarse, const int stored, const int bricks, \
     const int4 low, const int4 high, const int columns, const int rows, const real4 middle, \
     const real pitch_x, const real pitch_z, const real distance, BOUNDARY_ARGUMENTS \
     SHARES_ARGUMENT
 
-#define MEDIUM {directory, span, depth, thermal, albedo, stored, {coarse, bricks, low, high}, \
+#define MEDIUM {directory, span, depth, CELL_GRADIENTS thermal, albedo, stored, {coarse, bricks, low, high}, \
     BOUNDARY SHARES}
 
 /* Unscattered radiance of every pixel, and what its line of sight scatters in all. */
@@ -176,11 +189,22 @@ __kernel void straight(
         const Crossing cell = traversal_cell(&traversal, &m.grid, directory, span);
         const real density = depth[cell.address];
         if (density > R(0)) {
-            const real taken = transmitted * absorbed(density * traversal_length(&traversal, &cell));
+            const Extinction e = extinction_along(
+                density, GRADIENTS_OF(cell_gradients, cell.address), &traversal, &cell);
+            const real t = optical_depth(e, traversal_length(&traversal, &cell));
+            const real share = absorbed(t);
+            const real taken = transmitted * share;
             score_thermal(sum, taken, cell.address, &m);
-            const real share = taken * albedo[cell.address];
-            sum[WITHIN] += taken - share;
-            loss += share;
+            real scatters = albedo[cell.address];
+#ifdef LINEAR_COEFFICIENTS
+            __global const real *gradients = GRADIENTS_OF(cell_gradients, cell.address);
+            const real3 place = mean_place(&traversal, &cell, t, share);
+            add_emission_gradient(sum, taken, gradients, place);
+            scatters = albedo_at(scatters, gradients, place);
+#endif
+            const real here = taken * scatters;
+            sum[WITHIN] += taken - here;
+            loss += here;
             transmitted -= taken;
             last = cell.address;
         }
@@ -230,9 +254,18 @@ __kernel void scatter(
         const Crossing cell = traversal_cell(&traversal, &m.grid, directory, span);
         const real density = depth[cell.address];
         if (density > R(0)) {
-            const real share = absorbed(density * traversal_length(&traversal, &cell));
+            const Extinction e = extinction_along(
+                density, GRADIENTS_OF(cell_gradients, cell.address), &traversal, &cell);
+            const real t = optical_depth(e, traversal_length(&traversal, &cell));
+            const real share = absorbed(t);
             const real taken = transmitted * share;
-            const real here = taken * albedo[cell.address];
+            real scatters = albedo[cell.address];
+#ifdef LINEAR_COEFFICIENTS
+            scatters = albedo_at(
+                scatters, GRADIENTS_OF(cell_gradients, cell.address),
+                mean_place(&traversal, &cell, t, share));
+#endif
+            const real here = taken * scatters;
             transmitted -= taken;
             /* The end of the line takes all samples that are left: rounding must lose none. */
             const int end = transmitted <= R(CUTOFF) || loss + here >= all * R(0.999999);
@@ -240,7 +273,7 @@ __kernel void scatter(
                 const real goal = (sample + offset) * (all / SAMPLES) - loss;
                 if (goal >= here && !end) break;
                 const real part = most(R(0), least(goal / here, R(1)));
-                const real at = least(traversal.t + length_at(part, share, density), cell.next);
+                const real at = least(traversal.t + length_along(part, share, e), cell.next);
                 const real3 p = (real3)(ray.px, ray.py, ray.pz) + at * along;
                 const uint index = van_der_corput(sample);
                 path(sum, all / SAMPLES, p, along, cell.address, pixel, index, batch, key, shift0, shift1, &m,

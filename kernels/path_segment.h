@@ -14,10 +14,8 @@
 #endif
 
 /* Neighbours of a cell of the region, down and up along x, y and z: the number of the next cell, or
-   BOUNDARY_THERE, or INTERFACE - the number of the interface in the stored radiance. Then the number of
-   the stored radiance in the cell itself; -1: there is none. */
-#define SIDES 8
-#define OWN 6
+   BOUNDARY_THERE, or INTERFACE - the number of the interface in the stored radiance. */
+#define SIDES 6
 #define BOUNDARY_THERE (-1)
 #define INTERFACE (-2)
 
@@ -28,14 +26,12 @@ typedef struct {
     __global const int *beside;    /* SIDES a cell */
     __global const real *depth;    /* optical depth of each cell's edge, below 0 where paths go on */
     __global const real *cells;    /* records, see cell_record.h */
-    __global const real *light;    /* stored radiance: [interface or cell][ordinate][component] */
+    __global const real *light;    /* stored radiance: [interface][ordinate][component] */
     __global const real4 *directions; /* ordinates along Hilbert's curve; w: cumulative weight of what
                                          they scatter along +y */
     __global const int *number_of; /* number of each of these in `light` */
     __global const int *start;     /* first of these whose cumulative weight exceeds k / count */
     __global const int *nearest;   /* table of nearest ordinates, see direction_near; -1: none */
-    __global const real *means;    /* control variate of thick cells: [cell][component] */
-    int first_own;                 /* number in `light` of the first thick cell */
     int count;                     /* of ordinates */
     int4 low, shape;               /* the box of `places` */
     Boundary boundary;

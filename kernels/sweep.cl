@@ -72,8 +72,6 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 #define LAYERS_Y 1 /* u = x, v = z, l = y */
 #define LAYERS_X 2 /* u = y, v = z, l = x: the turned packets */
 
-#define NO_FACE 64 /* in place of a face: the radiance in the cell */
-
 /* The boundary component of a ray that enters the box at cell (u, v, l), from `back`. */
 INLINE int seen_from(int u, int v, int l, int layout, real4 back, const Boundary *boundary)
 {
@@ -129,19 +127,14 @@ INLINE weight_t phase_at(
 #endif
 
 #ifdef INTERFACE_RADIANCE
-/* Stores the radiance that leaves a cell through one of these faces. With NO_FACE it adds half of the
-   radiance in the cell, before rays cross it and after. number: of the ordinate. */
+/* Stores the radiance that leaves a cell through one of these faces. number: of the ordinate. */
 INLINE void store_interface(
-    __global real *light, int4 face, int sides, real part, int all, int number,
-    __global const real *crossing, int slots)
+    __global real *light, int4 face, int sides, int all, int number, __global const real *crossing,
+    int slots)
 {
-    const int own = face.y == NO_FACE;
-    if (!own && !(face.y & sides)) return;
+    if (!(face.y & sides)) return;
     __global real *to = light + ((size_t)face.z * all + number) * COMPONENTS;
-    UNROLL for (int c = 0; c < COMPONENTS; ++c) {
-        const real intensity = crossing[c * slots + face.x];
-        to[c] = own ? to[c] + R(0.5) * part * intensity : intensity;
-    }
+    UNROLL for (int c = 0; c < COMPONENTS; ++c) to[c] = crossing[c * slots + face.x];
 }
 #endif
 
@@ -199,12 +192,12 @@ __kernel void sweep(
 #endif
 #endif
 #ifdef INTERFACE_RADIANCE
-    , __global real *light,        /* out: stored radiance, [interface or cell][ordinate][component] */
+    , __global real *light,        /* out: stored radiance, [interface][ordinate][component] */
     const int earlier,             /* ordinates in it before these */
     const int all,                 /* ordinates in it */
     __global const int *interface_rows, /* in: first of a row's `interfaces`, [l][v], and the end */
-    __global const int4 *interfaces /* in: u of the cell that light leaves; which of its faces, as a bit, or
-                                      NO_FACE; number in `light` */
+    __global const int4 *interfaces /* in: u of the cell that light leaves; which of its faces, as a bit;
+                                      number in `light` */
 #endif
     )
 {
@@ -269,11 +262,6 @@ __kernel void sweep(
 
                 const real4 middle = parts[segment];
                 const real part = middle.w;
-#ifdef INTERFACE_RADIANCE
-                for (int i = first_interface + lane; i < end_interface; i += lanes)
-                    store_interface(light, interfaces[i], 0, part, all, ordinate, crossing, slots);
-                barrier(CLK_GLOBAL_MEM_FENCE);
-#endif
                 const real path = beams[k].x * part;
                 const real weight = beams[k].y * part;
 #ifdef SPATIAL_MOMENTS
@@ -377,7 +365,7 @@ __kernel void sweep(
                 barrier(CLK_GLOBAL_MEM_FENCE);
 #ifdef INTERFACE_RADIANCE
                 for (int i = first_interface + lane; i < end_interface; i += lanes)
-                    store_interface(light, interfaces[i], sides[segment], part, all, ordinate, crossing, slots);
+                    store_interface(light, interfaces[i], sides[segment], all, ordinate, crossing, slots);
                 barrier(CLK_GLOBAL_MEM_FENCE);
 #endif
             }

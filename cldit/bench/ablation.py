@@ -35,12 +35,12 @@ MECHANISMS: dict[str, Callable[[Settings], Settings]] = {
     "ordinates denser towards the camera": _tuned(lean=0.0),
     "gradients by the final sweeps": _tuned(spatial_from=2**30, spatial_from_phase=2**30),
     "limit of these in depth": _tuned(gradient_depth=_INF),
-    "(with a control variate in the gather)": _tuned(stored_bytes=2**29),
     "margin around thick cells": _tuned(margin=0),
     "paths beyond one segment": _tuned(segments=1),
     "paths at high albedo": _tuned(path_albedo=_INF, path_twice=_INF),
     "early ends of paths": _tuned(end_weight=0.01),
     "final gather": lambda settings: replace(settings, gather=False),
+    "extinction linear in cells": lambda settings: replace(settings, linear_coefficients=False),
 }
 
 

@@ -64,7 +64,7 @@ def halved(scene: Scene) -> Scene:
     """The scene at half its resolution in space and picture."""
     return changed(
         scene,
-        domain={"leaf_edge_m": 2 * scene.domain.leaf_edge_m},
+        domain={"leaf_edge_m": 2 * scene.domain.leaf_m},
         camera={"pixels": [max(pixels // 2, 1) for pixels in scene.camera.pixels]},
     )
 
@@ -152,7 +152,7 @@ class Case:
     @classmethod
     def of(cls, scene: Scene, device: Device, *, cache: Path) -> Case:
         """Makes the medium of `scene`, to be traced on `device`; tables are kept in `cache`."""
-        return cls(scene, device, make_medium(scene, Stages(None), cache))
+        return cls(scene, device, make_medium(scene, device, Stages(None), cache))
 
     @property
     def tree(self) -> Octree:

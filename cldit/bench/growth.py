@@ -141,7 +141,7 @@ def _cells(case: Case, cache: Path) -> Growth:
     for coarser in (4, 2, 1):
         scene = changed(
             case.scene,
-            domain={"leaf_edge_m": coarser * case.scene.domain.leaf_edge_m},
+            domain={"leaf_edge_m": coarser * case.scene.domain.leaf_m},
             camera={"pixels": [1, 1]},
         )
         some = case.seen(scene) if coarser == 1 else Case.of(scene, case.device, cache=cache)
@@ -191,7 +191,7 @@ def _wavelengths(half: Scene, base: Case, cache: Path) -> Growth:
     def work(count: int) -> int:
         optics = {"preset": "spectral", "wavelengths": count, "compare_paper": False}
         scene = changed(half, optics=optics)
-        medium = make_medium(scene, Stages(None), cache)
+        medium = make_medium(scene, base.device, Stages(None), cache)
         trees = list(medium.trees)
         nodes = medium.properties.chosen.quadrature
         each = [settings] * len(trees)

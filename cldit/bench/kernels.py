@@ -102,7 +102,7 @@ class Kernels:
         if cells.needs.scattering:
             source = np.zeros((len(cells.needs.components), len(cells.address)), real)
         listed = [source] * pictures
-        records = cell_records.records(listed, np.zeros(len(cells.address)), None, None, real)
+        records = cell_records.records(listed, np.zeros(len(cells.address)), None, real)
         arguments = {
             **upload_directory(device, cells),
             "number": upload(device, "records' numbers", cell_records.number),
@@ -145,13 +145,7 @@ class Kernels:
             found.append(pixels)
             return np.zeros((image.at_once, len(seen) + 1, len(pixels)))
 
-        image.images(
-            list(camera.halves),
-            camera.defect,
-            collect,
-            gradient=camera.gradient,
-            control_variate=gather.control_variate,
-        )
+        image.images(list(camera.halves), camera.defect, collect, gradient=camera.gradient)
         pixels = np.concatenate([np.zeros(0, np.int64), *found])
         if not len(pixels):
             return None

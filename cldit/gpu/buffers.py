@@ -86,14 +86,11 @@ def zeros(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any
     return buffer
 
 
-def clear(
-    device: Device, buffer: Any, count: int, dtype: type[np.generic], *, first: int = 0
-) -> None:
-    """Sets `count` numbers of type `dtype` to 0 in a `buffer` of `device`, from number `first`."""
+def clear(device: Device, buffer: Any, count: int, dtype: type[np.generic]) -> None:
+    """Sets the first `count` numbers of type `dtype` in a `buffer` of `device` to 0."""
     if count:
-        size = np.dtype(dtype).itemsize
         zero = np.zeros(1, np.uint8)
-        cl.enqueue_fill_buffer(device.queue, buffer, zero, first * size, count * size)
+        cl.enqueue_fill_buffer(device.queue, buffer, zero, 0, count * np.dtype(dtype).itemsize)
 
 
 def download(device: Device, buffer: Any, out: NDArray[Any], *, first: int = 0) -> NDArray[Any]:

@@ -323,7 +323,8 @@ def touched_bricks(frame: Frame, placed: Sequence[Placed], *, limit: int) -> Tou
     if slots * _CELLS_PER_BRICK > limit:
         raise MediumError(
             f"the spray fills {slots * _CELLS_PER_BRICK:.3g} cells of {frame.cell_m * 1e3:.3g} mm, "
-            f"allowed are {limit:.3g}; set domain.leaf_edge_m coarser than {2 * frame.cell_m:.3g}"
+            f"allowed are {limit:.3g}; set domain.leaf_edge_m coarser than {2 * frame.cell_m:.3g}, "
+            "or leave it out with domain.rule: need"
         )
     directory = np.full(mark.shape, -1, np.int32)
     directory[mark] = np.arange(slots, dtype=np.int32)

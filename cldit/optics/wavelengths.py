@@ -88,7 +88,7 @@ def wavelengths(
     spectrum = Spectrum.of(scene, spray, filter_um)
 
     def choose() -> Arrays:
-        lines = Sightlines.through(spray, width_m=scene.domain.leaf_edge_m)
+        lines = Sightlines.through(spray, width_m=scene.domain.leaf_m)
         light = _light(spectrum, filter_um, reference_K)
         groups, errors_K = _chosen(scene, lines, spectrum, light, filter_um, reference_K)
         means = _Means.of(spectrum, lines, groups, light)
@@ -114,7 +114,7 @@ def _content(scene: Scene, spray: Spray, spectrum: Spectrum) -> str:
         arrays += [gas.cells.lower_m, gas.cells.upper_m, gas.number_density_m3, gas.temperature_K]
     optics, sensor = scene.optics.model_dump(), scene.camera.sensor
     where = (optics, sensor.quantum_efficiency, scene.background.temperatures_K)
-    further = (scene.walls.temperature_K, scene.domain.leaf_edge_m, _asymmetry(scene))
+    further = (scene.walls.temperature_K, scene.domain.leaf_m, _asymmetry(scene))
     return f"{_FORM} {where!r} {further!r} {digest(*arrays)}"
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.dit.accuracy import VISIBLE_EMISSIVITY
+from cldit.errors import TransportError
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources, build_octrees
@@ -103,7 +104,10 @@ class Budget:
             return Cause("cells", None, "one cell: there are no larger ones to compare with")
         tell("errors: cells twice as large")
         coarse = replace(frame, depth=frame.depth - 1)
-        other = self._traced(self.probed.sources, coarse)
+        try:
+            other = self._traced(self.probed.sources, coarse)
+        except TransportError as wrong:  # larger cells reach behind a patch
+            return Cause("cells", None, f"cells of {coarse.cell_m * 1e3:.3g} mm: {wrong}")
         error = difference_K(temperature, weights, other)
         return Cause(
             "cells",

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cldit.gpu.device import Device
 from cldit.medium.cloud import SAMPLING, Kernel, halves, variants
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, PointSource, build_octrees
@@ -14,6 +15,7 @@ from cldit.optics.band import BandOptics
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.run.budget import ParcelVariants, Probed
+from cldit.run.cell_choice import cells_that_fit, chosen_frame
 from cldit.run.phases import droplets_content, in_classes, mean_phase, phase_choice, sizes_left
 from cldit.run.spray_factory import make_spray
 from cldit.run.stages import Stages
@@ -130,11 +132,14 @@ class Medium:
     probed: Probed | None = None
 
 
-def make_medium(scene: Scene, stages: Stages, cache: Path, spray: Spray | None = None) -> Medium:
+def make_medium(
+    scene: Scene, device: Device, stages: Stages, cache: Path, spray: Spray | None = None
+) -> Medium:
     """The scene's medium.
 
     Args:
         scene: what is to be traced.
+        device: whose memory the cells must fit.
         stages: take the time of each step.
         cache: folder of tables and sprays.
         spray: that of the scene, where it is there already.
@@ -151,14 +156,15 @@ def make_medium(scene: Scene, stages: Stages, cache: Path, spray: Spray | None =
         count = len(found.sources)
         note.append(f"{count} wavelength{'s' if count > 1 else ''}")
         stages.remark(found.remarks)
-    domain = scene.domain
-    frame = Frame.around(
-        centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=domain.leaf_edge_m
-    )
+    split = scene.domain.optical_depth_split
+    phase = any(one is not None for one in (*found.phases, found.paper_phase))
+    limit = cells_that_fit(device, wavelengths=len(sources), phase=phase)
+    frame, remarks = chosen_frame(scene.domain, sources[0], limit=limit)
+    stages.remark(remarks)
     probed = _probed(scene, frame, (made, spray), found) if scene.transport.audit else None
     del made, spray  # with what the trees are made of, as large as the trace that follows
     with stages.stage("octree") as note:
-        trees = build_octrees(frame, sources, optical_depth_split=domain.optical_depth_split)
+        trees = build_octrees(frame, sources, optical_depth_split=split)
         note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
     paper = trees.pop() if found.paper is not None else None
     return Medium(trees, paper, replace(found, sources=(), paper=None), notes, probed)

@@ -84,7 +84,7 @@ def simulate(
             return stored
     device = device or open_device()
     stages = Stages(progress)
-    medium = make_medium(scene, stages, cache or default_cache(), spray)
+    medium = make_medium(scene, device, stages, cache or default_cache(), spray)
     frame, chosen = medium.trees[0].frame, medium.properties.chosen
     grey = settings_for(scene, medium.properties.paper_phase)
     settings = node_settings(scene, chosen.quadrature, medium.properties.phases)

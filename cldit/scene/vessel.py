@@ -10,6 +10,9 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from cldit.scene.checks import Section, Within
 from cldit.scene.values import Direction, Length, Point, Temperature
 
+PAPER_LEAF_M = 0.5e-3
+_MOST_CELLS = 4096  # along an edge
+
 
 class Domain(Section):
     """The cube that is traced, and how finely the octree may divide it."""
@@ -18,17 +21,27 @@ class Domain(Section):
     """Of the cube."""
     centre_m: Point = (0.0, 0.0, 0.0)
     """Of the cube; the injector's tip is at the origin."""
-    leaf_edge_m: Annotated[float, Within(1e-6, 100.0)] = 0.5e-3
-    """Finest cells, at the most 4096 along an edge."""
+    rule: Literal["need", "paper"] = "need"
+    """Cells as the medium needs them, or the paper's: of 0.5 mm wherever droplets are."""
+    leaf_edge_m: Annotated[float, Within(1e-6, 100.0)] | None = None
+    """Finest cells, at the most 4096 along an edge; left out: by the rule."""
     optical_depth_split: Annotated[float, Within(0.0, 1.0)] = 1e-5
     """A cell of more optical depth than this is divided."""
 
+    @property
+    def leaf_m(self) -> float:
+        """`leaf_edge_m`, or where that is left out the paper's 0.5 mm."""
+        return PAPER_LEAF_M if self.leaf_edge_m is None else self.leaf_edge_m
+
     @model_validator(mode="after")
     def _depth(self) -> Domain:
-        if self.edge_m / self.leaf_edge_m > 4096:
+        if self.leaf_edge_m is None and self.rule == "need":
+            return self  # what is chosen is never finer
+        if self.edge_m / self.leaf_m > _MOST_CELLS:
+            given = "" if self.leaf_edge_m is not None else " (rule: paper)"
             raise ValueError(
-                f"leaf_edge_m: {self.leaf_edge_m:g} is finer than edge_m / 4096 = "
-                f"{self.edge_m / 4096:g}"
+                f"leaf_edge_m: {self.leaf_m:g}{given} is finer than edge_m / {_MOST_CELLS} = "
+                f"{self.edge_m / _MOST_CELLS:g}"
             )
         return self
 

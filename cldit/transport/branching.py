@@ -63,8 +63,9 @@ def trace_branching(
     start = time.perf_counter()
     columns, rows = view.pixels
     components = len(cells.needs.components) + 1
+    middles = cells.middles() if settings.linear_coefficients else cells
     albedo = np.zeros(len(cells.depth), real)
-    albedo[cells.address] = cells.albedo
+    albedo[cells.address] = middles.albedo
     outs = []
     for program, (one, mine) in zip(programs, divided, strict=True):
         out = zeros(one, "image", components * rows * columns, real)
@@ -77,9 +78,9 @@ def trace_branching(
                     "weights": out,
                     "started": rays,
                     "key": np.array([settings.seed, 1], np.uint32),
-                    "thermal": upload(one, "thermal source", cells.thermal_planes(real)),
+                    "thermal": upload(one, "thermal source", middles.thermal_planes(real)),
                     "albedo": upload(one, "albedo", albedo),
-                    **upload_tree(one, cells, real),
+                    **upload_tree(one, cells, real, linear=settings.linear_coefficients),
                     **view.geometry(one, cells, real),
                 },
                 offset=(0, mine.start),

@@ -12,8 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.transport.cells import OpticalCells
+from cldit.transport.discrete_ordinates.limiter import limit
+from cldit.transport.linear_coefficients import MOST
 
 Floats = NDArray[np.float64]
+_TOGETHER = 2**18  # cells
 
 
 @dataclass(frozen=True)
@@ -21,52 +24,107 @@ class CellRecords:
     """The non-empty cells, those that scatter first.
 
     at: (F,) their addresses. number: (P,) int32 row of each stored cell, -1 where it is empty.
+    linear: whether coefficients are linear in cells.
     """
 
     cells: OpticalCells
     at: NDArray[np.int64]
     number: NDArray[np.int32]
+    linear: bool = False
 
     @classmethod
-    def of(cls, cells: OpticalCells) -> CellRecords:
-        """Of all stored cells of optical depth above 0."""
+    def of(cls, cells: OpticalCells, *, linear: bool = False) -> CellRecords:
+        """Of all stored cells of optical depth above 0; `linear` as in `CellRecords`."""
         others = cells.depth > 0
         others[cells.address] = False
         at = np.concatenate([cells.address, np.flatnonzero(others)])
         number = np.full(len(cells.depth), -1, np.int32)
         number[at] = np.arange(len(at))
-        return cls(cells, at, number)
+        return cls(cells, at, number, linear)
+
+    def linear_sources(
+        self,
+        listed: list[NDArray[np.floating] | None],
+        gradient: NDArray[np.floating] | None,
+        thick: NDArray[np.int64] | None,
+    ) -> tuple[list[NDArray[np.floating] | None], NDArray[np.floating]]:
+        """Sources in the cells' middles, and their gradients, where coefficients are linear.
+
+        Args:
+            listed, thick: as in `records`; all sources are None or none is.
+            gradient: (3, C, N) of the radiance's part of the sources; None: it is constant.
+
+        Returns:
+            Sources (C, N) for `records`; and (F, 3 S) gradients of the S components that begin in
+            cells. Those of thick cells are 0: the gather has one albedo in each.
+        """
+        cells, needs, linear = self.cells, self.cells.needs, self.cells.linear
+        first = 0 if needs.scattering else needs.boundaries
+        out = [None if source is None else np.array(source) for source in listed]
+        sources = [source for source in out if source is not None]
+        count = len(cells.address) if sources else 0
+        table = np.zeros((len(self.at), 3, len(needs.components) - first), np.float32)
+        for begin in range(0, len(self.at), _TOGETHER):
+            some = slice(begin, min(begin + _TOGETHER, len(self.at)))
+            at = self.at[some]
+            change = np.zeros((3, len(needs.components), len(at)), np.float32)
+            change[:, needs.boundaries :] = linear.emission[:, at].transpose(2, 0, 1)
+            known, mine = slice(begin, min(some.stop, count)), slice(0, max(count - begin, 0))
+            if mine.stop:
+                mean = np.mean([source[:, known] for source in sources], axis=0)
+                light = mean.copy()
+                light[needs.boundaries :] -= cells.thermal_planes(np.float32, at[mine])
+                light /= cells.albedo[known].astype(np.float32)
+                own = change[:, :, mine] + light * linear.albedo[at[mine]].T[:, None]
+                if gradient is not None:
+                    own += gradient[:, :, known]
+                edge = linear.edge[at[mine]]
+                own *= edge
+                limit(own, mean / np.float32(MOST), needs.boundaries)
+                excess = np.einsum("pi,icp->cp", linear.extinction[at[mine]], own) * edge
+                for source in sources:
+                    source[:, known] -= excess / np.float32(12)
+                change[:, :, mine] = own / edge
+            table[some] = change[:, first:].transpose(2, 0, 1)
+        if thick is not None:
+            table[thick] = 0.0
+        return out, table.reshape(len(self.at), 3 * table.shape[2])
 
     def records(
         self,
         listed: list[NDArray[np.floating] | None],
         defect: Floats,
         thick: NDArray[np.int64] | None,
-        control_variate: NDArray[np.floating] | None,
         real: type[np.floating],
     ) -> NDArray[np.floating]:
         """(F, R) records of the cells, in the type `real`.
 
-        A record has the optical depth of the cell's edge; with `thick`, the albedo of thick cells,
-        else 0; and for each image the source of all components and the emission at radiance 1.
-        Where nothing scatters it has emitters alone; the emission at radiance 1 is then 1.
+        A record has the optical depth of the cell's edge; its relative gradient where it is linear;
+        with `thick`, the albedo of thick cells, else 0; and for each image the source of all
+        components and the emission at radiance 1. Where nothing scatters it has emitters alone; the
+        emission at radiance 1 is then 1.
 
         Args:
-            listed, defect, control_variate: as in `FormalSolution.images`.
+            listed, defect: as in `FormalSolution.images`.
             thick: (T,) which scattering cells the final gather refines; None: there is no gather.
             real: the device's precision.
         """
         cells, needs = self.cells, self.cells.needs
-        thermal = cells.thermal_planes(real, self.at).T
-        first = 1 if thick is None else 2
+        middles = cells.middles() if self.linear else cells
+        thermal = middles.thermal_planes(real, self.at).T
+        head = cells.depth[self.at, None].astype(real)
+        if self.linear:
+            head = np.column_stack([head, cells.linear.extinction[self.at].astype(real)])
         if not needs.scattering:
-            return np.column_stack([cells.depth[self.at].astype(real), thermal])
+            return np.column_stack([head, thermal])
+        albedo_at = head.shape[1]
+        first = albedo_at if thick is None else albedo_at + 1
         parts = len(needs.components) + 1
         out = np.zeros((len(self.at), first + parts * len(listed)), real)
-        out[:, 0] = cells.depth[self.at]
+        out[:, :albedo_at] = head
         row = self.number[cells.address]
         if thick is not None:
-            out[row[thick], 1] = cells.albedo[thick]
+            out[row[thick], albedo_at] = cells.albedo[thick]
         for image, source in enumerate(listed):
             mine = out[:, first + parts * image : first + parts * (image + 1)]
             mine[:, needs.boundaries : -1] = thermal
@@ -79,14 +137,11 @@ class CellRecords:
             outside = source[: needs.boundaries].sum(axis=0, dtype=np.float64)
             value[:, -1] = 1.0 - outside + made
             if thick is not None:
-                # The gather adds what is scattered, or its difference from the control variate.
+                # The gather adds what is scattered.
                 value[thick, :-1] = 0.0
                 value[thick, -1] = (cells.coalbedo + made)[thick]
-                if control_variate is not None:
-                    scattered = cells.albedo[thick] * control_variate
-                    value[thick, :-1] = scattered.T
-                    outside = scattered[: needs.boundaries].sum(axis=0)
-                    value[thick, -1] += cells.albedo[thick] - outside
-                value[thick, needs.boundaries : -1] += thermal[row[thick]]
+                value[thick, needs.boundaries : -1] = cells.thermal_planes(
+                    real, cells.address[thick]
+                ).T
             mine[row] = value
         return out

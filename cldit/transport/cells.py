@@ -6,6 +6,7 @@ Every method and all stages of `trace_source` take their medium from here.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from cldit.medium.frame import BRICK
 from cldit.medium.octree import Octree
+from cldit.transport.linear_coefficients import LinearCoefficients
 
 _BRICK_CELLS = BRICK**3
 _FAINTEST = 1e-3  # of the hottest black body: unit of thermal sources where all of them are weaker
@@ -151,6 +153,31 @@ class OpticalCells:
             coalbedo=absorption[address] / safe[address],
         )
 
+    @cached_property
+    def linear(self) -> LinearCoefficients:
+        """Gradients of the coefficients in cells."""
+        albedo = np.zeros(len(self.depth))
+        albedo[self.address] = self.albedo
+        emitted = {name: self.emitted[name] for name in self.needs.emitters}
+        return LinearCoefficients.of(self.tree, albedo, emitted)
+
+    def linear_planes(self, real: type[np.floating]) -> NDArray[np.floating]:
+        """Gradients (P, 2 + E, 3) as kernels/extinction.h reads them, in the type `real`."""
+        linear = self.linear
+        planes = [linear.extinction, linear.albedo, *linear.emission]
+        return np.stack(planes, axis=1).astype(real, copy=False)
+
+    def middles(self) -> OpticalCells:
+        """Albedo and emission in the cells' middles in place of their means; see `linear`."""
+        linear = self.linear
+        emitted = dict(self.emitted)
+        for name, gradient in zip(self.needs.emitters, linear.emission, strict=True):
+            emitted[name] = self.emitted[name] - linear.excess(gradient)
+        excess = linear.excess(linear.albedo)[self.address]
+        return replace(
+            self, emitted=emitted, albedo=self.albedo - excess, coalbedo=self.coalbedo + excess
+        )
+
     def in_units_of(self, other: OpticalCells) -> OpticalCells:
         """The same cells, with thermal sources in the other's unit."""
         ratio = self.scale / other.scale
@@ -170,11 +197,11 @@ class OpticalCells:
         return np.stack(planes) if planes else np.zeros((0, len(self.depth[at])), real)
 
     def bounds(self) -> Box:
-        """The smallest box of whole bricks around everything that is not empty space."""
+        """The smallest box around all that is not empty space; its lower corner is a brick's."""
         return self._around(self.tree.filled)
 
     def box(self) -> Box:
-        """The smallest box of whole bricks around all divided bricks: what is swept.
+        """The smallest box around all divided bricks: what is swept. Its lower corner is a brick's.
 
         Undivided leaves outside it are thinner than the octree's bound; only the image has them.
         """
@@ -184,12 +211,31 @@ class OpticalCells:
         if not bricks.any():
             return Box(low=(0, 0, 0), shape=(1, 1, 1))
         low, shape = [], []
-        for others in ((0, 1), (0, 2), (1, 2)):  # what is left is x, y, z
+        for axis, others in enumerate(((0, 1), (0, 2), (1, 2))):  # what is left is x, y, z
             along = np.flatnonzero(bricks.any(axis=others))
             low.append(int(along[0]) * BRICK)
-            high = min((int(along[-1]) + 1) * BRICK, self.tree.frame.cells)
+            first, last = int(along[0]), int(along[-1])
+            # Cut at neither side or at both: a box that is mirrored about its content stays so.
+            begins = self._held(bricks, first, axis)[0] == 0
+            end = self._held(bricks, last, axis)[-1] + 1 if begins else BRICK
+            high = min(last * BRICK + int(end), self.tree.frame.cells)
             shape.append(high - low[-1])
         return Box(low=(low[0], low[1], low[2]), shape=(shape[0], shape[1], shape[2]))
+
+    def _held(self, bricks: NDArray[np.bool_], number: int, axis: int) -> NDArray[np.int64]:
+        """Cells along x, y or z that hold something in layer `number` of some `bricks`; or all.
+
+        A grid whose edge is no multiple of a brick's ends where its cells end, so that a background
+        or a patch may lie right behind it.
+        """
+        layer = (slice(None),) * (2 - axis) + (number,)
+        slots = self.tree.directory[layer][bricks[layer]]
+        stored = self.depth[: self.tree.slots * _BRICK_CELLS].reshape(-1, BRICK, BRICK, BRICK)
+        held = np.zeros(0, np.int64)
+        if not np.any(slots < 0):
+            others = tuple({1, 2, 3} - {3 - axis})
+            held = np.flatnonzero((stored[slots] > 0).any(axis=(0, *others)))
+        return held if len(held) else np.arange(BRICK)
 
     def positions(self, address: NDArray[np.int64]) -> NDArray[np.int64]:
         """Finest cell (N, 3; x, y, z) of stored addresses."""

@@ -89,13 +89,13 @@ class FormalSolution:
         defines = {**defines, "IMAGES": at_once}
         if thick is not None:
             defines["GATHER"] = 1
-        if linear:
+        if linear or "LINEAR_COEFFICIENTS" in defines:
             defines["LINEAR_SOURCE"] = 1
         real: type[np.floating] = np.float64 if "USE_FLOAT64" in defines else np.float32
         rays = scene.camera.rays_per_pixel
         if rays != 1:
             defines["RAYS_ACROSS"] = _ACROSS[rays]
-        cell_records = CellRecords.of(cells)
+        cell_records = CellRecords.of(cells, linear="LINEAR_COEFFICIENTS" in defines)
         parts = [
             _Part(
                 device=one,
@@ -118,7 +118,6 @@ class FormalSolution:
         gather: Gathered | None = None,
         *,
         gradient: NDArray[np.floating] | None = None,
-        control_variate: NDArray[np.floating] | None = None,
     ) -> tuple[list[Reals], list[Reals], int]:
         """Images of sources, of one ray a pixel as well where there are several.
 
@@ -127,8 +126,6 @@ class FormalSolution:
             defect: (N,) error of the mean radiance in a cavity of radiance 1.
             gather: adds what thick cells scatter; needed with `thick`.
             gradient: (3, C, N) spatial gradient of all of the sources; needed with `linear`.
-            control_variate: (C, T) mean radiance that thick cells scatter, without the remainder
-                that `gather` adds.
 
         Returns:
             Weights (C + 1, H, W) of each image, the part from within the medium last (see
@@ -137,7 +134,7 @@ class FormalSolution:
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
-        records = self._records(listed, defect, gradient, control_variate)
+        records = self._records(listed, defect, gradient)
         every = np.arange(columns * rows)
         pixels = np.empty(0, np.int64) if rays == 1 else every
         images, left = self._images(self._whole(records))
@@ -158,15 +155,19 @@ class FormalSolution:
         listed: list[NDArray[np.floating] | None],
         defect: Floats,
         gradient: NDArray[np.floating] | None,
-        control_variate: NDArray[np.floating] | None,
     ) -> list[dict[str, Any]]:
         """On each device: kernel arguments of the cells' sources."""
-        made = self.cell_records.records(listed, defect, self.thick, control_variate, self.real)
+        table = None
+        if self.cell_records.linear:
+            listed, table = self.cell_records.linear_sources(listed, gradient, self.thick)
+        elif gradient is not None:
+            table = gradient.reshape(-1, gradient.shape[2]).T
+        made = self.cell_records.records(listed, defect, self.thick, self.real)
         records = [{"records": upload(part.device, "records", made)} for part in self.parts]
-        if gradient is None:
+        if table is None:
             return records
-        table = gradient.reshape(-1, gradient.shape[2]).T.astype(self.real)
-        if self.thick is not None:
+        table = np.ascontiguousarray(table, self.real)
+        if self.thick is not None and not self.cell_records.linear:
             table[self.thick] = 0.0
         for part, some in zip(self.parts, records, strict=True):
             some["gradient"] = upload(part.device, "gradient", table)

@@ -37,6 +37,7 @@ class Settings:
     gather: sources have spatial gradients, and the final gather refines thick cells. Without it
         sources are constant in cells, as in the paper.
     audit: a few pixels of `source` are traced by `path`, where `source` simplifies anything.
+    linear_coefficients: the extinction is linear in cells for all rays but the sweeps'.
     thick_depth: optical depth of a cell's edge from which the final gather refines it.
     path_depth: optical depth from which its paths go on in a cell.
     """
@@ -54,6 +55,7 @@ class Settings:
     phase: ScatteringTable | None = None
     gather: bool = True
     audit: bool = True
+    linear_coefficients: bool = False
     thick_depth: float = Tuning.thick_depth
     path_depth: float = Tuning.path_depth
     tuning: Tuning = field(default_factory=Tuning)
@@ -65,8 +67,10 @@ class Settings:
 
     def defines(self, cells: OpticalCells, view: View) -> dict[str, Define]:
         """Compile-time defines of all kernels of a trace of `cells` from `view`."""
-        double: dict[str, Define] = {"USE_FLOAT64": 1} if self.precision == "float64" else {}
-        return {**cells.needs.defines, **view.defines, **double}
+        own: dict[str, Define] = {"USE_FLOAT64": 1} if self.precision == "float64" else {}
+        if self.linear_coefficients:
+            own["LINEAR_COEFFICIENTS"] = 1
+        return {**cells.needs.defines, **view.defines, **own}
 
     @property
     def within_cells(self) -> bool:

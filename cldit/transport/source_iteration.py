@@ -89,7 +89,6 @@ def trace_source(
             np.zeros(0) if camera is None else camera.defect,
             gather,
             gradient=None if camera is None else camera.gradient,
-            control_variate=None if gather is None else gather.control_variate,
         )
         seconds["image"] = time.perf_counter() - start
         mean = halves[0] if len(halves) < 2 else (halves[0] + halves[1]) / 2
@@ -128,15 +127,12 @@ def thick_region(cells: OpticalCells, settings: Settings) -> ThickRegion | None:
     """The region of `cells` that the final gather refines by `settings`; None: there is none."""
     if not (settings.within_cells and cells.needs.scattering):
         return None
-    size = np.dtype(settings.real).itemsize
     phase = settings.phase
     return ThickRegion.of(
         cells,
         cells.box(),
         deeper_than=settings.thick_depth,
         tuning=settings.tuning,
-        light_bytes=settings.final_directions * len(cells.needs.components) * size,
-        stored=phase is None or phase.classes is None,
         asymmetry=0.0 if phase is None else phase_moments(cells, phase, 2)[1],
     )
 

@@ -30,8 +30,8 @@ class ThickRegion:
     address: (R,) the same among stored cells; -1: not stored.
     low: (3,) lower corner in the box of the part around the region.
     places: (z, y, x) number of the region's cell at each place of that part; -1: none.
-    beside: (R, 8) neighbours of each cell, as in kernels/path_segment.h.
-    interfaces: numbers of stored radiance, of interfaces and then of thick cells.
+    beside: (R, 6) neighbours of each cell, as in kernels/path_segment.h.
+    interfaces: number of interfaces, whose radiance the final sweeps store.
     diffusive: whether light diffuses in thick cells, so that the sweeps' sources are not relied on.
     """
 
@@ -52,8 +52,6 @@ class ThickRegion:
         *,
         deeper_than: float,
         tuning: Tuning,
-        light_bytes: int = 0,
-        stored: bool = True,
         asymmetry: float | NDArray[np.float64] = 0.0,
     ) -> ThickRegion | None:
         """The thick scattering cells and the cells around them.
@@ -61,13 +59,7 @@ class ThickRegion:
         Args:
             cells, box: the medium, and its swept box.
             deeper_than: optical depth of a cell's edge above which it is thick.
-            tuning: `margin` cells around thick ones; `stored_bytes` for their radiance.
-            light_bytes: memory of the radiance in one cell along all final ordinates. Where all
-                thick cells need too much, none is stored, and there is no control variate. Nor is
-                there where light diffuses in thick cells: what the sweeps store there is far from
-                what paths find, and the difference of both is noise.
-            stored: whether radiance in thick cells may be stored at all: not where each scatters in
-                its own way.
+            tuning: `margin` cells around thick ones; which of them are `diffusive`.
             asymmetry: mean cosine of scattering, of all cells or (N,).
 
         Returns:
@@ -86,7 +78,7 @@ class ThickRegion:
         places[region] = np.arange(np.count_nonzero(region))
         at = np.argwhere(region)[:, ::-1]
         around = np.pad(places, 1, constant_values=OUTSIDE)
-        beside = np.full((len(at), 8), NONE, np.int32)
+        beside = np.full((len(at), 6), NONE, np.int32)
         interfaces = 0
         for axis in range(3):
             ends = []
@@ -104,10 +96,6 @@ class ThickRegion:
         loss = loss / (loss + ((1.0 - asymmetry) * cells.albedo)[listed])
         deep = cells.depth[cells.address[listed]] > tuning.diffuse_depth
         diffusive = bool(np.any(deep & (loss < tuning.diffuse_coalbedo)))
-        if stored and not diffusive and light_bytes * len(listed) <= tuning.stored_bytes:
-            owner = places[tuple((there - low).T[::-1])]
-            beside[owner, 6] = interfaces + np.arange(len(listed))
-            interfaces += len(listed)
         at += low
         address = cells.stored(at + np.asarray(box.low))
         return cls(listed, at, address, low, places, beside, interfaces, diffusive)
@@ -119,13 +107,7 @@ class ThickRegion:
         Two faces that no direction crosses outwards together may share a number: segments end in
         the radiance of an ordinate of their own octant.
         """
-        sides = self.beside[:, :6]
-        return np.where(sides <= _INTERFACE, _INTERFACE - sides, NONE)
-
-    @property
-    def own(self) -> NDArray[np.int32]:
-        """Numbers (R,) of the radiance stored in thick cells, after interfaces; -1: others."""
-        return self.beside[:, 6]
+        return np.where(self.beside <= _INTERFACE, _INTERFACE - self.beside, NONE)
 
     def records(
         self,

@@ -66,6 +66,8 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
         phase=phase,
         gather=spec.gather,
         audit=spec.audit,
+        # A user's grid of coefficients is the medium itself: even in each voxel.
+        linear_coefficients=tuning.linear_coefficients and scene.spray.model != "grid",
         path_depth=tuning.path_depth * deeper ** (2 / 3),
         thick_depth=thick / max(finer, 1.0) ** (1 / 3),
         tuning=tuning,

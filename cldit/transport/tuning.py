@@ -54,6 +54,9 @@ class Tuning:
     delta_m: bool = _number(True, "delta-M method: bias, ordinates", ABLATION)
     moment_share: int = _number(2, "ordinates of moment sweeps: bias, time", ABLATION)
 
+    # Extinction within cells.
+    linear_coefficients: bool = _number(True, "linear in cells: blocks, memory", ABLATION)
+
     # Final sweeps.
     lean: float = _number(0.6, "density of ordinates on the camera's side", ABLATION)
     spatial_from: int = _number(48, "ordinates from which the sweeps test gradients", ABLATION)
@@ -68,8 +71,6 @@ class Tuning:
     path_albedo: float = _number(0.8, "albedo from which paths go on at any depth", ABLATION)
     path_twice: float = _number(0.3, "albedo^2 depth from which they do, over path_depth", ABLATION)
     margin: int = _number(1, "cells around thick ones that segments cross", ABLATION)
-    # 0: what paths find less what is stored can be below 0, and storing costs what it saves.
-    stored_bytes: int = _number(0, "stored radiance of thick cells: memory, noise", ABLATION)
     end_weight: float = _number(0.03, "weight below which paths end: time, bias", ABLATION)
     least_transmission: float = _number(0.03, "where segments end, per K asked", ERROR)
     segments: int = _number(128, "of a path, at most: time, bias", STABILITY)

@@ -167,16 +167,35 @@ def upload_directory(device: Device, cells: OpticalCells) -> dict[str, Any]:
     }
 
 
-def upload_tree(device: Device, cells: OpticalCells, real: type[np.floating]) -> dict[str, Any]:
-    """Kernel arguments on `device` of the octree of `cells`, with optical depths as `real`."""
-    return {
+def upload_tree(
+    device: Device, cells: OpticalCells, real: type[np.floating], *, linear: bool = False
+) -> dict[str, Any]:
+    """Kernel arguments of the octree with its optical depths.
+
+    Args:
+        device: holds them.
+        cells: the medium.
+        real: type of real numbers on the device.
+        linear: with gradients of the coefficients, for LINEAR_COEFFICIENTS.
+
+    Returns:
+        The arguments by name.
+    """
+    out = {
         **upload_directory(device, cells),
         "depth": upload(device, "optical depth", cells.depth.astype(real)),
     }
+    if linear:
+        gradients = cells.linear_planes(real)
+        out["cell_gradients"] = upload(device, "gradients in cells", gradients)
+    return out
 
 
 def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:
     """Checks that no ray leaves the medium beyond the disc or a patch.
+
+    The medium may end anywhere in its last cells. A disc in these is seen as well, for a line's
+    way is followed back to it; a patch is not.
 
     Args:
         scene, cells, view: the boundary and the medium, and both in one unit.
@@ -186,7 +205,7 @@ def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:
     """
     frame, box = cells.tree.frame, cells.box()
     low, high = np.asarray(box.low, float), np.add(box.low, box.shape).astype(float)
-    if scene.background.shape == "disc" and view.disc[1] < high[1] - 1e-6:
+    if scene.background.shape == "disc" and view.disc[1] < high[1] - 1.0:
         reach = frame.lower_m[1] + high[1] * frame.cell_m
         raise TransportError(
             f"background.centre_m: y = {scene.background_centre_m[1]:g} m lies inside the spray, "

@@ -87,9 +87,7 @@ def chosen_and_maps(
     """What was chosen, and the noise-free evaluation of its traces, one for each seed."""
     found = properties_of(scene, spray, cache=default_cache())
     domain = scene.domain
-    frame = Frame.around(
-        centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=domain.leaf_edge_m
-    )
+    frame = Frame.around(centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=domain.leaf_m)
     split = domain.optical_depth_split
     trees = build_octrees(frame, list(found.sources), optical_depth_split=split)
     quadrature = found.chosen.quadrature

@@ -11,8 +11,8 @@ from .medium import random_tree
 
 
 def test_records_of_filled_cells() -> None:
-    """Sources of both images lie where the kernel reads them, and thick cells scatter the control
-    variate. In every cell the boundary's part and the emission at radiance 1 sum to 1."""
+    """Sources of both images lie where the kernel reads them, and thick cells have their emission
+    alone. Elsewhere the boundary's part and the emission at radiance 1 sum to 1."""
     medium = OpticalCells.of(random_tree(8))
     rng = np.random.default_rng(6)
     made = CellRecords.of(medium)
@@ -20,8 +20,7 @@ def test_records_of_filled_cells() -> None:
     cells, count = len(medium.address), len(medium.needs.components)
     listed = [rng.random((count, cells)) / 8 for _ in range(2)]
     thick = np.flatnonzero(rng.random(cells) < 0.3)
-    expected = rng.random((count, len(thick))) / 8
-    records = made.records(list(listed), np.zeros(cells), thick, expected, np.float64)
+    records = made.records(list(listed), np.zeros(cells), thick, np.float64)
     assert records.shape == (len(made.at), 2 + 2 * (count + 1))
     np.testing.assert_array_equal(records[:, 0], medium.depth[made.at])
     row = made.number[medium.address]
@@ -31,8 +30,9 @@ def test_records_of_filled_cells() -> None:
     for image, source in enumerate(listed):
         mine = records[:, 2 + image * (count + 1) : 2 + (image + 1) * (count + 1)]
         np.testing.assert_array_equal(mine[row[plain], :-1], source[:, plain].T)
-        scattered = medium.albedo[thick] * expected
-        scattered[2:] += medium.thermal_planes(np.float64)[:, medium.address[thick]]
-        np.testing.assert_array_equal(mine[row[thick], :-1], scattered.T)
+        emitted = np.zeros((count, len(thick)))
+        emitted[2:] = medium.thermal_planes(np.float64)[:, medium.address[thick]]
+        np.testing.assert_array_equal(mine[row[thick], :-1], emitted.T)
         whole = mine[:, :2].sum(axis=1) + mine[:, -1]
+        whole[row[thick]] += medium.albedo[thick]  # the gather's
         np.testing.assert_allclose(whole, 1.0, rtol=1e-12)

@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from cldit.gpu.buffers import download, upload, zeros
-from cldit.gpu.device import Device
-from cldit.gpu.program import build
 from cldit.transport.discrete_ordinates.quadrature import NEAREST_SIDE, focused, isotropic, nearest
 from cldit.transport.discrete_ordinates.segments import Segments
 from cldit.transport.final_gather.gather import neyman_allocation
@@ -182,62 +179,6 @@ def test_points_are_sobols() -> None:
     gray[index ^ (index >> 1)] = expected
     got = np.concatenate([points(0, 1), points(1, 2046), points(2047, 2049)])
     np.testing.assert_array_equal(got / 2.0**32, gray)
-
-
-def test_control_variate(device: Device) -> None:
-    """Means over the ordinates with the phase function for each cell's own angle to the camera, not
-    for a line of sight along +y. The radiance is stored in another order of ordinates."""
-    rng = np.random.default_rng(7)
-    directions, cells, steps = isotropic(24, rng), 5, 64
-    defines = {
-        "BOUNDARY_DISC": 1,
-        "CAMERA_PINHOLE": 1,
-        "CUTOFF": 1e-4,
-        "MIN_TRANSMISSION": 1e-4,
-        "MAX_SEGMENTS": 4,
-        "PENDING_READS": 2,
-        "END_WEIGHT": 0.2,
-        "NEAREST_SIDE": NEAREST_SIDE,
-        "SIMD_WIDTH": 1,
-    }
-    defines |= {"HAS_DROPLETS": 1, "HAS_SCATTERING": 1, "PHASE_STEPS": steps, "PHASE_BINS": 16}
-    program = build(device, "gather.cl", defines)
-    at = rng.integers(0, 30, (cells, 3))
-    own = np.array([7, 3, 8, 4, 5])
-    light = rng.random((9, 24, 3)).astype(np.float32)  # background, walls, droplets
-    phase = rng.random(steps).astype(np.float32) + 0.1
-    share, number = rng.random(24), rng.permutation(24)
-    table = np.column_stack([directions.unit, np.cumsum(share) / share.sum()]).astype(np.float32)
-    camera = np.array([12.0, -40.0, 9.0, 0.0], np.float32)
-    out = zeros(device, "means", cells * 3, np.float32)
-    program.launch(
-        "control_variate",
-        (cells,),
-        None,
-        {
-            "means": out,
-            "cells": upload(device, "cells", np.column_stack([at, own]).astype(np.int32)),
-            "count": cells,
-            "light": upload(device, "light", light),
-            "directions": upload(device, "directions", table),
-            "number_of": upload(device, "directions", number.astype(np.int32)),
-            "direction_count": 24,
-            "by_half_sine": upload(device, "phase", phase),
-            "camera": camera,
-        },
-    )
-    got = download(device, out, np.empty((cells, 3), np.float32))
-
-    def counts(cosine: Any) -> Any:
-        return phase[np.minimum((np.sqrt((1 - cosine) / 2) * steps).astype(int), steps - 1)]
-
-    sight = at + 0.5 - camera[:3]
-    sight /= np.linalg.norm(sight, axis=1)[:, None]
-    weight = share * counts(sight @ directions.unit.T) / counts(directions.unit[:, 1])
-    weight /= weight.sum(axis=1)[:, None]
-    # An angle next to the border of a bin may fall into the other.
-    expected = np.einsum("nk,nkc->nc", weight, light[own][:, number])
-    np.testing.assert_allclose(got, expected, rtol=1e-4)
 
 
 def test_neyman_allocation() -> None:

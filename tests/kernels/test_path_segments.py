@@ -29,7 +29,7 @@ __kernel void segments(
     __global const int4 *at, __global const int *beside, __global const float *depth,
     __global const float *cells, __global const float *light)
 {
-    const ThickRegion region = {0, at, beside, depth, cells, light, 0, 0, 0, 0, 0, 0, 2, (int4)(0),
+    const ThickRegion region = {0, at, beside, depth, cells, light, 0, 0, 0, 0, 2, (int4)(0),
                        (int4)(0), {(float4)(2.0f, 9.0f, 2.0f, 6.0f)}};
     float sum[PARTS];
     PendingScores pending;
@@ -79,7 +79,7 @@ class _Region:
         count = len(self.at)
         number = np.full((nx + 2, ny + 2, nz + 2), -1)
         number[1:-1, 1:-1, 1:-1] = np.arange(count).reshape(SHAPE)
-        self.beside = np.full((count, 8), -1, np.int32)
+        self.beside = np.full((count, 6), -1, np.int32)
         self.interfaces = 0
         for cell, at in enumerate(self.at):
             for side in range(6):

@@ -68,7 +68,7 @@ def test_pictures_of_threads_equal_those_of_one(device: Device, tmp_path: Path) 
     made = {}
     for phase in PHASES:
         scene = block(phase)
-        medium = make_medium(scene, Stages(None), tmp_path, droplets())
+        medium = make_medium(scene, device, Stages(None), tmp_path, droplets())
         phases = medium.properties.phases
         made[phase] = (medium.trees[0], scene, settings_for(scene, phases[0] if phases else None))
 

@@ -78,7 +78,7 @@ def traced(
 ) -> tuple[Wavelengths, NodeTraces]:
     chosen = wavelengths(scene, spray, cache=cache)
     frame = Frame.around(
-        centre_m=scene.domain.centre_m, edge_m=EDGE, leaf_edge_m=scene.domain.leaf_edge_m
+        centre_m=scene.domain.centre_m, edge_m=EDGE, leaf_edge_m=scene.domain.leaf_m
     )
     sources = [emitters(spray, band) for band in chosen.bands]
     trees = build_octrees(frame, sources, optical_depth_split=1e-5)
@@ -186,9 +186,7 @@ def test_trees_of_one_geometry_are_those_of_one_alone() -> None:
     paper = parse_scene({"name": "p", "spray": {"model": "none"}})
     band = wavelengths(paper, spray, cache=None).bands[0]
     points, cells = emitters(spray, band)
-    frame = Frame.around(
-        centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=scene.domain.leaf_edge_m
-    )
+    frame = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=scene.domain.leaf_m)
     alone = build_octree(frame, points, cells, optical_depth_split=1e-5)
     both = build_octrees(frame, [(points, cells), (points, cells)], optical_depth_split=1e-5)
     for tree in both:

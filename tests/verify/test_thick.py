@@ -109,22 +109,6 @@ def test_gaps_between_thick_cells(run_block: Callable[..., Run], phase: Any) -> 
     assert np.sqrt(np.mean(error[:, seen].astype(float) ** 2)) > 2.5 * np.sqrt(np.mean(rms**2))
 
 
-@pytest.mark.parametrize("phase", [PHASE, "isotropic"])
-def test_flights_with_light_kept_in_cells(
-    run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, phase: Any
-) -> None:
-    """Where it is kept, flights find only what is scattered beyond it: the same but for noise, 0.01
-    a pixel."""
-    transport = {"accuracy_K": 1e-3, "max_samples": 512, "directions": 64, "phase": phase}
-    found = run_block(BLOCK, **SCENE, transport=transport)
-    assert min(image.min() for image in found.weights.images.values()) > -1e-6
-    monkeypatch.setattr("cldit.transport.trace.Tuning", lambda: Tuning(stored_bytes=2**29))
-    kept = run_block(BLOCK, **SCENE, transport=transport)
-    rms = np.sqrt(np.mean((wall(found) - wall(kept)) ** 2))
-    assert 0 < rms < 0.014
-    assert abs(np.mean(wall(found) - wall(kept))) < 0.003
-
-
 def test_audit_of_a_sample(run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch) -> None:
     """A third of the pixels give the same error as all, within what a third may miss of it."""
     transport = {"directions": 32, "phase": PHASE, "audit": True, "gather": False}

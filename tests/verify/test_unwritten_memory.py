@@ -85,7 +85,6 @@ def apart(thick: ThickRegion | None) -> ThickRegion | None:
         return None
     beside, faces = thick.beside.copy(), int(thick.faces.max()) + 1
     beside[:, 1:6:2] -= np.where(thick.faces[:, 1::2] >= 0, faces, 0)
-    beside[:, 6] += np.where(thick.own >= 0, faces, 0)
     return replace(thick, beside=beside, interfaces=thick.interfaces + faces)
 
 

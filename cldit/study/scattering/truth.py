@@ -215,9 +215,7 @@ def traced(scene: Scene, device: Device, cache: Path) -> Traced:
         for cell in cells
     ]
     domain = scene.domain
-    frame = Frame.around(
-        centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=domain.leaf_edge_m
-    )
+    frame = Frame.around(centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=domain.leaf_m)
     settings = settings_for(scene, found.phases[0])
     every: list[tuple[Any, Any]] = [(points, cells), (unit_points, unit_cells), (None, [])]
     weights = [

@@ -10,21 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from cldit.gpu.buffers import clear, unset, upload
+from cldit.gpu.buffers import unset, upload
 from cldit.gpu.device import Device
 from cldit.transport.cells import Box
 from cldit.transport.discrete_ordinates.axis_order import AxisOrder, axis_orders
 from cldit.transport.thick_region import ThickRegion
 
-_NO_FACE = 64  # in place of a face, as in sweep.cl
-
 
 @dataclass(frozen=True)
 class InterfaceRadiance:
-    """Radiance that enters the thick region, and radiance in thick cells.
+    """Radiance that enters the thick region.
 
-    buffer: [interface or cell][ordinate][component], so that the paths of a tile touch few pages.
-    interfaces, directions: numbers of interfaces (and cells) and of ordinates.
+    buffer: [interface][ordinate][component], so that the paths of a tile touch few pages.
+    interfaces, directions: numbers of interfaces and of ordinates.
     rows, faces: table of interfaces by rows, for each order of axes; see kernels/sweep.cl.
     first: number of the sweep's first ordinate.
     """
@@ -62,9 +60,6 @@ class InterfaceRadiance:
         number = thick.faces[owner, side]
         at = thick.at[owner]  # then of the cell that light leaves
         at[np.arange(len(at)), side // 2] += 2 * (side % 2) - 1
-        thick_ones = np.flatnonzero(thick.own >= 0)
-        at = np.concatenate([at, thick.at[thick_ones]])
-        number = np.concatenate([number, thick.own[thick_ones]])
         rows, listed = {}, {}
         for layout in axis_orders(box.shape).values():
             along, across, up = at[:, layout.axes].T
@@ -72,16 +67,12 @@ class InterfaceRadiance:
             row = up * nv + across
             order = np.argsort(row, kind="stable")
             starts = np.searchsorted(row[order], np.arange(nl * nv + 1))
-            bit = np.full(len(at), _NO_FACE)
-            bit[: len(side)] = 1 << (2 * np.argsort(layout.axes)[side // 2] + side % 2)
+            bit = 1 << (2 * np.argsort(layout.axes)[side // 2] + side % 2)
             table = np.column_stack([along, bit, number, number])[order]  # the last is not read
             rows[layout.number] = upload(device, "rows of faces", starts.astype(np.int32))
             listed[layout.number] = upload(device, "faces", table.astype(np.int32))
         size = thick.interfaces * directions * components
         stored = unset(device, "interface radiance", size, real)
-        # The radiance in cells, which comes last, is summed; that of interfaces is written.
-        each, own = directions * components, len(thick_ones)
-        clear(device, stored, own * each, real, first=(thick.interfaces - own) * each)
         return cls(stored, thick.interfaces, directions, rows, listed)
 
     def arguments(self, layout: AxisOrder) -> dict[str, Any]:

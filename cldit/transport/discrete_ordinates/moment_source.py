@@ -25,8 +25,8 @@ from cldit.transport.angular_moments import phase_coefficients
 from cldit.transport.cell_phases import phase_moments
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.gmres import Solution
-from cldit.transport.discrete_ordinates.gradients import limit
 from cldit.transport.discrete_ordinates.iteration import Moments, SolvedSource
+from cldit.transport.discrete_ordinates.limiter import limit
 from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 

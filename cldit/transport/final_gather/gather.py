@@ -43,7 +43,7 @@ Floats = NDArray[np.float64]
 
 _GROUP = 16
 _PENDING = 8  # reads of stored radiance made together; GPUs hide the latency by other paths
-_INTERVAL = 8  # numbers of an interval within a thick cell, as in gather.cl
+_INTERVAL = 9  # numbers of an interval within a thick cell, as in gather.cl
 
 
 @dataclass(frozen=True)
@@ -128,9 +128,6 @@ def _classes(
 class Gather:
     """The final gather of an image, in rounds of paths.
 
-    control_variate: (C, T) scattering integral of the stored radiance in each thick cell, summed
-        exactly over the quadrature; paths estimate only the remainder. None where no radiance is
-        stored in cells.
     samples, seconds: paths per pixel, and the time, so far.
     short: why paths stopped before the wanted accuracy, if they did.
     """
@@ -211,8 +208,6 @@ class Gather:
         ]
         at = np.zeros((len(thick.at), 4), np.int32)
         at[:, :3] = thick.at + np.asarray(box.low)
-        self._own = thick.own[thick.own >= 0]  # in the order of the region's cells
-        self._at = thick.at[thick.own >= 0] + np.asarray(box.low)
         view = formal_solution.view
         self._traversals: list[dict[str, Any]] = []
         self._fixed: list[dict[str, Any]] = []
@@ -224,22 +219,10 @@ class Gather:
             self._traversals.append(
                 {
                     "albedo": upload(one, "albedo", albedo),
-                    **upload_tree(one, cells, real),
+                    **upload_tree(one, cells, real, linear=settings.linear_coefficients),
                     **view.geometry(one, cells, real),
                 }
             )
-            by_half_sine = upload(one, "phase function", steps.astype(real))
-            last = {
-                "light": stored,
-                "directions": upload(one, "directions", shared),
-                "number_of": upload(one, "directions", order),
-                "direction_count": len(directions),
-                "by_half_sine": by_half_sine,
-            }
-            if one is self.device:
-                self._last = last
-                self.control_variate = self._control_variate()
-                means = np.zeros((1, 1)) if self.control_variate is None else self.control_variate.T
             start = np.minimum(starts, len(shared) - 1).astype(np.int32)
             self._fixed.append(
                 {
@@ -251,42 +234,19 @@ class Gather:
                     "cells": upload(one, "thick cells", records),
                     "start": upload(one, "directions", start),
                     "nearest": upload(one, "directions", near),
-                    "light_means": upload(one, "control variate", means.astype(real)),
-                    "first_own": light.interfaces - len(self._own),
                     "box_low": np.array([*(box.low + thick.low), 0], np.int32),
                     "box_shape": np.array([*thick.places.shape[::-1], 0], np.int32),
+                    "light": stored,
+                    "directions": upload(one, "directions", shared),
+                    "number_of": upload(one, "directions", order),
+                    "direction_count": len(directions),
+                    "by_half_sine": upload(one, "phase function", steps.astype(real)),
                     **_classes(one, classes, thick),
-                    **last,
                     **view.lines_of_sight(one, real),
                 }
             )
         self.samples, self.seconds = 0, 0.0
         self.short = ""
-
-    def _control_variate(self) -> NDArray[np.floating] | None:
-        """`control_variate`, by the first device."""
-        count, device = len(self._own), self.device
-        if not count:
-            return None
-        view = self._image.view
-        camera = view.middle - np.array([0.0, view.distance, 0.0, 0.0])
-        out = unset(device, "control variate", count * (self._components - 1), self._real)
-        cells = np.column_stack([self._at, self._own]).astype(np.int32)
-        program = self._programs[0]
-        program.launch(
-            "control_variate",
-            (count,),
-            (min(_GROUP, program.largest_group("control_variate")),),
-            {
-                "means": out,
-                "cells": upload(device, "thick cells", cells),
-                "count": count,
-                "camera": camera.astype(self._real),
-                **self._last,
-            },
-        )
-        means = download(device, out, np.empty((count, self._components - 1), self._real))
-        return np.asarray(means[np.argsort(self._own)].T)
 
     def _cumulative(self, directions: Ordinates, steps: Floats) -> Floats:
         """Ordinates (K, 4): unit vectors and cumulative weight of what is scattered along +y."""

@@ -167,15 +167,16 @@ def trace_path(
     components = len(cells.needs.components) + 1  # the last: from within, see energy_balance.py
     column_count, row_count = view.pixels
     pixels = column_count * row_count
+    middles = cells.middles() if settings.linear_coefficients else cells
     albedo = np.zeros(len(cells.depth))
-    albedo[cells.address] = cells.albedo
+    albedo[cells.address] = middles.albedo
 
     def medium(one: Device) -> dict[str, Any]:
         return {
-            "thermal": upload(one, "source", cells.thermal_planes(real)),
+            "thermal": upload(one, "source", middles.thermal_planes(real)),
             "albedo": upload(one, "albedo", albedo.astype(real)),
             **({} if classes is None else {"shares": upload(one, "size classes", classes)}),
-            **upload_tree(one, cells, real),
+            **upload_tree(one, cells, real, linear=settings.linear_coefficients),
             **view.geometry(one, cells, real),
         }
 

@@ -1,0 +1,256 @@
+"""How finely a medium is divided: cubes from coarse to the finest that fits, and which it needs.
+
+Boxes that lie on one regular grid, edges in whole numbers of it, are known exactly in cells that
+are its voxels: the cube is then laid on the grid, and no box is smeared over two cells. Other boxes
+are resolved by cells of half their edge, of which at least one lies wholly within each. Thick boxes
+are divided further, for the light within them varies where the medium does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.errors import MediumError
+from cldit.medium.deposit import Boxes, Placed, place_droplets
+from cldit.medium.frame import BRICK, Frame
+from cldit.medium.octree import Sources
+from cldit.spray.extent import Box, Cloud
+
+Floats = NDArray[np.float64]
+
+DEEPEST = 12  # halvings of a cube
+MOST_CELLS = 60_000_000
+_PARTS = 4  # of the smallest box, at most, in a voxel of the grid that all boxes lie on
+_OFF = 1e-5  # in cells: how far a face may be from the grid, as `cldit.medium.lattice` has it
+_FEW = 0.01  # of what all boxes take out of light, which may be resolved less
+# Optical depth of a scattering cell. T_app of 16^3 even cells of depth 0.5 is within 0.13 K of that
+# of cells an eighth as large; thicker ones are gathered, which takes longer than smaller cells.
+CELL_DEPTH = 0.5
+# Cells along a medium that scatters. One cell of depth 0.4 is off by 0.5 K, 8^3 are by 0.06 K.
+ACROSS = 8
+# What a swept cell without content (8 bytes, measured) and a brick of the cube (60, by its arrays)
+# take of the memory of a stored cell (500).
+_SWEPT, _BRICK = 1 / 64, 1 / 8
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A cube with its finest cells.
+
+    frame: the cube.
+    stored: finest cells in bricks that something falls into; most of a trace's time and memory.
+    swept: finest cells of the smallest box of bricks around them.
+    """
+
+    frame: Frame
+    stored: int
+    swept: int
+
+    @property
+    def memory_cells(self) -> int:
+        """Stored cells that take as much memory as all of the tree."""
+        return int(self.stored + _SWEPT * self.swept + _BRICK * self.frame.bricks**3)
+
+
+def candidates(cube: Frame, sources: Sources, *, limit: int = MOST_CELLS) -> Iterator[Candidate]:
+    """Cubes of the medium from one cell to the finest cells that fit, each twice as fine.
+
+    All have one lower corner and edge: those of `cube`, or where the boxes of a medium lie on a
+    grid, of a cube on that grid. Nothing is built: what falls into which brick is marked, level by
+    level, as long as more of them are asked for.
+
+    Args:
+        cube: in which all of the medium must lie.
+        sources: droplets and gas of any wavelength.
+        limit: `Candidate.memory_cells` at most.
+
+    Returns:
+        Candidates, of which the last is the finest that fits.
+
+    Raises:
+        MediumError: something lies outside the cube, or one cell is more than `limit`.
+    """
+    whole = replace(cube, depth=0)
+    _placed(whole, sources)  # what lies outside is refused
+    laid = on_grid(whole, sources)
+    corner = whole if laid is None else laid
+    for depth in range(DEEPEST + 1):
+        one = _counted(replace(corner, depth=depth), sources)
+        if one.memory_cells > limit:
+            if depth == 0:
+                raise MediumError(f"one cell is {one.memory_cells} cells, allowed are {limit}")
+            return
+        yield one
+
+
+def on_grid(cube: Frame, sources: Sources) -> Frame | None:
+    """A cube whose finest cells are the voxels of the grid that all boxes of a medium lie on.
+
+    Its lower corner is that of the boxes, so that bricks begin there, too; parcels in points or as
+    clouds that reach beyond it move it by whole bricks.
+
+    Args:
+        cube: in which all of the medium lies.
+        sources: droplets and gas.
+
+    Returns:
+        The cube; None where there is no box, or boxes lie on no common grid of voxels at least a
+        quarter as large as the smallest box.
+    """
+    lower, upper = _boxes(sources)
+    if len(lower) == 0:
+        return None
+    origin, reach = lower.min(axis=0), upper.max(axis=0)
+    edge = _common_edge(lower, upper)
+    if edge is None:
+        return None
+    low, high = _scattered_about(cube, sources)
+    first = np.minimum(np.floor((low - origin) / (edge * BRICK)) * BRICK, 0.0)
+    last = np.maximum(np.ceil((high - origin) / edge), np.rint((reach - origin) / edge))
+    depth = (int((last - first).max()) - 1).bit_length()
+    if depth > DEEPEST:
+        return None
+    x, y, z = (float(corner) for corner in origin + first * edge)
+    return Frame(lower_m=(x, y, z), edge_m=edge * 2**depth, depth=depth)
+
+
+def _common_edge(lower: Floats, upper: Floats) -> float | None:
+    """Edge of the voxels that boxes (N, 3) are made of; None where there are none."""
+    origin, reach = lower.min(axis=0), upper.max(axis=0)
+    span = float((reach - origin).max())
+    smallest = float((upper - lower).min())
+    if not smallest > 0 or span / smallest > 2**DEEPEST:
+        return None
+    for parts in range(1, _PARTS + 1):
+        edge = span / round(span / smallest * parts)  # of many: one box's rounding does not add up
+        steps = (lower - origin) / edge, (upper - origin) / edge
+        if all(np.abs(each - np.rint(each)).max() <= _OFF for each in steps):
+            return edge
+    return None
+
+
+def _scattered_about(cube: Frame, sources: Sources) -> tuple[Floats, Floats]:
+    """Corners of the box around parcels in points or as clouds, at most the cube; empty: +-inf."""
+    points, _ = sources
+    if points is None or len(points.position_m) == 0 or isinstance(points.extent, Box):
+        return np.full(3, np.inf), np.full(3, -np.inf)
+    held = points.absorption_m2 + points.scattering_m2 > 0
+    reach = np.zeros_like(points.position_m)
+    if isinstance(points.extent, Cloud):
+        # Brings a compiler, which a scene without clouds does not need.
+        from cldit.medium.rasterise import REACH
+
+        reach = REACH * np.sqrt(np.diagonal(points.extent.covariance_m2, axis1=1, axis2=2))
+    corner = np.asarray(cube.lower_m)
+    low = (points.position_m - reach)[held].min(axis=0, initial=np.inf)
+    high = (points.position_m + reach)[held].max(axis=0, initial=-np.inf)
+    return np.maximum(low, corner), np.minimum(high, corner + cube.edge_m)
+
+
+def needed_edge_m(cube: Frame, sources: Sources, *, finest_m: float) -> float:
+    """Edge of the coarsest cells that resolve a medium of boxes.
+
+    Cells are at most the voxels of its grid, or half of the edge of boxes that lie on none. Where
+    boxes scatter they are halved further: while their optical depth is above `CELL_DEPTH` and their
+    edge above `finest_m`, and until there are `ACROSS` along the medium. Boxes that take less than
+    a hundredth of all that is taken out of light do not count: a box of optical depth t and
+    smallest face A takes A (1 - exp(-t)).
+
+    Args:
+        cube: in which it lies.
+        sources: without parcels in points or as clouds.
+        finest_m: below which depth asks for no smaller cells.
+
+    Raises:
+        MediumError: there are parcels that are no boxes.
+    """
+    if not known_in_boxes(sources):
+        raise MediumError("resolution: parcels in points or as clouds have no boxes")
+    lower, upper = _boxes(sources)
+    if len(lower) == 0:
+        return cube.edge_m
+    edges = upper - lower
+    shortest = edges.min(axis=1)
+    extinction, scattering = _coefficients(sources)
+    taken = -np.expm1(-extinction * shortest) * np.prod(edges, axis=1) / edges.max(axis=1)
+    grid = on_grid(cube, sources)
+    edge = _least_but_few(shortest, taken) / 2 if grid is None else grid.cell_m
+    free = np.divide(CELL_DEPTH, extinction, out=np.full(len(edges), np.inf), where=scattering > 0)
+    wanted = max(_least_but_few(free, taken), finest_m)
+    if np.any(scattering > 0):
+        wanted = min(wanted, float((upper.max(axis=0) - lower.min(axis=0)).max()) / ACROSS)
+    while edge > wanted * (1 + 1e-9):
+        edge /= 2
+    return float(edge)
+
+
+def _least_but_few(values: Floats, weight: Floats) -> float:
+    """The smallest of `values` (N,), those left out that hold a hundredth of `weight` (N,)."""
+    order = np.argsort(values)
+    held = np.cumsum(weight[order])
+    return float(values[order[np.searchsorted(held, _FEW * held[-1])]])
+
+
+def known_in_boxes(sources: Sources) -> bool:
+    """Whether all of a medium is in boxes, and no parcel in a point or a cloud."""
+    points, _ = sources
+    return points is None or len(points.position_m) == 0 or isinstance(points.extent, Box)
+
+
+def _boxes(sources: Sources) -> tuple[Floats, Floats]:
+    """Corners (N, 3) of all boxes, droplets first."""
+    points, cells = sources
+    none = np.zeros((0, 3))
+    lower, upper = [none], [none]
+    if points is not None and isinstance(points.extent, Box):
+        half = points.extent.edge_m / 2
+        lower, upper = [points.position_m - half], [points.position_m + half]
+    lower += [source.lower_m for source in cells]
+    upper += [source.upper_m for source in cells]
+    return np.concatenate(lower), np.concatenate(upper)
+
+
+def _coefficients(sources: Sources) -> tuple[Floats, Floats]:
+    """Extinction and scattering (N,) of the boxes of `_boxes`, per metre."""
+    points, cells = sources
+    extinction: list[Floats] = [np.zeros(0)]
+    scattering: list[Floats] = [np.zeros(0)]
+    if points is not None and isinstance(points.extent, Box):
+        volume = float(np.prod(points.extent.edge_m))
+        _, which = np.unique(points.position_m, axis=0, return_inverse=True)
+        for section, into in (
+            (points.absorption_m2 + points.scattering_m2, extinction),
+            (points.scattering_m2, scattering),
+        ):
+            into.append(np.asarray(np.bincount(which, section / volume)[which], float))
+    for source in cells:
+        droplets = source.droplet_absorption + source.droplet_scattering
+        extinction.append(source.vapour_absorption + droplets)
+        scattering.append(source.droplet_scattering)
+    return np.concatenate(extinction), np.concatenate(scattering)
+
+
+def _placed(frame: Frame, sources: Sources) -> list[Placed]:
+    points, cells = sources
+    placed: list[Placed] = []
+    if points is not None:
+        optical = points.absorption_m2 + points.scattering_m2
+        placed.append(place_droplets(frame, points.position_m, points.extent, optical))
+    gas = [Boxes.place(frame, source.lower_m, source.upper_m, what="gas") for source in cells]
+    return [*placed, *gas]
+
+
+def _counted(frame: Frame, sources: Sources) -> Candidate:
+    mark = np.zeros((frame.bricks,) * 3, bool)
+    for each in _placed(frame, sources):
+        each.mark(mark)
+    cells = min(BRICK, frame.cells)
+    swept = 1
+    for others in ((0, 1), (0, 2), (1, 2)):
+        along = np.flatnonzero(mark.any(axis=others))
+        swept *= int(along[-1] - along[0] + 1) * cells if len(along) else 0
+    return Candidate(frame, int(mark.sum()) * BRICK**3, swept)

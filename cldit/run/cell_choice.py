@@ -1,0 +1,84 @@
+"""Which cells a run takes where the scene leaves them to choice, and how many there is room for."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from cldit.gpu.device import Device
+from cldit.medium.frame import Frame
+from cldit.medium.octree import Sources
+from cldit.medium.resolution import MOST_CELLS, candidates, known_in_boxes, needed_edge_m
+from cldit.scene.vessel import Domain
+
+# Bytes of a cell in which droplets scatter, at the peak of a run of a full cube of 128^3 cells: 440
+# where they scatter evenly, 1090 with a phase function. Trees hold 60 for each further wavelength;
+# three gradients of four components in double precision are a device's largest buffer.
+_CELL_BYTES, _PHASE_BYTES, _WAVELENGTH_BYTES, _BUFFER_BYTES = 500, 1200, 60, 96
+_SHARE = 0.7  # of the memory there is, which a run may take
+_CONTROL_GROUP = Path("/sys/fs/cgroup/memory.max")
+
+
+def cells_that_fit(device: Device, *, wavelengths: int, phase: bool) -> int:
+    """How many stored cells fit the memory of device and host, at most `MOST_CELLS`.
+
+    Args:
+        device: that traces.
+        wavelengths: whose trees are in memory together.
+        phase: whether droplets scatter by a phase function.
+    """
+    room = _SHARE * min(host_bytes(), device.info.memory_bytes)
+    bytes_each = (_PHASE_BYTES if phase else _CELL_BYTES) + _WAVELENGTH_BYTES * (wavelengths - 1)
+    buffer = device.info.largest_buffer_bytes / _BUFFER_BYTES
+    return int(min(MOST_CELLS, room / bytes_each, buffer))
+
+
+def host_bytes() -> float:
+    """Memory of this machine, or what the process may take of it; infinite where not known."""
+    found = [float("inf")]
+    try:
+        found.append(float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, ValueError, OSError):  # no POSIX
+        pass
+    try:
+        found.append(float(_CONTROL_GROUP.read_text(encoding="ascii")))
+    except (OSError, ValueError):  # no control group, or "max"
+        pass
+    return min(found)
+
+
+def chosen_frame(domain: Domain, sources: Sources, *, limit: int) -> tuple[Frame, tuple[str, ...]]:
+    """The cube with its finest cells.
+
+    What the scene fixes stays fixed. Else a medium of boxes gets the coarsest cells that resolve
+    it; one with parcels in points or as clouds at most the paper's leaf. Both get the finest that
+    fit where these do not.
+
+    Args:
+        domain: of the scene.
+        sources: droplets and gas of one wavelength.
+        limit: cells at most.
+
+    Returns:
+        The cube, and what one should know of it.
+
+    Raises:
+        MediumError: something lies outside the domain.
+    """
+    centre_m, edge_m = domain.centre_m, domain.edge_m
+    if domain.leaf_edge_m is not None or domain.rule == "paper":
+        return Frame.around(centre_m=centre_m, edge_m=edge_m, leaf_edge_m=domain.leaf_m), ()
+    cube = Frame.around(centre_m=centre_m, edge_m=edge_m, leaf_edge_m=2 * edge_m)
+    wanted_m = domain.leaf_m
+    if known_in_boxes(sources):
+        wanted_m = needed_edge_m(cube, sources, finest_m=domain.leaf_m)
+    found = None
+    for found in candidates(cube, sources, limit=limit):
+        if found.frame.cell_m <= wanted_m * (1 + 1e-9):
+            return found.frame, ()
+    assert found is not None
+    return found.frame, (
+        f"cells: {found.frame.cell_m * 1e3:.3g} mm are the finest that fit the memory, "
+        f"{found.stored:.3g} cells; the medium asks for {wanted_m * 1e3:.3g} mm. What they leave "
+        "is the cause `cells` of the run's errors; domain.leaf_edge_m takes others",
+    )
