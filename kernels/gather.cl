@@ -13,7 +13,8 @@
    came in: the sweeps' source there stands for what is left. So every path conserves energy to rounding.
 
    FREE_DIRECTIONS: light diffuses in thick cells, and paths are long. Their directions are no ordinates,
-   whose errors add up over many scatterings.
+   whose errors add up over many scatterings. So it is by PHASE_CLASSES, since cells scatter each in their
+   own way.
 
    COUNTED: in place of WITHIN stands the number of cells that segments crossed. */
 
@@ -34,6 +35,12 @@
 #endif
 #ifndef END_WEIGHT
 #error "END_WEIGHT: share of its weight below which a path ends"
+#endif
+
+#ifdef PHASE_CLASSES
+#define COSINE(u, cell) class_cosine(u, m->shares + (cell), m->size, table)
+#else
+#define COSINE(u, cell) phase_cosine(u, table)
 #endif
 
 /* Weight of an ordinate for light scattered along `sight`, over the probability with which it is drawn:
@@ -93,7 +100,7 @@ INLINE int start_path(
 #ifdef FREE_DIRECTIONS
     const real4 d = (real4)(
         turned(
-            common->sight, phase_cosine(unit(word[1] ^ common->shift0.x), table),
+            common->sight, COSINE(unit(word[1] ^ common->shift0.x), cell),
             unit(word[6] ^ common->shift0.z)), R(0));
     path->number = m->nearest[direction_near(d.xyz)];
     if (path->number < 0) { /* no ordinate is in that octant */
@@ -136,7 +143,7 @@ INLINE int continue_path(
     const uint4 words = path->event == 1
         ? (uint4)(word[3], word[4], word[5], word[7]) ^ common->shift1 : philox(counter, common->key);
 #if defined(PHASE_BINS) || defined(FREE_DIRECTIONS)
-    const real3 on = turned(d, phase_cosine(unit(words.x), table), unit(words.y));
+    const real3 on = turned(d, COSINE(unit(words.x), cell), unit(words.y));
     path->number = m->nearest[direction_near(on)];
     if (path->number < 0) { /* no ordinate is in that octant */
         end_at(sum, weight, p, d, record);
@@ -240,7 +247,11 @@ __kernel void gather(
     __global const int *nearest,
     const int direction_count, const int4 box_low, const int4 box_shape,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
-    const real distance, BOUNDARY_ARGUMENTS)
+    const real distance, BOUNDARY_ARGUMENTS
+#ifdef PHASE_CLASSES
+    , __global const uchar *class_shares, const int region_cells
+#endif
+    )
 {
     const int item = get_global_id(0);
     if (item >= count) return;
@@ -249,7 +260,11 @@ __kernel void gather(
         list[2 * number], list[2 * number + 1], columns, rows, middle, pitch_x, pitch_z, distance);
     const ThickRegion region = {places, at, beside, region_depth, cells, light, directions, number_of,
                        start, nearest, direction_count, box_low, box_shape,
-                       BOUNDARY};
+                       BOUNDARY
+#ifdef PHASE_CLASSES
+                       , class_shares, region_cells
+#endif
+                       };
     const real3 from = (real3)(ray.px, ray.py, ray.pz);
     const real3 sight = (real3)(ray.dx, ray.dy, ray.dz);
     const uint pixel = numbers[number];

@@ -43,6 +43,9 @@ typedef struct {
     int stored;                     /* length of a plane */
     Grid grid;
     Boundary boundary;
+#ifdef PHASE_CLASSES
+    __global const uchar *shares;   /* of classes of droplet size, see phase_class */
+#endif
 } Medium;
 
 INLINE void score_thermal(real *sum, real taken, int address, const Medium *m)
@@ -58,10 +61,16 @@ INLINE void score_boundary(real *sum, real weight, const Traversal *w, real from
     for (int c = 0; c < BOUNDARIES; ++c) sum[c] += c == seen ? weight : R(0);
 }
 
-/* Traces one path from p, where light is scattered into the direction -d; adds its score times weight
-   to sum. */
+#ifdef PHASE_CLASSES
+#define COSINE(u, address) class_cosine(u, m->shares + (address), m->stored, table)
+#else
+#define COSINE(u, address) phase_cosine(u, table)
+#endif
+
+/* Traces one path from p in the cell at `address`, where light is scattered into the direction -d; adds
+   its score times weight to sum. */
 INLINE void path(
-    real *sum, real weight, real3 p, real3 d, uint pixel, uint sample, uint batch, uint2 key,
+    real *sum, real weight, real3 p, real3 d, int address, uint pixel, uint sample, uint batch, uint2 key,
     uint4 shift0, uint4 shift1, const Medium *m, __global const real *table,
     __global const uint *columns)
 {
@@ -80,7 +89,7 @@ INLINE void path(
             word.y = sobol(sample, 3 * event + 2, columns) ^ shift.y;
             word.z = sobol(sample, 3 * event + 3, columns) ^ shift.z;
         }
-        d = turned(d, phase_cosine(unit(word.x), table), unit(word.y));
+        d = turned(d, COSINE(unit(word.x), address), unit(word.y));
         const real goal = unit(word.z); /* transmission at which this segment is scattered */
 
         Traversal traversal = {p.x, p.y, p.z, d.x, d.y, d.z, R(0), 0, 0, 0};
@@ -107,6 +116,7 @@ INLINE void path(
                     const real at = least(traversal.t + length_along(part, share, e), cell.next);
                     p = (real3)(traversal.px, traversal.py, traversal.pz) + at * d;
                     albedo = m->albedo[cell.address];
+                    address = cell.address;
 #ifdef LINEAR_COEFFICIENTS
                     albedo = albedo_at(albedo, gradients, place_in(&traversal, &cell, at));
 #endif
@@ -125,6 +135,7 @@ INLINE void path(
             if (!has_scattered) {
                 p = (real3)(traversal.px, traversal.py, traversal.pz) + traversal.t * d;
                 albedo = m->albedo[last];
+                address = last;
                 has_scattered = 1;
             }
         }
@@ -138,15 +149,24 @@ INLINE void path(
     }
 }
 
+#ifdef PHASE_CLASSES
+#define SHARES_ARGUMENT , __global const uchar *shares
+#define SHARES , shares
+#else
+#define SHARES_ARGUMENT
+#define SHARES
+#endif
+
 #define MEDIUM_ARGUMENTS \
     __global const int *directory, __global const int *span, __global const real *depth, \
     CELL_GRADIENTS_ARGUMENT __global const real *thermal, __global const real *albedo, \
     const int coarse, const int stored, const int bricks, \
     const int4 low, const int4 high, const int columns, const int rows, const real4 middle, \
-    const real pitch_x, const real pitch_z, const real distance, BOUNDARY_ARGUMENTS
+    const real pitch_x, const real pitch_z, const real distance, BOUNDARY_ARGUMENTS \
+    SHARES_ARGUMENT
 
 #define MEDIUM {directory, span, depth, CELL_GRADIENTS thermal, albedo, stored, {coarse, bricks, low, high}, \
-    BOUNDARY}
+    BOUNDARY SHARES}
 
 /* Unscattered radiance of every pixel, and what its line of sight scatters in all. */
 __kernel void straight(
@@ -256,7 +276,7 @@ __kernel void scatter(
                 const real at = least(traversal.t + length_along(part, share, e), cell.next);
                 const real3 p = (real3)(ray.px, ray.py, ray.pz) + at * along;
                 const uint index = van_der_corput(sample);
-                path(sum, all / SAMPLES, p, along, pixel, index, batch, key, shift0, shift1, &m,
+                path(sum, all / SAMPLES, p, along, cell.address, pixel, index, batch, key, shift0, shift1, &m,
                       table, sobol_columns);
                 ++sample;
             }

@@ -35,6 +35,10 @@ typedef struct {
     int count;                     /* of ordinates */
     int4 low, shape;               /* the box of `places` */
     Boundary boundary;
+#ifdef PHASE_CLASSES
+    __global const uchar *shares;  /* of classes of droplet size, see phase_class */
+    int size;                      /* cells of the region */
+#endif
 } ThickRegion;
 
 /* Stored radiance that is still to be scored, and the sum of what was. Segments end anywhere in some

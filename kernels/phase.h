@@ -23,9 +23,43 @@ INLINE real phase_cosine(real u, __global const real *table)
     return table[low] + part * (table[low + 1] - table[low]);
 }
 
+#define PHASE_TABLE (3 * PHASE_BINS + 2) /* numbers of a table */
+
 #else
 
 INLINE real phase_cosine(real u, __global const real *table) { return R(1) - R(2) * u; }
+
+#endif
+
+#if defined(PHASE_CLASSES) && defined(PHASE_BINS)
+
+/* Class of droplet size that scatters in a cell, by its share; *u, 0 to 1, draws it and is uniform again
+   after that. shares: a byte for each class but the last, `stride` apart, what it and those before it
+   scatter in 255ths. */
+INLINE int phase_class(real *u, __global const uchar *shares, int stride)
+{
+    const real drawn = R(255) * *u;
+    real below = R(0), above = R(255);
+    int number = 0;
+    for (; number < PHASE_CLASSES - 1; ++number) {
+        const real here = shares[number * stride];
+        if (drawn < here) {
+            above = here;
+            break;
+        }
+        below = here;
+    }
+    *u = most(R(0), least((drawn - below) / (above - below), R(0.9999999)));
+    return number;
+}
+
+/* Cosine of the scattering angle in a cell, by the tables of all classes. */
+INLINE real class_cosine(
+    real u, __global const uchar *shares, int stride, __global const real *tables)
+{
+    const int number = phase_class(&u, shares, stride);
+    return phase_cosine(u, tables + number * PHASE_TABLE);
+}
 
 #endif
 

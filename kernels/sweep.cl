@@ -14,7 +14,8 @@
    S + (I - S) q(t). The sweep accumulates D = sum w (I - S) q, not the mean: in thick cells D is far
    below S and would be rounded away. w is the quadrature weight times the segment's share of the layer.
 
-   CAMERA_SWEEP, the final sweeps: w contains the phase function, if there is one (PHASE_STEPS).
+   CAMERA_SWEEP, the final sweeps: w contains the phase function, if there is one (PHASE_STEPS), or by
+   PHASE_CLASSES the mean of several in each cell.
    VIEW_TRANSMISSION: w also contains the transmission from the segment to the camera's side of the cell.
    It is for images without spatial gradients.
    SPATIAL_MOMENTS, with LINEAR_SOURCE: also accumulates the first spatial moments of I - S along x, y, z,
@@ -87,19 +88,38 @@ INLINE int seen_from(int u, int v, int l, int layout, real4 back, const Boundary
 #ifdef CAMERA_SWEEP
 #include "view_phase.h"
 
+/* In classes of droplet size cells of a vector scatter each in their own way. */
+#ifdef PHASE_CLASSES
+typedef lane_t weight_t;
+#else
+typedef real weight_t;
+#endif
+
 /* Phase function for light from `back` that the cells of a vector from (u, v, l) on scatter to the
    camera, at their common middle. */
-INLINE real phase_at(
-    int u, int v, int l, int layout, real4 back, real4 camera, __global const real *phase)
+INLINE weight_t phase_at(
+    int u, int v, int l, int layout, real4 back, real4 camera, __global const real *phase
+#ifdef PHASE_CLASSES
+    , __global const real *class_shares /* of the first cell */
+#endif
+    )
 {
 #ifdef PHASE_STEPS
     const real pu = u + R(0.5) * SIMD_WIDTH;
     const real pv = v + R(0.5);
     const real pl = l + R(0.5);
-    return phase[phase_bin_of(
+    const int bin = phase_bin_of(
         layout == LAYERS_X ? pl : pu,
         layout == LAYERS_Z ? pv : layout == LAYERS_Y ? pl : pu,
-        layout == LAYERS_Z ? pl : pv, back, camera)];
+        layout == LAYERS_Z ? pl : pv, back, camera);
+#ifdef PHASE_CLASSES
+    lane_t mean = (lane_t)phase[bin];
+    UNROLL for (int k = 1; k < PHASE_CLASSES; ++k)
+        mean += CELLS_OF(class_shares + (k - 1) * PACKET) * (phase[k * PHASE_STEPS + bin] - phase[bin]);
+    return mean;
+#else
+    return phase[bin];
+#endif
 #else
     return R(1);
 #endif
@@ -167,6 +187,9 @@ __kernel void sweep(
     __global const real *inverse_mean,     /* in: 1 over the mean transmission of that */
 #endif
     __global const real *phase, const real4 camera
+#ifdef PHASE_CLASSES
+    , __global const real *class_shares /* in, per packet: of all classes of droplet size but the first */
+#endif
 #endif
 #ifdef INTERFACE_RADIANCE
     , __global real *light,        /* out: stored radiance, [interface][ordinate][component] */
@@ -262,13 +285,20 @@ __kernel void sweep(
                         continue;
                     }
 #ifdef CAMERA_SWEEP
-                    const real uniform_weight = weight * phase_at(u, v, l, layout, back, camera, phase);
+#ifdef PHASE_CLASSES
+                    const weight_t uniform_weight = weight * phase_at(
+                        u, v, l, layout, back, camera, phase,
+                        class_shares + first_plane(cell, PHASE_CLASSES - 1));
+#else
+                    const weight_t uniform_weight =
+                        weight * phase_at(u, v, l, layout, back, camera, phase);
+#endif
 #ifdef VIEW_TRANSMISSION
                     const lane_t view_weight =
                         seen_at(middle.y, CELLS_OF(seen + cell), CELLS_OF(inverse_mean + cell))
                         * uniform_weight;
 #else
-                    const real view_weight = uniform_weight;
+                    const weight_t view_weight = uniform_weight;
 #endif
                     CELLS(shares + cell) += view_weight;
 #else

@@ -25,6 +25,7 @@ _TOGETHER = 4  # trees that are filled at a time, one a thread
 # Absorption below this optical depth across the whole cube is taken for none: it is far below
 # rounding in any picture, and its denormal numbers would slow every kernel that meets them.
 _NOTHING = 1e-12
+_CLASS = "droplet_scattering_"  # and the number of a class of size, while a tree is made
 
 FIELDS = (
     "vapour_absorption",
@@ -41,6 +42,8 @@ class PointSource:
 
     absorption_m2, scattering_m2: cross sections; emission_m2: absorption_m2 x photon radiance.
     extent: how they are spread about `position_m`; None: at it.
+    class_scattering_m2: scattering_m2 of each class of droplet size but the first, (N,) each;
+        empty: one class.
     """
 
     position_m: Floats
@@ -48,6 +51,17 @@ class PointSource:
     scattering_m2: Floats
     emission_m2: Floats
     extent: Extent | None = None
+    class_scattering_m2: tuple[Floats, ...] = ()
+
+    @property
+    def sections(self) -> dict[str, Floats]:
+        """What is deposited in each field, m2 or emission times m2 (N,)."""
+        return {
+            "droplet_absorption": self.absorption_m2,
+            "droplet_scattering": self.scattering_m2,
+            "droplet_emission": self.emission_m2,
+            **{f"{_CLASS}{k}": one for k, one in enumerate(self.class_scattering_m2, 1)},
+        }
 
 
 @dataclass(frozen=True)
@@ -78,6 +92,8 @@ class Octree:
     fields: one float32 array a name in FIELDS, coefficients per metre, emission in
         photons s-1 m-3 sr-1.
     leaves: how many leaves there are at each level, 0 (the cube) to depth.
+    shares: (K - 1, P) uint8, for each of K classes of droplet size but the last what it and those
+        before it scatter of all that droplets scatter, in 255ths; None: one class.
     """
 
     frame: Frame
@@ -86,6 +102,7 @@ class Octree:
     coarse_level: NDArray[np.int32]
     fields: dict[str, NDArray[np.float32]]
     leaves: tuple[int, ...]
+    shares: NDArray[np.uint8] | None = None
 
     @property
     def filled(self) -> NDArray[np.bool_]:
@@ -187,16 +204,17 @@ def _deposit(
     sources: Sequence[Sources],
 ) -> list[dict[str, Floats]]:
     size = touched.slots * _CELLS_PER_BRICK
-    every = [{name: np.zeros(size) for name in FIELDS} for _ in sources]
+    every = [
+        {name: np.zeros(size) for name in (*FIELDS, *({} if one is None else one.sections))}
+        for one, _ in sources
+    ]
     volume = frame.cell_m**3
     for placed in droplets:
         targets, amounts = [], []
         for fields, (points, _) in zip(every, sources, strict=True):
             if points is not None:
-                names = ("droplet_absorption", "droplet_scattering", "droplet_emission")
-                targets += [fields[name] for name in names]
-                sections = (points.absorption_m2, points.scattering_m2, points.emission_m2)
-                amounts += [section / volume for section in sections]
+                targets += [fields[name] for name in points.sections]
+                amounts += [section / volume for section in points.sections.values()]
         placed.add(touched, amounts, targets)
     for number, box in enumerate(boxes):
         in_cells = np.prod(box.upper - box.lower, axis=1)
@@ -309,6 +327,7 @@ class _Division:
                 np.copyto(view, mean, where=block)
             coarse = np.concatenate([np.zeros(self.frame.depth + 1), means[self.filled]])
             values[name] = np.concatenate([cells.reshape(-1), coarse]).astype(np.float32)
+        classes = [values.pop(name) for name in list(values) if name.startswith(_CLASS)]
         return Octree(
             frame=self.frame,
             directory=self.directory,
@@ -316,7 +335,17 @@ class _Division:
             coarse_level=self.coarse_level,
             fields=values,
             leaves=self.leaves,
+            shares=_cumulative(values["droplet_scattering"], classes) if classes else None,
         )
+
+
+def _cumulative(
+    total: NDArray[np.float32], classes: list[NDArray[np.float32]]
+) -> NDArray[np.uint8]:
+    """`Octree.shares` of what all classes, and each but the first, scatter (P,)."""
+    above = np.cumsum(classes[::-1], axis=0)[::-1]  # of each class and those behind it
+    share = np.divide(above, total, out=np.zeros_like(above), where=total > 0)
+    return np.asarray(255 - np.rint(255 * np.clip(share, 0.0, 1.0))).astype(np.uint8)
 
 
 def _inside(frame: Frame) -> tuple[slice, slice, slice, slice]:

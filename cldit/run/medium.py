@@ -15,7 +15,7 @@ from cldit.optics.band import BandOptics
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.run.cell_choice import cells_that_fit, chosen_frame, lattice_frames
-from cldit.run.phases import droplets_content, mean_phase, phase_choice
+from cldit.run.phases import droplets_content, in_classes, mean_phase, phase_choice, sizes_left
 from cldit.run.pilot import ParcelVariants, Probed
 from cldit.run.spray_factory import make_spray
 from cldit.run.stages import Stages
@@ -75,17 +75,24 @@ def properties_of(scene: Scene, spray: Spray, *, cache: Path | None) -> Properti
             mean_phase(spray, band, points, content=content, cache=cache)
             for band, (points, _) in each
         ]
+        sources = tuple(
+            (in_classes(points, spray, phase), cells)
+            for (points, cells), phase in zip(sources, phases, strict=True)
+        )
     words = choice.words
     g = [phase.asymmetry for phase in phases if phase is not None]
     if choice.mie:
         words += f", g {min(g):.3f} to {max(g):.3f}" if g else ": nothing scatters"
+        classes = max((len(phase.tables) for phase in phases if phase is not None), default=1)
+        words += f", {classes} classes of size" if classes > 1 else ""
     paper = paper_phase = None
     if chosen.errors_K and scene.optics.compare_paper:
         (band,) = wavelengths(scene, spray, cache=cache, paper=True).bands
         paper = emitters(spray, band)
         if phase_choice(scene, spray, "paper").mie:
             paper_phase = mean_phase(spray, band, paper[0], content=content, cache=cache)
-    remarks = (*choice.remarks, *_not_reached(scene.optics, chosen))
+            paper = (in_classes(paper[0], spray, paper_phase), paper[1])
+    remarks = (*choice.remarks, *_not_reached(scene.optics, chosen), *sizes_left(phases))
     return Properties(chosen, sources, tuple(phases), paper, paper_phase, words, remarks)
 
 
@@ -250,15 +257,19 @@ def _probed(
     if spray.vapour is not None and not isinstance(cone, ConeSpray):
         gas = _GAS.get(scene.spray.model, _GAS["cfd"])
 
+    phase = found.phases[number]
+
     def resprayed(other: ConeSpray) -> Sources:
-        return emitters(make_spray(other, cache=cache), band)
+        another = make_spray(other, cache=cache)
+        points, cells = emitters(another, band)
+        return in_classes(points, another, phase), cells
 
     return Probed(
         frame=frame,
         sources=found.sources[number],
         number=number,
         node=chosen.nodes[number],
-        parcels=_parcel_variants(made, spray, band),
+        parcels=_parcel_variants(made, spray, band, phase),
         gas=gas,
         cone=cone if isinstance(cone, ConeSpray) else None,
         resprayed=resprayed,
@@ -268,8 +279,15 @@ def _probed(
     )
 
 
-def _parcel_variants(made: Spray, spray: Spray, band: BandOptics) -> ParcelVariants | None:
+def _parcel_variants(
+    made: Spray, spray: Spray, band: BandOptics, phase: ScatteringTable | None
+) -> ParcelVariants | None:
     """Sources of the spray with other parcels; None where its droplets are no sample of two."""
+
+    def source(of: Spray) -> Source:
+        points, cells = emitters(of, band)
+        return in_classes(points, of, phase), cells
+
     parcels = made.parcels
     if parcels is None or not parcels.sampled or np.count_nonzero(parcels.droplets) < 2:
         return None
@@ -277,8 +295,8 @@ def _parcel_variants(made: Spray, spray: Spray, band: BandOptics) -> ParcelVaria
     if not spread or parcels.extent is not None:
         assert spray.parcels is not None
         both = halves(spray.parcels, seed=_SEED)
-        one, other = (emitters(replace(spray, parcels=half), band) for half in both)
+        one, other = (source(replace(spray, parcels=half)) for half in both)
         return ParcelVariants((one, other), None, 0.5)
     found = variants(made, kernel=Kernel(), seed=_SEED)
-    one, other = (emitters(half, band) for half in found.halves)
-    return ParcelVariants((one, other), emitters(found.narrower, band), SAMPLING)
+    one, other = (source(half) for half in found.halves)
+    return ParcelVariants((one, other), source(found.narrower), SAMPLING)

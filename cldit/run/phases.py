@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -14,9 +15,11 @@ from cldit.scene import Scene
 from cldit.scene.transport import HenyeyGreenstein
 from cldit.spray.result import Spray
 from cldit.tables import Arrays, cached, digest
-from cldit.transport.phase import PhaseError, ScatteringTable, mean_of
+from cldit.transport.mie_phase import SizeBins
+from cldit.transport.phase import PhaseError, ScatteringTable
+from cldit.transport.size_classes import MOST_CLASSES, TOLERATED, in_size_classes
 
-_FORM = 1  # of kept phase functions
+_FORM = 2  # of kept phase functions
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,8 @@ def mean_phase(
     content: str,
     cache: Path | None,
 ) -> ScatteringTable | None:
-    """The droplets' mean phase function in one band; None where none scatters.
+    """The droplets' mean phase function in one band, and those of classes of size where one mean
+    does not hold for all places; None where none scatters.
 
     Args:
         spray: whose droplets scatter.
@@ -97,15 +101,69 @@ def mean_phase(
         return None
     if not points.scattering_m2.any():
         return None
+    parcels, section = spray.parcels, points.scattering_m2
+    table = band.droplets.tables[len(band.droplets.tables) // 2]
     indices = [(one.wavelength_um, one.n, one.k) for one in band.droplets.tables]
     arrays = cached(
         cache,
         kind="scattering",
         text=f"{_FORM} {indices!r} {band.droplets.temperature_K.tolist()!r} {content}",
-        make=lambda: _plain(mean_of(spray.parcels, band.droplets, points.scattering_m2)),
+        make=lambda: _plain(
+            SizeBins.of(
+                parcels.diameter_m,
+                section,
+                wavelength_um=table.wavelength_um,
+                n=table.n,
+                k=table.k,
+            )
+        ),
     )
-    return ScatteringTable(arrays["cosine"], arrays["cumulative"])
+    bins = SizeBins(arrays["edges_m"], arrays["share"], arrays["within"])
+    return in_size_classes(
+        bins.mean(),
+        bins,
+        position_m=parcels.position_m,
+        diameter_m=parcels.diameter_m,
+        scattering_m2=section,
+        sampled=parcels.sampled,
+    )
 
 
-def _plain(table: ScatteringTable | None) -> Arrays:
-    return {} if table is None else {"cosine": table.cosine, "cumulative": table.cumulative}
+def _plain(bins: SizeBins) -> Arrays:
+    return {"edges_m": bins.edges_m, "share": bins.share, "within": bins.within}
+
+
+def sizes_left(phases: Sequence[ScatteringTable | None]) -> tuple[str, ...]:
+    """That the most classes of size do not tell the places of a spray apart.
+
+    Args:
+        phases: of each wavelength.
+    """
+    classes = [phase.classes for phase in phases if phase is not None]
+    left = max((one.left for one in classes if one is not None), default=0.0)
+    if left <= TOLERATED:
+        return ()
+    return (
+        f"phase functions: {MOST_CLASSES} classes of droplet size leave places {left:.2g} apart, "
+        f"more than {TOLERATED:g}, which is some 0.1 K of T_app; this is in no stated error",
+    )
+
+
+def in_classes(
+    points: PointSource | None, spray: Spray, phase: ScatteringTable | None
+) -> PointSource | None:
+    """Droplets with what each class of size scatters, where their phase function has classes.
+
+    Args:
+        points: the droplets of `spray`.
+        spray: whose diameters tell the class.
+        phase: of `mean_phase`.
+    """
+    if points is None or spray.parcels is None or phase is None or phase.classes is None:
+        return points
+    number = phase.classes.number(spray.parcels.diameter_m)
+    above = range(1, len(phase.classes.tables))
+    return replace(
+        points,
+        class_scattering_m2=tuple(np.where(number == k, points.scattering_m2, 0.0) for k in above),
+    )

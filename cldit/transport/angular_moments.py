@@ -30,9 +30,9 @@ def moment_to_discrete(unit: Floats) -> Floats:
     return np.stack([x, y, z, x * x - z * z, y * y - z * z, x * y, x * z, y * z])
 
 
-def phase_coefficients(first: float, second: float) -> Floats:
-    """Ratios (8,) of a source's moments to the radiance's, over the albedo.
+def phase_coefficients(first: Floats, second: Floats) -> Floats:
+    """Ratios (8, N) of a source's moments to the radiance's, over the albedo.
 
-    `first` and `second` are the Legendre moments g and h of the phase function.
+    `first` and `second` (N,) are the Legendre moments g and h of the phase function.
     """
     return np.array([*[3 * first] * 3, *[7.5 * second] * 2, *[15 * second] * 3])

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.gpu.program import Program
+from cldit.transport.cell_phases import class_weights
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
 from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
@@ -120,9 +121,17 @@ def _camera_sweep(problem: SweepProblem, final: FinalSource) -> CameraSweep | No
     settings, view = problem.settings, problem.view
     if "CAMERA_SWEEP" not in problem.final_program.defines:
         return None
-    table = np.zeros(1) if settings.phase is None else settings.phase.by_half_sine(PHASE_STEPS)
+    phase = settings.phase
+    tables = [] if phase is None else [one.by_half_sine(PHASE_STEPS) for one in phase.tables]
+    weights = None if phase is None else class_weights(problem.medium, phase)
     place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
-    return final.sweeper.to_camera(problem.final_program, problem.medium, table, place)
+    return final.sweeper.to_camera(
+        problem.final_program,
+        problem.medium,
+        np.concatenate(tables) if tables else np.zeros(1),
+        place,
+        weights,
+    )
 
 
 def _swept(

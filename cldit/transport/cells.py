@@ -108,7 +108,7 @@ class OpticalCells:
         tree: Octree,
         *,
         patches: tuple[str, ...] = (),
-        scattered: float = 1.0,
+        scattered: float | NDArray[np.float64] = 1.0,
         compiled_in: Needs | None = None,
     ) -> OpticalCells:
         """Coefficients of a tree, in double precision.
@@ -116,7 +116,8 @@ class OpticalCells:
         Args:
             tree: the medium.
             patches: names of the enclosure's patches.
-            scattered: share of the scattering that counts; 1 - g is the transport correction.
+            scattered: share of the scattering that counts, of all cells or (P,); 1 - g is the
+                transport correction.
             compiled_in: physics to compile even if unused, to measure its cost.
         """
         fields = tree.fields

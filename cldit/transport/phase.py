@@ -13,16 +13,11 @@ from numpy.typing import NDArray
 from scipy.special import eval_legendre
 
 from cldit.errors import ClditError
-from cldit.optics import mie
-from cldit.optics.band import Droplets
-from cldit.spray.result import Parcels
 
 Floats = NDArray[np.float64]
 
-_BINS = 1024
+BINS = 1024
 PHASE_STEPS = 1024  # of tables in equal steps of the sine of half the angle
-_SIZES = 64  # classes of the droplets' size parameter, evenly spaced in its logarithm
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(2)
 
 
 class PhaseError(ClditError, ValueError):
@@ -35,15 +30,23 @@ class ScatteringTable:
 
     cosine: (M + 1,) bounds of the bins, from 1 down to -1.
     cumulative: (M + 1,) share that is scattered into larger cosines, from 0 to 1.
+    classes: phase functions by class of droplet size, of which this is the mean; None: it holds
+        for all cells.
     """
 
     cosine: Floats
     cumulative: Floats
+    classes: SizeClasses | None = None
 
     @property
     def bins(self) -> int:
         """Number M of bins."""
         return len(self.cosine) - 1
+
+    @property
+    def tables(self) -> tuple[ScatteringTable, ...]:
+        """The phase function of each of K classes of droplet size; of one, itself."""
+        return (self,) if self.classes is None else self.classes.tables
 
     @property
     def density(self) -> Floats:
@@ -54,14 +57,6 @@ class ScatteringTable:
     def asymmetry(self) -> float:
         """Mean cosine of the scattering angle, g."""
         return float(self.moments(2)[1])
-
-    @property
-    def forward(self) -> float:
-        """Forward fraction f of the delta-M method for two moments: the third moment.
-
-        So the third moment is right too (Wiscombe, J. Atmos. Sci. 34, 1977).
-        """
-        return max(float(self.moments(4)[3]), 0.0)
 
     def to_sample(self) -> Floats:
         """Table (3 M + 2,) of kernels/phase.h: cosines, cumulative shares, bins of k / M."""
@@ -84,9 +79,35 @@ class ScatteringTable:
         return np.asarray(integral @ self.density)
 
 
-def _bounds() -> Floats:
+@dataclass(frozen=True)
+class SizeClasses:
+    """Mean phase functions of droplets in K classes of size.
+
+    bounds_m: (K - 1,) rising diameters between the classes.
+    tables: a phase function each, with the same bins.
+    left: how far the phase functions of places in the spray are from what the classes say, see
+        `size_classes`.
+    """
+
+    bounds_m: Floats
+    tables: tuple[ScatteringTable, ...]
+    left: float
+
+    def __post_init__(self) -> None:
+        if len(self.tables) != len(self.bounds_m) + 1 or len(self.tables) < 2:
+            raise PhaseError(
+                f"size classes: {len(self.tables)} phase functions for {len(self.bounds_m)} bounds;"
+                " allowed is one bound or more, and a phase function more than bounds"
+            )
+
+    def number(self, diameter_m: Floats) -> NDArray[np.intp]:
+        """Class (N,) of droplets of `diameter_m` (N,)."""
+        return np.asarray(np.searchsorted(self.bounds_m, diameter_m, "right"))
+
+
+def cosine_bounds() -> Floats:
     """Bins evenly spaced in the angle: fine in cosine at the forward peak."""
-    cosine = np.cos(np.linspace(0.0, np.pi, _BINS + 1))
+    cosine = np.cos(np.linspace(0.0, np.pi, BINS + 1))
     cosine[0], cosine[-1] = 1.0, -1.0
     return np.asarray(cosine)
 
@@ -102,73 +123,10 @@ def henyey_greenstein(g: float) -> ScatteringTable:
     """
     if not -1 < g < 1:
         raise PhaseError(f"Henyey-Greenstein: g = {g:g} is outside -1..1 (both excluded)")
-    cosine = _bounds()
+    cosine = cosine_bounds()
     if abs(g) < 1e-6:
         return ScatteringTable(cosine, (1 - cosine) / 2)
     root = np.sqrt(1 + g * g - 2 * g * cosine)
     cumulative = (1 - g * g) / (2 * g) * (1 / abs(1 - g) - 1 / root)
     cumulative /= cumulative[-1]
     return ScatteringTable(cosine, cumulative)
-
-
-def mean_of(
-    parcels: Parcels | None, droplets: Droplets | None, scattering_m2: Floats | None
-) -> ScatteringTable | None:
-    """Mean phase function of a spray's droplets, weighted by their scattering cross sections.
-
-    Args:
-        parcels: N parcels of equal droplets.
-        droplets: Mie tables; the refractive index is that of the middle temperature.
-        scattering_m2: (N,) scattering cross section of all of a parcel's droplets.
-
-    Returns:
-        The table; None where no droplet scatters.
-    """
-    if parcels is None or droplets is None or scattering_m2 is None or not scattering_m2.any():
-        return None
-    table = droplets.tables[len(droplets.tables) // 2]
-    return mie_table(
-        parcels.diameter_m,
-        scattering_m2,
-        wavelength_um=table.wavelength_um,
-        n=table.n,
-        k=table.k,
-    )
-
-
-def mie_table(
-    diameter_m: Floats, scattering_m2: Floats, *, wavelength_um: float, n: float, k: float
-) -> ScatteringTable:
-    """Mean Mie phase function of droplets, weighted by scattering cross sections.
-
-    Args:
-        diameter_m: (N,) diameters.
-        scattering_m2: (N,) scattering cross section of all droplets of each diameter.
-        wavelength_um: in vacuum.
-        n, k: refractive index n - ik.
-
-    Raises:
-        PhaseError: nothing scatters.
-    """
-    scatters = (scattering_m2 > 0) & (diameter_m > 0)
-    if not scatters.any():
-        raise PhaseError("no droplet scatters light, so there is no mean phase function")
-    log_x = np.log(np.pi * diameter_m[scatters] / (wavelength_um * 1e-6))
-    weight = scattering_m2[scatters] / scattering_m2[scatters].sum()
-    low, high = float(log_x.min()), float(log_x.max())
-    step = max((high - low) / _SIZES, 1e-9)
-    number = np.minimum(((log_x - low) / step).astype(int), _SIZES - 1)
-    share = np.bincount(number, weight, minlength=_SIZES)
-    middle = np.bincount(number, weight * log_x, minlength=_SIZES) / np.where(share > 0, share, 1)
-    cosine = _bounds()
-    angle = np.linspace(0.0, np.pi, _BINS + 1)
-    half = np.diff(angle)[:, None] / 2
-    nodes = (angle[:-1, None] + half) + half * _NODES
-    some = share > 1e-6  # what is left out is less than 1e-4 of all
-    series = mie.coefficients(n=n, k=k, x=mie.check(n=n, k=k, x=np.exp(middle[some])))
-    intensity = mie.intensity(*series, np.cos(nodes.reshape(-1)))
-    intensity = intensity.reshape(*nodes.shape, -1) * np.sin(nodes)[..., None]
-    in_bin = np.einsum("bqs,bq,q->bs", intensity, half * np.ones(2), _WEIGHTS)
-    within = in_bin @ (share[some] / in_bin.sum(axis=0))
-    cumulative = np.concatenate([[0.0], np.cumsum(within)])
-    return ScatteringTable(cosine, cumulative / cumulative[-1])

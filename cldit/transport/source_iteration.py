@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from cldit.gpu.device import Device
 from cldit.scene.schema import Scene
 from cldit.transport.camera_source import final_sweeps, order_0_source
+from cldit.transport.cell_phases import phase_moments
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.iteration import iterate_source
 from cldit.transport.discrete_ordinates.moment_source import moment_source
@@ -126,12 +127,13 @@ def thick_region(cells: OpticalCells, settings: Settings) -> ThickRegion | None:
     """The region of `cells` that the final gather refines by `settings`; None: there is none."""
     if not (settings.within_cells and cells.needs.scattering):
         return None
+    phase = settings.phase
     return ThickRegion.of(
         cells,
         cells.box(),
         deeper_than=settings.thick_depth,
         tuning=settings.tuning,
-        asymmetry=0.0 if settings.phase is None else settings.phase.asymmetry,
+        asymmetry=0.0 if phase is None else phase_moments(cells, phase, 2)[1],
     )
 
 

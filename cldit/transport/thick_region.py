@@ -52,7 +52,7 @@ class ThickRegion:
         *,
         deeper_than: float,
         tuning: Tuning,
-        asymmetry: float = 0.0,
+        asymmetry: float | NDArray[np.float64] = 0.0,
     ) -> ThickRegion | None:
         """The thick scattering cells and the cells around them.
 
@@ -60,7 +60,7 @@ class ThickRegion:
             cells, box: the medium, and its swept box.
             deeper_than: optical depth of a cell's edge above which it is thick.
             tuning: `margin` cells around thick ones; which of them are `diffusive`.
-            asymmetry: mean cosine of scattering.
+            asymmetry: mean cosine of scattering, of all cells or (N,).
 
         Returns:
             The region; None where no cell is thick.
@@ -93,7 +93,7 @@ class ThickRegion:
                 beside[:, 2 * axis + up] = number
             interfaces = max(ends)
         loss = cells.coalbedo[listed]
-        loss = loss / (loss + (1.0 - asymmetry) * cells.albedo[listed])
+        loss = loss / (loss + ((1.0 - asymmetry) * cells.albedo)[listed])
         deep = cells.depth[cells.address[listed]] > tuning.diffuse_depth
         diffusive = bool(np.any(deep & (loss < tuning.diffuse_coalbedo)))
         at += low

@@ -49,6 +49,8 @@ MUTATIONS = (
         "kernels/test_headers.py", "kernels/test_image.py", "verify/test_audit.py"),
     row("kernels/phase.h", "while (low < PHASE_BINS - 1 && share[low + 1] <= u) ++low;", "",
         "kernels/test_headers.py", "verify/test_phase.py", "verify/test_path.py"),
+    row("kernels/phase.h", "below = here;", "below = R(0);", "kernels/test_random.py"),
+    row("kernels/path.cl", "address = cell.address;", "", "verify/test_size_classes.py"),
     row("kernels/directions.h", "(d.x > R(0)) + 2 * (d.y > R(0)) + 4 * (d.z > R(0))",
         "(d.x > R(0)) + 2 * (d.y > R(0)) + 4 * (d.z < R(0))",
         "kernels/test_headers.py", "kernels/test_gather.py", "kernels/test_interface_radiance.py",

@@ -41,9 +41,15 @@ def philox(counter: Words, key: Words) -> Words:
     return x.astype(np.uint32)
 
 
-def _run(device: Device, body: str, inputs: list[NDArray[Any]], out: NDArray[Any]) -> NDArray[Any]:
+def _run(
+    device: Device,
+    body: str,
+    inputs: list[NDArray[Any]],
+    out: NDArray[Any],
+    options: list[str] | None = None,
+) -> NDArray[Any]:
     """A kernel whose one line sets out[i] from inputs a, b, ..., which are pointers."""
-    types = {"uint32": "uint", "float32": "float"}
+    types = {"uint32": "uint", "float32": "float", "uint8": "uchar"}
     arguments = "".join(
         f", __global const {types[array.dtype.name]} *{chr(97 + n)}"
         for n, array in enumerate(inputs)
@@ -53,7 +59,7 @@ def _run(device: Device, body: str, inputs: list[NDArray[Any]], out: NDArray[Any
         f"__global {types[out.dtype.name]} *out{arguments})\n"
         f"{{ const int i = get_global_id(0); {body} }}\n"
     )
-    program = compiled(device, source, _OPTIONS)
+    program = compiled(device, source, options or _OPTIONS)
     buffer = zeros(device, "out", out.size, out.dtype.type)
     buffers = [upload(device, "in", array) for array in inputs]
     cl.Kernel(program, "apply")(device.queue, (len(out),), None, buffer, *buffers)
@@ -120,6 +126,31 @@ def test_phase_cosine_against_numpy(device: Device, g: float) -> None:
     expected = np.interp(u.astype(float), phase.cumulative, phase.cosine)
     slope = 1 / phase.density[np.clip(np.searchsorted(-phase.cosine, -expected) - 1, 0, 1023)]
     assert np.all(np.abs(got - expected) <= 4 * ULP * (1 + 1.1 * slope))
+
+
+def test_class_by_its_share(device: Device) -> None:
+    """A number draws each of four classes as often as the bytes say, one of none never; the rest of
+    it is even again: its mean within what steps of 1 / 255 of the numbers leave."""
+    ends = np.array([[51, 0, 255], [51, 0, 255], [153, 128, 255]], np.uint8)  # a column a cell
+    count = 255 * 200
+    u = ((np.arange(count) + 0.5) / count).astype(np.float32)
+    options = [*_OPTIONS, "-DPHASE_CLASSES=4"]
+    body = "real u = a[i]; out[2 * i] = phase_class(&u, b + CELL, 3); out[2 * i + 1] = u;"
+    shares = [[51, 0, 102, 102], [0, 0, 128, 127], [255, 0, 0, 0]]
+    for cell, expected in enumerate(shares):
+        got = _run(
+            device,
+            body.replace("CELL", str(cell)),
+            [u, ends],
+            np.empty((count, 2), np.float32),
+            options,
+        )
+        found = np.bincount(got[:, 0].astype(int), minlength=4)
+        np.testing.assert_allclose(found, np.multiply(expected, 200), atol=1)
+        for number in np.flatnonzero(expected):
+            rest = np.sort(got[got[:, 0] == number, 1])
+            even = (np.arange(len(rest)) + 0.5) / len(rest)
+            np.testing.assert_allclose(rest, even, atol=2 / len(rest) + 8 * ULP * 255)
 
 
 def test_on_circle(device: Device) -> None:

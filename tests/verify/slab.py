@@ -12,7 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.run import Run
-from cldit.transport.phase import ScatteringTable, mie_table
+from cldit.transport.mie_phase import mie_table
+from cldit.transport.phase import ScatteringTable
 
 EDGE = 0.2
 CAMERA = {"model": "orthographic", "pixels": [9, 9], "field_m": [0.01, 0.01]}

@@ -24,7 +24,8 @@ class CameraSweep:
     phase: the phase function in equal steps of the sine of half the angle.
     place: (3,) of the camera, in cells of the cube.
     shares: sums of weights in every cell, in packets of either order of axes.
-    seen: with VIEW_TRANSMISSION, optical depths for the camera and 1 over their mean transmissions.
+    seen: with VIEW_TRANSMISSION, optical depths for the camera and 1 over their mean transmissions;
+        with PHASE_CLASSES, shares of the classes of droplet size.
     """
 
     device: Device
@@ -47,6 +48,7 @@ class CameraSweep:
         *,
         phase: NDArray[np.float64],
         place: NDArray[np.float64],
+        classes: NDArray[np.float64] | None = None,
     ) -> CameraSweep:
         """Uploads the weights.
 
@@ -55,8 +57,10 @@ class CameraSweep:
             program: sweep.cl with CAMERA_SWEEP.
             medium: for the camera's optical depths.
             packets: of the swept box.
-            phase: `ScatteringTable.by_half_sine`; one number where there is no PHASE_STEPS.
+            phase: `ScatteringTable.by_half_sine` of each class of droplet size; one number where
+                there is no PHASE_STEPS.
             place: (3,) of the camera, in cells of the cube.
+            classes: (K, P) shares of these classes, with PHASE_CLASSES.
         """
         seen: dict[bool, dict[str, Any]] = {turned: {} for turned in packets}
         if "VIEW_TRANSMISSION" in program.defines:
@@ -66,6 +70,11 @@ class CameraSweep:
                 for turned, some in packets.items():
                     packed = some.packed(dense[turned])
                     seen[turned][name] = upload(device, "optical depth", packed)
+        if classes is not None:
+            each = [turned_too(medium.dense(box, one.astype(real))) for one in classes[1:]]
+            for turned, some in packets.items():
+                packed = np.stack([some.packed(one[turned]) for one in each], axis=1)
+                seen[turned]["class_shares"] = upload(device, "size classes", packed)
         return cls(
             device=device,
             real=real,

@@ -63,7 +63,7 @@ class Gradients:
         return np.stack([more[0] + more[1], more[2] + more[3], more[4] + more[5]])
 
 
-def diffusion_matters(cells: OpticalCells, *, scattered: float, tuning: Tuning) -> bool:
+def diffusion_matters(cells: OpticalCells, *, scattered: float | Floats, tuning: Tuning) -> bool:
     """Whether light diffuses through any cells.
 
     It does in thick cells of low coalbedo that are few diffusion lengths across. The thickest are
@@ -71,7 +71,7 @@ def diffusion_matters(cells: OpticalCells, *, scattered: float, tuning: Tuning) 
 
     Args:
         cells: the medium.
-        scattered: share of the scattering that counts.
+        scattered: share of the scattering that counts, of all cells or (N,).
         tuning: its `diffusion_` numbers are the limits of such cells.
     """
     counts = cells.coalbedo + scattered * cells.albedo

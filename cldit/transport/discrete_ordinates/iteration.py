@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cldit.gpu.program import Program
 from cldit.transport.angular_moments import MOMENTS
+from cldit.transport.cell_phases import phase_moments
 from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
 from cldit.transport.discrete_ordinates.gmres import (
     Solution,
@@ -111,7 +112,9 @@ def _moments(
     settings, phase = problem.settings, problem.settings.phase
     plain = problem.program(problem.solver_defines)
     every = settings.order is None
-    turned = phase.asymmetry if every and phase is not None else 0.0
+    turned: float | Floats = 0.0
+    if every and phase is not None:
+        turned = phase_moments(problem.medium, phase, 2)[1]
     # Without a phase function all sweeps are of one medium: one sweeper serves them all.
     serves = phase is None and "LINEAR_SOURCE" not in problem.solver_defines
     sweeper = problem.sweeper(

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from cldit.gpu.program import Program
 from cldit.transport.angular_moments import phase_coefficients
+from cldit.transport.cell_phases import phase_moments
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.gmres import Solution
 from cldit.transport.discrete_ordinates.iteration import Moments, SolvedSource
@@ -124,10 +125,11 @@ def _scattered(problem: SweepProblem, sweeper: Sweeper, light: Moments) -> Momen
     source = albedo * light.angular
     source[0] += sweeper.thermal
     if problem.settings.phase is not None:
-        moments, forward = problem.settings.phase.moments(3), problem.forward_fraction
+        moments = phase_moments(problem.medium, problem.settings.phase, 3)
+        forward = problem.forward_fraction
         _, first, second = (moments - forward) / (1.0 - forward)
-        ratios = phase_coefficients(float(first), float(second)).astype(source.dtype)
-        source[1:] *= ratios[:, None, None]
+        ratios = phase_coefficients(first, second).astype(source.dtype)
+        source[1:] *= ratios[:, None, :]
     gradient = None
     if light.gradient is not None:
         gradient = limited_gradient(sweeper, light.gradient, source[0])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
+from cldit.transport.cell_phases import phase_moments
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
@@ -71,7 +72,9 @@ class SweepProblem:
         Raises:
             DeviceError, KernelError: the device cannot do it.
         """
-        share = 1.0 if settings.phase is None else 1.0 - settings.phase.asymmetry
+        share: float | Floats = 1.0
+        if settings.phase is not None:
+            share = 1.0 - phase_moments(medium, settings.phase, 2)[1]
         tuning = settings.tuning
         linear = medium.depth[medium.address] > tuning.linear_depth
         linear_cells = linear if settings.linear_sources and linear.any() else None
@@ -83,6 +86,8 @@ class SweepProblem:
         flags = {**solver_defines, **_source_defines(settings, linear_cells)}
         if settings.phase is not None:
             flags.update(CAMERA_SWEEP=1, PHASE_STEPS=PHASE_STEPS)
+            if settings.phase.classes is not None:
+                flags["PHASE_CLASSES"] = len(settings.phase.tables)
         if not settings.within_cells:
             flags.update(CAMERA_SWEEP=1, VIEW_TRANSMISSION=1)
         many = tuning.spatial_from if settings.phase is None else tuning.spatial_from_phase
@@ -109,12 +114,17 @@ class SweepProblem:
         """Whether neither a phase function nor gradients call for a moment source."""
         return self.settings.phase is None and self.linear_cells is None
 
-    def scattering_scaled(self, share: float) -> OpticalCells:
-        """The medium with this share of its scattering, in the same unit of sources."""
-        if share == 1.0:
+    def scattering_scaled(self, share: float | Floats) -> OpticalCells:
+        """The medium with this share of its scattering, in the same unit of sources.
+
+        share: of all scattering cells, or (N,), or (1,).
+        """
+        if np.all(share == 1.0):
             return self.medium
+        everywhere = np.ones(len(self.medium.depth))
+        everywhere[self.medium.address] = share
         cells = OpticalCells.of(
-            self.medium.tree, patches=self.medium.needs.patches, scattered=share
+            self.medium.tree, patches=self.medium.needs.patches, scattered=everywhere
         )
         return cells.in_units_of(self.medium)
 
@@ -147,15 +157,16 @@ class SweepProblem:
         )
 
     @property
-    def forward_fraction(self) -> float:
-        """Forward fraction f of delta-M in the final sweeps.
+    def forward_fraction(self) -> Floats:
+        """Forward fraction f (N,) or (1,) of delta-M for two moments in the final sweeps.
 
-        0 at a fixed order, where forward scattering counts as any other.
+        The third moment of the phase function, so that this moment is right too (Wiscombe, J.
+        Atmos. Sci. 34, 1977); 0 at a fixed order, where forward scattering counts as any other.
         """
         phase, settings = self.settings.phase, self.settings
         if phase is None or settings.order is not None or not settings.tuning.delta_m:
-            return 0.0
-        return phase.forward
+            return np.zeros(1)
+        return np.asarray(np.maximum(phase_moments(self.medium, phase, 4)[3], 0.0))
 
     @property
     def half(self) -> int:

@@ -421,13 +421,22 @@ class Sweeper:
         seen: OpticalCells,
         phase: NDArray[np.float64],
         place: NDArray[np.float64],
+        classes: NDArray[np.float64] | None = None,
     ) -> CameraSweep:
         """The camera's weights in this box, see `CameraSweep.of`.
 
-        `program`, `phase` (P,) and `place` (3,) are as there; `seen` is its medium.
+        `program`, `phase` (P,), `place` (3,) and `classes` are as there; `seen` is its medium.
         """
         return CameraSweep.of(
-            self.device, self.box, self._real, program, seen, self.packets, phase=phase, place=place
+            self.device,
+            self.box,
+            self._real,
+            program,
+            seen,
+            self.packets,
+            phase=phase,
+            place=place,
+            classes=classes,
         )
 
     def view_weighted_mean(

@@ -21,6 +21,7 @@ from cldit.gpu.buffers import download, unset, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.partition import shares
 from cldit.gpu.program import Define, Program, build
+from cldit.transport.cell_phases import class_shares
 from cldit.transport.cells import Box
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.quadrature import (
@@ -111,6 +112,19 @@ def neyman_allocation(
     return power
 
 
+def _classes(
+    device: Device, shares: NDArray[np.uint8] | None, thick: ThickRegion
+) -> dict[str, Any]:
+    """Kernel arguments of PHASE_CLASSES, from the `shares` (K - 1, P) of stored cells."""
+    if shares is None:
+        return {}
+    of_region = np.where(thick.address >= 0, shares[:, thick.address], np.uint8(0))
+    return {
+        "class_shares": upload(device, "size classes", of_region),
+        "region_cells": of_region.shape[1],
+    }
+
+
 class Gather:
     """The final gather of an image, in rounds of paths.
 
@@ -158,13 +172,17 @@ class Gather:
             "END_WEIGHT": f"R({end_weight})",
             "NEAREST_SIDE": NEAREST_SIDE,
         }
-        if thick.diffusive:
+        classes = class_shares(cells, phase)
+        if classes is not None:
+            self._defines["PHASE_CLASSES"] = len(classes) + 1
+        if thick.diffusive or classes is not None:
             self._defines["FREE_DIRECTIONS"] = 1
         for flag in ("MOMENT_SOURCE", "LINEAR_SOURCE"):
             if flag in ends.program.defines:
                 self._defines[flag] = 1
         if phase is not None:
-            table, steps = phase.to_sample(), phase.by_half_sine(PHASE_STEPS)
+            table = np.concatenate([one.to_sample() for one in phase.tables])
+            steps = phase.by_half_sine(PHASE_STEPS)
             self._defines.update(PHASE_BINS=phase.bins, PHASE_STEPS=PHASE_STEPS)
         real = self._real
         albedo = np.zeros(len(cells.depth), real)
@@ -223,6 +241,7 @@ class Gather:
                     "number_of": upload(one, "directions", order),
                     "direction_count": len(directions),
                     "by_half_sine": upload(one, "phase function", steps.astype(real)),
+                    **_classes(one, classes, thick),
                     **view.lines_of_sight(one, real),
                 }
             )

@@ -20,6 +20,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.partition import shares
 from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
+from cldit.transport.cell_phases import class_shares
 from cldit.transport.cells import OpticalCells
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
@@ -156,7 +157,11 @@ def trace_path(
     table = np.zeros(1, real)
     if settings.phase is not None:
         defines["PHASE_BINS"] = settings.phase.bins
-        table = settings.phase.to_sample().astype(real)
+        tables = settings.phase.tables
+        table = np.concatenate([one.to_sample() for one in tables]).astype(real)
+        if len(tables) > 1:
+            defines["PHASE_CLASSES"] = len(tables)
+    classes = class_shares(cells, settings.phase)
     programs = [build(one, "path.cl", defines) for one in (device, *device.others)]
     start = time.perf_counter()
     components = len(cells.needs.components) + 1  # the last: from within, see energy_balance.py
@@ -170,6 +175,7 @@ def trace_path(
         return {
             "thermal": upload(one, "source", middles.thermal_planes(real)),
             "albedo": upload(one, "albedo", albedo.astype(real)),
+            **({} if classes is None else {"shares": upload(one, "size classes", classes)}),
             **upload_tree(one, cells, real, linear=settings.linear_coefficients),
             **view.geometry(one, cells, real),
         }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -47,6 +49,34 @@ def test_everything_is_conserved(leaf: float) -> None:
     for name, value in zip(FIELDS, expected, strict=True):
         assert tree.integral(name) == pytest.approx(value, rel=2e-7), name
     assert sum(n / 8.0**level for level, n in enumerate(tree.leaves)) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("leaf", [0.11, 0.02, 0.004])
+def test_shares_of_classes_are_conserved(leaf: float) -> None:
+    """What each of three classes scatters in all cells, by bytes that round to half of a 255th of
+    what a cell's droplets scatter; the fields are those without classes, to the last bit."""
+    rng = np.random.default_rng(2)
+    amount = 10.0 ** rng.uniform(-9, -6, 800)
+    place, number = rng.normal(0, 0.02, (800, 3)), rng.integers(0, 3, 800)
+    number[place[:, 0] > 0.01] = 1  # some cells hold one class alone
+    plain = points(place, amount)
+    parts = tuple(np.where(number == k, plain.scattering_m2, 0.0) for k in (1, 2))
+    tree, without = (
+        build_octree(frame(leaf), source, [], optical_depth_split=1e-5)
+        for source in (replace(plain, class_scattering_m2=parts), plain)
+    )
+    assert without.shares is None and tree.fields.keys() == without.fields.keys()
+    for name, values in without.fields.items():
+        np.testing.assert_array_equal(tree.fields[name], values)
+    assert tree.shares is not None and tree.shares.shape == (2, len(values))
+    assert np.all(tree.shares[1] >= tree.shares[0])
+    ends = np.vstack([np.zeros(len(values)), tree.shares, np.full(len(values), 255.0)])
+    total = without.integral("droplet_scattering")
+    for k, share in enumerate(np.diff(ends, axis=0) / 255.0):
+        of_class = {"droplet_scattering": without.fields["droplet_scattering"] * share}
+        found = replace(without, fields=of_class).integral("droplet_scattering")
+        expected = float(plain.scattering_m2[number == k].sum())
+        assert found == pytest.approx(expected, abs=total / 255)
 
 
 def test_leaf_edge_is_below_the_bound() -> None:

@@ -22,7 +22,7 @@ def test_addition_theorem() -> None:
     other /= np.linalg.norm(other, axis=1)[:, None]
     cosine = (one * other).sum(axis=1)
     g, h = 0.6, -0.3
-    counts = phase_coefficients(g, h)
+    (counts,) = phase_coefficients(np.array([g]), np.array([h])).T
     assert len(counts) == MOMENTS - 1
     got = 1 + np.einsum("m,mn,mn->n", counts, moment_to_discrete(one), discrete_to_moment(other))
     expected = 1 + 3 * g * cosine + 5 * h * eval_legendre(2, cosine)

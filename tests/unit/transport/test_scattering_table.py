@@ -1,14 +1,13 @@
-"""Phase functions as tables: moments, Mie means, and what is refused."""
+"""Phase functions as tables: moments, and what is refused."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from cldit.optics.droplets import droplet_table
-from cldit.transport.phase import PhaseError, henyey_greenstein, mie_table
-
-OPTICS = {"wavelength_um": 3.4, "n": 1.338, "k": 0.0341}
+from cldit.transport.phase import PhaseError, SizeClasses, henyey_greenstein
 
 
 @pytest.mark.parametrize("g", [-0.7, 0.0, 1e-7, 0.3, 0.8, 0.95])
@@ -20,38 +19,18 @@ def test_henyey_greenstein_moments_are_powers_of_g(g: float) -> None:
     assert moments[0] == pytest.approx(1.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("diameter_m", [0.1e-6, 1e-6, 9e-6, 60e-6])
-def test_asymmetry_of_one_droplet(diameter_m: float) -> None:
-    """g of the table against g of the Mie series (another route: no angles in it)."""
-    phase = mie_table(np.array([diameter_m]), np.ones(1), **OPTICS)
-    table = droplet_table(**OPTICS, cache=None)
-    assert phase.asymmetry == pytest.approx(float(table.efficiencies(diameter_m)[2]), abs=1e-4)
-    assert phase.cumulative[0] == 0.0 and phase.cumulative[-1] == 1.0
-    assert np.all(np.diff(phase.cumulative) >= 0)
-
-
-def test_small_droplets_scatter_as_rayleigh() -> None:
-    phase = mie_table(np.array([0.02e-6]), np.ones(1), **OPTICS)
-    middle = (phase.cosine[1:] + phase.cosine[:-1]) / 2
-    np.testing.assert_allclose(phase.density, 3 / 8 * (1 + middle**2), rtol=2e-3)
-
-
-def test_mean_counts_droplets_by_what_they_scatter() -> None:
-    """Mean g of 300 sizes, against the same mean of the Mie table's g."""
-    table = droplet_table(**OPTICS, cache=None)
-    d = np.geomspace(1e-6, 10e-6, 300)
-    weight = table.cross_sections(d)[1] * np.exp(-d / 3e-6)
-    expected = float(np.sum(weight * table.efficiencies(d)[2]) / weight.sum())
-    # Sizes are pooled in 64 classes of 4 %: g changes by 1e-3 within one, of either sign.
-    assert mie_table(d, weight, **OPTICS).asymmetry == pytest.approx(expected, abs=5e-4)
-
-
 @pytest.mark.parametrize("g", [-1.0, 1.0, float("nan")])
 def test_impossible_asymmetry_is_refused(g: float) -> None:
     with pytest.raises(PhaseError, match=r"outside -1\.\.1"):
         henyey_greenstein(g)
 
 
-def test_nothing_that_scatters_is_refused() -> None:
-    with pytest.raises(PhaseError, match="no droplet scatters"):
-        mie_table(np.array([1e-6]), np.zeros(1), **OPTICS)
+def test_classes_by_diameter() -> None:
+    one, other = henyey_greenstein(0.2), henyey_greenstein(0.9)
+    classes = SizeClasses(np.array([5e-6]), (one, other), 0.0)
+    np.testing.assert_array_equal(classes.number(np.array([1e-6, 5e-6, 2e-5])), [0, 1, 1])
+    mean = henyey_greenstein(0.5)
+    assert mean.tables == (mean,)
+    assert replace(mean, classes=classes).tables == (one, other)
+    with pytest.raises(PhaseError, match="1 phase functions for 0 bounds"):
+        SizeClasses(np.zeros(0), (one,), 0.0)

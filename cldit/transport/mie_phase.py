@@ -1,0 +1,106 @@
+"""Phase functions of a spray's droplets by Mie's theory, in bins of size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.optics import mie
+from cldit.transport.phase import BINS, PhaseError, ScatteringTable, cosine_bounds
+
+Floats = NDArray[np.float64]
+
+_SIZES = 64  # bins of the droplets' size parameter, evenly spaced in its logarithm
+_LEFT_OUT = 1e-6  # share of a bin that is not solved: all together are less than 1e-4
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(2)
+
+
+@dataclass(frozen=True)
+class SizeBins:
+    """What droplets scatter, and where to, by S bins of size.
+
+    edges_m: (S + 1,) diameters.
+    share: (S,) of all scattering.
+    within: (M, S) light that a bin's droplets scatter into each bin of the cosine, in any unit; 0
+        where a bin scatters next to nothing.
+    """
+
+    edges_m: Floats
+    share: Floats
+    within: Floats
+
+    @classmethod
+    def of(
+        cls, diameter_m: Floats, scattering_m2: Floats, *, wavelength_um: float, n: float, k: float
+    ) -> SizeBins:
+        """Mie's phase functions at the mean size parameter of each bin.
+
+        Args:
+            diameter_m: (N,) diameters.
+            scattering_m2: (N,) scattering cross section of all droplets of each diameter.
+            wavelength_um: in vacuum.
+            n, k: refractive index n - ik.
+
+        Raises:
+            PhaseError: nothing scatters.
+        """
+        scatters = (scattering_m2 > 0) & (diameter_m > 0)
+        if not scatters.any():
+            raise PhaseError("no droplet scatters light, so there is no mean phase function")
+        log_x = np.log(np.pi * diameter_m[scatters] / (wavelength_um * 1e-6))
+        weight = scattering_m2[scatters] / scattering_m2[scatters].sum()
+        low, high = float(log_x.min()), float(log_x.max())
+        step = max((high - low) / _SIZES, 1e-9)
+        number = np.minimum(((log_x - low) / step).astype(int), _SIZES - 1)
+        share = np.asarray(np.bincount(number, weight, minlength=_SIZES), np.float64)
+        middle = np.bincount(number, weight * log_x, minlength=_SIZES) / np.where(
+            share > 0, share, 1
+        )
+        angle = np.linspace(0.0, np.pi, BINS + 1)
+        half = np.diff(angle)[:, None] / 2
+        nodes = (angle[:-1, None] + half) + half * _NODES
+        some = share > _LEFT_OUT
+        series = mie.coefficients(n=n, k=k, x=mie.check(n=n, k=k, x=np.exp(middle[some])))
+        intensity = mie.intensity(*series, np.cos(nodes.reshape(-1)))
+        intensity = intensity.reshape(*nodes.shape, -1) * np.sin(nodes)[..., None]
+        within = np.zeros((BINS, _SIZES))
+        within[:, some] = np.einsum("bqs,bq,q->bs", intensity, half * np.ones(2), _WEIGHTS)
+        edges = np.exp(low + step * np.arange(_SIZES + 1)) * (wavelength_um * 1e-6 / np.pi)
+        return cls(edges, share, within)
+
+    @property
+    def solved(self) -> NDArray[np.bool_]:
+        """(S,) bins that have a phase function."""
+        return np.asarray(self.share > _LEFT_OUT)
+
+    def number(self, diameter_m: Floats) -> NDArray[np.intp]:
+        """Bin (N,) of each diameter (N,)."""
+        return np.clip(
+            np.searchsorted(self.edges_m, diameter_m, "right") - 1, 0, len(self.share) - 1
+        )
+
+    def mean(self, first: int = 0, end: int | None = None) -> ScatteringTable:
+        """Mean phase function of the bins from `first` to before `end`, by what they scatter."""
+        within, share = (part[..., first:end] for part in (self.within, self.share))
+        some = self.solved[first:end]
+        within, share = np.ascontiguousarray(within[:, some]), share[some]
+        in_bin = within @ (share / within.sum(axis=0))
+        cumulative = np.concatenate([[0.0], np.cumsum(in_bin)])
+        return ScatteringTable(cosine_bounds(), cumulative / cumulative[-1])
+
+
+def mie_table(
+    diameter_m: Floats, scattering_m2: Floats, *, wavelength_um: float, n: float, k: float
+) -> ScatteringTable:
+    """Mean Mie phase function of droplets, weighted by scattering cross sections.
+
+    Args:
+        diameter_m, scattering_m2: (N,), as in `SizeBins.of`.
+        wavelength_um, n, k: likewise.
+
+    Raises:
+        PhaseError: nothing scatters.
+    """
+    return SizeBins.of(diameter_m, scattering_m2, wavelength_um=wavelength_um, n=n, k=k).mean()
