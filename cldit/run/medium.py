@@ -284,7 +284,7 @@ def _parcel_variants(
 ) -> ParcelVariants | None:
     """Sources of the spray with other parcels; None where its droplets are no sample of two."""
 
-    def source(of: Spray) -> Source:
+    def source(of: Spray) -> Sources:
         points, cells = emitters(of, band)
         return in_classes(points, of, phase), cells
 
