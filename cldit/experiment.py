@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from cldit.acquisition.measured import Measured, is_measured, open_measured
 from cldit.acquisition.plan import plan_from_scene
@@ -24,6 +23,7 @@ from cldit.errors import EvaluationError, RunFolderError
 from cldit.files import write_text
 from cldit.gpu.device import Device
 from cldit.images import write_image
+from cldit.plain_data import dump_yaml
 from cldit.report.run_report import write_run_report
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
@@ -68,8 +68,8 @@ def run_experiment(
     plan = plan_from_scene(scene, integration_time_s=run.info.integration_time_s)
     rig_file = folder / "rig.yaml"
     rig_data = simulated_rig_data(scene, folder)
-    rig_file.write_text(yaml.safe_dump(rig_data, sort_keys=False), encoding="utf-8")
-    (folder / "plan.yaml").write_text(plan.dump(), encoding="utf-8")
+    write_text(rig_file, dump_yaml(rig_data))
+    write_text(folder / "plan.yaml", plan.dump())
     if progress is not None:
         progress("acquisition")
     with open_rig(rig_data) as rig:

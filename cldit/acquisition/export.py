@@ -18,8 +18,8 @@ import tifffile
 from numpy.typing import NDArray
 
 from cldit.acquisition.record import Acquisition, Picture
-from cldit.errors import ClditError, RunFolderError
-from cldit.files import whole
+from cldit.errors import ClditError
+from cldit.files import DataStream, make_folder, whole
 
 FORMATS = {"ome-tiff": ".ome.tif", "nexus": ".nxs"}
 
@@ -41,7 +41,8 @@ def export(acquisition: Acquisition, form: str, target: Path | None = None) -> P
 
     Raises:
         ExportError: no such form, no pictures, or h5py is missing.
-        RunFolderError: a picture is damaged, or the file cannot be written.
+        RunFolderError: a picture is damaged.
+        DiskFull, FileError: the file cannot be written.
     """
     if form not in FORMATS:
         raise ExportError(f"--to: {form!r}; allowed are {', '.join(FORMATS)}")
@@ -49,12 +50,10 @@ def export(acquisition: Acquisition, form: str, target: Path | None = None) -> P
         raise ExportError(f"{acquisition.folder}: holds no pictures yet")
     folder = acquisition.folder
     path = target or folder / f"{folder.resolve().name}{FORMATS[form]}"
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole(path) as part:
-            (_write_ome if form == "ome-tiff" else _write_nexus)(acquisition, part)
-    except OSError as error:
-        raise RunFolderError(f"{path}: cannot be written ({error})") from error
+    size = len(acquisition.shots) * acquisition.plan.frames * int(np.prod(acquisition.shape)) * 2
+    make_folder(path.parent)
+    with whole(path, needed_bytes=size) as part:
+        (_write_ome if form == "ome-tiff" else _write_nexus)(acquisition, part)
     return path
 
 
@@ -85,7 +84,8 @@ def _write_ome(acquisition: Acquisition, path: Path) -> None:
     frames = acquisition.plan.frames
     width_m, height_m = acquisition.pixel_m
     size = len(acquisition.shots) * frames * int(np.prod(acquisition.shape)) * 2
-    with tifffile.TiffWriter(path, ome=True, bigtiff=size > 2**32 - 2**25) as tiff:
+    big = size > 2**32 - 2**25
+    with DataStream(path) as stream, tifffile.TiffWriter(stream, ome=True, bigtiff=big) as tiff:
         for (setpoint_K, kind), group in groupby(
             acquisition.shots, key=lambda shot: (shot.background_setpoint_K, shot.kind)
         ):
@@ -126,11 +126,19 @@ def _write_ome(acquisition: Acquisition, path: Path) -> None:
 
 
 def _write_nexus(acquisition: Acquisition, path: Path) -> None:
-    """NXdetector with an image_key as in NXtomo: 0 with spray, 1 a reference (flat field)."""
+    """Raises OSError for all that HDF5 cannot write; as it closes a file it says RuntimeError."""
     try:
         import h5py
     except ImportError as error:
         raise ExportError("NeXus needs h5py: pip install cldit[export]") from error
+    try:
+        _put_nexus(acquisition, path, h5py)
+    except RuntimeError as error:
+        raise OSError(str(error)) from error
+
+
+def _put_nexus(acquisition: Acquisition, path: Path, h5py: Any) -> None:
+    """NXdetector with an image_key as in NXtomo: 0 with spray, 1 a reference (flat field)."""
     rows, columns = acquisition.shape
     frames = acquisition.plan.frames
     count = len(acquisition.shots) * frames

@@ -9,9 +9,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from cldit.acquisition.disk import written
 from cldit.errors import RunFolderError
-from cldit.files import fsync_folder
+from cldit.files import fsync_folder, written
 
 Entry = dict[str, Any]
 

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from cldit.acquisition.plan import Kind, Plan, load_plan
-from cldit.acquisition.storage import CONFIGURATION, PLAN, load_shot, read_json, shot_path, survey
+from cldit.acquisition.storage import CONFIGURATION, PLAN, load_shot, shot_path, survey
 from cldit.camera.calibration import Calibration
 from cldit.errors import ClditError, RunFolderError
 from cldit.optics.response import Filter, from_plain
+from cldit.plain_data import read_json
 from cldit.radiance.boundary import Surroundings
 from cldit.rig.load import Setup
 from cldit.scene.checks import describe

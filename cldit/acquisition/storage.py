@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,10 +13,11 @@ import numpy as np
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
-from cldit.acquisition.disk import write_checked, written
+from cldit.acquisition.disk import write_checked
 from cldit.acquisition.journal import Entry, read_journal
 from cldit.acquisition.plan import Plan, Shot, load_plan
 from cldit.errors import RunFolderError
+from cldit.files import make_folder
 from cldit.images import put_image, read_image
 
 PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS, GUARD = (
@@ -73,8 +73,7 @@ def exclusive(folder: Path) -> Iterator[None]:
     Raises:
         RunFolderError: somebody does, or the folder cannot be made.
     """
-    with written(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     lock = FileLock(folder / ".lock")
     try:
         lock.acquire(timeout=0)
@@ -195,14 +194,3 @@ def survey(folder: Path, plan: Plan) -> Found:
         ended.add((shot_id, int(meta["attempt"])))
     lost = [entry for key, entry in fired.items() if key not in ended]
     return Found(entries, saved, adoptable, tuple(torn), lost)
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """Raises RunFolderError where the file is missing or holds anything else."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise RunFolderError(f"{path}: cannot be read ({error})") from error
-    if not isinstance(data, dict):
-        raise RunFolderError(f"{path}: holds {type(data).__name__}, expected an object")
-    return data

@@ -12,6 +12,7 @@ from pathlib import Path
 from filelock import FileLock
 
 from cldit.errors import RunFolderError
+from cldit.files import make_folder
 from cldit.gpu.device import Device
 from cldit.run.content import trace_key
 from cldit.run.folder import open_run
@@ -57,7 +58,7 @@ class RunCache:
             ClditError: as `cldit.simulate`.
         """
         folder = self.cache / "runs" / trace_key(scene)
-        folder.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(folder.parent)
         with FileLock(folder.with_suffix(".lock")):
             run = self._found(folder)
             if run is None:

@@ -10,6 +10,7 @@ import yaml
 
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
+from cldit.files import make_folder, write_text
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.radiance.weights import Weights
@@ -23,13 +24,13 @@ from cldit.scene import Scene, dump_scene, parse_scene
 
 def save_run(run: Run, folder: Path) -> None:
     """Writes the run; run.json comes last, so that a folder with it is whole."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "scene.yaml").write_text(dump_scene(run.scene), encoding="utf-8")
+    make_folder(folder)
+    write_text(folder / "scene.yaml", dump_scene(run.scene))
     run.weights.save(folder / "weights", pixel_m=run.pixel_m)
     save_nodes(folder / "weights", run.quadrature, run.spectral, pixel_m=run.pixel_m)
     run.reference.save(folder / "weights_reference", pixel_m=run.pixel_m)
     run.maps.save(folder / "maps", pixel_m=run.pixel_m)
-    (folder / "run.json").write_text(run.info.to_json(), encoding="utf-8")
+    write_text(folder / "run.json", run.info.to_json())
 
 
 def stored_run(folder: Path, scene: Scene) -> Run | None:

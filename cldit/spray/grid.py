@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.errors import SprayError
+from cldit.files import open_regular
 from cldit.scene.spray import GridSpray
 from cldit.spray.result import Cells, Floats, Prescribed, Spray
 
@@ -93,7 +94,7 @@ def read_grid(spec: GridSpray) -> Spray:
 def _load(path: Path) -> dict[str, Floats]:
     """Every array of the file as float64, C order."""
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             archive = np.load(stream, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise SprayError(f"{path}: holds a single array; expected an .npz of named arrays")

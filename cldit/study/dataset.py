@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from cldit.content import digest
 from cldit.errors import StudyError
-from cldit.files import write_text
+from cldit.files import make_folder, write_text
+from cldit.plain_data import read_json
 from cldit.run import Run
 from cldit.scene import Scene
 from cldit.study.grid import Grid, Point
@@ -115,18 +116,14 @@ def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
     known = path / "study.json"
     folder = SweepFolder(path, grid)
     if known.is_file():
-        try:
-            before = json.loads(known.read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise StudyError(f"{known}: is damaged ({error}); remove the folder") from error
-        if before != about:
+        if read_json(known, error=StudyError) != about:
             raise StudyError(
                 f"{path}: holds the sweep of another grid or scene; give another folder with --out"
             )
         return folder
     if path.exists() and any(path.iterdir()):
         raise StudyError(f"{path}: is not empty and holds no sweep; give another folder with --out")
-    (path / "points").mkdir(parents=True, exist_ok=True)
+    make_folder(path / "points")
     _template(base, grid).to_zarr(path / _STORE, compute=False, zarr_format=2, consolidated=True)
     write_text(known, json.dumps(about, indent=1))
     return folder

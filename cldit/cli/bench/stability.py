@@ -10,6 +10,7 @@ from cldit.bench.stability import bench_stability, cases, page
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.cli.units import device_option
 from cldit.errors import TransportError
+from cldit.files import write_text
 from cldit.gpu.device import open_device
 
 
@@ -28,7 +29,7 @@ def bench_stability_command(out: Path | None, device: str | None) -> None:
     if out is None:
         click.echo(text)
     else:
-        out.write_text(text, encoding="utf-8")
+        write_text(out, text)
         OUT.print(str(out))
     missed = [outcome.case.name for outcome in outcomes if not outcome.holds]
     if missed:
