@@ -15,7 +15,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
 
 from cldit.errors import DiskFull, FileError
 
@@ -178,7 +177,7 @@ def append_text(path: Path, text: str) -> None:
             raise
 
 
-def open_regular(path: Path) -> BinaryIO:
+def open_regular(path: Path) -> io.BufferedReader:
     """Opens a regular file to read its bytes.
 
     It is opened without waiting: a pipe that nobody writes to would hold the reader for ever.

@@ -17,7 +17,8 @@ import tifffile
 from numpy.typing import NDArray
 
 from cldit.acquisition.hcc import HccError, HccReader
-from cldit.errors import EvaluationError
+from cldit.errors import EvaluationError, FileError
+from cldit.files import check_regular, open_regular
 
 _PLACE = re.compile(r"^(?P<dataset>[^\[\]]+?)(\[(?P<first>\d*):(?P<last>\d*)\])?$")
 _TIFF = (".tif", ".tiff")
@@ -77,7 +78,7 @@ class _Tiff:
     """One page a picture; of a page with several pictures (ImageJ's), each."""
 
     def __init__(self, source: Source) -> None:
-        self._stream = source.path.open("rb")
+        self._stream = open_regular(source.path)
         self._stack: NDArray[Any] | None = None
         try:
             self._file = tifffile.TiffFile(self._stream)
@@ -113,6 +114,7 @@ class _Hdf5:
             raise EvaluationError(
                 f"{source.path}: HDF5 and NeXus need h5py; pip install 'cldit[cfd]'"
             ) from None
+        check_regular(source.path)
         self._file = h5py.File(source.path, "r")
         if source.dataset not in self._file:
             known = _datasets(self._file, h5py.Dataset)
@@ -147,6 +149,7 @@ class _Hcc:
     """A Telops film, read frame by frame."""
 
     def __init__(self, source: Source) -> None:
+        check_regular(source.path)
         self._film = HccReader(source.path)
 
     def __len__(self) -> int:
@@ -198,7 +201,7 @@ def open_stack(source: Source) -> Stack:
                 return stack
             except EvaluationError:
                 raise
-            except HccError as error:
+            except (HccError, FileError) as error:
                 raise EvaluationError(str(error)) from error
             except Exception as error:  # damaged headers lead the readers into errors of all kinds
                 raise EvaluationError(f"{source.path}: cannot be read ({error})") from error

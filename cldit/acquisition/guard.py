@@ -23,6 +23,7 @@ from cldit.plain_data import dump_yaml, parse_yaml
 from cldit.rig.clock import SystemClock
 from cldit.rig.load import Rig, open_rig
 from cldit.rig.safety import RigSafety
+from cldit.terminal import warn
 
 _SAFE = b"safe\n"
 _CONNECT_s = 15.0  # longer than any camera's heartbeat
@@ -139,7 +140,7 @@ def watch(stream: IO[bytes], folder: Path) -> int:
 
 def alarm(problems: list[str]) -> None:
     """Prints to the terminal, where the error itself may not arrive."""
-    print("\a\ncldit: THE RIG IS NOT SAFE:\n" + "\n".join(problems), file=sys.stderr, flush=True)
+    warn("\a\ncldit: THE RIG IS NOT SAFE:\n" + "\n".join(problems))
 
 
 def _note(folder: Path, safety: RigSafety, time: str) -> None:

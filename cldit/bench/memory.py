@@ -20,6 +20,7 @@ from cldit.files import make_folder, write_text
 from cldit.gpu.device import Device, open_device
 from cldit.run import default_cache, simulate
 from cldit.scene import Scene, dump_scene, load_scene
+from cldit.terminal import tell
 
 _WHOLE = "the scene as it is, with rig, evaluation of the shots and report"
 _CASES: tuple[tuple[str, dict[str, Any] | None], ...] = (
@@ -147,4 +148,4 @@ def _measure(arguments: list[str]) -> Peak:
 
 
 if __name__ == "__main__":
-    print(json.dumps(vars(_measure(sys.argv[1:]))))
+    tell(json.dumps(vars(_measure(sys.argv[1:]))))

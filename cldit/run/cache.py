@@ -11,13 +11,14 @@ from pathlib import Path
 
 from filelock import FileLock
 
+from cldit.caches import default_cache
 from cldit.errors import RunFolderError
 from cldit.files import make_folder
 from cldit.gpu.device import Device
 from cldit.run.content import trace_key
 from cldit.run.folder import open_run
 from cldit.run.result import Run
-from cldit.run.simulate import default_cache, reevaluated, simulate
+from cldit.run.simulate import reevaluated, simulate
 from cldit.run.stages import Say
 from cldit.scene import Scene
 from cldit.spray.result import Spray

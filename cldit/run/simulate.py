@@ -13,8 +13,7 @@ from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
-import platformdirs
-
+from cldit.caches import default_cache
 from cldit.camera.sensor import SensorModel
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.dit.maps import Maps, Reason
@@ -46,11 +45,6 @@ from cldit.spray.result import Spray
 from cldit.transport.trace import Settings, settings_for, trace
 
 _VERSIONS = ("cldit", "numpy", "scipy", "pyopencl")
-
-
-def default_cache() -> Path:
-    """Folder in which tables are kept from run to run."""
-    return Path(platformdirs.user_cache_dir("cldit", appauthor=False))
 
 
 def simulate(

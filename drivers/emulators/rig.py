@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cldit.files import write_text
 from cldit.plain_data import dump_yaml
+from cldit.terminal import tell
 
 from ..heater import Dynamics
 from .blackbody import ModbusPeer
@@ -116,7 +117,7 @@ def main() -> None:
         sys.exit(__doc__)
     with PeerRig() as rig:
         write_text(Path(sys.argv[1]), dump_yaml(rig.rig_data()))
-        print(f"{sys.argv[1]} is written; Ctrl-C ends the rig", flush=True)
+        tell(f"{sys.argv[1]} is written; Ctrl-C ends the rig")
         try:
             threading.Event().wait()
         except KeyboardInterrupt:
