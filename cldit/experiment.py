@@ -115,11 +115,13 @@ def evaluate_folder(
         frame: which picture of each shot, where the plan has several.
 
     Raises:
-        RunFolderError: the folder holds no acquisition, or a shot is damaged.
+        RunFolderError: the folder holds no acquisition. Damaged shots, and what the journal lacks,
+            are left out and named by the remarks.
         EvaluationError: the shots cannot be evaluated.
     """
     acquisition: Acquisition | Measured
     missing: tuple[str, ...] = ()
+    damage: tuple[str, ...] = ()
     if is_measured(folder):
         if frame:
             raise EvaluationError(f"{folder}: frame {frame}: measured shots have one picture, 0")
@@ -129,9 +131,17 @@ def evaluate_folder(
         missing = acquisition.missing
     try:
         evaluation = evaluate_shots(acquisition, curve=curve, robust=robust, progress=progress)
+    except RunFolderError:
+        if isinstance(acquisition, Measured):
+            raise
+        acquisition = acquisition.whole()  # it reads every picture, so only where one is damaged
+        evaluation = _evaluate_rest(acquisition, curve, robust, progress)
     finally:
         if isinstance(acquisition, Measured):
             acquisition.close()
+    if isinstance(acquisition, Acquisition):
+        damage = acquisition.damage
+    evaluation = replace(evaluation, remarks=(*damage, *evaluation.remarks))
     if missing:
         line = f"{len(missing)} shots of the plan are missing ({', '.join(missing[:5])}"
         line += ", ..)" if len(missing) > 5 else ")"
@@ -140,6 +150,18 @@ def evaluate_folder(
     evaluation.maps.save(place, pixel_m=acquisition.pixel_m)
     write_text(place / "evaluation.json", evaluation.to_json())
     return evaluation
+
+
+def _evaluate_rest(
+    acquisition: Acquisition,
+    curve: CurveSource,
+    robust: bool,
+    progress: Callable[[int, int], None] | None,
+) -> Evaluation:
+    try:
+        return evaluate_shots(acquisition, curve=curve, robust=robust, progress=progress)
+    except EvaluationError as error:  # too few are left
+        raise EvaluationError("\n".join([*acquisition.damage, str(error)])) from error
 
 
 def evaluate_scattering(folder: str | Path, model: Run, evaluation: Evaluation) -> Medium:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import codecs
+import io
 import os
 import sys
 import unicodedata
 from contextlib import suppress
-from typing import TextIO
+from typing import Any, TextIO
 
 _PLAIN = {"µ": "u", "μ": "u", "×": "x", "·": "*", "°": " deg ", "→": "->", "±": "+-", "≤": "<=",
           "≥": ">=", "–": "-", "—": "-", "λ": "lambda", "ε": "eps", "τ": "tau"}  # fmt: skip
@@ -40,20 +41,47 @@ def prepare_streams() -> None:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
-    for stream in (sys.stdout, sys.stderr):
-        reconfigure = getattr(stream, "reconfigure", None)
-        if reconfigure is not None:
-            reconfigure(errors=_ERRORS)
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is not None and stream is getattr(sys, f"__{name}__"):
+            setattr(sys, name, _remembering(stream))
+        elif hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors=_ERRORS)
+
+
+class _Remembering(io.FileIO):
+    """A standard stream that knows what kept it from writing: the error itself names no file."""
+
+    problem: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except OSError as error:
+            self.problem = error
+            raise
+
+
+def _remembering(stream: TextIO) -> TextIO:
+    raw = _Remembering(stream.fileno(), "w", closefd=False)
+    return io.TextIOWrapper(
+        io.BufferedWriter(raw),
+        encoding=stream.encoding,
+        errors=_ERRORS,
+        line_buffering=stream.isatty(),
+        write_through=stream is sys.__stderr__,
+    )
 
 
 def cannot_take(stream: TextIO | None) -> OSError | None:
-    """What keeps `stream` from taking what was written; None where all is well."""
+    """What kept `stream` from taking what was written; None where all is well."""
     try:
         if stream is not None:
             stream.flush()
     except OSError as error:
         return error
-    return None
+    raw = getattr(getattr(stream, "buffer", None), "raw", None)
+    return raw.problem if isinstance(raw, _Remembering) else None
 
 
 def silence(stream: TextIO) -> None:
@@ -73,6 +101,9 @@ def tell(text: str) -> None:
 
 def warn(text: str) -> None:
     """A line to the standard error, at once; that nobody can take it is no error."""
-    with suppress(OSError, ValueError, AttributeError):
-        sys.stderr.write(f"{text}\n")
-        sys.stderr.flush()
+    try:
+        if sys.stderr is not None:
+            sys.stderr.write(f"{text}\n")
+            sys.stderr.flush()
+    except (OSError, ValueError):
+        silence(sys.stderr)

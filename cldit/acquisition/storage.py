@@ -14,7 +14,7 @@ from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
 from cldit.acquisition.disk import write_checked
-from cldit.acquisition.journal import Entry, read_journal
+from cldit.acquisition.journal import Entry, check_entry, read_whole_entries
 from cldit.acquisition.plan import Plan, Shot, load_plan
 from cldit.errors import RunFolderError
 from cldit.files import make_folder
@@ -42,6 +42,8 @@ class Found:
     adoptable: shot id -> metadata of a whole file that the journal does not know yet.
     torn: shots whose file a power cut left damaged, before the journal knew of it.
     lost: `fired` entries that came to nothing, and of which the journal does not say so yet.
+    gone: shots that the journal has as saved and whose file is not there.
+    damage: what is wrong with the journal; its entries are those before it.
     """
 
     entries: list[Entry]
@@ -49,6 +51,8 @@ class Found:
     adoptable: dict[str, dict[str, Any]]
     torn: tuple[str, ...]
     lost: list[Entry]
+    gone: tuple[str, ...] = ()
+    damage: RunFolderError | None = None
 
     @property
     def done(self) -> set[str]:
@@ -148,13 +152,22 @@ def load_shot(
     return image, meta
 
 
-def survey(folder: Path, plan: Plan) -> Found:
+def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> Found:
     """Looks at what `folder` holds of `plan`, without changing anything.
+
+    Args:
+        folder: that of the acquisition.
+        plan: that it must belong to.
+        salvage: goes on where the journal is damaged: pictures carry their own data and checksum.
+            For the evaluation; an acquisition must know every injection.
 
     Raises:
         RunFolderError: the folder belongs to another plan or to something else, or is damaged.
     """
-    entries = read_journal(folder / JOURNAL)
+    journal = folder / JOURNAL
+    entries, damage = _journal(journal)
+    if damage is not None and not salvage:
+        raise damage
     pictures = sorted((folder / SHOTS).glob("*.tif"))
     if (folder / PLAN).exists():
         here = load_plan(folder / PLAN).hash()
@@ -174,14 +187,17 @@ def survey(folder: Path, plan: Plan) -> Found:
     ended: set[tuple[str, int]] = set()
     fired: dict[tuple[str, int], Entry] = {}
     saved: dict[str, Entry] = {}
+    recorded: set[str] = set()
     for entry in entries:
-        key = (str(entry.get("shot")), int(entry.get("attempt", -1)))
+        key = (entry.get("shot", ""), entry.get("attempt", -1))
         if entry["event"] == "fired":
             fired[key] = entry
         elif entry["event"] in ("saved", "rejected", "lost"):
             ended.add(key)
-        if entry["event"] == "saved" and key[0] in present:
-            saved[key[0]] = entry
+        if entry["event"] == "saved":
+            recorded.add(key[0])
+            if key[0] in present:
+                saved[key[0]] = entry
     adoptable: dict[str, dict[str, Any]] = {}
     torn: list[str] = []
     for shot_id in sorted(present - set(saved)):
@@ -193,4 +209,16 @@ def survey(folder: Path, plan: Plan) -> Found:
         adoptable[shot_id] = meta
         ended.add((shot_id, int(meta["attempt"])))
     lost = [entry for key, entry in fired.items() if key not in ended]
-    return Found(entries, saved, adoptable, tuple(torn), lost)
+    gone = tuple(sorted(recorded - present))
+    return Found(entries, saved, adoptable, tuple(torn), lost, gone, damage)
+
+
+def _journal(path: Path) -> tuple[list[Entry], RunFolderError | None]:
+    """Entries that are whole, up to the first that is not; and what is wrong there."""
+    entries, damage = read_whole_entries(path)
+    for number, entry in enumerate(entries):
+        try:
+            check_entry(path, entry)
+        except RunFolderError as error:
+            return entries[:number], error
+    return entries, damage

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
-import yaml
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
 
 from cldit.dit.maps import Maps
-from cldit.errors import RunFolderError
+from cldit.errors import RunFolderError, SceneError
 from cldit.files import make_folder, write_text
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
+from cldit.plain_data import read_json, read_mapping
 from cldit.radiance.weights import Weights
 from cldit.run.result import Run, RunInfo, Stage
 from cldit.run.spectral import (
@@ -44,9 +48,7 @@ def stored_run(folder: Path, scene: Scene) -> Run | None:
     known = folder / "scene.yaml"
     if not known.is_file():
         raise RunFolderError(f"{folder}: is not empty and holds no run; give another folder")
-    before = parse_scene(
-        yaml.safe_load(known.read_text(encoding="utf-8")), source=str(known), finished=True
-    )
+    before = _stored_scene(known)
     if before != scene:
         raise RunFolderError(
             f"{folder}: holds a run of another scene ({before.name}, or other settings); give "
@@ -69,30 +71,80 @@ def open_run(path: str | Path) -> Run:
         if not (folder / name).is_file():
             hint = "" if name == "scene.yaml" else "; run the same command again to finish it"
             raise RunFolderError(f"{folder}: holds no finished run ({name} is missing){hint}")
-    text = (folder / "scene.yaml").read_text(encoding="utf-8")
-    scene = parse_scene(yaml.safe_load(text), finished=True)
+    scene = _stored_scene(folder / "scene.yaml")
     measured = folder / "acquisition" / "maps"
-    try:
-        info = RunInfo.from_json((folder / "run.json").read_text(encoding="utf-8"))
-    except (ValueError, TypeError, KeyError) as error:
-        raise RunFolderError(f"{folder / 'run.json'}: is damaged ({error})") from error
+    info = _stored_info(folder / "run.json")
     grey = Quadrature.grey(
         scene_filter(scene),
         reference_K=reference_temperature_K(scene.background.temperatures_K),
     )
     quadrature, nodes = node_folders(folder / "weights", grey)
     patches = [patch.name for patch in scene.patches]
+    columns, rows = scene.camera.pixels
+    folders = (folder / "weights", *nodes, folder / "weights_reference")
+    weights, *spectral, reference = (Weights.load(each, patches=patches) for each in folders)
+    for place, one in zip(folders, (weights, *spectral, reference), strict=True):
+        _check_shapes(place, one.images, (rows, columns))
+    maps = Maps.load(folder / "maps")
+    _check_shapes(folder / "maps", vars(maps), (rows, columns))
+    evaluated = Maps.load(measured) if measured.is_dir() else None
+    if evaluated is not None:
+        _check_shapes(measured, vars(evaluated), evaluated.reason.shape)
     return Run(
         scene=scene,
-        weights=Weights.load(folder / "weights", patches=patches),
+        weights=weights,
         quadrature=quadrature,
-        spectral=tuple(Weights.load(node, patches=patches) for node in nodes),
-        reference=Weights.load(folder / "weights_reference", patches=patches),
-        maps=Maps.load(folder / "maps"),
+        spectral=tuple(spectral),
+        reference=reference,
+        maps=maps,
         info=info,
-        measured=Maps.load(measured) if measured.is_dir() else None,
+        measured=evaluated,
         folder=folder,
     )
+
+
+def _stored_scene(path: Path) -> Scene:
+    """Raises RunFolderError where the scene of a run is not one."""
+    try:
+        return parse_scene(read_mapping(path), source=str(path), finished=True)
+    except SceneError as error:
+        what = str(error).removeprefix(f"{path}:").strip()
+        raise RunFolderError(f"{path}: is damaged ({what})") from error
+
+
+def _stored_info(path: Path) -> RunInfo:
+    """Raises RunFolderError where what is known of a run is not whole, or of other types."""
+    data = read_json(path)
+    try:
+        info = RunInfo.from_dict(data)
+        _check_types(info)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        what = f"{where}: {first['input']!r}: {first['msg']}"
+        raise RunFolderError(f"{path}: is damaged ({what})") from error
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise RunFolderError(f"{path}: is damaged ({error})") from error
+    return info
+
+
+def _check_types(part: Any) -> None:
+    """Raises ValidationError where a field of a dataclass, or of one in it, is of another type."""
+    values = {field.name: getattr(part, field.name) for field in fields(part)}
+    TypeAdapter(type(part)).validate_python(values, strict=True)
+    for value in values.values():
+        for each in value if isinstance(value, tuple) else (value,):
+            if is_dataclass(each):
+                _check_types(each)
+
+
+def _check_shapes(folder: Path, images: Mapping[str, NDArray[Any]], shape: tuple[int, ...]) -> None:
+    """Raises RunFolderError where a picture of a run is not (rows, columns) as its camera's."""
+    for name, image in images.items():
+        if image.shape != shape or len(shape) != 2:
+            raise RunFolderError(
+                f"{folder / name}.tif: is damaged (shape {image.shape}, expected {shape})"
+            )
 
 
 def with_stages(run: Run, stages: list[Stage], measured: Maps) -> Run:

@@ -48,7 +48,7 @@ class RunInfo:
     errors: Errors | None = None  # of T_app, by cause; None where nothing was asked for
 
     def to_json(self) -> str:
-        """JSON that `from_json` reads."""
+        """JSON; `from_dict` takes what is in it."""
         data = {**self.__dict__, "stages": [stage.__dict__ for stage in self.stages]}
         for name, part in (
             ("spectral", self.spectral),
@@ -59,9 +59,8 @@ class RunInfo:
         return json.dumps(data, indent=2)
 
     @classmethod
-    def from_json(cls, text: str) -> RunInfo:
-        """Reads what `to_json` gave."""
-        data = json.loads(text)
+    def from_dict(cls, data: dict[str, Any]) -> RunInfo:
+        """What `to_json` wrote, as plain `data`."""
         stages = tuple(Stage(**stage) for stage in data["stages"])
         spectral, closure = data.get("spectral"), data.get("closure")
         errors = data.get("errors")
