@@ -92,10 +92,10 @@ def silence(stream: TextIO) -> None:
         os.close(null)
 
 
-def tell(text: str) -> None:
-    """A line to the standard output, at once."""
+def tell(text: str, *, end: str = "\n") -> None:
+    """Text as it is, and `end`, to the standard output at once."""
     if sys.stdout is not None:
-        sys.stdout.write(f"{text}\n")
+        sys.stdout.write(f"{text}{end}")
         sys.stdout.flush()
 
 

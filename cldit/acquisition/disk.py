@@ -21,9 +21,24 @@ def needed_bytes(shots: int, *, picture_bytes: int) -> int:
     return int(1.1 * shots * (picture_bytes + _OVERHEAD_bytes))
 
 
+def existing(folder: Path) -> Path:
+    """`folder`, or the nearest above it that is there."""
+    return next(place for place in (folder, *folder.resolve().parents) if place.exists())
+
+
+def free_bytes(folder: Path) -> int:
+    """Bytes that are free on the disk of `folder`, which need not exist."""
+    return shutil.disk_usage(existing(folder)).free
+
+
 def check_room(folder: Path, needed: int) -> None:
-    """Raises DiskFull where the disk of `folder` has not `needed` bytes left."""
-    free = shutil.disk_usage(folder).free
+    """Raises DiskFull where the disk of `folder` has not `needed` bytes left.
+
+    Args:
+        folder: it need not exist.
+        needed: bytes.
+    """
+    free = free_bytes(folder)
     if free < needed:
         raise DiskFull(
             f"{folder}: the plan needs {megabytes(needed)}, the disk has {free / 1e6:.0f} MB "

@@ -36,7 +36,7 @@ from cldit.acquisition.disk import needed_bytes
 from cldit.acquisition.interrupts import Interrupts
 from cldit.acquisition.journal import Entry, Journal
 from cldit.acquisition.plan import Plan, Shot
-from cldit.acquisition.preflight import Ready, check_same_rig, preflight
+from cldit.acquisition.preflight import Ready, preflight
 from cldit.acquisition.progress import Eta, Progress
 from cldit.acquisition.quality import References
 from cldit.acquisition.shot import Rejected, Shooter, Taken
@@ -54,7 +54,7 @@ from cldit.acquisition.storage import (
 )
 from cldit.errors import ClditError
 from cldit.files import make_folder, write_text, written
-from cldit.plain_data import dump_yaml, read_json
+from cldit.plain_data import dump_yaml
 from cldit.rig.checks import read_temperature
 from cldit.rig.errors import Aborted, RetakesExhausted, RigError
 from cldit.rig.load import Rig
@@ -130,12 +130,9 @@ class Sequence:
         return needed_bytes(left, picture_bytes=self._picture_bytes)
 
     def _prepare_folder(self, ready: Ready) -> None:
-        """Writes what the pictures need beside them; on a resume, checks that it still holds."""
+        """Writes what the pictures need beside them, and is not there yet."""
         make_folder(self._folder / SHOTS)
         begun = (self._folder / PLAN).exists()
-        if begun and (self._folder / CONFIGURATION).exists():
-            before = read_json(self._folder / CONFIGURATION)
-            check_same_rig(before, ready.configuration, self._folder)
         rig_file = self._rig.file.model_dump(mode="json")
         texts = {
             RIG: dump_yaml(rig_file),

@@ -7,17 +7,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import IO, Any
 
 import numpy as np
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
-from cldit.acquisition.disk import write_checked
+from cldit.acquisition.disk import existing, write_checked
 from cldit.acquisition.journal import Entry, check_entry, read_whole_entries
 from cldit.acquisition.plan import Plan, Shot, load_plan
 from cldit.errors import RunFolderError
-from cldit.files import make_folder
+from cldit.files import make_folder, written
 from cldit.images import put_image, read_image
 
 PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS, GUARD = (
@@ -28,6 +29,9 @@ PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS, GUARD = (
     "shots",
     "guard.log",
 )
+
+
+_LOCK = ".lock"
 
 
 class DamagedPicture(RunFolderError):
@@ -78,7 +82,7 @@ def exclusive(folder: Path) -> Iterator[None]:
         RunFolderError: somebody does, or the folder cannot be made.
     """
     make_folder(folder)
-    lock = FileLock(folder / ".lock")
+    lock = FileLock(folder / _LOCK)
     try:
         lock.acquire(timeout=0)
     except Timeout:
@@ -89,6 +93,15 @@ def exclusive(folder: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def check_folder(folder: Path) -> None:
+    """Raises as `exclusive` would, and leaves nothing behind: for who only asks."""
+    with written(folder), TemporaryDirectory(dir=existing(folder)):
+        pass
+    if (folder / _LOCK).exists():
+        with exclusive(folder):
+            pass
 
 
 def save_shot(

@@ -23,6 +23,7 @@ from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow
 from cldit.spray.flow.measures import History
 from cldit.spray.flow.simulate import simulate_spray
+from cldit.terminal import tell
 
 
 @click.command("spray")
@@ -119,7 +120,7 @@ def droplet(
         return
     life = follow(diameter_m=diameter_um * 1e-6, cache=cache, **given)
     if as_csv:
-        click.echo(life.csv(), nl=False)
+        tell(life.csv(), end="")
     if out is not None:
         title = (
             "{fuel}, {um:g} µm, in {gas} of {gas_temperature_K:g} K, {MPa:g} MPa: {model}"

@@ -13,7 +13,7 @@ from filelock import FileLock
 
 from cldit.caches import default_cache
 from cldit.errors import RunFolderError
-from cldit.files import make_folder
+from cldit.files import make_folder, written
 from cldit.gpu.device import Device
 from cldit.run.content import trace_key
 from cldit.run.folder import open_run
@@ -91,8 +91,14 @@ class RunCache:
         part = folder.with_suffix(".part")
         shutil.rmtree(part, ignore_errors=True)  # of one that was killed
         given = None if spray is None else spray()
-        run = simulate(scene, part, device=device, cache=self.cache, spray=given, progress=progress)
-        part.rename(folder)
+        try:
+            run = simulate(
+                scene, part, device=device, cache=self.cache, spray=given, progress=progress
+            )
+            with written(folder):
+                part.rename(folder)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
         return run
 
     def _prune(self, newest: Path) -> None:

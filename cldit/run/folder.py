@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import is_dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
@@ -116,23 +116,24 @@ def _stored_info(path: Path) -> RunInfo:
     """Raises RunFolderError where what is known of a run is not whole, or of other types."""
     data = read_json(path)
     try:
+        if not all(isinstance(data[name], list) for name in ("stages", "remarks")):
+            raise ValueError("stages, remarks: expected are lists")
         info = RunInfo.from_dict(data)
         _check_types(info)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        what = f"{where}: {first['input']!r}: {first['msg']}"
-        raise RunFolderError(f"{path}: is damaged ({what})") from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise RunFolderError(f"{path}: is damaged ({error})") from error
     return info
 
 
 def _check_types(part: Any) -> None:
-    """Raises ValidationError where a field of a dataclass, or of one in it, is of another type."""
-    values = {field.name: getattr(part, field.name) for field in fields(part)}
-    TypeAdapter(type(part)).validate_python(values, strict=True)
-    for value in values.values():
+    """Raises ValueError where a field of a dataclass, or of one in it, is of another type."""
+    for name, kind in get_type_hints(type(part)).items():
+        value = getattr(part, name)
+        try:
+            TypeAdapter(kind).validate_python(value, strict=True)
+        except ValidationError as error:
+            where = ".".join([name, *(str(step) for step in error.errors()[0]["loc"])])
+            raise ValueError(f"{where}: {error.errors()[0]['msg']}") from error
         for each in value if isinstance(value, tuple) else (value,):
             if is_dataclass(each):
                 _check_types(each)

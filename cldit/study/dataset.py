@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from cldit.content import digest
 from cldit.errors import StudyError
-from cldit.files import make_folder, write_text
+from cldit.files import make_folder, write_text, written
 from cldit.plain_data import read_json
 from cldit.run import Run
 from cldit.scene import Scene
@@ -90,11 +90,13 @@ class SweepFolder:
             worker: who computed it.
             seconds: that it took.
         """
-        store = extra("zarr").open_group(self.path / _STORE, mode="r+")
-        for name, image in result.maps.items():
-            store[name][point.place] = image
-        for name, value in {**result.figures, "seconds": seconds}.items():
-            store[name][point.place] = value
+        zarr = extra("zarr")
+        with written(self.path / _STORE):
+            store = zarr.open_group(self.path / _STORE, mode="r+")
+            for name, image in result.maps.items():
+                store[name][point.place] = image
+            for name, value in {**result.figures, "seconds": seconds}.items():
+                store[name][point.place] = value
         mark = self.path / "points" / f"{point.number}.json"
         text = json.dumps({"scene": point.scene.name, "worker": worker, "seconds": seconds})
         write_text(mark, text)
@@ -124,7 +126,9 @@ def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
     if path.exists() and any(path.iterdir()):
         raise StudyError(f"{path}: is not empty and holds no sweep; give another folder with --out")
     make_folder(path / "points")
-    _template(base, grid).to_zarr(path / _STORE, compute=False, zarr_format=2, consolidated=True)
+    template = _template(base, grid)
+    with written(path / _STORE):
+        template.to_zarr(path / _STORE, compute=False, zarr_format=2, consolidated=True)
     write_text(known, json.dumps(about, indent=1))
     return folder
 

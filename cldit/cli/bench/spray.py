@@ -10,6 +10,7 @@ from cldit.bench.spray.page import SECTIONS, page
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.files import append_text, write_text
 from cldit.run import default_cache
+from cldit.terminal import tell
 
 
 @click.command("spray")
@@ -28,7 +29,7 @@ def bench_spray_command(out: Path | None, spacing_mm: float, only: tuple[str, ..
         write_text(out, "")
     for piece in page(default_cache(), spacing_m=1e-3 * spacing_mm, only=only, say=say):
         if out is None:
-            click.echo(piece, nl=False)
+            tell(piece, end="")
         else:
             append_text(out, piece)
     if out is not None:

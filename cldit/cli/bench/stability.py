@@ -12,6 +12,7 @@ from cldit.cli.units import device_option
 from cldit.errors import TransportError
 from cldit.files import write_text
 from cldit.gpu.device import open_device
+from cldit.terminal import tell
 
 
 @click.command("stability")
@@ -27,7 +28,7 @@ def bench_stability_command(out: Path | None, device: str | None) -> None:
     outcomes = bench_stability(opened, cases(), say=say)
     text = page(outcomes, opened, command="cldit bench stability --out docs/stability.md")
     if out is None:
-        click.echo(text)
+        tell(text)
     else:
         write_text(out, text)
         OUT.print(str(out))
