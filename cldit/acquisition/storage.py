@@ -97,6 +97,8 @@ def exclusive(folder: Path) -> Iterator[None]:
 
 def check_folder(folder: Path) -> None:
     """Raises as `exclusive` would, and leaves nothing behind: for who only asks."""
+    if folder.exists():
+        make_folder(folder)  # which says so where it is a file
     with written(folder), TemporaryDirectory(dir=existing(folder)):
         pass
     if (folder / _LOCK).exists():

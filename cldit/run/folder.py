@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import is_dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -56,8 +57,12 @@ def stored_run(folder: Path, scene: Scene) -> Run | None:
         )
     if getattr(scene.spray, "file", None) is not None or not (folder / "run.json").is_file():
         return None
-    run = open_run(folder)
-    return run if run.info.versions.get("cldit") == version("cldit") else None
+    run = _traced(folder)
+    if run.info.versions.get("cldit") != version("cldit"):
+        return None
+    with suppress(RunFolderError):  # of a full disk, say: whoever goes on makes them anew
+        run = replace(run, measured=_measured(folder))
+    return run
 
 
 def open_run(path: str | Path) -> Run:
@@ -67,12 +72,26 @@ def open_run(path: str | Path) -> Run:
         RunFolderError: the folder is missing, holds no finished run, or is damaged.
     """
     folder = Path(path)
+    return replace(_traced(folder), measured=_measured(folder))
+
+
+def _measured(folder: Path) -> Maps | None:
+    """Maps of what the rig acquired, if there are any; raises as `open_run`."""
+    place = folder / "acquisition" / "maps"
+    if not place.is_dir():
+        return None
+    maps = Maps.load(place)
+    _check_shapes(place, vars(maps), maps.reason.shape)
+    return maps
+
+
+def _traced(folder: Path) -> Run:
+    """The run without what was acquired; raises as `open_run`."""
     for name in ("scene.yaml", "run.json"):
         if not (folder / name).is_file():
             hint = "" if name == "scene.yaml" else "; run the same command again to finish it"
             raise RunFolderError(f"{folder}: holds no finished run ({name} is missing){hint}")
     scene = _stored_scene(folder / "scene.yaml")
-    measured = folder / "acquisition" / "maps"
     info = _stored_info(folder / "run.json")
     grey = Quadrature.grey(
         scene_filter(scene),
@@ -87,9 +106,6 @@ def open_run(path: str | Path) -> Run:
         _check_shapes(place, one.images, (rows, columns))
     maps = Maps.load(folder / "maps")
     _check_shapes(folder / "maps", vars(maps), (rows, columns))
-    evaluated = Maps.load(measured) if measured.is_dir() else None
-    if evaluated is not None:
-        _check_shapes(measured, vars(evaluated), evaluated.reason.shape)
     return Run(
         scene=scene,
         weights=weights,
@@ -98,7 +114,6 @@ def open_run(path: str | Path) -> Run:
         reference=reference,
         maps=maps,
         info=info,
-        measured=evaluated,
         folder=folder,
     )
 
