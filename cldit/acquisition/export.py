@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from cldit.acquisition.record import Acquisition, Picture
 from cldit.errors import ClditError
-from cldit.files import DataStream, make_folder, whole
+from cldit.files import DataStream, PatientStream, make_folder, whole
 
 FORMATS = {"ome-tiff": ".ome.tif", "nexus": ".nxs"}
 
@@ -126,90 +126,86 @@ def _write_ome(acquisition: Acquisition, path: Path) -> None:
 
 
 def _write_nexus(acquisition: Acquisition, path: Path) -> None:
-    """Raises OSError for all that HDF5 cannot write; as it closes a file it says RuntimeError."""
     try:
         import h5py
     except ImportError as error:
         raise ExportError("NeXus needs h5py: pip install cldit[export]") from error
-    try:
-        _put_nexus(acquisition, path, h5py)
-    except RuntimeError as error:
-        raise OSError(str(error)) from error
+    with PatientStream(path) as stream:
+        with h5py.File(stream, "w") as file:
+            _put_nexus(acquisition, file, stream)
+        stream.check()
 
 
-def _put_nexus(acquisition: Acquisition, path: Path, h5py: Any) -> None:
+def _put_nexus(acquisition: Acquisition, file: Any, stream: PatientStream) -> None:
     """NXdetector with an image_key as in NXtomo: 0 with spray, 1 a reference (flat field)."""
     rows, columns = acquisition.shape
     frames = acquisition.plan.frames
     count = len(acquisition.shots) * frames
-    with h5py.File(path, "w") as file:
-        file.attrs["default"] = "entry"
+    file.attrs["default"] = "entry"
 
-        def group(parent: Any, name: str, kind: str) -> Any:
-            made = parent.create_group(name)
-            made.attrs["NX_class"] = kind
-            return made
+    def group(parent: Any, name: str, kind: str) -> Any:
+        made = parent.create_group(name)
+        made.attrs["NX_class"] = kind
+        return made
 
-        def put(parent: Any, name: str, values: Any, units: str | None = None) -> Any:
-            made = parent.create_dataset(name, data=values)
-            if units is not None:
-                made.attrs["units"] = units
-            return made
+    def put(parent: Any, name: str, values: Any, units: str | None = None) -> Any:
+        made = parent.create_dataset(name, data=values)
+        if units is not None:
+            made.attrs["units"] = units
+        return made
 
-        entry = group(file, "entry", "NXentry")
-        entry.attrs["default"] = "data"
-        put(entry, "title", acquisition.configuration["rig"])
-        instrument = group(entry, "instrument", "NXinstrument")
-        detector = group(instrument, "detector", "NXdetector")
-        data = detector.create_dataset(
-            "data",
-            shape=(count, rows, columns),
-            dtype=np.uint16,
-            chunks=(1, rows, columns),
-            compression="gzip",
-            compression_opts=1,
-            shuffle=True,
-        )
-        data.attrs["units"] = "counts"
-        planes: list[_Plane] = []
-        for index, plane in enumerate(_planes(acquisition, list(acquisition.shots))):
-            data[index] = plane.image
-            planes.append(_Plane(plane.shot, plane.number, plane.image[:0], plane.meta))
-        put(detector, "image_key", [int(p.shot.kind == "reference") for p in planes])
-        put(detector, "count_time", [p.meta["integration_time_s"] for p in planes], "s")
-        put(detector, "timestamp", [p.device_ns for p in planes], "ns")
-        put(detector, "saturation_value", [p.meta["saturation_counts"] for p in planes])
-        put(detector, "x_pixel_size", acquisition.pixel_m[0], "m")
-        put(detector, "y_pixel_size", acquisition.pixel_m[1], "m")
-        put(detector, "pixel_mask", acquisition.bad_pixels.astype(np.uint32))
-        black_body = group(instrument, "black_body", "NXcollection")
-        put(black_body, "setpoint", [p.shot.background_setpoint_K for p in planes], "K")
-        put(black_body, "temperature", [p.shot.background_K for p in planes], "K")
-        put(entry, "start_time", planes[0].meta["time"])
-        put(entry, "end_time", planes[-1].meta["time"])
-        shown = group(entry, "data", "NXdata")
-        shown["data"] = data
-        x_m = (
-            acquisition.centre_m[0]
-            + (np.arange(columns) - (columns - 1) / 2.0) * (acquisition.pixel_m[0])
-        )
-        z_m = (
-            acquisition.centre_m[1]
-            - (np.arange(rows) - (rows - 1) / 2.0) * (acquisition.pixel_m[1])
-        )
-        put(shown, "picture", np.arange(count))
-        put(shown, "z", z_m, "m")
-        put(shown, "x", x_m, "m")
-        shown.attrs["signal"] = "data"
-        shown.attrs["axes"] = ["picture", "z", "x"]
-        sequence = group(entry, "sequence", "NXcollection")
-        put(sequence, "shot", [p.shot.id for p in planes])
-        put(sequence, "frame", [p.number for p in planes])
-        put(sequence, "complete", acquisition.complete)
-        for name, values in (
-            ("configuration", acquisition.configuration),
-            ("plan", acquisition.plan.model_dump(mode="json")),
-        ):
-            note = group(entry, name, "NXnote")
-            put(note, "type", "application/json")
-            put(note, "data", json.dumps(values))
+    entry = group(file, "entry", "NXentry")
+    entry.attrs["default"] = "data"
+    put(entry, "title", acquisition.configuration["rig"])
+    instrument = group(entry, "instrument", "NXinstrument")
+    detector = group(instrument, "detector", "NXdetector")
+    data = detector.create_dataset(
+        "data",
+        shape=(count, rows, columns),
+        dtype=np.uint16,
+        chunks=(1, rows, columns),
+        compression="gzip",
+        compression_opts=1,
+        shuffle=True,
+    )
+    data.attrs["units"] = "counts"
+    planes: list[_Plane] = []
+    for index, plane in enumerate(_planes(acquisition, list(acquisition.shots))):
+        data[index] = plane.image
+        stream.check()
+        planes.append(_Plane(plane.shot, plane.number, plane.image[:0], plane.meta))
+    put(detector, "image_key", [int(p.shot.kind == "reference") for p in planes])
+    put(detector, "count_time", [p.meta["integration_time_s"] for p in planes], "s")
+    put(detector, "timestamp", [p.device_ns for p in planes], "ns")
+    put(detector, "saturation_value", [p.meta["saturation_counts"] for p in planes])
+    put(detector, "x_pixel_size", acquisition.pixel_m[0], "m")
+    put(detector, "y_pixel_size", acquisition.pixel_m[1], "m")
+    put(detector, "pixel_mask", acquisition.bad_pixels.astype(np.uint32))
+    black_body = group(instrument, "black_body", "NXcollection")
+    put(black_body, "setpoint", [p.shot.background_setpoint_K for p in planes], "K")
+    put(black_body, "temperature", [p.shot.background_K for p in planes], "K")
+    put(entry, "start_time", planes[0].meta["time"])
+    put(entry, "end_time", planes[-1].meta["time"])
+    shown = group(entry, "data", "NXdata")
+    shown["data"] = data
+    x_m = (
+        acquisition.centre_m[0]
+        + (np.arange(columns) - (columns - 1) / 2.0) * (acquisition.pixel_m[0])
+    )
+    z_m = acquisition.centre_m[1] - (np.arange(rows) - (rows - 1) / 2.0) * (acquisition.pixel_m[1])
+    put(shown, "picture", np.arange(count))
+    put(shown, "z", z_m, "m")
+    put(shown, "x", x_m, "m")
+    shown.attrs["signal"] = "data"
+    shown.attrs["axes"] = ["picture", "z", "x"]
+    sequence = group(entry, "sequence", "NXcollection")
+    put(sequence, "shot", [p.shot.id for p in planes])
+    put(sequence, "frame", [p.number for p in planes])
+    put(sequence, "complete", acquisition.complete)
+    for name, values in (
+        ("configuration", acquisition.configuration),
+        ("plan", acquisition.plan.model_dump(mode="json")),
+    ):
+        note = group(entry, name, "NXnote")
+        put(note, "type", "application/json")
+        put(note, "data", json.dumps(values))
