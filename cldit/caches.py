@@ -99,11 +99,14 @@ def _temporary(own: Path) -> Path:
         status = place.lstat()
         mine = stat.S_ISDIR(status.st_mode) and not status.st_mode & 0o077
         mine = mine and status.st_uid == getattr(os, "getuid", lambda: status.st_uid)()
-        if not (mine or os.name == "nt") or not _can_be_written(place):
+        if not mine and os.name != "nt":
             place = Path(tempfile.mkdtemp(prefix="cldit-cache-"))
+        reason = "" if _can_be_written(place) else f"{place} cannot be written"
     except OSError as error:
+        reason = error.strerror or str(error)
+    if reason:
         raise FileError(
-            f"{own}: caches cannot be kept here, and no temporary folder can be made "
-            f"({error.strerror or error}); set XDG_CACHE_HOME to a folder for caches"
-        ) from error
+            f"{own}: caches cannot be kept here, nor in a temporary folder ({reason}); make room, "
+            "or set XDG_CACHE_HOME to a folder for caches"
+        )
     return place

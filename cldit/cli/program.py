@@ -6,6 +6,7 @@ import sys
 from typing import Any
 
 from cldit.cli.lazy import LazyGroup
+from cldit.errors import ClditError
 from cldit.terminal import cannot_take, prepare_streams, silence, warn
 
 
@@ -27,6 +28,9 @@ class Program(LazyGroup):
             finally:
                 if sys.stdout is not None:
                     sys.stdout.flush()
+        except ClditError as error:  # of a command that could not even be loaded
+            warn(f"error: {error}")
+            sys.exit(1)
         except OSError as error:
             problem = cannot_take(sys.stdout) or cannot_take(sys.stderr)
             if problem is None or error.filename is not None:

@@ -64,3 +64,10 @@ def test_closed_pipes_and_closed_streams(tmp_path: Path) -> None:
     done = cldit("CLDIT scenes >&-")
     assert (done.returncode, done.stderr) == (0, b"")
     assert cldit("CLDIT acquire nowhere.yaml no.yaml --out no >&- 2>&-").returncode == 1
+
+
+def test_a_command_that_cannot_be_loaded_says_why(tmp_path: Path) -> None:
+    """No folder for caches takes anything, not even the temporary one."""
+    done = cldit("ulimit -f 1; CLDIT devices", TMPDIR=str(tmp_path), XDG_CACHE_HOME=str(tmp_path))
+    assert done.returncode == 1 and b"Traceback" not in done.stderr
+    assert b"caches cannot be kept here" in done.stderr and b"make room" in done.stderr
