@@ -15,7 +15,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from cldit.errors import DiskFull, FileError
 
@@ -125,53 +124,6 @@ def whole(path: Path, *, sync: bool = True, needed_bytes: int = 0) -> Iterator[P
                 part.unlink(missing_ok=True)
         if sync:
             fsync_folder(path.parent)
-
-
-class DataStream(io.BufferedRandom):
-    """A file without a number, opened to write, for libraries that write NumPy's arrays.
-
-    With a number they call `ndarray.tofile`, which does not notice when the end of an array finds
-    no room on the disk; without one they call `write`, which does.
-    """
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(io.FileIO(path, "w+"))
-
-    def fileno(self) -> int:
-        raise io.UnsupportedOperation("this stream has no number")
-
-
-class PatientStream(io.FileIO):
-    """A file for HDF5, which ends the process where its last writes fail as it closes a file.
-
-    From the first write that fails on, all is taken and dropped; `check` then raises the error.
-    """
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, "w+")
-        self._failed: OSError | None = None
-
-    def write(self, data: Any) -> int:
-        left = memoryview(data)
-        size = left.nbytes
-        try:
-            while left and self._failed is None:
-                left = left[super().write(left) :]
-        except OSError as error:
-            self._failed = error
-        return size
-
-    def truncate(self, size: int | None = None) -> int:
-        try:
-            return super().truncate(size)
-        except OSError as error:
-            self._failed = self._failed or error
-            return size or 0
-
-    def check(self) -> None:
-        """Raises what a write failed with."""
-        if self._failed is not None:
-            raise self._failed
 
 
 def write_bytes(path: Path, data: bytes | memoryview, *, sync: bool = True) -> None:

@@ -10,8 +10,9 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from cldit.data_streams import DataStream
 from cldit.errors import RunFolderError
-from cldit.files import DataStream, open_regular, whole
+from cldit.files import open_regular, whole
 
 
 def put_image(
@@ -28,7 +29,7 @@ def put_image(
     Row 0 is at the top.
 
     Args:
-        stream: open for writing, with no file number (see `cldit.files.DataStream`).
+        stream: open for writing, with no file number (see `cldit.data_streams.DataStream`).
         image: (H, W) or (N, H, W).
         name: what the picture shows, as the viewer's label.
         unit: unit of the pixel values ("K", "1", "counts").

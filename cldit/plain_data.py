@@ -123,6 +123,9 @@ def read_mapping(path: Path, *, error: type[ClditError] = SceneError) -> dict[st
     Args:
         path, error: as in `read_yaml`.
 
+    Returns:
+        Keys and values.
+
     Raises:
         ClditError: of class `error`: the file is missing, unreadable, not YAML, or not a mapping.
     """
@@ -138,6 +141,9 @@ def read_json(path: Path, *, error: type[ClditError] = RunFolderError) -> dict[s
     Args:
         path: a regular file in UTF-8.
         error: class of the errors.
+
+    Returns:
+        Keys and values.
 
     Raises:
         ClditError: of class `error`: missing, unreadable, no JSON, a key twice, or no object.

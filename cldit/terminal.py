@@ -93,7 +93,7 @@ def silence(stream: TextIO) -> None:
 
 
 def tell(text: str, *, end: str = "\n") -> None:
-    """Text as it is, and `end`, to the standard output at once."""
+    """Puts `text` as it is, and `end`, to the standard output at once."""
     if sys.stdout is not None:
         sys.stdout.write(f"{text}{end}")
         sys.stdout.flush()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,6 +64,10 @@ def dry_run(
             present_K = read_temperature(rig.background)
     except (RigError, DiskFull) as error:
         problems += str(error).splitlines()
+        with suppress(RigError):  # an estimate all the same, from what the camera says of itself
+            can = rig.camera.capabilities
+            picture_bytes = 2 * plan.frames * math.prod(can.sensor_pixels)
+            period_s = can.minimum_period_s
     order = plan.background_order({shot.background for shot in left}, present_K=present_K)
     stops = [present_K, *(plan.backgrounds_K[index] for index in order)]
     way_K = float(np.sum(np.abs(np.diff(stops))))

@@ -18,8 +18,9 @@ import tifffile
 from numpy.typing import NDArray
 
 from cldit.acquisition.record import Acquisition, Picture
+from cldit.data_streams import DataStream, PatientStream
 from cldit.errors import ClditError
-from cldit.files import DataStream, PatientStream, make_folder, whole
+from cldit.files import make_folder, whole
 
 FORMATS = {"ome-tiff": ".ome.tif", "nexus": ".nxs"}
 

@@ -18,8 +18,9 @@ import pyopencl as cl
 from numpy.typing import NDArray
 
 from cldit.bench.report import Table
+from cldit.data_streams import DataStream
 from cldit.errors import ClditError
-from cldit.files import DataStream, whole
+from cldit.files import whole
 from cldit.gpu.device import Device
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter

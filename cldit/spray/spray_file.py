@@ -18,8 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
+from cldit.data_streams import DataStream
 from cldit.errors import SprayError
-from cldit.files import DataStream, open_regular, whole
+from cldit.files import open_regular, whole
 from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Cells, Floats, Parcels, RegularGrid, Spray, Vapour
 

@@ -9,17 +9,9 @@ from threading import Barrier
 import numpy as np
 import pytest
 
+from cldit.data_streams import DataStream
 from cldit.errors import DiskFull, FileError
-from cldit.files import (
-    DataStream,
-    append_text,
-    make_folder,
-    read_text,
-    whole,
-    write_bytes,
-    write_text,
-    written,
-)
+from cldit.files import append_text, make_folder, read_text, whole, write_bytes, write_text, written
 from cldit.images import read_image, write_image
 from cldit.tables import cached
 from tests.full_disk import full_disk

@@ -65,6 +65,7 @@ def test_all_that_is_impossible_is_told_together(
     bad = tiny_plan.model_copy(update={"backgrounds_K": (100.0, 2000.0), "integration_time_s": 5.0})
     dry, wet = refusals(wrapped(tiny_rig), bad, tmp_path / "a")
     assert dry == wet and len(dry) >= 4
+    assert dry_run(wrapped(tiny_rig), bad, tmp_path / "a").disk_bytes > 10 * 2 * 16 * 12
     with pytest.raises(OutOfLimits, match=r"(?s)2000 is outside.*integration_time_s: 5"):
         acquire(wrapped(tiny_rig), bad, tmp_path / "a")
 
