@@ -11,6 +11,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from cldit.files import open_regular
+
 
 def digest(*parts: Any) -> str:
     """24 hexadecimal digits of plain data; the order of mappings' keys does not count."""
@@ -41,7 +43,7 @@ def file_content(paths: Sequence[Path]) -> list[Any]:
     content: list[Any] = []
     for path in paths:
         if path.is_file():
-            with path.open("rb") as stream:
+            with open_regular(path) as stream:
                 content.append(hashlib.file_digest(stream, "sha256").hexdigest())
         if path.exists():
             root = path if path.is_dir() else path.parent

@@ -5,6 +5,14 @@ class ClditError(Exception):
     """Base of every error that cldit raises on purpose; the CLI prints it without a traceback."""
 
 
+class FileError(ClditError, OSError):
+    """A file cannot be read or written; the message names it and says why."""
+
+
+class DiskFull(FileError):
+    """There is no room for what is to be written."""
+
+
 class SceneError(ClditError, ValueError):
     """A scene, rig or plan file holds something that is not allowed."""
 

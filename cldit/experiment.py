@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from cldit.acquisition.measured import Measured, is_measured, open_measured
 from cldit.acquisition.plan import plan_from_scene
@@ -24,6 +23,7 @@ from cldit.errors import EvaluationError, RunFolderError
 from cldit.files import write_text
 from cldit.gpu.device import Device
 from cldit.images import write_image
+from cldit.plain_data import dump_yaml
 from cldit.report.run_report import write_run_report
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
@@ -68,8 +68,8 @@ def run_experiment(
     plan = plan_from_scene(scene, integration_time_s=run.info.integration_time_s)
     rig_file = folder / "rig.yaml"
     rig_data = simulated_rig_data(scene, folder)
-    rig_file.write_text(yaml.safe_dump(rig_data, sort_keys=False), encoding="utf-8")
-    (folder / "plan.yaml").write_text(plan.dump(), encoding="utf-8")
+    write_text(rig_file, dump_yaml(rig_data))
+    write_text(folder / "plan.yaml", plan.dump())
     if progress is not None:
         progress("acquisition")
     with open_rig(rig_data) as rig:
@@ -115,11 +115,13 @@ def evaluate_folder(
         frame: which picture of each shot, where the plan has several.
 
     Raises:
-        RunFolderError: the folder holds no acquisition, or a shot is damaged.
+        RunFolderError: the folder holds no acquisition. Damaged shots, and what the journal lacks,
+            are left out and named by the remarks.
         EvaluationError: the shots cannot be evaluated.
     """
     acquisition: Acquisition | Measured
     missing: tuple[str, ...] = ()
+    damage: tuple[str, ...] = ()
     if is_measured(folder):
         if frame:
             raise EvaluationError(f"{folder}: frame {frame}: measured shots have one picture, 0")
@@ -129,9 +131,17 @@ def evaluate_folder(
         missing = acquisition.missing
     try:
         evaluation = evaluate_shots(acquisition, curve=curve, robust=robust, progress=progress)
+    except RunFolderError:
+        if isinstance(acquisition, Measured):
+            raise
+        acquisition = acquisition.whole()  # it reads every picture, so only where one is damaged
+        evaluation = _evaluate_rest(acquisition, curve, robust, progress)
     finally:
         if isinstance(acquisition, Measured):
             acquisition.close()
+    if isinstance(acquisition, Acquisition):
+        damage = acquisition.damage
+    evaluation = replace(evaluation, remarks=(*damage, *evaluation.remarks))
     if missing:
         line = f"{len(missing)} shots of the plan are missing ({', '.join(missing[:5])}"
         line += ", ..)" if len(missing) > 5 else ")"
@@ -140,6 +150,18 @@ def evaluate_folder(
     evaluation.maps.save(place, pixel_m=acquisition.pixel_m)
     write_text(place / "evaluation.json", evaluation.to_json())
     return evaluation
+
+
+def _evaluate_rest(
+    acquisition: Acquisition,
+    curve: CurveSource,
+    robust: bool,
+    progress: Callable[[int, int], None] | None,
+) -> Evaluation:
+    try:
+        return evaluate_shots(acquisition, curve=curve, robust=robust, progress=progress)
+    except EvaluationError as error:  # too few are left
+        raise EvaluationError("\n".join([*acquisition.damage, str(error)])) from error
 
 
 def evaluate_scattering(folder: str | Path, model: Run, evaluation: Evaluation) -> Medium:

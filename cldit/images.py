@@ -10,8 +10,9 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from cldit.data_streams import DataStream
 from cldit.errors import RunFolderError
-from cldit.files import whole
+from cldit.files import open_regular, whole
 
 
 def put_image(
@@ -28,7 +29,7 @@ def put_image(
     Row 0 is at the top.
 
     Args:
-        stream: open for writing.
+        stream: open for writing, with no file number (see `cldit.data_streams.DataStream`).
         image: (H, W) or (N, H, W).
         name: what the picture shows, as the viewer's label.
         unit: unit of the pixel values ("K", "1", "counts").
@@ -71,7 +72,7 @@ def write_image(
         path: the file.
         image, name, unit, pixel_m, meta: as in `put_image`.
     """
-    with whole(path) as part, part.open("wb") as stream:
+    with whole(path, needed_bytes=image.nbytes) as part, DataStream(part) as stream:
         put_image(stream, image, name=name, unit=unit, pixel_m=pixel_m, meta=meta)
 
 
@@ -82,7 +83,7 @@ def read_image(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
         RunFolderError: the file is missing, damaged, or not a picture.
     """
     try:
-        with tifffile.TiffFile(path) as tiff:
+        with open_regular(path) as stream, tifffile.TiffFile(stream) as tiff:
             image = np.asarray(tiff.asarray())
             imagej = tiff.imagej_metadata or {}
     except Exception as error:  # a damaged header leads tifffile into errors of many kinds

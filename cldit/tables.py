@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.files import whole
+from cldit.files import make_folder, write_bytes
 
 Floats = NDArray[np.float64]
 Arrays = dict[str, Floats]
@@ -75,6 +75,5 @@ def _write(path: Path, text: str, arrays: Arrays) -> None:
     shapes = {name: np.shape(array) for name, array in arrays.items()}
     head = json.dumps({"text": text, "shapes": shapes, "check": zlib.crc32(values)})
     with suppress(OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole(path, sync=False) as part:
-            part.write_bytes(head.encode() + b"\n" + values)
+        make_folder(path.parent)
+        write_bytes(path, head.encode() + b"\n" + values, sync=False)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
+from cldit.files import append_text
 from cldit.rig.checks import check_burst, plain_burst
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, NotConnected
@@ -144,10 +144,7 @@ class SimulatedInjector(Linked):
             return
         entry = {"time": self._clock.wall_time(), "inject": self._burst.inject, "pulses": pulses}
         line = json.dumps(entry) + "\n"
-        with self._log.open("a", encoding="utf-8") as stream:
-            stream.write(line)
-            stream.flush()
-            os.fsync(stream.fileno())
+        append_text(self._log, line)
 
     def _check(self) -> None:
         gone = self._faults.unplug_after

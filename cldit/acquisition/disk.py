@@ -2,51 +2,19 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
-from cldit.errors import ClditError, RunFolderError
-from cldit.files import fsync_folder
+from cldit.data_streams import DataStream
+from cldit.errors import DiskFull
+from cldit.files import fsync_folder, megabytes
 
-_FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 _OVERHEAD_bytes = 16_384  # TIFF header, metadata, journal lines of one shot
-
-
-class DiskFull(ClditError):
-    """There is no room for the pictures."""
-
-
-@contextmanager
-def written(where: Path, *, needed_bytes: int = 0) -> Iterator[None]:
-    """Turns what the system says about a write into what to do about it.
-
-    Args:
-        where: path that errors name.
-        needed_bytes: room that a full disk's error asks for.
-
-    Raises:
-        DiskFull: the disk is full.
-        RunFolderError: any other failure of the system.
-    """
-    try:
-        yield
-    except OSError as error:
-        if error.errno in _FULL:
-            raise DiskFull(
-                f"{where}: the disk is full ({error.strerror}); free {_megabytes(needed_bytes)} "
-                "and give the same command again, it resumes"
-            ) from error
-        raise RunFolderError(f"{where}: cannot be written ({error})") from error
-
-
-def _megabytes(size: int) -> str:
-    return f"{max(size, 1_000_000) / 1e6:.0f} MB"
 
 
 def needed_bytes(shots: int, *, picture_bytes: int) -> int:
@@ -54,12 +22,27 @@ def needed_bytes(shots: int, *, picture_bytes: int) -> int:
     return int(1.1 * shots * (picture_bytes + _OVERHEAD_bytes))
 
 
+def existing(folder: Path) -> Path:
+    """`folder`, or the nearest above it that is there."""
+    return next(place for place in (folder, *folder.resolve().parents) if place.exists())
+
+
+def free_bytes(folder: Path) -> int:
+    """Bytes that are free on the disk of `folder`, which need not exist."""
+    return shutil.disk_usage(existing(folder)).free
+
+
 def check_room(folder: Path, needed: int) -> None:
-    """Raises DiskFull where the disk of `folder` has not `needed` bytes left."""
-    free = shutil.disk_usage(folder).free
+    """Raises DiskFull where the disk of `folder` has not `needed` bytes left.
+
+    Args:
+        folder: it need not exist.
+        needed: bytes.
+    """
+    free = free_bytes(folder)
     if free < needed:
         raise DiskFull(
-            f"{folder}: the plan needs {_megabytes(needed)}, the disk has {free / 1e6:.0f} MB "
+            f"{folder}: the plan needs {megabytes(needed)}, the disk has {free / 1e6:.0f} MB "
             "free; make room, or choose another folder"
         )
 
@@ -78,7 +61,7 @@ def write_checked(path: Path, write: Callable[[IO[bytes]], None]) -> None:
     """
     part = path.with_name(path.name + ".part")
     try:
-        with part.open("wb") as stream:
+        with DataStream(part) as stream:
             write(stream)
         part.replace(path)
         with ThreadPoolExecutor(1) as pool:
@@ -88,5 +71,6 @@ def write_checked(path: Path, write: Callable[[IO[bytes]], None]) -> None:
             folder.result()
     except OSError:
         for name in (part, path):
-            name.unlink(missing_ok=True)
+            with suppress(OSError):  # the first error is the one to tell
+                name.unlink(missing_ok=True)
         raise

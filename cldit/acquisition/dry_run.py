@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import shutil
+import math
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from cldit.acquisition.disk import needed_bytes
+from cldit.acquisition.disk import free_bytes, needed_bytes
 from cldit.acquisition.plan import Plan
-from cldit.acquisition.storage import survey
+from cldit.acquisition.preflight import preflight
+from cldit.acquisition.storage import check_folder, survey
+from cldit.errors import DiskFull
 from cldit.rig.checks import read_temperature
 from cldit.rig.errors import RigError
 from cldit.rig.load import Rig
-from cldit.rig.protocols import TriggerMode
 
 SECONDS_PER_KELVIN = 3.0  # of a black body on its way, where nobody says better
 
@@ -36,7 +38,10 @@ class DryRun:
 def dry_run(
     rig: Rig, plan: Plan, folder: Path, *, seconds_per_kelvin: float = SECONDS_PER_KELVIN
 ) -> DryRun:
-    """Connects, reads, and calculates; no set point is written and no burst configured.
+    """Goes through the acquisition's own preflight, and calculates; nothing moves, nothing fires.
+
+    The preflight sets the camera, takes a test picture, and writes a burst without injection, after
+    which the trigger is inhibited. No set point is written.
 
     Args:
         rig, plan: what would be run.
@@ -44,32 +49,25 @@ def dry_run(
         seconds_per_kelvin: of the black body, on average.
 
     Raises:
-        RunFolderError: `folder` belongs to another plan.
+        RunFolderError: `folder` belongs to another plan, is in use, or is damaged.
+        FileError: `folder` cannot be made or written.
     """
+    check_folder(folder)
     done = survey(folder, plan).done if folder.exists() else set()
     left = [shot for shot in plan.steps() if shot.id not in done]
     problems: list[str] = []
-    present_K, pixels, period_s = plan.backgrounds_K[0], 0, 0.0
+    present_K, picture_bytes, period_s = plan.backgrounds_K[0], 0, 0.0
     try:
-        rig.connect()
-        present_K = read_temperature(rig.background)
-        can = rig.camera.capabilities
-        pixels, period_s = int(np.prod(can.sensor_pixels)), can.minimum_period_s
-        low_s, high_s = can.integration_time_limits_s
-        if not low_s <= plan.integration_time_s <= high_s:
-            problems.append(
-                f"integration_time_s: {plan.integration_time_s:g} is outside {low_s:g}..{high_s:g}"
-            )
-        if not can.trigger_modes & {TriggerMode.EXTERNAL_EDGE, TriggerMode.EXTERNAL_LEVEL}:
-            problems.append("camera: has no external trigger, which every shot needs")
-    except RigError as error:
+        if left:
+            ready = preflight(rig, plan, folder, shots_left=len(left), inject=False)
+            picture_bytes, period_s = ready.picture_bytes, ready.minimum_period_s
+            present_K = read_temperature(rig.background)
+    except (RigError, DiskFull) as error:
         problems += str(error).splitlines()
-    limits = rig.background.limits
-    problems += [
-        f"backgrounds_K: {temperature:g} is outside {limits.low_K:g}..{limits.high_K:g}"
-        for temperature in plan.backgrounds_K
-        if not limits.low_K <= temperature <= limits.high_K
-    ]
+        with suppress(RigError):  # an estimate all the same, from what the camera says of itself
+            can = rig.camera.capabilities
+            picture_bytes = 2 * plan.frames * math.prod(can.sensor_pixels)
+            period_s = can.minimum_period_s
     order = plan.background_order({shot.background for shot in left}, present_K=present_K)
     stops = [present_K, *(plan.backgrounds_K[index] for index in order)]
     way_K = float(np.sum(np.abs(np.diff(stops))))
@@ -81,20 +79,13 @@ def dry_run(
         plan.integration_time_s + trigger.camera_delay_s,
         trigger.injector_delay_s + trigger.injector_width_s,
     )
-    disk_bytes = needed_bytes(len(left), picture_bytes=2 * pixels * plan.frames)
-    place = next(parent for parent in (folder, *folder.resolve().parents) if parent.exists())
-    free_bytes = shutil.disk_usage(place).free
-    if free_bytes < disk_bytes:
-        problems.append(
-            f"{folder}: the plan needs {disk_bytes / 1e6:.0f} MB, the disk has "
-            f"{free_bytes / 1e6:.0f} MB free"
-        )
+    disk_bytes = needed_bytes(len(left), picture_bytes=picture_bytes)
     return DryRun(
         shots=len(left),
         backgrounds_K=tuple(stops[1:]),
         time_s=background_s + len(left) * shot_s,
         background_s=background_s,
         disk_bytes=disk_bytes,
-        free_bytes=free_bytes,
+        free_bytes=free_bytes(folder),
         problems=tuple(problems),
     )

@@ -18,8 +18,9 @@ import tifffile
 from numpy.typing import NDArray
 
 from cldit.acquisition.record import Acquisition, Picture
-from cldit.errors import ClditError, RunFolderError
-from cldit.files import whole
+from cldit.data_streams import DataStream, PatientStream
+from cldit.errors import ClditError
+from cldit.files import make_folder, whole
 
 FORMATS = {"ome-tiff": ".ome.tif", "nexus": ".nxs"}
 
@@ -41,7 +42,8 @@ def export(acquisition: Acquisition, form: str, target: Path | None = None) -> P
 
     Raises:
         ExportError: no such form, no pictures, or h5py is missing.
-        RunFolderError: a picture is damaged, or the file cannot be written.
+        RunFolderError: a picture is damaged.
+        DiskFull, FileError: the file cannot be written.
     """
     if form not in FORMATS:
         raise ExportError(f"--to: {form!r}; allowed are {', '.join(FORMATS)}")
@@ -49,12 +51,10 @@ def export(acquisition: Acquisition, form: str, target: Path | None = None) -> P
         raise ExportError(f"{acquisition.folder}: holds no pictures yet")
     folder = acquisition.folder
     path = target or folder / f"{folder.resolve().name}{FORMATS[form]}"
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole(path) as part:
-            (_write_ome if form == "ome-tiff" else _write_nexus)(acquisition, part)
-    except OSError as error:
-        raise RunFolderError(f"{path}: cannot be written ({error})") from error
+    size = len(acquisition.shots) * acquisition.plan.frames * int(np.prod(acquisition.shape)) * 2
+    make_folder(path.parent)
+    with whole(path, needed_bytes=size) as part:
+        (_write_ome if form == "ome-tiff" else _write_nexus)(acquisition, part)
     return path
 
 
@@ -85,7 +85,8 @@ def _write_ome(acquisition: Acquisition, path: Path) -> None:
     frames = acquisition.plan.frames
     width_m, height_m = acquisition.pixel_m
     size = len(acquisition.shots) * frames * int(np.prod(acquisition.shape)) * 2
-    with tifffile.TiffWriter(path, ome=True, bigtiff=size > 2**32 - 2**25) as tiff:
+    big = size > 2**32 - 2**25
+    with DataStream(path) as stream, tifffile.TiffWriter(stream, ome=True, bigtiff=big) as tiff:
         for (setpoint_K, kind), group in groupby(
             acquisition.shots, key=lambda shot: (shot.background_setpoint_K, shot.kind)
         ):
@@ -126,82 +127,86 @@ def _write_ome(acquisition: Acquisition, path: Path) -> None:
 
 
 def _write_nexus(acquisition: Acquisition, path: Path) -> None:
-    """NXdetector with an image_key as in NXtomo: 0 with spray, 1 a reference (flat field)."""
     try:
         import h5py
     except ImportError as error:
         raise ExportError("NeXus needs h5py: pip install cldit[export]") from error
+    with PatientStream(path) as stream:
+        with h5py.File(stream, "w") as file:
+            _put_nexus(acquisition, file, stream)
+        stream.check()
+
+
+def _put_nexus(acquisition: Acquisition, file: Any, stream: PatientStream) -> None:
+    """NXdetector with an image_key as in NXtomo: 0 with spray, 1 a reference (flat field)."""
     rows, columns = acquisition.shape
     frames = acquisition.plan.frames
     count = len(acquisition.shots) * frames
-    with h5py.File(path, "w") as file:
-        file.attrs["default"] = "entry"
+    file.attrs["default"] = "entry"
 
-        def group(parent: Any, name: str, kind: str) -> Any:
-            made = parent.create_group(name)
-            made.attrs["NX_class"] = kind
-            return made
+    def group(parent: Any, name: str, kind: str) -> Any:
+        made = parent.create_group(name)
+        made.attrs["NX_class"] = kind
+        return made
 
-        def put(parent: Any, name: str, values: Any, units: str | None = None) -> Any:
-            made = parent.create_dataset(name, data=values)
-            if units is not None:
-                made.attrs["units"] = units
-            return made
+    def put(parent: Any, name: str, values: Any, units: str | None = None) -> Any:
+        made = parent.create_dataset(name, data=values)
+        if units is not None:
+            made.attrs["units"] = units
+        return made
 
-        entry = group(file, "entry", "NXentry")
-        entry.attrs["default"] = "data"
-        put(entry, "title", acquisition.configuration["rig"])
-        instrument = group(entry, "instrument", "NXinstrument")
-        detector = group(instrument, "detector", "NXdetector")
-        data = detector.create_dataset(
-            "data",
-            shape=(count, rows, columns),
-            dtype=np.uint16,
-            chunks=(1, rows, columns),
-            compression="gzip",
-            compression_opts=1,
-            shuffle=True,
-        )
-        data.attrs["units"] = "counts"
-        planes: list[_Plane] = []
-        for index, plane in enumerate(_planes(acquisition, list(acquisition.shots))):
-            data[index] = plane.image
-            planes.append(_Plane(plane.shot, plane.number, plane.image[:0], plane.meta))
-        put(detector, "image_key", [int(p.shot.kind == "reference") for p in planes])
-        put(detector, "count_time", [p.meta["integration_time_s"] for p in planes], "s")
-        put(detector, "timestamp", [p.device_ns for p in planes], "ns")
-        put(detector, "saturation_value", [p.meta["saturation_counts"] for p in planes])
-        put(detector, "x_pixel_size", acquisition.pixel_m[0], "m")
-        put(detector, "y_pixel_size", acquisition.pixel_m[1], "m")
-        put(detector, "pixel_mask", acquisition.bad_pixels.astype(np.uint32))
-        black_body = group(instrument, "black_body", "NXcollection")
-        put(black_body, "setpoint", [p.shot.background_setpoint_K for p in planes], "K")
-        put(black_body, "temperature", [p.shot.background_K for p in planes], "K")
-        put(entry, "start_time", planes[0].meta["time"])
-        put(entry, "end_time", planes[-1].meta["time"])
-        shown = group(entry, "data", "NXdata")
-        shown["data"] = data
-        x_m = (
-            acquisition.centre_m[0]
-            + (np.arange(columns) - (columns - 1) / 2.0) * (acquisition.pixel_m[0])
-        )
-        z_m = (
-            acquisition.centre_m[1]
-            - (np.arange(rows) - (rows - 1) / 2.0) * (acquisition.pixel_m[1])
-        )
-        put(shown, "picture", np.arange(count))
-        put(shown, "z", z_m, "m")
-        put(shown, "x", x_m, "m")
-        shown.attrs["signal"] = "data"
-        shown.attrs["axes"] = ["picture", "z", "x"]
-        sequence = group(entry, "sequence", "NXcollection")
-        put(sequence, "shot", [p.shot.id for p in planes])
-        put(sequence, "frame", [p.number for p in planes])
-        put(sequence, "complete", acquisition.complete)
-        for name, values in (
-            ("configuration", acquisition.configuration),
-            ("plan", acquisition.plan.model_dump(mode="json")),
-        ):
-            note = group(entry, name, "NXnote")
-            put(note, "type", "application/json")
-            put(note, "data", json.dumps(values))
+    entry = group(file, "entry", "NXentry")
+    entry.attrs["default"] = "data"
+    put(entry, "title", acquisition.configuration["rig"])
+    instrument = group(entry, "instrument", "NXinstrument")
+    detector = group(instrument, "detector", "NXdetector")
+    data = detector.create_dataset(
+        "data",
+        shape=(count, rows, columns),
+        dtype=np.uint16,
+        chunks=(1, rows, columns),
+        compression="gzip",
+        compression_opts=1,
+        shuffle=True,
+    )
+    data.attrs["units"] = "counts"
+    planes: list[_Plane] = []
+    for index, plane in enumerate(_planes(acquisition, list(acquisition.shots))):
+        data[index] = plane.image
+        stream.check()
+        planes.append(_Plane(plane.shot, plane.number, plane.image[:0], plane.meta))
+    put(detector, "image_key", [int(p.shot.kind == "reference") for p in planes])
+    put(detector, "count_time", [p.meta["integration_time_s"] for p in planes], "s")
+    put(detector, "timestamp", [p.device_ns for p in planes], "ns")
+    put(detector, "saturation_value", [p.meta["saturation_counts"] for p in planes])
+    put(detector, "x_pixel_size", acquisition.pixel_m[0], "m")
+    put(detector, "y_pixel_size", acquisition.pixel_m[1], "m")
+    put(detector, "pixel_mask", acquisition.bad_pixels.astype(np.uint32))
+    black_body = group(instrument, "black_body", "NXcollection")
+    put(black_body, "setpoint", [p.shot.background_setpoint_K for p in planes], "K")
+    put(black_body, "temperature", [p.shot.background_K for p in planes], "K")
+    put(entry, "start_time", planes[0].meta["time"])
+    put(entry, "end_time", planes[-1].meta["time"])
+    shown = group(entry, "data", "NXdata")
+    shown["data"] = data
+    x_m = (
+        acquisition.centre_m[0]
+        + (np.arange(columns) - (columns - 1) / 2.0) * (acquisition.pixel_m[0])
+    )
+    z_m = acquisition.centre_m[1] - (np.arange(rows) - (rows - 1) / 2.0) * (acquisition.pixel_m[1])
+    put(shown, "picture", np.arange(count))
+    put(shown, "z", z_m, "m")
+    put(shown, "x", x_m, "m")
+    shown.attrs["signal"] = "data"
+    shown.attrs["axes"] = ["picture", "z", "x"]
+    sequence = group(entry, "sequence", "NXcollection")
+    put(sequence, "shot", [p.shot.id for p in planes])
+    put(sequence, "frame", [p.number for p in planes])
+    put(sequence, "complete", acquisition.complete)
+    for name, values in (
+        ("configuration", acquisition.configuration),
+        ("plan", acquisition.plan.model_dump(mode="json")),
+    ):
+        note = group(entry, name, "NXnote")
+        put(note, "type", "application/json")
+        put(note, "data", json.dumps(values))

@@ -6,7 +6,9 @@ A file is named as it is; a data set within HDF5 or NeXus as `run.nxs::/entry/da
 
 from __future__ import annotations
 
+import os
 import re
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +19,8 @@ import tifffile
 from numpy.typing import NDArray
 
 from cldit.acquisition.hcc import HccError, HccReader
-from cldit.errors import EvaluationError
+from cldit.errors import EvaluationError, FileError
+from cldit.files import check_regular, open_regular
 
 _PLACE = re.compile(r"^(?P<dataset>[^\[\]]+?)(\[(?P<first>\d*):(?P<last>\d*)\])?$")
 _TIFF = (".tif", ".tiff")
@@ -77,16 +80,43 @@ class _Tiff:
     """One page a picture; of a page with several pictures (ImageJ's), each."""
 
     def __init__(self, source: Source) -> None:
-        self._stream = source.path.open("rb")
+        self._stream = open_regular(source.path)
         self._stack: NDArray[Any] | None = None
         try:
             self._file = tifffile.TiffFile(self._stream)
             self._pages = len(self._file.pages)
-            if self._file.is_imagej and self._pages == 1 and self._file.series[0].ndim == 3:
+            first = self._file.series[0]
+            if self._pages == 1 and first.ndim == 3 and first.axes.endswith("YX"):
                 self._stack = tifffile.memmap(source.path, mode="r")
+            self._check_whole()
         except BaseException:
             self._stream.close()
             raise
+
+    def _check_whole(self) -> None:
+        """Raises ValueError where a file holds fewer pictures than it says.
+
+        A file that was cut off still opens: its readers stop at the last page that they find.
+        """
+        file = self._file
+        told = (file.imagej_metadata or {}).get("images", 1)
+        if len(self) < told:
+            raise ValueError(f"ImageJ says {told} pictures, {len(self)} are there; it is cut off")
+        if self._follows(file.pages[-1].offset):
+            raise ValueError(f"another page follows the last of {self._pages}; it is cut off")
+        if file.is_ome:
+            missing = sum(page is None for series in file.series for page in series.pages)
+            if missing:
+                raise ValueError(f"OME lists {missing} pictures that are not there")
+
+    def _follows(self, offset: int) -> int:
+        """Where a page's directory at `offset` says that the next one is; 0 for none."""
+        form = self._file.tiff
+        self._stream.seek(offset)
+        (tags,) = struct.unpack(form.tagnoformat, self._stream.read(form.tagnosize))
+        self._stream.seek(offset + form.tagnosize + tags * form.tagsize)
+        (following,) = struct.unpack(form.offsetformat, self._stream.read(form.offsetsize))
+        return int(following)
 
     def __len__(self) -> int:
         return self._pages if self._stack is None else len(self._stack)
@@ -95,6 +125,10 @@ class _Tiff:
         if self._stack is not None:
             return np.asarray(self._stack[number])
         page: Any = self._file.pages[number]
+        size = os.fstat(self._stream.fileno()).st_size
+        ends = (at + count for at, count in zip(page.dataoffsets, page.databytecounts, strict=True))
+        if max(ends, default=0) > size:  # missing strips would be read as zeros
+            raise ValueError("its pixels end before the page does; the file is cut off")
         return np.asarray(page.asarray())
 
     def close(self) -> None:
@@ -113,6 +147,7 @@ class _Hdf5:
             raise EvaluationError(
                 f"{source.path}: HDF5 and NeXus need h5py; pip install 'cldit[cfd]'"
             ) from None
+        check_regular(source.path)
         self._file = h5py.File(source.path, "r")
         if source.dataset not in self._file:
             known = _datasets(self._file, h5py.Dataset)
@@ -147,6 +182,7 @@ class _Hcc:
     """A Telops film, read frame by frame."""
 
     def __init__(self, source: Source) -> None:
+        check_regular(source.path)
         self._film = HccReader(source.path)
 
     def __len__(self) -> int:
@@ -198,7 +234,7 @@ def open_stack(source: Source) -> Stack:
                 return stack
             except EvaluationError:
                 raise
-            except HccError as error:
+            except (HccError, FileError) as error:
                 raise EvaluationError(str(error)) from error
             except Exception as error:  # damaged headers lead the readers into errors of all kinds
                 raise EvaluationError(f"{source.path}: cannot be read ({error})") from error

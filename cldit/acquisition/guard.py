@@ -8,7 +8,6 @@ did: in guard.log, in the journal, on the terminal, and by its exit status.
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import time
@@ -16,14 +15,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
-import yaml
-
 from cldit.acquisition.journal import Journal
 from cldit.acquisition.storage import GUARD, JOURNAL, exclusive
 from cldit.errors import ClditError
+from cldit.files import append_text
+from cldit.plain_data import dump_yaml, parse_yaml
 from cldit.rig.clock import SystemClock
 from cldit.rig.load import Rig, open_rig
 from cldit.rig.safety import RigSafety
+from cldit.terminal import warn
 
 _SAFE = b"safe\n"
 _CONNECT_s = 15.0  # longer than any camera's heartbeat
@@ -54,7 +54,7 @@ class Guard:
     def __enter__(self) -> Guard:
         if all(device.identify().simulated for device in self._rig.devices.values()):
             return self
-        rig_file = yaml.safe_dump(self._rig.file.model_dump(mode="json"))
+        rig_file = dump_yaml(self._rig.file.model_dump(mode="json"))
         self._process = subprocess.Popen(
             [sys.executable, "-c", _PROCESS, str(self._folder.resolve())],
             stdin=subprocess.PIPE,
@@ -129,10 +129,8 @@ def watch(stream: IO[bytes], folder: Path) -> int:
         log += [*safety.problems, f"attempt {attempt} of {len(_PAUSES_s)} failed"]
     problems = safety.problems
     log.append("NOT SAFE:\n" + "\n".join(problems) if problems else "every device is safe")
-    with (folder / GUARD).open("a", encoding="utf-8") as out:
-        out.write("\n".join(log) + "\n")
-        out.flush()
-        os.fsync(out.fileno())
+    with suppress(ClditError):  # a full disk must not keep the alarm
+        append_text(folder / GUARD, "\n".join(log) + "\n")
     if problems:
         alarm(problems)
     with suppress(ClditError), exclusive(folder):  # in use: that process sees the rig itself
@@ -142,7 +140,7 @@ def watch(stream: IO[bytes], folder: Path) -> int:
 
 def alarm(problems: list[str]) -> None:
     """Prints to the terminal, where the error itself may not arrive."""
-    print("\a\ncldit: THE RIG IS NOT SAFE:\n" + "\n".join(problems), file=sys.stderr, flush=True)
+    warn("\a\ncldit: THE RIG IS NOT SAFE:\n" + "\n".join(problems))
 
 
 def _note(folder: Path, safety: RigSafety, time: str) -> None:
@@ -160,7 +158,7 @@ def _now() -> str:
 
 def _make_safe(rig_file: bytes) -> RigSafety:
     try:
-        rig = open_rig(yaml.safe_load(rig_file))
+        rig = open_rig(parse_yaml(rig_file.decode(), source="rig"))
     except ClditError as error:
         return RigSafety({}, [str(error)])
     safety = rig.make_safe(connect_s=_CONNECT_s)

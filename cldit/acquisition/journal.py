@@ -9,11 +9,30 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from cldit.acquisition.disk import written
 from cldit.errors import RunFolderError
-from cldit.files import fsync_folder
+from cldit.files import fsync_folder, open_regular, written
+from cldit.plain_data import parse_json
 
 Entry = dict[str, Any]
+
+_NUMBER = (int, float)
+_TYPES: dict[str, type | tuple[type, ...]] = {  # of what an entry may hold
+    "shot": str,
+    "attempt": int,
+    "inject": bool,
+    "reason": str,
+    "sha256": str,
+    "background_before_K": _NUMBER,
+    "background_after_K": _NUMBER,
+    "saturated_percent": _NUMBER,
+}
+_OF_SHOT = ("shot", "attempt")
+_NEEDED = {  # by event; what is read later on
+    "fired": (*_OF_SHOT, "inject"),
+    "lost": (*_OF_SHOT, "inject"),
+    "rejected": (*_OF_SHOT, "inject"),
+    "saved": (*_OF_SHOT, "background_before_K", "background_after_K", "saturated_percent"),
+}
 
 
 def read_journal(path: Path) -> list[Entry]:
@@ -25,28 +44,67 @@ def read_journal(path: Path) -> list[Entry]:
     return _parse(path)[0]
 
 
+def read_whole_entries(path: Path) -> tuple[list[Entry], RunFolderError | None]:
+    """Every entry before the first that is damaged, and what is wrong with that one.
+
+    Raises:
+        RunFolderError: the file cannot be read.
+    """
+    return _entries(path)[::2]
+
+
 def _parse(path: Path) -> tuple[list[Entry], int]:
     """Entries, and how many bytes of the file they take."""
-    try:
-        data = path.read_bytes() if path.exists() else b""
-    except OSError as error:
-        raise RunFolderError(f"{path}: cannot be read ({error})") from error
+    entries, whole, damage = _entries(path)
+    if damage is not None:
+        raise damage
+    return entries, whole
+
+
+def _entries(path: Path) -> tuple[list[Entry], int, RunFolderError | None]:
+    data = b""
+    if path.exists():
+        try:
+            with open_regular(path) as stream:
+                data = stream.read()
+        except OSError as error:
+            raise RunFolderError(str(error)) from error
     whole = data.rfind(b"\n") + 1  # what follows the last newline was never finished
     entries: list[Entry] = []
     for number, line in enumerate(data[:whole].splitlines()):
-        try:
-            entry = json.loads(line)
-        except ValueError as error:
-            raise _damaged(path, number, f"is not JSON ({error})") from error
-        if not isinstance(entry, dict) or entry.get("seq") != number:
-            raise _damaged(path, number, f"does not carry the sequence number {number}")
-        try:
-            datetime.fromisoformat(entry["time"])
-            entry["event"].lower()
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise _damaged(path, number, "has no time or no event") from error
+        problem, entry = _entry(line, number)
+        if problem:
+            return entries, whole, _damaged(path, number, problem)
         entries.append(entry)
-    return entries, whole
+    return entries, whole, None
+
+
+def _entry(line: bytes, number: int) -> tuple[str, Entry]:
+    """What is wrong with a line, or nothing; and the entry in it."""
+    try:
+        entry = parse_json(line)
+    except ValueError as error:
+        return f"is not JSON ({error})", {}
+    if not isinstance(entry, dict) or entry.get("seq") != number:
+        return f"does not carry the sequence number {number}", {}
+    try:
+        datetime.fromisoformat(entry["time"])
+        entry["event"].lower()
+    except (KeyError, TypeError, ValueError, AttributeError):
+        return "has no time or no event", {}
+    for name, kind in _TYPES.items():
+        known = entry.get(name)
+        wrong = isinstance(known, bool) and kind is not bool  # True is an int to Python
+        if name in entry and (wrong or not isinstance(known, kind)):
+            return f"holds {name}: {known!r}, which is of another type", {}
+    return "", entry
+
+
+def check_entry(path: Path, entry: Entry) -> None:
+    """Raises RunFolderError where an `entry` of the journal `path` lacks what its event has."""
+    missing = [name for name in _NEEDED.get(entry["event"], ()) if name not in entry]
+    if missing:
+        raise _damaged(path, entry["seq"], f"has no {' and no '.join(missing)}")
 
 
 def _damaged(path: Path, number: int, what: str) -> RunFolderError:

@@ -15,9 +15,10 @@ from cldit.acquisition.plan import Kind
 from cldit.camera.calibration import Calibration
 from cldit.errors import EvaluationError, SceneError
 from cldit.optics.response import Response, to_plain
+from cldit.plain_data import read_mapping
 from cldit.radiance.boundary import Surroundings
 from cldit.rig.load import Setup
-from cldit.scene.checks import Section, Within, describe, read_mapping
+from cldit.scene.checks import Section, Within, describe
 from cldit.scene.values import Filter, Temperature
 
 MEASURED = "measured.yaml"

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import ValidationError, field_validator, model_validator
 
 from cldit.camera.sensor import USUAL_INTEGRATION_S
 from cldit.errors import SceneError
+from cldit.plain_data import dump_yaml, read_mapping
 from cldit.rig.protocols import Burst, Stability
-from cldit.scene.checks import Section, Within, describe, read_mapping
+from cldit.scene.checks import Section, Within, describe
 from cldit.scene.schema import Scene
 from cldit.scene.values import Temperature
 
@@ -167,7 +167,7 @@ class Plan(Section):
 
     def dump(self) -> str:
         """The plan as YAML, every default written out."""
-        return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
+        return dump_yaml(self.model_dump(mode="json"))
 
 
 def parse_plan(data: dict[str, Any], *, source: str = "plan") -> Plan:

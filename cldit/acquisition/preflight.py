@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from cldit.acquisition.disk import check_room, needed_bytes
 from cldit.acquisition.plan import Plan
-from cldit.acquisition.storage import CONFIGURATION
+from cldit.acquisition.plan_checks import external_trigger, impossible, together
+from cldit.acquisition.storage import CONFIGURATION, PLAN
 from cldit.camera.calibration import Calibration
 from cldit.errors import RunFolderError
-from cldit.rig.clock import SimulatedClock
-from cldit.rig.errors import ConfigRejected, MissingFrames, OutOfLimits
+from cldit.plain_data import read_json
+from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, RigError
 from cldit.rig.load import Rig
 from cldit.rig.protocols import TriggerInfo, TriggerMode
 
@@ -43,13 +44,17 @@ class Ready:
     calibration: Calibration
 
 
-def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int) -> Ready:
+def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int, inject: bool = True) -> Ready:
     """Connects and checks the rig for `plan`, and takes one test picture without injecting.
+
+    The acquisition and the dry run ask the same questions here, and so refuse in the same words.
 
     Args:
         rig, plan: what is to be run.
-        folder: that of the acquisition.
+        folder: that of the acquisition; it need not exist.
         shots_left: pictures that are still to be taken.
+        inject: False never brings the trigger generator into a state in which a trigger injects,
+            for who does not make the rig safe afterwards.
 
     Raises:
         NotConnected: all devices that do not answer.
@@ -57,21 +62,24 @@ def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int) -> Ready:
         ConfigRejected: an instrument refuses, or reads back something else.
         MissingFrames: the camera sends no test picture.
         DiskFull: the disk cannot hold the pictures that are left to take.
+        RunFolderError: `folder` holds pictures of another rig.
+        RigError: several of these; a line each.
     """
-    rig.connect()
-    real = [name for name, device in rig.devices.items() if not device.identify().simulated]
-    if real and isinstance(rig.clock, SimulatedClock):
-        raise ConfigRejected(
-            f"clock.model: simulated, but {', '.join(real)} is real; use `clock: {{model: system}}`"
-        )
-    _check_limits(rig, plan)
+    problems: list[RigError] = []
+    try:
+        rig.connect()
+    except NotConnected as error:
+        problems.append(error)
+    problems += impossible(rig, plan, connected=not problems)
+    if problems:
+        raise together(problems)
     rig.camera.wait_ready(_READY_S)
     settings = rig.camera.configure(plan.integration_time_s)
     _agree("camera: integration_time_s", plan.integration_time_s, settings.integration_time_s)
     capabilities = rig.camera.capabilities
     modes = capabilities.trigger_modes
-    trigger = _external(modes, plan.frames)
-    _check_trigger(rig, plan)
+    trigger = external_trigger(modes, plan.frames)
+    _check_trigger(rig, plan, inject=inject)
     picture = _test_picture(rig, modes, timeout_s=plan.frame_timeout_s)
     picture_bytes = plan.frames * picture.nbytes
     check_room(folder, needed_bytes(shots_left, picture_bytes=picture_bytes))
@@ -87,15 +95,18 @@ def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int) -> Ready:
     except (TypeError, ValueError) as error:
         raise ConfigRejected(f"a configuration cannot be stored: {error}") from error
     rows, columns = picture.shape
+    configuration = {
+        "plan_hash": plan.hash(),
+        "cldit": version("cldit"),
+        "rig": rig.file.name,
+        "setup": rig.file.setup.model_dump(mode="json"),
+        "shape": [rows, columns],
+        "devices": devices,
+    }
+    if (folder / PLAN).exists() and (folder / CONFIGURATION).exists():
+        check_same_rig(read_json(folder / CONFIGURATION), configuration, folder)
     return Ready(
-        configuration={
-            "plan_hash": plan.hash(),
-            "cldit": version("cldit"),
-            "rig": rig.file.name,
-            "setup": rig.file.setup.model_dump(mode="json"),
-            "shape": [rows, columns],
-            "devices": devices,
-        },
+        configuration=configuration,
         shape=(rows, columns),
         integration_time_s=settings.integration_time_s,
         saturation_counts=capabilities.saturation_counts,
@@ -106,34 +117,19 @@ def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int) -> Ready:
     )
 
 
-def _check_limits(rig: Rig, plan: Plan) -> None:
-    limits = rig.background.limits
-    outside = [
-        f"backgrounds_K: {temperature:g} is outside {limits.low_K:g}..{limits.high_K:g}"
-        for temperature in plan.backgrounds_K
-        if not limits.low_K <= temperature <= limits.high_K
-    ]
-    if outside:
-        raise OutOfLimits("the background cannot take the plan:\n" + "\n".join(outside))
-
-
 def _agree(what: str, wanted: float, got: float, *, least: float = 0.0) -> None:
     if not abs(got - wanted) <= max(_AGREE * abs(wanted), least):
         raise ConfigRejected(f"{what}: reads back {got:g} after {wanted:g} was written")
 
 
-def _external(modes: frozenset[TriggerMode], frames: int) -> TriggerInfo:
-    for mode in (TriggerMode.EXTERNAL_EDGE, TriggerMode.EXTERNAL_LEVEL):
-        if mode in modes:
-            return TriggerInfo(mode, n_frames=frames, frames_per_trigger=frames)
-    raise ConfigRejected("camera: has no external trigger, which every shot needs")
-
-
-def _check_trigger(rig: Rig, plan: Plan) -> None:
+def _check_trigger(rig: Rig, plan: Plan, *, inject: bool) -> None:
     """What the generator makes of the plan's burst; it is left inhibited."""
     asked = plan.burst(plan.steps()[-1])
-    got = rig.trigger.configure(asked)
-    rig.trigger.inhibit()
+    asked = replace(asked, inject=asked.inject and inject)
+    try:
+        got = rig.trigger.configure(asked)
+    finally:
+        rig.trigger.inhibit()
     if got.n != 1 or got.inject != asked.inject:
         raise ConfigRejected(f"trigger: reads back {got} after {asked} was written")
     for name in ("camera_delay_s", "injector_delay_s"):

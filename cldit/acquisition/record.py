@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,11 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from cldit.acquisition.plan import Kind, Plan, load_plan
-from cldit.acquisition.storage import CONFIGURATION, PLAN, load_shot, read_json, shot_path, survey
+from cldit.acquisition.storage import CONFIGURATION, PLAN, Found, load_shot, shot_path, survey
 from cldit.camera.calibration import Calibration
 from cldit.errors import ClditError, RunFolderError
 from cldit.optics.response import Filter, from_plain
+from cldit.plain_data import read_json
 from cldit.radiance.boundary import Surroundings
 from cldit.rig.load import Setup
 from cldit.scene.checks import describe
@@ -40,7 +42,8 @@ class Acquisition:
     shots: the kept pictures in the plan's order. missing: ids of those still to be taken.
     centre_m: (x, z) of the picture's middle, the injector's tip at 0, 0. bad_pixels: (h, w), those
     that the camera reports. frame: which of each shot's pictures is loaded. shape: rows
-    and columns. configuration: the whole snapshot of the rig.
+    and columns. configuration: the whole snapshot of the rig. damage: a line for all that is not
+    whole and was left out.
     """
 
     folder: Path
@@ -55,6 +58,7 @@ class Acquisition:
     shots: tuple[Picture, ...]
     missing: tuple[str, ...]
     frame: int = 0
+    damage: tuple[str, ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -76,6 +80,23 @@ class Acquisition:
         """Whether any instrument was."""
         devices = self.configuration["devices"].values()
         return any(device["info"].get("simulated", False) for device in devices)
+
+    def whole(self) -> Acquisition:
+        """The same without the pictures that cannot be read or are not what was recorded.
+
+        Every picture is read, and those left out are named in `damage`.
+        """
+        damage: dict[str, str] = {}
+        for shot in self.shots:
+            try:
+                self.load_frames(shot)
+            except RunFolderError as error:
+                damage[shot.id] = str(error)
+        return replace(
+            self,
+            shots=tuple(shot for shot in self.shots if shot.id not in damage),
+            damage=(*self.damage, *damage.values()),
+        )
 
     def load(self, shot: Picture) -> NDArray[np.uint16]:
         """Raw counts (h, w) of the frame that was chosen, row 0 at the top.
@@ -118,7 +139,7 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
     plan = load_plan(folder / PLAN)
     if not 0 <= frame < plan.frames:
         raise RunFolderError(f"{folder}: frame {frame}: allowed is 0..{plan.frames - 1}")
-    found = survey(folder, plan)
+    found = survey(folder, plan, salvage=True)
     configuration = read_json(folder / CONFIGURATION)
     if configuration.get("plan_hash") != plan.hash():
         raise RunFolderError(f"{folder / CONFIGURATION}: belongs to another plan; restore it")
@@ -166,4 +187,15 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
         shots=shots,
         missing=tuple(shot.id for shot in plan.steps() if shot.id not in known),
         frame=frame,
+        damage=tuple(_damage(folder, found)),
     )
+
+
+def _damage(folder: Path, found: Found) -> Iterator[str]:
+    """What is not whole, a line each."""
+    if found.damage is not None:
+        yield str(found.damage)
+    for name in found.torn:
+        yield f"{shot_path(folder, name)}: is damaged, and the journal does not know it"
+    for name in found.gone:
+        yield f"{shot_path(folder, name)}: the journal has it, but the file is missing"

@@ -30,14 +30,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-from cldit.acquisition.disk import needed_bytes, written
+from cldit.acquisition.disk import needed_bytes
 from cldit.acquisition.interrupts import Interrupts
 from cldit.acquisition.journal import Entry, Journal
 from cldit.acquisition.plan import Plan, Shot
-from cldit.acquisition.preflight import Ready, check_same_rig, preflight
+from cldit.acquisition.preflight import Ready, preflight
 from cldit.acquisition.progress import Eta, Progress
 from cldit.acquisition.quality import References
 from cldit.acquisition.shot import Rejected, Shooter, Taken
@@ -49,13 +48,13 @@ from cldit.acquisition.storage import (
     SHOTS,
     Found,
     load_shot,
-    read_json,
     save_shot,
     shot_path,
     survey,
 )
 from cldit.errors import ClditError
-from cldit.files import write_text
+from cldit.files import make_folder, write_text, written
+from cldit.plain_data import dump_yaml
 from cldit.rig.checks import read_temperature
 from cldit.rig.errors import Aborted, RetakesExhausted, RigError
 from cldit.rig.load import Rig
@@ -131,15 +130,12 @@ class Sequence:
         return needed_bytes(left, picture_bytes=self._picture_bytes)
 
     def _prepare_folder(self, ready: Ready) -> None:
-        """Writes what the pictures need beside them; on a resume, checks that it still holds."""
-        (self._folder / SHOTS).mkdir(exist_ok=True)
+        """Writes what the pictures need beside them, and is not there yet."""
+        make_folder(self._folder / SHOTS)
         begun = (self._folder / PLAN).exists()
-        if begun and (self._folder / CONFIGURATION).exists():
-            before = read_json(self._folder / CONFIGURATION)
-            check_same_rig(before, ready.configuration, self._folder)
         rig_file = self._rig.file.model_dump(mode="json")
         texts = {
-            RIG: yaml.safe_dump(rig_file, sort_keys=False, allow_unicode=True),
+            RIG: dump_yaml(rig_file),
             CONFIGURATION: json.dumps(ready.configuration, indent=2, allow_nan=False),
             PLAN: self._plan.dump(),  # last: with it, the folder belongs to this plan
         }

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import IO, Any
 
 import numpy as np
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
-from cldit.acquisition.disk import write_checked, written
-from cldit.acquisition.journal import Entry, read_journal
+from cldit.acquisition.disk import existing, write_checked
+from cldit.acquisition.journal import Entry, check_entry, read_whole_entries
 from cldit.acquisition.plan import Plan, Shot, load_plan
 from cldit.errors import RunFolderError
+from cldit.files import make_folder, written
 from cldit.images import put_image, read_image
 
 PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS, GUARD = (
@@ -28,6 +29,9 @@ PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS, GUARD = (
     "shots",
     "guard.log",
 )
+
+
+_LOCK = ".lock"
 
 
 class DamagedPicture(RunFolderError):
@@ -42,6 +46,8 @@ class Found:
     adoptable: shot id -> metadata of a whole file that the journal does not know yet.
     torn: shots whose file a power cut left damaged, before the journal knew of it.
     lost: `fired` entries that came to nothing, and of which the journal does not say so yet.
+    gone: shots that the journal has as saved and whose file is not there.
+    damage: what is wrong with the journal; its entries are those before it.
     """
 
     entries: list[Entry]
@@ -49,6 +55,8 @@ class Found:
     adoptable: dict[str, dict[str, Any]]
     torn: tuple[str, ...]
     lost: list[Entry]
+    gone: tuple[str, ...] = ()
+    damage: RunFolderError | None = None
 
     @property
     def done(self) -> set[str]:
@@ -73,9 +81,8 @@ def exclusive(folder: Path) -> Iterator[None]:
     Raises:
         RunFolderError: somebody does, or the folder cannot be made.
     """
-    with written(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(folder / ".lock")
+    make_folder(folder)
+    lock = FileLock(folder / _LOCK)
     try:
         lock.acquire(timeout=0)
     except Timeout:
@@ -86,6 +93,17 @@ def exclusive(folder: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def check_folder(folder: Path) -> None:
+    """Raises as `exclusive` would, and leaves nothing behind: for who only asks."""
+    if folder.exists():
+        make_folder(folder)  # which says so where it is a file
+    with written(folder), TemporaryDirectory(dir=existing(folder)):
+        pass
+    if (folder / _LOCK).exists():
+        with exclusive(folder):
+            pass
 
 
 def save_shot(
@@ -149,13 +167,22 @@ def load_shot(
     return image, meta
 
 
-def survey(folder: Path, plan: Plan) -> Found:
+def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> Found:
     """Looks at what `folder` holds of `plan`, without changing anything.
+
+    Args:
+        folder: that of the acquisition.
+        plan: that it must belong to.
+        salvage: goes on where the journal is damaged: pictures carry their own data and checksum.
+            For the evaluation; an acquisition must know every injection.
 
     Raises:
         RunFolderError: the folder belongs to another plan or to something else, or is damaged.
     """
-    entries = read_journal(folder / JOURNAL)
+    journal = folder / JOURNAL
+    entries, damage = _journal(journal)
+    if damage is not None and not salvage:
+        raise damage
     pictures = sorted((folder / SHOTS).glob("*.tif"))
     if (folder / PLAN).exists():
         here = load_plan(folder / PLAN).hash()
@@ -175,14 +202,17 @@ def survey(folder: Path, plan: Plan) -> Found:
     ended: set[tuple[str, int]] = set()
     fired: dict[tuple[str, int], Entry] = {}
     saved: dict[str, Entry] = {}
+    recorded: set[str] = set()
     for entry in entries:
-        key = (str(entry.get("shot")), int(entry.get("attempt", -1)))
+        key = (entry.get("shot", ""), entry.get("attempt", -1))
         if entry["event"] == "fired":
             fired[key] = entry
         elif entry["event"] in ("saved", "rejected", "lost"):
             ended.add(key)
-        if entry["event"] == "saved" and key[0] in present:
-            saved[key[0]] = entry
+        if entry["event"] == "saved":
+            recorded.add(key[0])
+            if key[0] in present:
+                saved[key[0]] = entry
     adoptable: dict[str, dict[str, Any]] = {}
     torn: list[str] = []
     for shot_id in sorted(present - set(saved)):
@@ -194,15 +224,16 @@ def survey(folder: Path, plan: Plan) -> Found:
         adoptable[shot_id] = meta
         ended.add((shot_id, int(meta["attempt"])))
     lost = [entry for key, entry in fired.items() if key not in ended]
-    return Found(entries, saved, adoptable, tuple(torn), lost)
+    gone = tuple(sorted(recorded - present))
+    return Found(entries, saved, adoptable, tuple(torn), lost, gone, damage)
 
 
-def read_json(path: Path) -> dict[str, Any]:
-    """Raises RunFolderError where the file is missing or holds anything else."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise RunFolderError(f"{path}: cannot be read ({error})") from error
-    if not isinstance(data, dict):
-        raise RunFolderError(f"{path}: holds {type(data).__name__}, expected an object")
-    return data
+def _journal(path: Path) -> tuple[list[Entry], RunFolderError | None]:
+    """Entries that are whole, up to the first that is not; and what is wrong there."""
+    entries, damage = read_whole_entries(path)
+    for number, entry in enumerate(entries):
+        try:
+            check_entry(path, entry)
+        except RunFolderError as error:
+            return entries[:number], error
+    return entries, damage

@@ -13,6 +13,8 @@ import numpy as np
 from cldit.bench.case import Case, Lattice, Say, changed
 from cldit.bench.error import Truth
 from cldit.bench.report import Part, Table, number
+from cldit.data_streams import DataStream
+from cldit.files import whole
 from cldit.gpu.device import Device
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.transport.trace import Settings
@@ -72,14 +74,15 @@ def slab_scene(folder: Path) -> Scene:
     thickness = layers * edge / cells
     shape = (cells, layers, cells)
     depth = 20.0 / thickness
-    np.savez(
-        folder / "slab.npz",
-        origin_m=(-edge / 2, -thickness / 2, -edge / 2),
-        spacing_m=(edge / cells,) * 3,
-        droplet_absorption_per_m=np.full(shape, 0.1 * depth),
-        droplet_scattering_per_m=np.full(shape, 0.9 * depth),
-        droplet_temperature_K=np.full(shape, 400.0),
-    )
+    with whole(folder / "slab.npz", sync=False) as part, DataStream(part) as stream:
+        np.savez(
+            stream,
+            origin_m=(-edge / 2, -thickness / 2, -edge / 2),
+            spacing_m=(edge / cells,) * 3,
+            droplet_absorption_per_m=np.full(shape, 0.1 * depth),
+            droplet_scattering_per_m=np.full(shape, 0.9 * depth),
+            droplet_temperature_K=np.full(shape, 400.0),
+        )
     return parse_scene(
         {
             "name": "slab",

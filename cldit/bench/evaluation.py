@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cldit.bench.evaluation_bias import BACKGROUNDS_K, BARE, CAMERA, FILTER_UM
 from cldit.dit.recorded import Evaluation, evaluate_shots
+from cldit.images import write_image
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Surroundings
 
@@ -99,7 +100,7 @@ def bench_evaluation(
             for number in range(min(10, wanted)):
                 noisy = counts + deviation * rng.standard_normal(counts.shape)
                 path = folder / f"{background_K:g}_{kind}_{number}.tif"
-                tifffile.imwrite(path, np.rint(noisy).astype(np.uint16))
+                write_image(path, np.rint(noisy).astype(np.uint16), name=kind, unit="counts")
             found += [
                 _Shot(
                     f"{background_K:g}-{kind}-{number}",

@@ -16,9 +16,11 @@ import pyopencl as cl
 
 from cldit.bench.case import BenchError, Say, changed
 from cldit.bench.report import Part, Table
+from cldit.files import make_folder, write_text
 from cldit.gpu.device import Device, open_device
 from cldit.run import default_cache, simulate
 from cldit.scene import Scene, dump_scene, load_scene
+from cldit.terminal import tell
 
 _WHOLE = "the scene as it is, with rig, evaluation of the shots and report"
 _CASES: tuple[tuple[str, dict[str, Any] | None], ...] = (
@@ -90,9 +92,9 @@ def _apart(scene: Scene | None, device: Device, folder: Path, *, whole: bool) ->
     """The run in a process of its own with kernel caches in `folder`; whole: the experiment."""
     file = folder / "scene.yaml"
     if scene is not None:
-        file.write_text(dump_scene(scene), encoding="utf-8")
+        write_text(file, dump_scene(scene))
     caches = {"POCL_CACHE_DIR": str(folder / "pocl"), "XDG_CACHE_HOME": str(folder / "cache")}
-    (folder / "pocl").mkdir(exist_ok=True)
+    make_folder(folder / "pocl")
     done = subprocess.run(
         [sys.executable, "-m", "cldit.bench.memory", device.info.index, str(default_cache())]
         + ([] if scene is None else [str(file)])
@@ -146,4 +148,4 @@ def _measure(arguments: list[str]) -> Peak:
 
 
 if __name__ == "__main__":
-    print(json.dumps(vars(_measure(sys.argv[1:]))))
+    tell(json.dumps(vars(_measure(sys.argv[1:]))))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cldit.errors import SceneError
+from cldit.files import write_text
 from cldit.gpu.device import Device
 from cldit.optics.response import edges_um, scene_filter
 from cldit.run import simulate
@@ -110,7 +111,7 @@ def variant(
 def _grey_liquid(scene: Scene, folder: Path) -> Path:
     path = folder / "paper.csv"
     n, k = scene.optics.n, scene.optics.k
-    path.write_text(f"wavelength_um,n,k\n0.2,{n!r},{k!r}\n50,{n!r},{k!r}\n", encoding="utf-8")
+    write_text(path, f"wavelength_um,n,k\n0.2,{n!r},{k!r}\n50,{n!r},{k!r}\n")
     return path
 
 
@@ -120,5 +121,5 @@ def _grey_vapour(scene: Scene, folder: Path) -> Path:
     low, high = edges_um(scene_filter(scene))
     value = scene.optics.vapour_m2_mol / _M2_MOL_OF_CM2
     head = f"{'paper':>20}{0.99e4 / high:10.3f}{1.01e4 / low:10.3f}{10:7d}{300.0:7.1f}{760.0:6.1f}"
-    path.write_text(f"{head}{value:10.3E}\n{10 * f'{value:10.3E}'}\n", encoding="ascii")
+    write_text(path, f"{head}{value:10.3E}\n{10 * f'{value:10.3E}'}\n")
     return path

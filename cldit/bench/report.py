@@ -13,6 +13,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from cldit.bench import PARTS
+from cldit.files import make_folder, write_bytes, write_text
 from cldit.gpu.device import Device
 from cldit.report.sheet import png_of
 
@@ -60,24 +61,22 @@ def write_part(part: Part, folder: Path, *, command: str, device: Device) -> Pat
         device: measured on.
     """
     inside = folder / "bench"
-    inside.mkdir(parents=True, exist_ok=True)
-    (inside / f"{part.name}.json").write_text(
-        json.dumps(part.data, indent=1) + "\n", encoding="utf-8"
-    )
+    make_folder(inside)
+    write_text(inside / f"{part.name}.json", json.dumps(part.data, indent=1) + "\n")
     blocks = [f"## {part.title}", f"```sh\n{command}\n```", _machine(device)]
     if part.figure is not None:
-        (inside / f"{part.name}.png").write_bytes(png_of(part.figure))
+        write_bytes(inside / f"{part.name}.png", png_of(part.figure))
         blocks.append(f"![{part.alternative}](bench/{part.name}.png)")
     blocks += [table.markdown() for table in part.tables]
     blocks += part.text
-    (inside / f"{part.name}.md").write_text("\n\n".join(blocks) + "\n", encoding="utf-8")
+    write_text(inside / f"{part.name}.md", "\n\n".join(blocks) + "\n")
     page = folder / "benchmarks.md"
     found = [inside / f"{name}.md" for name in PARTS]
-    page.write_text(
+    write_text(
+        page,
         "# Benchmarks\n\nWritten by `cldit bench`; every part stands under the command that made "
         "it. Times are of that machine: compare rows, not machines.\n\n"
         + "\n".join(path.read_text(encoding="utf-8") for path in found if path.is_file()),
-        encoding="utf-8",
     )
     return page
 

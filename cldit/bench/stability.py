@@ -18,7 +18,9 @@ import pyopencl as cl
 from numpy.typing import NDArray
 
 from cldit.bench.report import Table
+from cldit.data_streams import DataStream
 from cldit.errors import ClditError
+from cldit.files import whole
 from cldit.gpu.device import Device
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter
@@ -58,12 +60,9 @@ class Bench:
         """
         full = {name: np.array(value, float, ndmin=3) for name, value in arrays.items()}
         file = self.folder / f"{sum(1 for _ in self.folder.iterdir())}.npz"
-        np.savez(
-            file,
-            origin_m=-np.asarray(size_m) / 2,
-            spacing_m=np.asarray(size_m),
-            **full,  # type: ignore[arg-type]
-        )
+        origin_m, spacing_m = -np.asarray(size_m) / 2, np.asarray(size_m)
+        with whole(file, sync=False) as part, DataStream(part) as stream:
+            np.savez(stream, origin_m=origin_m, spacing_m=spacing_m, **full)  # type: ignore[arg-type]
         data = {
             "name": "stability",
             "spray": {"model": "grid", "file": str(file)},

@@ -12,7 +12,8 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from cldit.cfd.case import Cloud, Column, complete_cloud
 from cldit.errors import SprayError
-from cldit.scene.checks import Section, describe, read_mapping
+from cldit.plain_data import read_mapping
+from cldit.scene.checks import Section, describe
 
 # unit: factor and offset to SI, value * factor + offset
 _PLAIN = {

@@ -28,6 +28,7 @@ from cldit.cfd.column_mapping import (
 )
 from cldit.cfd.mesh import Mesh, join
 from cldit.errors import SprayError
+from cldit.files import check_regular
 from cldit.spray.result import Floats
 
 _STREAM = re.compile(r"STREAM_\d+$")
@@ -60,6 +61,7 @@ def open_post(path: Path) -> Iterator[Any]:
             f'{path}: reading it needs h5py; install it with: pip install "cldit[cfd]"'
         ) from error
     try:
+        check_regular(path)
         with h5py.File(path, "r") as file:
             yield file
     except (OSError, RuntimeError, KeyError, TypeError, AttributeError) as error:

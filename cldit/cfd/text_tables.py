@@ -18,7 +18,8 @@ from cldit.cfd.column_mapping import (
     read_column_map,
 )
 from cldit.cfd.mesh import box_mesh
-from cldit.errors import SprayError
+from cldit.errors import FileError, SprayError
+from cldit.files import open_regular
 from cldit.spray.result import Floats
 
 
@@ -88,6 +89,9 @@ def _cloud(path: Path, mapping: ColumnMap) -> Cloud | None:
     return complete_cloud("parcels", str(file), position, cloud_columns(source, wanted))
 
 
+_MOST_HEADER_BYTES = 1_000_000  # in one line
+
+
 def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
     """The names in the header of a table, as `wanted` says where it is in `file`.
 
@@ -95,11 +99,14 @@ def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
         SprayError: the file cannot be read, or names a column twice.
     """
     try:
-        with file.open(encoding="utf-8-sig") as stream:
-            lines = [stream.readline() for _ in range(wanted.header_line)]
-    except (OSError, UnicodeDecodeError) as error:
+        with open_regular(file) as stream:
+            lines = [stream.readline(_MOST_HEADER_BYTES) for _ in range(wanted.header_line)]
+        last = lines[-1].decode("utf-8-sig")
+    except FileError as error:
+        raise SprayError(str(error)) from error
+    except UnicodeDecodeError as error:
         raise SprayError(f"{file}: cannot be read ({error})") from error
-    header = lines[-1].strip().lstrip("#")
+    header = last.strip().lstrip("#")
     parts = header.split() if wanted.delimiter == " " else header.split(wanted.delimiter)
     names = [part.strip().strip('"').strip() for part in parts]
     twice = sorted({name for name in names if name and names.count(name) > 1})

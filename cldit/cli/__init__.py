@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from cldit import __version__
-from cldit.cli.lazy import LazyGroup
+from cldit.cli.program import Program
 
 _COMMANDS = {
     "run": "cldit.cli.run:run",
@@ -28,7 +28,7 @@ _COMMANDS = {
 
 
 @click.group(
-    cls=LazyGroup,
+    cls=Program,
     commands_at=_COMMANDS,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

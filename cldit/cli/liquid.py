@@ -8,6 +8,7 @@ import click
 
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.errors import OpticsError
+from cldit.files import write_text
 from cldit.optics.band_fit import fit_bands, fit_error
 from cldit.optics.liquid import Bands, Table, liquid
 from cldit.optics.liquid_table import read_liquid_table
@@ -34,7 +35,7 @@ def fit_liquid(table: Path, shipped: str | None, bands: int, out: Path | None) -
     OUT.print(f"{len(fitted.bands)} bands against {table}:")
     OUT.print(str(error))
     if out is not None:
-        out.write_text(_text(fitted, error), encoding="utf-8")
+        write_text(out, _text(fitted, error))
         OUT.print(str(out))
 
 

@@ -8,6 +8,7 @@ import click
 from rich.table import Table
 
 from cldit.cli.console import OUT, escaped, plain_errors
+from cldit.files import make_folder, write_bytes
 from cldit.report.optics_figures import optics_picture
 from cldit.report.optics_summary import scene_optics
 from cldit.run import default_cache
@@ -29,6 +30,6 @@ def optics(scene: str, out: Path | None) -> None:
     for source in found.sources:
         OUT.print(escaped(source), style="dim")
     picture = out or Path(f"{chosen.name}-optics.png")
-    picture.parent.mkdir(parents=True, exist_ok=True)
-    picture.write_bytes(optics_picture(found))
+    make_folder(picture.parent)
+    write_bytes(picture, optics_picture(found))
     OUT.print(str(picture))

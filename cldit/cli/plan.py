@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 import numpy as np
-import yaml
 from rich.table import Table
 
 from cldit.acquisition.plan import StabilitySection
@@ -23,7 +22,9 @@ from cldit.dit.design import (
     shot_time_s,
 )
 from cldit.dit.subject import Subject, coldest_K, opaque_errors_K
+from cldit.files import write_bytes, write_text
 from cldit.gpu.device import open_device
+from cldit.plain_data import dump_yaml
 from cldit.report.design_figure import design_picture
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import simulate
@@ -123,7 +124,7 @@ def plan_command(
     _write(loaded, folder, best)
     lines = [(one, *error_against_time(subject, one, goal, shot_s=shot_s)) for one in found]
     picture = design_picture(lines, best, goal, title=f"{loaded.name}: error against time")
-    (folder / "design.png").write_bytes(picture)
+    write_bytes(folder / "design.png", picture)
     OUT.print(f"{folder / 'plan.yaml'}\n{folder / 'rig.yaml'}\n{folder / 'design.png'}")
 
 
@@ -150,6 +151,5 @@ def _print(found: list[Design], best: Design, goal: Goal, least_emissivity: floa
 
 
 def _write(scene: Scene, folder: Path, best: Design) -> None:
-    (folder / "plan.yaml").write_text(plan_of(best, scene).dump(), encoding="utf-8")
-    rig = yaml.safe_dump(simulated_rig_data(scene, folder), sort_keys=False)
-    (folder / "rig.yaml").write_text(rig, encoding="utf-8")
+    write_text(folder / "plan.yaml", plan_of(best, scene).dump())
+    write_text(folder / "rig.yaml", dump_yaml(simulated_rig_data(scene, folder)))

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from cldit.cli.console import OUT
 from cldit.scene import Scene, shipped_scenes
+from cldit.terminal import tell
 
 
 @click.command()
@@ -19,10 +20,10 @@ def scenes(reference: bool, schema: bool) -> None:
     if reference:
         from cldit.report.keys import reference_page  # imports what reads rigs and pictures
 
-        click.echo(reference_page(), nl=False)
+        tell(reference_page(), end="")
         return
     if schema:
-        click.echo(json.dumps(Scene.model_json_schema(), indent=2))
+        tell(json.dumps(Scene.model_json_schema(), indent=2))
         return
     table = Table("scene", "", box=None)
     for name, description in shipped_scenes().items():

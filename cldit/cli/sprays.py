@@ -11,6 +11,7 @@ from rich.table import Table
 from cldit.acquisition.progress import Progress
 from cldit.cfd.importing import cfd_spray, import_case, list_case
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
+from cldit.files import write_bytes, write_text
 from cldit.report.droplets import life_picture
 from cldit.report.figures import human_figures
 from cldit.report.spray_report import write_spray
@@ -22,6 +23,7 @@ from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow
 from cldit.spray.flow.measures import History
 from cldit.spray.flow.simulate import simulate_spray
+from cldit.terminal import tell
 
 
 @click.command("spray")
@@ -113,17 +115,17 @@ def droplet(
     if verification is not None:
         from cldit.bench.droplet.verification import page  # a benchmark
 
-        verification.write_bytes(page(cache).encode())
+        write_text(verification, page(cache))
         OUT.print(f"{verification}")
         return
     life = follow(diameter_m=diameter_um * 1e-6, cache=cache, **given)
     if as_csv:
-        click.echo(life.csv(), nl=False)
+        tell(life.csv(), end="")
     if out is not None:
         title = (
             "{fuel}, {um:g} µm, in {gas} of {gas_temperature_K:g} K, {MPa:g} MPa: {model}"
         ).format(um=diameter_um, MPa=given["pressure_Pa"] / 1e6, **given)
-        out.write_bytes(life_picture(life, title=title))
+        write_bytes(out, life_picture(life, title=title))
     if not as_csv:
         _life_table(life)
 

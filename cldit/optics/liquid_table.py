@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-from cldit.errors import OpticsError
+from cldit.errors import FileError, OpticsError
+from cldit.files import read_text
 from cldit.optics.liquid import Liquid, Table
+from cldit.plain_data import parse_yaml
 
 Floats = NDArray[np.float64]
 
@@ -31,9 +32,9 @@ def read_liquid_table(path: Path) -> Liquid:
             missing or not finite, a wavelength occurs twice, or wavelengths are not in um.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise OpticsError(f"{path}: cannot be read ({error})") from error
+        text = read_text(path)
+    except FileError as error:
+        raise OpticsError(str(error)) from error
     if path.suffix.lower() in (".yml", ".yaml"):
         table, source, temperature_K = _from_yaml(text, path)
     else:
@@ -69,10 +70,7 @@ def _from_csv(text: str, path: Path) -> Table:
 
 
 def _from_yaml(text: str, path: Path) -> tuple[Table, str, float | None]:
-    try:
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise OpticsError(f"{path}: is not valid YAML ({error})") from error
+    data = parse_yaml(text, source=str(path), error=OpticsError)
     parts = data.get("DATA") if isinstance(data, dict) else None
     if not isinstance(parts, list) or not all(isinstance(part, dict) for part in parts):
         raise OpticsError(f"{path}: has no DATA list, as files of refractiveindex.info have")

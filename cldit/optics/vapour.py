@@ -24,10 +24,10 @@ from importlib import resources
 from typing import Any, Literal
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from cldit.errors import OpticsError
+from cldit.plain_data import parse_yaml
 
 Floats = NDArray[np.float64]
 Status = Literal["measured", "estimate", "user"]
@@ -35,8 +35,6 @@ Status = Literal["measured", "estimate", "user"]
 HEPTANE_AREA_KM_MOL = 503.0  # rule of Williams et al., JQSRT 129, 298 (2013); RadCal's is 761
 RADCAL_HEPTANE_AREA_KM_MOL = 761.0
 
-# The same in C, ten times as fast, where PyYAML has it
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _DATA = "cldit.optics.data"
 _PREFIX = "vapour-"
 _ATMOSPHERE_Pa = 101325.0
@@ -285,7 +283,7 @@ def vapour_band(species: str, *, area_km_mol: float | None = None) -> VapourBand
         )
     folder = resources.files(_DATA)
     text = folder.joinpath(f"{_PREFIX}{species}.yaml").read_text(encoding="utf-8")
-    data: dict[str, Any] = yaml.load(text, Loader=_LOADER)
+    data: dict[str, Any] = parse_yaml(text, source=species)
     lines = csv.reader(
         folder.joinpath(f"{_PREFIX}{species}.csv").read_text(encoding="utf-8").splitlines()
     )

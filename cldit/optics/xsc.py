@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.errors import OpticsError
+from cldit.errors import FileError, OpticsError
+from cldit.files import read_text
 from cldit.optics.vapour import VapourBand
 
 Floats = NDArray[np.float64]
@@ -42,9 +43,9 @@ def read_xsc(path: Path) -> VapourBand:
             are not finite or negative beyond noise, or blocks that do not cover the same range.
     """
     try:
-        lines = path.read_text(encoding="ascii").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise OpticsError(f"{path}: cannot be read ({error})") from error
+        lines = read_text(path, encoding="ascii").splitlines()
+    except FileError as error:
+        raise OpticsError(str(error)) from error
     blocks: list[_Block] = []
     at = 0
     while at < len(lines):

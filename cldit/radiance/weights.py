@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.files import make_folder
 from cldit.images import read_image, write_image
 
 Image = NDArray[np.float32]
@@ -61,7 +62,7 @@ class Weights:
 
     def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
         """Writes one float32 TIFF a weight into `folder`; a pixel is `pixel_m` large."""
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         for name, image in self.images.items():
             write_image(
                 folder / f"{name}.tif",

@@ -12,6 +12,7 @@ from cldit.acquisition.record import Acquisition, open_acquisition
 from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
+from cldit.files import make_folder, write_bytes
 from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.report.figures import human_figures
 from cldit.report.html import Picture, ReportContent, write_report
@@ -84,11 +85,11 @@ def write_pictures(run: Run) -> dict[str, Picture]:
             "Estimated error in T_app: lines of sight through this spray, against a fine spectrum.",
         )
     folder = _folder(run) / "pictures"
-    folder.mkdir(exist_ok=True)
+    make_folder(folder)
     if "maps" not in pictures:
         pictures["maps"] = pictures["maps_noise_free"]
     for name, picture in pictures.items():
-        (folder / f"{name}.png").write_bytes(picture.png)
+        write_bytes(folder / f"{name}.png", picture.png)
     return pictures
 
 
@@ -259,5 +260,5 @@ def show_folder(folder: str | Path) -> Path:
         title=f"{place.resolve().name}: DIT of the acquired shots",
     )
     path = place / "maps.png"
-    path.write_bytes(picture)
+    write_bytes(path, picture)
     return path

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -15,7 +16,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from cldit.report.sheet import figure_of, plain
+from cldit.files import make_folder, write_bytes, write_text
+from cldit.report.sheet import figure_of, plain, png_of
 from cldit.spray.extent import Box
 from cldit.spray.flow.measures import History
 from cldit.spray.result import Spray
@@ -217,16 +219,17 @@ def write_spray(spray: Spray, history: History | None, folder: Path, *, title: s
     Returns:
         The files.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     written = [folder / "views.png"]
-    views_figure(spray, title=title).savefig(written[0])
+    write_bytes(written[0], png_of(views_figure(spray, title=title)))
     if history is not None:
         written += [folder / "history.png", folder / "history.csv"]
-        history_figure(history, title=title).savefig(written[1])
-        with written[2].open("w", encoding="utf-8", newline="") as stream:
-            writer = csv.writer(stream, lineterminator="\n")
-            names = [each.name for each in fields(history)]
-            writer.writerow(names)
-            rows = np.stack([getattr(history, name) for name in names], axis=1)
-            writer.writerows([f"{value:.6g}" for value in row] for row in rows)
+        write_bytes(written[1], png_of(history_figure(history, title=title)))
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        names = [each.name for each in fields(history)]
+        writer.writerow(names)
+        rows = np.stack([getattr(history, name) for name in names], axis=1)
+        writer.writerows([f"{value:.6g}" for value in row] for row in rows)
+        write_text(written[2], stream.getvalue())
     return written + write_vtk(spray, folder)

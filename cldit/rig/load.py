@@ -11,13 +11,14 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, ValidationError, model_validator
 
 from cldit.errors import ClditError, SceneError
+from cldit.plain_data import read_mapping
 from cldit.radiance.boundary import Surroundings
 from cldit.rig.clock import Clock, SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import NotConnected, RigError
 from cldit.rig.protocols import Background, Camera, Device, TriggerGenerator
 from cldit.rig.safety import RigSafety, make_safe
-from cldit.scene.checks import Section, Within, describe, read_mapping
+from cldit.scene.checks import Section, Within, describe
 from cldit.scene.values import Coordinate, Length, Temperature
 from cldit.scene.vessel import Windows
 

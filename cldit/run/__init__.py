@@ -1,9 +1,10 @@
 """A run: one scene traced and evaluated, what came of it, and its folder."""
 
+from cldit.caches import default_cache
 from cldit.run.cache import RunCache
 from cldit.run.folder import open_run, with_stages
 from cldit.run.result import Run, RunInfo, Stage
-from cldit.run.simulate import default_cache, reevaluated, simulate
+from cldit.run.simulate import reevaluated, simulate
 from cldit.run.stages import Say
 
 __all__ = [

@@ -11,12 +11,14 @@ from pathlib import Path
 
 from filelock import FileLock
 
+from cldit.caches import default_cache
 from cldit.errors import RunFolderError
+from cldit.files import make_folder, written
 from cldit.gpu.device import Device
 from cldit.run.content import trace_key
 from cldit.run.folder import open_run
 from cldit.run.result import Run
-from cldit.run.simulate import default_cache, reevaluated, simulate
+from cldit.run.simulate import reevaluated, simulate
 from cldit.run.stages import Say
 from cldit.scene import Scene
 from cldit.spray.result import Spray
@@ -57,7 +59,7 @@ class RunCache:
             ClditError: as `cldit.simulate`.
         """
         folder = self.cache / "runs" / trace_key(scene)
-        folder.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(folder.parent)
         with FileLock(folder.with_suffix(".lock")):
             run = self._found(folder)
             if run is None:
@@ -89,8 +91,14 @@ class RunCache:
         part = folder.with_suffix(".part")
         shutil.rmtree(part, ignore_errors=True)  # of one that was killed
         given = None if spray is None else spray()
-        run = simulate(scene, part, device=device, cache=self.cache, spray=given, progress=progress)
-        part.rename(folder)
+        try:
+            run = simulate(
+                scene, part, device=device, cache=self.cache, spray=given, progress=progress
+            )
+            with written(folder):
+                part.rename(folder)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
         return run
 
     def _prune(self, newest: Path) -> None:

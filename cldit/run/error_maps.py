@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from cldit.files import make_folder
 from cldit.images import read_image, write_image
 from cldit.run.errors import Errors
 
@@ -83,7 +84,7 @@ def save_maps(maps: Mapping[str, Image], folder: Path, *, pixel_m: tuple[float, 
         pixel_m: width and height of a pixel.
     """
     for name, image in maps.items():
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         what = "standard error of the apparent temperature"
         what += "" if name == TOTAL else f" by {name}"
         path = folder / f"{name.replace(' ', '_')}.tif"

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import is_dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any, get_type_hints
 
-import yaml
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
 
 from cldit.dit.maps import Maps
-from cldit.errors import RunFolderError
+from cldit.errors import RunFolderError, SceneError
+from cldit.files import make_folder, write_text
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
+from cldit.plain_data import read_json, read_mapping
 from cldit.radiance.weights import Weights
 from cldit.run.error_maps import load_maps, save_maps
 from cldit.run.result import Run, RunInfo, Stage
@@ -24,14 +30,14 @@ from cldit.scene import Scene, dump_scene, parse_scene
 
 def save_run(run: Run, folder: Path) -> None:
     """Writes the run; run.json comes last, so that a folder with it is whole."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "scene.yaml").write_text(dump_scene(run.scene), encoding="utf-8")
+    make_folder(folder)
+    write_text(folder / "scene.yaml", dump_scene(run.scene))
     run.weights.save(folder / "weights", pixel_m=run.pixel_m)
     save_nodes(folder / "weights", run.quadrature, run.spectral, pixel_m=run.pixel_m)
     run.reference.save(folder / "weights_reference", pixel_m=run.pixel_m)
     run.maps.save(folder / "maps", pixel_m=run.pixel_m)
     save_maps(run.error_maps, folder / "errors", pixel_m=run.pixel_m)
-    (folder / "run.json").write_text(run.info.to_json(), encoding="utf-8")
+    write_text(folder / "run.json", run.info.to_json())
 
 
 def stored_run(folder: Path, scene: Scene) -> Run | None:
@@ -45,9 +51,7 @@ def stored_run(folder: Path, scene: Scene) -> Run | None:
     known = folder / "scene.yaml"
     if not known.is_file():
         raise RunFolderError(f"{folder}: is not empty and holds no run; give another folder")
-    before = parse_scene(
-        yaml.safe_load(known.read_text(encoding="utf-8")), source=str(known), finished=True
-    )
+    before = _stored_scene(known)
     if before != scene:
         raise RunFolderError(
             f"{folder}: holds a run of another scene ({before.name}, or other settings); give "
@@ -55,8 +59,12 @@ def stored_run(folder: Path, scene: Scene) -> Run | None:
         )
     if getattr(scene.spray, "file", None) is not None or not (folder / "run.json").is_file():
         return None
-    run = open_run(folder)
-    return run if run.info.versions.get("cldit") == version("cldit") else None
+    run = _traced(folder)
+    if run.info.versions.get("cldit") != version("cldit"):
+        return None
+    with suppress(RunFolderError):  # of a full disk, say: whoever goes on makes them anew
+        run = replace(run, measured=_measured(folder))
+    return run
 
 
 def open_run(path: str | Path) -> Run:
@@ -66,35 +74,96 @@ def open_run(path: str | Path) -> Run:
         RunFolderError: the folder is missing, holds no finished run, or is damaged.
     """
     folder = Path(path)
+    return replace(_traced(folder), measured=_measured(folder))
+
+
+def _measured(folder: Path) -> Maps | None:
+    """Maps of what the rig acquired, if there are any; raises as `open_run`."""
+    place = folder / "acquisition" / "maps"
+    if not place.is_dir():
+        return None
+    maps = Maps.load(place)
+    _check_shapes(place, vars(maps), maps.reason.shape)
+    return maps
+
+
+def _traced(folder: Path) -> Run:
+    """The run without what was acquired; raises as `open_run`."""
     for name in ("scene.yaml", "run.json"):
         if not (folder / name).is_file():
             hint = "" if name == "scene.yaml" else "; run the same command again to finish it"
             raise RunFolderError(f"{folder}: holds no finished run ({name} is missing){hint}")
-    text = (folder / "scene.yaml").read_text(encoding="utf-8")
-    scene = parse_scene(yaml.safe_load(text), finished=True)
-    measured = folder / "acquisition" / "maps"
-    try:
-        info = RunInfo.from_json((folder / "run.json").read_text(encoding="utf-8"))
-    except (ValueError, TypeError, KeyError) as error:
-        raise RunFolderError(f"{folder / 'run.json'}: is damaged ({error})") from error
+    scene = _stored_scene(folder / "scene.yaml")
+    info = _stored_info(folder / "run.json")
     grey = Quadrature.grey(
         scene_filter(scene),
         reference_K=reference_temperature_K(scene.background.temperatures_K),
     )
     quadrature, nodes = node_folders(folder / "weights", grey)
     patches = [patch.name for patch in scene.patches]
+    columns, rows = scene.camera.pixels
+    folders = (folder / "weights", *nodes, folder / "weights_reference")
+    weights, *spectral, reference = (Weights.load(each, patches=patches) for each in folders)
+    for place, one in zip(folders, (weights, *spectral, reference), strict=True):
+        _check_shapes(place, one.images, (rows, columns))
+    maps = Maps.load(folder / "maps")
+    _check_shapes(folder / "maps", vars(maps), (rows, columns))
     return Run(
         scene=scene,
-        weights=Weights.load(folder / "weights", patches=patches),
+        weights=weights,
         quadrature=quadrature,
-        spectral=tuple(Weights.load(node, patches=patches) for node in nodes),
-        reference=Weights.load(folder / "weights_reference", patches=patches),
-        maps=Maps.load(folder / "maps"),
+        spectral=tuple(spectral),
+        reference=reference,
+        maps=maps,
         info=info,
         error_maps=load_maps(folder / "errors"),
-        measured=Maps.load(measured) if measured.is_dir() else None,
         folder=folder,
     )
+
+
+def _stored_scene(path: Path) -> Scene:
+    """Raises RunFolderError where the scene of a run is not one."""
+    try:
+        return parse_scene(read_mapping(path), source=str(path), finished=True)
+    except SceneError as error:
+        what = str(error).removeprefix(f"{path}:").strip()
+        raise RunFolderError(f"{path}: is damaged ({what})") from error
+
+
+def _stored_info(path: Path) -> RunInfo:
+    """Raises RunFolderError where what is known of a run is not whole, or of other types."""
+    data = read_json(path)
+    try:
+        if not all(isinstance(data[name], list) for name in ("stages", "remarks")):
+            raise ValueError("stages, remarks: expected are lists")
+        info = RunInfo.from_dict(data)
+        _check_types(info)
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise RunFolderError(f"{path}: is damaged ({error})") from error
+    return info
+
+
+def _check_types(part: Any) -> None:
+    """Raises ValueError where a field of a dataclass, or of one in it, is of another type."""
+    for name, kind in get_type_hints(type(part)).items():
+        value = getattr(part, name)
+        try:
+            TypeAdapter(kind).validate_python(value, strict=True)
+        except ValidationError as error:
+            where = ".".join([name, *(str(step) for step in error.errors()[0]["loc"])])
+            raise ValueError(f"{where}: {error.errors()[0]['msg']}") from error
+        for each in value if isinstance(value, tuple) else (value,):
+            if is_dataclass(each):
+                _check_types(each)
+
+
+def _check_shapes(folder: Path, images: Mapping[str, NDArray[Any]], shape: tuple[int, ...]) -> None:
+    """Raises RunFolderError where a picture of a run is not (rows, columns) as its camera's."""
+    for name, image in images.items():
+        if image.shape != shape or len(shape) != 2:
+            raise RunFolderError(
+                f"{folder / name}.tif: is damaged (shape {image.shape}, expected {shape})"
+            )
 
 
 def with_stages(run: Run, stages: list[Stage], measured: Maps) -> Run:

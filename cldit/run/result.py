@@ -53,7 +53,7 @@ class RunInfo:
     plan: dict[str, Any] | None = None  # what was chosen for the wanted error; `Plan.to_dict`
 
     def to_json(self) -> str:
-        """JSON that `from_json` reads."""
+        """JSON; `from_dict` takes what is in it."""
         data = {**self.__dict__, "stages": [stage.__dict__ for stage in self.stages]}
         for name, part in (
             ("spectral", self.spectral),
@@ -64,9 +64,8 @@ class RunInfo:
         return json.dumps(data, indent=2)
 
     @classmethod
-    def from_json(cls, text: str) -> RunInfo:
-        """Reads what `to_json` gave."""
-        data = json.loads(text)
+    def from_dict(cls, data: dict[str, Any]) -> RunInfo:
+        """What `to_json` wrote, as plain `data`."""
         stages = tuple(Stage(**stage) for stage in data["stages"])
         spectral, closure = data.get("spectral"), data.get("closure")
         errors = data.get("errors")

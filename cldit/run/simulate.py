@@ -10,8 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import platformdirs
-
+from cldit.caches import default_cache
 from cldit.errors import EvaluationError
 from cldit.gpu.device import Device, open_device
 from cldit.optics.spectral import reference_temperature_K
@@ -25,11 +24,6 @@ from cldit.run.result import Run
 from cldit.run.stages import Say, Stages
 from cldit.scene import Scene
 from cldit.spray.result import Spray
-
-
-def default_cache() -> Path:
-    """Folder in which tables are kept from run to run."""
-    return Path(platformdirs.user_cache_dir("cldit", appauthor=False))
 
 
 def simulate(

@@ -13,10 +13,12 @@ import numpy as np
 from cldit.dit.accuracy import VISIBLE_EMISSIVITY
 from cldit.dit.maps import Maps
 from cldit.errors import ClditError, RunFolderError
+from cldit.files import write_text
 from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
 from cldit.optics.node_count import stays_K
 from cldit.optics.spectral import Quadrature
+from cldit.plain_data import read_json
 from cldit.radiance.effective import effective_weights
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
@@ -297,7 +299,7 @@ def save_nodes(
     for number, weights in enumerate(spectral):
         weights.save(folder / f"node_{number:02d}", pixel_m=pixel_m)
     text = json.dumps(quadrature.to_dict())
-    (folder / _QUADRATURE).write_text(text, encoding="utf-8")
+    write_text(folder / _QUADRATURE, text)
 
 
 def node_folders(folder: Path, grey: Quadrature) -> tuple[Quadrature, tuple[Path, ...]]:
@@ -317,7 +319,9 @@ def node_folders(folder: Path, grey: Quadrature) -> tuple[Quadrature, tuple[Path
     if not path.is_file():
         return grey, (folder,)
     try:
-        quadrature = Quadrature.from_dict(json.loads(path.read_text(encoding="utf-8")))
+        quadrature = Quadrature.from_dict(read_json(path))
+    except RunFolderError:
+        raise
     except (ValueError, TypeError, KeyError, ClditError) as error:
         raise RunFolderError(f"{path}: is damaged ({error}); trace the run again") from error
     names = tuple(folder / f"node_{number:02d}" for number in range(len(quadrature.members)))

@@ -6,14 +6,10 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, core_schema
-
-from cldit.errors import SceneError
 
 
 class Section(BaseModel):
@@ -32,7 +28,12 @@ class Section(BaseModel):
 
 
 def _number(value: float) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{value:g}" if isinstance(value, float) else _short(str(value))
+
+
+def _short(text: str) -> str:
+    """A value as messages show it: no file makes them longer than a line or two."""
+    return text if len(text) <= 200 else f"{text[:197]}..."
 
 
 def _signed(value: bool | str) -> str:
@@ -154,26 +155,7 @@ def describe(model: type[BaseModel], errors: Sequence[ErrorDetails]) -> str:
         elif error["type"] == "value_error":
             text = error["msg"].removeprefix("Value error, ")
         else:
-            text = f"{error['input']!r}: {error['msg']}"
+            text = f"{_short(repr(error['input']))}: {error['msg']}"
         lines.append(f"{path}: {text}" if path else text)
     unique = list(dict.fromkeys(lines))
     return "\n".join(unique)
-
-
-def read_mapping(path: Path) -> dict[str, Any]:
-    """The mapping in a YAML file.
-
-    Raises:
-        SceneError: the file is missing, unreadable, not YAML, or not a mapping.
-    """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: cannot be read ({error})") from error
-    try:
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise SceneError(f"{path}: is not valid YAML ({error})") from error
-    if not isinstance(data, dict):
-        raise SceneError(f"{path}: holds {type(data).__name__}, expected keys and values")
-    return data

@@ -11,7 +11,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from cldit.errors import SceneError
+from cldit.errors import FileError, SceneError
+from cldit.files import read_text
 
 Curve = tuple[tuple[float, float], ...]
 SHORTEST_UM, LONGEST_UM = 0.2, 50.0
@@ -61,9 +62,9 @@ def read_curve(path: Path) -> Curve:
         SceneError: unreadable, not two columns of numbers, or as `check_curve`.
     """
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: cannot be read ({error})") from error
+        lines = read_text(path).splitlines()
+    except FileError as error:
+        raise SceneError(str(error)) from error
     rows: list[tuple[float, float]] = []
     header = True
     for number, line in enumerate(lines, start=1):

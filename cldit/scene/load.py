@@ -7,11 +7,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
 from cldit.errors import SceneError
-from cldit.scene.checks import describe, read_mapping
+from cldit.plain_data import dump_yaml, parse_yaml, read_mapping
+from cldit.scene.checks import describe
 from cldit.scene.schema import Scene
 
 _LIBRARY = "cldit.scene.library"
@@ -22,7 +22,7 @@ def shipped_scenes() -> dict[str, str]:
     found: dict[str, str] = {}
     for entry in sorted(resources.files(_LIBRARY).iterdir(), key=lambda item: item.name):
         if entry.name.endswith(".yaml"):
-            data = yaml.safe_load(entry.read_text(encoding="utf-8"))
+            data = parse_yaml(entry.read_text(encoding="utf-8"), source=entry.name)
             found[entry.name.removesuffix(".yaml")] = str(data.get("description", ""))
     return found
 
@@ -51,7 +51,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
             "anything else must be the path of a .yaml file"
         )
     text = resources.files(_LIBRARY).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
-    return parse_scene(yaml.safe_load(text), source=name)
+    return parse_scene(parse_yaml(text, source=name), source=name)
 
 
 def parse_scene(
@@ -86,4 +86,4 @@ def parse_scene(
 
 def dump_scene(scene: Scene) -> str:
     """The scene as YAML, every default written out; `parse_scene` reads it back unchanged."""
-    return yaml.safe_dump(scene.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+    return dump_yaml(scene.model_dump(mode="json"))

@@ -11,6 +11,7 @@ from filelock import FileLock
 
 from cldit.content import code_digest, digest
 from cldit.errors import SprayError
+from cldit.files import make_folder
 from cldit.scene.checks import Section
 from cldit.spray.result import Spray
 from cldit.spray.spray_file import read_spray, write_spray
@@ -32,7 +33,7 @@ def cached_spray(spec: Section, folder: Path | None, make: Callable[[], Spray]) 
     key = digest(spec.model_dump(mode="json"), code_digest("spray"), version("CoolProp"))
     path = folder / "sprays" / f"{key}.npz"
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
     except OSError:
         return make()
     with FileLock(path.with_suffix(".lock")):
@@ -42,6 +43,6 @@ def cached_spray(spec: Section, folder: Path | None, make: Callable[[], Spray]) 
             except SprayError:
                 path.unlink()
         spray = make()
-        with suppress(SprayError):
+        with suppress(OSError):
             write_spray(path, spray)
     return spray

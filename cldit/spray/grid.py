@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.errors import SprayError
+from cldit.files import open_regular
 from cldit.scene.spray import GridSpray
 from cldit.spray.result import Cells, Floats, Prescribed, Spray
 
@@ -92,14 +93,14 @@ def read_grid(spec: GridSpray) -> Spray:
 
 def _load(path: Path) -> dict[str, Floats]:
     """Every array of the file as float64, C order."""
+    if not path.exists():
+        raise SprayError(f"{path}: no such grid file (spray.file)")
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             archive = np.load(stream, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise SprayError(f"{path}: holds a single array; expected an .npz of named arrays")
             raw = {name: np.asarray(archive[name]) for name in archive.files}
-    except FileNotFoundError as error:
-        raise SprayError(f"{path}: no such grid file (spray.file)") from error
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise SprayError(f"{path}: cannot be read as .npz ({error})") from error
     for name, values in raw.items():

@@ -18,8 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
+from cldit.data_streams import DataStream
 from cldit.errors import SprayError
-from cldit.files import whole
+from cldit.files import open_regular, whole
 from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Cells, Floats, Parcels, RegularGrid, Spray, Vapour
 
@@ -65,11 +66,8 @@ def write_spray(path: Path, spray: Spray) -> None:
                 "vapour/grid_shape": np.array(grid.shape, dtype=float),
                 "vapour/grid_index": grid.index.astype(float),
             }
-    try:
-        with whole(path) as part, part.open("wb") as stream:
-            np.savez_compressed(stream, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
-    except OSError as error:
-        raise SprayError(f"{path}: cannot be written ({error})") from error
+    with whole(path) as part, DataStream(part) as stream:
+        np.savez_compressed(stream, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
 
 
 def _grid(arrays: dict[str, Floats]) -> RegularGrid | None:
@@ -99,7 +97,7 @@ def read_spray(path: Path) -> Spray:
         SprayError: the file is missing, damaged, cut off, of another layout, or lacks an array.
     """
     try:
-        with path.open("rb") as stream, zipfile.ZipFile(stream) as archive:
+        with open_regular(path) as stream, zipfile.ZipFile(stream) as archive:
             # whole members, so that their checksums are compared, which np.load leaves out
             members = {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
         arrays = {

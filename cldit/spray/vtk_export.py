@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.files import write_text
 from cldit.spray.result import Spray
 
 Array = NDArray[np.generic]
@@ -64,10 +65,10 @@ def write_vtk(spray: Spray, folder: Path) -> list[Path]:
 
 
 def _write(path: Path, kind: str, body: str) -> Path:
-    path.write_text(
+    write_text(
+        path,
         f'<?xml version="1.0"?>\n<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" '
         f'header_type="UInt64"><{kind}>{body}</{kind}></VTKFile>\n',
-        encoding="ascii",
     )
     return path
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from cldit.content import digest
 from cldit.errors import StudyError
-from cldit.files import write_text
+from cldit.files import make_folder, write_text, written
+from cldit.plain_data import read_json
 from cldit.run import Run
 from cldit.scene import Scene
 from cldit.study.grid import Grid, Point
@@ -89,11 +90,13 @@ class SweepFolder:
             worker: who computed it.
             seconds: that it took.
         """
-        store = extra("zarr").open_group(self.path / _STORE, mode="r+")
-        for name, image in result.maps.items():
-            store[name][point.place] = image
-        for name, value in {**result.figures, "seconds": seconds}.items():
-            store[name][point.place] = value
+        zarr = extra("zarr")
+        with written(self.path / _STORE):
+            store = zarr.open_group(self.path / _STORE, mode="r+")
+            for name, image in result.maps.items():
+                store[name][point.place] = image
+            for name, value in {**result.figures, "seconds": seconds}.items():
+                store[name][point.place] = value
         mark = self.path / "points" / f"{point.number}.json"
         text = json.dumps({"scene": point.scene.name, "worker": worker, "seconds": seconds})
         write_text(mark, text)
@@ -115,19 +118,17 @@ def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
     known = path / "study.json"
     folder = SweepFolder(path, grid)
     if known.is_file():
-        try:
-            before = json.loads(known.read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise StudyError(f"{known}: is damaged ({error}); remove the folder") from error
-        if before != about:
+        if read_json(known, error=StudyError) != about:
             raise StudyError(
                 f"{path}: holds the sweep of another grid or scene; give another folder with --out"
             )
         return folder
     if path.exists() and any(path.iterdir()):
         raise StudyError(f"{path}: is not empty and holds no sweep; give another folder with --out")
-    (path / "points").mkdir(parents=True, exist_ok=True)
-    _template(base, grid).to_zarr(path / _STORE, compute=False, zarr_format=2, consolidated=True)
+    make_folder(path / "points")
+    template = _template(base, grid)
+    with written(path / _STORE):
+        template.to_zarr(path / _STORE, compute=False, zarr_format=2, consolidated=True)
     write_text(known, json.dumps(about, indent=1))
     return folder
 

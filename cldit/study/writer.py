@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from cldit.errors import StudyError
+from cldit.files import make_folder, write_bytes, write_text
+from cldit.plain_data import read_json
 from cldit.report.html import render
 from cldit.scene import dump_scene
 from cldit.study.page import Page, Row, markdown_table, page_html, page_markdown, picture_file
@@ -34,16 +36,16 @@ def write_page(page: Page, folder: Path, *, markdown_only: bool = False) -> Path
     if not markdown_only:
         texts |= {"csv": _csv(page), "html": page_html(page)}
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         for name, picture in page.pictures.items():
-            (folder / picture_file(page, name)).write_bytes(picture.png)
+            write_bytes(folder / picture_file(page, name), picture.png)
         if not markdown_only:
-            (folder / "scenes").mkdir(exist_ok=True)
+            make_folder(folder / "scenes")
             for name, scene in page.scenes.items():
                 path = folder / "scenes" / f"{page.name}-{name}.yaml"
-                path.write_text(dump_scene(scene), encoding="utf-8")
+                write_text(path, dump_scene(scene))
         for ending, text in texts.items():  # the page last: where it is, all is
-            (folder / f"{page.name}.{ending}").write_text(text, encoding="utf-8")
+            write_text(folder / f"{page.name}.{ending}", text)
     except OSError as error:
         raise StudyError(f"{folder}: cannot be written ({error})") from error
     return folder / f"{page.name}.{list(texts)[-1]}"
@@ -115,11 +117,8 @@ def write_overview(folder: Path, names: Sequence[str], *, markdown_only: bool = 
     told: list[dict[str, Any]] = []
     for name in names:
         path = folder / f"{name}.json"
-        try:
-            if path.is_file():
-                told.append(json.loads(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError) as error:
-            raise StudyError(f"{path}: is damaged ({error}); run the study again") from error
+        if path.is_file():
+            told.append(_told(path))
     titles = ["study", "the paper's", "size", "took / s", "against the paper"]
     rows = [
         [
@@ -140,7 +139,17 @@ def write_overview(folder: Path, names: Sequence[str], *, markdown_only: bool = 
         texts["html"] = render("overview.html", lines=lines)
     try:
         for ending, text in texts.items():
-            (folder / f"overview.{ending}").write_text(text, encoding="utf-8")
+            write_text(folder / f"overview.{ending}", text)
     except OSError as error:
         raise StudyError(f"{folder}: cannot be written ({error})") from error
     return folder / f"overview.{list(texts)[-1]}"
+
+
+def _told(path: Path) -> dict[str, Any]:
+    """What the overview tells of one study; raises StudyError."""
+    data = read_json(path, error=StudyError)
+    texts = ("study", "title", "figure", "summary")
+    whole = all(isinstance(data.get(name), str) for name in texts)
+    if not whole or not isinstance(data.get("seconds"), (int, float)) or "quick" not in data:
+        raise StudyError(f"{path}: is damaged; run the study again")
+    return data

@@ -12,8 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
+
+from cldit.files import write_text
+from cldit.plain_data import dump_yaml
+from cldit.terminal import tell
 
 from ..heater import Dynamics
 from .blackbody import ModbusPeer
@@ -113,8 +116,8 @@ def main() -> None:
     if len(sys.argv) != 2:
         sys.exit(__doc__)
     with PeerRig() as rig:
-        Path(sys.argv[1]).write_text(yaml.safe_dump(rig.rig_data(), sort_keys=False))
-        print(f"{sys.argv[1]} is written; Ctrl-C ends the rig", flush=True)
+        write_text(Path(sys.argv[1]), dump_yaml(rig.rig_data()))
+        tell(f"{sys.argv[1]} is written; Ctrl-C ends the rig")
         try:
             threading.Event().wait()
         except KeyboardInterrupt:

@@ -20,11 +20,11 @@ import numpy as np
 
 from cldit.bench.budget_scenes import SCENES, Reference, budget_scene
 from cldit.bench.case import changed
+from cldit.caches import default_cache
 from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device, open_device
 from cldit.medium.cloud import Kernel
 from cldit.run import simulate
-from cldit.run.simulate import default_cache
 from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene
 from cldit.spray.result import Cells, Parcels, Spray, Vapour

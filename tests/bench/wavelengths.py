@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from cldit.caches import default_cache
 from cldit.dit.accuracy import VISIBLE_EMISSIVITY
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.dit.maps import Maps
@@ -26,7 +27,6 @@ from cldit.medium.octree import build_octree, build_octrees
 from cldit.optics.wavelengths import Wavelengths
 from cldit.radiance.boundary import Surroundings
 from cldit.run.medium import properties_of
-from cldit.run.simulate import default_cache
 from cldit.run.spectral import node_settings, trace_nodes
 from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene, load_scene, parse_scene

@@ -7,6 +7,7 @@ must refuse.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from typing import Any
 
@@ -178,7 +179,7 @@ def test_bounds() -> None:
 
 def test_kept_with_the_run(run_block: Callable[..., Run]) -> None:
     info = block(run_block).info
-    assert RunInfo.from_json(info.to_json()) == info
+    assert RunInfo.from_dict(json.loads(info.to_json())) == info
 
 
 def test_few_noisy_pixels_do_not_tell_their_noise() -> None:

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.mesh import Labels
-from cldit.errors import SprayError
+from cldit.errors import FileError, SprayError
+from cldit.files import open_regular, read_text
 from cldit.spray.result import Floats
 
 
@@ -69,9 +70,9 @@ def read_case_file(path: Path) -> CaseFile:
         SprayError: it cannot be read, is not of EnSight Gold, or keeps all times in one file.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise SprayError(f"{path}: cannot be read ({error})") from error
+        lines = read_text(path).splitlines()
+    except FileError as error:
+        raise SprayError(str(error)) from error
     try:
         return _parsed(path, lines)
     except SprayError:
@@ -150,9 +151,10 @@ class Reader:
     def __init__(self, path: Path, *, binary: bool | None = None, order: str = "<") -> None:
         """`binary` and byte `order` of a variable's file are those of the geometry's."""
         try:
-            self.body = path.read_bytes()
+            with open_regular(path) as stream:
+                self.body = stream.read()
         except OSError as error:
-            raise SprayError(f"{path}: cannot be read ({error})") from error
+            raise SprayError(str(error)) from error
         self.path, self.at, self.order = path, 0, order
         head = self.body[:84]
         if b"Fortran Binary" in head:

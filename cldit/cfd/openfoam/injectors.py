@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import Injector
-from cldit.errors import SprayError
+from cldit.errors import FileError, SprayError
+from cldit.files import read_text
 
 _SKIP = re.compile(r"/\*.*?\*/|//[^\n]*|^\s*#[^\n]*", re.DOTALL | re.MULTILINE)
 _TOKEN = re.compile(r'"[^"]*"|[{}();]|[^\s{}();"]+')
@@ -26,9 +27,9 @@ def read_injectors(path: Path) -> tuple[Injector, ...]:
         SprayError: the file cannot be read, or its brackets do not match.
     """
     try:
-        text = path.read_text(encoding="latin-1")
-    except OSError as error:
-        raise SprayError(f"{path}: cannot be read ({error})") from error
+        text = read_text(path, encoding="latin-1")
+    except FileError as error:
+        raise SprayError(str(error)) from error
     tokens = _TOKEN.findall(_SKIP.sub(" ", text))
     try:
         content, end = _entries(tokens, 0)

@@ -10,7 +10,8 @@ import numpy as np
 
 from cldit.cfd.case import Column
 from cldit.cfd.mesh import Labels, Mesh
-from cldit.errors import SprayError
+from cldit.errors import FileError, SprayError
+from cldit.files import check_regular, open_regular
 
 # Faces of vtk's linear cells, normals outwards (VTK file formats, figure "Linear cell types").
 FACES: dict[int, tuple[tuple[int, ...], ...]] = {
@@ -51,13 +52,17 @@ def load_vtk(file: Path, kind: str = "vtkDataSet") -> Any:
         raise SprayError(
             f'{file}: reading it needs vtk; install it with: pip install "cldit[cfd]"'
         ) from error
+    try:
+        check_regular(file)
+    except FileError as error:
+        raise SprayError(str(error)) from error
     readers: dict[str, Any] = {
         ".vtu": vtkXMLUnstructuredGridReader,
         ".vtp": vtkXMLPolyDataReader,
         ".vtk": vtkGenericDataObjectReader,
     }
     if file.suffix == ".vtk":
-        with file.open("rb") as stream:
+        with open_regular(file) as stream:
             if re.search(rb"\n\s*ASCII\s*\n", stream.read(1000)):
                 raise SprayError(
                     f"{file}: is legacy VTK in ascii, whose truncation vtk does not notice; "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,6 +10,7 @@ from pathlib import Path
 from cldit.cfd.case import CfdCase, choose_cloud, complete_cloud, nearest_time
 from cldit.cfd.vtk.datasets import cell_columns, load_vtk, point_columns, time_value, vtk_mesh
 from cldit.errors import SprayError
+from cldit.plain_data import read_json
 
 _NUMBER = re.compile(r"_(\d+)$")
 _TIME = re.compile(rb"\btime='([^']+)'")
@@ -61,11 +61,12 @@ def read_vtk(
             f"{path}: neither an OpenFOAM case (constant/polyMesh) nor foamToVTK output "
             "(internal.vtu, or .vtk), EnSight (.case), CONVERGE (.h5) or a mapping file (.yaml)"
         )
-    listed = _listed_times(folder)
+    entries = _listed(folder)
+    listed = {entry.step: entry.time_s for entry in entries}
     times = {listed[key] if key in listed else _own_time(meshes[key]): key for key in meshes}
     known = {time: key for time, key in times.items() if time is not None}
     if len(known) == len(meshes):
-        at: float | None = nearest_time(str(path), known, time_s)
+        at: float | None = _time(path, known, entries if own is None else [], time_s)
     elif len(meshes) == 1 and time_s is None:
         at = None
     else:
@@ -75,6 +76,9 @@ def read_vtk(
         )
     key = times[at]
     mesh, clouds = meshes[key], steps[key].clouds
+    for entry in entries:
+        if entry.step == key and entry.of_cloud and not entry.file.exists():
+            raise SprayError(f"{entry.text}, whose file {entry.file.name} is missing")
     if spray and not clouds:
         raise SprayError(f"{mesh}: no cloud file of the same step {key!r}, but other steps have")
     chosen = choose_cloud(str(path), clouds, cloud)
@@ -114,7 +118,8 @@ def list_vtk(
         raise SprayError(f"{path}: no such file or folder (spray.file)")
     folder, own = _place(path.resolve())
     steps = {key: step for key, step in _steps(folder).items() if own is None or key == own}
-    listed = _listed_times(folder)
+    entries = _listed(folder)
+    listed = {entry.step: entry.time_s for entry in entries}
     times = {
         key: listed[key] if key in listed else _own_time(step.mesh)
         for key, step in steps.items()
@@ -123,7 +128,8 @@ def list_vtk(
     if not times:
         raise SprayError(f"{path}: no .vtu or .vtk file of a mesh")
     known = {time: key for key, time in times.items() if time is not None}
-    key = known[nearest_time(str(path), known, time_s)] if known else max(times)
+    at = _time(path, known, entries if own is None else [], time_s) if known else None
+    key = max(times) if at is None else known[at]
     mesh = steps[key].mesh
     assert mesh is not None
     clouds = {
@@ -172,16 +178,55 @@ def _steps(folder: Path) -> dict[str, _Step]:
     return steps
 
 
-def _listed_times(folder: Path) -> dict[str, float]:
-    """Times by step number, from the JSON files for ParaView."""
-    times: dict[str, float] = {}
+@dataclass(frozen=True)
+class _Entry:
+    """A file that a `.series` lists."""
+
+    series: Path
+    step: str
+    time_s: float
+    file: Path
+
+    @property
+    def of_cloud(self) -> bool:
+        return "lagrangian" in self.series.parts
+
+    @property
+    def text(self) -> str:
+        return f"{self.series}: lists step {self.step} ({self.time_s:g} s)"
+
+
+def _listed(folder: Path) -> list[_Entry]:
+    """What the JSON files for ParaView list."""
+    entries: list[_Entry] = []
     for file in (file for pattern in _SERIES for file in sorted(folder.glob(pattern))):
+        data = read_json(file, error=SprayError)
         try:
-            for entry in json.loads(file.read_text(encoding="utf-8"))["files"]:
-                times[_number(Path(entry["name"]))] = float(entry["time"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
+            for each in data["files"]:
+                name = Path(each["name"])
+                entries.append(_Entry(file, _number(name), float(each["time"]), file.parent / name))
+        except (ValueError, KeyError, TypeError) as error:
             raise SprayError(f"{file}: is no list of files and times ({error})") from error
-    return times
+    return entries
+
+
+def _time(
+    path: Path, known: dict[float, str], entries: Sequence[_Entry], time_s: float | None
+) -> float:
+    """The time asked for, or the latest, of `known` steps by time.
+
+    Raises:
+        SprayError: there is none; or it is listed, and the mesh of its step is missing.
+    """
+    absent = {each.time_s: each for each in entries if each.step not in known.values()}
+    at = nearest_time(str(path), [*known, *absent], time_s)
+    if at not in known:
+        there = ", ".join(f"{time:g}" for time in sorted(known)[-5:])
+        raise SprayError(
+            f"{absent[at].text}, and its mesh is missing; restore it, or ask for a time that is "
+            f"there: {there}"
+        )
+    return at
 
 
 def _own_time(file: Path) -> float | None:

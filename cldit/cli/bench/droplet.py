@@ -9,6 +9,7 @@ import click
 from cldit.bench.droplet.convergence import measure_all
 from cldit.bench.droplet.picture import convergence_picture
 from cldit.cli.console import OUT, plain_errors
+from cldit.files import write_bytes
 from cldit.run import default_cache
 
 
@@ -18,5 +19,5 @@ from cldit.run import default_cache
 def bench_droplet_command(out: Path) -> None:
     """Error of a droplet's life against step size and run time, all models, stiff cases among
     them."""
-    out.write_bytes(convergence_picture(*measure_all(default_cache())))
+    write_bytes(out, convergence_picture(*measure_all(default_cache())))
     OUT.print(str(out))

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from cldit.bench.optics import ABSORPTIONS, check_table, compare_solvers, table_use, with_preset
 from cldit.cli.console import OUT, plain_errors
+from cldit.files import make_folder, write_bytes
 from cldit.optics.wavelengths import wavelengths
 from cldit.report.pictures import nodes_picture
 from cldit.run import default_cache
@@ -54,9 +55,9 @@ def bench_optics_command(scene: str, out: Path | None) -> None:
     if resolved.errors_K:
         OUT.print(rows)
     if resolved.errors_K and out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+        make_folder(out)
         title = f"{chosen.name}: error against number of wavelengths"
         count = len(resolved.nodes)
         picture = nodes_picture(resolved.errors_K, chosen=count, title=title)
-        (out / "wavelengths.png").write_bytes(picture)
+        write_bytes(out / "wavelengths.png", picture)
         OUT.print(str(out / "wavelengths.png"))

@@ -8,7 +8,9 @@ import click
 
 from cldit.bench.spray.page import SECTIONS, page
 from cldit.cli.console import OUT, plain_errors, say
+from cldit.files import append_text, write_text
 from cldit.run import default_cache
+from cldit.terminal import tell
 
 
 @click.command("spray")
@@ -24,12 +26,11 @@ def bench_spray_command(out: Path | None, spacing_mm: float, only: tuple[str, ..
     Sections are written as they are done; `half`, with half the spacing, takes as long as the rest.
     """
     if out is not None:
-        out.write_text("", encoding="utf-8")
+        write_text(out, "")
     for piece in page(default_cache(), spacing_m=1e-3 * spacing_mm, only=only, say=say):
         if out is None:
-            click.echo(piece, nl=False)
+            tell(piece, end="")
         else:
-            with out.open("a", encoding="utf-8") as file:
-                file.write(piece)
+            append_text(out, piece)
     if out is not None:
         OUT.print(str(out))

@@ -10,7 +10,9 @@ from cldit.bench.stability import bench_stability, cases, page
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.cli.units import device_option
 from cldit.errors import TransportError
+from cldit.files import write_text
 from cldit.gpu.device import open_device
+from cldit.terminal import tell
 
 
 @click.command("stability")
@@ -26,9 +28,9 @@ def bench_stability_command(out: Path | None, device: str | None) -> None:
     outcomes = bench_stability(opened, cases(), say=say)
     text = page(outcomes, opened, command="cldit bench stability --out docs/stability.md")
     if out is None:
-        click.echo(text)
+        tell(text)
     else:
-        out.write_text(text, encoding="utf-8")
+        write_text(out, text)
         OUT.print(str(out))
     missed = [outcome.case.name for outcome in outcomes if not outcome.holds]
     if missed:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cldit.files import make_folder, write_text
 from cldit.optics.vapour import vapour_band
 from cldit.report.html import Picture
 from cldit.run import Run
@@ -56,10 +57,10 @@ def open_vapour(folder: Path) -> Path:
         rows = ["".join(cells[at : at + 10]) for at in range(0, len(cells), 10)]
         text += [f"{head}{760.0:6.1f}{values.max():10.3E}".ljust(100), *rows]
     path = folder / "tables" / "n-heptane-2-5um.xsc"
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     content = "\n".join(text) + "\n"
     if not path.is_file() or path.read_text(encoding="ascii") != content:
-        path.write_text(content, encoding="ascii")
+        write_text(path, content)
     return path
 
 

@@ -16,8 +16,9 @@ from cldit.acquisition import Acquisition, Plan, acquire, open_acquisition
 from cldit.acquisition.export import ExportError, export
 from cldit.acquisition.hcc import HccError, read_hcc
 from cldit.cli import main
-from cldit.errors import RunFolderError
+from cldit.errors import DiskFull, RunFolderError
 from cldit.rig.load import open_rig
+from tests.full_disk import full_disk
 
 
 @pytest.fixture(params=[1, 3], ids=["one frame", "three frames"])
@@ -145,3 +146,14 @@ def test_hcc_that_is_no_use(tmp_path: Path) -> None:
     for name in ("text.hcc", "missing.hcc"):
         with pytest.raises(HccError, match=name):
             read_hcc(tmp_path / name)
+
+
+@pytest.mark.parametrize("form", ["nexus", "ome-tiff"])
+def test_full_disk(recorded: Acquisition, tmp_path: Path, form: str) -> None:
+    """HDF5 that cannot write its last bytes would end the process; nothing is left of the file."""
+    target = tmp_path / "out" / "run"
+    for most_bytes in (0, 100, 3000, 5000):
+        with full_disk(most_bytes=most_bytes), pytest.raises(DiskFull, match="run: the disk is"):
+            export(recorded, form, target)
+        assert list(target.parent.iterdir()) == []
+    assert export(recorded, form, target) == target

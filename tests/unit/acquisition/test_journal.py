@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cldit.acquisition.disk import DiskFull, written
 from cldit.acquisition.journal import Journal, read_journal
-from cldit.errors import RunFolderError
+from cldit.errors import DiskFull, FileError, RunFolderError
+from cldit.files import written
 
 TIME = "2000-01-01T00:00:00+00:00"
 
@@ -94,5 +94,5 @@ def test_nothing_that_json_cannot_hold(tmp_path: Path) -> None:
 
 
 def test_other_errors_of_the_system_are_no_full_disk(tmp_path: Path) -> None:
-    with pytest.raises(RunFolderError, match="cannot be written"), written(tmp_path):
+    with pytest.raises(FileError, match="cannot be written"), written(tmp_path):
         raise PermissionError(13, "Permission denied")

@@ -14,7 +14,7 @@ import yaml
 from click.testing import CliRunner
 from numpy.typing import NDArray
 
-from cldit.acquisition.frames import open_stack, parse_source
+from cldit.acquisition.frames import FrameReader, open_stack, parse_source
 from cldit.acquisition.measured import is_measured, open_measured
 from cldit.bench.evaluation import bench_evaluation
 from cldit.cli import main
@@ -328,3 +328,36 @@ def test_memory_does_not_grow_with_the_shots(tmp_path: Path) -> None:
         assert np.isfinite(found.evaluation.maps.emissivity).mean() > 0.99
     # A picture is 160 kB as float64; 100 more shots held would be 16 MB. Thumbnails: 4 kB a shot.
     assert peaks[1] < peaks[0] + 100 * 8e3
+
+
+@pytest.mark.parametrize("form", ["imagej", "plain", "compressed", "one page", "ome"])
+@pytest.mark.parametrize("part", [0.3, 0.6, 0.9, 0.98])
+def test_a_stack_that_was_cut_off(tmp_path: Path, form: str, part: float) -> None:
+    """Wherever it ends: as it is opened, or at the picture that is not whole."""
+    stack = np.arange(6 * 40 * 50, dtype=np.uint16).reshape(6, 40, 50)
+    path = tmp_path / "stack.tif"
+    how: dict[str, dict[str, Any]] = {
+        "imagej": {"imagej": True},
+        "plain": {"photometric": "minisblack", "metadata": None},
+        "compressed": {"photometric": "minisblack", "compression": "zlib", "rowsperstrip": 8},
+        "one page": {"photometric": "minisblack", "metadata": {"truncate": True}},
+        "ome": {"photometric": "minisblack", "ome": True, "metadata": {"axes": "TYX"}},
+    }
+    tifffile.imwrite(path, stack, **how[form])
+    assert np.array_equal(np.stack(read_all(path)), stack)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(part * len(data))])
+    try:
+        found = read_all(path)
+    except EvaluationError as error:
+        assert "stack.tif" in str(error)
+    else:  # all six are whole: what stood behind them is gone
+        assert len(found) == 6 and np.array_equal(np.stack(found), stack) and part > 0.5
+
+
+def read_all(path: Path) -> list[NDArray[Any]]:
+    reader, source = FrameReader(), parse_source(str(path))[1]
+    try:
+        return [reader.read(source, number) for number in range(reader.count(source))]
+    finally:
+        reader.close()

@@ -146,7 +146,7 @@ def _configuration(folder: Path, change: Callable[[dict[str, Any]], Any]) -> Non
         (lambda f: (f / "plan.yaml").unlink(), "holds no plan.yaml"),
         (lambda f: (f / "configuration.json").unlink(), "configuration.json: cannot be read"),
         (lambda f: (f / "configuration.json").write_text("[]"), "holds list"),
-        (lambda f: (f / "configuration.json").write_text("{"), "cannot be read"),
+        (lambda f: (f / "configuration.json").write_text("{"), "is damaged"),
         (lambda f: _configuration(f, lambda d: d.pop("plan_hash")), "belongs to another plan"),
         (lambda f: _configuration(f, lambda d: d.pop("setup")), "damaged .'setup'"),
         (lambda f: _configuration(f, lambda d: d["setup"].pop("pixel_m")), "pixel_m: is missing"),

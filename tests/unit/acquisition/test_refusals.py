@@ -11,10 +11,9 @@ from typing import Any
 import pytest
 
 from cldit.acquisition import Plan, Progress, acquire, iterate, open_acquisition
-from cldit.acquisition.disk import DiskFull
 from cldit.acquisition.journal import Journal
 from cldit.acquisition.storage import exclusive, save_shot
-from cldit.errors import ClditError, RunFolderError
+from cldit.errors import ClditError, DiskFull, RunFolderError
 from cldit.rig.errors import (
     ConfigRejected,
     DeviceTimeout,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from cldit.cfd.formats import contents
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
@@ -308,3 +309,29 @@ def test_without_vtk(tmp_path: Path, foam: Foam, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(sys.modules, "vtkmodules.vtkCommonCore", None)
     with pytest.raises(SprayError, match=r'needs vtk; install it with: pip install "cldit\[cfd\]"'):
         read_cfd(CfdSpray(file=tmp_path, **SET))
+
+
+def test_a_listed_step_that_is_missing(tmp_path: Path, foam: Foam) -> None:
+    """The latest time is not taken for another; a time that is there is read."""
+    folder = tmp_path / "VTK"
+    two_steps(folder, foam, "xml")
+    (folder / "case_20" / "internal.vtu").unlink()
+    missing = r"case\.vtm\.series: lists step 20 \(0\.001 s\), and its mesh is missing.*0\.0005"
+    for time in ({}, {"time_s": 0.001}):
+        with pytest.raises(SprayError, match=missing):
+            read_cfd(CfdSpray(file=folder, **SET, **time))
+        with pytest.raises(SprayError, match=missing):
+            contents(CfdSpray(file=folder, **SET, **time))
+    assert read_cfd(CfdSpray(file=folder, time_s=0.0005, **SET)).notes["time_s"] == 0.0005
+
+
+def test_a_listed_cloud_that_is_missing(tmp_path: Path, foam: Foam) -> None:
+    """Of two clouds one is left of this step: it is not taken for the only one."""
+    folder = tmp_path / "VTK"
+    two_steps(folder, foam, "xml")
+    _, _, cloud = foam.sample()
+    snow = folder / "lagrangian" / "snow"
+    save(snow / "snow_10.vtp", cloud_data(cloud))
+    series(snow / "snow.vtp.series", {"snow_10.vtp": 0.0005, "snow_20.vtp": 0.001})
+    with pytest.raises(SprayError, match=r"lists step 20 .*whose file snow_20\.vtp is missing"):
+        read_cfd(CfdSpray(file=folder, **SET))

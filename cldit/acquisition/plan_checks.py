@@ -1,0 +1,109 @@
+"""Whether instruments can do what a plan asks for, by what they say of themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from cldit.acquisition.plan import Plan
+from cldit.rig.checks import check_burst, check_exposure
+from cldit.rig.clock import SimulatedClock
+from cldit.rig.errors import ConfigRejected, OutOfLimits, RigError
+from cldit.rig.load import Rig
+from cldit.rig.protocols import Limits, TriggerInfo, TriggerMode
+
+_ZERO_CELSIUS_K = 273.15
+
+
+def impossible(rig: Rig, plan: Plan, *, connected: bool) -> list[RigError]:
+    """What speaks against a plan before any setting is written.
+
+    Args:
+        rig, plan: what is to be run.
+        connected: whether the instruments answer; without, the camera is not asked.
+
+    Returns:
+        An error for each problem.
+    """
+    found: list[RigError] = []
+
+    def asked(check: Callable[[], object]) -> None:
+        try:
+            check()
+        except RigError as error:
+            found.append(error)
+
+    asked(lambda: _check_backgrounds(rig.background.limits, plan))
+    asked(lambda: _check_times(plan))
+    if connected:
+        can = rig.camera.capabilities
+        asked(lambda: _check_clock(rig))
+        asked(lambda: check_exposure(can, plan.integration_time_s))
+        asked(lambda: external_trigger(can.trigger_modes, plan.frames))
+        if plan.frames > 1 and plan.frame_timeout_s < can.minimum_period_s:
+            found.append(_too_short("the camera's period", can.minimum_period_s, plan))
+    return found
+
+
+def together(problems: list[RigError]) -> RigError:
+    """One error for several; of their class, where they have one."""
+    if len(problems) == 1:
+        return problems[0]
+    kinds = {type(problem) for problem in problems}
+    kind = kinds.pop() if len(kinds) == 1 else RigError
+    return kind("\n".join(map(str, problems)))
+
+
+def _check_clock(rig: Rig) -> None:
+    real = [name for name, device in rig.devices.items() if not device.identify().simulated]
+    if real and isinstance(rig.clock, SimulatedClock):
+        raise ConfigRejected(
+            f"clock.model: simulated, but {', '.join(real)} is real; use `clock: {{model: system}}`"
+        )
+
+
+def _check_backgrounds(limits: Limits, plan: Plan) -> None:
+    outside = [
+        f"backgrounds_K: {temperature:g} is outside {limits.low_K:g}..{limits.high_K:g}"
+        + _celsius(temperature, limits)
+        for temperature in plan.backgrounds_K
+        if not limits.low_K <= temperature <= limits.high_K
+    ]
+    if outside:
+        raise OutOfLimits("the background cannot take the plan:\n" + "\n".join(outside))
+
+
+def _celsius(temperature: float, limits: Limits) -> str:
+    """A hint where a temperature below the limits would do as one in degrees Celsius."""
+    kelvin = temperature + _ZERO_CELSIUS_K
+    meant = temperature < limits.low_K and limits.low_K <= kelvin <= limits.high_K
+    return f" K; {temperature:g} °C are {kelvin:g} K" if meant else ""
+
+
+def _check_times(plan: Plan) -> None:
+    """The burst as the plan has it, and whether a shot is over before it counts as missing."""
+    burst = plan.burst(plan.steps()[-1])
+    check_burst(burst)
+    delays = (burst.camera_delay_s, burst.injector_delay_s)
+    last_s = max(delay + width for delay, width in zip(delays, burst.widths_s, strict=True))
+    shot_s = max(last_s, burst.camera_delay_s + plan.integration_time_s)
+    if plan.frame_timeout_s < shot_s:
+        raise _too_short("a shot", shot_s, plan)
+
+
+def _too_short(what: str, needed_s: float, plan: Plan) -> OutOfLimits:
+    return OutOfLimits(
+        f"frame_timeout_s: {plan.frame_timeout_s:g} is shorter than {what}, {needed_s:g}; every "
+        "picture would count as missing"
+    )
+
+
+def external_trigger(modes: frozenset[TriggerMode], frames: int) -> TriggerInfo:
+    """How a shot of so many `frames` starts, with a camera of these `modes`.
+
+    Raises:
+        ConfigRejected: it has no external trigger.
+    """
+    for mode in (TriggerMode.EXTERNAL_EDGE, TriggerMode.EXTERNAL_LEVEL):
+        if mode in modes:
+            return TriggerInfo(mode, n_frames=frames, frames_per_trigger=frames)
+    raise ConfigRejected("camera: has no external trigger, which every shot needs")

@@ -1,0 +1,109 @@
+"""The one place for what goes to the terminal: in any locale, into closed pipes and full disks."""
+
+from __future__ import annotations
+
+import codecs
+import io
+import os
+import sys
+import unicodedata
+from contextlib import suppress
+from typing import Any, TextIO
+
+_PLAIN = {"µ": "u", "μ": "u", "×": "x", "·": "*", "°": " deg ", "→": "->", "±": "+-", "≤": "<=",
+          "≥": ">=", "–": "-", "—": "-", "λ": "lambda", "ε": "eps", "τ": "tau"}  # fmt: skip
+_ERRORS = "cldit-plain"
+
+
+def _plain(error: UnicodeError) -> tuple[str | bytes, int]:
+    """ASCII for what the terminal's encoding has not; bytes of a file's name as they are."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    letter = error.object[error.start]
+    end = error.start + 1
+    if 0xDC80 <= ord(letter) <= 0xDCFF:  # a byte of a name that is not UTF-8
+        return bytes([ord(letter) - 0xDC00]), end
+    simple = unicodedata.normalize("NFKD", letter).encode("ascii", "ignore").decode()
+    return _PLAIN.get(letter, simple or "?"), end
+
+
+codecs.register_error(_ERRORS, _plain)
+
+
+def prepare_streams() -> None:
+    """Makes standard streams that take any text; for a program, before it does anything else.
+
+    A stream that was closed becomes the null device: otherwise the next file that is opened would
+    get its number, and what libraries print would go into that file.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is not None and stream is getattr(sys, f"__{name}__"):
+            setattr(sys, name, _remembering(stream))
+        elif hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors=_ERRORS)
+
+
+class _Remembering(io.FileIO):
+    """A standard stream that knows what kept it from writing: the error itself names no file."""
+
+    problem: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except OSError as error:
+            self.problem = error
+            raise
+
+
+def _remembering(stream: TextIO) -> TextIO:
+    raw = _Remembering(stream.fileno(), "w", closefd=False)
+    return io.TextIOWrapper(
+        io.BufferedWriter(raw),
+        encoding=stream.encoding,
+        errors=_ERRORS,
+        line_buffering=stream.isatty(),
+        write_through=stream is sys.__stderr__,
+    )
+
+
+def cannot_take(stream: TextIO | None) -> OSError | None:
+    """What kept `stream` from taking what was written; None where all is well."""
+    try:
+        if stream is not None:
+            stream.flush()
+    except OSError as error:
+        return error
+    raw = getattr(getattr(stream, "buffer", None), "raw", None)
+    return raw.problem if isinstance(raw, _Remembering) else None
+
+
+def silence(stream: TextIO) -> None:
+    """What is still on its way to `stream` is dropped, so that the end of Python does not fail."""
+    with suppress(OSError, ValueError):
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, stream.fileno())
+        os.close(null)
+
+
+def tell(text: str, *, end: str = "\n") -> None:
+    """Puts `text` as it is, and `end`, to the standard output at once."""
+    if sys.stdout is not None:
+        sys.stdout.write(f"{text}{end}")
+        sys.stdout.flush()
+
+
+def warn(text: str) -> None:
+    """A line to the standard error, at once; that nobody can take it is no error."""
+    try:
+        if sys.stderr is not None:
+            sys.stderr.write(f"{text}\n")
+            sys.stderr.flush()
+    except (OSError, ValueError):
+        silence(sys.stderr)

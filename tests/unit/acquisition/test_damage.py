@@ -1,0 +1,99 @@
+"""Damaged acquisitions: what is whole is evaluated, the rest is named, and nothing is fired on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.acquisition import Plan, acquire, open_acquisition
+from cldit.acquisition.journal import read_whole_entries
+from cldit.errors import EvaluationError, RunFolderError
+from cldit.experiment import evaluate_folder
+from cldit.rig.load import open_rig
+from tests.wrapped import pulses
+
+LINES = 12  # of the journal, from where on it is spoiled: five pictures are saved by then
+
+
+@pytest.fixture
+def folder(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> Path:
+    acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
+    return tmp_path / "a"
+
+
+def spoil(folder: Path, change: Callable[[dict[str, Any]], Any] | bytes) -> None:
+    """Changes the first `saved` entry after LINES, or puts bytes in the place of that line."""
+    path = folder / "journal.jsonl"
+    lines = path.read_bytes().splitlines()
+    at = next(n for n, line in enumerate(lines) if n > LINES and b'"saved"' in line)
+    if isinstance(change, bytes):
+        lines[at] = change
+    else:
+        entry = json.loads(lines[at])
+        change(entry)
+        lines[at] = json.dumps(entry).encode()
+    path.write_bytes(b"\n".join([*lines, b""]))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda e: e.update(attempt="x"), "holds attempt: 'x', which is of another type"),
+        (lambda e: e.update(attempt=True), "holds attempt: True"),
+        (lambda e: e.update(background_before_K=None), "holds background_before_K: None"),
+        (lambda e: e.pop("background_after_K"), "has no background_after_K"),
+        (lambda e: e.pop("shot"), "has no shot"),
+        (lambda e: e.update(shot=3), "holds shot: 3"),
+        (lambda e: e.update(seq=99), "does not carry the sequence number"),
+        (bytes(40), "is not JSON"),
+        (b'{"seq": 1, "seq": 1}', "the key 'seq' stands there twice"),
+        (b"[" * 100_000, "is not JSON"),
+    ],
+)
+def test_a_damaged_journal(
+    change: Any, message: str, folder: Path, tiny_rig: dict[str, Any], tiny_plan: Plan
+) -> None:
+    """Pictures carry their own data and checksum, so all are evaluated; an acquisition refuses."""
+    whole = evaluate_folder(folder).maps
+    spoil(folder, change)
+    fired = len(pulses(tiny_rig))
+    found = evaluate_folder(folder)
+    assert np.array_equal(found.maps.emissivity, whole.emissivity, equal_nan=True)
+    assert message in found.remarks[0] and "journal.jsonl: line" in found.remarks[0]
+    with pytest.raises(RunFolderError, match=r"journal\.jsonl: line \d+ "):
+        acquire(open_rig(tiny_rig), tiny_plan, folder)
+    assert len(pulses(tiny_rig)) == fired
+
+
+def test_damaged_and_missing_pictures_are_left_out(folder: Path) -> None:
+    shots = folder / "shots"
+    data = (shots / "b00_inj_01.tif").read_bytes()
+    (shots / "b00_inj_01.tif").write_bytes(data[: len(data) // 2])
+    (shots / "b01_ref_00.tif").unlink()
+    found = evaluate_folder(folder)
+    assert np.isfinite(found.maps.emissivity).sum() > 10
+    remarks = "\n".join(found.remarks)
+    assert "b00_inj_01.tif: " in remarks and "1 shots of the plan are missing" in remarks
+    assert "b01_ref_00.tif: the journal has it, but the file is missing" in remarks
+    assert len(open_acquisition(folder).whole().shots) == 8
+
+
+def test_too_few_are_left(folder: Path) -> None:
+    for path in (folder / "shots").glob("b01_inj_*.tif"):
+        path.write_bytes(b"")
+    with pytest.raises(EvaluationError, match=r"(?s)b01_inj_00\.tif: .*cannot be read.*480"):
+        evaluate_folder(folder)
+
+
+def test_entries_before_the_damage(folder: Path) -> None:
+    before = read_whole_entries(folder / "journal.jsonl")
+    assert before[1] is None
+    spoil(folder, b"")
+    entries, damage = read_whole_entries(folder / "journal.jsonl")
+    assert damage is not None and LINES < len(entries) < len(before[0])
+    assert entries == before[0][: len(entries)]

@@ -1,0 +1,173 @@
+"""What an acquisition would refuse, the dry run refuses in the same words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cldit.acquisition import Plan, acquire, dry_run
+from cldit.acquisition.plan import TriggerSection
+from cldit.acquisition.storage import exclusive
+from cldit.errors import ClditError, DiskFull
+from cldit.rig.errors import OutOfLimits
+from cldit.rig.load import Rig
+from tests.wrapped import pulses, wrapped
+
+Spoil = Callable[[dict[str, Any]], Any]
+Wrap = dict[str, Callable[[Any], dict[str, Any]]]
+
+
+def refusals(rig: Rig, plan: Plan, folder: Path) -> tuple[list[str], list[str]]:
+    """Lines that the dry run and the acquisition give, each from a rig of its own."""
+    lines: list[list[str]] = []
+    for ask in (dry_run, acquire):
+        try:
+            found = ask(rig, plan, folder)
+            lines.append(list(getattr(found, "problems", ())))
+        except ClditError as error:
+            lines.append(str(error).splitlines())
+    return lines[0], lines[1]
+
+
+@pytest.mark.parametrize(
+    ("plan", "message"),
+    [
+        ({"backgrounds_K": (440.0, 2000.0)}, "backgrounds_K: 2000 is outside 253..873"),
+        (
+            {"backgrounds_K": (180.0, 440.0)},
+            "backgrounds_K: 180 is outside 253..873 K; 180 °C are 453.15 K",
+        ),
+        ({"integration_time_s": 5.0}, "integration_time_s: 5 is outside"),
+        ({"integration_time_s": 1e-9}, "integration_time_s: 1e-09 is outside"),
+        ({"frame_timeout_s": 1e-3}, "frame_timeout_s: 0.001 is shorter than a shot, 0.0015"),
+        (
+            {"trigger": TriggerSection(camera_delay_s=0.9), "frame_timeout_s": 0.5},
+            "frame_timeout_s: 0.5 is shorter than a shot, 0.9001",
+        ),
+    ],
+)
+def test_plans(
+    plan: dict[str, Any], message: str, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    bad = tiny_plan.model_copy(update=plan)
+    dry, wet = refusals(wrapped(tiny_rig), bad, tmp_path / "a")
+    assert dry == wet and any(message in line for line in dry), dry
+    assert not pulses(tiny_rig) and not (tmp_path / "a" / "plan.yaml").exists()
+
+
+def test_all_that_is_impossible_is_told_together(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    bad = tiny_plan.model_copy(update={"backgrounds_K": (100.0, 2000.0), "integration_time_s": 5.0})
+    dry, wet = refusals(wrapped(tiny_rig), bad, tmp_path / "a")
+    assert dry == wet and len(dry) >= 4
+    assert dry_run(wrapped(tiny_rig), bad, tmp_path / "a").disk_bytes > 10 * 2 * 16 * 12
+    with pytest.raises(OutOfLimits, match=r"(?s)2000 is outside.*integration_time_s: 5"):
+        acquire(wrapped(tiny_rig), bad, tmp_path / "a")
+
+
+@pytest.mark.parametrize(
+    ("devices", "message"),
+    [
+        (
+            {"camera": lambda c: {"identify": lambda: replace(c.identify(), simulated=False)}},
+            "clock.model: simulated, but camera is real",
+        ),
+        ({"camera": lambda c: {"read_configuration": dict}}, "has no 'calibration'"),
+        ({"trigger": lambda t: {"configure": lambda b: replace(b, n=2)}}, "trigger: reads back"),
+        (
+            {"trigger": lambda t: {"configure": lambda b: replace(b, camera_delay_s=1.0)}},
+            "camera_delay_s: reads back 1",
+        ),
+        ({"camera": lambda c: {"read_frames": lambda n, timeout_s: iter(())}}, "0 of 1 frames"),
+    ],
+)
+def test_instruments(
+    devices: Wrap, message: str, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    dry, wet = refusals(wrapped(tiny_rig, **devices), tiny_plan, tmp_path / "a")
+    # The acquisition's burst injects and the dry run's does not; all else is the same.
+    assert [line.replace("inject=True", "inject=False") for line in wet] == dry
+    assert any(message in line for line in dry), dry
+
+
+def _file(folder: Path) -> None:
+    folder.write_text("")
+
+
+def _plan_is_a_folder(folder: Path) -> None:
+    (folder / "plan.yaml").mkdir(parents=True)
+
+
+def _journal_is_torn(folder: Path) -> None:
+    folder.mkdir()
+    (folder / "journal.jsonl").write_text("{\n")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (_file, "cannot be written"),
+        (_plan_is_a_folder, "plan.yaml: cannot"),
+        (_journal_is_torn, "line 1"),
+    ],
+)
+def test_folders(
+    spoil: Callable[[Path], Any],
+    message: str,
+    tiny_rig: dict[str, Any],
+    tiny_plan: Plan,
+    tmp_path: Path,
+) -> None:
+    spoil(tmp_path / "a")
+    dry, wet = refusals(wrapped(tiny_rig), tiny_plan, tmp_path / "a")
+    assert dry == wet and message in "\n".join(dry), dry
+
+
+def test_a_folder_in_use(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+    with exclusive(tmp_path / "a"):
+        dry, wet = refusals(wrapped(tiny_rig), tiny_plan, tmp_path / "a")
+    assert dry == wet and "another acquisition is running here" in dry[0]
+
+
+def test_a_disk_that_is_too_small(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = type("usage", (), {"free": 100_000})
+    monkeypatch.setattr("cldit.acquisition.disk.shutil.disk_usage", lambda path: free)
+    dry, wet = refusals(wrapped(tiny_rig), tiny_plan, tmp_path / "a")
+    assert dry == wet and "make room, or choose another folder" in dry[0]
+    with pytest.raises(DiskFull):
+        acquire(wrapped(tiny_rig), tiny_plan, tmp_path / "a")
+
+
+def test_another_rig_than_before(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+    acquire(wrapped(tiny_rig), tiny_plan, tmp_path / "a", should_stop=lambda: True)
+    tiny_rig["setup"]["wall_temperature_K"] = 300.0
+    dry, wet = refusals(wrapped(tiny_rig), tiny_plan, tmp_path / "a")
+    assert dry == wet and any("wall_temperature_K: 420.0 before" in line for line in dry)
+
+
+def test_a_dry_run_never_lets_a_trigger_inject(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """It is not made safe afterwards, so it must not bring the rig into a state that needs it."""
+    seen: list[bool] = []
+
+    def noted(trigger: Any) -> dict[str, Any]:
+        def configure(burst: Any) -> Any:
+            seen.append(burst.inject)
+            return trigger.configure(burst)
+
+        return {"configure": configure}
+
+    rig = wrapped(tiny_rig, trigger=noted)
+    found = dry_run(rig, tiny_plan, tmp_path / "a")
+    assert found.problems == () and seen == [False]
+    assert rig.trigger.read_configuration()["inhibited"]
+    assert rig.background.read_configuration()["setpoint_K"] == 295.0
+    assert not (tmp_path / "a").exists() and not pulses(tiny_rig)

@@ -1,0 +1,87 @@
+"""A damaged run folder: the file and what is wrong with it are named, whatever reads it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.errors import RunFolderError
+from cldit.images import write_image
+from cldit.run.folder import open_run, stored_run
+
+WRITTEN = Path(__file__).parents[2] / "data" / "run-0.1.0"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return Path(shutil.copytree(WRITTEN, tmp_path / "r"))
+
+
+def info(folder: Path, **changed: Any) -> None:
+    path = folder / "run.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changed}))
+
+
+def small(path: Path) -> None:
+    write_image(path, np.zeros((3, 4), np.float32), name="x", unit="1")
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda r: (r / "scene.yaml").write_text("hello: [1,2\n"), r"scene\.yaml: is damaged \(is"),
+        (lambda r: (r / "scene.yaml").write_bytes(bytes(100)), r"scene\.yaml: is damaged"),
+        (lambda r: (r / "scene.yaml").write_bytes(b"\xff\xfe"), r"scene\.yaml: is damaged.*UTF-8"),
+        (lambda r: (r / "scene.yaml").write_text("- 1\n"), r"scene\.yaml: is damaged \(holds list"),
+        (lambda r: (r / "scene.yaml").write_text("name: a\n"), r"scene\.yaml: is damaged \(spray"),
+        (lambda r: (r / "run.json").write_text('{"a"'), r"run\.json: is damaged \(Expecting"),
+        (lambda r: (r / "run.json").write_text("3"), r"run\.json: is damaged \(holds int"),
+        (lambda r: (r / "run.json").write_text("{}"), r"run\.json: is damaged \('stages'\)"),
+        (lambda r: info(r, spray=[]), r"run\.json: is damaged \(spray: .*dictionary"),
+        (lambda r: info(r, spray={"a": "b"}), r"run\.json: is damaged \(spray\.a: .*number"),
+        (lambda r: info(r, remarks="x"), r"run\.json: is damaged \(stages, remarks"),
+        (lambda r: info(r, stages=[3]), r"run\.json: is damaged"),
+        (lambda r: info(r, accuracy_K="2"), r"run\.json: is damaged \(accuracy_K"),
+        (lambda r: info(r, unknown=1), r"run\.json: is damaged \(.*unknown"),
+        (lambda r: (r / "weights" / "wall.tif").unlink(), r"wall\.tif: cannot be read"),
+        (
+            lambda r: (r / "weights" / "wall.tif").write_bytes(b"II*\0"),
+            r"wall\.tif: cannot be read",
+        ),
+        (lambda r: small(r / "weights" / "wall.tif"), r"wall\.tif: is damaged \(shape \(3, 4\)"),
+        (lambda r: small(r / "maps" / "emissivity.tif"), r"emissivity\.tif: is damaged \(shape"),
+    ],
+)
+def test_damage_is_named(folder: Path, damage: Callable[[Path], Any], message: str) -> None:
+    open_run(folder)
+    damage(folder)
+    with pytest.raises(RunFolderError, match=message):
+        open_run(folder)
+
+
+def test_whoever_goes_on_names_it_too(folder: Path) -> None:
+    scene = open_run(folder).scene
+    (folder / "scene.yaml").write_text("hello: [1,2\n")
+    with pytest.raises(RunFolderError, match=r"scene\.yaml: is damaged"):
+        stored_run(folder, scene)
+
+
+def test_maps_that_a_full_disk_cut_short_are_made_anew(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The trace is whole: the same command goes on from there. Who only looks is told."""
+    run = open_run(folder)
+    monkeypatch.setattr("cldit.run.folder.version", lambda name: run.info.versions[name])
+    place = folder / "acquisition" / "maps"
+    shutil.copytree(folder / "maps", place, dirs_exist_ok=True)
+    assert (again := stored_run(folder, run.scene)) is not None and again.measured is not None
+    (place / "reason.tif").unlink()
+    assert (again := stored_run(folder, run.scene)) is not None and again.measured is None
+    with pytest.raises(RunFolderError, match=r"reason\.tif: cannot be read"):
+        open_run(folder)

@@ -1,0 +1,111 @@
+"""Files are written, YAML is loaded, caches are found and text is printed in one place each."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import cldit
+
+ROOT = Path(cldit.__file__).parent
+FILES = sorted([*ROOT.rglob("*.py"), *(ROOT / "drivers").resolve().rglob("*.py")])
+
+# What may be done where; all else is forbidden everywhere.
+PLACES: dict[str, set[str]] = {
+    "yaml": {"plain_data.py"},
+    "platformdirs": {"caches.py"},
+    "print": set(),
+    "stdout": {"terminal.py", "program.py"},
+    # made to be read by its own program only, or plain data that never was a file
+    "json": {"plain_data.py", "tables.py", "images.py", "spray_file.py", "preflight.py"}
+    | {"memory.py"},
+    "write": {"files.py"},
+    # the journal's own appends, syncs, and a measurement of syncs
+    "open to write": {"files.py", "disk.py", "rig.py"},
+    "os.open": {"files.py", "journal.py", "terminal.py", "pocl.py"},
+    "imwrite": {"images.py"},
+    "savefig": {"sheet.py"},  # into memory
+    # resources of the package, pages that the same command wrote, /proc
+    "read_text": {"lazy.py", "kernel_source.py", "liquid.py", "vapour.py", "load.py"}
+    | {"conditions.py", "report.py", "memory.py"},
+}
+
+
+def _name(node: ast.expr) -> str:
+    """`a.b` as written, where it is names only."""
+    if isinstance(node, ast.Attribute):
+        return f"{_name(node.value)}.{node.attr}"
+    return node.id if isinstance(node, ast.Name) else ""
+
+
+def _writes(call: ast.Call) -> bool:
+    given = [*call.args, *(key.value for key in call.keywords if key.arg == "mode")]
+    modes = [each.value for each in given if isinstance(each, ast.Constant)]
+    return any(isinstance(mode, str) and set(mode) & set("wax+") and len(mode) < 4
+               for mode in modes)  # fmt: skip
+
+
+def found(tree: ast.AST) -> Iterator[tuple[str, int]]:
+    """What a module does of all this, and in which line."""
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Import, ast.ImportFrom)):
+            of = getattr(node, "module", None)
+            for name in [of] if of else [each.name for each in node.names]:
+                if name.partition(".")[0] in ("yaml", "platformdirs"):
+                    yield name.partition(".")[0], node.lineno
+        if isinstance(node, ast.Attribute) and _name(node) in ("sys.stdout", "sys.stderr"):
+            yield "stdout", node.lineno
+        if not isinstance(node, ast.Call):
+            continue
+        name = _name(node.func)
+        last = node.func.attr if isinstance(node.func, ast.Attribute) else name
+        if name in ("print", "click.echo"):
+            yield "print", node.lineno
+        elif name in ("json.load", "json.loads"):
+            yield "json", node.lineno
+        elif isinstance(node.func, ast.Attribute) and last in ("write_text", "write_bytes"):
+            yield "write", node.lineno
+        elif isinstance(node.func, ast.Attribute) and last == "read_text":
+            yield "read_text", node.lineno
+        elif name == "os.open":
+            yield "os.open", node.lineno
+        elif last == "open" and _writes(node):
+            yield "open to write", node.lineno
+        elif last in ("imwrite", "savefig"):
+            yield last, node.lineno
+
+
+def test_nothing_goes_past_the_one_place() -> None:
+    wrong = [
+        f"{path}:{line}: {what}"
+        for path in FILES
+        for what, line in found(ast.parse(path.read_text(encoding="utf-8")))
+        if path.name not in PLACES[what]
+    ]
+    assert len(FILES) > 300 and not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("import yaml", "yaml"),
+        ("from yaml import safe_load", "yaml"),
+        ("import platformdirs", "platformdirs"),
+        ("print('x')", "print"),
+        ("click.echo('x')", "print"),
+        ("sys.stdout.write('x')", "stdout"),
+        ("json.loads(text)", "json"),
+        ("path.write_text('x')", "write"),
+        ("(folder / 'a').write_bytes(data)", "write"),
+        ("open(path, 'w')", "open to write"),
+        ("path.open(mode='ab')", "open to write"),
+        ("os.open(path, 0)", "os.open"),
+        ("figure.savefig(path)", "savefig"),
+        ("path.read_text()", "read_text"),
+    ],
+)
+def test_the_walk_sees_it(text: str, what: str) -> None:
+    assert [each for each, _ in found(ast.parse(text))] == [what]
