@@ -1,0 +1,134 @@
+"""Pictures against each other: is one background's picture shifted?
+
+What is left of Delta I about the lines of all pixels, before one background, is held against the
+gradient of its own picture: a picture that is shifted by u differs by u times its gradient.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.dit.shots import Sums
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, by_background
+
+Floats = NDArray[np.float64]
+
+_TILES = 4  # along either axis: their scatter is the noise of the shift
+_DEVIATIONS = 6.0
+_WORTH_PIXELS = 0.1
+
+
+def shift(
+    sums: Mapping[tuple[float, str], Sums],
+    setpoints: Sequence[float],
+    *,
+    sees: NDArray[np.bool_],
+    source: Floats,
+    counts_per_kelvin: Floats,
+) -> tuple[Witness, dict[float, Floats]]:
+    """Finds the one background whose picture of the spray is shifted.
+
+    Args:
+        sums: by set point and kind.
+        setpoints: K of them.
+        sees: (h, w) pixels that see the background.
+        source: (K,) radiance of the backgrounds.
+        counts_per_kelvin: (K,) of the black body.
+
+    Returns:
+        The witness, and by set point the (h, w) counts^2 by which the shift widens the errors.
+    """
+    text = "pictures against the gradient of each: "
+    count = len(setpoints)
+    if count < 3 or min(sees.shape) < 3 * _TILES:
+        return Witness(name="shift", text=text + "too few backgrounds or pixels"), {}
+    every = slice(None)
+    delta = np.array(
+        [sums[k, "injection"].mean(every) - sums[k, "reference"].mean(every) for k in setpoints]
+    )
+    design = np.stack([source / source.max(), np.ones(count)], axis=1) / counts_per_kelvin[:, None]
+    keep = np.eye(count) - design @ np.linalg.pinv(design)  # what is left about the lines
+    left = np.einsum("kl,lhw->khw", keep, delta / counts_per_kelvin[:, None, None])
+    inner = _inside(sees)
+    if not inner.any():
+        return Witness(name="shift", text=text + "too few pixels see the background"), {}
+    moved, noise, gained = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count)
+    for k in range(count):
+        slope = np.array(np.gradient(delta[k])) / counts_per_kelvin[k]
+        moved[k], noise[k], gained[k] = _fit(slope, left[k] / keep[k, k], inner)
+        gained[k] *= keep[k, k]
+    at = int(np.argmax(gained))
+    size = float(np.hypot(*moved[at]))
+    kelvin = np.array(
+        [_kelvin(delta[k], moved[k], inner) / counts_per_kelvin[k] for k in range(count)]
+    )
+    noise_K = np.array(
+        [_kelvin(delta[k], noise[k], inner) / counts_per_kelvin[k] for k in range(count)]
+    )
+    sure = bool(np.any(np.abs(moved[at]) > _DEVIATIONS * noise[at])) and size > _WORTH_PIXELS
+    text += by_background(setpoints, kelvin, noise_K)
+    stands_out = sure and kelvin[at] > WORTH_K
+    widened: dict[float, Floats] = {}
+    if stands_out:
+        text += (
+            f"; background {setpoints[at]:g} K: the spray is shifted by {moved[at, 1]:+.1f} "
+            f"columns and {moved[at, 0]:+.1f} rows"
+        )
+        rows, columns = np.gradient(delta[at])
+        widened[setpoints[at]] = (moved[at, 0] * rows + moved[at, 1] * columns) ** 2
+    return (
+        Witness(
+            name="shift",
+            text=text,
+            kelvin=tuple(kelvin.tolist()),
+            noise_K=tuple(noise_K.tolist()),
+            stands_out=stands_out,
+            severe=stands_out and float(kelvin[at]) > LIMIT_K,
+        ),
+        widened,
+    )
+
+
+def _inside(sees: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Pixels whose four neighbours see the background too."""
+    inner = np.zeros_like(sees)
+    inner[1:-1, 1:-1] = (
+        sees[1:-1, 1:-1] & sees[:-2, 1:-1] & sees[2:, 1:-1] & sees[1:-1, :-2] & sees[1:-1, 2:]
+    )
+    return inner
+
+
+def _fit(slope: Floats, left: Floats, where: NDArray[np.bool_]) -> tuple[Floats, Floats, float]:
+    """Shift (rows, columns) by least squares, its standard errors, and the squares it explains.
+
+    The errors are the jackknife's over tiles of the picture: what is left is no white noise where
+    the spray of one shot is not that of the next.
+    """
+    rows, columns = (np.arange(size) * _TILES // size for size in where.shape)
+    tile = (rows[:, None] * _TILES + columns)[where]
+    g, y = slope[:, where], left[where]
+    inner = np.array(
+        [[np.bincount(tile, g[i] * g[j], minlength=_TILES**2) for j in range(2)] for i in range(2)]
+    )
+    right = np.array([-np.bincount(tile, g[i] * y, minlength=_TILES**2) for i in range(2)])
+    normal, side = inner.sum(axis=2), right.sum(axis=1)
+    u = np.linalg.pinv(normal, hermitian=True) @ side
+    without = np.array(
+        [
+            np.linalg.pinv(normal - inner[:, :, i], hermitian=True) @ (side - right[:, i])
+            for i in range(_TILES**2)
+        ]
+    )
+    share = (_TILES**2 - 1) / _TILES**2
+    noise = np.sqrt(share * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
+    return u, noise, float(u @ side)
+
+
+def _kelvin(delta: Floats, moved: Floats, inner: NDArray[np.bool_]) -> float:
+    rows, columns = np.gradient(delta)
+    with np.errstate(invalid="ignore"):
+        change = (moved[0] * rows + moved[1] * columns)[inner]
+    return float(np.sqrt(np.mean(change**2)))
