@@ -139,7 +139,6 @@ def evaluate_shots(
     witnesses, saturation = examine_pictures(
         sums, setpoints, around, saturation_counts=stated_counts
     )
-    refuse(witnesses, accept)
     for group in sums.values():
         group.saturation_counts = saturation
     outliers, weights = judge(sums)
@@ -166,6 +165,7 @@ def evaluate_shots(
         means = [sums[setpoint, kind].temperature_K for setpoint in setpoints]
         sources[kind] = whole.leaving(means)
         check_span(sources[kind], means)
+    refuse(witnesses, accept)
     calibration = _complete(
         acquisition.calibration, sums, sees, sources["reference"] * whole.front.transmission
     )
@@ -173,8 +173,8 @@ def evaluate_shots(
         sums, setpoints, sees=sees, whole=whole, around=around, calibration=calibration
     )
     witnesses += examined.witnesses
+    refuse([one for one in witnesses if one.name != "kinds"], accept)
     check_not_mirrored(sums, sources)
-    refuse(witnesses, accept)
     maps = _solved(
         sums,
         setpoints,
@@ -187,6 +187,7 @@ def evaluate_shots(
     if bad is not None:
         maps = _without(maps, bad)
     _check_not_swapped(maps)
+    refuse(witnesses, accept)
     return Evaluation(
         maps=maps,
         remarks=tuple(_remarks(sums, outliers, fitted, robust)),

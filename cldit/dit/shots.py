@@ -69,7 +69,8 @@ class Sums:
     """Sums of the pictures (h, w) of one kind before one background.
 
     total, squares: (h, w) weighted sums of counts and of their squares. largest: (h, w) of any
-    exposure. Lists hold an entry a shot; digests are of the pictures' bytes.
+    exposure. Lists hold an entry a shot: digests of the pictures' bytes, numbers in the order of
+    the acquisition's shots.
     """
 
     temperatures_K: list[float]
@@ -81,26 +82,29 @@ class Sums:
     thumbnails: list[NDArray[np.float32]]
     ids: list[str]
     digests: list[bytes]
+    numbers: list[int]
 
     @classmethod
     def empty(cls, shape: tuple[int, ...], saturation_counts: float) -> Sums:
         """No shots yet, of pictures of this `shape`, full at and above `saturation_counts`."""
         zero = np.zeros(shape)
         low = np.full(shape, -np.inf, np.float32)
-        return cls([], zero, zero.copy(), low, saturation_counts, [], [], [], [])
+        return cls([], zero, zero.copy(), low, saturation_counts, [], [], [], [], [])
 
     @property
     def full(self) -> NDArray[np.bool_]:
         """(h, w) where at least one exposure was saturated."""
         return np.asarray(self.largest >= self.saturation_counts)
 
-    def add(self, image: NDArray[Any], shot: Shot) -> None:
+    def add(self, image: NDArray[Any], shot: Shot, *, number: int) -> None:
         """Counts one picture in full.
 
         Args:
             image: (h, w) counts.
             shot: whose picture it is.
+            number: of the shot among all, in their order.
         """
+        self.numbers.append(number)
         counts = self._weigh(image, 1.0)
         np.maximum(self.largest, image, out=self.largest, casting="unsafe")
         self.digests.append(blake2b(np.ascontiguousarray(image).data, digest_size=16).digest())
@@ -243,7 +247,7 @@ def accumulate(
         key = (shot.background_setpoint_K, shot.kind)
         if key not in sums:
             sums[key] = Sums.empty(shape, saturation_counts)
-        sums[key].add(image, shot)
+        sums[key].add(image, shot, number=done)
         if progress is not None:
             progress(done, len(acquisition.shots))
     return sums

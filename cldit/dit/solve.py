@@ -54,14 +54,16 @@ class Systematic:
     """How far injections may stand off references for another reason than the spray.
 
     offset: radiance, in every pixel. kelvin: of the black body. slope, start: of the line through
-    its radiance per kelvin, over the radiance of the background. extra: (K, ...) variance of the
-    injections' means of each pixel.
+    its radiance per kelvin, over the radiance of the background. tilt: slope and start of the line
+    of an offset that both kinds share. extra: (K, ...) variance of the injections' means of each
+    pixel.
     """
 
     offset: float = 0.0
     kelvin: float = 0.0
     slope: float = 0.0
     start: float = 0.0
+    tilt: tuple[float, float] = (0.0, 0.0)
     extra: Floats | None = None
 
     def rows(self, rows: slice) -> Systematic:
@@ -70,13 +72,14 @@ class Systematic:
 
     def widened(self, lines: Pair) -> Pair:
         """The lines with that error in their covariance, the same before all backgrounds."""
-        if not (self.offset or self.kelvin):
-            return lines
         s = lines.values[:, 2]
-        moved = np.zeros_like(lines.values)
-        moved[:, 2] = self.kelvin * self.slope * s
-        moved[:, 3] = self.offset + self.kelvin * self.start * s
-        covariance = lines.covariance + moved[:, :, None] * moved[:, None, :]
+        apart = np.zeros_like(lines.values)
+        apart[:, 2] = self.kelvin * self.slope * s
+        apart[:, 3] = self.offset + self.kelvin * self.start * s
+        both = np.broadcast_to(np.array([*self.tilt, *self.tilt]), apart.shape)
+        covariance = lines.covariance + sum(
+            moved[:, :, None] * moved[:, None, :] for moved in (apart, both)
+        )
         return Pair(lines.values, covariance, lines.chi2)
 
 

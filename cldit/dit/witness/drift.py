@@ -25,34 +25,109 @@ from cldit.dit.witness.lines import OffLine
 
 Floats = NDArray[np.float64]
 
-_BETTER = 1.1  # ratio of what is left, from which a cause is believed rather than the offset
+_BETTER = 25.0  # of chi2, from which another cause is believed rather than the offset
+_TOLD = 1e-4  # of the best determined direction: below it nothing is told
+_SAME = 1e-12  # variance of parts of Delta I where all shots are alike
 _LONE = 0.1  # share of what is explained, that one background alone may leave
 
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """drift: for the fit. cause: in words; empty where nothing stands out."""
+    """drifts: for the fit. tilt: slope and start of the offset's own line over the radiance of the
+    background, which no line tells from the gain. cause: in words; empty where none stands out."""
 
-    drift: Drift
+    drifts: tuple[Drift, ...]
+    tilt: tuple[float, float]
     cause: str
 
 
 def find(evidence: Evidence, off: OffLine | None) -> Found:
-    """The common error of an acquisition.
+    """The common errors of an acquisition.
 
     Args:
         evidence: of K backgrounds.
         off: of the references; None with two backgrounds.
     """
+    steady = trend(evidence)
+    beyond = off is not None and off.beyond(sure(evidence.degrees("reference")))
     none = np.zeros(len(evidence.setpoints))
-    if off is None or not off.beyond(sure(evidence.degrees("reference"))):
-        cause: Cause = "offset"
-        variance, text = none, ""
-    else:
-        cause, variance = _cause(evidence)
-        text = _SAYS[cause]
+    cause: Cause = "offset"
+    variances: dict[Cause, Floats] = {"offset": none}
+    if beyond:
+        cause, variance = _cause(evidence, steady)
+        variances = {cause: variance}
+    tilt = (0.0, 0.0)
+    way = steady.places - steady.places.mean()
+    if steady.offset:
+        half = 0.5 * steady.offset * np.ptp(way)
+        variances["offset"] = np.maximum(variances.get("offset", none), half**2)
+        x = evidence.source["reference"]
+        slope, start = np.polyfit(x / x.max(), steady.offset * way, 1)
+        tilt = (float(slope / x.max()), float(start))
+    # A black body drifts as a gain does, but starts anew before each background.
+    if steady.gain and beyond and cause != "black body":
+        half = 0.5 * steady.gain * np.ptp(way)
+        variances["gain"] = np.maximum(variances.get("gain", none), half**2)
     each, jitter = _wander(evidence, cause)
-    return Found(drift=Drift(cause=cause, variance=variance, each=each, jitter=jitter), cause=text)
+    drifts = [
+        Drift(
+            cause=of,
+            variance=variance,
+            each=each if of == cause else none,
+            jitter=jitter if of == cause else none,
+        )
+        for of, variance in variances.items()
+    ]
+    return Found(drifts=tuple(drifts), tilt=tilt, cause=_SAYS[cause] if beyond else "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trend:
+    """How references change from shot to shot, the same way before all backgrounds.
+
+    offset: radiance a shot; gain: relative, a shot; 0 where it may be chance. places: (K,) where
+    the middle of the references lies among all shots. mostly_offset: it explains more than a gain.
+    """
+
+    offset: float
+    gain: float
+    places: Floats
+    mostly_offset: bool
+
+
+def trend(evidence: Evidence) -> Trend:
+    """The steady change of the references' mean over all blocks: rate = offset + gain signal."""
+    every = np.ones(evidence.blocks, bool)
+    series = evidence.picture("reference", every)
+    variance = evidence.variance("reference", every) * evidence.number("reference")
+    rate, weight = np.zeros(len(series)), np.zeros(len(series))
+    for k, (places, one) in enumerate(zip(evidence.numbers["reference"], series, strict=True)):
+        away = places - places.mean()
+        if len(one) > 2:
+            rate[k] = away @ one / (away @ away)
+            weight[k] = (away @ away) / variance[k]
+    middle = np.array([places.mean() for places in evidence.numbers["reference"]])
+    signal = np.array([one.mean() for one in series])
+    unit = float(np.max(np.abs(signal)))
+    design = np.stack([np.ones_like(rate), signal / unit], axis=1)
+    both = np.linalg.pinv((design.T * weight) @ design, hermitian=True)
+    best = both @ ((design.T * weight) @ (rate / unit))
+    noise = np.sqrt(np.diag(both)) / unit
+    found = np.where(np.abs(best) > sure(evidence.degrees("reference")) * noise, best, 0.0)
+    alone = [_left(rate / unit, column, weight) for column in design.T]
+    return Trend(
+        offset=float(found[0]) * unit,
+        gain=float(found[1]),
+        places=middle,
+        mostly_offset=alone[0] <= alone[1],
+    )
+
+
+def _left(values: Floats, column: Floats, weight: Floats) -> float:
+    """Weighted squares of `values` (K,) that no multiple of `column` (K,) explains."""
+    most = float(weight @ column**2)
+    share = float(weight @ (values * column)) / most if most > 0.0 else 0.0
+    return float(weight @ (values - share * column) ** 2)
 
 
 _SAYS = {
@@ -70,44 +145,80 @@ def _factors(evidence: Evidence) -> dict[Cause, dict[str, Floats]]:
     return {
         "offset": {kind: one for kind in KINDS},
         "black body": {kind: through[kind] * rise for kind in KINDS},
-        "gain": {kind: evidence.mean(kind) for kind in KINDS},
+        "gain": {kind: _on_line(evidence, kind) for kind in KINDS},
     }
 
 
-def _cause(evidence: Evidence) -> tuple[Cause, Floats]:
+def _on_line(evidence: Evidence, kind: str) -> Floats:
+    """(K, B) the signals of a kind on each block's line."""
+    x = evidence.source[kind]
+    design = np.stack([x / x.max(), np.ones_like(x)], axis=1)
+    return np.asarray(design @ np.linalg.pinv(design) @ evidence.mean(kind))
+
+
+def _cause(evidence: Evidence, steady: Trend) -> tuple[Cause, Floats]:
     """The cause, and its variance (K,): radiance^2, of the gain relative."""
-    left: dict[Cause, float] = {}
-    found: dict[Cause, Floats] = {}
-    unit = float(np.max(evidence.source["reference"]))
-    for cause, factors in _factors(evidence).items():
-        normal, right, total = 0.0, 0.0, 0.0
-        size = max(float(np.max(np.abs(one))) for one in factors.values())
-        for kind in KINDS:
-            signal = evidence.mean(kind) / unit
-            weight = _about_lines(evidence.source[kind] / unit, evidence.scatter(kind) / unit**2)
-            factor = factors[kind] / size
-            off = np.einsum("bkl,lb->bk", weight, signal)
-            total += float(np.einsum("kb,bk->", signal, off))
-            right = right + np.einsum("kb,bk->k", factor, off)
-            normal = normal + np.einsum("kb,bkl,lb->kl", factor, weight, factor)
-        # The least z that explains it: lines absorb two of its directions.
-        z = np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ right
-        left[cause] = max(total - float(right @ z), 1e-300)
-        alone = right**2 / np.diag(normal)
-        first = int(np.argmax(alone))
-        gained = float(right @ z)
-        scale = unit / size
-        if len(z) >= 4 and gained - alone[first] < _LONE * gained:
-            amplitude = np.zeros(len(z))
-            amplitude[first] = right[first] / normal[first, first] * scale
-            found[cause] = amplitude**2
-        else:
-            found[cause] = np.full(len(z), float(z @ z) / max(len(z) - 2, 1) * scale**2)
-    best = min(left, key=lambda one: left[one])
-    if left["offset"] < _BETTER * left[best]:
-        best = "offset"
-    variance = found[best]
+    found = {cause: _fitted(evidence, factors) for cause, factors in _factors(evidence).items()}
+    if steady.offset or steady.gain:  # says whether it is the offset, whatever the spray does
+        best: Cause = "gain" if found["gain"][0] < found["black body"][0] else "black body"
+        best = "offset" if steady.mostly_offset else best
+    else:
+        best = min(found, key=lambda cause: found[cause][0])
+        if found["offset"][0] < found[best][0] + _BETTER:
+            best = "offset"
+    variance = found[best][1]
     return best, variance * evidence.rise**2 if best == "black body" else variance
+
+
+def _fitted(evidence: Evidence, factors: dict[str, Floats]) -> tuple[float, Floats]:
+    """What common errors of these `factors`, (K, B) by kind, leave of chi2; their variance (K,).
+
+    Beside them, each background may have had more spray than another by as much as shots differ:
+    an unknown part of Delta I, with the variance of such parts as its prior.
+    """
+    unit = float(np.max(evidence.source["reference"]))
+    count = len(evidence.setpoints)
+    alone, together = evidence.scatter()
+    variance = {
+        "reference": evidence.camera["reference"] / evidence.number("reference")[:, None],
+        "injection": alone,
+    }
+    size = max(float(np.max(np.abs(one))) for one in factors.values())
+    normal, right, total = np.zeros((2 * count, 2 * count)), np.zeros(2 * count), 0.0
+    more = (_on_line(evidence, "injection") - _on_line(evidence, "reference")) / unit
+    for kind in KINDS:
+        signal = evidence.mean(kind) / unit
+        weight = _about_lines(evidence.source[kind] / unit, variance[kind] / unit**2)
+        off = np.einsum("bkl,lb->bk", weight, signal)
+        total += float(np.einsum("kb,bk->", signal, off))
+        columns = [factors[kind] / size, more if kind == "injection" else np.zeros_like(more)]
+        for i, one in enumerate(columns):
+            right[i * count : (i + 1) * count] += np.einsum("kb,bk->k", one, off)
+            for j, other in enumerate(columns):
+                normal[i * count : (i + 1) * count, j * count : (j + 1) * count] += np.einsum(
+                    "kb,bkl,lb->kl", one, weight, other
+                )
+    prior = evidence.number("injection") / max(together, _SAME)
+    normal[count:, count:] += np.diag(prior)
+    # The amounts of spray are solved for and leave the common errors.
+    z, y = slice(count), slice(count, None)
+    back = np.linalg.solve(normal[y, y], np.column_stack([normal[y, z], right[y]]))
+    kept = normal[z, z] - normal[z, y] @ back[:, :count]
+    side = right[z] - normal[z, y] @ back[:, count]
+    # Lines absorb some directions of the errors: the least ones that explain it are found.
+    amount = np.linalg.pinv(kept, rcond=_TOLD, hermitian=True) @ side
+    told = int(np.linalg.matrix_rank(kept, tol=_TOLD * np.max(np.diag(kept)), hermitian=True))
+    gained = float(side @ amount)
+    scale = unit / size
+    single = side**2 / np.diag(kept)
+    first = int(np.argmax(single))
+    if count >= 4 and gained - single[first] < _LONE * gained:
+        alone_z = np.zeros(count)
+        alone_z[first] = side[first] / kept[first, first] * scale
+        size2 = alone_z**2
+    else:
+        size2 = np.full(count, float(amount @ amount) / max(told, 1) * scale**2)
+    return total - float(right[y] @ back[:, count]) - gained, size2
 
 
 def _about_lines(x: Floats, variance: Floats) -> Floats:
@@ -134,7 +245,10 @@ def _wander(evidence: Evidence, cause: Cause) -> tuple[Floats, Floats]:
     every = np.ones(evidence.blocks, bool)
     noise = evidence.camera["reference"].mean(axis=1) / evidence.blocks
     series = evidence.picture("reference", every)
-    each = np.array([np.var(one, ddof=1) if len(one) > 1 else 0.0 for one in series])
-    near = np.array([np.mean(np.diff(one) ** 2) / 2.0 if len(one) > 1 else 0.0 for one in series])
-    factor = np.array([np.mean(one) for one in series]) if cause == "gain" else 1.0
-    return tuple(np.maximum(one - noise, 0.0) / factor**2 for one in (each, near))  # type: ignore[return-value]
+    whole = np.array([np.var(one, ddof=1) if len(one) > 1 else 0.0 for one in series])
+    factor = np.array([np.mean(one) for one in series]) if cause == "gain" else np.ones(len(series))
+    each, jitter = (
+        np.maximum(one - noise, 0.0) / factor**2
+        for one in (whole, evidence.jitter("reference", every))
+    )
+    return each, np.minimum(jitter, each)

@@ -24,6 +24,7 @@ class Evidence:
     temperatures_K, source: of the black body, and of its radiance in the chamber, (K,) by kind.
     rise: (K,) radiance per kelvin. shots: by kind, for each background (n, B) radiance of each
     shot. camera: (K, B) by kind, variance of one shot's block by the camera's noise.
+    numbers: by kind, for each background (n,) places of the shots among all.
     own_radiance: of a black body, over its temperature. warmest: radiance that no spray without a
     flame exceeds.
     """
@@ -34,6 +35,7 @@ class Evidence:
     rise: Floats
     shots: Mapping[str, tuple[Floats, ...]]
     camera: Mapping[str, Floats]
+    numbers: Mapping[str, tuple[Floats, ...]]
     own_radiance: Callable[[Floats], Floats]
     warmest: float
 
@@ -66,6 +68,7 @@ class Evidence:
         scale = calibration.counts_per_radiance * whole.front.transmission
         shots: dict[str, tuple[Floats, ...]] = {}
         camera: dict[str, Floats] = {}
+        numbers: dict[str, tuple[Floats, ...]] = {}
         temperatures = {
             kind: np.array([sums[k, kind].temperature_K for k in setpoints]) for kind in KINDS
         }
@@ -80,6 +83,10 @@ class Evidence:
                 ]
                 parts.append((np.array(kept, float) - calibration.offset_counts) / scale)
             shots[kind] = tuple(parts)
+            numbers[kind] = tuple(
+                np.array(sums[k, kind].numbers, float)[np.array(sums[k, kind].weights) > 0.0]
+                for k in setpoints
+            )
             counts = np.array([part.mean(axis=0) for part in parts]) * scale
             noise = calibration.variance_counts2(counts + calibration.offset_counts)
             camera[kind] = noise / scale**2 / pixels
@@ -91,6 +98,7 @@ class Evidence:
             rise=(whole.leaving(near + 0.01) - whole.leaving(near - 0.01)) / 0.02,
             shots=shots,
             camera=camera,
+            numbers=numbers,
             own_radiance=whole.radiance,
             warmest=float(whole.radiance(warmest_K)),
         )
@@ -105,8 +113,8 @@ class Evidence:
         return np.array([float(len(part)) for part in self.shots[kind]])
 
     def degrees(self, kind: str) -> int:
-        """Degrees of freedom of how shots of a kind scatter, over all backgrounds."""
-        return int(np.sum(self.number(kind) - 1.0))
+        """Degrees of freedom of `jitter`, over all backgrounds."""
+        return int(np.sum(_spare(self.number(kind))))
 
     def mean(self, kind: str) -> Floats:
         """(K, B) means over the shots of a kind."""
@@ -116,30 +124,77 @@ class Evidence:
         """For each background, (n,) means of each shot of a kind over the `chosen` blocks (B,)."""
         return [part[:, chosen].mean(axis=1) for part in self.shots[kind]]
 
+    def jitter(self, kind: str, chosen: NDArray[np.bool_]) -> Floats:
+        """(K,) variance of one shot's mean over the `chosen` blocks (B,), without what is slow.
+
+        It is that about a straight line over the places of the shots: a steady drift is no noise
+        of their mean. Of two shots it is half the square of their difference.
+        """
+        return np.array(
+            [
+                _about_line(places, one)
+                for places, one in zip(self.numbers[kind], self.picture(kind, chosen), strict=True)
+            ]
+        )
+
     def variance(self, kind: str, chosen: NDArray[np.bool_]) -> Floats:
         """(K,) variance of the mean of a kind's shots over the `chosen` blocks (B,).
 
-        The largest of the camera's noise, of the scatter before this background and of that before
+        The largest of the camera's noise, of the jitter before this background and of that before
         all of them: a few shots may agree by chance.
         """
         n = self.number(kind)
         noise = self.camera[kind][:, chosen].mean(axis=1) / chosen.sum()
-        series = self.picture(kind, chosen)
-        each = np.array([np.var(one, ddof=1) if len(one) > 1 else 0.0 for one in series])
-        pooled = np.sum(each * (n - 1.0)) / max(np.sum(n - 1.0), 1.0)
+        each = self.jitter(kind, chosen)
+        spare = _spare(n)
+        pooled = np.sum(each * spare) / max(np.sum(spare), 1.0)
         return np.asarray(np.maximum(np.maximum(noise, each), pooled) / n)
 
-    def scatter(self, kind: str) -> Floats:
-        """(K, B) variance of each block's mean: camera, and a scatter that grows with Delta I."""
-        n = self.number(kind)[:, None]
-        camera = self.camera[kind]
-        if kind == "reference" or self.degrees(kind) == 0:
-            return np.asarray(camera / n)
-        square = (self.mean("injection") - self.mean("reference")) ** 2
-        seen = np.array(
-            [np.var(p, axis=0, ddof=1) if len(p) > 1 else 0.0 * p[0] for p in self.shots[kind]]
-        )
-        weight = (n - 1.0) * np.ones_like(square)
-        total = float(np.sum(weight * square**2))
-        q = float(np.sum(weight * (seen - camera) * square)) / total if total > 0.0 else 0.0
-        return np.asarray((camera + max(q, 0.0) * square) / n)
+    def scatter(self) -> tuple[Floats, float]:
+        """How injections scatter beyond the camera's noise, in parts of Delta I.
+
+        Returns:
+            (K, B) variance of each block's mean on its own, and the variance of the part of
+            Delta I that one shot has more than another in all blocks.
+        """
+        difference = self.mean("injection") - self.mean("reference")
+        n = self.number("injection")[:, None]
+        camera = self.camera["injection"]
+        many = [k for k, part in enumerate(self.shots["injection"]) if len(part) > 1]
+        if not many:
+            return np.asarray(camera / n), 0.0
+        alone, together, weight = 0.0, 0.0, 0.0
+        for k in many:
+            part = self.shots["injection"][k]
+            away = part - part.mean(axis=0)
+            square = float(difference[k] @ difference[k])
+            if not square > 0.0:
+                continue
+            amount = away @ difference[k] / square
+            noise = float(camera[k] @ difference[k] ** 2) / square**2
+            rest = away - amount[:, None] * difference[k]
+            fourth = float(np.sum(difference[k] ** 4))
+            spare = len(part) - 1
+            excess = np.sum(rest**2, axis=0) / spare - camera[k]
+            alone += spare * float(excess @ difference[k] ** 2) / fourth
+            together += spare * (float(np.sum(amount**2)) / spare - noise)
+            weight += spare
+        if not weight:
+            return np.asarray(camera / n), 0.0
+        alone, together = max(alone / weight, 0.0), max(together / weight, 0.0)
+        return np.asarray((camera + alone * difference**2) / n), together
+
+
+def _spare(n: Floats) -> Floats:
+    """Degrees of freedom about a line, of two points about their mean."""
+    return np.maximum(n - 2.0, np.minimum(n - 1.0, 1.0))
+
+
+def _about_line(places: Floats, values: Floats) -> float:
+    """Variance of `values` (n,) about a straight line over `places` (n,); 0 of one."""
+    if len(values) < 3:
+        return float(np.var(values, ddof=1)) if len(values) == 2 else 0.0
+    away = places - places.mean()
+    off = values - values.mean()
+    off = off - away * float(away @ off) / float(away @ away)
+    return float(off @ off) / (len(values) - 2)

@@ -120,8 +120,8 @@ def examine(
             between.witness,
             moved,
         ),
-        drifts=(*given, common.drift),
-        systematic=replace(between.systematic, extra=extra),
+        drifts=(*given, *common.drifts),
+        systematic=replace(between.systematic, tilt=common.tilt, extra=extra),
     )
 
 
