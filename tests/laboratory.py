@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from cldit.acquisition.plan import Plan
 from cldit.bench.evaluation_bias import Recorded, Shot
@@ -77,6 +77,7 @@ def laboratory(
     references: int = 8,
     shots: int = 8,
     scatter: float = 0.03,
+    patch_pixels: float | None = None,
     interleave: bool = True,
     drifts: Drifts | None = None,
     offset_of_injections: float = 0.0,
@@ -92,7 +93,8 @@ def laboratory(
         backgrounds_K: set points, in the order in which they are visited.
         shape: rows, columns.
         references, shots: before each background.
-        scatter: of the amount of spray from shot to shot, in the mean and in a smooth field.
+        scatter: of the amount of spray from shot to shot, in all of the picture and in a smooth
+            field. patch_pixels: in patches of this size alone; None: in both.
         interleave: kinds alternate as in a plan; else all references come first.
         drifts: of camera and black body, from the first shot to the last.
         offset_of_injections: counts by which the camera differs.
@@ -123,11 +125,11 @@ def laboratory(
         real_K = step.background_K + (off_K or {}).get(step.background_K, 0.0)
         real_K += drifts.blackbody_K * _SHOT_MINUTES * (taken % (references + shots))
         offset = drifts.offset_counts * taken
-        amount = 0.0
+        amount = np.zeros(shape)
         if step.kind == "injection":
             real_K += blackbody_of_injections_K
             offset += offset_of_injections
-            amount = 1.0 + scatter * (rng.standard_normal() + _smooth(shape, rng))
+            amount = 1.0 + scatter * _amount(shape, rng, patch_pixels)
         through = np.exp(-depth * amount)
         inside = through * whole.leaving(real_K) + (1.0 - through) * own
         bright = (
@@ -145,11 +147,9 @@ def laboratory(
     )
 
 
-def _smooth(shape: tuple[int, int], rng: np.random.Generator) -> Any:
-    """A field of variance 1 with waves as long as a third of the picture."""
-    rows, columns = (np.linspace(0.0, 2.0 * np.pi, size) for size in shape)
-    field = np.zeros(shape)
-    for _ in range(4):
-        a, b = rng.uniform(-3.0, 3.0, 2)
-        field += np.cos(a * rows[:, None] + b * columns + rng.uniform(0.0, 2.0 * np.pi))
-    return field / np.sqrt(2.0)
+def _amount(shape: tuple[int, int], rng: np.random.Generator, patch_pixels: float | None) -> Floats:
+    """(h, w) of variance 1 in patches; or of variance 2, half of it in all of the picture."""
+    smooth = min(shape) / 6.0 if patch_pixels is None else patch_pixels
+    field = gaussian_filter(rng.standard_normal(shape), smooth, mode="wrap")
+    field /= np.sqrt(np.mean(field**2))
+    return np.asarray(field + rng.standard_normal() if patch_pixels is None else field)

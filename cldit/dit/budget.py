@@ -75,8 +75,8 @@ class Budget:
         return [
             (
                 "statistical, with what the witnesses found",
-                stated.apparent_temperature_standard_error_K,
-                stated.emissivity_standard_error,
+                stated.apparent_temperature_standard_error_K.astype(float),
+                stated.emissivity_standard_error.astype(float),
             ),
             *((one.name, one.kelvin, one.emissivity) for one in self.parts),
             ("total", self.total_K, self.total_emissivity),

@@ -155,11 +155,15 @@ def evaluate_shots(
         fitted = fit_curve(np.array(temperatures_K), np.array(counts), filter_um=filter_um)
         chosen = fitted.curve
     middle_K = reference_temperature_K(setpoints)
-    whole = Boundary.of(
-        around,
-        chosen.radiance,
-        lambda window: band_pane(window, filter_um, reference_K=middle_K),
-    )
+
+    def boundary(of: Curve) -> Boundary:
+        return Boundary.of(
+            around,
+            of.radiance,
+            lambda window: band_pane(window, filter_um, reference_K=middle_K),
+        )
+
+    whole = boundary(chosen)
     sources: dict[str, Floats] = {}
     for kind in ("reference", "injection"):
         means = [sums[setpoint, kind].temperature_K for setpoint in setpoints]
@@ -170,11 +174,17 @@ def evaluate_shots(
         acquisition.calibration, sums, sees, sources["reference"] * whole.front.transmission
     )
     examined = examine(
-        sums, setpoints, sees=sees, whole=whole, around=around, calibration=calibration
+        sums,
+        setpoints,
+        sees=sees,
+        whole=whole,
+        around=around,
+        calibration=calibration,
+        unfitted=None if fitted is None else boundary(Curve(filter_um=filter_um)),
     )
     witnesses += examined.witnesses
-    refuse([one for one in witnesses if one.name != "kinds"], accept)
     check_not_mirrored(sums, sources)
+    refuse([one for one in witnesses if one.name != "kinds"], accept)
     maps = _solved(
         sums,
         setpoints,

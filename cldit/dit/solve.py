@@ -49,21 +49,31 @@ class Drift:
         return np.ones(signals[0].shape[1]), np.ones(signals[0].shape[1])
 
 
+@dataclass(frozen=True)
+class Absorbed:
+    """Slope and start of the line, over the radiance of the background, through an offset that
+    drifts steadily: the lines of both kinds take it for their own."""
+
+    slope: float = 0.0
+    start: float = 0.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class Systematic:
-    """How far injections may stand off references for another reason than the spray.
+    """Errors that are the same before all backgrounds, or of one picture.
+
+    The first four: how far injections may stand off references for another reason than the spray.
 
     offset: radiance, in every pixel. kelvin: of the black body. slope, start: of the line through
-    its radiance per kelvin, over the radiance of the background. tilt: slope and start of the line
-    of an offset that both kinds share. extra: (K, ...) variance of the injections' means of each
-    pixel.
+    its radiance per kelvin, over the radiance of the background. absorbed: drift that both kinds
+    share. extra: (K, ...) variance of the injections' means of each pixel.
     """
 
     offset: float = 0.0
     kelvin: float = 0.0
     slope: float = 0.0
     start: float = 0.0
-    tilt: tuple[float, float] = (0.0, 0.0)
+    absorbed: Absorbed = Absorbed()
     extra: Floats | None = None
 
     def rows(self, rows: slice) -> Systematic:
@@ -76,7 +86,8 @@ class Systematic:
         apart = np.zeros_like(lines.values)
         apart[:, 2] = self.kelvin * self.slope * s
         apart[:, 3] = self.offset + self.kelvin * self.start * s
-        both = np.broadcast_to(np.array([*self.tilt, *self.tilt]), apart.shape)
+        line = (self.absorbed.slope, self.absorbed.start)
+        both = np.broadcast_to(np.array([*line, *line]), apart.shape)
         covariance = lines.covariance + sum(
             moved[:, :, None] * moved[:, None, :] for moved in (apart, both)
         )

@@ -7,11 +7,13 @@ changed. Injections do the same in the pixels with the least spray.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.dit.witness.evidence import Evidence
-from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, by_background, sure
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Acceptable, Witness, by_background, sure
 from cldit.dit.witness.lines import OffLine, off_line, squares
 
 Floats = NDArray[np.float64]
@@ -41,6 +43,41 @@ def injections(evidence: Evidence, *, stated_K: Floats) -> Witness:
     return _judge(evidence, "injection", clearest(evidence), stated_K=stated_K)[0]
 
 
+def fitted_over(
+    as_stated: Evidence, fitted: Evidence, lined: Witness, *, stated_K: Floats
+) -> Witness:
+    """Whether a fitted filter hides one background that is off.
+
+    Args:
+        as_stated, fitted: of the filter as stated, and as fitted to the references.
+        lined: what the references say of the fitted one.
+        stated_K: as in `references`.
+
+    Returns:
+        `lined`, or a severe witness where one background explains the references and no filter
+        does.
+    """
+    other, off = references(as_stated, stated_K=stated_K)
+    if off is None or off.lone is None or not other.stands_out:
+        return lined
+    keep = np.arange(len(stated_K)) != off.lone
+    alone, curve = (
+        squares(
+            one.source["reference"][which],
+            one.mean("reference").mean(axis=1)[which],
+            one.rise[which],
+        )
+        for one, which in ((as_stated, keep), (fitted, np.ones_like(keep)))
+    )
+    if alone > 0.1 * curve:
+        return lined
+    return replace(
+        other,
+        text=f"{other.text}; no other filter explains that: use --calibration planck",
+        severe=True,
+    )
+
+
 def clearest(evidence: Evidence) -> NDArray[np.bool_]:
     """(B,) the blocks with the least spray: 30 % of them, by the slope of the injections."""
     slope = slopes(evidence)
@@ -55,14 +92,15 @@ def slopes(evidence: Evidence) -> Floats:
         away = (x - x.mean()) / np.max(np.abs(x - x.mean()))
         found.append(away @ evidence.mean(kind))
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.nan_to_num(found[1] / found[0], nan=1.0, posinf=1.0, neginf=0.0)
+        ratio = found[1] / found[0]
+    return np.asarray(np.nan_to_num(ratio, nan=1.0, posinf=1.0, neginf=0.0))
 
 
 def _judge(
     evidence: Evidence, kind: str, chosen: NDArray[np.bool_], *, stated_K: Floats
 ) -> tuple[Witness, OffLine | None]:
     of = f"{kind}s against each other"
-    name = "backgrounds" if kind == "reference" else "injections"
+    name: Acceptable = "backgrounds" if kind == "reference" else "injections"
     if len(evidence.setpoints) < 3:
         text = f"{of}: two backgrounds lie on any line; a third one would tell"
         return Witness(name=name, text=text), None

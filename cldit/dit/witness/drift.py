@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.dit.solve import Cause, Drift
+from cldit.dit.solve import Absorbed, Cause, Drift
 from cldit.dit.witness.backgrounds import slopes
 from cldit.dit.witness.evidence import KINDS, Evidence
 from cldit.dit.witness.finding import sure
@@ -25,7 +25,7 @@ from cldit.dit.witness.lines import OffLine
 
 Floats = NDArray[np.float64]
 
-_BETTER = 25.0  # of chi2, from which another cause is believed rather than the offset
+_BETTER = 1.1  # ratio of what is left, from which a less likely cause is believed
 _TOLD = 1e-4  # of the best determined direction: below it nothing is told
 _SAME = 1e-12  # variance of parts of Delta I where all shots are alike
 _LONE = 0.1  # share of what is explained, that one background alone may leave
@@ -33,11 +33,11 @@ _LONE = 0.1  # share of what is explained, that one background alone may leave
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """drifts: for the fit. tilt: slope and start of the offset's own line over the radiance of the
-    background, which no line tells from the gain. cause: in words; empty where none stands out."""
+    """drifts: for the fit. absorbed: of a steady drift, what lines take for their own. cause: in
+    words; empty where none stands out."""
 
     drifts: tuple[Drift, ...]
-    tilt: tuple[float, float]
+    absorbed: Absorbed
     cause: str
 
 
@@ -56,18 +56,17 @@ def find(evidence: Evidence, off: OffLine | None) -> Found:
     if beyond:
         cause, variance = _cause(evidence, steady)
         variances = {cause: variance}
-    tilt = (0.0, 0.0)
     way = steady.places - steady.places.mean()
+    x = evidence.source["reference"]
+    absorbed = Absorbed()
     if steady.offset:
-        half = 0.5 * steady.offset * np.ptp(way)
-        variances["offset"] = np.maximum(variances.get("offset", none), half**2)
-        x = evidence.source["reference"]
-        slope, start = np.polyfit(x / x.max(), steady.offset * way, 1)
-        tilt = (float(slope / x.max()), float(start))
+        absorbed = Absorbed(*_line(x, steady.offset * way))
     # A black body drifts as a gain does, but starts anew before each background.
-    if steady.gain and beyond and cause != "black body":
-        half = 0.5 * steady.gain * np.ptp(way)
-        variances["gain"] = np.maximum(variances.get("gain", none), half**2)
+    if steady.gain and (beyond or len(x) == 2) and cause != "black body":
+        # It is one vector over the backgrounds, not one number each: its whole square is the
+        # variance that covers it whichever way the fit looks.
+        whole = float(np.sum((steady.gain * way) ** 2))
+        variances["gain"] = np.maximum(variances.get("gain", none), whole)
     each, jitter = _wander(evidence, cause)
     drifts = [
         Drift(
@@ -78,7 +77,13 @@ def find(evidence: Evidence, off: OffLine | None) -> Found:
         )
         for of, variance in variances.items()
     ]
-    return Found(drifts=tuple(drifts), tilt=tilt, cause=_SAYS[cause] if beyond else "")
+    return Found(drifts=tuple(drifts), absorbed=absorbed, cause=_SAYS[cause] if beyond else "")
+
+
+def _line(x: Floats, values: Floats) -> tuple[float, float]:
+    """Slope and start of the line through `values` (K,) over `x` (K,)."""
+    slope, start = np.polyfit(x / x.max(), values, 1)
+    return float(slope / x.max()), float(start)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,9 +168,12 @@ def _cause(evidence: Evidence, steady: Trend) -> tuple[Cause, Floats]:
         best: Cause = "gain" if found["gain"][0] < found["black body"][0] else "black body"
         best = "offset" if steady.mostly_offset else best
     else:
+        # One background that is off has another temperature; all of them, another offset. How a
+        # spray scatters is much alike in blocks that are near, so a little is no proof.
+        lone = np.count_nonzero(found["black body"][1]) == 1
+        likely: Cause = "black body" if lone else "offset"
         best = min(found, key=lambda cause: found[cause][0])
-        if found["offset"][0] < found[best][0] + _BETTER:
-            best = "offset"
+        best = likely if found[likely][0] < _BETTER * found[best][0] else best
     variance = found[best][1]
     return best, variance * evidence.rise**2 if best == "black body" else variance
 

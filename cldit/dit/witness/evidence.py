@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,13 +108,27 @@ class Evidence:
         """How many blocks there are."""
         return self.shots["reference"][0].shape[1]
 
+    def halves(self) -> tuple[Evidence, Evidence] | None:
+        """Every other shot of both kinds, and the rest; None where a background has only one."""
+        if min(len(part) for kind in KINDS for part in self.shots[kind]) < 2:
+            return None
+
+        def half(first: int) -> Evidence:
+            return replace(
+                self,
+                shots={k: tuple(part[first::2] for part in self.shots[k]) for k in KINDS},
+                numbers={k: tuple(part[first::2] for part in self.numbers[k]) for k in KINDS},
+            )
+
+        return half(0), half(1)
+
     def number(self, kind: str) -> Floats:
         """(K,) shots of a kind."""
         return np.array([float(len(part)) for part in self.shots[kind]])
 
     def degrees(self, kind: str) -> int:
         """Degrees of freedom of `jitter`, over all backgrounds."""
-        return int(np.sum(_spare(self.number(kind))))
+        return int(float(np.sum(_spare(self.number(kind)))))
 
     def mean(self, kind: str) -> Floats:
         """(K, B) means over the shots of a kind."""
@@ -187,7 +201,7 @@ class Evidence:
 
 def _spare(n: Floats) -> Floats:
     """Degrees of freedom about a line, of two points about their mean."""
-    return np.maximum(n - 2.0, np.minimum(n - 1.0, 1.0))
+    return np.asarray(np.maximum(n - 2.0, np.minimum(n - 1.0, 1.0)))
 
 
 def _about_line(places: Floats, values: Floats) -> float:

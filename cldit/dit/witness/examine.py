@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cldit.camera.calibration import Calibration
 from cldit.dit.shots import Sums
-from cldit.dit.solve import Drift, Systematic
+from cldit.dit.solve import Cause, Drift, Systematic
 from cldit.dit.witness import backgrounds, drift, pictures
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import Witness
@@ -68,6 +68,7 @@ def examine(
     whole: Boundary,
     around: Surroundings,
     calibration: Calibration,
+    unfitted: Boundary | None = None,
 ) -> Examined:
     """What the shots say of each other.
 
@@ -78,6 +79,8 @@ def examine(
         whole: measurement equation in the filter.
         around: what the camera sees beside the spray.
         calibration: of the camera.
+        unfitted: `whole` with the filter as stated, where it is of a curve that was fitted to the
+            references.
     """
     given = stated(sums, setpoints, whole=whole, around=around, calibration=calibration)
     if not sees.any():
@@ -99,6 +102,16 @@ def examine(
     scale = calibration.counts_per_radiance * whole.front.transmission
     stated_K = np.sqrt(_stated_K2(given, evidence))
     lined, off = backgrounds.references(evidence, stated_K=stated_K)
+    if unfitted is not None:
+        as_stated = Evidence.of(
+            sums,
+            setpoints,
+            sees=sees,
+            whole=unfitted,
+            calibration=calibration,
+            warmest_K=max(warm_K),
+        )
+        lined = backgrounds.fitted_over(as_stated, evidence, lined, stated_K=stated_K)
     common = drift.find(evidence, off)
     if common.cause and lined.stands_out:
         lined = replace(lined, text=f"{lined.text}, {common.cause}")
@@ -121,7 +134,7 @@ def examine(
             moved,
         ),
         drifts=(*given, *common.drifts),
-        systematic=replace(between.systematic, tilt=common.tilt, extra=extra),
+        systematic=replace(between.systematic, absorbed=common.absorbed, extra=extra),
     )
 
 
@@ -145,13 +158,14 @@ def stated(
     rise = (whole.leaving(backgrounds_K + 0.01) - whole.leaving(backgrounds_K - 0.01)) / 0.02
     none = np.zeros(len(setpoints))
     offset2 = (around.camera_offset_error_counts / scale) ** 2
+    variances: dict[Cause, Floats] = {
+        "black body": rise**2 * (around.background_error_K**2 + readings_K2),
+        "offset": none + offset2,
+        "gain": none + around.camera_gain_error**2,
+    }
     return tuple(
         Drift(cause=cause, variance=variance, each=none, jitter=none)
-        for cause, variance in (
-            ("black body", rise**2 * (around.background_error_K**2 + readings_K2)),
-            ("offset", none + offset2),
-            ("gain", none + around.camera_gain_error**2),
-        )
+        for cause, variance in variances.items()
         if variance.any()
     )
 

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.dit.shots import Sums
-from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, by_background
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, by_background, sure
 
 Floats = NDArray[np.float64]
 
 _TILES = 4  # along either axis: their scatter is the noise of the shift
-_DEVIATIONS = 6.0
 _WORTH_PIXELS = 0.1
 
 
@@ -60,6 +59,8 @@ def shift(
         slope = np.array(np.gradient(delta[k])) / counts_per_kelvin[k]
         moved[k], noise[k], gained[k] = _fit(slope, left[k] / keep[k, k], inner)
         gained[k] *= keep[k, k]
+    wander, degrees = _wander(sums, setpoints)
+    noise = np.hypot(noise, wander)
     at = int(np.argmax(gained))
     size = float(np.hypot(*moved[at]))
     kelvin = np.array(
@@ -68,9 +69,9 @@ def shift(
     noise_K = np.array(
         [_kelvin(delta[k], noise[k], inner) / counts_per_kelvin[k] for k in range(count)]
     )
-    sure = bool(np.any(np.abs(moved[at]) > _DEVIATIONS * noise[at])) and size > _WORTH_PIXELS
+    beyond = bool(np.any(np.abs(moved[at]) > sure(degrees) * noise[at])) and size > _WORTH_PIXELS
     text += by_background(setpoints, kelvin, noise_K)
-    stands_out = sure and kelvin[at] > WORTH_K
+    stands_out = beyond and kelvin[at] > WORTH_K
     widened: dict[float, Floats] = {}
     if stands_out:
         text += (
@@ -125,6 +126,32 @@ def _fit(slope: Floats, left: Floats, where: NDArray[np.bool_]) -> tuple[Floats,
     share = (_TILES**2 - 1) / _TILES**2
     noise = np.sqrt(share * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
     return u, noise, float(u @ side)
+
+
+def _wander(
+    sums: Mapping[tuple[float, str], Sums], setpoints: Sequence[float]
+) -> tuple[Floats, int]:
+    """(K, 2) how far the mean spray lies by chance, from how its shots lie; degrees of freedom.
+
+    Every shot is fitted by the gradient of the mean, in the blocks of the thumbnails.
+    """
+    each, shots = np.zeros((len(setpoints), 2)), np.zeros(len(setpoints))
+    for k, setpoint in enumerate(setpoints):
+        group = sums[setpoint, "injection"]
+        shape = np.array(group.total.shape)
+        small = np.array(group.thumbnails, float)
+        shots[k] = len(small)
+        if len(small) < 2 or min(small.shape[1:]) < 2:
+            continue
+        mean = small.mean(axis=0) - np.mean(sums[setpoint, "reference"].thumbnails, axis=0)
+        g = np.array(np.gradient(mean)).reshape(2, -1)
+        away = (small - small.mean(axis=0)).reshape(len(small), -1)
+        moved = -(np.linalg.pinv(g @ g.T, hermitian=True) @ g @ away.T).T
+        moved = moved * (shape / np.array(mean.shape))
+        each[k] = np.sum(moved**2, axis=0) / (len(small) - 1)
+    spare = np.maximum(shots - 1.0, 0.0)
+    pooled = spare @ each / max(spare.sum(), 1.0)
+    return np.sqrt(np.maximum(each, pooled) / shots[:, None]), int(spare.sum())
 
 
 def _kelvin(delta: Floats, moved: Floats, inner: NDArray[np.bool_]) -> float:
