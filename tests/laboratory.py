@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, shift
 
 from cldit.acquisition.plan import Plan
 from cldit.bench.evaluation_bias import Recorded, Shot
@@ -84,6 +84,7 @@ def laboratory(
     blackbody_of_injections_K: float = 0.0,
     off_K: dict[float, float] | None = None,
     gain_from: dict[float, float] | None = None,
+    spray_shift: dict[float, tuple[float, float]] | None = None,
     plume: bool = True,
 ) -> Laboratory:
     """Records a spray.
@@ -101,6 +102,7 @@ def laboratory(
         blackbody_of_injections_K: kelvin by which the black body is warmer with injections.
         off_K: kelvin by which the black body is warmer than said, by set point.
         gain_from: relative change of the gain by set point.
+        spray_shift: rows and columns by which the camera sees the spray elsewhere, by set point.
         plume: False: no spray at all.
     """
     rng = np.random.default_rng(seed)
@@ -131,7 +133,9 @@ def laboratory(
             offset += offset_of_injections
             amount = 1.0 + scatter * _amount(shape, rng, patch_pixels)
         through = np.exp(-depth * amount)
-        inside = through * whole.leaving(real_K) + (1.0 - through) * own
+        moved = (spray_shift or {}).get(step.background_K, (0, 0))
+        through, emitted = (shift(one, moved, order=1, mode="nearest") for one in (through, own))
+        inside = through * whole.leaving(real_K) + (1.0 - through) * emitted
         bright = (
             gain
             * (1.0 + drifts.gain * taken)

@@ -102,6 +102,9 @@ def examine(
     scale = calibration.counts_per_radiance * whole.front.transmission
     stated_K = np.sqrt(_stated_K2(given, evidence))
     lined, off = backgrounds.references(evidence, stated_K=stated_K)
+    common = drift.find(evidence, off)
+    if common.cause and lined.stands_out:
+        lined = replace(lined, text=f"{lined.text}, {common.cause}")
     if unfitted is not None:
         as_stated = Evidence.of(
             sums,
@@ -112,9 +115,6 @@ def examine(
             warmest_K=max(warm_K),
         )
         lined = backgrounds.fitted_over(as_stated, evidence, lined, stated_K=stated_K)
-    common = drift.find(evidence, off)
-    if common.cause and lined.stands_out:
-        lined = replace(lined, text=f"{lined.text}, {common.cause}")
     between = kinds(evidence)
     moved, widened = shift(
         sums,

@@ -1,8 +1,8 @@
-"""Is every picture the same way up? Pixels differ a little in gain, which tells.
+"""Does every picture lie alike? Pixels differ a little in gain, which tells.
 
 The pattern of a camera's pixels, each against its neighbours, is the same in references and
-injections and before every background. Where it is found again better in a mirrored or turned
-picture, that picture is mirrored or turned. What the spray looks like tells the same of the
+injections and before every background. Where it is found again better in a mirrored, turned or
+shifted picture, a program did that to the picture. What the spray looks like tells the same of the
 injections of one background among the others.
 """
 
@@ -49,7 +49,8 @@ def orientation(
         for setpoint in setpoints:
             own = patterns[setpoint, kind]
             others = total - own if kind == "reference" else total
-            found = _turned(own, others, least=_DEVIATIONS / np.sqrt(own.size))
+            least = _DEVIATIONS / np.sqrt(own.size)
+            found = _turned(own, others, least=least) or _shifted(own, others, least=least)
             if found is not None:
                 wrong.append(f"{kind}s before {setpoint:g} K are {found}")
     if not wrong:
@@ -98,3 +99,19 @@ def _turned(own: Floats, others: Floats, *, least: float) -> str | None:
         if turn(own).shape == others.shape
     )
     return name if best > least and best > 2.0 * abs(as_is) else None
+
+
+def _shifted(own: Floats, others: Floats, *, least: float) -> str | None:
+    """By how much `own` is shifted against `others`, where it is then far more alike."""
+    length = float(np.sqrt(np.sum(others**2)))
+    if not length > 0.0:
+        return None
+    alike = np.fft.irfft2(np.fft.rfft2(own) * np.conj(np.fft.rfft2(others)), s=own.shape) / length
+    best = np.unravel_index(int(np.argmax(alike)), own.shape)
+    if not alike[best] > max(least, 2.0 * abs(float(alike[0, 0]))):
+        return None
+    rows, columns = (
+        int(at) - size if at > size // 2 else int(at)
+        for at, size in zip(best, own.shape, strict=True)
+    )
+    return f"shifted by {columns:+d} columns and {rows:+d} rows"
