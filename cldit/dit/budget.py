@@ -4,10 +4,12 @@ The lines of a pixel are straight in x, the radiance that leaves the background.
 stated otherwise, x becomes x', and x = a x' + b as nearly as the camera's noise asks for (exactly,
 but for the filter). Both lines then keep their pictures, so that
 
-    I(T_app') = (I(T_app) - b) / a          emissivity' = 1 - (1 - emissivity) a_inj / a_ref
+    I(T_app') = (e I(T_app) + (1 - e) b_inj - b_ref) / (a_ref - (1 - e) a_inj)
+    e' = 1 - (1 - e) a_inj / a_ref                                                e: emissivity
 
-with a_ref and a_inj from the weights of either kind. Emissivity is free of all that is linear in x,
-and a front window drops out of both: it is in gain and offset of the pixel.
+with a and b from the weights of either kind. Where x' is linear in x they are the same for both:
+then I(T_app') = (I(T_app) - b) / a, and the emissivity does not move. A front window drops out of
+both: it is in gain and offset of the pixel.
 """
 
 from __future__ import annotations
@@ -32,6 +34,8 @@ from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.scene.vessel import Window
 
 Floats = NDArray[np.float64]
+
+_SHARES = np.linspace(0.0, 1.0, 11)  # emissivities for which the backgrounds are weighed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,17 +203,24 @@ def budget(
     emissivity = maps.emissivity.astype(float)
     radiance = curve.radiance(np.nan_to_num(kelvin, nan=300.0))
     x = stated.leaving(np.asarray(backgrounds_K))
-    weights = _weights(x, emissivity, radiance, stated, calibration)
+    through = 1.0 - emissivity
+    known = np.isfinite(kelvin)
+    spray = float(np.median(radiance[known])) if known.any() else float(x[0])
     parts: list[Part] = []
     for name, boundary, changed_curve in changed:
-        a, b = _affine(boundary.leaving(np.asarray(backgrounds_K)), x, weights[0])
-        a_inj, _ = _affine(boundary.leaving(np.asarray(backgrounds_K)), x, weights[1])
-        other_K = changed_curve.temperature(np.maximum((radiance - b) / a, 0.0))
+        other = boundary.leaving(np.asarray(backgrounds_K))
+        lines = np.array(
+            [_affine(other, x, _weight(share, x, spray, stated, calibration)) for share in _SHARES]
+        )
+        a, b = lines[0]
+        a_inj, b_inj = (np.interp(emissivity, _SHARES, column) for column in lines.T)
+        own = (radiance * emissivity + through * b_inj - b) / (a - through * a_inj)
+        other_K = changed_curve.temperature(np.maximum(np.where(known, own, 0.0), 0.0))
         parts.append(
             Part(
                 name=name,
-                kelvin=np.where(np.isfinite(kelvin), other_K - kelvin, np.nan),
-                emissivity=(1.0 - emissivity) * (1.0 - a_inj / a),
+                kelvin=np.where(known, other_K - kelvin, np.nan),
+                emissivity=through * (1.0 - a_inj / a),
             )
         )
     return Budget(parts=tuple(parts), maps=maps)
@@ -233,18 +244,12 @@ def _boundary(
     return Boundary.of(around, curve.radiance, pane)
 
 
-def _weights(
-    x: Floats, emissivity: Floats, own: Floats, stated: Boundary, calibration: Calibration
-) -> tuple[Floats, Floats]:
-    """(K,) one over the camera's variance, of references and of the median spray."""
-    known = np.isfinite(emissivity)
-    share = float(np.median(emissivity[known])) if known.any() else 0.0
-    spray = float(np.median(own[known])) if known.any() else 0.0
-    seen = (x, (1.0 - share) * x + share * spray)
-    bare, behind = (
-        1.0 / calibration.variance_counts2(calibration.counts(stated.seen(one))) for one in seen
-    )
-    return bare, behind
+def _weight(
+    emissivity: float, x: Floats, own: float, stated: Boundary, calibration: Calibration
+) -> Floats:
+    """(K,) one over the camera's variance before a spray of this emissivity and radiance."""
+    seen = stated.seen((1.0 - emissivity) * x + emissivity * own)
+    return np.asarray(1.0 / calibration.variance_counts2(calibration.counts(seen)))
 
 
 def _affine(other: Floats, x: Floats, weight: Floats) -> tuple[float, float]:

@@ -53,18 +53,17 @@ def plateau(sums: AllSums, saturation_counts: float) -> tuple[Witness | None, fl
         The witness, and the level from which a pixel says nothing.
     """
     top = max(float(group.largest.max()) for group in sums.values())
+    if top >= saturation_counts or not any(
+        np.count_nonzero(group.variance(slice(None)) > 0.0) >= _PLATEAU for group in sums.values()
+    ):  # nothing ends early, or nothing has noise that could tell
+        return None, saturation_counts
     ending: list[str] = []
     share = 0.0
     for (setpoint, kind), group in sorted(sums.items()):
-        count = len(group.ids)
-        at_top = group.largest == top
-        if top >= saturation_counts or count < 2 or len(set(group.digests)) < 2:
-            continue
-        steady = at_top & (group.mean(slice(None)) == top)
-        wavering = np.count_nonzero(group.variance(slice(None))[~at_top] > 0.0)
-        if np.count_nonzero(steady) >= _PLATEAU and wavering >= _PLATEAU:
+        steady = group.mean(slice(None)) == top
+        if len(group.ids) > 1 and np.count_nonzero(steady) >= _PLATEAU:
             ending.append(f"{kind}s before {setpoint:g} K")
-            share = max(share, float(np.mean(at_top)))
+            share = max(share, float(np.mean(group.largest == top)))
     if not ending:
         return None, saturation_counts
     return Witness(
