@@ -208,9 +208,12 @@ def budget(
     spray = float(np.median(radiance[known])) if known.any() else float(x[0])
     parts: list[Part] = []
     for name, boundary, changed_curve in changed:
-        other = boundary.leaving(np.asarray(backgrounds_K))
+        leaving = boundary.leaving(np.asarray(backgrounds_K))
         lines = np.array(
-            [_affine(other, x, _weight(share, x, spray, stated, calibration)) for share in _SHARES]
+            [
+                _affine(leaving, x, _weight(share, x, spray, stated, calibration))
+                for share in _SHARES
+            ]
         )
         a, b = lines[0]
         a_inj, b_inj = (np.interp(emissivity, _SHARES, column) for column in lines.T)

@@ -17,6 +17,7 @@ from cldit.dit.maps import Maps, Reason
 Floats = NDArray[np.float64]
 
 VISIBLE = 0.5  # share of the disc's radiance that a pixel must see without spray
+_THIN = 0.05  # emissivity below which its own radiance is not looked for
 DETECTION = 3.0  # an emissivity of fewer standard errors is not told from zero ...
 LEAST_EMISSIVITY = 1e-4  # ... nor is one below the accuracy of a trace
 
@@ -49,13 +50,30 @@ class Drift:
         return np.ones(signals[0].shape[1]), np.ones(signals[0].shape[1])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Absorbed:
-    """Slope and start of the line, over the radiance of the background, through an offset that
-    drifts steadily: the lines of both kinds take it for their own."""
+    """What the lines of both kinds take of a steady drift for their own.
 
-    slope: float = 0.0
-    start: float = 0.0
+    offset: slope and start of the line through the drift of the offset, over the radiance of the
+    background. gain: slope of that through the relative drift of the gain.
+    """
+
+    offset: tuple[float, float] = (0.0, 0.0)
+    gain: float = 0.0
+
+    def moved(self, lines: Pair) -> tuple[Floats, Floats]:
+        """(N, 4) change of both lines by the offset, and by the gain.
+
+        A gain that rises with the background makes the spray's own radiance, e I(T_app), part of
+        the slope: the emissivity loses gain e I(T_app). The same change of both slopes says so, and
+        leaves T_app to the variance of the gain.
+        """
+        g, c_ref, s, c_inj = lines.values.T
+        offset = np.broadcast_to(np.array([*self.offset, *self.offset]), lines.values.shape)
+        share = np.maximum(1.0 - s / g, _THIN)
+        tilt = self.gain * (c_inj - c_ref) / share
+        nothing = np.zeros_like(tilt)
+        return np.asarray(offset), np.stack([tilt, nothing, tilt, nothing], axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,10 +104,10 @@ class Systematic:
         apart = np.zeros_like(lines.values)
         apart[:, 2] = self.kelvin * self.slope * s
         apart[:, 3] = self.offset + self.kelvin * self.start * s
-        line = (self.absorbed.slope, self.absorbed.start)
-        both = np.broadcast_to(np.array([*line, *line]), apart.shape)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            both = self.absorbed.moved(lines)
         covariance = lines.covariance + sum(
-            moved[:, :, None] * moved[:, None, :] for moved in (apart, both)
+            moved[:, :, None] * moved[:, None, :] for moved in (apart, *both)
         )
         return Pair(lines.values, covariance, lines.chi2)
 

@@ -12,7 +12,7 @@ which Delta I knows nothing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,13 +60,15 @@ def find(evidence: Evidence, off: OffLine | None) -> Found:
     x = evidence.source["reference"]
     absorbed = Absorbed()
     if steady.offset:
-        absorbed = Absorbed(*_line(x, steady.offset * way))
-    # A black body drifts as a gain does, but starts anew before each background.
-    if steady.gain and (beyond or len(x) == 2) and cause != "black body":
+        absorbed = Absorbed(offset=_line(x, steady.offset * way))
+    # A black body drifts as a gain does, but starts anew before each background; then references
+    # stay on their line.
+    if steady.gain and (beyond or len(x) == 2):
         # It is one vector over the backgrounds, not one number each: its whole square is the
         # variance that covers it whichever way the fit looks.
         whole = float(np.sum((steady.gain * way) ** 2))
         variances["gain"] = np.maximum(variances.get("gain", none), whole)
+        absorbed = replace(absorbed, gain=_line(x, steady.gain * way)[0])
     each, jitter = _wander(evidence, cause)
     drifts = [
         Drift(
@@ -165,7 +167,8 @@ def _cause(evidence: Evidence, steady: Trend) -> tuple[Cause, Floats]:
     """The cause, and its variance (K,): radiance^2, of the gain relative."""
     found = {cause: _fitted(evidence, factors) for cause, factors in _factors(evidence).items()}
     if steady.offset or steady.gain:  # says whether it is the offset, whatever the spray does
-        best: Cause = "gain" if found["gain"][0] < found["black body"][0] else "black body"
+        blackbody = _BETTER * found["black body"][0] < found["gain"][0]
+        best: Cause = "black body" if blackbody else "gain"
         best = "offset" if steady.mostly_offset else best
     else:
         # One background that is off has another temperature; all of them, another offset. How a

@@ -106,7 +106,7 @@ class Evidence:
     @property
     def blocks(self) -> int:
         """How many blocks there are."""
-        return self.shots["reference"][0].shape[1]
+        return int(self.shots["reference"][0].shape[1])
 
     def halves(self) -> tuple[Evidence, Evidence] | None:
         """Every other shot of both kinds, and the rest; None where a background has only one."""
@@ -128,7 +128,8 @@ class Evidence:
 
     def degrees(self, kind: str) -> int:
         """Degrees of freedom of `jitter`, over all backgrounds."""
-        return int(float(np.sum(_spare(self.number(kind)))))
+        spare: Floats = _spare(self.number(kind))
+        return round(float(spare.sum()))
 
     def mean(self, kind: str) -> Floats:
         """(K, B) means over the shots of a kind."""
