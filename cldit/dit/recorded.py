@@ -93,7 +93,7 @@ class Evaluation:
                 "residual_K": self.fitted.residual_K,
             },
         }
-        return json.dumps(plain, indent=2)
+        return json.dumps(plain, indent=2, allow_nan=False)
 
 
 def evaluate_acquisition(acquisition: Acquisition, *, progress: Watch | None = None) -> Maps:

@@ -56,7 +56,7 @@ def _chi2(seeds: Iterable[int], drifts: Drifts) -> tuple[float, float]:
         [
             _squares(_evaluated(made), made)
             for made in (
-                laboratory(100 + seed, drifts=drifts, patch_pixels=1.5, shots=12, references=12)
+                laboratory(100 + seed, drifts=drifts, patch_pixels=1.5, shots=16, references=16)
                 for seed in seeds
             )
         ],

@@ -21,7 +21,7 @@ from cldit.dit.solve import Absorbed, Cause, Drift
 from cldit.dit.witness.backgrounds import slopes
 from cldit.dit.witness.evidence import KINDS, Evidence
 from cldit.dit.witness.finding import sure
-from cldit.dit.witness.lines import OffLine
+from cldit.dit.witness.lines import OffLine, squares
 
 Floats = NDArray[np.float64]
 
@@ -61,9 +61,7 @@ def find(evidence: Evidence, off: OffLine | None) -> Found:
     absorbed = Absorbed()
     if steady.offset:
         absorbed = Absorbed(offset=_line(x, steady.offset * way))
-    # A black body drifts as a gain does, but starts anew before each background; then references
-    # stay on their line.
-    if steady.gain and (beyond or len(x) == 2):
+    if steady.gain and (len(x) == 2 or (beyond and _continues(evidence, steady, way))):
         # It is one vector over the backgrounds, not one number each: its whole square is the
         # variance that covers it whichever way the fit looks.
         whole = float(np.sum((steady.gain * way) ** 2))
@@ -80,6 +78,20 @@ def find(evidence: Evidence, off: OffLine | None) -> Found:
         for of, variance in variances.items()
     ]
     return Found(drifts=tuple(drifts), absorbed=absorbed, cause=_SAYS[cause] if beyond else "")
+
+
+def _continues(evidence: Evidence, steady: Trend, way: Floats) -> bool:
+    """Whether a gain that drifts goes on from one background to the next.
+
+    A black body drifts as a gain does, but starts anew before each background: then references are
+    nearer to their line without what such a gain would make of them.
+    """
+    x, y = evidence.source["reference"], evidence.mean("reference").mean(axis=1)
+    still = y - steady.offset * way
+    without, within = (
+        squares(x, one, evidence.rise) for one in (still, still / (1.0 + steady.gain * way))
+    )
+    return within < without
 
 
 def _line(x: Floats, values: Floats) -> tuple[float, float]:

@@ -59,7 +59,7 @@ def shift(
         slope = np.array(np.gradient(delta[k])) / counts_per_kelvin[k]
         moved[k], noise[k], gained[k] = _fit(slope, left[k] / keep[k, k], inner)
         gained[k] *= keep[k, k]
-    wander, degrees = _wander(sums, setpoints)
+    wander, degrees = _wander(sums, setpoints, keep=keep, counts_per_kelvin=counts_per_kelvin)
     noise = np.hypot(noise, wander)
     at = int(np.argmax(gained))
     size = float(np.hypot(*moved[at]))
@@ -71,7 +71,7 @@ def shift(
     )
     beyond = bool(np.any(np.abs(moved[at]) > sure(degrees) * noise[at])) and size > _WORTH_PIXELS
     text += by_background(setpoints, kelvin, noise_K)
-    stands_out = beyond and kelvin[at] > WORTH_K
+    stands_out = beyond and bool(kelvin[at] > WORTH_K)
     widened: dict[float, Floats] = {}
     if stands_out:
         text += (
@@ -129,29 +129,48 @@ def _fit(slope: Floats, left: Floats, where: NDArray[np.bool_]) -> tuple[Floats,
 
 
 def _wander(
-    sums: Mapping[tuple[float, str], Sums], setpoints: Sequence[float]
+    sums: Mapping[tuple[float, str], Sums],
+    setpoints: Sequence[float],
+    *,
+    keep: Floats,
+    counts_per_kelvin: Floats,
 ) -> tuple[Floats, int]:
-    """(K, 2) how far the mean spray lies by chance, from how its shots lie; degrees of freedom.
+    """(K, 2) how large a shift shots make by chance, and degrees of freedom.
 
-    Every shot is fitted by the gradient of the mean, in the blocks of the thumbnails.
+    What each shot has beyond the mean of its background is fitted by the gradient of every
+    background's mean, in the blocks of the thumbnails, as what is left about the lines is.
+
+    Args:
+        sums, setpoints, counts_per_kelvin: as in `shift`.
+        keep: (K, K) takes what is left about the lines.
     """
-    each, shots = np.zeros((len(setpoints), 2)), np.zeros(len(setpoints))
+    groups = [sums[setpoint, "injection"] for setpoint in setpoints]
+    small = [np.array(group.thumbnails, float) for group in groups]
+    block = np.array(groups[0].total.shape) / np.array(small[0].shape[1:])
+    away = [
+        (one - one.mean(axis=0)).reshape(len(one), -1) / scale
+        for one, scale in zip(small, counts_per_kelvin, strict=True)
+    ]
+    spare = np.array([len(one) - 1.0 for one in small])
+    found = np.zeros((len(setpoints), 2))
+    if min(small[0].shape[1:]) < 2:
+        return found, 0
     for k, setpoint in enumerate(setpoints):
-        group = sums[setpoint, "injection"]
-        shape = np.array(group.total.shape)
-        small = np.array(group.thumbnails, float)
-        shots[k] = len(small)
-        if len(small) < 2 or min(small.shape[1:]) < 2:
-            continue
-        mean = small.mean(axis=0) - np.mean(sums[setpoint, "reference"].thumbnails, axis=0)
-        g = np.array(np.gradient(mean)).reshape(2, -1)
-        away = (small - small.mean(axis=0)).reshape(len(small), -1)
-        moved = -(np.linalg.pinv(g @ g.T, hermitian=True) @ g @ away.T).T
-        moved = moved * (shape / np.array(mean.shape))
-        each[k] = np.sum(moved**2, axis=0) / (len(small) - 1)
-    spare = np.maximum(shots - 1.0, 0.0)
-    pooled = spare @ each / max(spare.sum(), 1.0)
-    return np.sqrt(np.maximum(each, pooled) / shots[:, None]), int(spare.sum())
+        bare = np.mean(sums[setpoint, "reference"].thumbnails, axis=0)
+        mean = (small[k].mean(axis=0) - bare) / counts_per_kelvin[k]
+        g = np.array(np.gradient(mean)).reshape(2, -1) / block[:, None]
+        to_shift = np.linalg.pinv(g @ g.T, hermitian=True) @ g
+        # (K, 2): variance of a shift by one shot before either background
+        each = np.array(
+            [
+                np.sum((one @ to_shift.T) ** 2, axis=0) / max(left, 1.0)
+                for one, left in zip(away, spare, strict=True)
+            ]
+        )
+        each = np.maximum(each, spare @ each / max(spare.sum(), 1.0))
+        share = (keep[k] / keep[k, k]) ** 2 / (spare + 1.0)
+        found[k] = np.sqrt(share @ each)
+    return found, int(spare.sum())
 
 
 def _kelvin(delta: Floats, moved: Floats, inner: NDArray[np.bool_]) -> float:
