@@ -86,8 +86,11 @@ def _write_ome(acquisition: Acquisition, path: Path) -> None:
     width_m, height_m = acquisition.pixel_m
     size = len(acquisition.shots) * frames * int(np.prod(acquisition.shape)) * 2
     with tifffile.TiffWriter(path, ome=True, bigtiff=size > 2**32 - 2**25) as tiff:
+        kinds = sorted(  # plans interleave them
+            acquisition.shots, key=lambda shot: (shot.background, shot.kind != "reference")
+        )
         for (setpoint_K, kind), group in groupby(
-            acquisition.shots, key=lambda shot: (shot.background_setpoint_K, shot.kind)
+            kinds, key=lambda shot: (shot.background_setpoint_K, shot.kind)
         ):
             shots = list(group)
             # What is stored beside the pictures is small; the pictures pass one by one.

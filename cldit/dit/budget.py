@@ -217,7 +217,8 @@ def budget(
         )
         a, b = lines[0]
         a_inj, b_inj = (np.interp(emissivity, _SHARES, column) for column in lines.T)
-        own = (radiance * emissivity + through * b_inj - b) / (a - through * a_inj)
+        with np.errstate(divide="ignore", invalid="ignore"):  # where there is no spray at all
+            own = (radiance * emissivity + through * b_inj - b) / (a - through * a_inj)
         other_K = changed_curve.temperature(np.maximum(np.where(known, own, 0.0), 0.0))
         parts.append(
             Part(

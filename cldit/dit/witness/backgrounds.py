@@ -39,7 +39,12 @@ def references(evidence: Evidence, *, stated_K: Floats) -> tuple[Witness, OffLin
 
 
 def injections(evidence: Evidence, *, stated_K: Floats) -> Witness:
-    """Injections against each other where there is the least spray; arguments as `references`."""
+    """Injections against each other where there is the least spray.
+
+    Args:
+        evidence: of K backgrounds.
+        stated_K: (K,) standard deviation of each background that the user has stated.
+    """
     return _judge(evidence, "injection", clearest(evidence), stated_K=stated_K)[0]
 
 
@@ -51,7 +56,7 @@ def fitted_over(
     Args:
         as_stated, fitted: of the filter as stated, and as fitted to the references.
         lined: what the references say of the fitted one.
-        stated_K: as in `references`.
+        stated_K: (K,) standard deviation of each background that the user has stated.
 
     Returns:
         `lined`, or a severe witness where one background explains the references and no filter

@@ -144,6 +144,13 @@ class Evidence:
 
         It is that about a straight line over the places of the shots: a steady drift is no noise
         of their mean. Of two shots it is half the square of their difference.
+
+        Args:
+            kind: of the shots.
+            chosen: (B,) blocks.
+
+        Returns:
+            (K,) variances.
         """
         return np.array(
             [
@@ -157,6 +164,13 @@ class Evidence:
 
         The largest of the camera's noise, of the jitter before this background and of that before
         all of them: a few shots may agree by chance.
+
+        Args:
+            kind: of the shots.
+            chosen: (B,) blocks.
+
+        Returns:
+            (K,) variances.
         """
         n = self.number(kind)
         noise = self.camera[kind][:, chosen].mean(axis=1) / chosen.sum()

@@ -150,6 +150,9 @@ def stated(
 
     Args:
         sums, setpoints, whole, around, calibration: as in `examine`.
+
+    Returns:
+        One for each that is not 0.
     """
     scale = calibration.counts_per_radiance * whole.front.transmission
     groups = [sums[k, "injection"] for k in setpoints]

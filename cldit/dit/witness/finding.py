@@ -47,7 +47,12 @@ def sure(degrees: int) -> float:
 
 
 def by_background(setpoints: Sequence[float], kelvin: Floats, noise_K: Floats) -> str:
-    """`423 K +0.01 ± 0.02 K, ...`."""
+    """`423 K +0.01 ± 0.02 K, ...`.
+
+    Args:
+        setpoints: K of them.
+        kelvin, noise_K: (K,) values and their noise.
+    """
     return ", ".join(
         f"{setpoint:g} K {value:+.2f} ± {noise:.2f} K"
         for setpoint, value, noise in zip(setpoints, kelvin, noise_K, strict=True)

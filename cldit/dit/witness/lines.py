@@ -64,7 +64,11 @@ def off_line(x: Floats, y: Floats, *, rise: Floats, variance: Floats) -> OffLine
 
 
 def squares(x: Floats, y: Floats, rise: Floats) -> float:
-    """Sum of squares in kelvin of points (K,) each about their line."""
+    """Sum of squares in kelvin of K points about their line.
+
+    Args:
+        x, y, rise: (K,) as in `off_line`.
+    """
     design = np.stack([x, np.ones_like(x) * x.max()], axis=1) / rise[:, None]
     best, *_ = np.linalg.lstsq(design, y / rise, rcond=None)
     off = y / rise - design @ best

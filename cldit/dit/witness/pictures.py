@@ -79,6 +79,13 @@ def axes(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
 
     References differ from one to the next by noise, and from pixel to pixel by more. Where it is
     the other way round along one axis, the frames lie along it.
+
+    Args:
+        sums: by set point and kind.
+        setpoints: all of them.
+
+    Returns:
+        The witness; None where all is well.
     """
     wrong: set[str] = set()
     for setpoint in setpoints:
