@@ -115,7 +115,7 @@ def evaluate_shots(
     """DIT of recorded shots.
 
     Shots of one set point are averaged; one picture is held at a time, so that memory grows with
-    the number of backgrounds only (34 bytes a pixel each). A background before which a pixel was
+    the number of backgrounds only (40 bytes a pixel each). A background before which a pixel was
     saturated is left out for this pixel. Standard errors: see `cldit.dit.solve.solve`. What the
     calibration lacks of counts_per_radiance and noise is taken from the references.
 

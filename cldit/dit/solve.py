@@ -100,6 +100,8 @@ class Systematic:
 
     def widened(self, lines: Pair) -> Pair:
         """The lines with that error in their covariance, the same before all backgrounds."""
+        if not (self.offset or self.kelvin or self.absorbed != Absorbed()):
+            return lines
         s = lines.values[:, 2]
         apart = np.zeros_like(lines.values)
         apart[:, 2] = self.kelvin * self.slope * s

@@ -27,6 +27,7 @@ Floats = NDArray[np.float64]
 
 _BETTER = 1.1  # ratio of what is left, from which a less likely cause is believed
 _TOLD = 1e-4  # of the best determined direction: below it nothing is told
+_LEFT = 0.5  # of what a gain does to the emissivity, where its variance is in the fit: measured
 _SAME = 1e-12  # variance of parts of Delta I where all shots are alike
 _LONE = 0.1  # share of what is explained, that one background alone may leave
 
@@ -66,7 +67,7 @@ def find(evidence: Evidence, off: OffLine | None) -> Found:
         # variance that covers it whichever way the fit looks.
         whole = float(np.sum((steady.gain * way) ** 2))
         variances["gain"] = np.maximum(variances.get("gain", none), whole)
-        absorbed = replace(absorbed, gain=_line(x, steady.gain * way)[0])
+        absorbed = replace(absorbed, gain=_LEFT * _line(x, steady.gain * way)[0])
     each, jitter = _wander(evidence, cause)
     drifts = [
         Drift(

@@ -103,7 +103,7 @@ def examine(
     stated_K = np.sqrt(_stated_K2(given, evidence))
     lined, off = backgrounds.references(evidence, stated_K=stated_K)
     common = drift.find(evidence, off)
-    if common.cause and lined.stands_out:
+    if common.cause and lined.stands_out and not lined.severe:
         lined = replace(lined, text=f"{lined.text}, {common.cause}")
     if unfitted is not None:
         as_stated = Evidence.of(
