@@ -68,6 +68,17 @@ def test_no_false_alarm() -> None:
     assert [line for seed in range(20) for line in _clean(seed)] == []
 
 
+@pytest.mark.parametrize("plume", [True, False])
+@pytest.mark.parametrize(("references", "shots"), [(1, 1), (1, 3), (2, 1)])
+def test_single_shots_are_no_alarm(references: int, shots: int, plume: bool) -> None:
+    """Nothing tells how single shots scatter but the camera's noise; without scatter it is all."""
+    for seed in range(2):
+        made = laboratory(
+            seed, shape=SMALL, references=references, shots=shots, plume=plume, scatter=0.0
+        )
+        assert not any(one.stands_out for one in evaluate_shots(made.recorded).witnesses)
+
+
 @pytest.mark.slow
 def test_no_false_alarm_of_two_hundred() -> None:
     assert [line for seed in range(200) for line in _clean(seed)] == []

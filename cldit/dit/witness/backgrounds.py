@@ -19,6 +19,7 @@ from cldit.dit.witness.lines import OffLine, off_line, squares
 Floats = NDArray[np.float64]
 
 FLOOR_K = 0.005  # what Planck's law over mean windows leaves of itself
+CHOSEN = 1.16**2  # squared mean of the highest 30 % of a normal distribution
 _CLEAREST = 0.3  # share of the blocks, those with the least spray
 _ICE_K = 273.15
 _COLD_K = 223.0  # no part of a rig with a black body is so cold; in Celsius it is everyday
@@ -111,6 +112,9 @@ def _judge(
         return Witness(name=name, text=text), None
     x, y = evidence.source[kind], evidence.mean(kind)[:, chosen].mean(axis=1)
     variance = evidence.variance(kind, chosen)
+    if kind == "injection":  # the noise of the blocks that were chosen for how they look
+        each = evidence.camera[kind][:, chosen].mean(axis=1) / evidence.number(kind)
+        variance = variance + CHOSEN * each
     variance = variance + (np.hypot(FLOOR_K, stated_K) * evidence.rise) ** 2
     off = off_line(x, y, rise=evidence.rise, variance=variance)
     beyond = off.beyond(sure(evidence.degrees(kind)))

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from cldit.dit.solve import Systematic
-from cldit.dit.witness.backgrounds import FLOOR_K, clearest, slopes
+from cldit.dit.witness.backgrounds import CHOSEN, FLOOR_K, clearest, slopes
 from cldit.dit.witness.evidence import KINDS, Evidence
 from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, by_background, sure
 
 Floats = NDArray[np.float64]
 
-_CHOSEN = 1.16**2  # squared mean of the highest 30 % of a normal distribution
 _DENSE = 0.3  # share of the blocks, those with the most spray, that say how warm it is
 _EXPLAINED = 0.1  # share of the squares that may be left where a cause explains them
 _MORE = 0.05  # of the background's contrast
@@ -48,7 +47,7 @@ def kinds(evidence: Evidence) -> Kinds:
     # Blocks are chosen by some shots and looked at in the others: those that noise makes brighter
     # would be chosen, and seem brighter.
     halves = evidence.halves()
-    blocks = 0.0 if halves else _CHOSEN * _both(evidence.camera)[:, chosen].mean(axis=1)
+    blocks = 0.0 if halves else CHOSEN * _both(evidence.camera)[:, chosen].mean(axis=1)
     pairs = (halves, halves[::-1]) if halves else ((evidence, evidence),)
     difference = np.mean([_difference(seen, clearest(by)) for by, seen in pairs], axis=0)
     # Backgrounds that were read otherwise with either kind differ by that too.
