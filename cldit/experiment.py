@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -105,13 +105,15 @@ def evaluate_folder(
     curve: CurveSource = "planck",
     robust: bool = False,
     frame: int = 0,
+    accept: Collection[str] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Evaluation:
     """Evaluates an acquisition folder, or measured data, and stores the maps in `maps` beside it.
 
     Args:
         folder: of an acquisition; or with measured.yaml, or such a file itself.
-        curve, robust, progress: as `cldit.dit.recorded.evaluate_shots`.
+        curve, robust, accept, progress: as `cldit.dit.recorded.evaluate_shots`; what measured.yaml
+            accepts is accepted too.
         frame: which picture of each shot, where the plan has several.
 
     Raises:
@@ -126,16 +128,19 @@ def evaluate_folder(
         if frame:
             raise EvaluationError(f"{folder}: frame {frame}: measured shots have one picture, 0")
         acquisition = open_measured(folder)
+        accept = (*acquisition.accept, *accept)
     else:
         acquisition = open_acquisition(folder, frame=frame)
         missing = acquisition.missing
     try:
-        evaluation = evaluate_shots(acquisition, curve=curve, robust=robust, progress=progress)
+        evaluation = evaluate_shots(
+            acquisition, curve=curve, robust=robust, accept=accept, progress=progress
+        )
     except RunFolderError:
         if isinstance(acquisition, Measured):
             raise
         acquisition = acquisition.whole()  # it reads every picture, so only where one is damaged
-        evaluation = _evaluate_rest(acquisition, curve, robust, progress)
+        evaluation = _evaluate_rest(acquisition, curve, robust, accept, progress)
     finally:
         if isinstance(acquisition, Measured):
             acquisition.close()
@@ -148,6 +153,8 @@ def evaluate_folder(
         evaluation = replace(evaluation, remarks=(line, *evaluation.remarks))
     place = acquisition.folder / "maps"
     evaluation.maps.save(place, pixel_m=acquisition.pixel_m)
+    if evaluation.budget is not None:
+        evaluation.budget.save(place, pixel_m=acquisition.pixel_m)
     write_text(place / "evaluation.json", evaluation.to_json())
     return evaluation
 
@@ -156,10 +163,13 @@ def _evaluate_rest(
     acquisition: Acquisition,
     curve: CurveSource,
     robust: bool,
+    accept: Collection[str],
     progress: Callable[[int, int], None] | None,
 ) -> Evaluation:
     try:
-        return evaluate_shots(acquisition, curve=curve, robust=robust, progress=progress)
+        return evaluate_shots(
+            acquisition, curve=curve, robust=robust, accept=accept, progress=progress
+        )
     except EvaluationError as error:  # too few are left
         raise EvaluationError("\n".join([*acquisition.damage, str(error)])) from error
 

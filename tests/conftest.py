@@ -107,4 +107,5 @@ def tiny_rig(tiny_scene: Scene, tiny_run: Path, tmp_path: Path) -> dict[str, Any
 
 @pytest.fixture
 def tiny_plan(tiny_scene: Scene) -> Plan:
-    return plan_from_scene(tiny_scene)
+    """References first, so that tests of faults know which shot is the nth."""
+    return plan_from_scene(tiny_scene).model_copy(update={"interleave": False})

@@ -85,10 +85,13 @@ def _write_ome(acquisition: Acquisition, path: Path) -> None:
     frames = acquisition.plan.frames
     width_m, height_m = acquisition.pixel_m
     size = len(acquisition.shots) * frames * int(np.prod(acquisition.shape)) * 2
+    kinds = sorted(  # plans interleave them
+        acquisition.shots, key=lambda shot: (shot.background, shot.kind != "reference")
+    )
     big = size > 2**32 - 2**25
     with DataStream(path) as stream, tifffile.TiffWriter(stream, ome=True, bigtiff=big) as tiff:
         for (setpoint_K, kind), group in groupby(
-            acquisition.shots, key=lambda shot: (shot.background_setpoint_K, shot.kind)
+            kinds, key=lambda shot: (shot.background_setpoint_K, shot.kind)
         ):
             shots = list(group)
             # What is stored beside the pictures is small; the pictures pass one by one.

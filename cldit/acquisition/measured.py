@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, ValidationError
 from cldit.acquisition.frames import FrameReader, Source, parse_source
 from cldit.acquisition.plan import Kind
 from cldit.camera.calibration import Calibration
+from cldit.dit.witness.finding import Acceptable
 from cldit.errors import EvaluationError, SceneError
 from cldit.optics.response import Response, to_plain
 from cldit.plain_data import read_mapping
@@ -80,6 +81,8 @@ class MeasuredFile(Section):
     """How many injections there must be before each background."""
     bad_pixels: str | None = None
     """A picture that is not 0 where a pixel is defective."""
+    accept: tuple[Acceptable, ...] = ()
+    """Witnesses that do not end the evaluation, whatever they find."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,8 @@ class MeasuredShot:
 class Measured:
     """Measured data, as the evaluation wants it (`cldit.dit.shots.Acquisition`).
 
-    bad_pixels: (rows, columns) True where a pixel is not used.
+    bad_pixels: (rows, columns) True where a pixel is not used. accept: names of witnesses that do
+    not end the evaluation.
     """
 
     folder: Path
@@ -109,6 +113,7 @@ class Measured:
     centre_m: tuple[float, float]
     bad_pixels: NDArray[np.bool_] | None
     shots: tuple[MeasuredShot, ...]
+    accept: tuple[str, ...] = ()
     reader: FrameReader = field(default_factory=FrameReader, repr=False, compare=False)
 
     def load(self, shot: MeasuredShot) -> NDArray[Any]:
@@ -198,6 +203,7 @@ def open_measured(path: str | Path) -> Measured:
         centre_m=given.setup.centre_m,
         bad_pixels=bad_pixels,
         shots=tuple(shots),
+        accept=given.accept,
         reader=reader,
     )
 

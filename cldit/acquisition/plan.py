@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import ValidationError, field_validator, model_validator
 
 from cldit.camera.sensor import USUAL_INTEGRATION_S
@@ -74,6 +75,9 @@ class Plan(Section):
     """Of each shot: one trigger, then the camera's own rate."""
     integration_time_s: Annotated[float, Within(1e-9, 10.0)] = 25e-6
     """Of every picture."""
+    interleave: bool = True
+    """Before each background references and injections alternate (ABBA), so that what drifts slowly
+    drops out of their difference; false: all references first."""
     order: Literal["fastest", "given"] = "fastest"
     """`fastest`: the least way for the black body."""
     pause_s: Seconds = 1.0
@@ -110,33 +114,46 @@ class Plan(Section):
         return self
 
     def hash(self) -> str:
-        """SHA-256 of the plan as canonical JSON."""
-        data = json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
+        """SHA-256 of the plan as canonical JSON, without the order of the kinds: ids say which."""
+        plain = self.model_dump(mode="json", exclude={"interleave"})
+        data = json.dumps(plain, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(data.encode()).hexdigest()
 
     def steps(self) -> tuple[Shot, ...]:
-        """Every shot, background by background as given, references before injections.
+        """Every shot, background by background as given, in the order in which they are taken.
 
-        Ids are `b00_ref_00`, `b00_inj_03`: they tell the background and the shot, and do not
-        depend on the order in which the shots are taken.
+        A reference is first. Ids are `b00_ref_00`, `b00_inj_03`: they tell the background and the
+        shot, and do not depend on the order in which the shots are taken.
         """
-        kinds: tuple[tuple[Kind, int], ...] = (
-            ("reference", self.references),
-            ("injection", self.shots),
-        )
+        kinds = self._kinds()
         wide = max(2, len(str(len(self.backgrounds_K) - 1)))
+        digits = {
+            "reference": max(2, len(str(self.references - 1))),
+            "injection": max(2, len(str(self.shots - 1))),
+        }
         return tuple(
             Shot(
-                f"b{index:0{wide}d}_{kind[:3]}_{number:0{max(2, len(str(count - 1)))}d}",
+                f"b{index:0{wide}d}_{kind[:3]}_{number:0{digits[kind]}d}",
                 index,
                 temperature_K,
                 kind,
                 number,
             )
             for index, temperature_K in enumerate(self.backgrounds_K)
-            for kind, count in kinds
-            for number in range(count)
+            for kind, number in kinds
         )
+
+    def _kinds(self) -> tuple[tuple[Kind, int], ...]:
+        """Kind and number of each shot before one background."""
+        wanted: tuple[tuple[Kind, int], ...] = (
+            ("reference", self.references),
+            ("injection", self.shots),
+        )
+        order: list[Kind] = [kind for kind, count in wanted for _ in range(count)]
+        if self.interleave and self.references and self.shots:
+            order = _interleaved(self.references, self.shots)
+        numbers = {kind: iter(range(count)) for kind, count in wanted}
+        return tuple((kind, next(numbers[kind])) for kind in order)
 
     def background_order(self, wanted: Iterable[int], *, present_K: float) -> tuple[int, ...]:
         """The order in which to visit the backgrounds `wanted` (indices), from `present_K` on.
@@ -168,6 +185,25 @@ class Plan(Section):
     def dump(self) -> str:
         """The plan as YAML, every default written out."""
         return dump_yaml(self.model_dump(mode="json"))
+
+
+def _interleaved(references: int, injections: int) -> list[Kind]:
+    """The order of the kinds in which what rises steadily is the same in either kind's mean.
+
+    The fewer ones lie evenly among all, rounded down and up in turns (R I I R R I I R of equal
+    numbers). A reference is first: injections are judged by it.
+    """
+    total = references + injections
+    few = min(references, injections)
+    even = (np.arange(few) + 0.5) * total / few - 0.5
+    down = np.arange(few) % 2 == (0 if references <= injections else 1)
+    at = np.where(down, np.floor(even), np.ceil(even))
+    if references <= injections and at[0] > 0:
+        at = np.rint(np.linspace(0.0, total - 1.0, few)) if few > 1 else np.zeros(1)
+    fewer: Kind = "reference" if references <= injections else "injection"
+    more: Kind = "injection" if references <= injections else "reference"
+    chosen = set(at.astype(int).tolist())
+    return [fewer if number in chosen else more for number in range(total)]
 
 
 def parse_plan(data: dict[str, Any], *, source: str = "plan") -> Plan:

@@ -24,6 +24,12 @@ from cldit.rig.protocols import TriggerInfo, TriggerMode
 
 _READY_S = 900.0  # a cooled detector takes some minutes
 _AGREE = 0.01  # how far, relatively, an instrument may round what it is told
+_HOW_WELL = {  # of the setup: says nothing of what the pictures hold
+    "uncertainty",
+    "background_error_K",
+    "camera_offset_error_counts",
+    "camera_gain_error",
+}
 
 
 @dataclass(frozen=True)
@@ -169,7 +175,8 @@ def check_same_rig(before: dict[str, Any], now: dict[str, Any], folder: Path) ->
 
     def meaning(data: dict[str, Any]) -> dict[str, Any]:
         calibration = data["devices"]["camera"]["configuration"]["calibration"]
-        return {"shape": data["shape"], **data["setup"], **calibration}
+        setup = {name: value for name, value in data["setup"].items() if name not in _HOW_WELL}
+        return {"shape": data["shape"], **setup, **calibration}
 
     try:
         old = meaning(before)

@@ -10,6 +10,7 @@ import numpy as np
 from cldit.acquisition.progress import Progress
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors
 from cldit.dit.recorded import CurveSource
+from cldit.dit.witness.finding import ACCEPTABLE
 from cldit.experiment import evaluate_folder, evaluate_scattering
 from cldit.run import open_run
 
@@ -26,13 +27,24 @@ from cldit.run import open_run
 @click.option("--robust", is_flag=True, help="Weigh shots that are far off the others less.")
 @click.option("--frame", type=click.IntRange(0), default=0, help="Which picture of each shot.")
 @click.option(
+    "--accept",
+    type=click.Choice(ACCEPTABLE),
+    multiple=True,
+    help="Evaluate whatever this witness finds; may be given several times.",
+)
+@click.option(
     "--model",
     type=click.Path(path_type=Path),
     help="Folder of a run that models the spray: also the temperature of what emits.",
 )
 @plain_errors
 def evaluate(
-    folder: Path, calibration: CurveSource, robust: bool, frame: int, model: Path | None
+    folder: Path,
+    calibration: CurveSource,
+    robust: bool,
+    frame: int,
+    accept: tuple[str, ...],
+    model: Path | None,
 ) -> None:
     """Evaluate an acquisition, a run, or measured data (a FOLDER with measured.yaml).
 
@@ -45,11 +57,12 @@ def evaluate(
             curve=calibration,
             robust=robust,
             frame=frame,
+            accept=accept,
             progress=lambda done, total: bar.watch(Progress("shots", done, total, None)),
         )
     for reason, count in found.maps.count().items():
         OUT.print(f"{count:9d} pixels: {reason.text}")
-    for line in found.remarks:
+    for line in found.lines:
         OUT.print(escaped(line))
     if model is not None:
         medium = evaluate_scattering(target, open_run(model), found)

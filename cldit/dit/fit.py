@@ -10,26 +10,41 @@ c_inj - c_ref = epsilon g I(T_app): Eq. (2) of the paper, divided by what the pi
 disc. Gain and offset of the pixel, and what a front window takes and adds, are in g and c_ref and
 drop out: the references are a two-point correction of every pixel on its own.
 
-Errors: every mean has its own (camera, scatter between shots). An error of the background's
-temperature is common to references and injections before it, and moves them by g and s times as
-much. So before each background the two means have the covariance
+Errors: every mean has its own (camera, scatter between shots). Others are common to references and
+injections before one background: the black body's temperature moves them by g and s, the camera's
+offset by 1 and 1, its gain by the two signals. So before each background the means have the
+covariance
 
-    ( a + g^2 d    g s d   )      a, b: variances of the two means
-    ( g s d        b + s^2 d )    d: variance of x
+    ( a + sum p^2 d    sum p q d   )      a, b: variances of the two means
+    ( sum p q d        b + sum q^2 d )    d: variance of a common error, p and q its two factors
 
 and (g, c_ref, s, c_inj) is the generalised least squares estimate over all backgrounds (Aitken
 1935), whose covariance is the inverse of the normal matrix. Where the spray is transparent (s = g)
-a common error drops out; where it is opaque it is the error of x itself.
+a common error drops out. An offset drops out everywhere: where its variance is large beside the
+noise, only I_inj - I_ref counts, as in the paper.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommonError:
+    """An error that references and injections before one background share.
+
+    variance: (K,). reference, injection: (N,) or (K, N), change of either mean by an error of 1.
+    """
+
+    variance: Floats
+    reference: Floats
+    injection: Floats
 
 
 @dataclass(frozen=True)
@@ -60,8 +75,7 @@ def fit_pair(
     *,
     variance: tuple[Floats, Floats],
     usable: NDArray[np.bool_],
-    shared: Floats,
-    slopes: tuple[Floats, Floats],
+    common: Sequence[CommonError] = (),
 ) -> Pair:
     """Generalised least squares over the backgrounds; see the module.
 
@@ -70,21 +84,28 @@ def fit_pair(
         mean, variance: (K, N) of either kind; finite. Variances that are all 0 stand for no noise:
             every background then counts alike, and the covariance is 0.
         usable: (K, N) False leaves a background out.
-        shared: (K,) variance of the radiance of the background common to both kinds.
-        slopes: (N,) g and s, as far as known, by which the shared error reaches the means.
+        common: errors that both kinds share.
     """
     unit = float(np.max(np.abs(source)))
     x_ref, x_inj = (one[:, None] / unit for one in source)
     noisy = any(bool(np.any(one)) for one in variance)
     a, b = (np.where(one > 0.0, one / unit**2, 1.0) for one in variance)
-    d = shared[:, None] / unit**2
-    g, s = slopes
-    together = bool(np.any(d > 0.0))
+    present = [one for one in common if np.any(one.variance > 0.0)]
+    together = bool(present)
     if together:
-        determinant = a * b + d * (a * s**2 + b * g**2)
+        # a b - c^2 in a form in which nothing cancels where a common error is far above the noise
+        determinant, both = a * b, np.zeros_like(a)
+        whole_a, whole_b = a.copy(), b.copy()
+        scaled = [
+            (one.variance[:, None] / unit**2, one.reference, one.injection) for one in present
+        ]
+        for number, (d, p, q) in enumerate(scaled):
+            determinant = determinant + d * (a * q**2 + b * p**2)
+            for e, r, t in scaled[:number]:
+                determinant = determinant + d * e * (p * t - q * r) ** 2
+            whole_a, whole_b, both = whole_a + d * p**2, whole_b + d * q**2, both + d * p * q
         p_ref, p_inj, p_both = (
-            np.where(usable, part / determinant, 0.0)
-            for part in (b + d * s**2, a + d * g**2, -d * g * s)
+            np.where(usable, part / determinant, 0.0) for part in (whole_b, whole_a, -both)
         )
     else:  # two fits that know nothing of each other
         p_ref, p_inj = (np.where(usable, 1.0 / one, 0.0) for one in (a, b))

@@ -97,7 +97,7 @@ def huber(off: float) -> float:
     """Weight (Huber 1964) of a shot `off` deviations away: 1, then HUBER / off, then 0."""
     if off > OUTLIER_DEVIATIONS:
         return 0.0
-    return min(1.0, HUBER / off)
+    return 1.0 if off <= HUBER else HUBER / off
 
 
 def check_not_mirrored(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal
 
@@ -13,11 +13,14 @@ from numpy.typing import NDArray
 from cldit.camera.calibration import Calibration
 from cldit.camera.curve import Curve, CurveFit, fit_curve
 from cldit.camera.photon_transfer import photon_transfer
+from cldit.dit.budget import Budget, budget
 from cldit.dit.evaluate import blocks, check_span, stack
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.outliers import Outlier, check_not_mirrored, judge
 from cldit.dit.shots import Acquisition, Sums, accumulate, check_shots
 from cldit.dit.solve import Signals, solve
+from cldit.dit.witness.examine import Examined, examine, examine_pictures
+from cldit.dit.witness.finding import Witness, refuse
 from cldit.errors import EvaluationError
 from cldit.optics.response import from_plain
 from cldit.optics.spectral import reference_temperature_K
@@ -31,6 +34,7 @@ Watch = Callable[[int, int], None]
 CurveSource = Literal["planck", "fitted"]
 
 _SEES = 0.5  # of the strongest contrast between backgrounds: the pixel sees the background
+IMPROBABLE = 1e-3  # fit_probability that one pixel in a thousand has by chance
 _MUCH = 0.01  # share of saturated pixels that is worth a word
 
 
@@ -39,7 +43,8 @@ class Evaluation:
     """Maps, and what a reader of them should know.
 
     remarks: one line each. outliers: shots unlike the others. fitted: the calibration curve, where
-    it was fitted to the references. calibration: as used, with what the pictures gave.
+    it was fitted to the references. calibration: as used, with what the pictures gave. witnesses:
+    what the shots say of the measurement (`cldit.dit.witness`). budget: what no shot shows.
     """
 
     maps: Maps
@@ -47,6 +52,28 @@ class Evaluation:
     outliers: tuple[Outlier, ...]
     fitted: CurveFit | None
     calibration: Calibration
+    witnesses: tuple[Witness, ...] = ()
+    budget: Budget | None = None
+
+    @property
+    def improbable(self) -> float:
+        """Share of the pixels with a goodness of fit that chance leaves to one in a thousand."""
+        chance = self.maps.fit_probability
+        known = np.isfinite(chance)
+        return float(np.mean(chance[known] < IMPROBABLE)) if known.any() else 0.0
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """All that is worth a line: remarks, witnesses, goodness of fit, and the budget."""
+        found = [*self.remarks, *(one.text for one in self.witnesses)]
+        if np.isfinite(self.maps.fit_probability).any():
+            found.append(
+                f"{100.0 * self.improbable:.2g} % of the pixels have a fit_probability below "
+                f"{IMPROBABLE:g}; chance gives {100.0 * IMPROBABLE:g} %"
+            )
+        if self.budget is not None:
+            found += self.budget.lines
+        return tuple(found)
 
     def to_json(self) -> str:
         """Everything but the maps."""
@@ -55,6 +82,9 @@ class Evaluation:
             "odd_shots": [asdict(shot) for shot in self.outliers],
             "pixels": {reason.text: count for reason, count in self.maps.count().items()},
             "calibration": self.calibration.to_dict(),
+            "witnesses": [asdict(one) for one in self.witnesses],
+            "improbable_share": self.improbable,
+            "budget": None if self.budget is None else self.budget.to_dict(),
             "curve": None
             if self.fitted is None
             else {
@@ -63,7 +93,7 @@ class Evaluation:
                 "residual_K": self.fitted.residual_K,
             },
         }
-        return json.dumps(plain, indent=2)
+        return json.dumps(plain, indent=2, allow_nan=False)
 
 
 def evaluate_acquisition(acquisition: Acquisition, *, progress: Watch | None = None) -> Maps:
@@ -79,12 +109,13 @@ def evaluate_shots(
     *,
     curve: CurveSource = "planck",
     robust: bool = False,
+    accept: Collection[str] = (),
     progress: Watch | None = None,
 ) -> Evaluation:
     """DIT of recorded shots.
 
     Shots of one set point are averaged; one picture is held at a time, so that memory grows with
-    the number of backgrounds only (34 bytes a pixel each). A background before which a pixel was
+    the number of backgrounds only (40 bytes a pixel each). A background before which a pixel was
     saturated is left out for this pixel. Standard errors: see `cldit.dit.solve.solve`. What the
     calibration lacks of counts_per_radiance and noise is taken from the references.
 
@@ -93,13 +124,23 @@ def evaluate_shots(
         curve: from Planck's law over the filter, or fitted to the references (`fit_curve`).
         robust: weigh shots that are far off the others less (`cldit.dit.outliers`); they are read a
             second time.
+        accept: names of witnesses (`cldit.dit.witness.finding.ACCEPTABLE`) that do not end the
+            evaluation, whatever they say.
         progress: called with (shots read, shots in all).
 
     Raises:
-        EvaluationError: what is missing or does not fit; references and injections swapped.
+        EvaluationError: what is missing or does not fit; references and injections swapped; a
+            witness that is severe and not accepted.
     """
     setpoints = check_shots(acquisition.shots)
-    sums = accumulate(acquisition, _saturation(acquisition.calibration), progress)
+    stated_counts = _saturation(acquisition.calibration)
+    sums = accumulate(acquisition, stated_counts, progress)
+    around = acquisition.surroundings
+    witnesses, saturation = examine_pictures(
+        sums, setpoints, around, saturation_counts=stated_counts
+    )
+    for group in sums.values():
+        group.saturation_counts = saturation
     outliers, weights = judge(sums)
     if robust:
         _reweigh(acquisition, sums, weights)
@@ -114,20 +155,36 @@ def evaluate_shots(
         fitted = fit_curve(np.array(temperatures_K), np.array(counts), filter_um=filter_um)
         chosen = fitted.curve
     middle_K = reference_temperature_K(setpoints)
-    whole = Boundary.of(
-        acquisition.surroundings,
-        chosen.radiance,
-        lambda window: band_pane(window, filter_um, reference_K=middle_K),
-    )
+
+    def boundary(of: Curve) -> Boundary:
+        return Boundary.of(
+            around,
+            of.radiance,
+            lambda window: band_pane(window, filter_um, reference_K=middle_K),
+        )
+
+    whole = boundary(chosen)
     sources: dict[str, Floats] = {}
     for kind in ("reference", "injection"):
         means = [sums[setpoint, kind].temperature_K for setpoint in setpoints]
         sources[kind] = whole.leaving(means)
         check_span(sources[kind], means)
-    check_not_mirrored(sums, sources)
+    refuse(witnesses, accept)
     calibration = _complete(
         acquisition.calibration, sums, sees, sources["reference"] * whole.front.transmission
     )
+    examined = examine(
+        sums,
+        setpoints,
+        sees=sees,
+        whole=whole,
+        around=around,
+        calibration=calibration,
+        unfitted=None if fitted is None else boundary(Curve(filter_um=filter_um)),
+    )
+    witnesses += examined.witnesses
+    check_not_mirrored(sums, sources)
+    refuse([one for one in witnesses if one.name != "kinds"], accept)
     maps = _solved(
         sums,
         setpoints,
@@ -135,17 +192,26 @@ def evaluate_shots(
         calibration=calibration,
         curve=chosen,
         transmission=whole.front.transmission,
-        shared=_shared(acquisition, sums, setpoints, whole),
+        examined=examined,
     )
     if bad is not None:
         maps = _without(maps, bad)
     _check_not_swapped(maps)
+    refuse(witnesses, accept)
     return Evaluation(
         maps=maps,
         remarks=tuple(_remarks(sums, outliers, fitted, robust)),
         outliers=outliers,
         fitted=fitted,
         calibration=calibration,
+        witnesses=tuple(witnesses),
+        budget=budget(
+            maps,
+            around,
+            curve=chosen,
+            backgrounds_K=[sums[k, "reference"].temperature_K for k in setpoints],
+            calibration=calibration,
+        ),
     )
 
 
@@ -222,17 +288,6 @@ def _complete(
     return Calibration.from_dict({"offset_counts": 0.0, **data})
 
 
-def _shared(
-    acquisition: Acquisition, sums: AllSums, setpoints: Sequence[float], whole: Boundary
-) -> Floats:
-    """(K,) variance of the backgrounds' radiance that either kind has in common."""
-    own_K = acquisition.surroundings.background_error_K
-    backgrounds_K = np.array([sums[k, "injection"].temperature_K for k in setpoints])
-    readings_K2 = np.array([sums[k, "injection"].temperature_variance_K2 for k in setpoints])
-    rise = (whole.leaving(backgrounds_K + 0.01) - whole.leaving(backgrounds_K - 0.01)) / 0.02
-    return np.asarray(rise**2 * (own_K**2 + readings_K2))
-
-
 def _solved(
     sums: AllSums,
     setpoints: Sequence[float],
@@ -241,7 +296,7 @@ def _solved(
     calibration: Calibration,
     curve: Curve,
     transmission: float,
-    shared: Floats,
+    examined: Examined,
 ) -> Maps:
     """Offsets of the camera and what a front window adds are in the lines' intercepts."""
     scale = calibration.counts_per_radiance * transmission
@@ -270,7 +325,8 @@ def _solved(
             signals("injection", rows),
             usable=~np.stack([full[setpoint][rows] for setpoint in setpoints]),
             curve=curve,
-            shared=shared,
+            drifts=examined.drifts,
+            systematic=examined.systematic.rows(rows),
         )
         part.reason[part.reason == Reason.TOO_FEW_BACKGROUNDS] = Reason.SATURATED
         parts.append(part)

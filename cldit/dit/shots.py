@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import blake2b
 from typing import Any, Protocol
 
 import numpy as np
@@ -67,33 +68,46 @@ class Acquisition(Protocol):
 class Sums:
     """Sums of the pictures (h, w) of one kind before one background.
 
-    total, squares: (h, w) weighted sums of counts and of their squares. Lists hold an entry a shot.
+    total, squares: (h, w) weighted sums of counts and of their squares. largest: (h, w) of any
+    exposure. Lists hold an entry a shot: digests of the pictures' bytes, numbers in the order of
+    the acquisition's shots.
     """
 
     temperatures_K: list[float]
     total: Floats
     squares: Floats
-    full: NDArray[np.bool_]  # at least one exposure was saturated
+    largest: NDArray[np.float32]
+    saturation_counts: float
     weights: list[float]
     thumbnails: list[NDArray[np.float32]]
     ids: list[str]
+    digests: list[bytes]
+    numbers: list[int]
 
     @classmethod
-    def empty(cls, shape: tuple[int, ...]) -> Sums:
-        """No shots yet, of pictures of this `shape`."""
+    def empty(cls, shape: tuple[int, ...], saturation_counts: float) -> Sums:
+        """No shots yet, of pictures of this `shape`, full at and above `saturation_counts`."""
         zero = np.zeros(shape)
-        return cls([], zero, zero.copy(), np.zeros(shape, dtype=bool), [], [], [])
+        low = np.full(shape, -np.inf, np.float32)
+        return cls([], zero, zero.copy(), low, saturation_counts, [], [], [], [], [])
 
-    def add(self, image: NDArray[Any], shot: Shot, saturation_counts: float) -> None:
+    @property
+    def full(self) -> NDArray[np.bool_]:
+        """(h, w) where at least one exposure was saturated."""
+        return np.asarray(self.largest >= self.saturation_counts)
+
+    def add(self, image: NDArray[Any], shot: Shot, *, number: int) -> None:
         """Counts one picture in full.
 
         Args:
             image: (h, w) counts.
             shot: whose picture it is.
-            saturation_counts: at and above which a pixel is full.
+            number: of the shot among all, in their order.
         """
+        self.numbers.append(number)
         counts = self._weigh(image, 1.0)
-        self.full |= counts >= saturation_counts
+        np.maximum(self.largest, image, out=self.largest, casting="unsafe")
+        self.digests.append(blake2b(np.ascontiguousarray(image).data, digest_size=16).digest())
         self.temperatures_K.append(shot.background_K)
         self.weights.append(1.0)
         self.thumbnails.append(thumbnail(counts))
@@ -118,9 +132,12 @@ class Sums:
 
     @property
     def exposures(self) -> float:
-        """How many equal exposures tell as much: (sum w)^2 / sum w^2."""
-        weights = np.array(self.weights)
-        return float(weights.sum() ** 2 / np.sum(weights**2))
+        """How many equal exposures tell as much: (sum w)^2 / sum w^2; repeats count as one."""
+        weights: dict[bytes, float] = {}
+        for digest, weight in zip(self.digests, self.weights, strict=True):
+            weights[digest] = weights.get(digest, 0.0) + weight
+        each = np.array(list(weights.values()))
+        return float(each.sum() ** 2 / np.sum(each**2))
 
     @property
     def temperature_K(self) -> float:
@@ -229,8 +246,8 @@ def accumulate(
             )
         key = (shot.background_setpoint_K, shot.kind)
         if key not in sums:
-            sums[key] = Sums.empty(shape)
-        sums[key].add(image, shot, saturation_counts)
+            sums[key] = Sums.empty(shape, saturation_counts)
+        sums[key].add(image, shot, number=done)
         if progress is not None:
             progress(done, len(acquisition.shots))
     return sums

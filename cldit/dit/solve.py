@@ -2,22 +2,116 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from cldit.camera.curve import Curve
-from cldit.dit.fit import Pair, apparent_radiance, emissivity, fit_pair, shot_scatter
+from cldit.dit.fit import CommonError, Pair, apparent_radiance, emissivity, fit_pair, shot_scatter
 from cldit.dit.maps import Maps, Reason
 
 Floats = NDArray[np.float64]
 
 VISIBLE = 0.5  # share of the disc's radiance that a pixel must see without spray
+_THIN = 0.05  # emissivity below which its own radiance is not looked for
 DETECTION = 3.0  # an emissivity of fewer standard errors is not told from zero ...
 LEAST_EMISSIVITY = 1e-4  # ... nor is one below the accuracy of a trace
+
+
+Cause = Literal["black body", "offset", "gain"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drift:
+    """An error that both kinds share before one background, and by what it reaches the means.
+
+    cause: black body, by the lines' slopes; offset of the camera, by 1; its gain, by the signals.
+    variance: (K,) of the mean before each background: radiance^2, for the gain relative.
+    each: (K,) of one exposure about that mean. jitter: (K,) of it, what differs from one exposure
+        to the next; the rest is slow, and drops out of kinds that alternate.
+    """
+
+    cause: Cause
+    variance: Floats
+    each: Floats
+    jitter: Floats
+
+    def factors(self, lines: Pair, signals: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+        """(N,) or (K, N) for references and for injections, of fitted `lines` and `signals`."""
+        if self.cause == "black body":
+            g, _, s, _ = np.nan_to_num(lines.values.T)
+            return g, s
+        if self.cause == "gain":
+            return signals
+        return np.ones(signals[0].shape[1]), np.ones(signals[0].shape[1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Absorbed:
+    """What the lines of both kinds take of a steady drift for their own.
+
+    offset: slope and start of the line through the drift of the offset, over the radiance of the
+    background. gain: slope of that through the relative drift of the gain.
+    """
+
+    offset: tuple[float, float] = (0.0, 0.0)
+    gain: float = 0.0
+
+    def moved(self, lines: Pair) -> tuple[Floats, Floats]:
+        """(N, 4) change of both lines by the offset, and by the gain.
+
+        A gain that rises with the background makes the spray's own radiance, e I(T_app), part of
+        the slope: the emissivity loses gain e I(T_app). The same change of both slopes says so, and
+        leaves T_app to the variance of the gain.
+        """
+        g, c_ref, s, c_inj = lines.values.T
+        offset = np.broadcast_to(np.array([*self.offset, *self.offset]), lines.values.shape)
+        share = np.maximum(1.0 - s / g, _THIN)
+        tilt = self.gain * (c_inj - c_ref) / share
+        nothing = np.zeros_like(tilt)
+        return np.asarray(offset), np.stack([tilt, nothing, tilt, nothing], axis=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Systematic:
+    """Errors that are the same before all backgrounds, or of one picture.
+
+    The first four: how far injections may stand off references for another reason than the spray.
+
+    offset: radiance, in every pixel. kelvin: of the black body. slope, start: of the line through
+    its radiance per kelvin, over the radiance of the background. absorbed: drift that both kinds
+    share. extra: (K, ...) variance of the injections' means of each pixel.
+    """
+
+    offset: float = 0.0
+    kelvin: float = 0.0
+    slope: float = 0.0
+    start: float = 0.0
+    absorbed: Absorbed = Absorbed()
+    extra: Floats | None = None
+
+    def rows(self, rows: slice) -> Systematic:
+        """The part of a picture in these rows."""
+        return self if self.extra is None else replace(self, extra=self.extra[:, rows])
+
+    def widened(self, lines: Pair) -> Pair:
+        """The lines with that error in their covariance, the same before all backgrounds."""
+        if not (self.offset or self.kelvin or self.absorbed != Absorbed()):
+            return lines
+        s = lines.values[:, 2]
+        apart = np.zeros_like(lines.values)
+        apart[:, 2] = self.kelvin * self.slope * s
+        apart[:, 3] = self.offset + self.kelvin * self.start * s
+        with np.errstate(divide="ignore", invalid="ignore"):
+            both = self.absorbed.moved(lines)
+        covariance = lines.covariance + sum(
+            moved[:, :, None] * moved[:, None, :] for moved in (apart, *both)
+        )
+        return Pair(lines.values, covariance, lines.chi2)
 
 
 @dataclass(frozen=True)
@@ -44,7 +138,8 @@ def solve(
     *,
     usable: NDArray[np.bool_],
     curve: Curve,
-    shared: Floats | None = None,
+    drifts: Sequence[Drift] = (),
+    systematic: Systematic | None = None,
 ) -> Maps:
     """Maps of the pixels (...).
 
@@ -59,7 +154,9 @@ def solve(
         reference, injection: means (K, ...) before each background, without and with spray.
         usable: (K, ...) False where a pixel's signal before that background must not be used.
         curve: black-body temperature to radiance.
-        shared: (K,) variance of the background's radiance, common to both kinds; None: exact.
+        drifts: errors that both kinds share. What they do to single exposures is taken off the
+            observed scatter: exposures that alternate see it alike.
+        systematic: how far injections may stand off references; None: not at all.
     """
     shape = usable.shape[1:]
     usable = usable & np.isfinite(reference.mean) & np.isfinite(injection.mean)
@@ -71,32 +168,51 @@ def solve(
     source = (reference.source, injection.source)
     mean = (flat(reference.mean), flat(injection.mean))
     exposures = (reference.exposures[:, None], injection.exposures[:, None])
-    common = np.zeros(len(usable)) if shared is None else shared
-    still = np.ones(usable.shape[1])
+    still = np.zeros_like(mean[0])
+    more = still
+    if systematic is not None and systematic.extra is not None:
+        more = flat(systematic.extra)
 
-    def fit(signals: tuple[Floats, Floats], extra: Floats, slopes: tuple[Floats, Floats]) -> Pair:
-        calm, varied = reference.camera(signals[0]), injection.camera(signals[1]) + extra
+    def fit(
+        signals: tuple[Floats, Floats],
+        extra: tuple[Floats, Floats],
+        common: Sequence[CommonError],
+    ) -> Pair:
+        calm = reference.camera(signals[0]) + extra[0]
+        varied = injection.camera(signals[1]) + extra[1]
         return fit_pair(
             source,
             mean,
-            variance=(calm / exposures[0], varied / exposures[1]),
+            variance=(calm / exposures[0], varied / exposures[1] + more),
             usable=usable,
-            shared=common,
-            slopes=slopes,
+            common=common,
         )
 
-    lines = fit(mean, np.zeros_like(mean[0]), (still, still))
-    fitted = tuple(np.nan_to_num(one) for one in lines.at(source))
-    extra = np.zeros_like(mean[0])
+    lines = fit(mean, (still, still), ())
+    before, during = (np.nan_to_num(one) for one in lines.at(source))
+    factors = [drift.factors(lines, (before, during)) for drift in drifts]
+    extra = still
     if injection.observed is not None and np.any(injection.exposures > 1):
+        observed = flat(injection.observed)
+        for drift, (_, factor) in zip(drifts, factors, strict=True):
+            observed = observed - drift.each[:, None] * factor**2
         extra = shot_scatter(
-            fitted[1] - fitted[0],
-            flat(injection.observed),
-            camera=injection.camera(fitted[1]),
+            during - before,
+            observed,
+            camera=injection.camera(during),
             degrees=np.where(usable, exposures[1] - 1.0, 0.0),
         )
-    g, _, s, _ = np.nan_to_num(lines.values.T)
-    lines = fit((fitted[0], fitted[1]), extra, (g, s))
+    common = [
+        CommonError(variance=drift.variance, reference=p, injection=q)
+        for drift, (p, q) in zip(drifts, factors, strict=True)
+    ]
+    jitter = [still, extra]
+    for drift, both in zip(drifts, factors, strict=True):
+        for kind, factor in enumerate(both):
+            jitter[kind] = jitter[kind] + drift.jitter[:, None] * factor**2
+    lines = fit((before, during), (jitter[0], jitter[1]), common)
+    if systematic is not None:
+        lines = systematic.widened(lines)
     return _maps(lines, backgrounds=usable.sum(axis=0), curve=curve, shape=shape)
 
 

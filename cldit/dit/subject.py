@@ -129,8 +129,6 @@ class Subject:
             (self.whole.inside(bare), self.whole.inside(spray)),
             variance=(calm / transmission**2, (varied + extra) / transmission**2),
             usable=np.ones(bare.shape, bool),
-            shared=np.zeros(len(backgrounds_K)),
-            slopes=(one, one),
         )
         radiance, _ = apparent_radiance(lines)
         g, _, s, _ = lines.values.T

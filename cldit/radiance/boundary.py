@@ -32,12 +32,29 @@ Radiance = Callable[[ArrayLike], Floats]
 
 
 @dataclass(frozen=True, kw_only=True)
+class Uncertainty:
+    """Standard uncertainties of what no picture shows.
+
+    background_emissivity, window_transmission: absolute. wall_temperature_K, window_temperature_K:
+    kelvin. filter_um: shift of the filter along the wavelength.
+    """
+
+    background_emissivity: float = 0.01
+    wall_temperature_K: float = 1.0
+    window_temperature_K: float = 1.0
+    window_transmission: float = 0.01
+    filter_um: float = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
 class Surroundings:
     """Temperatures and emissivities around the spray, as a scene or a rig file gives them.
 
     background_surroundings_K: what the black body reflects; None is the walls. windows: at most
     one front and one rear. background_error_K: standard deviation of the black body's temperature
-    about what it says, from one set point to the next.
+    about what it says, from one set point to the next. camera_offset_error_counts,
+    camera_gain_error: the same of the camera, which injections and references share. uncertainty:
+    how well all this is known.
     """
 
     wall_temperature_K: float
@@ -47,6 +64,9 @@ class Surroundings:
     windows: tuple[Window, ...] = ()
     patches: tuple[Patch, ...] = ()
     background_error_K: float = 0.0
+    camera_offset_error_counts: float = 0.0
+    camera_gain_error: float = 0.0
+    uncertainty: Uncertainty = Uncertainty()
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Surroundings:

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from cldit.errors import ClditError, SceneError
 from cldit.plain_data import read_mapping
-from cldit.radiance.boundary import Surroundings
+from cldit.radiance.boundary import Surroundings, Uncertainty
 from cldit.rig.clock import Clock, SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import NotConnected, RigError
@@ -61,6 +61,21 @@ class DriverChoice(Section):
     """Of that driver; what is wrong is named with what is allowed."""
 
 
+class UncertaintySection(Section):
+    """Standard uncertainties of what no picture shows; for the evaluation's budget."""
+
+    background_emissivity: Annotated[float, Within(0.0, 0.5)] = 0.01
+    """Of the black body's emissivity."""
+    wall_temperature_K: Annotated[float, Within(0.0, 100.0)] = 1.0
+    """Of the walls."""
+    window_temperature_K: Annotated[float, Within(0.0, 100.0)] = 1.0
+    """Of either window."""
+    window_transmission: Annotated[float, Within(0.0, 0.5)] = 0.01
+    """Of either window."""
+    filter_um: Annotated[float, Within(0.0, 1.0)] = 0.01
+    """By how much the filter may lie beside what is stated."""
+
+
 class Setup(Section):
     """What the evaluation must know of the place and no instrument can say."""
 
@@ -76,6 +91,12 @@ class Setup(Section):
     """Windows before the camera and before the black body, one each."""
     background_error_K: Annotated[float, Within(0.0, 10.0)] = 0.0
     """Standard deviation of the black body about its reading, from one set point to the next."""
+    camera_offset_error_counts: Annotated[float, Within(0.0, 1e5)] = 0.0
+    """Standard deviation of the camera's offset, from one background to the next."""
+    camera_gain_error: Annotated[float, Within(0.0, 1.0)] = 0.0
+    """Standard deviation of the camera's gain, relative, from one background to the next."""
+    uncertainty: UncertaintySection = UncertaintySection()
+    """How well the rest of this section is known."""
     centre_m: tuple[Coordinate, Coordinate] = (0.0, 0.0)
     """x and z of the picture's middle."""
     pixel_m: tuple[Length, Length]
@@ -91,6 +112,9 @@ class Setup(Section):
             camera_surroundings_K=self.camera_surroundings_K,
             windows=self.windows,
             background_error_K=self.background_error_K,
+            camera_offset_error_counts=self.camera_offset_error_counts,
+            camera_gain_error=self.camera_gain_error,
+            uncertainty=Uncertainty(**self.uncertainty.model_dump()),
         )
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
+from cldit.free_memory import free_bytes
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources
@@ -23,7 +21,6 @@ from cldit.scene.vessel import Domain
 # three gradients of four components in double precision are a device's largest buffer.
 _CELL_BYTES, _PHASE_BYTES, _WAVELENGTH_BYTES, _BUFFER_BYTES = 500, 1200, 60, 96
 _SHARE = 0.7  # of the memory there is, which a run may take
-_CONTROL_GROUP = Path("/sys/fs/cgroup/memory.max")
 
 
 def cells_that_fit(device: Device, *, wavelengths: int, phase: bool) -> int:
@@ -34,24 +31,11 @@ def cells_that_fit(device: Device, *, wavelengths: int, phase: bool) -> int:
         wavelengths: whose trees are in memory together.
         phase: whether droplets scatter by a phase function.
     """
-    room = _SHARE * min(host_bytes(), device.info.memory_bytes)
+    free = free_bytes()
+    room = _SHARE * min(device.info.memory_bytes, *(() if free is None else (free,)))
     bytes_each = (_PHASE_BYTES if phase else _CELL_BYTES) + _WAVELENGTH_BYTES * (wavelengths - 1)
     buffer = device.info.largest_buffer_bytes / _BUFFER_BYTES
     return int(min(MOST_CELLS, room / bytes_each, buffer))
-
-
-def host_bytes() -> float:
-    """Memory of this machine, or what the process may take of it; infinite where not known."""
-    found = [float("inf")]
-    try:
-        found.append(float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
-    except (AttributeError, ValueError, OSError):  # no POSIX
-        pass
-    try:
-        found.append(float(_CONTROL_GROUP.read_text(encoding="ascii")))
-    except (OSError, ValueError):  # no control group, or "max"
-        pass
-    return min(found)
 
 
 def chosen_frame(domain: Domain, sources: Sources, *, limit: int) -> tuple[Frame, tuple[str, ...]]:

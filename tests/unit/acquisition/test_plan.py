@@ -85,3 +85,41 @@ def test_a_slow_black_body_gets_its_time(tiny_scene: Scene) -> None:
     rig = tiny_scene.rig.model_copy(update={"background_time_constant_s": 1000.0})
     plan = plan_from_scene(tiny_scene.model_copy(update={"rig": rig}))
     assert plan.stability.timeout_s == 20_000.0
+
+
+def _kinds(references: int, shots: int, **more: bool) -> str:
+    plan = Plan(backgrounds_K=(400.0,), references=references, shots=shots, **more)
+    return "".join(shot.kind[0] for shot in plan.steps())
+
+
+def test_references_and_injections_alternate() -> None:
+    assert _kinds(4, 4) == "riirriir"
+    assert _kinds(5, 2) == "rririrr"
+    assert _kinds(4, 4, interleave=False) == "rrrriiii"
+    assert _kinds(0, 3) == "iii" and _kinds(3, 0) == "rrr"
+
+
+def test_a_steady_drift_is_the_same_in_both_kinds() -> None:
+    """Whatever the numbers: a reference is first, none is lost, and the kinds' mean places are
+    less than a shot apart; the same for even and equal numbers."""
+    for references in range(2, 13):
+        for shots in range(2, 13):
+            order = _kinds(references, shots)
+            assert (
+                order[0] == "r"
+                and order.count("r") == references
+                and len(order) == (references + shots)
+            )
+            places = {
+                kind: [at for at, one in enumerate(order) if one == kind] for kind in ("r", "i")
+            }
+            apart = sum(places["r"]) / references - sum(places["i"]) / shots
+            assert abs(apart) < 1.0
+            if references == shots and shots % 2 == 0:
+                assert apart == 0.0
+
+
+def test_the_order_of_the_kinds_is_no_other_measurement() -> None:
+    """Folders that older plans filled belong to the same plan."""
+    one, other = (Plan(backgrounds_K=(400.0,), interleave=value) for value in (True, False))
+    assert one.hash() == other.hash()

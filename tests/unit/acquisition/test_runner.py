@@ -14,6 +14,7 @@ import pytest
 
 from cldit.acquisition import Plan, Progress, acquire, open_acquisition
 from cldit.acquisition.journal import read_journal
+from cldit.acquisition.plan import plan_from_scene
 from cldit.rig.errors import (
     Aborted,
     FireUncertain,
@@ -23,7 +24,30 @@ from cldit.rig.errors import (
 )
 from cldit.rig.load import open_rig
 from cldit.rig.protocols import Frame
+from cldit.scene import Scene
 from tests.wrapped import assert_safe, events, pulses, wrapped
+
+
+def test_references_and_injections_alternate(
+    tiny_rig: dict[str, Any], tiny_scene: Scene, tmp_path: Path
+) -> None:
+    """The plan as a scene gives it: shots in turns, stopped within a background, and resumed."""
+    plan = plan_from_scene(tiny_scene)
+    folder = tmp_path / "a"
+    done = 0
+
+    def count(progress: Progress) -> None:
+        nonlocal done
+        done = progress.done
+
+    acquire(open_rig(tiny_rig), plan, folder, progress=count, should_stop=lambda: done >= 3)
+    record = acquire(open_rig(tiny_rig), plan, folder)
+    assert record.complete and record.lost_injections == 0
+    fired = [e["shot"] for e in read_journal(folder / "journal.jsonl") if e["event"] == "fired"]
+    # On resuming the black body is at the first background, and goes on there.
+    assert fired == [shot.id for shot in plan.steps()]
+    assert "".join(name[4] for name in fired[:5]) not in ("rriii", "iiirr")
+    assert [shot.id for shot in open_acquisition(folder).shots] == fired
 
 
 def test_whole_plan(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:

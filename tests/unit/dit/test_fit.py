@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, inv, lstsq, solve_triangular
 from scipy.optimize import curve_fit
 
-from cldit.dit.fit import Pair, apparent_radiance, emissivity, fit_pair, shot_scatter
+from cldit.dit.fit import CommonError, Pair, apparent_radiance, emissivity, fit_pair, shot_scatter
 
 X = np.array([1.0, 2.5, 6.0, 11.0, 20.0])
 
@@ -23,13 +23,13 @@ def _fit(
     slopes: tuple[float, float] = (1.0, 0.3),
 ) -> Pair:
     pixels = before.shape[1]
+    g, s = (np.full(pixels, slope) for slope in slopes)
     return fit_pair(
         (X, X),
         (before, during),
         variance=variance,
         usable=np.ones(before.shape, bool),
-        shared=np.zeros(5) if shared is None else shared,
-        slopes=(np.full(pixels, slopes[0]), np.full(pixels, slopes[1])),
+        common=() if shared is None else [CommonError(variance=shared, reference=g, injection=s)],
     )
 
 
@@ -80,6 +80,65 @@ def test_shared_errors_are_generalised_least_squares() -> None:
         np.testing.assert_allclose(lines.values[pixel], best, rtol=1e-9)
         np.testing.assert_allclose(lines.covariance[pixel], inv(white.T @ white), rtol=1e-8)
         assert lines.chi2[pixel] == pytest.approx(misfit, rel=1e-8)
+
+
+def test_several_common_errors_are_generalised_least_squares() -> None:
+    """Black body, offset and gain together, the offset 1e4 times the noise: scipy, whitened."""
+    before, during, variance = _noisy(1)
+    g, s = np.array([0.97]), np.array([0.31])
+    one = np.ones(1)
+    common = [
+        CommonError(variance=np.full(5, 0.03), reference=g, injection=s),
+        CommonError(variance=np.full(5, 200.0), reference=one, injection=one),
+        CommonError(variance=np.linspace(1e-4, 4e-4, 5), reference=before, injection=during),
+    ]
+    lines = fit_pair(
+        (X, X),
+        (before, during),
+        variance=variance,
+        usable=np.ones((5, 1), bool),
+        common=common,
+    )
+    whole = np.diag(np.concatenate(variance)[:, 0])
+    for number in range(5):
+        for error in common:
+            p, q = (
+                float(np.broadcast_to(f, (5, 1))[number, 0])
+                for f in (error.reference, error.injection)
+            )
+            both = [number, number + 5]
+            whole[np.ix_(both, both)] += error.variance[number] * np.outer([p, q], [p, q])
+    design = np.zeros((10, 4))
+    design[:5, 0] = design[5:, 2] = X
+    design[:5, 1] = design[5:, 3] = 1.0
+    factor = cholesky(whole, lower=True)
+    white = solve_triangular(factor, design, lower=True)
+    seen = np.concatenate([before[:, 0], during[:, 0]])
+    best, misfit, *_ = lstsq(white, solve_triangular(factor, seen, lower=True))
+    np.testing.assert_allclose(lines.values[0], best, rtol=1e-7)
+    np.testing.assert_allclose(lines.covariance[0], inv(white.T @ white), rtol=1e-6)
+    assert lines.chi2[0] == pytest.approx(misfit, rel=1e-6)
+
+
+def test_an_offset_of_the_camera_leaves_the_fit_of_the_difference() -> None:
+    """Eq. (2)'s immunity: an offset before each background, any size, moves neither result."""
+    before, during, (variance, _) = _noisy()
+    one = np.ones(7)
+    offset = 50.0 * np.array([0.0, 1.0, 2.0, 3.0, 4.0])[:, None]
+    error = CommonError(variance=np.full(5, 1e4), reference=one, injection=one)
+    found = [
+        fit_pair(
+            (X, X),
+            (before + shift, during + shift),
+            variance=(variance, variance),
+            usable=np.ones((5, 7), bool),
+            common=[error],
+        )
+        for shift in (0.0, offset)
+    ]
+    kelvin = [apparent_radiance(lines)[0] for lines in found]
+    # The rest is the offset's own prior: 1e4 against 1e-2 of noise.
+    np.testing.assert_allclose(kelvin[1], kelvin[0], rtol=1e-4)
 
 
 def test_a_common_error_drops_out_of_a_transparent_spray() -> None:
@@ -144,8 +203,6 @@ def test_degenerate_lines_are_nan() -> None:
         (x[:, None] * ones, 0.5 * x[:, None] * ones),
         variance=(ones, ones),
         usable=usable,
-        shared=np.zeros(3),
-        slopes=(ones[0], ones[0]),
     )
     assert np.isnan(lines.values[:3]).all() and np.isnan(lines.chi2[:3]).all()
     np.testing.assert_allclose(lines.values[3], [1.0, 0.0, 0.5, 0.0], atol=1e-12)

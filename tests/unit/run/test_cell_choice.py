@@ -13,7 +13,7 @@ from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, PointSource, Sources, build_octree
 from cldit.medium.resolution import MOST_CELLS
-from cldit.run.cell_choice import cells_that_fit, chosen_frame, host_bytes
+from cldit.run.cell_choice import cells_that_fit, chosen_frame
 from cldit.scene import parse_scene
 from cldit.scene.vessel import Domain
 from cldit.spray.result import Cells
@@ -81,7 +81,6 @@ def test_smaller_memory_holds_fewer_cells(device: Device) -> None:
     assert fit(12) < fit()
     tight = replace(device.info, largest_buffer_bytes=96_000)
     assert cells_that_fit(replace(device, info=tight), wavelengths=1, phase=False) == 1000
-    assert host_bytes() > 1e8
 
 
 @pytest.mark.parametrize(

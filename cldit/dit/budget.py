@@ -1,0 +1,265 @@
+"""What no shot shows: how much T_app and emissivity depend on what is only stated.
+
+The lines of a pixel are straight in x, the radiance that leaves the background. Where the set-up is
+stated otherwise, x becomes x', and x = a x' + b as nearly as the camera's noise asks for (exactly,
+but for the filter). Both lines then keep their pictures, so that
+
+    I(T_app') = (e I(T_app) + (1 - e) b_inj - b_ref) / (a_ref - (1 - e) a_inj)
+    e' = 1 - (1 - e) a_inj / a_ref                                                e: emissivity
+
+with a and b from the weights of either kind. Where x' is linear in x they are the same for both:
+then I(T_app') = (I(T_app) - b) / a, and the emissivity does not move. A front window drops out of
+both: it is in gain and offset of the pixel.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.camera.calibration import Calibration
+from cldit.camera.curve import Curve
+from cldit.dit.maps import Maps, Reason
+from cldit.images import write_image
+from cldit.optics.response import edges_um
+from cldit.optics.spectral import reference_temperature_K
+from cldit.optics.windows import Pane, band_pane
+from cldit.radiance.boundary import Boundary, Surroundings
+from cldit.scene.vessel import Window
+
+Floats = NDArray[np.float64]
+
+_SHARES = np.linspace(0.0, 1.0, 11)  # emissivities for which the backgrounds are weighed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """One cause. name: with its size. kelvin, emissivity: (H, W) change of either by that size."""
+
+    name: str
+    kelvin: Floats
+    emissivity: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class Budget:
+    """All parts beside the statistical error; maps are (H, W), NaN where there is no value."""
+
+    parts: tuple[Part, ...]
+    maps: Maps
+
+    @property
+    def kelvin(self) -> Floats:
+        """Systematic standard error of T_app: the root of the sum of the squares."""
+        return np.asarray(np.sqrt(np.sum([one.kelvin**2 for one in self.parts], axis=0)))
+
+    @property
+    def emissivity(self) -> Floats:
+        """Systematic standard error of the emissivity."""
+        return np.asarray(np.sqrt(np.sum([one.emissivity**2 for one in self.parts], axis=0)))
+
+    @property
+    def total_K(self) -> Floats:
+        """Standard error of T_app, statistical and systematic."""
+        return np.hypot(self.kelvin, self.maps.apparent_temperature_standard_error_K)
+
+    @property
+    def total_emissivity(self) -> Floats:
+        """Standard error of the emissivity, statistical and systematic."""
+        return np.hypot(self.emissivity, self.maps.emissivity_standard_error)
+
+    def _rows(self) -> list[tuple[str, Floats, Floats]]:
+        stated = self.maps
+        return [
+            (
+                "statistical, with what the witnesses found",
+                stated.apparent_temperature_standard_error_K.astype(float),
+                stated.emissivity_standard_error.astype(float),
+            ),
+            *((one.name, one.kelvin, one.emissivity) for one in self.parts),
+            ("total", self.total_K, self.total_emissivity),
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Medians over the evaluated pixels, by part."""
+        return {
+            name: {"apparent_temperature_K": _median(kelvin), "emissivity": _median(share)}
+            for name, kelvin, share in self._rows()
+        }
+
+    @property
+    def lines(self) -> list[str]:
+        """One for each part, medians over the evaluated pixels; none where there are none."""
+        if not np.any(self.maps.reason == Reason.OK):
+            return []
+        title = "budget, median pixel: T_app / K, emissivity"
+        return [title] + [
+            f"  {name}: {_median(kelvin) or 0.0:.2g} K, {_median(share) or 0.0:.1g}"
+            for name, kelvin, share in self._rows()
+        ]
+
+    def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
+        """Writes systematic and total errors as TIFF into `folder`, with pixels of `pixel_m`."""
+        for name, image, unit in (
+            ("apparent_temperature_systematic_error_K", self.kelvin, "K"),
+            ("apparent_temperature_total_error_K", self.total_K, "K"),
+            ("emissivity_systematic_error", self.emissivity, "1"),
+            ("emissivity_total_error", self.total_emissivity, "1"),
+        ):
+            write_image(
+                folder / f"{name}.tif",
+                image.astype(np.float32),
+                name=name.removesuffix("_K").replace("_", " "),
+                unit=unit,
+                pixel_m=pixel_m,
+            )
+
+
+def _median(image: Floats) -> float | None:
+    known = np.abs(image[np.isfinite(image)])
+    return float(np.median(known)) if known.size else None
+
+
+def budget(
+    maps: Maps,
+    around: Surroundings,
+    *,
+    curve: Curve,
+    backgrounds_K: Sequence[float],
+    calibration: Calibration,
+) -> Budget:
+    """The budget of an evaluation.
+
+    Args:
+        maps: (H, W) of it.
+        around: set-up, with its uncertainty.
+        curve: black-body temperature to radiance, as used.
+        backgrounds_K: (K,) temperatures of the black body.
+        calibration: of the camera; its noise weighs the backgrounds.
+    """
+    unsure = around.uncertainty
+    stated = _boundary(around, curve, backgrounds_K)
+    middle_um = float(np.mean(edges_um(curve.filter_um)))
+    less = max(around.background_emissivity - unsure.background_emissivity, 1e-3)
+    change_um = unsure.filter_um / middle_um
+    changed: list[tuple[str, Boundary, Curve]] = [
+        (
+            f"background emissivity by {around.background_emissivity - less:g}",
+            _boundary(replace(around, background_emissivity=less), curve, backgrounds_K),
+            curve,
+        ),
+        (
+            f"walls by {unsure.wall_temperature_K:g} K",
+            _boundary(
+                replace(
+                    around,
+                    wall_temperature_K=around.wall_temperature_K + unsure.wall_temperature_K,
+                ),
+                curve,
+                backgrounds_K,
+            ),
+            curve,
+        ),
+        (
+            f"filter by {unsure.filter_um:g} um",
+            _boundary(
+                around,
+                other := replace(curve, stretch=curve.stretch * (1.0 + change_um)),
+                backgrounds_K,
+            ),
+            other,
+        ),
+    ]
+    for window in around.windows:
+        warmer = tuple(
+            one.model_copy(
+                update={"temperature_K": one.temperature_K + unsure.window_temperature_K}
+            )
+            if one is window
+            else one
+            for one in around.windows
+        )
+        changed += [
+            (
+                f"{window.side} window by {unsure.window_temperature_K:g} K",
+                _boundary(replace(around, windows=warmer), curve, backgrounds_K),
+                curve,
+            ),
+            (
+                f"{window.side} window's transmission by {unsure.window_transmission:g}",
+                _boundary(
+                    around, curve, backgrounds_K, dimmed={window.side: unsure.window_transmission}
+                ),
+                curve,
+            ),
+        ]
+    kelvin = maps.apparent_temperature_K.astype(float)
+    emissivity = maps.emissivity.astype(float)
+    radiance = curve.radiance(np.nan_to_num(kelvin, nan=300.0))
+    x = stated.leaving(np.asarray(backgrounds_K))
+    through = 1.0 - emissivity
+    known = np.isfinite(kelvin)
+    spray = float(np.median(radiance[known])) if known.any() else float(x[0])
+    parts: list[Part] = []
+    for name, boundary, changed_curve in changed:
+        leaving = boundary.leaving(np.asarray(backgrounds_K))
+        lines = np.array(
+            [
+                _affine(leaving, x, _weight(share, x, spray, stated, calibration))
+                for share in _SHARES
+            ]
+        )
+        a, b = lines[0]
+        a_inj, b_inj = (np.interp(emissivity, _SHARES, column) for column in lines.T)
+        with np.errstate(divide="ignore", invalid="ignore"):  # where there is no spray at all
+            own = (radiance * emissivity + through * b_inj - b) / (a - through * a_inj)
+        other_K = changed_curve.temperature(np.maximum(np.where(known, own, 0.0), 0.0))
+        parts.append(
+            Part(
+                name=name,
+                kelvin=np.where(known, other_K - kelvin, np.nan),
+                emissivity=through * (1.0 - a_inj / a),
+            )
+        )
+    return Budget(parts=tuple(parts), maps=maps)
+
+
+def _boundary(
+    around: Surroundings,
+    curve: Curve,
+    backgrounds_K: Sequence[float],
+    *,
+    dimmed: dict[str, float] | None = None,
+) -> Boundary:
+    """Measurement equation, windows of the sides `dimmed` letting through so much less."""
+    middle_K = reference_temperature_K(list(backgrounds_K))
+
+    def pane(window: Window) -> Pane:
+        shares = band_pane(window, curve.filter_um, reference_K=middle_K)
+        less = (dimmed or {}).get(window.side, 0.0)
+        return replace(shares, transmission=shares.transmission - less)
+
+    return Boundary.of(around, curve.radiance, pane)
+
+
+def _weight(
+    emissivity: float, x: Floats, own: float, stated: Boundary, calibration: Calibration
+) -> Floats:
+    """(K,) one over the camera's variance before a spray of this emissivity and radiance."""
+    seen = stated.seen((1.0 - emissivity) * x + emissivity * own)
+    return np.asarray(1.0 / calibration.variance_counts2(calibration.counts(seen)))
+
+
+def _affine(other: Floats, x: Floats, weight: Floats) -> tuple[float, float]:
+    """a and b of x = a x' + b, by weighted least squares over the backgrounds."""
+    unit = float(np.max(np.abs(x)))
+    a, b = np.polyfit(other / unit, x / unit, 1, w=np.sqrt(weight))
+    if not math.isfinite(a):
+        return 1.0, 0.0
+    return float(a), float(b) * unit

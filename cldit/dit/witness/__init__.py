@@ -1,0 +1,1 @@
+"""Witnesses: what recorded shots say about the measurement itself."""

@@ -1,0 +1,193 @@
+"""Backgrounds against each other: each one's pictures against the line through the others'.
+
+References see the black body, so they lie on a straight line over its radiance, whatever gain and
+offset a pixel has. One that does not was taken at another temperature than said, or the camera
+changed. Injections do the same in the pixels with the least spray.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.dit.witness.evidence import Evidence
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Acceptable, Witness, by_background, sure
+from cldit.dit.witness.lines import OffLine, off_line, squares
+
+Floats = NDArray[np.float64]
+
+FLOOR_K = 0.005  # what Planck's law over mean windows leaves of itself
+CHOSEN = 1.16**2  # squared mean of the highest 30 % of a normal distribution
+_CLEAREST = 0.3  # share of the blocks, those with the least spray
+_ICE_K = 273.15
+_COLD_K = 223.0  # no part of a rig with a black body is so cold; in Celsius it is everyday
+
+
+def references(evidence: Evidence, *, stated_K: Floats) -> tuple[Witness, OffLine | None]:
+    """References against each other.
+
+    Args:
+        evidence: of K backgrounds.
+        stated_K: (K,) standard deviation of each background that the user has stated.
+
+    Returns:
+        The witness, and how far each is off; None with two backgrounds.
+    """
+    every = np.ones(evidence.blocks, bool)
+    return _judge(evidence, "reference", every, stated_K=stated_K)
+
+
+def injections(evidence: Evidence, *, stated_K: Floats) -> Witness:
+    """Injections against each other where there is the least spray.
+
+    Args:
+        evidence: of K backgrounds.
+        stated_K: (K,) standard deviation of each background that the user has stated.
+    """
+    return _judge(evidence, "injection", clearest(evidence), stated_K=stated_K)[0]
+
+
+def fitted_over(
+    as_stated: Evidence, fitted: Evidence, lined: Witness, *, stated_K: Floats
+) -> Witness:
+    """Whether a fitted filter hides one background that is off.
+
+    Args:
+        as_stated, fitted: of the filter as stated, and as fitted to the references.
+        lined: what the references say of the fitted one.
+        stated_K: (K,) standard deviation of each background that the user has stated.
+
+    Returns:
+        `lined`, or a severe witness where one background explains the references and no filter
+        does.
+    """
+    other, off = references(as_stated, stated_K=stated_K)
+    if off is None or off.lone is None or not other.stands_out:
+        return lined
+    keep = np.arange(len(stated_K)) != off.lone
+    alone, curve = (
+        squares(
+            one.source["reference"][which],
+            one.mean("reference").mean(axis=1)[which],
+            one.rise[which],
+        )
+        for one, which in ((as_stated, keep), (fitted, np.ones_like(keep)))
+    )
+    if alone > 0.1 * curve:
+        return lined
+    return replace(
+        other,
+        text=f"{other.text}; no other filter explains that: use --calibration planck",
+        severe=True,
+    )
+
+
+def clearest(evidence: Evidence) -> NDArray[np.bool_]:
+    """(B,) the blocks with the least spray: 30 % of them, by the slope of the injections."""
+    slope = slopes(evidence)
+    return np.asarray(slope >= np.quantile(slope, 1.0 - _CLEAREST))
+
+
+def slopes(evidence: Evidence) -> Floats:
+    """(B,) slope of the injections' line over that of the references'."""
+    found = []
+    for kind in ("reference", "injection"):
+        x = evidence.source[kind]
+        away = (x - x.mean()) / np.max(np.abs(x - x.mean()))
+        found.append(away @ evidence.mean(kind))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = found[1] / found[0]
+    return np.asarray(np.nan_to_num(ratio, nan=1.0, posinf=1.0, neginf=0.0))
+
+
+def _judge(
+    evidence: Evidence, kind: str, chosen: NDArray[np.bool_], *, stated_K: Floats
+) -> tuple[Witness, OffLine | None]:
+    of = f"{kind}s against each other"
+    name: Acceptable = "backgrounds" if kind == "reference" else "injections"
+    if len(evidence.setpoints) < 3:
+        text = f"{of}: two backgrounds lie on any line; a third one would tell"
+        return Witness(name=name, text=text), None
+    x, y = evidence.source[kind], evidence.mean(kind)[:, chosen].mean(axis=1)
+    variance = evidence.variance(kind, chosen)
+    if kind == "injection":  # the noise of the blocks that were chosen for how they look
+        each = evidence.camera[kind][:, chosen].mean(axis=1) / evidence.number(kind)
+        variance = variance + CHOSEN * each
+    variance = variance + (np.hypot(FLOOR_K, stated_K) * evidence.rise) ** 2
+    off = off_line(x, y, rise=evidence.rise, variance=variance)
+    beyond = off.beyond(sure(evidence.degrees(kind)))
+    worst_K = float(np.max(np.abs(off.kelvin)))
+    text = f"{of}: {by_background(evidence.setpoints, off.kelvin, off.noise_K)}"
+    stands_out = beyond and worst_K > WORTH_K
+    if stands_out:
+        text += "; " + _cause(evidence, kind, off, y)
+    return (
+        Witness(
+            name=name,
+            text=text,
+            kelvin=tuple(off.kelvin.tolist()),
+            noise_K=tuple(off.noise_K.tolist()),
+            stands_out=stands_out,
+            severe=beyond and (off.swapped is not None or _size(off) > LIMIT_K),
+        ),
+        off,
+    )
+
+
+def _size(off: OffLine) -> float:
+    """Kelvin of the one that is off, or the middle one of all."""
+    if off.lone is not None:
+        return float(abs(off.kelvin[off.lone]))
+    return float(np.median(np.abs(off.kelvin)))
+
+
+def _cause(evidence: Evidence, kind: str, off: OffLine, y: Floats) -> str:
+    at = evidence.temperatures_K[kind]
+    given = squares(evidence.source[kind], y, evidence.rise)
+    for temperature_K, rise, text in (
+        (
+            evidence.own_radiance(at + _ICE_K),
+            _rise(evidence, at + _ICE_K),
+            "the temperatures look like degrees Celsius: they fit with 273.15 added",
+        ),
+        (at, np.ones_like(at), "counts rise as the temperature itself: do the pictures hold it?"),
+    ):
+        if _size(off) > LIMIT_K and squares(temperature_K, y, rise) < 0.01 * given:
+            return text
+    names = [f"{setpoint:g} K" for setpoint in evidence.setpoints]
+    if off.swapped is not None:
+        i, j = off.swapped
+        return (
+            f"the {kind}s (or temperatures) of backgrounds {names[i]} and {names[j]} look swapped"
+        )
+    if off.lone is not None:
+        return f"background {names[off.lone]} reads {off.kelvin[off.lone]:+.2f} K off the others"
+    if len(names) == 3:
+        return "one of the three is off, or the filter or the camera is not as stated"
+    return "they lie on no line: filter, camera or temperatures are not as stated"
+
+
+def _rise(evidence: Evidence, at_K: Floats) -> Floats:
+    return np.asarray(
+        (evidence.own_radiance(at_K + 0.01) - evidence.own_radiance(at_K - 0.01)) / 0.02
+    )
+
+
+def celsius(named_K: dict[str, float]) -> Witness | None:
+    """Temperatures of the set-up that no rig has, but that are everyday in degrees Celsius.
+
+    Args:
+        named_K: temperatures by what they belong to.
+    """
+    cold = {name: kelvin for name, kelvin in named_K.items() if kelvin < _COLD_K}
+    if not cold:
+        return None
+    listed = ", ".join(f"{name} {kelvin:g} K" for name, kelvin in cold.items())
+    return Witness(
+        name="celsius",
+        text=f"temperatures that look like degrees Celsius: {listed}; add 273.15",
+        stands_out=True,
+        severe=True,
+    )

@@ -1,0 +1,229 @@
+"""What the witnesses look at: means of blocks of pixels, shot by shot, as radiance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.camera.calibration import Calibration
+from cldit.dit.shots import Sums, thumbnail
+from cldit.radiance.boundary import Boundary
+
+Floats = NDArray[np.float64]
+
+KINDS = ("reference", "injection")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """Blocks that see the background and never saturate, before K backgrounds.
+
+    temperatures_K, source: of the black body, and of its radiance in the chamber, (K,) by kind.
+    rise: (K,) radiance per kelvin. shots: by kind, for each background (n, B) radiance of each
+    shot. camera: (K, B) by kind, variance of one shot's block by the camera's noise.
+    numbers: by kind, for each background (n,) places of the shots among all.
+    own_radiance: of a black body, over its temperature. warmest: radiance that no spray without a
+    flame exceeds.
+    """
+
+    setpoints: tuple[float, ...]
+    temperatures_K: Mapping[str, Floats]
+    source: Mapping[str, Floats]
+    rise: Floats
+    shots: Mapping[str, tuple[Floats, ...]]
+    camera: Mapping[str, Floats]
+    numbers: Mapping[str, tuple[Floats, ...]]
+    own_radiance: Callable[[Floats], Floats]
+    warmest: float
+
+    @classmethod
+    def of(
+        cls,
+        sums: Mapping[tuple[float, str], Sums],
+        setpoints: Sequence[float],
+        *,
+        sees: NDArray[np.bool_],
+        whole: Boundary,
+        calibration: Calibration,
+        warmest_K: float,
+    ) -> Evidence:
+        """Of sums by set point and kind.
+
+        Args:
+            sums: of every background and kind.
+            setpoints: rising.
+            sees: (h, w) pixels that see the background, unsaturated.
+            whole: measurement equation in the filter.
+            calibration: of the camera.
+            warmest_K: hottest of backgrounds, walls and windows.
+        """
+        chosen = thumbnail(sees.astype(float)).ravel() >= 1.0
+        if not chosen.any():
+            chosen = thumbnail(sees.astype(float)).ravel() > 0.5
+        rows, columns = thumbnail(sees.astype(float)).shape
+        pixels = max(sees.size / (rows * columns), 1.0)
+        scale = calibration.counts_per_radiance * whole.front.transmission
+        shots: dict[str, tuple[Floats, ...]] = {}
+        camera: dict[str, Floats] = {}
+        numbers: dict[str, tuple[Floats, ...]] = {}
+        temperatures = {
+            kind: np.array([sums[k, kind].temperature_K for k in setpoints]) for kind in KINDS
+        }
+        for kind in KINDS:
+            parts: list[Floats] = []
+            for setpoint in setpoints:
+                group = sums[setpoint, kind]
+                kept = [
+                    small.ravel()[chosen]
+                    for small, weight in zip(group.thumbnails, group.weights, strict=True)
+                    if weight > 0.0
+                ]
+                parts.append((np.array(kept, float) - calibration.offset_counts) / scale)
+            shots[kind] = tuple(parts)
+            numbers[kind] = tuple(
+                np.array(sums[k, kind].numbers, float)[np.array(sums[k, kind].weights) > 0.0]
+                for k in setpoints
+            )
+            counts = np.array([part.mean(axis=0) for part in parts]) * scale
+            noise = calibration.variance_counts2(counts + calibration.offset_counts)
+            camera[kind] = noise / scale**2 / pixels
+        near = temperatures["reference"]
+        return cls(
+            setpoints=tuple(setpoints),
+            temperatures_K=temperatures,
+            source={kind: whole.leaving(temperatures[kind]) for kind in KINDS},
+            rise=(whole.leaving(near + 0.01) - whole.leaving(near - 0.01)) / 0.02,
+            shots=shots,
+            camera=camera,
+            numbers=numbers,
+            own_radiance=whole.radiance,
+            warmest=float(whole.radiance(warmest_K)),
+        )
+
+    @property
+    def blocks(self) -> int:
+        """How many blocks there are."""
+        return int(self.shots["reference"][0].shape[1])
+
+    def halves(self) -> tuple[Evidence, Evidence] | None:
+        """Every other shot of both kinds, and the rest; None where a background has only one."""
+        if min(len(part) for kind in KINDS for part in self.shots[kind]) < 2:
+            return None
+
+        def half(first: int) -> Evidence:
+            return replace(
+                self,
+                shots={k: tuple(part[first::2] for part in self.shots[k]) for k in KINDS},
+                numbers={k: tuple(part[first::2] for part in self.numbers[k]) for k in KINDS},
+            )
+
+        return half(0), half(1)
+
+    def number(self, kind: str) -> Floats:
+        """(K,) shots of a kind."""
+        return np.array([float(len(part)) for part in self.shots[kind]])
+
+    def degrees(self, kind: str) -> int:
+        """Degrees of freedom of `jitter`, over all backgrounds."""
+        spare: Floats = _spare(self.number(kind))
+        return round(float(spare.sum()))
+
+    def mean(self, kind: str) -> Floats:
+        """(K, B) means over the shots of a kind."""
+        return np.array([part.mean(axis=0) for part in self.shots[kind]])
+
+    def picture(self, kind: str, chosen: NDArray[np.bool_]) -> list[Floats]:
+        """For each background, (n,) means of each shot of a kind over the `chosen` blocks (B,)."""
+        return [part[:, chosen].mean(axis=1) for part in self.shots[kind]]
+
+    def jitter(self, kind: str, chosen: NDArray[np.bool_]) -> Floats:
+        """(K,) variance of one shot's mean over the `chosen` blocks (B,), without what is slow.
+
+        It is that about a straight line over the places of the shots: a steady drift is no noise
+        of their mean. Of two shots it is half the square of their difference.
+
+        Args:
+            kind: of the shots.
+            chosen: (B,) blocks.
+
+        Returns:
+            (K,) variances.
+        """
+        return np.array(
+            [
+                _about_line(places, one)
+                for places, one in zip(self.numbers[kind], self.picture(kind, chosen), strict=True)
+            ]
+        )
+
+    def variance(self, kind: str, chosen: NDArray[np.bool_]) -> Floats:
+        """(K,) variance of the mean of a kind's shots over the `chosen` blocks (B,).
+
+        The largest of the camera's noise, of the jitter before this background and of that before
+        all of them: a few shots may agree by chance.
+
+        Args:
+            kind: of the shots.
+            chosen: (B,) blocks.
+
+        Returns:
+            (K,) variances.
+        """
+        n = self.number(kind)
+        noise = self.camera[kind][:, chosen].mean(axis=1) / chosen.sum()
+        each = self.jitter(kind, chosen)
+        spare = _spare(n)
+        pooled = np.sum(each * spare) / max(np.sum(spare), 1.0)
+        return np.asarray(np.maximum(np.maximum(noise, each), pooled) / n)
+
+    def scatter(self) -> tuple[Floats, float]:
+        """How injections scatter beyond the camera's noise, in parts of Delta I.
+
+        Returns:
+            (K, B) variance of each block's mean on its own, and the variance of the part of
+            Delta I that one shot has more than another in all blocks.
+        """
+        difference = self.mean("injection") - self.mean("reference")
+        n = self.number("injection")[:, None]
+        camera = self.camera["injection"]
+        many = [k for k, part in enumerate(self.shots["injection"]) if len(part) > 1]
+        if not many:
+            return np.asarray(camera / n), 0.0
+        alone, together, weight = 0.0, 0.0, 0.0
+        for k in many:
+            part = self.shots["injection"][k]
+            away = part - part.mean(axis=0)
+            square = float(difference[k] @ difference[k])
+            if not square > 0.0:
+                continue
+            amount = away @ difference[k] / square
+            noise = float(camera[k] @ difference[k] ** 2) / square**2
+            rest = away - amount[:, None] * difference[k]
+            fourth = float(np.sum(difference[k] ** 4))
+            spare = len(part) - 1
+            excess = np.sum(rest**2, axis=0) / spare - camera[k]
+            alone += spare * float(excess @ difference[k] ** 2) / fourth
+            together += spare * (float(np.sum(amount**2)) / spare - noise)
+            weight += spare
+        if not weight:
+            return np.asarray(camera / n), 0.0
+        alone, together = max(alone / weight, 0.0), max(together / weight, 0.0)
+        return np.asarray((camera + alone * difference**2) / n), together
+
+
+def _spare(n: Floats) -> Floats:
+    """Degrees of freedom about a line, of two points about their mean."""
+    return np.asarray(np.maximum(n - 2.0, np.minimum(n - 1.0, 1.0)))
+
+
+def _about_line(places: Floats, values: Floats) -> float:
+    """Variance of `values` (n,) about a straight line over `places` (n,); 0 of one."""
+    if len(values) < 3:
+        return float(np.var(values, ddof=1)) if len(values) == 2 else 0.0
+    away = places - places.mean()
+    off = values - values.mean()
+    off = off - away * float(away @ off) / float(away @ away)
+    return float(off @ off) / (len(values) - 2)

@@ -1,0 +1,183 @@
+"""All witnesses of recorded shots, and by how much they widen the errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.camera.calibration import Calibration
+from cldit.dit.shots import Sums
+from cldit.dit.solve import Cause, Drift, Systematic
+from cldit.dit.witness import backgrounds, drift, pictures
+from cldit.dit.witness.evidence import Evidence
+from cldit.dit.witness.finding import Witness
+from cldit.dit.witness.kinds import kinds
+from cldit.dit.witness.orientation import orientation
+from cldit.dit.witness.shift import shift
+from cldit.radiance.boundary import Boundary, Surroundings
+
+Floats = NDArray[np.float64]
+AllSums = Mapping[tuple[float, str], Sums]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Examined:
+    """What the witnesses say, and what of it goes into the fit."""
+
+    witnesses: tuple[Witness, ...]
+    drifts: tuple[Drift, ...]
+    systematic: Systematic
+
+
+def examine_pictures(
+    sums: AllSums, setpoints: Sequence[float], around: Surroundings, *, saturation_counts: float
+) -> tuple[list[Witness], float]:
+    """What pictures and set-up say before anything is known of radiance.
+
+    Args:
+        sums: by set point and kind.
+        setpoints: rising.
+        around: what the camera sees beside the spray.
+        saturation_counts: as stated.
+
+    Returns:
+        Witnesses that found something, and the level from which a pixel says nothing.
+    """
+    named_K = {f"background {k:g}": sums[k, "reference"].temperature_K for k in setpoints}
+    named_K["walls"] = around.wall_temperature_K
+    named_K |= {f"{window.side} window": window.temperature_K for window in around.windows}
+    ending, saturation = pictures.plateau(sums, saturation_counts)
+    found = [
+        backgrounds.celsius(named_K),
+        pictures.repeats(sums),
+        ending,
+        pictures.axes(sums, setpoints),
+        orientation(sums, setpoints),
+    ]
+    return [one for one in found if one is not None], saturation
+
+
+def examine(
+    sums: AllSums,
+    setpoints: Sequence[float],
+    *,
+    sees: NDArray[np.bool_],
+    whole: Boundary,
+    around: Surroundings,
+    calibration: Calibration,
+    unfitted: Boundary | None = None,
+) -> Examined:
+    """What the shots say of each other.
+
+    Args:
+        sums: by set point and kind.
+        setpoints: rising.
+        sees: (h, w) pixels that see the background unsaturated; at least one.
+        whole: measurement equation in the filter.
+        around: what the camera sees beside the spray.
+        calibration: of the camera.
+        unfitted: `whole` with the filter as stated, where it is of a curve that was fitted to the
+            references.
+    """
+    given = stated(sums, setpoints, whole=whole, around=around, calibration=calibration)
+    if not sees.any():
+        return Examined(witnesses=(), drifts=given, systematic=Systematic())
+    warm_K = [
+        *setpoints,
+        around.wall_temperature_K,
+        around.background_surroundings_K or 0.0,
+        *(window.temperature_K for window in around.windows),
+    ]
+    evidence = Evidence.of(
+        sums,
+        setpoints,
+        sees=sees,
+        whole=whole,
+        calibration=calibration,
+        warmest_K=max(warm_K),
+    )
+    scale = calibration.counts_per_radiance * whole.front.transmission
+    stated_K = np.sqrt(_stated_K2(given, evidence))
+    lined, off = backgrounds.references(evidence, stated_K=stated_K)
+    common = drift.find(evidence, off)
+    if common.cause and lined.stands_out and not lined.severe:
+        lined = replace(lined, text=f"{lined.text}, {common.cause}")
+    if unfitted is not None:
+        as_stated = Evidence.of(
+            sums,
+            setpoints,
+            sees=sees,
+            whole=unfitted,
+            calibration=calibration,
+            warmest_K=max(warm_K),
+        )
+        lined = backgrounds.fitted_over(as_stated, evidence, lined, stated_K=stated_K)
+    between = kinds(evidence)
+    moved, widened = shift(
+        sums,
+        setpoints,
+        sees=sees,
+        source=evidence.source["reference"],
+        counts_per_kelvin=evidence.rise * scale,
+    )
+    extra = None
+    if widened:
+        extra = np.array([widened.get(k, np.zeros(sees.shape)) for k in setpoints]) / scale**2
+    return Examined(
+        witnesses=(
+            lined,
+            backgrounds.injections(evidence, stated_K=stated_K),
+            between.witness,
+            moved,
+        ),
+        drifts=(*given, *common.drifts),
+        systematic=replace(between.systematic, absorbed=common.absorbed, extra=extra),
+    )
+
+
+def stated(
+    sums: AllSums,
+    setpoints: Sequence[float],
+    *,
+    whole: Boundary,
+    around: Surroundings,
+    calibration: Calibration,
+) -> tuple[Drift, ...]:
+    """The common errors that the user states, and that of the black body's readings.
+
+    Args:
+        sums, setpoints, whole, around, calibration: as in `examine`.
+
+    Returns:
+        One for each that is not 0.
+    """
+    scale = calibration.counts_per_radiance * whole.front.transmission
+    groups = [sums[k, "injection"] for k in setpoints]
+    backgrounds_K = np.array([group.temperature_K for group in groups])
+    readings_K2 = np.array([group.temperature_variance_K2 for group in groups])
+    rise = (whole.leaving(backgrounds_K + 0.01) - whole.leaving(backgrounds_K - 0.01)) / 0.02
+    none = np.zeros(len(setpoints))
+    offset2 = (around.camera_offset_error_counts / scale) ** 2
+    variances: dict[Cause, Floats] = {
+        "black body": rise**2 * (around.background_error_K**2 + readings_K2),
+        "offset": none + offset2,
+        "gain": none + around.camera_gain_error**2,
+    }
+    return tuple(
+        Drift(cause=cause, variance=variance, each=none, jitter=none)
+        for cause, variance in variances.items()
+        if variance.any()
+    )
+
+
+def _stated_K2(drifts: Sequence[Drift], evidence: Evidence) -> Floats:
+    """(K,) variance of the references by what is stated, as kelvin^2 of the black body."""
+    total = np.zeros(len(evidence.setpoints))
+    signal = evidence.mean("reference").mean(axis=1)
+    for one in drifts:
+        factor = signal if one.cause == "gain" else 1.0
+        total += one.variance * factor**2 / evidence.rise**2
+    return total

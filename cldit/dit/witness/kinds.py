@@ -1,0 +1,166 @@
+"""Injections against references where there is no spray.
+
+There they show the same, but for what a thin rest of spray of emissivity e adds, e (b - x) before a
+background of radiance x, where b is its own radiance. A spray is no colder than nothing and no
+warmer than the warmest thing about it, so what a mixture of such sprays cannot explain comes from
+elsewhere: from the camera's offset, or from a black body that drifted between the two kinds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from cldit.dit.solve import Systematic
+from cldit.dit.witness.backgrounds import CHOSEN, FLOOR_K, clearest, slopes
+from cldit.dit.witness.evidence import KINDS, Evidence
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, by_background, sure
+
+Floats = NDArray[np.float64]
+
+_DENSE = 0.3  # share of the blocks, those with the most spray, that say how warm it is
+_EXPLAINED = 0.1  # share of the squares that may be left where a cause explains them
+_MORE = 0.05  # of the background's contrast
+_LEAST = 0.02  # emissivity from which a block says how warm its spray is
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kinds:
+    """The witness, and by how much it widens the errors."""
+
+    witness: Witness
+    systematic: Systematic
+
+
+def kinds(evidence: Evidence) -> Kinds:
+    """Injections against references in the blocks with the least spray.
+
+    Args:
+        evidence: of K backgrounds.
+    """
+    chosen = clearest(evidence)
+    gain = _gain(evidence, chosen)
+    # Blocks are chosen by some shots and looked at in the others: those that noise makes brighter
+    # would be chosen, and seem brighter.
+    halves = evidence.halves()
+    blocks = 0.0 if halves else CHOSEN * _both(evidence.camera)[:, chosen].mean(axis=1)
+    pairs = (halves, halves[::-1]) if halves else ((evidence, evidence),)
+    difference = np.mean([_difference(seen, clearest(by)) for by, seen in pairs], axis=0)
+    # Backgrounds that were read otherwise with either kind differ by that too.
+    apart = evidence.source["injection"] - evidence.source["reference"]
+    seen = difference / gain - apart
+    variance = sum(evidence.variance(kind, chosen) for kind in KINDS) + blocks
+    noise = np.sqrt(variance / gain**2 + (FLOOR_K * evidence.rise) ** 2)
+    x = evidence.source["reference"]
+    unexplained = _beyond_spray(seen, x=x, noise=noise, warmest=evidence.warmest)
+    degrees = evidence.degrees("reference") + evidence.degrees("injection")
+    beyond = bool(np.any(np.abs(unexplained) > sure(degrees) * noise))
+    causes = _causes(seen, x, evidence, noise)
+    best = min(causes, key=lambda one: one.left)
+    shown_K = (best.beside if beyond else unexplained) / evidence.rise
+    noise_K = noise / evidence.rise
+    worst_K = float(np.max(np.abs(shown_K)))
+    text = (
+        "injections against references where there is the least spray: "
+        f"{by_background(evidence.setpoints, shown_K, noise_K)}"
+    )
+    stands_out = beyond and worst_K > WORTH_K
+    if stands_out:
+        if best.left > _EXPLAINED * float(np.sum((best.beside / noise) ** 2)):
+            text += "; neither the camera's offset nor the black body alone does that"
+        elif best.column == "offset":
+            text += "; as if the camera's offset changed between the kinds"
+        else:
+            text += f"; as if the black body differed by {best.size:+.2f} K between the kinds"
+        text += ", or there is spray in all of the picture"
+        slope = slopes(evidence)
+        if np.count_nonzero(slope > 1.0 + _MORE) > np.count_nonzero(slope < 1.0 - _MORE):
+            text += "; injections see more of the background: are the two kinds swapped?"
+    systematic = Systematic()
+    if beyond:
+        slope, start = np.polyfit(x / x.max(), evidence.rise, 1)
+        by_offset = best.column == "offset"
+        systematic = Systematic(
+            offset=best.size * gain if by_offset else 0.0,
+            kelvin=0.0 if by_offset else best.size,
+            slope=float(slope / x.max()),
+            start=float(start),
+        )
+    return Kinds(
+        witness=Witness(
+            name="kinds",
+            text=text,
+            kelvin=tuple(shown_K.tolist()),
+            noise_K=tuple(noise_K.tolist()),
+            stands_out=stands_out,
+            severe=beyond and float(np.median(np.abs(shown_K))) > LIMIT_K,
+        ),
+        systematic=systematic,
+    )
+
+
+def _both(variance: Mapping[str, Floats]) -> Floats:
+    return np.asarray(sum(variance[kind] for kind in KINDS))
+
+
+def _difference(evidence: Evidence, chosen: NDArray[np.bool_]) -> Floats:
+    """(K,) injections less references in the `chosen` blocks (B,)."""
+    found = evidence.mean("injection") - evidence.mean("reference")
+    return np.asarray(found[:, chosen].mean(axis=1))
+
+
+def _gain(evidence: Evidence, chosen: NDArray[np.bool_]) -> float:
+    x = evidence.source["reference"]
+    y = evidence.mean("reference")[:, chosen].mean(axis=1)
+    gain = float(np.polyfit(x / x.max(), y / x.max(), 1)[0])
+    return gain if gain > 0.0 else 1.0
+
+
+def _beyond_spray(seen: Floats, *, x: Floats, noise: Floats, warmest: float) -> Floats:
+    """(K,) what no mixture of sprays explains of `seen` before backgrounds of radiance `x`."""
+    coldest = np.zeros_like(x)
+    design = np.stack([coldest - x, max(warmest, float(x.max())) - x], axis=1)
+    share, _ = nnls(design / noise[:, None], seen / noise)
+    return np.asarray(seen - design @ share)
+
+
+@dataclass(frozen=True)
+class _Cause:
+    """size: radiance of an offset, or kelvin. beside: (K,) what is no spray. left: unexplained
+    squares, in units of the noise."""
+
+    column: str
+    size: float
+    beside: Floats
+    left: float
+
+
+def _causes(seen: Floats, x: Floats, evidence: Evidence, noise: Floats) -> list[_Cause]:
+    """Offset or kelvin that explain `seen` beside a spray as warm as the dense one."""
+    spray = _own(evidence, x) - x
+    found: list[_Cause] = []
+    for name, column in (("offset", np.ones_like(x)), ("black body", evidence.rise)):
+        for sign in (1.0, -1.0):
+            design = np.stack([sign * column, spray], axis=1) / noise[:, None]
+            size = np.max(np.abs(design), axis=0)
+            share, left = nnls(design / size, seen / noise)
+            share = share / size
+            found.append(
+                _Cause(name, sign * float(share[0]), seen - spray * share[1], float(left**2))
+            )
+    return found
+
+
+def _own(evidence: Evidence, x: Floats) -> float:
+    """Radiance of the spray where there is most of it; between that of nothing and the warmest."""
+    slope = slopes(evidence)
+    dense = (slope <= np.quantile(slope, _DENSE)) & (1.0 - slope > _LEAST)
+    if not dense.any():
+        return 0.5 * evidence.warmest
+    difference = evidence.mean("injection")[:, dense] - evidence.mean("reference")[:, dense]
+    fall, start = np.polyfit(x / x.max(), difference.mean(axis=1) / x.max(), 1)
+    return float(np.clip(-start / fall * x.max(), 0.0, evidence.warmest)) if fall < 0.0 else 0.0

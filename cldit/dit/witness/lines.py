@@ -1,0 +1,81 @@
+"""Points against a straight line: each against the others, a lone one off it, two swapped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_EXPLAINED = 0.1  # share of the sum of squares that may be left where one cause explains it
+
+
+@dataclass(frozen=True, kw_only=True)
+class OffLine:
+    """How K points lie off the line through the others.
+
+    kelvin, noise_K: (K,). lone: the one without which the others lie on a line; None where there is
+    none, or nobody could tell (three points). swapped: two whose exchange puts all on a line.
+    """
+
+    kelvin: Floats
+    noise_K: Floats
+    lone: int | None
+    swapped: tuple[int, int] | None
+
+    def beyond(self, deviations: float) -> bool:
+        """Whether any point is off by more than so many of its noise."""
+        return bool(np.any(np.abs(self.kelvin) > deviations * self.noise_K))
+
+
+def off_line(x: Floats, y: Floats, *, rise: Floats, variance: Floats) -> OffLine:
+    """Each of K >= 3 points against the line through the others, all counted alike in kelvin.
+
+    Args:
+        x: (K,) radiance of the background.
+        y: (K,) signal.
+        rise: (K,) of x per kelvin.
+        variance: (K,) of y.
+    """
+    gain = _gain(x, y, rise)
+    count = len(x)
+    kelvin, noise = np.zeros(count), np.zeros(count)
+    for k in range(count):
+        others = np.arange(count) != k
+        design = np.stack([x[others], np.ones(count - 1) * x.max()], axis=1) / rise[others][:, None]
+        # (K - 1,) coefficients of the others' signals in what they foretell
+        weight = np.array([x[k], x.max()]) @ np.linalg.pinv(design) / rise[others]
+        kelvin[k] = (y[k] - weight @ y[others]) / (gain * rise[k])
+        noise[k] = np.sqrt(variance[k] + weight**2 @ variance[others]) / (abs(gain) * rise[k])
+    whole = squares(x, y, rise)
+    alone = [squares(np.delete(x, k), np.delete(y, k), np.delete(rise, k)) for k in range(count)]
+    lone = int(np.argmin(alone)) if count >= 4 and min(alone) < _EXPLAINED * whole else None
+    swaps: dict[tuple[int, int], float] = {}
+    for i, j in combinations(range(count), 2):
+        order = np.arange(count)
+        order[[i, j]] = j, i
+        swaps[i, j] = squares(x, y[order], rise)
+    pair = min(swaps, key=lambda one: swaps[one])
+    swapped = pair if swaps[pair] < _EXPLAINED**2 * whole else None
+    return OffLine(kelvin=kelvin, noise_K=noise, lone=lone, swapped=swapped)
+
+
+def squares(x: Floats, y: Floats, rise: Floats) -> float:
+    """Sum of squares in kelvin of K points about their line.
+
+    Args:
+        x, y, rise: (K,) as in `off_line`.
+    """
+    design = np.stack([x, np.ones_like(x) * x.max()], axis=1) / rise[:, None]
+    best, *_ = np.linalg.lstsq(design, y / rise, rcond=None)
+    off = y / rise - design @ best
+    return float(off @ off) / _gain(x, y, rise) ** 2
+
+
+def _gain(x: Floats, y: Floats, rise: Floats) -> float:
+    design = np.stack([x, np.ones_like(x) * x.max()], axis=1) / rise[:, None]
+    best, *_ = np.linalg.lstsq(design, y / rise, rcond=None)
+    return float(best[0]) if best[0] else np.inf

@@ -1,0 +1,117 @@
+"""Does every picture lie alike? Pixels differ a little in gain, which tells.
+
+The pattern of a camera's pixels, each against its neighbours, is the same in references and
+injections and before every background. Where it is found again better in a mirrored, turned or
+shifted picture, a program did that to the picture. What the spray looks like tells the same of the
+injections of one background among the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.dit.shots import Sums
+from cldit.dit.witness.finding import Witness
+
+Floats = NDArray[np.float64]
+
+_LEAST = 8  # pixels along an axis
+_DEVIATIONS = 8.0  # of a correlation of noise, 1 / sqrt(pixels)
+_ALIKE = 0.8  # correlation of two pictures of one spray
+_CLIP = 3.0  # usual deviations, beyond which bad pixels and edges are cut
+
+_TURNS: dict[str, Callable[[Floats], Floats]] = {
+    "upside down": lambda image: image[::-1],
+    "mirrored left to right": lambda image: image[:, ::-1],
+    "turned by 180 degrees": lambda image: image[::-1, ::-1],
+    "with rows and columns exchanged": lambda image: image.T,
+    "turned by 90 degrees": lambda image: np.rot90(image),
+    "turned by 270 degrees": lambda image: np.rot90(image, 3),
+    "with rows and columns exchanged and turned by 180 degrees": lambda image: image.T[::-1, ::-1],
+}
+
+
+def orientation(
+    sums: Mapping[tuple[float, str], Sums], setpoints: Sequence[float]
+) -> Witness | None:
+    """Pictures that lie otherwise than the references do; by `sums` before `setpoints`."""
+    every = slice(None)
+    means = {key: group.mean(every) for key, group in sums.items()}
+    if min(next(iter(means.values())).shape) < _LEAST:
+        return None
+    patterns = {key: _pattern(mean) for key, mean in means.items()}
+    total = np.sum([patterns[k, "reference"] for k in setpoints], axis=0)
+    wrong: list[str] = []
+    for kind in ("reference", "injection"):
+        for setpoint in setpoints:
+            own = patterns[setpoint, kind]
+            others = total - own if kind == "reference" else total
+            least = _DEVIATIONS / np.sqrt(own.size)
+            found = _turned(own, others, least=least) or _shifted(own, others, least=least)
+            if found is not None:
+                wrong.append(f"{kind}s before {setpoint:g} K are {found}")
+    if not wrong:
+        deltas = {k: _level(means[k, "injection"] - means[k, "reference"]) for k in setpoints}
+        if len(setpoints) >= 3:
+            whole = np.sum(list(deltas.values()), axis=0)
+            for setpoint, delta in deltas.items():
+                found = _turned(delta, _level(whole - delta), least=_ALIKE)
+                if found is not None:
+                    wrong.append(f"the spray before {setpoint:g} K is {found}")
+    if not wrong:
+        return None
+    return Witness(
+        name="orientation",
+        text="pictures do not lie alike: " + "; ".join(wrong) + ", against the others",
+        stands_out=True,
+        severe=True,
+    )
+
+
+def _pattern(image: Floats) -> Floats:
+    """Each pixel against its four neighbours, relative, without what sticks out."""
+    edged = np.pad(image, 1, mode="edge")
+    around = (edged[:-2, 1:-1] + edged[2:, 1:-1] + edged[1:-1, :-2] + edged[1:-1, 2:]) / 4.0
+    fine = (image - around) / np.maximum(np.abs(around), 1.0)
+    usual = 1.4826 * float(np.median(np.abs(fine)))
+    return _level(np.clip(fine, -_CLIP * usual, _CLIP * usual))
+
+
+def _level(image: Floats) -> Floats:
+    """Without its mean, of length 1; all 0 of a flat picture."""
+    flat = image - image.mean()
+    size = float(np.sqrt(np.sum(flat**2)))
+    return flat / size if size > 0.0 else np.zeros_like(flat)
+
+
+def _turned(own: Floats, others: Floats, *, least: float) -> str | None:
+    """How `own` must be turned to look like `others`, where that is far better than as it is."""
+    length = float(np.sqrt(np.sum(others**2)))
+    if not length > 0.0:
+        return None
+    as_is = float(np.sum(own * others)) / length
+    best, name = max(
+        (float(np.sum(turn(own) * others)) / length, text)
+        for text, turn in _TURNS.items()
+        if turn(own).shape == others.shape
+    )
+    return name if best > least and best > 2.0 * abs(as_is) else None
+
+
+def _shifted(own: Floats, others: Floats, *, least: float) -> str | None:
+    """By how much `own` is shifted against `others`, where it is then far more alike."""
+    length = float(np.sqrt(np.sum(others**2)))
+    if not length > 0.0:
+        return None
+    alike = np.fft.irfft2(np.fft.rfft2(own) * np.conj(np.fft.rfft2(others)), s=own.shape) / length
+    best = np.unravel_index(int(np.argmax(alike)), own.shape)
+    if not alike[best] > max(least, 2.0 * abs(float(alike[0, 0]))):
+        return None
+    rows, columns = (
+        int(at) - size if at > size // 2 else int(at)
+        for at, size in zip(best, own.shape, strict=True)
+    )
+    return f"shifted by {columns:+d} columns and {rows:+d} rows"

@@ -1,0 +1,180 @@
+"""Pictures against each other: is one background's picture shifted?
+
+What is left of Delta I about the lines of all pixels, before one background, is held against the
+gradient of its own picture: a picture that is shifted by u differs by u times its gradient.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.dit.shots import Sums
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, by_background, sure
+
+Floats = NDArray[np.float64]
+
+_TILES = 4  # along either axis: their scatter is the noise of the shift
+_WORTH_PIXELS = 0.1
+
+
+def shift(
+    sums: Mapping[tuple[float, str], Sums],
+    setpoints: Sequence[float],
+    *,
+    sees: NDArray[np.bool_],
+    source: Floats,
+    counts_per_kelvin: Floats,
+) -> tuple[Witness, dict[float, Floats]]:
+    """Finds the one background whose picture of the spray is shifted.
+
+    Args:
+        sums: by set point and kind.
+        setpoints: K of them.
+        sees: (h, w) pixels that see the background.
+        source: (K,) radiance of the backgrounds.
+        counts_per_kelvin: (K,) of the black body.
+
+    Returns:
+        The witness, and by set point the (h, w) counts^2 by which the shift widens the errors.
+    """
+    text = "pictures against the gradient of each: "
+    count = len(setpoints)
+    if count < 3 or min(sees.shape) < 3 * _TILES:
+        return Witness(name="shift", text=text + "too few backgrounds or pixels"), {}
+    every = slice(None)
+    delta = np.array(
+        [sums[k, "injection"].mean(every) - sums[k, "reference"].mean(every) for k in setpoints]
+    )
+    design = np.stack([source / source.max(), np.ones(count)], axis=1) / counts_per_kelvin[:, None]
+    keep = np.eye(count) - design @ np.linalg.pinv(design)  # what is left about the lines
+    left = np.einsum("kl,lhw->khw", keep, delta / counts_per_kelvin[:, None, None])
+    inner = _inside(sees)
+    if not inner.any():
+        return Witness(name="shift", text=text + "too few pixels see the background"), {}
+    moved, noise, gained = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count)
+    for k in range(count):
+        slope = np.array(np.gradient(delta[k])) / counts_per_kelvin[k]
+        moved[k], noise[k], gained[k] = _fit(slope, left[k] / keep[k, k], inner)
+        gained[k] *= keep[k, k]
+    wander, degrees = _wander(sums, setpoints, keep=keep, counts_per_kelvin=counts_per_kelvin)
+    noise = np.hypot(noise, wander)
+    at = int(np.argmax(gained))
+    size = float(np.hypot(*moved[at]))
+    kelvin = np.array(
+        [_kelvin(delta[k], moved[k], inner) / counts_per_kelvin[k] for k in range(count)]
+    )
+    noise_K = np.array(
+        [_kelvin(delta[k], noise[k], inner) / counts_per_kelvin[k] for k in range(count)]
+    )
+    beyond = bool(np.any(np.abs(moved[at]) > sure(degrees) * noise[at])) and size > _WORTH_PIXELS
+    text += by_background(setpoints, kelvin, noise_K)
+    stands_out = beyond and bool(kelvin[at] > WORTH_K)
+    widened: dict[float, Floats] = {}
+    if stands_out:
+        text += (
+            f"; background {setpoints[at]:g} K: the spray is shifted by {moved[at, 1]:+.1f} "
+            f"columns and {moved[at, 0]:+.1f} rows"
+        )
+        rows, columns = np.gradient(delta[at])
+        widened[setpoints[at]] = (moved[at, 0] * rows + moved[at, 1] * columns) ** 2
+    return (
+        Witness(
+            name="shift",
+            text=text,
+            kelvin=tuple(kelvin.tolist()),
+            noise_K=tuple(noise_K.tolist()),
+            stands_out=stands_out,
+            severe=stands_out and float(kelvin[at]) > LIMIT_K,
+        ),
+        widened,
+    )
+
+
+def _inside(sees: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Pixels whose four neighbours see the background too."""
+    inner = np.zeros_like(sees)
+    inner[1:-1, 1:-1] = (
+        sees[1:-1, 1:-1] & sees[:-2, 1:-1] & sees[2:, 1:-1] & sees[1:-1, :-2] & sees[1:-1, 2:]
+    )
+    return inner
+
+
+def _fit(slope: Floats, left: Floats, where: NDArray[np.bool_]) -> tuple[Floats, Floats, float]:
+    """Shift (rows, columns) by least squares, its standard errors, and the squares it explains.
+
+    The errors are the jackknife's over tiles of the picture: what is left is no white noise where
+    the spray of one shot is not that of the next.
+    """
+    rows, columns = (np.arange(size) * _TILES // size for size in where.shape)
+    tile = (rows[:, None] * _TILES + columns)[where]
+    g, y = slope[:, where], left[where]
+    inner = np.array(
+        [[np.bincount(tile, g[i] * g[j], minlength=_TILES**2) for j in range(2)] for i in range(2)]
+    )
+    right = np.array([-np.bincount(tile, g[i] * y, minlength=_TILES**2) for i in range(2)])
+    normal, side = inner.sum(axis=2), right.sum(axis=1)
+    u = np.linalg.pinv(normal, hermitian=True) @ side
+    without = np.array(
+        [
+            np.linalg.pinv(normal - inner[:, :, i], hermitian=True) @ (side - right[:, i])
+            for i in range(_TILES**2)
+        ]
+    )
+    share = (_TILES**2 - 1) / _TILES**2
+    noise = np.sqrt(share * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
+    return u, noise, float(u @ side)
+
+
+def _wander(
+    sums: Mapping[tuple[float, str], Sums],
+    setpoints: Sequence[float],
+    *,
+    keep: Floats,
+    counts_per_kelvin: Floats,
+) -> tuple[Floats, int]:
+    """(K, 2) how large a shift shots make by chance, and degrees of freedom.
+
+    What each shot has beyond the mean of its background is fitted by the gradient of every
+    background's mean, in the blocks of the thumbnails, as what is left about the lines is.
+
+    Args:
+        sums, setpoints, counts_per_kelvin: as in `shift`.
+        keep: (K, K) takes what is left about the lines.
+    """
+    groups = [sums[setpoint, "injection"] for setpoint in setpoints]
+    small = [np.array(group.thumbnails, float) for group in groups]
+    block = np.array(groups[0].total.shape) / np.array(small[0].shape[1:])
+    away = [
+        (one - one.mean(axis=0)).reshape(len(one), -1) / scale
+        for one, scale in zip(small, counts_per_kelvin, strict=True)
+    ]
+    spare = np.array([len(one) - 1.0 for one in small])
+    found = np.zeros((len(setpoints), 2))
+    if min(small[0].shape[1:]) < 2:
+        return found, 0
+    for k, setpoint in enumerate(setpoints):
+        bare = np.mean(sums[setpoint, "reference"].thumbnails, axis=0)
+        mean = (small[k].mean(axis=0) - bare) / counts_per_kelvin[k]
+        g = np.array(np.gradient(mean)).reshape(2, -1) / block[:, None]
+        to_shift = np.linalg.pinv(g @ g.T, hermitian=True) @ g
+        # (K, 2): variance of a shift by one shot before either background
+        each = np.array(
+            [
+                np.sum((one @ to_shift.T) ** 2, axis=0) / max(left, 1.0)
+                for one, left in zip(away, spare, strict=True)
+            ]
+        )
+        each = np.maximum(each, spare @ each / max(spare.sum(), 1.0))
+        share = (keep[k] / keep[k, k]) ** 2 / (spare + 1.0)
+        found[k] = np.sqrt(share @ each)
+    return found, int(spare.sum())
+
+
+def _kelvin(delta: Floats, moved: Floats, inner: NDArray[np.bool_]) -> float:
+    rows, columns = np.gradient(delta)
+    with np.errstate(invalid="ignore"):
+        change = (moved[0] * rows + moved[1] * columns)[inner]
+    return float(np.sqrt(np.mean(change**2)))

@@ -1,0 +1,112 @@
+"""The budget is what an evaluation with another set-up gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cldit.dit.recorded import evaluate_shots
+from cldit.images import read_image
+from cldit.radiance.boundary import Surroundings, Uncertainty
+from tests.laboratory import AROUND, FILTER_UM, laboratory
+
+NOTHING = Uncertainty(
+    background_emissivity=0.0,
+    wall_temperature_K=0.0,
+    window_temperature_K=0.0,
+    window_transmission=0.0,
+    filter_um=0.0,
+)
+
+
+def _warmer_window(around: Surroundings) -> Surroundings:
+    front, rear = around.windows
+    return replace(
+        around, windows=(front, rear.model_copy(update={"temperature_K": rear.temperature_K + 5}))
+    )
+
+
+@pytest.mark.parametrize(
+    ("part", "change"),
+    [
+        ("background emissivity", lambda around: replace(around, background_emissivity=0.94)),
+        ("walls", lambda around: replace(around, wall_temperature_K=416.0)),
+        ("rear window by", _warmer_window),
+    ],
+)
+def test_parts_are_what_another_set_up_gives(
+    part: str, change: Callable[[Surroundings], Surroundings]
+) -> None:
+    """The same shots, evaluated with what the part says: T_app moves by it, in every pixel.
+
+    The change is linear in x, so that only the weights of the backgrounds differ, by 1 %; 2 % of
+    the part and 1 mK of float32 are allowed. The emissivity does not move.
+    """
+    made = laboratory(1, shape=(24, 40))
+    made.recorded.surroundings = replace(AROUND, uncertainty=Uncertainty(window_temperature_K=5.0))
+    stated = evaluate_shots(made.recorded)
+    assert stated.budget is not None
+    (item,) = (one for one in stated.budget.parts if one.name.startswith(part))
+    made.recorded.surroundings = change(AROUND)
+    other = evaluate_shots(made.recorded)
+    both = np.isfinite(stated.maps.apparent_temperature_K) & (made.emissivity > 0.1)
+    moved = (other.maps.apparent_temperature_K - stated.maps.apparent_temperature_K)[both]
+    np.testing.assert_allclose(moved, item.kelvin[both], rtol=0.02, atol=2e-3)
+    away = other.maps.emissivity - stated.maps.emissivity
+    np.testing.assert_allclose(away[both], item.emissivity[both], atol=1e-5)
+
+
+def test_a_filter_beside_the_stated_one() -> None:
+    """0.002 um: so little that the witnesses leave the weights alone.
+
+    The spray's line has other weights than the references', by its own noise: 5 % of the part in
+    the mean over the dense pixels.
+    """
+    made = laboratory(2, shape=(24, 40), scatter=0.0)
+    made.recorded.surroundings = replace(AROUND, uncertainty=Uncertainty(filter_um=0.002))
+    stated = evaluate_shots(made.recorded)
+    assert stated.budget is not None
+    (item,) = (one for one in stated.budget.parts if one.name.startswith("filter"))
+    low, high = FILTER_UM
+    stretch = 1.0 + 0.002 / (0.5 * (low + high))
+    made.recorded.calibration["filter_um"] = [low * stretch, high * stretch]
+    other = evaluate_shots(made.recorded)
+    here = made.emissivity > 0.3
+    moved = other.maps.apparent_temperature_K - stated.maps.apparent_temperature_K
+    assert np.nanmean(moved[here]) == pytest.approx(float(np.nanmean(item.kelvin[here])), rel=0.05)
+
+
+def test_a_front_window_drops_out_and_the_total_is_the_root_of_squares(tmp_path: Path) -> None:
+    made = laboratory(3, shape=(24, 40))
+    found = evaluate_shots(made.recorded)
+    budget = found.budget
+    assert budget is not None
+    for item in budget.parts:
+        if item.name.startswith("front"):
+            assert np.nanmax(np.abs(item.kelvin)) < 1e-6
+    squares = found.maps.apparent_temperature_standard_error_K.astype(float) ** 2
+    squares += sum(item.kelvin**2 for item in budget.parts)
+    np.testing.assert_allclose(budget.total_K, np.sqrt(squares), rtol=1e-6)
+    budget.save(tmp_path, pixel_m=(1e-4, 1e-4))
+    for name, image in (
+        ("apparent_temperature_systematic_error_K", budget.kelvin),
+        ("apparent_temperature_total_error_K", budget.total_K),
+        ("emissivity_systematic_error", budget.emissivity),
+        ("emissivity_total_error", budget.total_emissivity),
+    ):
+        np.testing.assert_allclose(read_image(tmp_path / f"{name}.tif")[0], image, rtol=1e-6)
+    names = [line.split(":")[0].strip() for line in budget.lines[1:]]
+    assert names[0].startswith("statistical") and names[-1] == "total"
+    assert list(budget.to_dict()) == names
+
+
+def test_what_is_stated_well_adds_nothing() -> None:
+    made = laboratory(4, shape=(24, 40))
+    made.recorded.surroundings = replace(AROUND, uncertainty=NOTHING)
+    found = evaluate_shots(made.recorded)
+    assert found.budget is not None
+    assert np.nanmax(found.budget.kelvin) < 1e-6

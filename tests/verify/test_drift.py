@@ -1,0 +1,168 @@
+"""A camera or a black body that drifts, and plans that interleave references and injections.
+
+Set-up: a known spray, recorded while the camera's offset creeps by 1 count a shot, its gain by
+0.1 % a shot, and the black body by 0.1 K a minute. Expected: an offset drops out of T_app, as it
+does of the paper's Delta I; the rest is in the stated errors; chi2 (variance about the truth over
+the stated one) is 1 with noise, scatter and drift together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cldit.camera.curve import Curve
+from cldit.dit.recorded import Evaluation, evaluate_shots
+from cldit.radiance.boundary import Boundary
+from tests.laboratory import AROUND, FILTER_UM, Drifts, Laboratory, laboratory
+
+BANDS = ((0.1, 0.2), (0.2, 0.4), (0.4, 0.85))  # of emissivity
+CREEP = Drifts(offset_counts=1.0)
+
+
+def _evaluated(made: Laboratory) -> Evaluation:
+    return evaluate_shots(made.recorded)
+
+
+def _squares(found: Evaluation, made: Laboratory) -> NDArray[np.float64]:
+    """(bands, 4) mean squares: error of T_app and the stated one, of the emissivity likewise."""
+    maps = found.maps
+    kelvin = maps.apparent_temperature_K.astype(float)
+    rows = []
+    for low, high in BANDS:
+        here = np.isfinite(kelvin) & (made.emissivity > low) & (made.emissivity < high)
+        rows.append(
+            [
+                float(np.mean(one[here].astype(float) ** 2))
+                for one in (
+                    kelvin - made.kelvin,
+                    maps.apparent_temperature_standard_error_K,
+                    maps.emissivity - made.emissivity,
+                    maps.emissivity_standard_error,
+                )
+            ]
+        )
+    return np.array(rows)
+
+
+def _chi2(seeds: Iterable[int], drifts: Drifts) -> tuple[float, float]:
+    """Of T_app and of the emissivity, means over the bands. Scatter is in patches of some pixels,
+    so that one picture holds many of them, and 12 seeds tell chi2 to a few percent."""
+    total = np.mean(
+        [
+            _squares(_evaluated(made), made)
+            for made in (
+                laboratory(100 + seed, drifts=drifts, patch_pixels=1.5, shots=16, references=16)
+                for seed in seeds
+            )
+        ],
+        axis=0,
+    )
+    return (
+        float(np.mean(total[:, 0] / total[:, 1])),
+        float(np.mean(total[:, 2] / total[:, 3])),
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "drifts", [Drifts(), CREEP, Drifts(blackbody_K=0.1), Drifts(offset_counts=1.0, blackbody_K=0.1)]
+)
+def test_errors_with_noise_scatter_and_drift(drifts: Drifts) -> None:
+    kelvin, emissivity = _chi2(range(12), drifts)
+    assert kelvin == pytest.approx(1.0, abs=0.1)
+    assert emissivity == pytest.approx(1.0, abs=0.1)
+
+
+def test_errors_with_noise_scatter_and_drift_of_two_seeds() -> None:
+    """As the slow test; two seeds tell chi2 to 8 %."""
+    kelvin, emissivity = _chi2(range(2), Drifts(offset_counts=1.0, blackbody_K=0.1))
+    assert kelvin == pytest.approx(1.0, abs=0.2)
+    assert emissivity == pytest.approx(1.0, abs=0.3)
+
+
+def _difference_K(made: Laboratory) -> NDArray[np.float64]:
+    """T_app by the plain fit of Delta I over the backgrounds, all counted alike: Eq. (2)."""
+    setpoints = sorted({shot.background_K for shot in made.recorded.shots})
+    means = {
+        kind: np.array(
+            [
+                np.mean(
+                    [
+                        shot.image.astype(float)
+                        for shot in made.recorded.shots
+                        if (shot.kind, shot.background_K) == (kind, background_K)
+                    ],
+                    axis=0,
+                )
+                for background_K in setpoints
+            ]
+        )
+        for kind in ("reference", "injection")
+    }
+    delta = means["injection"] - means["reference"]
+    whole = Boundary.in_filter(AROUND, FILTER_UM, reference_K=480.0)
+    x = whole.leaving(np.array(setpoints))
+    slope, start = np.polyfit(x / x.max(), delta.reshape(len(x), -1), 1)
+    radiance = (-start / slope * x.max()).reshape(delta.shape[1:])
+    return Curve(filter_um=FILTER_UM).temperature(np.maximum(radiance, 0.0))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_an_offset_that_creeps_drops_out(seed: int) -> None:
+    """The same shots with and without a creep of 1 count: neither fit of T_app moves.
+
+    Rounding to counts is the only other difference: 0.3 counts over sqrt(8), some 0.02 K where
+    the noise is 1 K; the medians of a hundred pixels are good to a tenth of the stated error.
+    """
+    still, creeping = (laboratory(seed, drifts=drifts, scatter=0.0) for drifts in (Drifts(), CREEP))
+    ours = [_evaluated(made).maps.apparent_temperature_K for made in (still, creeping)]
+    plain = [_difference_K(made) for made in (still, creeping)]
+    for low, high in ((0.1, 0.3), (0.3, 0.6), (0.6, 1.0)):
+        here = (still.emissivity > low) & (still.emissivity < high)
+        moved = [float(np.nanmedian((two - one)[here])) for one, two in (plain, ours)]
+        assert abs(moved[0]) < 0.05 and abs(moved[1]) < 0.1
+
+
+def test_the_emissivity_states_what_the_creep_does() -> None:
+    """What an offset adds in proportion to the background is gain to a line: in the error."""
+    made = laboratory(4, drifts=CREEP, scatter=0.0)
+    squares = _squares(_evaluated(made), made)
+    assert np.all(squares[:, 2] < 1.5 * squares[:, 3])
+    still = _squares(_evaluated(same := laboratory(4, scatter=0.0)), same)
+    assert squares[-1, 3] > 4.0 * still[-1, 3]
+
+
+def test_a_gain_that_creeps_is_in_the_errors() -> None:
+    """0.1 % a shot come to 6 %: no fit gets rid of it, but chi2 of T_app stays below 2."""
+    made = laboratory(5, drifts=Drifts(gain=0.001))
+    found = _evaluated(made)
+    squares = _squares(found, made)
+    assert np.all(squares[:, 0] < 2.0 * squares[:, 1])
+    assert any("as if the camera's gain changed" in one.text for one in found.witnesses)
+
+
+def test_blocks_are_told_from_interleaved_shots() -> None:
+    """All references first: the creep stands between the kinds, and is stated."""
+    made = laboratory(6, drifts=CREEP, interleave=False)
+    found = _evaluated(made)
+    (kinds,) = (one for one in found.witnesses if one.name == "kinds")
+    assert kinds.stands_out
+    squares = _squares(found, made)
+    assert np.all(squares[:, 0] < 1.5 * squares[:, 1])
+    interleaved = laboratory(6, drifts=CREEP)
+    assert np.all(_squares(_evaluated(interleaved), interleaved)[:, 0] < 0.3 * squares[:, 0])
+
+
+def test_a_stated_offset_is_in_the_covariance() -> None:
+    """`setup.camera_offset_error_counts` alone: references may lie off their line by as much."""
+    made = laboratory(7, drifts=Drifts(offset_counts=0.3), scatter=0.0)
+    made.recorded.surroundings = replace(AROUND, camera_offset_error_counts=30.0)
+    found = _evaluated(made)
+    assert not any(one.stands_out for one in found.witnesses)
+    squares = _squares(found, made)
+    assert np.all(squares[:, 0] < 1.6 * squares[:, 1])
