@@ -103,6 +103,13 @@ def dump_yaml(data: Any) -> str:
     return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
 
 
+def yaml_line(data: Any) -> str:
+    """Plain data as YAML on one line, however long."""
+    return yaml.safe_dump(
+        data, default_flow_style=True, sort_keys=False, allow_unicode=True, width=10**6
+    ).strip()
+
+
 def read_yaml(path: Path, *, error: type[ClditError] = SceneError) -> Any:
     """What a YAML file holds; raises `error` as `parse_yaml`, and for a file that cannot be read.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,17 @@ from rich.table import Table
 
 from cldit.cli.console import OUT, ProgressBar, plain_errors, say
 from cldit.cli.units import KELVIN, SECOND
+from cldit.errors import SceneError
 from cldit.experiment import run_experiment
 from cldit.gpu.device import open_device
 from cldit.report.figures import human_figures
 from cldit.run import Run, simulate
 from cldit.run.errors import Errors
 from cldit.scene import Scene, load_scene, parse_scene
+from cldit.scene.change import parse_change
+
+_QUICK_PIXELS = (128, 128)
+_QUICK_K = 4.0
 
 
 @click.command()
@@ -51,6 +57,16 @@ from cldit.scene import Scene, load_scene, parse_scene
     "--device",
     help="OpenCL device: platform:device, or part of its name; several with commas.",
 )
+@click.option(
+    "--set",
+    "changes",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Any key of the scene, such as walls.temperature_K=500; as often as wanted.",
+)
+@click.option("--pixels", metavar="N|NxM", help="Columns and rows of the picture.")
+@click.option("--field", "field_mm", metavar="MM|MMxMM", help="Width and height of the field, mm.")
+@click.option("--quick", is_flag=True, help="A first look: 128 x 128 pixels, 4 K.")
 @click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
 @plain_errors
 def run(
@@ -64,6 +80,10 @@ def run(
     preset: str | None,
     accuracy_K: float | None,
     device: str | None,
+    changes: tuple[str, ...],
+    pixels: str | None,
+    field_mm: str | None,
+    quick: bool,
     trace_only: bool,
 ) -> None:
     """Simulate SCENE (a shipped name or a YAML file), record it with the rig, evaluate."""
@@ -74,6 +94,8 @@ def run(
         "accuracy_K": accuracy_K,
     }
     chosen = _changed(load_scene(scene), cfd=cfd, time_s=time_s, preset=preset, transport=transport)
+    chosen = chosen.with_(**_picture(pixels, field_mm, quick=quick, accuracy_K=accuracy_K))
+    chosen = chosen.with_(**dict(parse_change(text) for text in changes))
     folder = out or Path("runs") / chosen.name
     opened = open_device(device)
     OUT.print(f"{chosen.name}: {chosen.description}")
@@ -86,6 +108,31 @@ def run(
                 chosen, folder, device=opened, progress=bar.say, watch=bar.watch
             )
     _summary(result)
+
+
+def _picture(
+    pixels: str | None, field_mm: str | None, *, quick: bool, accuracy_K: float | None
+) -> dict[str, Any]:
+    """What the short options change."""
+    made: dict[str, Any] = {}
+    if quick:
+        made["camera.pixels"] = list(_QUICK_PIXELS)
+        if accuracy_K is None:
+            made["transport.accuracy_K"] = _QUICK_K
+    if pixels is not None:
+        made["camera.pixels"] = [int(one) for one in _two("--pixels", pixels, r"[0-9]+")]
+    if field_mm is not None:
+        sides = _two("--field", field_mm, r"[0-9]*\.?[0-9]+")
+        made["camera.field_m"] = [float(one) * 1e-3 for one in sides]
+    return made
+
+
+def _two(option: str, text: str, number: str) -> tuple[str, str]:
+    """`N` or `NxM`."""
+    match = re.fullmatch(rf"({number})(?:x({number}))?", text.strip())
+    if match is None:
+        raise SceneError(f"{option} {text}: allowed is one number for both sides, or two as 3x4")
+    return match[1], match[2] or match[1]
 
 
 def _phase(text: str | None) -> str | dict[str, float] | None:

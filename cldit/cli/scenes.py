@@ -7,16 +7,22 @@ import json
 import click
 from rich.table import Table
 
-from cldit.cli.console import OUT
-from cldit.scene import Scene, shipped_scenes
+from cldit.cli.console import OUT, plain_errors
+from cldit.scene import Scene, load_scene, shipped_scenes
+from cldit.scene.commented import commented
 from cldit.terminal import tell
 
 
 @click.command()
+@click.option("--show", metavar="SCENE", help="A scene as commented YAML, to save and edit.")
 @click.option("--reference", is_flag=True, help="Every key of all files, as Markdown.")
 @click.option("--schema", is_flag=True, help="JSON schema of scenes, for editors.")
-def scenes(reference: bool, schema: bool) -> None:
+@plain_errors
+def scenes(show: str | None, reference: bool, schema: bool) -> None:
     """The scenes that are shipped."""
+    if show is not None:
+        tell(commented(load_scene(show)), end="")
+        return
     if reference:
         from cldit.report.keys import reference_page  # imports what reads rigs and pictures
 

@@ -41,7 +41,7 @@ _TEXT = {
     Reason.NEGATIVE_RADIANCE: "emission below zero within noise: no apparent temperature",
 }
 
-_UNITS = {
+UNITS = {
     "emissivity": "1",
     "emissivity_standard_error": "1",
     "apparent_temperature_K": "K",
@@ -93,7 +93,7 @@ class Maps:
                 folder / f"{item.name}.tif",
                 getattr(self, item.name),
                 name=item.name.removesuffix("_K").replace("_", " "),
-                unit=_UNITS[item.name],
+                unit=UNITS[item.name],
                 pixel_m=pixel_m,
                 meta=codes if item.name == "reason" else None,
             )

@@ -24,8 +24,8 @@ from cldit.images import read_image, write_image
 
 Image = NDArray[np.float32]
 
-_EMITTED = ("vapour", "liquid")
-_WHOLE = ("background", "wall", *_EMITTED)
+EMITTED = ("vapour", "liquid")
+_WHOLE = ("background", "wall", *EMITTED)
 _NONE: Mapping[str, Image] = MappingProxyType({})
 
 
@@ -68,7 +68,7 @@ class Weights:
                 folder / f"{name}.tif",
                 image,
                 name=f"weight of {name}",
-                unit="photons s-1 m-2 sr-1" if name in _EMITTED else "1",
+                unit="photons s-1 m-2 sr-1" if name in EMITTED else "1",
                 pixel_m=pixel_m,
             )
 

@@ -6,20 +6,26 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
+from cldit.errors import RunFolderError
 from cldit.optics.spectral import Quadrature
 from cldit.radiance.weights import Weights
 from cldit.run.errors import Errors
+from cldit.run.labelled import labelled
 from cldit.run.spectral import (
     SpectralInfo,
 )
 from cldit.scene import Scene
 from cldit.transport.energy_balance import EnergyBalance
+
+if TYPE_CHECKING:
+    import xarray
 
 
 @dataclass(frozen=True)
@@ -113,6 +119,35 @@ class Run:
     def errors(self) -> Errors | None:
         """What each cause adds to the error of T_app; None where the scene asked for no audit."""
         return self.info.errors
+
+    def to_xarray(self, *, measured: bool = False) -> xarray.Dataset:
+        """Maps and weights with coordinates, units and errors; `to_netcdf`, `to_zarr` write them.
+
+        Args:
+            measured: the maps of what the rig acquired, on the sensor's pixels, without weights.
+
+        Returns:
+            Variables named as the maps' files are, over z and x in mm.
+
+        Raises:
+            RunFolderError: the run has no acquisition.
+            ClditError: xarray is not installed.
+        """
+        errors = "" if self.errors is None else json.dumps(self.errors.to_dict())
+        if not measured:
+            return labelled(
+                self.scene,
+                self.maps,
+                pixel_m=self.pixel_m,
+                weights=self.weights,
+                errors_json=errors,
+            )
+        if self.measured is None:
+            raise RunFolderError(
+                f"{self.scene.name}: has no acquisition; run it without --trace-only"
+            )
+        pixel_m = SensorView.from_scene(self.scene).pixel_m
+        return labelled(self.scene, self.measured, pixel_m=pixel_m, errors_json=errors)
 
     @property
     def pixel_m(self) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 from collections.abc import Sequence
@@ -134,14 +135,75 @@ def _sections(annotation: Any) -> list[type[BaseModel]]:
     return found
 
 
+_KINDS = {
+    "int": "is not a whole number",
+    "float": "is not a number",
+    "bool": "is not true or false",
+    "string": "is not text",
+    "path": "is not a path",
+    "tuple": "is not a list; write [first, second, ..]",
+    "list": "is not a list; write [first, second, ..]",
+}
+
+
+def _words(error: ErrorDetails, sections: Sequence[type[BaseModel]]) -> str:
+    """What pydantic found, in words that a user of YAML knows."""
+    kind, context = error["type"], error.get("ctx", {})
+    shown = _short(repr(error["input"]))
+    if kind == "literal_error":
+        return f"{shown} is unknown; allowed: {context['expected']}"
+    if kind in ("too_short", "too_long"):
+        bound = context.get("min_length", context.get("max_length"))
+        side = "at least" if kind == "too_short" else "at most"
+        return f"has {context['actual_length']} values; allowed are {side} {bound}"
+    if kind in ("string_too_short", "string_too_long"):
+        bound = context.get("min_length", context.get("max_length"))
+        side = "at least" if kind == "string_too_short" else "at most"
+        return f"{shown}: allowed are {side} {bound} letters"
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
+        keys = ", ".join(dict.fromkeys(key for s in sections for key in s.model_fields))
+        return (
+            f"{shown} is no section; allowed are the keys {keys}"
+            if keys
+            else (f"{shown} is no section of keys and values")
+        )
+    word = _KINDS.get(kind.partition("_")[0])
+    return f"{shown}: {error['msg']}" if word is None else f"{shown} {word}"
+
+
+def _nearest(path: str, keys: Sequence[str], model: type[BaseModel]) -> str:
+    """The key that was meant: one of the section by its letters, else one of its name elsewhere."""
+    name = path.rpartition(".")[2]
+    close = difflib.get_close_matches(name, keys, n=1)
+    if close:
+        return f"; did you mean {close[0]}?"
+    elsewhere = [one for one in key_paths(model) if one != path] if len(name) > 2 else []
+    meant = [one for one in elsewhere if one.rpartition(".")[2] == name]
+    if not meant:
+        ends = {one.rpartition(".")[2] for one in elsewhere}
+        for end in difflib.get_close_matches(name, sorted(ends), n=1, cutoff=0.75):
+            meant = [one for one in elsewhere if one.rpartition(".")[2] == end]
+    return f"; did you mean {' or '.join(meant[:3])}?" if meant else ""
+
+
+def key_paths(model: type[BaseModel]) -> list[str]:
+    """Paths of all keys below a section, those of every model of a union and of lists' items."""
+    found: list[str] = []
+    for name, field in model.model_fields.items():
+        found.append(name)
+        for section in _sections(field.annotation):
+            found += [f"{name}.{path}" for path in key_paths(section)]
+    return list(dict.fromkeys(found))
+
+
 def describe(model: type[BaseModel], errors: Sequence[ErrorDetails]) -> str:
     """One line for each of the `errors` that `model` found: path, value, what is allowed."""
     lines: list[str] = []
     for error in errors:
         path, sections = _walk(model, error)
         if error["type"] == "extra_forbidden":
-            keys = ", ".join(dict.fromkeys(key for s in sections for key in s.model_fields))
-            text = f"unknown key; allowed: {keys}"
+            keys = list(dict.fromkeys(key for s in sections for key in s.model_fields))
+            text = f"unknown key{_nearest(path, keys, model)}; allowed: {', '.join(keys)}"
         elif error["type"] == "missing":
             text = "a value is missing" if isinstance(error["loc"][-1], int) else "is missing"
         elif error["type"] in ("union_tag_invalid", "union_tag_not_found"):
@@ -155,7 +217,7 @@ def describe(model: type[BaseModel], errors: Sequence[ErrorDetails]) -> str:
         elif error["type"] == "value_error":
             text = error["msg"].removeprefix("Value error, ")
         else:
-            text = f"{_short(repr(error['input']))}: {error['msg']}"
+            text = _words(error, sections)
         lines.append(f"{path}: {text}" if path else text)
     unique = list(dict.fromkeys(lines))
     return "\n".join(unique)

@@ -7,11 +7,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from cldit.errors import SceneError
 from cldit.plain_data import dump_yaml, parse_yaml, read_mapping
-from cldit.scene.checks import describe
+from cldit.scene.change import merged
 from cldit.scene.schema import Scene
 
 _LIBRARY = "cldit.scene.library"
@@ -32,15 +30,24 @@ def load_scene(name_or_path: str | Path) -> Scene:
 
     Args:
         name_or_path: name of a shipped scene (`gdi`), or path to a YAML file. Relative paths
-            inside the file are taken from the file's folder.
+            inside the file are taken from the file's folder. A file's key `base` names another
+            scene: its keys hold where the file does not say otherwise.
 
     Raises:
         SceneError: no such scene, or the file holds something that is not allowed; the message
             names every offending key, its value, and what is allowed.
     """
+    return _loaded(name_or_path, ())
+
+
+def _loaded(name_or_path: str | Path, above: tuple[Path, ...]) -> Scene:
+    """above: files whose `base` led here."""
     path = Path(name_or_path)
     if path.suffix in (".yaml", ".yml") or path.is_file():
-        return parse_scene(read_mapping(path), source=str(path), folder=path.parent)
+        data = read_mapping(path)
+        if "base" in data:
+            data = _on_base(data, path, above)
+        return parse_scene(data, source=str(path), folder=path.parent)
     name = str(name_or_path)
     known = shipped_scenes()
     if name not in known:
@@ -52,6 +59,24 @@ def load_scene(name_or_path: str | Path) -> Scene:
         )
     text = resources.files(_LIBRARY).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
     return parse_scene(parse_yaml(text, source=name), source=name)
+
+
+def _on_base(data: dict[str, Any], path: Path, above: tuple[Path, ...]) -> dict[str, Any]:
+    """What a file says over the scene that its key `base` names."""
+    base = data["base"]
+    if not isinstance(base, str):
+        raise SceneError(
+            f"{path}: base: {base!r} is no scene; allowed is a shipped name or a .yaml file's path"
+        )
+    here = path.resolve()
+    if here in above:
+        chain = " -> ".join(str(one) for one in (*above, here))
+        raise SceneError(f"{path}: base: leads back to itself ({chain})")
+    beside = path.parent / base
+    named = beside if beside.is_file() else base
+    below = _loaded(named, (*above, here)).model_dump(mode="json", exclude_unset=True)
+    over = {key: value for key, value in data.items() if key != "base"}
+    return merged({**below, "name": path.stem}, over)
 
 
 def parse_scene(
@@ -72,10 +97,7 @@ def parse_scene(
     Raises:
         SceneError: as in `load_scene`.
     """
-    try:
-        scene = Scene.model_validate(data, context={"folder": folder, "finished": finished})
-    except ValidationError as error:
-        raise SceneError(f"{source}:\n{describe(Scene, error.errors())}") from error
+    scene = Scene.checked(data, source=source, folder=folder, finished=finished)
     for key in ("file", "mapping"):
         file = getattr(scene.spray, key, None)
         if file is not None and folder is not None and not file.is_absolute():

@@ -4,12 +4,15 @@ The defaults are the paper's numbers where it gives them (Section "Ray Tracing")
 
 from __future__ import annotations
 
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
+from cldit.errors import SceneError
 from cldit.scene.camera import Camera
-from cldit.scene.checks import Section
+from cldit.scene.change import changed
+from cldit.scene.checks import Section, describe
 from cldit.scene.optics import Optics
 from cldit.scene.rig import PlanSize, Rig
 from cldit.scene.spray import Spray
@@ -48,6 +51,39 @@ class Scene(Section):
     """The simulated instruments."""
     plan: PlanSize = PlanSize()
     """How much is recorded."""
+
+    @classmethod
+    def checked(
+        cls, data: dict[str, Any], *, source: str, folder: Path | None, finished: bool
+    ) -> Scene:
+        """A scene from plain data; `cldit.scene.parse_scene` also resolves its paths.
+
+        Args:
+            data, source, folder, finished: as in `parse_scene`.
+
+        Raises:
+            SceneError: something is not allowed; each line names the path, the value and what is.
+        """
+        try:
+            return cls.model_validate(data, context={"folder": folder, "finished": finished})
+        except ValidationError as error:
+            raise SceneError(f"{source}:\n{describe(cls, error.errors())}") from error
+
+    def with_(self, **changes: Any) -> Scene:
+        """The scene with other values, checked again, as `with_(**{"walls.temperature_K": 500})`.
+
+        Args:
+            changes: value of each path; names are joined with dots, `[i]` counts in lists. A
+                mapping replaces a whole section.
+
+        Returns:
+            Another scene.
+
+        Raises:
+            SceneError: a path or value is not allowed.
+        """
+        data = changed(self.model_dump(mode="json"), changes)
+        return type(self).checked(data, source=self.name, folder=None, finished=False)
 
     @property
     def target_m(self) -> Point:

@@ -86,7 +86,8 @@ def test_sizes_as_objects() -> None:
         ({"camera": {"pixels": [640, 0]}}, "camera.pixels: 0 is outside 1..16384"),
         (
             {"camera": {"pixel": 3}},
-            "camera.pixel: unknown key; allowed: model, distance_m, field_m, pixels, "
+            "camera.pixel: unknown key; did you mean pixels?; allowed: model, distance_m, "
+            "field_m, pixels, "
             "rays_per_pixel, target_m, surroundings_K, sensor",
         ),
         ({"camera": {"sensor": {"bits": 17}}}, "camera.sensor.bits: 17 is outside 8..16"),

@@ -1,0 +1,117 @@
+"""A run's images as one labelled data set: coordinates in mm, units, names as CF has them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cldit.dit.maps import UNITS, Maps, Reason
+from cldit.errors import ClditError
+from cldit.radiance.weights import EMITTED, Weights
+from cldit.scene import Scene
+
+if TYPE_CHECKING:
+    import xarray
+
+_LONG = {
+    "emissivity": "emissivity of the spray, 1 minus the background's share",
+    "apparent_temperature_K": "temperature of a black body that radiates as the spray does",
+    "reason": "why a pixel has no value",
+    "reduced_chi2": "of the lines over the backgrounds",
+    "fit_probability": "that chance alone makes the residuals as large",
+}
+_STANDARD = {"apparent_temperature_K": "brightness_temperature"}
+_ERROR_OF = {
+    "emissivity": "emissivity_standard_error",
+    "apparent_temperature_K": "apparent_temperature_standard_error_K",
+}
+
+
+def xarray_module() -> Any:
+    """The module `xarray`.
+
+    Raises:
+        ClditError: it is not installed.
+    """
+    try:
+        return import_module("xarray")
+    except ImportError as error:
+        raise ClditError(
+            'labelled data sets need xarray, which is not installed: pip install "cldit[studies]"'
+        ) from error
+
+
+def labelled(
+    scene: Scene,
+    maps: Maps,
+    *,
+    pixel_m: tuple[float, float],
+    weights: Weights | None = None,
+    errors_json: str = "",
+) -> xarray.Dataset:
+    """Maps, and weights where they are given, over x and z of the plane of the target.
+
+    Args:
+        scene: whose camera saw them.
+        maps: (H, W) on the traced or the sensor's pixels.
+        pixel_m: width and height of their pixels in the plane of the target.
+        weights: (H, W) of the trace; None leaves them out.
+        errors_json: the picture's errors by cause, for the attribute `errors`.
+
+    Returns:
+        Variables named as the maps' files are, dimensions z (downwards) and x in mm.
+
+    Raises:
+        ClditError: xarray is not installed.
+    """
+    xr = xarray_module()
+    height, width = maps.emissivity.shape
+    middle_x, _, middle_z = (1e3 * one for one in scene.target_m)
+    across, up = (1e3 * one for one in pixel_m)
+    x = middle_x + (np.arange(width) - (width - 1) / 2) * across
+    z = middle_z - (np.arange(height) - (height - 1) / 2) * up
+    coords = {
+        "x": ("x", x, {"units": "mm", "long_name": "across, from the injector's tip"}),
+        "z": ("z", z, {"units": "mm", "long_name": "upwards, from the injector's tip"}),
+    }
+    variables: dict[str, Any] = {
+        name: (("z", "x"), getattr(maps, name), _attributes(name)) for name in UNITS
+    }
+    if weights is not None:
+        for name, image in weights.images.items():
+            unit = "photons s-1 m-2 sr-1" if name in EMITTED else "1"
+            about = {"units": unit, "long_name": f"weight of {name}"}
+            variables[f"weight_{name}"] = (("z", "x"), image, about)
+    attrs = {
+        "Conventions": "CF-1.11",
+        "title": f"cldit: {scene.name}",
+        "scene": json.dumps(scene.model_dump(mode="json")),
+    }
+    if errors_json:
+        attrs["errors"] = errors_json
+    return xr.Dataset(variables, coords, attrs)  # type: ignore[no-any-return]
+
+
+def _attributes(name: str) -> Mapping[str, Any]:
+    made: dict[str, Any] = {}
+    if name == "reason":
+        made["flag_values"] = np.array([int(reason) for reason in Reason], np.uint8)
+        made["flag_meanings"] = " ".join(reason.name.lower() for reason in Reason)
+    else:
+        made["units"] = UNITS[name]
+    for value, error in _ERROR_OF.items():
+        if name == value:
+            made["ancillary_variables"] = f"{error} reason"
+        if name == error:
+            made["long_name"] = f"standard error of the {value.removesuffix('_K')}".replace(
+                "_", " "
+            )
+    if name in _LONG:
+        made["long_name"] = _LONG[name]
+    if name in _STANDARD:
+        made["standard_name"] = _STANDARD[name]
+    return made

@@ -1,0 +1,119 @@
+"""Changing single keys of a scene by their paths, such as `spray.plumes[2].mass_fraction`."""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+from cldit.errors import SceneError
+from cldit.plain_data import parse_yaml
+
+_PART = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[-?[0-9]+\])*)")
+
+
+def parse_change(text: str) -> tuple[str, Any]:
+    """`path=value` as a command line has it, the value read as YAML.
+
+    Args:
+        text: such as `walls.temperature_K=500` or `camera.pixels=[200, 200]`.
+
+    Returns:
+        The path and its value.
+
+    Raises:
+        ClditError: there is no `=`, no path, or the value is not YAML.
+    """
+    path, sign, value = text.partition("=")
+    if not sign or not path.strip():
+        raise SceneError(f"{text}: allowed is KEY=VALUE, such as walls.temperature_K=500")
+    return path.strip(), parse_yaml(value, source=text)
+
+
+def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """A scene's plain data with other values at some paths; the data itself stays.
+
+    A mapping replaces the whole section. A section that is not there yet is made. Whether keys and
+    values are allowed is for `parse_scene` to say.
+
+    Args:
+        data: as YAML has it.
+        changes: value of each path; names are joined with dots, `[i]` counts in lists from 0.
+
+    Returns:
+        The changed data.
+
+    Raises:
+        SceneError: a path leads through something that has no keys, or past a list's end.
+    """
+    made = copy.deepcopy(dict(data))
+    for path, value in changes.items():
+        steps = _steps(path)
+        here: Any = made
+        for step, following in pairwise(steps):
+            here = _entered(here, step, path, make=isinstance(following, str))
+        _put(here, steps[-1], value, path)
+    return made
+
+
+def _steps(path: str) -> list[str | int]:
+    steps: list[str | int] = []
+    for part in path.split("."):
+        match = _PART.fullmatch(part)
+        if match is None:
+            raise SceneError(
+                f"{path}: is no key; allowed are names joined with dots, and [i] for items of lists"
+            )
+        steps.append(match[1])
+        steps += [int(number) for number in re.findall(r"-?[0-9]+", match[2])]
+    return steps
+
+
+def _entered(here: Any, step: str | int, path: str, *, make: bool) -> Any:
+    _check(here, step, path)
+    if isinstance(step, str) and here.get(step) is None and make:
+        here[step] = {}
+    found = here.get(step) if isinstance(step, str) else here[step]
+    if isinstance(found, tuple):
+        found = here[step] = list(found)
+    return found
+
+
+def _put(here: Any, step: str | int, value: Any, path: str) -> None:
+    _check(here, step, path)
+    here[step] = value
+
+
+def _check(here: Any, step: str | int, path: str) -> None:
+    if isinstance(step, str):
+        if not isinstance(here, dict):
+            raise SceneError(f"{path}: {step} is looked for in {here!r}, which has no keys")
+        return
+    if not isinstance(here, list):
+        raise SceneError(f"{path}: item [{step}] is looked for in {here!r}, which is no list")
+    if not -len(here) <= step < len(here):
+        raise SceneError(f"{path}: item [{step}] of {len(here)}; allowed is 0..{len(here) - 1}")
+
+
+def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """`base` with what `over` says: sections key by key, lists and values as a whole.
+
+    A section of another `model` replaces the base's, for its keys mean other things.
+
+    Args:
+        base, over: plain data.
+
+    Returns:
+        Both together.
+    """
+    made = copy.deepcopy(dict(base))
+    for key, value in over.items():
+        before = made.get(key)
+        if isinstance(value, Mapping) and isinstance(before, dict):
+            other = "model" in value and value["model"] != before.get("model")
+            made[key] = dict(value) if other else merged(before, value)
+        else:
+            made[key] = copy.deepcopy(value)
+    return made

@@ -1,0 +1,63 @@
+"""A scene as YAML to save and edit: what it sets, then every other key as a comment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel
+
+from cldit.plain_data import yaml_line
+from cldit.scene.schema import Scene
+
+_STEP = "  "
+
+
+def commented(scene: Scene) -> str:
+    """The scene's keys with their meaning; defaults are comments, so that they stay defaults.
+
+    Args:
+        scene: what is written; `parse_scene` reads the same back.
+
+    Returns:
+        YAML.
+    """
+    head = (
+        f"# {scene.name}, to edit. Lines that start with # are defaults: take the # away to set",
+        "# one, with that of its section.",
+    )
+    return "\n".join([*head, *_section(scene, indent="", comment=False)]) + "\n"
+
+
+def _section(section: BaseModel, *, indent: str, comment: bool) -> list[str]:
+    lines: list[str] = []
+    plain = section.model_dump(mode="json")
+    for name, field in type(section).model_fields.items():
+        value = getattr(section, name)
+        unset = comment or name not in section.model_fields_set
+        if value == field.default and not field.is_required() and name != "model":
+            unset = True
+        start = ("# " if unset else "") + indent
+        about = " ".join((field.description or "").split())
+        about = f"  # {about}" if about else ""
+        if isinstance(value, BaseModel):
+            lines.append(f"{start}{name}:{about}")
+            lines += _section(value, indent=indent + _STEP, comment=unset)
+        elif _sections(value):
+            lines.append(f"{start}{name}:{about}")
+            for item in value:
+                text = yaml_line(item.model_dump(mode="json", exclude_unset=True))
+                lines.append(f"{start}{_STEP}- {text}")
+        else:
+            lines.append(f"{start}{_entry(name, plain[name])}{about}")
+    return lines
+
+
+def _sections(value: object) -> bool:
+    return isinstance(value, tuple) and bool(value) and isinstance(value[0], BaseModel)
+
+
+def _entry(name: str, value: Any) -> str:
+    if isinstance(value, Mapping | list):
+        return f"{name}: {yaml_line(value)}"
+    return yaml_line({name: value})[1:-1]

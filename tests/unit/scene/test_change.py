@@ -1,0 +1,139 @@
+"""Changing keys by path, scenes on a base, commented scenes, and what a wrong key is told."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from cldit.errors import SceneError
+from cldit.scene import load_scene, parse_scene, shipped_scenes
+from cldit.scene.change import changed, merged, parse_change
+from cldit.scene.commented import commented
+
+COMMENTED_KEY = re.compile(r"^# (?=\s*(?:[A-Za-z_0-9]+:|- ))", re.MULTILINE)
+
+
+def test_a_path_changes_one_value_and_leaves_the_scene() -> None:
+    scene = load_scene("gdi")
+    other = scene.with_(**{"walls.temperature_K": 500, "spray.plumes[2].mass_fraction": 2.0})
+    assert other.walls.temperature_K == 500.0
+    assert other.spray.plumes[2].mass_fraction == 2.0  # type: ignore[union-attr]
+    assert other.spray.plumes[1] == scene.spray.plumes[1]  # type: ignore[union-attr]
+    assert scene.walls.temperature_K == 450.0
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "value"),
+    [
+        ("walls.temperature_K=500", "walls.temperature_K", 500),
+        ("camera.pixels=[200,200]", "camera.pixels", [200, 200]),
+        ("description=a=b", "description", "a=b"),
+        ("domain.leaf_edge_m=null", "domain.leaf_edge_m", None),
+    ],
+)
+def test_values_of_the_command_line_are_yaml(text: str, path: str, value: object) -> None:
+    assert parse_change(text) == (path, value)
+
+
+@pytest.mark.parametrize("text", ["walls.temperature_K", "=3", "a=[1"])
+def test_what_is_no_change_is_refused(text: str) -> None:
+    with pytest.raises(SceneError, match=re.escape(text)):
+        parse_change(text)
+
+
+def test_sections_are_made_and_lists_counted() -> None:
+    data = {"name": "x", "list": [{"a": 1}]}
+    assert changed(data, {"walls.temperature_K": 3})["walls"] == {"temperature_K": 3}
+    assert changed(data, {"list[-1].a": 2})["list"] == [{"a": 2}]
+    assert data == {"name": "x", "list": [{"a": 1}]}
+    for path, words in (
+        ("list[1].a", "item [1] of 1; allowed is 0..0"),
+        ("name.a", "has no keys"),
+        ("name[0]", "is no list"),
+        ("a..b", "is no key"),
+    ):
+        with pytest.raises(SceneError, match=re.escape(words)):
+            changed(data, {path: 1})
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ("walls.temprature_K", "did you mean temperature_K?"),
+        ("wals.temperature_K", "did you mean walls?"),
+        ("camera.f_number", "did you mean camera.sensor.f_number?"),
+        ("accuracy", "did you mean transport.accuracy_K"),
+    ],
+)
+def test_a_wrong_key_names_the_nearest(path: str, words: str) -> None:
+    with pytest.raises(SceneError, match=re.escape(words)):
+        load_scene("gdi").with_(**{path: 1.0})
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("camera.pixels", [1, 2, 3]),
+        ("camera.pixels", [1.5, 2]),
+        ("camera.pixels", "many"),
+        ("camera.field_m", 3),
+        ("camera.model", "fisheye"),
+        ("walls", 3),
+        ("patches", [3]),
+        ("name", 3),
+        ("name", ""),
+        ("transport.audit", "perhaps"),
+        ("background.temperatures_K", "x"),
+        ("spray.plumes", 3),
+        ("optics.liquid", {"a": 1}),
+    ],
+)
+def test_messages_are_in_words_of_cldit(path: str, value: object) -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene("gdi").with_(**{path: value})
+    text = str(caught.value)
+    assert path.split(".")[-1] in text
+    for word in ("Input", "valid", "pydantic", "tuple", "dictionary", "instance"):
+        assert word not in text
+
+
+def test_a_file_on_a_base(tmp_path: Path) -> None:
+    (tmp_path / "hot.yaml").write_text("base: gdi\nwalls: {temperature_K: 600}\n", encoding="utf-8")
+    (tmp_path / "two.yaml").write_text(
+        "base: hot.yaml\ncamera: {pixels: 64}\ndescription: mine\n", encoding="utf-8"
+    )
+    scene, gdi = load_scene(tmp_path / "two.yaml"), load_scene("gdi")
+    assert (scene.name, scene.description) == ("two", "mine")
+    assert scene.walls.temperature_K == 600.0
+    assert scene.camera.pixels == (64, 64)
+    assert scene.spray == gdi.spray
+    assert scene.background == gdi.background
+
+
+def test_another_model_replaces_the_section() -> None:
+    base = {"spray": {"model": "cone", "fuel": "methane"}, "walls": {"a": 1, "b": 2}}
+    over = {"spray": {"model": "none"}, "walls": {"b": 3}}
+    assert merged(base, over) == {"spray": {"model": "none"}, "walls": {"a": 1, "b": 3}}
+
+
+def test_a_base_that_leads_back_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text("base: b.yaml\n", encoding="utf-8")
+    (tmp_path / "b.yaml").write_text("base: a.yaml\n", encoding="utf-8")
+    with pytest.raises(SceneError, match="leads back to itself"):
+        load_scene(tmp_path / "a.yaml")
+    (tmp_path / "c.yaml").write_text("base: 3\n", encoding="utf-8")
+    with pytest.raises(SceneError, match="3 is no scene"):
+        load_scene(tmp_path / "c.yaml")
+
+
+@pytest.mark.parametrize("name", list(shipped_scenes()))
+def test_a_commented_scene_reads_as_the_same(name: str) -> None:
+    scene = load_scene(name)
+    text = commented(scene)
+    assert parse_scene(yaml.safe_load(text)) == scene
+    every = parse_scene(yaml.safe_load(COMMENTED_KEY.sub("", text)))  # all defaults taken in
+    assert every.model_dump_json() == scene.model_dump_json()
+    assert all(line == line.rstrip() for line in text.splitlines())
