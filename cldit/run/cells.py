@@ -123,7 +123,7 @@ def choose_cells(pilot: Pilot, wanted_K: float, say: Callable[[str], None]) -> C
         # Coarse cells foretell too high an order: what it may be for the next is bounded.
         less = (_SAFE * wanted_K / found.step.error_K) ** (1.0 / min(found.order, _FORETOLD))
         if pilot.probed.on_lattice and less >= _LEAST:
-            return Cells(depth, _SAFE * wanted_K, less=min(less, 2.0))
+            return Cells(depth, _SAFE * wanted_K, less=min(less, 1.0))
         if found.step.error_K <= wanted_K:
             return Cells(depth, found.step.error_K)
         if depth == _FINEST:
