@@ -86,6 +86,9 @@ def lattice_frames(
         edge_m: of the first cube, at least that of the domain, and a power of 2 of the lattice's.
         spacing_m: of the lattice.
 
+    Returns:
+        Both; the second is the first where the sources are empty.
+
     Raises:
         MediumError: something lies outside the domain.
     """

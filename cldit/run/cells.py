@@ -33,7 +33,12 @@ class Refined:
 
     @classmethod
     def of(cls, before: Step, last: Step) -> Refined:
-        """From the differences of 4 h against 2 h, and of 2 h against h."""
+        """What two differences say.
+
+        Args:
+            before: of 4 h against 2 h.
+            last: of 2 h against h.
+        """
         order = 1.0
         if before.error_K and last.error_K:
             order = min(max(math.log2(before.error_K / last.error_K), 1.0), 2.0)
@@ -55,7 +60,15 @@ class Cells:
 
 
 def error_at(pilot: Pilot, depth: int) -> Refined | None:
-    """Error of the cells of a cube that is halved `depth` times; None: it cannot be said."""
+    """Error of the cells of a cube; None: it cannot be said.
+
+    Args:
+        pilot: traces.
+        depth: how often the cube is halved.
+
+    Raises:
+        MediumError, SprayError: there are no such cells.
+    """
     if depth < 2:
         return None
     fine = pilot.level(depth)

@@ -24,7 +24,7 @@ def parse_change(text: str) -> tuple[str, Any]:
         The path and its value.
 
     Raises:
-        ClditError: there is no `=`, no path, or the value is not YAML.
+        SceneError: there is no `=`, no path, or the value is not YAML.
     """
     path, sign, value = text.partition("=")
     if not sign or not path.strip():

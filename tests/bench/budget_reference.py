@@ -21,11 +21,11 @@ import numpy as np
 
 from cldit.bench.budget_scenes import SCENES, Reference, budget_scene
 from cldit.bench.case import changed
+from cldit.caches import default_cache
 from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device, open_device
 from cldit.medium.cloud import Kernel
 from cldit.run import simulate
-from cldit.caches import default_cache
 from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
@@ -37,7 +37,9 @@ def finest(scene: Scene, given: argparse.Namespace, *, coarser: int, classes: in
     # An even grid differs from its cells at its edges alone.
     leaf_m = given.leaf_edge_m * (5 if scene.spray.model == "grid" else 1)
     sections = {
-        "domain": {} if cone else {"leaf_edge_m": leaf_m * coarser},  # a cone's lattice is its cells
+        "domain": {}
+        if cone
+        else {"leaf_edge_m": leaf_m * coarser},  # a cone's lattice is its cells
         "transport": {"audit": False, "directions": given.directions, "accuracy_K": 0.1},
         "optics": {"spectral_error_K": 0.05 * coarser},
     }

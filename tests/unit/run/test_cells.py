@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.errors import MediumError
+from cldit.errors import MediumError, SprayError
 from cldit.run.cells import Refined, choose_cells, error_at, foretold_cells
 from cldit.run.pilot import Step
 
@@ -17,9 +17,18 @@ from cldit.run.pilot import Step
 class KnownPilot:
     """Pictures that err by `factor` times the cell's edge (mm) to the power `order`."""
 
-    def __init__(self, order: float, *, factor: float = 1.0, finest: int = 12) -> None:
-        self.order, self.factor, self.finest = order, factor, finest
-        self.probed = SimpleNamespace(frame=SimpleNamespace(edge_m=0.2))
+    def __init__(
+        self,
+        order: float,
+        *,
+        factor: float = 1.0,
+        finest: int = 12,
+        coarsest: int = 0,
+        on_lattice: bool = False,
+    ) -> None:
+        self.order, self.factor = order, factor
+        self.finest, self.coarsest = finest, coarsest
+        self.probed = SimpleNamespace(frame=SimpleNamespace(edge_m=0.2), on_lattice=on_lattice)
         self.scene = SimpleNamespace(camera=SimpleNamespace(field_m=(0.16, 0.16)))
         self.traced: list[int] = []
 
@@ -29,6 +38,8 @@ class KnownPilot:
     def level(self, depth: int) -> Any:
         if depth > self.finest:
             raise MediumError("too many cells")
+        if depth < self.coarsest:
+            raise SprayError("no cell's middle lies in a plume")
         self.traced.append(depth)
         return self.true_K(depth)
 
@@ -80,3 +91,30 @@ def test_fixed_cells_are_foretold_by_coarser_ones() -> None:
     assert foretold_cells(pilot, 9).error_K == pytest.approx(pilot.true_K(9))
     assert max(pilot.traced) == 8
     assert foretold_cells(pilot, 2).error_K is None
+
+
+@pytest.mark.parametrize("order", [1.0, 1.3, 1.8])
+@pytest.mark.parametrize("wanted_K", [1.0, 0.4, 0.15])
+def test_a_lattice_of_any_edge(order: float, wanted_K: float) -> None:
+    """Cells need not be halves: the error that is foretold is within what is wanted."""
+    pilot: Any = KnownPilot(order, on_lattice=True)
+    chosen = choose_cells(pilot, wanted_K, lambda _: None)
+    assert chosen is not None and 0.3 < chosen.less <= 1.0
+    edge_mm = 200.0 / 2**chosen.depth * chosen.less
+    assert edge_mm**order <= wanted_K  # at 1.8 on the safe side, at 1 and 1.3 close to it
+    if order < 1.4 and chosen.less < 1.0:
+        assert edge_mm**order == pytest.approx(0.85 * wanted_K)
+    assert max(pilot.traced) == chosen.depth
+
+
+def test_a_lattice_no_coarser_than_a_pilot() -> None:
+    pilot: Any = KnownPilot(1.0, on_lattice=True)
+    chosen = choose_cells(pilot, 50.0, lambda _: None)
+    assert chosen is not None and chosen.less == 1.0 and max(pilot.traced) == chosen.depth
+
+
+def test_lattices_too_coarse_for_the_cone_are_passed() -> None:
+    pilot: Any = KnownPilot(1.0, on_lattice=True, coarsest=8)
+    chosen = choose_cells(pilot, 0.3, lambda _: None)
+    assert chosen is not None and min(pilot.traced) == 8
+    assert error_at(pilot, 9) is None  # 7 is too coarse to compare with

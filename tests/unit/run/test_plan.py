@@ -23,7 +23,10 @@ def errors_of(**causes_K: float) -> Errors:
 
 
 def test_all_that_is_left_out_is_free() -> None:
-    assert free_causes(scene_of()) == ("cells", "trace", "size classes", "gas grid")
+    assert free_causes(scene_of()) == ("cells", "trace", "size classes")
+    leaf = scene_of(domain={"leaf_edge_m": 1e-3})  # the lattice is then a cause of its own
+    assert free_causes(leaf) == ("trace", "size classes", "gas grid")
+    assert "cells" not in free_causes(scene_of(domain={"rule": "paper"}))
     fixed = scene_of(
         domain={"leaf_edge_m": 1e-3},
         transport={"directions": 16},
@@ -35,6 +38,25 @@ def test_all_that_is_left_out_is_free() -> None:
     assert "wavelengths" not in free_causes(given)
     assert Plan.first(given).spectral_K == 0.3
     assert "trace" not in free_causes(load_scene("methane-jet"))  # nothing scatters
+
+
+def test_the_lattice_is_that_of_the_cells() -> None:
+    plan = Plan.first(scene_of())
+    assert plan.lattice_of_m == plan.domain_m
+    for spacing_m in (0.5e-3, 0.33e-3, 0.2 / 512):
+        on = plan.on_lattice(spacing_m)
+        assert on.spacing_m == spacing_m and on.depth is not None and on.lattice_of_m is not None
+        assert on.lattice_of_m / 2**on.depth == pytest.approx(spacing_m)
+        assert 1 - 1e-9 <= on.lattice_of_m / on.domain_m < 2.0
+        assert on.at_depth(on.depth - 1).spacing_m == pytest.approx(2 * spacing_m)
+    errors = errors_of(cells=2.0, trace=0.1)
+    fine = plan.on_lattice(0.5e-3).refined(
+        errors, scene_of(), reducible={"cells"}, orders={"cells": 1.5}
+    )
+    assert fine is not None and fine.spacing_m is not None
+    assert 0.5 <= fine.spacing_m / 0.5e-3 < 1.0  # halved at most
+    assert Plan.first(scene_of(spray={"spacing_m": 1e-3})).lattice_of_m is None
+    assert Plan.first(scene_of(transport={"audit": False})).lattice_of_m is None
 
 
 def test_shares_fill_the_whole() -> None:
@@ -58,7 +80,7 @@ def test_fixed_keys_stay() -> None:
 
 
 def test_a_lattice_for_what_the_cells_leave() -> None:
-    scene = scene_of(transport={"accuracy_K": 1.0})
+    scene = scene_of(transport={"accuracy_K": 1.0}, domain={"leaf_edge_m": 0.5e-3})
     first = Plan.first(scene)
     known = {"size classes": (0.1, 1.0), "gas grid": (1.2, 1.5)}
     plan = first.settled(scene, 0.6, known)
