@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
@@ -31,12 +32,30 @@ UNITS: dict[str, dict[str, tuple[float, float]]] = {
 } | {"temperature": {"K": (1.0, 0.0), "degC": (1.0, 273.15), "degF": (5 / 9, 459.67 * 5 / 9)}}
 
 
+_UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]$")  # at the end of a column's name
+_SPELLED = (
+    {"-": "1", "": "1", "C": "degC", "°C": "degC", "F": "degF", "°F": "degF"}
+    | {"m^3": "m3", "mm^3": "mm3", "cm^3": "cm3", "m³": "m3", "mm³": "mm3", "cm³": "cm3"}
+    | {"kg/m^3": "kg/m3", "kg/m³": "kg/m3", "g/cm^3": "g/cm3", "g/cm³": "g/cm3"}
+    | {"kg m^-3": "kg/m3", "m s^-1": "m/s", "µm": "um", "μm": "um", "micron": "um", "microns": "um"}
+)
+
+
+def without_unit(name: str) -> str:
+    """A column's name without the unit at its end: `T` of `T [K]`."""
+    return _UNIT.sub("", name)
+
+
 class Scalar(Section):
-    """A column by name, or a constant `value`; `unit` is SI where left out."""
+    """A column by name, or a constant `value`; `unit` is SI where left out.
+
+    undefined: what stands for values that the file marks as undefined, in the same unit.
+    """
 
     column: str | None = None
     value: float | None = None
     unit: str | None = None
+    undefined: float | None = None
 
     @model_validator(mode="after")
     def _one(self) -> Scalar:
@@ -61,6 +80,8 @@ def _short_scalar(given: object) -> object:
 
 
 def _short_vector(given: object) -> object:
+    if isinstance(given, str):  # the name of a vector
+        return {"columns": [f"{given}_{letter}" for letter in "XYZ"]}
     return {"columns": given} if isinstance(given, (list, tuple)) else given
 
 
@@ -69,10 +90,15 @@ V = Annotated[Vector | None, BeforeValidator(_short_vector)]
 
 
 class Table(Section):
-    """Where a table lies and how it is written; only for `format: tables`."""
+    """Where a table lies and how it is written; only for `format: tables`.
+
+    delimiter: told by the header where left out; a space is any white space. decimal: the mark in
+    numbers.
+    """
 
     file: Path | None = None
-    delimiter: str = Field(",", min_length=1, max_length=1)
+    delimiter: str | None = Field(None, min_length=1, max_length=1)
+    decimal: Literal[".", ","] = "."
     header_line: int = Field(1, ge=1, le=1000)
 
 
@@ -146,6 +172,51 @@ def merged(given: S | None, default: S) -> S:
     return default.model_copy(update=chosen)
 
 
+GAS_KEYS = ("temperature", "pressure", "density", "fuel")
+PARCEL_NAMES = ParcelColumns(
+    diameter=Scalar(column="d"),
+    number=Scalar(column="nParticle"),
+    temperature=Scalar(column="T"),
+    density=Scalar(column="rho"),
+    velocity=Vector(columns=("U_X", "U_Y", "U_Z")),
+    age=Scalar(column="age"),
+)
+
+
+def gas_names(given: CellColumns, known: Container[str], fuel_field: str) -> CellColumns:
+    """OpenFOAM's names of the cell fields, with what a mapping has `given` in their place.
+
+    Args:
+        given: of the mapping.
+        known: the fields that there are. A default that is not there is left out: it is missed
+            later, by who knows whether it is needed.
+        fuel_field: default of the fuel's mass fraction.
+    """
+    default = {"temperature": "T", "pressure": "p", "density": "rho", "fuel": fuel_field}
+    there = {key: Scalar(column=name) for key, name in default.items() if name in known}
+    return merged(given, CellColumns(**{key: there.get(key) for key in GAS_KEYS}))
+
+
+def columns_of(wanted: CellColumns | ParcelColumns) -> set[str]:
+    """The names of all columns that a part of a mapping uses."""
+    used: set[str] = set()
+    for key in type(wanted).model_fields:
+        value = getattr(wanted, key)
+        used |= {getattr(value, "column", None) or ""} | set(getattr(value, "columns", ()))
+    return used - {""}
+
+
+def with_components(columns: Mapping[str, Column]) -> dict[str, Column]:
+    """The columns, and each component of a vector `U` (N, 3) as `U_X`, `U_Y`, `U_Z` (N,)."""
+    parts = {
+        f"{name}_{letter}": Column(column.label, part)
+        for name, column in columns.items()
+        if column.values.ndim == 2 and column.values.shape[1] == 3
+        for letter, part in zip("XYZ", column.values.T, strict=True)
+    }
+    return {**parts, **columns}
+
+
 @dataclass(frozen=True)
 class Source:
     """Columns of one table or data set by name, the number of its rows, and its name in errors."""
@@ -165,12 +236,23 @@ class Source:
         Raises:
             SprayError: there is no such column, or no such unit for this kind.
         """
-        factor, offset = self._unit(wanted.unit, kind, key)
         if wanted.value is not None:
+            factor, offset = self._unit(wanted.unit, kind, key)
             value = wanted.value * factor + offset
             return Column(f"{self.name}: {key} (constant)", np.full(self.rows, value))
-        found = self._column(str(wanted.column), key)
-        return Column(found.label, found.values * factor + offset)
+        name, found = self._column(str(wanted.column), key)
+        factor, offset = self._unit(self._stated(name, wanted.unit, kind, key), kind, key)
+        values = found.values
+        if found.undefined is not None and found.undefined.any():
+            if wanted.undefined is None:
+                short = key.partition(".")[2]
+                raise SprayError(
+                    f"{found.label}: {int(found.undefined.sum())} of {len(values)} values are "
+                    f"marked as undefined ({key}); a mapping file may say what stands for them: "
+                    f"{short}: {{column: {wanted.column}, undefined: 0}}"
+                )
+            values = np.where(found.undefined, wanted.undefined, values)
+        return Column(found.label, values * factor + offset)
 
     def vector(self, wanted: Vector, kind: str, key: str) -> Column:
         """Three columns in SI, (N, 3).
@@ -180,16 +262,38 @@ class Source:
             kind: of the unit.
             key: named by errors.
         """
-        factor, _ = self._unit(wanted.unit, kind, key)
-        parts = [self._column(name, key) for name in wanted.columns]
-        label = f"{self.name}: {', '.join(wanted.columns)}"
+        named = [self._column(name, key) for name in wanted.columns]
+        units = {self._stated(name, wanted.unit, kind, key) for name, _ in named}
+        if len(units) > 1:
+            raise SprayError(f"{self.name}: {key}: columns of several units in their names")
+        factor, _ = self._unit(units.pop(), kind, key)
+        parts = [column for _, column in named]
+        labels = list(dict.fromkeys(part.label for part in parts))
+        label = labels[0] if len(labels) == 1 else f"{self.name}: {', '.join(wanted.columns)}"
         return Column(label, np.stack([part.values for part in parts], axis=1) * factor)
 
-    def _column(self, name: str, key: str) -> Column:
-        if name not in self.columns:
+    def _column(self, name: str, key: str) -> tuple[str, Column]:
+        """The column of that name, or the only one of that name and a unit: `T` for `T [K]`."""
+        if name in self.columns:
+            return name, self.columns[name]
+        found = [each for each in self.columns if without_unit(each) == name]
+        if len(found) != 1:
             known = ", ".join(self.columns) or "none"
             raise SprayError(f"{self.name}: no column {name!r} ({key}); it has: {known}")
-        return self.columns[name]
+        return found[0], self.columns[found[0]]
+
+    def _stated(self, name: str, unit: str | None, kind: str, key: str) -> str | None:
+        """The unit that the mapping gives, or else that in the column's name."""
+        match = _UNIT.search(name)
+        stated = None if match is None else _SPELLED.get(match[1].strip(), match[1].strip())
+        if stated is None or (unit is not None and stated not in UNITS[kind]):
+            return unit
+        if unit is None or unit == stated:
+            return stated
+        raise SprayError(
+            f"{self.name}: column {name!r} is in {stated} by its name, and in {unit} by the mapping"
+            f" ({key}); give the unit that is right, and the column its name without one"
+        )
 
     def _unit(self, unit: str | None, kind: str, key: str) -> tuple[float, float]:
         known = UNITS[kind]
@@ -292,5 +396,5 @@ def mapped_cloud(
             missing[key] = None
     rows = Source(source, columns, len(position_m.values))
     fields = cloud_columns(rows, parcels.model_copy(update=missing))
-    hint = f"{source} (parcel fields {', '.join(columns) or 'none'})"
-    return complete_cloud(name, hint, position_m, fields)
+    parts = {f"{key}_{letter}" for key in columns for letter in "XYZ"}  # of vectors that are there
+    return complete_cloud(name, source, position_m, fields, set(columns) - parts)

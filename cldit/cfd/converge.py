@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined, nearest_time
+from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined
 from cldit.cfd.column_mapping import (
     CellColumns,
     ColumnMap,
@@ -27,6 +27,7 @@ from cldit.cfd.column_mapping import (
     merged,
 )
 from cldit.cfd.mesh import Mesh, join
+from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 
@@ -86,7 +87,7 @@ def time_of(path: Path) -> float | None:
 
 
 def read_converge(
-    path: Path, *, time_s: float | None, fuel_field: str, cloud: str | None, names: ColumnMap
+    path: Path, *, time_s: CaseTime | None, fuel_field: str, cloud: str | None, names: ColumnMap
 ) -> CfdCase:
     """Reads one time.
 
@@ -102,7 +103,7 @@ def read_converge(
     files = {time_of(file): file for file in post_files(path)}
     known = [time for time in files if time is not None]
     if len(known) == len(files):
-        at: float | None = nearest_time(str(path), known, time_s)
+        at: float | None = choose_time(str(path), known, time_s)
     elif len(files) == 1 and time_s is None:
         at = None
     else:
@@ -239,7 +240,7 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
 
 
 def list_converge(
-    path: Path, time_s: float | None
+    path: Path, time_s: CaseTime | None
 ) -> tuple[list[float], list[str], dict[str, list[str]]]:
     """Times, cell fields, and clouds with their fields, of the file `path` at `time_s` or the last.
 
@@ -252,7 +253,7 @@ def list_converge(
     """
     files = {time_of(file): file for file in post_files(path)}
     known = [time for time in files if time is not None]
-    at = nearest_time(str(path), known, time_s) if known else None
+    at = choose_time(str(path), known, time_s) if known else None
     fields: set[str] = set()
     clouds: dict[str, list[str]] = {}
     with open_post(files[at]) as post:

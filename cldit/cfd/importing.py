@@ -82,6 +82,7 @@ def import_case(spec: CfdSpray, out: Path | None) -> list[str]:
             shown = f"{value:.0f}" if name in _COUNTS else f"{value:.5g}"
             lines.append(f"  {text:34s}{shown:>12s} {unit}".rstrip())
     lines += [f"  {remark}" for remark in spray.remarks]
+    lines += [f"  {file.text}" for file in spray.files]
     if out is not None:
         write_spray(out, spray)
         lines.append(str(out))

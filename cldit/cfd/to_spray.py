@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cldit.cfd.case import CfdCase, Cloud, Column, nearest_time
+from cldit.cfd.case import CfdCase, Cloud, Column
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.orientation import Frame, find_frame
 from cldit.cfd.parcel_spreading import spread_parcels
+from cldit.cfd.times import choose_time, time_remarks
 from cldit.errors import SprayError
+from cldit.provenance import files_read
 from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Cells, Floats, Parcels, Spray, Vapour
 from cldit.spray.spray_file import read_spray
@@ -68,8 +70,8 @@ def _stored(spec: CfdSpray) -> Spray:
     spray = read_spray(spec.file)
     if spec.time_s is not None:
         known = [spray.notes["time_s"]] if "time_s" in spray.notes else []
-        nearest_time(str(spec.file), known, spec.time_s)
-    return spray
+        choose_time(str(spec.file), known, spec.time_s)
+    return replace(spray, files=files_read([spec.file]) + spray.files)
 
 
 def _imported(spec: CfdSpray) -> Spray:
@@ -86,7 +88,14 @@ def _imported(spec: CfdSpray) -> Spray:
     if np.isfinite(jet_m):
         notes["vapour_penetration_m"] = jet_m
     some = vapour if len(vapour.temperature_K) else None
-    return Spray(parcels=parcels, vapour=some, notes=notes, remarks=frame.remarks)
+    remarks = (*case.remarks, *time_remarks(case.time_s, spec.time_s), *frame.remarks)
+    return Spray(
+        parcels=parcels,
+        vapour=some,
+        notes=notes,
+        remarks=remarks,
+        files=files_read(case.files),
+    )
 
 
 def _check_size(case: CfdCase) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import click
 from rich.table import Table
 
-from cldit.cli.console import OUT, ProgressBar, plain_errors, say
+from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
 from cldit.cli.units import KELVIN, SECOND
 from cldit.experiment import run_experiment
 from cldit.gpu.device import open_device
@@ -131,6 +131,8 @@ def _summary(result: Run) -> None:
         _print_errors(result.errors)
     elif result.info.accuracy_K is not None:
         OUT.print(f"estimated error of the trace in T_app: {result.info.accuracy_K:.2g} K RMS")
+    for file in result.info.files:
+        OUT.print(escaped(f"  {file.text}"), style="dim")
     for name, text in human_figures(result.info.spray).items():
         OUT.print(f"  {name}: {text}", style="dim")
     if result.folder is not None:

@@ -13,6 +13,7 @@ from cldit.medium.octree import CellSource, Octree, PointSource, build_octrees
 from cldit.optics.band import BandOptics
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
+from cldit.provenance import FileRead
 from cldit.run.budget import ParcelVariants, Probed
 from cldit.run.phases import droplets_content, mean_phase, phase_choice
 from cldit.run.spray_factory import make_spray
@@ -112,14 +113,16 @@ def deposited(scene: Scene, spray: Spray) -> Spray:
 class Medium:
     """A tree for each spectral node, and one with the paper's properties where that is wanted.
 
-    properties: without `sources` and `paper`, which are in the trees. probed: what the errors of
-    cells and parcels are measured on; None where the scene wants no audit.
+    properties: without `sources` and `paper`, which are in the trees. files: that the spray was
+    read from. probed: what the errors of cells and parcels are measured on; None where the scene
+    wants no audit.
     """
 
     trees: list[Octree]
     paper: Octree | None
     properties: Properties
     notes: dict[str, float]
+    files: tuple[FileRead, ...] = ()
     probed: Probed | None = None
 
 
@@ -137,7 +140,7 @@ def make_medium(scene: Scene, stages: Stages, cache: Path, spray: Spray | None =
         made = spray or make_spray(scene.spray, cache=cache)
         spray = deposited(scene, made)
         stages.remark(spray.remarks)
-        notes = dict(spray.notes)
+        notes, files = dict(spray.notes), made.files
     with stages.stage("optics") as note:
         found = properties_of(scene, spray, cache=cache)
         sources = [*found.sources, *([] if found.paper is None else [found.paper])]
@@ -154,7 +157,7 @@ def make_medium(scene: Scene, stages: Stages, cache: Path, spray: Spray | None =
         trees = build_octrees(frame, sources, optical_depth_split=domain.optical_depth_split)
         note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
     paper = trees.pop() if found.paper is not None else None
-    return Medium(trees, paper, replace(found, sources=(), paper=None), notes, probed)
+    return Medium(trees, paper, replace(found, sources=(), paper=None), notes, files, probed)
 
 
 def _probed(scene: Scene, frame: Frame, sprays: tuple[Spray, Spray], found: Properties) -> Probed:

@@ -3,9 +3,9 @@
 Arrays `parcels/position_m`, `parcels/diameter_m`, ..., where parcels fill boxes `parcels/box_m`
 (3,), where they are clouds `parcels/covariance_m2`, `vapour/lower_m`, `vapour/upper_m`,
 `vapour/number_density_m3`, `vapour/temperature_K`, and `about`, a JSON text with the version of the
-layout, the molar mass, notes and remarks. Cells of a regular grid have its `vapour/grid_origin_m`,
-`vapour/grid_spacing_m`, `vapour/grid_shape` and `vapour/grid_index` too. Written at once: a file is
-whole or not there.
+layout, the molar mass, notes, remarks and the files read. Cells of a regular grid have its
+`vapour/grid_origin_m`, `vapour/grid_spacing_m`, `vapour/grid_shape` and `vapour/grid_index` too.
+Written at once: a file is whole or not there.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 
 from cldit.errors import SprayError
 from cldit.files import whole
+from cldit.provenance import FileRead
 from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Cells, Floats, Parcels, RegularGrid, Spray, Vapour
 
@@ -41,6 +42,7 @@ def write_spray(path: Path, spray: Spray) -> None:
         "layout": LAYOUT,
         "notes": spray.notes,
         "remarks": list(spray.remarks),
+        "files": [file.to_dict() for file in spray.files],
     }
     arrays: dict[str, Floats] = {}
     if spray.parcels is not None:
@@ -122,10 +124,11 @@ def read_spray(path: Path) -> Spray:
             vapour = Vapour(cells, number, temperature, float(about["molar_mass_kg_mol"]))
         notes = {str(name): float(value) for name, value in about["notes"].items()}
         remarks = tuple(map(str, about["remarks"]))
+        files = tuple(FileRead.from_dict(each) for each in about.get("files", []))
     except KeyError as error:
         raise SprayError(f"{path}: {error.args[0]} is missing") from error
     except SprayError as error:
         raise error if str(path) in str(error) else SprayError(f"{path}: {error}") from error
     except (ValueError, TypeError, AttributeError) as error:
         raise SprayError(f"{path}: is no file of cldit's ({error})") from error
-    return Spray(parcels=parcels, vapour=vapour, notes=notes, remarks=remarks)
+    return Spray(parcels=parcels, vapour=vapour, notes=notes, remarks=remarks, files=files)

@@ -107,11 +107,26 @@ def _parsed(path: Path, lines: list[str]) -> CaseFile:
                 if key == "time set":
                     now = sets.setdefault(int(after.split()[0]), {})
                     continue
-            now.setdefault(key, []).extend(float(word) for word in (after or line).split())
+                if key.endswith(" file"):  # the numbers stand in a file of their own
+                    key = key.removesuffix(" file")
+                    after = _numbers_file(path, after)
+            text = after if colon else line  # values may begin on the next line
+            now.setdefault(key, []).extend(float(word) for word in text.split())
     if not gold:
-        raise SprayError(f"{path}: FORMAT: not `type: ensight gold`")
+        raise SprayError(f"{path}: FORMAT: not `type: ensight gold`; export EnSight Gold, or .vtu")
     case.time_sets = {number: _time_set(path, content) for number, content in sets.items()}
     return case
+
+
+def _numbers_file(path: Path, name: str) -> str:
+    """The text of a file that the TIME section of `path` names."""
+    words = shlex.split(name)
+    if len(words) != 1:
+        raise SprayError(f"{path}: TIME: {name.strip()!r}: one file is allowed")
+    try:
+        return (path.parent / words[0]).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SprayError(f"{path}: TIME: {words[0]}: cannot be read ({error})") from error
 
 
 def _item(path: Path, kind: str, text: str) -> Item:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 
-from cldit.cfd.case import CLOUD_FIELDS, Column
+from cldit.cfd.case import Column
 from cldit.cfd.mesh import Labels, Mesh
 from cldit.cfd.openfoam.file import (
     FoamFile,
@@ -20,8 +21,6 @@ from cldit.cfd.openfoam.file import (
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 
-_EXTRA = {"U": vectors, "age": scalars}  # only to infer nozzle and axis
-
 
 def cloud_names(time_folder: Path) -> list[str]:
     """Names of the folders under `lagrangian`."""
@@ -32,7 +31,12 @@ def cloud_names(time_folder: Path) -> list[str]:
 
 
 def read_cloud(
-    folder: Path, mesh: Mesh, block: int | None = None
+    folder: Path,
+    mesh: Mesh,
+    block: int | None = None,
+    *,
+    wanted: set[str],
+    files: list[Path],
 ) -> tuple[Column, dict[str, Column]]:
     """Positions and fields of one cloud.
 
@@ -42,6 +46,8 @@ def read_cloud(
         folder: of the cloud.
         mesh: of the same processor.
         block: which processor's, of collated files.
+        wanted: names of the fields to read, where there are such; `U_X` means U.
+        files: those that are read are added to it.
 
     Returns:
         Positions (N, 3), and fields by name.
@@ -57,11 +63,15 @@ def read_cloud(
     file = read_foam(found, block)
     rows = particles(file)
     position = rows[:, :3] if rows.shape[1] == 4 else decode(file, rows, mesh)
+    files.append(find_foam(found) or found)
     fields: dict[str, Column] = {}
-    for name in (*CLOUD_FIELDS, *_EXTRA):
-        if find_foam(folder / name) is not None:
-            values = _EXTRA.get(name, scalars)(read_foam(folder / name, block))
-            fields[name] = Column(str(folder / name), values)
+    for name in sorted({*wanted, *(re.sub("_[XYZ]$", "", each) for each in wanted)}):
+        path = find_foam(folder / name)
+        if path is not None:
+            field = read_foam(folder / name, block)
+            read = vectors if field.kind.startswith("vector") else scalars
+            fields[name] = Column(str(folder / name), read(field))
+            files.append(path)
     return Column(str(found), position), fields
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.cfd.case import only_claimant
 from cldit.cfd.openfoam.collated import COLLATED, block_of
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
@@ -40,6 +41,7 @@ class FoamFile:
     scalar_sizes: tuple[int, ...]
     body: bytes
     block: int | None = None  # of a collated file
+    kind: str = ""  # class in the header, such as scalarField
 
     @property
     def nothing(self) -> bool:
@@ -53,9 +55,14 @@ class FoamFile:
 
 
 def find_foam(path: Path) -> Path | None:
-    """The file, or its gz form, whichever there is."""
+    """The file, or its gz form, whichever there is.
+
+    Raises:
+        SprayError: there are both.
+    """
     packed = path.with_name(path.name + ".gz")
-    return next((each for each in (path, packed) if each.is_file()), None)
+    found = [each for each in (path, packed) if each.is_file()]
+    return only_claimant(str(path), found) if found else None
 
 
 def read_foam(path: Path, block: int | None = None) -> FoamFile:
@@ -103,6 +110,7 @@ def read_foam(path: Path, block: int | None = None) -> FoamFile:
         scalar_sizes=(int(scalar.group(1)) // 8,) if scalar else (8, 4),
         body=body,
         block=block,
+        kind=entries.get(b"class", b"").decode("latin-1").strip(),
     )
 
 

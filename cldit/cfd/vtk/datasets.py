@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -87,6 +89,125 @@ def load_vtk(file: Path, kind: str = "vtkDataSet") -> Any:
         found = "nothing" if data is None else data.GetClassName()
         raise SprayError(f"{file}: holds {found}, expected {kind}")
     return data
+
+
+# bits of the array vtkGhostType (vtkDataSetAttributes): a copy of another piece's cell, a cell that
+# finer ones replace, one outside, one that is hidden; a copied and a hidden point
+_MARKED_CELL = 1 | 8 | 16 | 32
+_MARKED_POINT = 1 | 2
+
+
+@dataclass
+class Marked:
+    """How many cells and points were marked as copied or hidden, and left out."""
+
+    cells: int = 0
+    points: int = 0
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """A sentence, where there were any."""
+        pairs = ((self.cells, "cells"), (self.points, "points"))
+        counts = [f"{count} {what}" for count, what in pairs if count]
+        return (f"Marked as ghost or hidden, left out: {' and '.join(counts)}.",) if counts else ()
+
+
+def unmarked(data: Any, marked: Marked) -> Any:
+    """The data set without cells and parcels that `vtkGhostType` marks; they are counted.
+
+    Points of a mesh are kept: cells name them. The points of a set without cells of three
+    dimensions are parcels.
+    """
+    if dimension(data) > 0:
+        ghosts = data.GetCellData().GetArray("vtkGhostType")
+        if ghosts is None or not (bad := (_numpy(ghosts) & _MARKED_CELL) != 0).any():
+            return data
+        marked.cells += int(bad.sum())
+        return _cells_of(data, np.flatnonzero(~bad))
+    bad = np.zeros(data.GetNumberOfPoints(), dtype=bool)
+    ghosts = data.GetPointData().GetArray("vtkGhostType")
+    if ghosts is not None:
+        bad |= (_numpy(ghosts) & _MARKED_POINT) != 0
+    ghosts = data.GetCellData().GetArray("vtkGhostType")
+    if ghosts is not None and data.GetNumberOfCells() == len(bad):  # a vertex a parcel, in order
+        bad |= (_numpy(ghosts) & _MARKED_CELL) != 0
+    if not bad.any():
+        return data
+    marked.points += int(bad.sum())
+    return _points_of(data, np.flatnonzero(~bad))
+
+
+def _cells_of(data: Any, kept: Any) -> Any:
+    """Some cells of a data set, with their data, in order."""
+    from vtkmodules.vtkFiltersCore import vtkExtractCells
+
+    extract = vtkExtractCells()
+    extract.SetInputData(data)
+    extract.SetCellList(_id_list(kept))
+    extract.Update()
+    return extract.GetOutput()
+
+
+def _points_of(data: Any, kept: Any) -> Any:
+    """Some points of a data set, with their data, in order."""
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkPolyData
+
+    chosen = _id_list(kept)
+    found: Any = vtkPolyData()
+    points: Any = vtkPoints()
+    points.SetDataType(data.GetPoints().GetDataType())
+    data.GetPoints().GetPoints(chosen, points)
+    found.SetPoints(points)
+    found.GetPointData().CopyAllocate(data.GetPointData(), len(kept))
+    found.GetPointData().SetNumberOfTuples(len(kept))
+    found.GetPointData().CopyData(data.GetPointData(), chosen, 0)
+    return found
+
+
+def _id_list(kept: Any) -> Any:
+    from vtkmodules.vtkCommonCore import vtkIdList
+
+    chosen = vtkIdList()
+    chosen.SetNumberOfIds(len(kept))
+    for place, index in enumerate(kept.tolist()):
+        chosen.SetId(place, index)
+    return chosen
+
+
+def dimension(data: Any) -> int:
+    """Largest dimension of its cells, 0 for points alone; -1 of a data set without anything."""
+    if not data.GetNumberOfCells():
+        return 0 if data.GetNumberOfPoints() else -1
+    if data.IsA("vtkPolyData"):
+        if data.GetNumberOfPolys() or data.GetNumberOfStrips():
+            return 2
+        return 1 if data.GetNumberOfLines() else 0
+    if not data.IsA("vtkUnstructuredGrid"):
+        return 3
+    from vtkmodules.vtkCommonDataModel import vtkCellTypes
+
+    found = vtkCellTypes()
+    # the same method under its name from vtk 9.6 on, and before
+    (getattr(data, "GetDistinctCellTypes", None) or data.GetCellTypes)(found)
+    kinds = [found.GetCellType(place) for place in range(found.GetNumberOfTypes())]
+    return max(_DIMENSION.get(kind, 3) for kind in kinds)
+
+
+_DIMENSION = {1: 0, 2: 0, 3: 1, 4: 1, 21: 1} | dict.fromkeys((5, 6, 7, 8, 9, 22, 23, 28), 2)
+
+
+def corner_mean(grid: Any) -> Callable[[Any], Any]:
+    """A function of values at points (P,) that gives their means over each cell's corners (N,)."""
+
+    def mean(values: Any) -> Any:
+        cells = grid.GetCells()
+        points = _numpy(cells.GetConnectivityArray())
+        offsets = _numpy(cells.GetOffsetsArray()).astype(np.int64)
+        sums = np.add.reduceat(values[points], offsets[:-1])
+        return sums / np.diff(offsets)
+
+    return mean
 
 
 def time_value(data: Any) -> float | None:

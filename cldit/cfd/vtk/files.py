@@ -1,196 +1,293 @@
-"""What foamToVTK writes: internal.vtu (or legacy .vtk), and one .vtp (.vtk) for each cloud."""
+"""One time of VTK files: of foamToVTK, of ParaView, or alone."""
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from cldit.cfd.case import CfdCase, choose_cloud, complete_cloud, nearest_time
-from cldit.cfd.vtk.datasets import cell_columns, load_vtk, point_columns, time_value, vtk_mesh
+from cldit.cfd.case import (
+    NO_CLOUD,
+    CfdCase,
+    Cloud,
+    Column,
+    choose_cloud,
+    joined,
+    only_claimant,
+)
+from cldit.cfd.column_mapping import (
+    PARCEL_NAMES,
+    ColumnMap,
+    Source,
+    gas_columns,
+    gas_names,
+    mapped_cloud,
+    with_components,
+)
+from cldit.cfd.mesh import join
+from cldit.cfd.openfoam.injectors import case_injectors
+from cldit.cfd.point_data import with_point_fields
+from cldit.cfd.times import CaseTime, choose_time
+from cldit.cfd.vtk.collections import Entry, without_step
+from cldit.cfd.vtk.datasets import (
+    Marked,
+    cell_columns,
+    corner_mean,
+    dimension,
+    load_vtk,
+    point_columns,
+    time_value,
+    unmarked,
+    vtk_mesh,
+)
+from cldit.cfd.vtk.layout import Layout, find_layout
 from cldit.errors import SprayError
 
-_NUMBER = re.compile(r"_(\d+)$")
 _TIME = re.compile(rb"\btime='([^']+)'")
-_MESHES = ("*.vtu", "*.vtk", "*/internal.vtu", "internal.vtu")
-_CLOUDS = tuple(
-    f"{place}.{kind}"
-    for place in ("lagrangian/*/*", "lagrangian/*", "*/lagrangian/*/*", "*/lagrangian/*")
-    for kind in ("vtp", "vtk")
-)
-_SERIES = ("*.series", "lagrangian/*/*.series")
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Step:
-    """The files of one time step."""
+    """The data sets of one time, by what they are: files, and vtk's objects without ghosts."""
 
-    mesh: Path | None = None
-    clouds: dict[str, Path] = field(default_factory=dict)
+    time_s: float | None
+    meshes: list[tuple[Path, Any]]
+    clouds: dict[str, list[tuple[Path, Any]]]
+    files: tuple[Path, ...]
+    remarks: tuple[str, ...]
 
 
 def read_vtk(
-    path: Path, *, time_s: float | None, fields: Sequence[str], cloud: str | None
+    path: Path, *, time_s: CaseTime | None, fuel_field: str, cloud: str | None, names: ColumnMap
 ) -> CfdCase:
-    """Reads one time of foamToVTK output.
+    """Reads one time of VTK files.
 
     Args:
-        path: the folder that foamToVTK wrote (`CASE/VTK`), or any file in it: then the step that
-            the file belongs to.
-        time_s: the latest where None. Times come from the `.series` files, else from the comment
-            or the `TimeValue` in the mesh file.
-        fields: names of the cell fields to take, where there are such.
+        path: a .vtu, .vtk, .pvtu, .vtm or .pvd file; a folder of such files; or what foamToVTK
+            wrote (`CASE/VTK`, or any file in it: then the step that the file belongs to).
+        time_s: the latest where None. Times come from .pvd and .series files, else from the
+            comment or the `TimeValue` in the file.
+        fuel_field: name of the fuel's mass fraction.
         cloud: name of the cloud; the only one where None.
+        names: names of fields where they are not OpenFOAM's.
 
     Raises:
         SprayError: vtk is not installed; a file is missing or damaged; the time or the cloud is
-            not there, or the cloud is empty.
+            not there, or the cloud is empty; several files claim to be the same.
     """
+    layout = find_layout(_existing(path))
+    step = _step(path, layout, time_s, cloud)
+    chosen = choose_cloud(str(path), step.clouds, cloud)
+    if chosen is None and cloud != NO_CLOUD and layout.beside:
+        shown = ", ".join(map(str, layout.beside))
+        raise SprayError(
+            f"{path}: holds no parcels, but there may be some beside it: {shown}; give the folder "
+            f"as the case to read both, or spray.cloud: {NO_CLOUD} for gas alone"
+        )
+    parts = []
+    remarks = list(step.remarks)
+    available: set[str] = set()
+    skipped = []
+    for file, grid in step.meshes:
+        cells = cell_columns(file, grid)
+        points = point_columns(file, grid)[1]
+        wanted = gas_names(names.cells, cells | points, fuel_field)
+        cells, moved = with_point_fields(cells, points, wanted, corner_mean(grid))
+        available |= set(cells)
+        if wanted.fuel is None and len(step.meshes) > 1:
+            skipped.append(file)
+            continue
+        if moved:
+            remarks.append(f"{file}: {', '.join(moved)} at points became means over cells.")
+        mesh = vtk_mesh(file, grid)
+        source = Source(str(file), cells, mesh.cells)
+        parts.append((mesh, gas_columns(source, wanted, fuel_field)))
+    if not parts:
+        raise SprayError(f"{path}: no mesh has the cell field {fuel_field!r} (spray.fuel_field)")
+    if skipped:
+        shown = ", ".join(map(str, skipped))
+        remarks.append(f"Meshes without {fuel_field} are left out: {shown}.")
+    first = parts[0][1]
+    for _, gas in parts:
+        if odd := set(first) ^ set(gas):
+            raise SprayError(f"{path}: only some of its meshes have the field {min(odd)!r}")
+    injectors, dictionaries = case_injectors(_case_of(path), chosen)
+    return CfdCase(
+        source=str(step.meshes[0][0]),
+        time_s=step.time_s,
+        mesh=join([mesh for mesh, _ in parts]),
+        gas={name: joined([gas[name] for _, gas in parts]) for name in first},
+        available=tuple(sorted(available)),
+        cloud=None if chosen is None else _cloud(chosen, step.clouds[chosen], names),
+        injectors=injectors,
+        files=(*step.files, *dictionaries),
+        remarks=tuple(remarks),
+    )
+
+
+def list_vtk(
+    path: Path, time_s: CaseTime | None
+) -> tuple[list[float], list[str], dict[str, list[str]]]:
+    """Times, fields, and clouds with their fields, of `time_s` or the last step.
+
+    Args:
+        path: as `read_vtk` takes it.
+        time_s: None is the latest.
+
+    Returns:
+        Times [s], fields of cells and points of the mesh, and the fields of each cloud.
+
+    Raises:
+        SprayError: there is no such file or time, or a file is damaged.
+    """
+    layout = find_layout(_existing(path))
+    step = _step(path, layout, time_s, NO_CLOUD)
+    known = [time for time in _times(layout).values() if time is not None]
+    fields = {
+        name
+        for file, grid in step.meshes
+        for name in (*cell_columns(file, grid), *point_columns(file, grid)[1])
+    }
+    clouds = {
+        name: sorted({key for file, data in parts for key in point_columns(file, data)[1]})
+        for name, parts in step.clouds.items()
+    }
+    return known, sorted(fields), clouds
+
+
+def _existing(path: Path) -> Path:
     if not path.exists():
         raise SprayError(f"{path}: no such file or folder (spray.file)")
-    folder, own = _place(path.resolve())
-    steps = _steps(folder)
-    spray = any(step.clouds for step in steps.values())
-    if own is not None:
-        steps = {key: step for key, step in steps.items() if key == own}
-    meshes = {key: step.mesh for key, step in steps.items() if step.mesh is not None}
-    if not meshes:
+    return path.resolve()
+
+
+def _case_of(path: Path) -> Path | None:
+    """The OpenFOAM case that the folder lies in, if any."""
+    return next((each for each in path.resolve().parents if (each / "constant").is_dir()), None)
+
+
+def _times(layout: Layout) -> dict[str, float | None]:
+    """The time of each step that may hold a mesh."""
+    steps = {
+        key: found
+        for key, found in layout.steps.items()
+        if (layout.own is None or key == layout.own) and not all(entry.cloud for entry in found)
+    }
+    return {
+        key: layout.times[key] if key in layout.times else _own_time(found)
+        for key, found in steps.items()
+    }
+
+
+def _step(path: Path, layout: Layout, time_s: CaseTime | None, cloud: str | None) -> _Step:
+    """The step at a time, its data sets read and sorted."""
+    times = _times(layout)
+    if not times:
         raise SprayError(
-            f"{path}: neither an OpenFOAM case (constant/polyMesh) nor foamToVTK output "
-            "(internal.vtu, or .vtk), EnSight (.case), CONVERGE (.h5) or a mapping file (.yaml)"
+            f"{path}: no mesh in it: neither an OpenFOAM case (constant/polyMesh) nor VTK files "
+            "(internal.vtu, .vtu, .pvtu, .vtm, .pvd or .vtk), EnSight (.case), CONVERGE (.h5) or a "
+            "mapping file (.yaml)"
         )
-    listed = _listed_times(folder)
-    times = {listed[key] if key in listed else _own_time(meshes[key]): key for key in meshes}
-    known = {time: key for time, key in times.items() if time is not None}
-    if len(known) == len(meshes):
-        at: float | None = nearest_time(str(path), known, time_s)
-    elif len(meshes) == 1 and time_s is None:
-        at = None
+    known = {time: key for key, time in times.items() if time is not None}
+    if len(known) < len([time for time in times.values() if time is not None]):
+        twice = next(t for t in known if list(times.values()).count(t) > 1)
+        both = [key for key, time in times.items() if time == twice]
+        only_claimant(
+            f"time {twice:g}", (entry.pieces[0] for key in both for entry in layout.steps[key])
+        )
+    if len(known) == len(times):
+        at: float | None = choose_time(str(path), known, time_s)
+        key = known[choose_time(str(path), known, time_s)]
+    elif len(times) == 1 and time_s in (None, "latest"):
+        at, key = None, next(iter(times))
     else:
         raise SprayError(
             f"{path}: some mesh files do not say their time; give the path of one, without "
             "spray.time_s"
         )
-    key = times[at]
-    mesh, clouds = meshes[key], steps[key].clouds
-    if spray and not clouds:
-        raise SprayError(f"{mesh}: no cloud file of the same step {key!r}, but other steps have")
-    chosen = choose_cloud(str(path), clouds, cloud)
-    grid = load_vtk(mesh, "vtkUnstructuredGrid")
-    cells = cell_columns(mesh, grid)
-    parcels = None
-    if chosen is not None:
-        file = clouds[chosen]
-        position, columns = point_columns(file, load_vtk(file, "vtkPolyData"))
-        parcels = complete_cloud(chosen, str(file), position, columns)
-    return CfdCase(
-        source=str(mesh),
-        time_s=at,
-        mesh=vtk_mesh(mesh, grid),
-        gas={name: cells[name] for name in fields if name in cells},
-        available=tuple(sorted(cells)),
-        cloud=parcels,
-    )
+    found = layout.steps[key]
+    elsewhere = {k for k, each in layout.steps.items() if any(map(_parcels_likely, each))}
+    if cloud != NO_CLOUD and elsewhere and not any(map(_parcels_likely, found)):
+        raise SprayError(
+            f"{found[0].pieces[0]}: no cloud file of the same step {key!r}, but other steps have: "
+            f"{', '.join(sorted(elsewhere))} (spray.cloud: {NO_CLOUD} for gas alone)"
+        )
+    return _sorted(at, found, layout)
 
 
-def list_vtk(
-    path: Path, time_s: float | None
-) -> tuple[list[float], list[str], dict[str, list[str]]]:
-    """Times, cell fields, and clouds with their fields, of `time_s` or the last step.
+def _parcels_likely(entry: Entry) -> bool:
+    return entry.cloud is True or (entry.cloud is None and entry.pieces[0].suffix == ".vtp")
 
-    Args:
-        path: a file, or foamToVTK's folder.
-        time_s: None is the latest.
 
-    Returns:
-        Times [s], cell fields, and the fields of each cloud.
+def _sorted(at: float | None, found: Sequence[Entry], layout: Layout) -> _Step:
+    """Meshes, clouds and the rest among the data sets of a step."""
+    meshes: dict[Entry, list[tuple[Path, Any]]] = {}
+    clouds: dict[str, list[tuple[Path, Any]]] = {}
+    claims: dict[str, list[Path]] = {}
+    marked = Marked()
+    files = list(layout.read)
+    surfaces = list(layout.left_out)
+    for entry in found:
+        loaded = [(file, load_vtk(file)) for file in entry.pieces]
+        pieces = [(file, unmarked(data, marked)) for file, data in loaded]
+        files += [*entry.named_by, *entry.pieces]
+        high = max(dimension(data) for _, data in pieces)
+        if entry.cloud or (entry.cloud is None and high == 0):
+            name = entry.name if entry.cloud else without_step(entry.name)
+            claims.setdefault(name, []).append(entry.pieces[0])
+            clouds[name] = pieces
+        elif entry.cloud is False or high in (-1, 3):
+            meshes[entry] = pieces
+        else:
+            surfaces += entry.pieces
+    for name, places in claims.items():
+        only_claimant(f"cloud {name!r}", places)
+    tops = {entry.named_by[:1] for entry in meshes}  # the blocks of one collection belong together
+    if len(tops) > 1 or (len(meshes) > 1 and tops == {()}):
+        only_claimant("the mesh of the gas", (entry.pieces[0] for entry in meshes))
+    if not meshes:
+        first = found[0].pieces[0]
+        data = load_vtk(first, "vtkUnstructuredGrid")
+        vtk_mesh(first, data)  # says which cells it has instead
+        raise SprayError(f"{first}: holds parcels alone; name the gas, or the folder of both")
+    remarks = marked.remarks
+    if surfaces:
+        shown = ", ".join(map(str, surfaces))
+        remarks = (*remarks, f"Left out, neither gas nor parcels: {shown}.")
+    every = [piece for pieces in meshes.values() for piece in pieces]
+    for file, data in every:
+        if not data.IsA("vtkUnstructuredGrid"):
+            raise SprayError(f"{file}: holds {data.GetClassName()}, expected vtkUnstructuredGrid")
+    return _Step(at, every, clouds, tuple(dict.fromkeys(files)), remarks)
 
-    Raises:
-        SprayError: there is no such file or time, or a file is damaged.
-    """
-    if not path.exists():
-        raise SprayError(f"{path}: no such file or folder (spray.file)")
-    folder, own = _place(path.resolve())
-    steps = {key: step for key, step in _steps(folder).items() if own is None or key == own}
-    listed = _listed_times(folder)
-    times = {
-        key: listed[key] if key in listed else _own_time(step.mesh)
-        for key, step in steps.items()
-        if step.mesh is not None
+
+def _cloud(name: str, parts: Sequence[tuple[Path, Any]], names: ColumnMap) -> Cloud:
+    """The cloud of all its pieces; empty ones add nothing."""
+    read = [point_columns(file, data) for file, data in parts]
+    filled = [part for part in read if len(part[0].values)] or read[:1]
+    fields = set.intersection(*(set(columns) for _, columns in filled))
+    columns: dict[str, Column] = {
+        key: joined([part[1][key] for part in filled]) for key in sorted(fields)
     }
-    if not times:
-        raise SprayError(f"{path}: no .vtu or .vtk file of a mesh")
-    known = {time: key for key, time in times.items() if time is not None}
-    key = known[nearest_time(str(path), known, time_s)] if known else max(times)
-    mesh = steps[key].mesh
-    assert mesh is not None
-    clouds = {
-        name: sorted(point_columns(file, load_vtk(file))[1])
-        for name, file in steps[key].clouds.items()
-    }
-    return list(known), sorted(cell_columns(mesh, load_vtk(mesh))), clouds
+    position = joined([part[0] for part in filled])
+    file = str(parts[0][0])
+    return mapped_cloud(name, file, position, with_components(columns), names, PARCEL_NAMES)
 
 
-def _number(path: Path) -> str:
-    """Step number in the name of a file, or of the nearest folder that has one; else ""."""
-    names = [path.name.split(".")[0], *path.parts[-2::-1]]
-    return next((found[1] for name in names if (found := _NUMBER.search(name))), "")
-
-
-def _place(path: Path) -> tuple[Path, str | None]:
-    """The folder in which foamToVTK's layout begins, and the step if the path belongs to one."""
-    if path.is_dir() and not (path / "internal.vtu").is_file():
-        return path, None
-    if path.suffix == ".series":
-        return _top(path.parent), None
-    folder = _top(path if path.is_dir() else path.parent)
-    return folder, _number(path.relative_to(folder))
-
-
-def _top(folder: Path) -> Path:
-    """Goes up from `CASE_12` or `lagrangian/cloud` to the folder that holds the steps."""
-    for here in (folder, folder.parent):
-        if here.name == "lagrangian":
-            folder = here.parent
-    return folder.parent if (folder / "internal.vtu").is_file() else folder
-
-
-def _steps(folder: Path) -> dict[str, _Step]:
-    """Steps by number; boundary patches, which lie deeper or elsewhere, are not looked at."""
-    steps: dict[str, _Step] = {}
-    for pattern in _MESHES:
-        for file in sorted(folder.glob(pattern)):
-            steps.setdefault(_number(file.relative_to(folder)), _Step()).mesh = file
-    for pattern in _CLOUDS:
-        for file in sorted(folder.glob(pattern)):
-            inside = file.relative_to(folder)
-            name = inside.parts[inside.parts.index("lagrangian") + 1].split(".")[0]
-            step = steps.setdefault(_number(inside), _Step())
-            step.clouds.setdefault(_NUMBER.sub("", name), file)
-    return steps
-
-
-def _listed_times(folder: Path) -> dict[str, float]:
-    """Times by step number, from the JSON files for ParaView."""
-    times: dict[str, float] = {}
-    for file in (file for pattern in _SERIES for file in sorted(folder.glob(pattern))):
+def _own_time(found: Sequence[Entry]) -> float | None:
+    """The time that a file of a step states in its comment, or as the field `TimeValue`."""
+    for file in (entry.pieces[0] for entry in found if not entry.cloud):
+        with file.open("rb") as stream:
+            comment = _TIME.search(stream.read(2000))
+        if comment is None:
+            time = time_value(load_vtk(file))
+            if time is not None:
+                return time
+            continue
         try:
-            for entry in json.loads(file.read_text(encoding="utf-8"))["files"]:
-                times[_number(Path(entry["name"]))] = float(entry["time"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise SprayError(f"{file}: is no list of files and times ({error})") from error
-    return times
-
-
-def _own_time(file: Path) -> float | None:
-    """The time that a mesh file states in its comment, or as the field `TimeValue`."""
-    with file.open("rb") as stream:
-        comment = _TIME.search(stream.read(2000))
-    if comment is None:
-        return time_value(load_vtk(file))
-    try:
-        return float(comment.group(1))
-    except ValueError as error:
-        raise SprayError(f"{file}: states the time {comment.group(1)!r}") from error
+            return float(comment.group(1))
+        except ValueError as error:
+            raise SprayError(f"{file}: states the time {comment.group(1)!r}") from error
+    return None

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cldit.cfd.column_mapping import ColumnMap
 from cldit.cfd.openfoam.case import read_openfoam
 from cldit.cfd.openfoam.cloud import decode
 from cldit.cfd.openfoam.file import particles, read_foam
@@ -94,7 +95,9 @@ def test_nozzle_is_found(cases: dict[str, Path]) -> None:
 
 def test_barycentric_coordinates_are_the_positions(cases: dict[str, Path]) -> None:
     """The run wrote both, with eight digits: 5e-9 of 0.1 m."""
-    case = read_openfoam(cases["ascii"], time_s=None, fields=("T",), cloud=None)
+    case = read_openfoam(
+        cases["ascii"], time_s=None, fuel_field="C7H16", cloud=None, names=ColumnMap()
+    )
     file = read_foam(cases["ascii"] / "0.001" / "lagrangian" / "sprayCloud" / "coordinates")
     assert case.cloud is not None
     found = decode(file, particles(file), case.mesh)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from cldit.cfd.column_mapping import ColumnMap
 from cldit.cfd.openfoam.case import read_openfoam
 from cldit.cfd.to_spray import read_cfd
 from cldit.scene.spray import CfdSpray
@@ -190,7 +191,7 @@ def test_same_as_vtk_reads(tmp_path: Path, foam: Foam, form: str) -> None:
     block, gas, cloud = foam.sample()
     foam.write(tmp_path, block, gas=gas, cloud=cloud, form=foam.form(**FORMS[form]))
     (tmp_path / "case.foam").touch()
-    case = read_openfoam(tmp_path, time_s=None, fields=("T", "rho"), cloud=None)
+    case = read_openfoam(tmp_path, time_s=None, fuel_field="C7H16", cloud=None, names=ColumnMap())
 
     reader = vtkPOpenFOAMReader()
     reader.SetFileName(str(tmp_path / "case.foam"))

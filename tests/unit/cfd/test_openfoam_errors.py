@@ -187,7 +187,7 @@ def test_times_and_clouds_that_are_not_there(tmp_path: Path, foam: Foam) -> None
 def test_paths_that_are_no_case(tmp_path: Path, foam: Foam) -> None:
     with pytest.raises(SprayError, match="no such file or folder"):
         read_cfd(spec(tmp_path / "nothing"))
-    with pytest.raises(SprayError, match="no such case"):
+    with pytest.raises(SprayError, match="no such file or folder"):
         read_cfd(spec(tmp_path / "nothing" / "case.foam"))
     with pytest.raises(SprayError, match="neither an OpenFOAM case"):
         read_cfd(spec(tmp_path))
