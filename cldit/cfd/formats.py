@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TypedDict
 
 from cldit.cfd import converge, text_tables
@@ -11,6 +12,7 @@ from cldit.cfd.column_mapping import ColumnMap, read_column_map
 from cldit.cfd.ensight import case as ensight
 from cldit.cfd.ensight.file import read_case_file
 from cldit.cfd.openfoam import case as openfoam
+from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.openfoam.regions import is_openfoam
 from cldit.cfd.times import CaseTime
 from cldit.cfd.unknown_kinds import refuse_folder, refuse_unknown
@@ -93,7 +95,14 @@ def read_case(spec: CfdSpray) -> CfdCase:
         case _:
             found = vtkfiles.read_vtk(spec.file, **common)
     mapped = () if spec.mapping is None else (spec.mapping,)
-    return replace(found, files=(*mapped, *found.files))
+    dictionaries: tuple[Path, ...] = ()
+    if found.cloud is not None and kind != "openfoam":
+        # what OpenFOAM's own converters write lies in the case, whose dictionary has the nozzle
+        near = spec.file.resolve().parents[:3]
+        case = next((each for each in near if (each / "constant").is_dir()), None)
+        injectors, dictionaries = case_injectors(case, found.cloud.name)
+        found = replace(found, injectors=injectors)
+    return replace(found, files=(*mapped, *found.files, *dictionaries))
 
 
 class _Common(TypedDict):

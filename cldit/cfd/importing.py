@@ -29,8 +29,10 @@ _SHOWN = {
     "gas_temperature_max_K": ("gas, hottest cell", "K", 1.0),
     "gas_cells": ("cells", "", 1.0),
     "vapour_cells": ("cells with vapour", "", 1.0),
+    "parcels_left_out": ("parcels left out", "", 1.0),
+    "copies": ("copies that make it whole", "", 1.0),
 }
-_COUNTS = ("parcels", "gas_cells", "vapour_cells")
+_COUNTS = ("parcels", "gas_cells", "vapour_cells", "parcels_left_out", "copies")
 
 
 def cfd_spray(keys: Mapping[str, object]) -> CfdSpray:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cldit.cfd.case import CfdCase, Cloud, Column
+from cldit.cfd.case import NO_CLOUD, CfdCase, Column
 from cldit.cfd.formats import find_format, read_case
-from cldit.cfd.orientation import Frame, find_frame
+from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcel_spreading import spread_parcels
+from cldit.cfd.parcels import check_parcels, only
+from cldit.cfd.sectors import Copy, completed_boxes, completed_parcels, copies
 from cldit.cfd.times import choose_time, time_remarks
 from cldit.errors import SprayError
 from cldit.provenance import files_read
@@ -35,6 +38,11 @@ class _Gas:
     temperature_K: Floats
     mass_fraction: Floats
     number_density_m3: Floats
+
+    def times(self, many: int) -> _Gas:
+        """That of `many` copies of the mesh, one behind the other."""
+        columns = (self.temperature_K, self.mass_fraction, self.number_density_m3)
+        return _Gas(*(np.tile(column, many) for column in columns))
 
 
 def read_cfd(spec: CfdSpray) -> Spray:
@@ -64,7 +72,7 @@ def read_cfd(spec: CfdSpray) -> Spray:
 
 
 def _stored(spec: CfdSpray) -> Spray:
-    for key in ("nozzle_m", "axis", "cloud", "mapping"):
+    for key in ("nozzle_m", "axis", "cloud", "mapping", "region", "sector", "symmetry"):
         if getattr(spec, key) is not None:
             raise SprayError(f"{spec.file}: spray.{key} was settled when the case was imported")
     spray = read_spray(spec.file)
@@ -78,17 +86,37 @@ def _imported(spec: CfdSpray) -> Spray:
     case = read_case(spec)
     _check_size(case)
     gas = _gas(spec, case)
-    parcels = None if case.cloud is None else _parcels(case, case.cloud)
+    checked = None
+    if case.cloud is not None:
+        points = case.mesh.points_m
+        checked = check_parcels(
+            case.cloud, points.min(axis=0), points.max(axis=0), share=spec.parcels_left_out
+        )
+        case = replace(case, cloud=only(case.cloud, checked.kept))
     frame = find_frame(spec, case)
-    vapour, jet_m = _vapour(spec, case, gas, frame)
-    if parcels is not None:
-        turned = (parcels.position_m - frame.nozzle_m) @ frame.rotation.T
-        parcels = replace(parcels, position_m=turned)
+    every, completed = copies(spec, case, frame)
+    vapour, jet_m = _vapour(spec, case, gas, frame, every)
+    parcels = None
+    if checked is not None:
+        parcels = completed_parcels(checked.parcels, frame, every)
+        check_downstream(spec, parcels, frame)
     notes = _notes(case, gas, parcels, vapour, frame)
+    if checked is not None and checked.left_out:
+        notes["parcels_left_out"] = float(checked.left_out)
+    if len(every) > 1:
+        notes["copies"] = float(len(every))
     if np.isfinite(jet_m):
         notes["vapour_penetration_m"] = jet_m
     some = vapour if len(vapour.temperature_K) else None
-    remarks = (*case.remarks, *time_remarks(case.time_s, spec.time_s), *frame.remarks)
+    alone = checked is None and spec.cloud != NO_CLOUD
+    remarks = (
+        *case.remarks,
+        *((f"{case.source}: no parcels in it: gas alone.",) if alone else ()),
+        *(() if checked is None else checked.remarks),
+        *time_remarks(case.time_s, spec.time_s),
+        *frame.remarks,
+        *completed,
+    )
     return Spray(
         parcels=parcels,
         vapour=some,
@@ -156,9 +184,13 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
     return _Gas(temperature, fraction, number)
 
 
-def _vapour(spec: CfdSpray, case: CfdCase, gas: _Gas, frame: Frame) -> tuple[Vapour, float]:
+def _vapour(
+    spec: CfdSpray, case: CfdCase, gas: _Gas, frame: Frame, every: Sequence[Copy]
+) -> tuple[Vapour, float]:
     """The vapour, and how far it has come along the axis (NaN where there is none), metres."""
-    lower, upper = case.mesh.moved(origin_m=frame.nozzle_m, rotation=frame.rotation).boxes_m()
+    lower, upper = completed_boxes(case.mesh, frame, every)
+    if len(every) > 1:
+        gas = gas.times(len(every))
     molecules = gas.number_density_m3 * np.prod(upper - lower, axis=1)
     kept = molecules > _NEGLIGIBLE * molecules.sum() / len(molecules)
     vapour = Vapour(
@@ -170,32 +202,6 @@ def _vapour(spec: CfdSpray, case: CfdCase, gas: _Gas, frame: Frame) -> tuple[Vap
     jet = gas.mass_fraction > _EDGE_OF_JET
     depth = -(lower[jet, 2] + upper[jet, 2]) / 2
     return vapour, float(depth.max()) if len(depth) else np.nan
-
-
-def _parcels(case: CfdCase, cloud: Cloud) -> Parcels:
-    """The cloud in the case's own coordinates, checked."""
-    fields, position = cloud.fields, cloud.position_m
-    # a falling drop of water breaks up beyond some 5 mm; what is larger has another unit
-    diameter = _within(
-        fields["d"], low=1e-9, high=5e-3, hint="d is the diameter of a droplet in metres"
-    )
-    droplets = _within(
-        fields["nParticle"], low=0.0, high=1e18, hint="nParticle is the number of droplets"
-    )
-    temperature = _within(fields["T"], low=1.0, high=5000.0, hint="T is a temperature in K")
-    density = _within(fields["rho"], low=10.0, high=3e4, hint="rho is a density in kg/m3")
-    lower, upper = case.mesh.points_m.min(axis=0), case.mesh.points_m.max(axis=0)
-    slack = 1e-5 * float((upper - lower).max())  # float32 in either file
-    inside = np.all((position.values >= lower - slack) & (position.values <= upper + slack), axis=1)
-    if not inside.all():
-        bad = int(np.argmin(inside))
-        x, y, z = position.values[bad]
-        raise SprayError(
-            f"{position.label}: parcel {bad} at ({x:.4g}, {y:.4g}, {z:.4g}) m is outside the mesh, "
-            f"({', '.join(f'{part:.4g}' for part in lower)}) to "
-            f"({', '.join(f'{part:.4g}' for part in upper)}) m"
-        )
-    return Parcels(position.values, diameter, droplets, temperature, density)
 
 
 def _notes(

@@ -9,7 +9,7 @@ import click
 from rich.table import Table
 
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
-from cldit.cli.units import KELVIN, SECOND
+from cldit.cli.units import KELVIN
 from cldit.experiment import run_experiment
 from cldit.gpu.device import open_device
 from cldit.report.figures import human_figures
@@ -26,7 +26,7 @@ from cldit.scene import Scene, load_scene, parse_scene
     type=click.Path(path_type=Path),
     help="Take the spray from a CFD result, or from what `cldit import` wrote.",
 )
-@click.option("--time", "time_s", type=SECOND, help="Time of the CFD result, s; the last one.")
+@click.option("--time", "time_s", help="Time of the CFD result; the last. As of `cldit import`.")
 @click.option("--order", type=int, help="Most scatterings, beyond which the wall is seen; or all.")
 @click.option(
     "--method",
@@ -52,7 +52,7 @@ def run(
     scene: str,
     out: Path | None,
     cfd: Path | None,
-    time_s: float | None,
+    time_s: str | None,
     order: int | None,
     method: str | None,
     phase: str | None,
@@ -95,7 +95,7 @@ def _changed(
     scene: Scene,
     *,
     cfd: Path | None,
-    time_s: float | None,
+    time_s: str | None,
     preset: str | None,
     transport: dict[str, Any],
 ) -> Scene:

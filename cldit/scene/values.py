@@ -65,7 +65,10 @@ def _case_time(value: object) -> object:
         raise ValueError(f"{text} is no time; {_TIMES}")
     if text == "latest":
         return text
-    nearest, number = text.startswith("nearest"), text.removeprefix("nearest").strip(" :")
+    nearest, number = (
+        text.startswith("nearest"),
+        text.removeprefix("nearest").strip(" :").removesuffix("s"),
+    )
     try:
         time = float(number)
     except ValueError as error:

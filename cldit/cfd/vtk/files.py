@@ -27,7 +27,6 @@ from cldit.cfd.column_mapping import (
     with_components,
 )
 from cldit.cfd.mesh import join
-from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.point_data import with_point_fields
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.cfd.vtk.collections import Entry, without_step
@@ -113,7 +112,6 @@ def read_vtk(
     for _, gas in parts:
         if odd := set(first) ^ set(gas):
             raise SprayError(f"{path}: only some of its meshes have the field {min(odd)!r}")
-    injectors, dictionaries = case_injectors(_case_of(path), chosen)
     return CfdCase(
         source=str(step.meshes[0][0]),
         time_s=step.time_s,
@@ -121,8 +119,7 @@ def read_vtk(
         gas={name: joined([gas[name] for _, gas in parts]) for name in first},
         available=tuple(sorted(available)),
         cloud=None if chosen is None else _cloud(chosen, step.clouds[chosen], names),
-        injectors=injectors,
-        files=(*step.files, *dictionaries),
+        files=step.files,
         remarks=tuple(remarks),
     )
 
@@ -161,11 +158,6 @@ def _existing(path: Path) -> Path:
     if not path.exists():
         raise SprayError(f"{path}: no such file or folder (spray.file)")
     return path.resolve()
-
-
-def _case_of(path: Path) -> Path | None:
-    """The OpenFOAM case that the folder lies in, if any."""
-    return next((each for each in path.resolve().parents if (each / "constant").is_dir()), None)
 
 
 def _times(layout: Layout) -> dict[str, float | None]:

@@ -162,7 +162,7 @@ def test_scene_finds_its_files(tmp_path: Path, foam: Foam, writers: Writers) -> 
     scene = tmp_path / "scene.yaml"
     scene.write_text(
         "name: s\nspray: {model: cfd, format: ensight, file: data/case.case,\n"
-        "  mapping: names.yaml, axis: -y}\n"
+        "  mapping: names.yaml, axis: -y, nozzle_m: [0, 0.009, 0]}\n"
     )
     spray = load_scene(scene).spray
     assert isinstance(spray, CfdSpray)
