@@ -31,7 +31,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Cloud:
-    """Parcels: positions (N, 3) and fields by name (d, nParticle, T, rho; U and age if given)."""
+    """Parcels: positions (N, 3), fields by name: d, nParticle, T, rho; U, age, origin if given."""
 
     name: str
     position_m: Column

@@ -115,7 +115,10 @@ class CellColumns(Table):
 
 
 class ParcelColumns(Table):
-    """The droplets. `position` only for tables; `mass` is that of all droplets of the parcel."""
+    """The droplets. `position` only for tables; `mass` is that of all droplets of the parcel.
+
+    origin: where the parcel was born.
+    """
 
     position: V = None
     velocity: V = None
@@ -126,6 +129,7 @@ class ParcelColumns(Table):
     temperature: A = None
     density: A = None
     age: A = None
+    origin: V = None
 
     @model_validator(mode="after")
     def _once(self) -> ParcelColumns:
@@ -180,6 +184,7 @@ PARCEL_NAMES = ParcelColumns(
     density=Scalar(column="rho"),
     velocity=Vector(columns=("U_X", "U_Y", "U_Z")),
     age=Scalar(column="age"),
+    origin=Vector(columns=("position0_X", "position0_Y", "position0_Z")),
 )
 
 
@@ -334,7 +339,7 @@ def gas_columns(source: Source, wanted: CellColumns, fuel_field: str) -> dict[st
 def cloud_columns(source: Source, wanted: ParcelColumns) -> dict[str, Column]:
     """The columns of `source` that are mapped by `wanted`, in SI, by OpenFOAM's names.
 
-    d, T and rho come first, then nParticle, U and age.
+    d, T and rho come first, then nParticle, U, age and origin.
 
     Raises:
         SprayError: the number is to come from the mass, and a diameter or density is not above 0.
@@ -355,6 +360,8 @@ def cloud_columns(source: Source, wanted: ParcelColumns) -> dict[str, Column]:
             fields[name] = source.scalar(getattr(wanted, key), kind, f"parcels.{key}")
     if wanted.velocity is not None:
         fields["U"] = source.vector(wanted.velocity, "velocity", "parcels.velocity")
+    if wanted.origin is not None:
+        fields["origin"] = source.vector(wanted.origin, "length", "parcels.origin")
     if wanted.mass is not None and "d" in fields and "rho" in fields:
         mass = source.scalar(wanted.mass, "mass", "parcels.mass")
         droplet = fields["rho"].values * np.pi / 6 * fields["d"].values ** 3

@@ -23,6 +23,7 @@ _SHOWN = {
     "vapour_mass_kg": ("vapour mass", "mg", 1e6),
     "sauter_mean_diameter_m": ("Sauter mean diameter", "um", 1e6),
     "liquid_penetration_m": ("liquid penetration (95 % of mass)", "mm", 1e3),
+    "liquid_path_m": ("as OpenFOAM's log states it", "mm", 1e3),
     "vapour_penetration_m": ("vapour penetration (0.1 % fuel)", "mm", 1e3),
     "vapour_mass_fraction_max": ("largest mass fraction of fuel", "", 1.0),
     "gas_temperature_min_K": ("gas, coldest cell", "K", 1.0),

@@ -104,6 +104,31 @@ def _mass_share(cloud: Cloud, away: Mask, wrong: list[tuple[Mask, str]]) -> floa
     return float(mass[away].sum() / mass.sum()) if mass.sum() > 0 else 0.0
 
 
+def farthest_m(cloud: Cloud, share: float) -> float | None:
+    """How far from where it was born the farthest liquid is, as OpenFOAM's log states it.
+
+    Parcels in the order of their distance: that at which the liquid beyond is less than
+    1 - share, interpolated as KinematicCloud::penetration does.
+
+    Args:
+        cloud: parcels; without their `origin` there is no answer.
+        share: of the liquid, 0.95 in OpenFOAM's log.
+    """
+    if "origin" not in cloud.fields:
+        return None
+    distance = np.linalg.norm(cloud.position_m.values - cloud.fields["origin"].values, axis=1)
+    count, density, size = (cloud.fields[name].values for name in ("nParticle", "rho", "d"))
+    order = np.argsort(distance, kind="stable")
+    distance, mass = distance[order], (count * density * size**3)[order]
+    beyond = np.cumsum(mass[::-1])[::-1]  # with the parcel itself
+    rest = (1.0 - share) * beyond[0]
+    here = int(np.flatnonzero(beyond > rest)[-1]) if beyond[0] > 0 else len(distance) - 1
+    if here == len(distance) - 1:
+        return float(distance[-1])
+    step = (beyond[here] - rest) / mass[here]
+    return float(distance[here] + step * (distance[here + 1] - distance[here]))
+
+
 def only(cloud: Cloud, kept: Mask) -> Cloud:
     """The cloud of some of its parcels."""
     if kept.all():

@@ -11,7 +11,7 @@ from cldit.cfd.case import NO_CLOUD, CfdCase, Column
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcel_spreading import spread_parcels
-from cldit.cfd.parcels import check_parcels, only
+from cldit.cfd.parcels import check_parcels, farthest_m, only
 from cldit.cfd.sectors import Copy, completed_boxes, completed_parcels, copies
 from cldit.cfd.times import choose_time, time_remarks
 from cldit.errors import SprayError
@@ -101,6 +101,9 @@ def _imported(spec: CfdSpray) -> Spray:
         parcels = completed_parcels(checked.parcels, frame, every)
         check_downstream(spec, parcels, frame)
     notes = _notes(case, gas, parcels, vapour, frame)
+    farthest = None if case.cloud is None else farthest_m(case.cloud, 0.95)
+    if farthest is not None:
+        notes["liquid_path_m"] = farthest
     if checked is not None and checked.left_out:
         notes["parcels_left_out"] = float(checked.left_out)
     if len(every) > 1:

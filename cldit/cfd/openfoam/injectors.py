@@ -61,6 +61,8 @@ def case_injectors(
     if case is None or cloud is None:
         return (), ()
     folder = case / "constant" / region
+    if region and not any(folder.glob("*[pP]roperties*")):
+        folder = case / "constant"
     own = folder / f"{cloud}Properties"
     every = [own] if find_foam(own) else sorted(folder.glob("*[pP]roperties*"))
     found: dict[Path, tuple[Injector, ...]] = {}

@@ -83,6 +83,12 @@ def load_vtk(file: Path, kind: str = "vtkDataSet") -> Any:
         text = text.decode("latin-1")
     said = re.search(r"(?:ERROR|Warning):[^\n]*\n([^\n]*)", text)
     if said or reader.GetErrorCode():
+        if (bad := _BAD_NAME.search(_head(file))) is not None:
+            raise SprayError(
+                f"{file}: names a field {bad.group(1).decode('latin-1')!r} with a mark that XML "
+                "does not allow, as foamToVTK of v1912 does; export only what is needed: "
+                "foamToVTK -fields '(T p rho C7H16)'"
+            )
         reason = ascii(said.group(1)).strip("'\"") if said else f"vtk error {reader.GetErrorCode()}"
         raise SprayError(f"{file}: is damaged or truncated ({reason})")
     if data is None or not data.IsA(kind):
@@ -208,6 +214,14 @@ def corner_mean(grid: Any) -> Callable[[Any], Any]:
         return sums / np.diff(offsets)
 
     return mean
+
+
+_BAD_NAME = re.compile(rb"Name=[\"']([^\"'\n]*<[^\"'\n]*)[\"']")
+
+
+def _head(file: Path) -> bytes:
+    """The file up to its appended numbers, where the names of its fields stand."""
+    return file.read_bytes().partition(b"<AppendedData")[0]
 
 
 def time_value(data: Any) -> float | None:

@@ -73,11 +73,14 @@ def test_command(tmp_path: Path, foam: Foam, writers: Writers) -> None:
     assert "ends in .npz" in called(str(case), *place, "--out", str(tmp_path / "a.h5"), code=1)
 
 
+PLACE = ("--axis", "-y", "--nozzle", "0", "0.009", "0")
+
+
 def test_own_file_that_is_damaged(tmp_path: Path, foam: Foam, writers: Writers) -> None:
     block, gas, cloud = foam.sample()
     case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
     out = tmp_path / "spray.npz"
-    result = CliRunner().invoke(main, ["import", str(case), "--axis", "-y", "--out", str(out)])
+    result = CliRunner().invoke(main, ["import", str(case), *PLACE, "--out", str(out)])
     assert result.exit_code == 0, result.output
     whole = out.read_bytes()
     for left in (0.0, 0.3, 0.9, 0.99):
