@@ -71,7 +71,9 @@ def _weight(points: Mapping[str, Column], wanted: Mapping[str, str]) -> Floats |
 
     def at(key: str) -> Any:
         column = points.get(wanted.get(key, ""))
-        return None if column is None else column.values
+        if column is None or column.undefined is None:
+            return None if column is None else column.values
+        return np.where(column.undefined, 1.0, column.values)  # no corner of a cell: checked above
 
     density, pressure, temperature = at("density"), at("pressure"), at("temperature")
     if density is not None:
