@@ -168,13 +168,16 @@ def _check_place(case: CfdCase, nozzle: Floats) -> None:
     if _distance(points, nozzle) <= float(np.linalg.norm(np.ptp(points, axis=0))):
         return
     low, high = points.min(axis=0), points.max(axis=0)
-    hint = ""
-    for factor, unit in ((1e-3, "mm"), (1e-2, "cm")):
-        if not hint and _distance(points, nozzle * factor) <= 1e-3 * np.ptp(points, axis=0).max():
-            hint = f"; in {unit} it would be {_text(nozzle * factor)} m, which lies in it"
+    size = float(np.linalg.norm(high - low))
+    meant = [
+        f"{_text(nozzle * factor)} m if {unit} were meant"
+        for factor, unit in ((1e-3, "mm"), (1e-2, "cm"))
+        if _distance(points, nozzle * factor) <= size
+    ]
+    hint = f": {', '.join(meant)}" if meant else ""
     raise SprayError(
         f"spray.nozzle_m: {_text(nozzle)} m is {_distance(points, nozzle):.3g} m away from the "
-        f"case, which is {_text(low)} to {_text(high)} m; metres are meant{hint}"
+        f"case, which is {_text(low)} to {_text(high)} m; coordinates are metres{hint}"
     )
 
 

@@ -45,13 +45,15 @@ def with_point_fields(
     moved = [key for key, name in wanted.items() if name not in cells and name in points]
     if not moved:
         return dict(cells), ()
+    for name in {wanted[key] for key in wanted if wanted[key] in points}:
+        undefined = points[name].undefined
+        if undefined is not None and mean(undefined.astype(np.float64)).any():
+            raise SprayError(f"{points[name].label}: some corners of cells have no value")
     weight = _weight(points, wanted) if {"temperature", "fuel"} & set(moved) else None
     found = dict(cells)
     for key in moved:
         column = points[wanted[key]]
         values = column.values
-        if column.undefined is not None and mean(column.undefined.astype(np.float64)).any():
-            raise SprayError(f"{column.label}: some corners of cells have no value (undefined)")
         if key in ("temperature", "fuel"):
             if weight is None:
                 raise SprayError(

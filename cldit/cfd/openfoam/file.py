@@ -132,6 +132,8 @@ def _open(file: FoamFile, at: int) -> tuple[int, bytes, int]:
 
 
 def _parse(file: FoamFile, text: bytes) -> Floats:
+    if not text.strip(b" \n\r\t()"):
+        return np.empty(0)  # of blanks alone numpy makes a number
     with warnings.catch_warnings():
         # text that is no number ends the array early, with a warning; the count tells the caller
         warnings.simplefilter("ignore", DeprecationWarning)
