@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined
+from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined, only_claimant
 from cldit.cfd.column_mapping import (
     CellColumns,
     ColumnMap,
@@ -100,19 +100,25 @@ def read_converge(
         SprayError: a file is damaged, an array is missing or of another length, the time or the
             cloud is not there.
     """
-    files = {time_of(file): file for file in post_files(path)}
+    files = _by_time(path)
     known = [time for time in files if time is not None]
     if len(known) == len(files):
         at: float | None = choose_time(str(path), known, time_s)
-    elif len(files) == 1 and time_s is None:
+    elif len(files) == 1 and time_s in (None, "latest"):
         at = None
     else:
         raise SprayError(f"{path}: a file without OUTPUT_TIME; give the path of one file")
-    chosen = files[at]
+    chosen = only_claimant(
+        "the only one without OUTPUT_TIME" if at is None else f"time {at:g}", files[at]
+    )
     with open_post(chosen) as post:
         streams = [post[name] for name in sorted(post) if _STREAM.match(name)]
         if not streams:
-            raise SprayError(f"{chosen}: holds no STREAM_00: it is no post file of CONVERGE")
+            raise SprayError(
+                f"{chosen}: holds no STREAM_00: it is no post file of CONVERGE (Fluent's .cas.h5 "
+                "and VTK's HDF are not read; export EnSight Gold or .vtu)"
+            )
+        streams, remarks = _with_fuel(chosen, streams, names.cells, fuel_field)
         meshes = [_mesh(chosen, stream) for stream in streams]
         available = sorted(set.intersection(*(set(s.get("CELL_CENTER_DATA", ())) for s in streams)))
         cells = _gas_names(available, names.cells, fuel_field)
@@ -132,7 +138,33 @@ def read_converge(
             gas={name: joined([part[name] for part in gas]) for name in gas[0]},
             available=tuple(available),
             cloud=_cloud(chosen, streams, cloud, names),
+            files=(chosen,),
+            remarks=remarks,
         )
+
+
+def _by_time(path: Path) -> dict[float | None, list[Path]]:
+    """The files of each time."""
+    found: dict[float | None, list[Path]] = {}
+    for file in post_files(path):
+        found.setdefault(time_of(file), []).append(file)
+    return found
+
+
+def _with_fuel(
+    path: Path, streams: list[Any], given: CellColumns, fuel_field: str
+) -> tuple[list[Any], tuple[str, ...]]:
+    """The streams that have the fuel, or all where none has; others are solid, and named."""
+    fuelled = [
+        stream
+        for stream in streams
+        if (fuel := _gas_names(list(stream.get("CELL_CENTER_DATA", ())), given, fuel_field).fuel)
+        and (fuel.column is None or fuel.column in stream["CELL_CENTER_DATA"])
+    ]
+    if not fuelled or len(fuelled) == len(streams):
+        return streams, ()
+    others = ", ".join(stream.name.strip("/") for stream in streams if stream not in fuelled)
+    return fuelled, (f"{path}: streams without {fuel_field} are left out: {others}.",)
 
 
 def _gas_names(available: list[str], given: CellColumns, fuel_field: str) -> CellColumns:
@@ -251,12 +283,12 @@ def list_converge(
     Returns:
         Times [s], cell fields, and the fields of each cloud.
     """
-    files = {time_of(file): file for file in post_files(path)}
+    files = _by_time(path)
     known = [time for time in files if time is not None]
     at = choose_time(str(path), known, time_s) if known else None
     fields: set[str] = set()
     clouds: dict[str, list[str]] = {}
-    with open_post(files[at]) as post:
+    with open_post(only_claimant(f"time {at}", files[at])) as post:
         for name in post:
             if _STREAM.match(name):
                 fields |= set(post[name].get("CELL_CENTER_DATA", ()))

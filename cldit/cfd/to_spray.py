@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -111,10 +112,12 @@ def _imported(spec: CfdSpray) -> Spray:
     if np.isfinite(jet_m):
         notes["vapour_penetration_m"] = jet_m
     some = vapour if len(vapour.temperature_K) else None
+    others = other_fuels(case.available, spec.fuel_field)
     alone = checked is None and spec.cloud != NO_CLOUD
     remarks = (
         *case.remarks,
         *((f"{case.source}: no parcels in it: gas alone.",) if alone else ()),
+        *((f"Other fuels, not read: {', '.join(others)}.",) if others else ()),
         *(() if checked is None else checked.remarks),
         *time_remarks(case.time_s, spec.time_s),
         *frame.remarks,
@@ -126,6 +129,18 @@ def _imported(spec: CfdSpray) -> Spray:
         notes=notes,
         remarks=remarks,
         files=files_read(case.files),
+    )
+
+
+_FUEL = re.compile(r"(?:MASSFRAC_|Y_?)?(?:C\d+H\d+\w*|[NI]C\d+H\d+)$", re.IGNORECASE)
+
+
+def other_fuels(available: Sequence[str], fuel_field: str) -> list[str]:
+    """The cell fields with the name of another hydrocarbon, of two carbon atoms or more."""
+    return sorted(
+        name
+        for name in available
+        if _FUEL.match(name) and name != fuel_field and not name.endswith(f"_{fuel_field}")
     )
 
 
