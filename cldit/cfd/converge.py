@@ -108,9 +108,8 @@ def read_converge(
         at = None
     else:
         raise SprayError(f"{path}: a file without OUTPUT_TIME; give the path of one file")
-    chosen = only_claimant(
-        "the only one without OUTPUT_TIME" if at is None else f"time {at:g}", files[at]
-    )
+    what = "the only one without OUTPUT_TIME" if at is None else f"time {at:g}"
+    chosen = only_claimant(what, files[at])
     with open_post(chosen) as post:
         streams = [post[name] for name in sorted(post) if _STREAM.match(name)]
         if not streams:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TypedDict
 
 from cldit.cfd import converge, text_tables
-from cldit.cfd.case import CfdCase
+from cldit.cfd.case import NO_CLOUD, CfdCase
 from cldit.cfd.column_mapping import ColumnMap, read_column_map
 from cldit.cfd.ensight import case as ensight
 from cldit.cfd.ensight.file import read_case_file
 from cldit.cfd.openfoam import case as openfoam
 from cldit.cfd.openfoam.injectors import case_injectors
-from cldit.cfd.openfoam.regions import is_openfoam
+from cldit.cfd.openfoam.regions import clouds_of, is_openfoam
 from cldit.cfd.times import CaseTime
 from cldit.cfd.unknown_kinds import refuse_folder, refuse_unknown
 from cldit.cfd.vtk import files as vtkfiles
@@ -58,6 +57,10 @@ def find_format(spec: CfdSpray) -> str:
     if len(found) > 1:
         raise SprayError(f"{spec.file}: holds files of {' and '.join(sorted(found))}; set format")
     if not found and not is_vtk(spec.file):
+        inside = [each for each in sorted(spec.file.iterdir()) if each.is_dir() and is_vtk(each)]
+        if inside:
+            shown = ", ".join(map(str, inside[:5]))
+            raise SprayError(f"{spec.file}: VTK files lie in {shown}; give one of these folders")
         refuse_folder(spec.file)
     return found.pop() if found else "vtk"
 
@@ -94,15 +97,32 @@ def read_case(spec: CfdSpray) -> CfdCase:
             found = openfoam.read_openfoam(spec.file, **common, region=spec.region)
         case _:
             found = vtkfiles.read_vtk(spec.file, **common)
+    if kind != "openfoam":
+        found = _in_its_case(spec, found)
     mapped = () if spec.mapping is None else (spec.mapping,)
-    dictionaries: tuple[Path, ...] = ()
-    if found.cloud is not None and kind != "openfoam":
-        # what OpenFOAM's own converters write lies in the case, whose dictionary has the nozzle
-        near = spec.file.resolve().parents[:3]
-        case = next((each for each in near if (each / "constant").is_dir()), None)
+    return replace(found, files=(*mapped, *found.files))
+
+
+def _in_its_case(spec: CfdSpray, found: CfdCase) -> CfdCase:
+    """What OpenFOAM's converters wrote into a case, with the injectors of its dictionary.
+
+    Raises:
+        SprayError: the case has parcels, and what was written from it has none.
+    """
+    near = spec.file.resolve().parents[:3]
+    case = next((each for each in near if (each / "constant").is_dir()), None)
+    if case is None:
+        return found
+    if found.cloud is not None:
         injectors, dictionaries = case_injectors(case, found.cloud.name)
-        found = replace(found, injectors=injectors)
-    return replace(found, files=(*mapped, *found.files, *dictionaries))
+        return replace(found, injectors=injectors, files=(*found.files, *dictionaries))
+    if spec.cloud is None and (folders := clouds_of(case)):
+        raise SprayError(
+            f"{found.source}: holds no parcels, but the case that it lies in does: "
+            f"{', '.join(map(str, folders[:3]))} (foamToVTK and foamToEnsight leave a region's "
+            f"out); give {case} as the case, or spray.cloud: {NO_CLOUD} for gas alone"
+        )
+    return found
 
 
 class _Common(TypedDict):

@@ -147,6 +147,14 @@ def _binary(case: Path) -> Path:
     return case
 
 
+def _renumbered(case: Path) -> Path:
+    """Cells in another order; the fields of the last time go with them."""
+    for time in ("0", "0.0001"):
+        shutil.rmtree(case / time)
+    called(case, "renumberMesh", "-overwrite")
+    return case
+
+
 def _region(case: Path) -> Path:
     """The mesh and the fields as those of a region `gas`."""
     (case / "constant" / "gas").mkdir()
@@ -164,6 +172,7 @@ WRITERS: dict[str, tuple[Callable[[Path], Path], float]] = {
     "openfoam": (lambda case: case, 1e-11),
     "openfoam-binary": (_binary, 1e-11),
     "openfoam-region": (_region, 1e-11),
+    "openfoam-renumbered": (_renumbered, 1e-11),
     "openfoam-decomposed": (_decomposed, 1e-11),
     "openfoam-collated": (_collated, 1e-11),
     "foamToVTK": (_vtk, 2e-7),
@@ -192,6 +201,46 @@ def test_every_export_says_what_the_log_says(tmp_path: Path, solved: Solved, wri
     read = {Path(file.path).name for file in spray.files}
     assert "sprayCloudProperties" in read
     assert all(Path(file.path).stat().st_size == file.bytes for file in spray.files)
+
+
+@pytest.mark.parametrize("program", ["foamToVTK", "foamToEnsight"])
+def test_exports_of_a_region_have_no_parcels(tmp_path: Path, solved: Solved, program: str) -> None:
+    """The programs leave them out in silence; the case has them."""
+    if program == "foamToVTK":
+        pytest.importorskip("vtk")
+    case = tmp_path / "bomb"
+    shutil.copytree(solved.case, case)
+    _region(case)
+    shutil.copytree(case / "system", case / "system" / "gas")
+    for file in case.glob("constant/*Properties"):
+        shutil.copy(file, case / "constant" / "gas")
+    fields = ("-fields", "(T p rho C7H16)") if program == "foamToVTK" else ()
+    called(case, program, "-region", "gas", "-time", "2e-4", *fields)
+    export = case / "EnSight" if program == "foamToEnsight" else case / "VTK"
+    if program == "foamToVTK":
+        with pytest.raises(SprayError, match=r"VTK files lie in .*VTK/gas; give one of these"):
+            read_cfd(CfdSpray(file=export))
+        export = export / "gas"
+    with pytest.raises(SprayError, match=r"no parcels, but the case .*gas/lagrangian/sprayCloud"):
+        read_cfd(CfdSpray(file=export))
+    alone = read_cfd(CfdSpray(file=export, cloud="none", axis="-y", nozzle_m=(0, 0.0995, 0)))
+    assert alone.notes["vapour_mass_kg"] == pytest.approx(solved.vapour_kg, rel=1e-5)
+
+
+def test_parallel_export(tmp_path: Path, solved: Solved) -> None:
+    """foamToVTK of four processors, of which three have no parcels, writes one mesh."""
+    pytest.importorskip("vtk")
+    if shutil.which("mpirun") is None:
+        pytest.skip("mpirun is missing")
+    case = tmp_path / "bomb"
+    shutil.copytree(solved.case, case)
+    _decomposed(case)
+    mpi = ("mpirun", "--allow-run-as-root", "--oversubscribe", "-np", "4")
+    called(case, *mpi, "foamToVTK", "-parallel", "-time", "2e-4", "-fields", "(T p rho C7H16)")
+    notes = read_cfd(CfdSpray(file=case / "VTK")).notes
+    assert notes["liquid_mass_kg"] == pytest.approx(solved.liquid_kg, rel=2e-7)
+    assert notes["sauter_mean_diameter_m"] == pytest.approx(solved.sauter_m, rel=2e-7)
+    assert notes["vapour_mass_kg"] == pytest.approx(solved.vapour_kg, rel=1e-5)
 
 
 def test_names_that_are_no_xml(tmp_path: Path, solved: Solved) -> None:

@@ -177,6 +177,19 @@ def _region(
     return fuelled[0], (f"Region {fuelled[0] or _DEFAULT} has {fuel_field}; not read: {others}.",)
 
 
+def clouds_of(case: Path) -> list[Path]:
+    """Folders of the clouds at any time of a case, of its regions and processors."""
+    roots = [case, *sorted(case.glob("processor*"))]
+    times = [each for root in roots for folders in time_folders(root).values() for each in folders]
+    return [
+        cloud
+        for time in times
+        for pattern in ("lagrangian/*", "*/lagrangian/*")
+        for cloud in sorted(time.glob(pattern))
+        if cloud.is_dir()
+    ]
+
+
 def parcels_elsewhere(folder: Path) -> list[Path]:
     """Folders of parcels in a place that is not read: of OpenFOAM 13's Lagrangian library.
 
