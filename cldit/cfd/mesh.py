@@ -57,6 +57,11 @@ class Mesh:
             raise SprayError(f"{self.source}: a point of the mesh is not within +-1000 m")
 
     @cached_property
+    def extent_m(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of the mesh's bounding box, (3,) both."""
+        return self.points_m.min(axis=0), self.points_m.max(axis=0)
+
+    @cached_property
     def faces(self) -> tuple[Floats, Floats]:
         """Centre and area vector of each face, (F, 3) both, by triangles about the mean corner."""
         sizes = np.diff(self.start)

@@ -164,27 +164,24 @@ def _check_place(case: CfdCase, nozzle: Floats) -> None:
     Raises:
         SprayError: it is; the message says whether millimetres seem to be meant.
     """
-    points = case.mesh.points_m
-    if _distance(points, nozzle) <= float(np.linalg.norm(np.ptp(points, axis=0))):
-        return
-    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = case.mesh.extent_m
     size = float(np.linalg.norm(high - low))
+
+    def away(place: Floats) -> float:
+        return float(np.linalg.norm(np.maximum(np.maximum(low - place, place - high), 0.0)))
+
+    if away(nozzle) <= size:
+        return
     meant = [
         f"{_text(nozzle * factor)} m if {unit} were meant"
         for factor, unit in ((1e-3, "mm"), (1e-2, "cm"))
-        if _distance(points, nozzle * factor) <= size
+        if away(nozzle * factor) <= size
     ]
     hint = f": {', '.join(meant)}" if meant else ""
     raise SprayError(
-        f"spray.nozzle_m: {_text(nozzle)} m is {_distance(points, nozzle):.3g} m away from the "
-        f"case, which is {_text(low)} to {_text(high)} m; coordinates are metres{hint}"
+        f"spray.nozzle_m: {_text(nozzle)} m is {away(nozzle):.3g} m away from the case, which is "
+        f"{_text(low)} to {_text(high)} m; coordinates are metres{hint}"
     )
-
-
-def _distance(points: Floats, place: Floats) -> float:
-    """Of a place from the bounding box of points."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    return float(np.linalg.norm(np.maximum(np.maximum(low - place, place - high), 0.0)))
 
 
 def check_downstream(spec: CfdSpray, parcels: Parcels, frame: Frame) -> None:

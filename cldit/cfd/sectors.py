@@ -112,11 +112,11 @@ def _mirrored(
 ) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
     if not normals:
         return (_itself(),), ()
-    points = case.mesh.points_m
-    width = float(np.ptp(points, axis=0).max())
+    low, high = case.mesh.extent_m
     for name in set(normals):
-        side = points[:, "xyz".index(name)] - frame.nozzle_m["xyz".index(name)]
-        if min(-side.min(), side.max()) > _NEAR_AXIS * width:
+        place = "xyz".index(name)
+        before, behind = frame.nozzle_m[place] - low[place], high[place] - frame.nozzle_m[place]
+        if min(before, behind) > _NEAR_AXIS * float((high - low).max()):
             raise SprayError(
                 f"{case.mesh.source}: lies on both sides of the plane {name} = "
                 f"{frame.nozzle_m['xyz'.index(name)]:g} m through the nozzle (spray.symmetry); "
@@ -191,7 +191,8 @@ def _refuse_part(case: CfdCase, frame: Frame) -> None:
             f"{case.source}: the patches {', '.join(repr(b.name) for b in pair)} are {kind}: the "
             f"mesh is a sector {what}, not the whole spray; {_way(angle)}"
         )
-    width = float(np.ptp(case.mesh.points_m, axis=0).max())
+    low, high = case.mesh.extent_m
+    width = float((high - low).max())
     for patch in (*kinds["symmetry"], *kinds["symmetryPlane"]):
         through = abs(float((frame.nozzle_m - patch.place_m) @ patch.normal)) < _NEAR_AXIS * width
         along = abs(float(frame.axis @ patch.normal)) < 1e-3

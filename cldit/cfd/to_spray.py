@@ -89,10 +89,8 @@ def _imported(spec: CfdSpray) -> Spray:
     gas = _gas(spec, case)
     checked = None
     if case.cloud is not None:
-        points = case.mesh.points_m
-        checked = check_parcels(
-            case.cloud, points.min(axis=0), points.max(axis=0), share=spec.parcels_left_out
-        )
+        lower, upper = case.mesh.extent_m
+        checked = check_parcels(case.cloud, lower, upper, share=spec.parcels_left_out)
         case = replace(case, cloud=only(case.cloud, checked.kept))
     frame = find_frame(spec, case)
     every, completed = copies(spec, case, frame)
@@ -145,7 +143,8 @@ def other_fuels(available: Sequence[str], fuel_field: str) -> list[str]:
 
 
 def _check_size(case: CfdCase) -> None:
-    extent = float((case.mesh.points_m.max(axis=0) - case.mesh.points_m.min(axis=0)).max())
+    lower, upper = case.mesh.extent_m
+    extent = float((upper - lower).max())
     if extent > _LARGEST_M:
         raise SprayError(
             f"{case.mesh.source}: the mesh is {extent:g} m wide, allowed is {_LARGEST_M:g} m; its "
