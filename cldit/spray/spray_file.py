@@ -108,7 +108,16 @@ def read_spray(path: Path) -> Spray:
             name: np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
             for name, content in members.items()
         }
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, TypeError) as error:
+    # a RuntimeError is a damaged flag: encrypted, or of an unknown compression
+    except (
+        OSError,
+        ValueError,
+        EOFError,
+        zipfile.BadZipFile,
+        zlib.error,
+        TypeError,
+        RuntimeError,
+    ) as error:
         raise SprayError(f"{path}: cannot be read as cldit's file: {error}") from error
     try:
         about = json.loads(str(arrays["about"]))
