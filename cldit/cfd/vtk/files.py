@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from cldit.cfd.case import (
     NO_CLOUD,
@@ -236,6 +239,8 @@ def _sorted(at: float | None, found: Sequence[Entry], layout: Layout) -> _Step:
             surfaces += entry.pieces
     for name, places in claims.items():
         only_claimant(f"cloud {name!r}", places)
+    for parts in (*meshes.values(), *clouds.values()):
+        _all_different(parts)
     tops = {entry.named_by[:1] for entry in meshes}  # the blocks of one collection belong together
     if len(tops) > 1 or (len(meshes) > 1 and tops == {()}):
         only_claimant("the mesh of the gas", (entry.pieces[0] for entry in meshes))
@@ -253,6 +258,20 @@ def _sorted(at: float | None, found: Sequence[Entry], layout: Layout) -> _Step:
         if not data.IsA("vtkUnstructuredGrid"):
             raise SprayError(f"{file}: holds {data.GetClassName()}, expected vtkUnstructuredGrid")
     return _Step(at, every, clouds, tuple(dict.fromkeys(files)), remarks)
+
+
+def _all_different(parts: Sequence[tuple[Path, Any]]) -> None:
+    """Refuses pieces that hold the same points: they would count twice.
+
+    Raises:
+        SprayError: there are such; both are listed.
+    """
+    seen: dict[bytes, Path] = {}
+    for file, data in parts:
+        if data.GetNumberOfPoints():
+            points = point_columns(file, data)[0].values
+            key = hashlib.sha256(np.ascontiguousarray(points).tobytes()).digest()
+            only_claimant("the same piece of the data", {seen.setdefault(key, file), file})
 
 
 def _cloud(name: str, parts: Sequence[tuple[Path, Any]], names: ColumnMap) -> Cloud:

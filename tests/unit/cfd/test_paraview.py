@@ -54,6 +54,26 @@ def blocks(folder: Path, foam: Foam) -> Path:
     return collection(folder / "all.vtm", {"gas": "all/all_0.vtu", "drops": "all/all_1.vtp"})
 
 
+def blocks_of_vtk(folder: Path, foam: Foam) -> Path:
+    """Blocks in blocks, by vtk's own writer."""
+    from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet, vtkMultiBlockDataSet
+    from vtkmodules.vtkIOXML import vtkXMLMultiBlockDataWriter
+
+    block, gas, cloud = foam.sample()
+    inner: Any = vtkMultiBlockDataSet()
+    inner.SetBlock(0, cloud_data(cloud))
+    inner.GetMetaData(0).Set(vtkCompositeDataSet.NAME(), "rain")
+    outer: Any = vtkMultiBlockDataSet()
+    outer.SetBlock(0, block_grid(block, gas))
+    outer.SetBlock(1, inner)
+    folder.mkdir()
+    writer: Any = vtkXMLMultiBlockDataWriter()
+    writer.SetInputData(outer)
+    writer.SetFileName(str(folder / "all.vtm"))
+    writer.Write()
+    return folder / "all.vtm"
+
+
 def vertex_grids(folder: Path, foam: Foam) -> Path:
     gas_file(folder / "a.vtu", foam)
     parcels_file(folder / "b.vtu", foam)
@@ -116,7 +136,7 @@ def marked(data: Any, ghosts: Any) -> None:
     data.AddArray(array)
 
 
-LAYOUTS = [pair, blocks, vertex_grids, series, listed, parallel]
+LAYOUTS = [pair, blocks, blocks_of_vtk, vertex_grids, series, listed, parallel]
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.__name__)
@@ -177,6 +197,48 @@ def test_two_clouds_and_two_claims(tmp_path: Path, foam: Foam) -> None:
     save(tmp_path / "more.vtu", vertices(foam.sample()[2]))
     with pytest.raises(SprayError, match=r"2 claim to be cloud 'more': .*more\.vtp, .*more\.vtu"):
         notes(tmp_path, cloud="drops")
+
+
+def test_pieces_that_are_the_same(tmp_path: Path, foam: Foam) -> None:
+    """vtk's parallel writer, used in a serial program, writes the whole into each piece."""
+    from vtkmodules.vtkIOParallelXML import vtkXMLPUnstructuredGridWriter
+
+    block, gas, _ = foam.sample()
+    writer: Any = vtkXMLPUnstructuredGridWriter()
+    writer.SetInputData(block_grid(block, gas))
+    writer.SetFileName(str(tmp_path / "gas.pvtu"))
+    writer.SetNumberOfPieces(2)
+    writer.SetStartPiece(0)
+    writer.SetEndPiece(1)
+    writer.Write()
+    with pytest.raises(SprayError, match=r"2 claim to be the same piece of the data: .*_0.*_1"):
+        notes(tmp_path / "gas.pvtu")
+
+
+def test_ensight_of_vtk(tmp_path: Path, foam: Foam, expected: dict[str, float]) -> None:
+    """vtk's EnSight writer has names of its own, which a mapping tells."""
+    from vtkmodules.util import numpy_support
+    from vtkmodules.vtkIOParallel import vtkEnSightWriter
+
+    block, gas, _ = foam.sample()
+    grid = block_grid(block, gas)
+    convert: Any = numpy_support.numpy_to_vtk
+    part = convert(np.ones(block.cells, dtype=np.int32), deep=1)
+    part.SetName("BlockId")
+    grid.GetCellData().AddArray(part)
+    writer: Any = vtkEnSightWriter()
+    writer.SetInputData(grid)
+    writer.SetFileName(str(tmp_path / "case"))
+    writer.Write()
+    writer.WriteCaseFile(1)
+    case = tmp_path / "case.0.case"
+    with pytest.raises(SprayError, match=r"no cell field 'C7H16'.* it has: C7H16_c, T_c"):
+        notes(case)
+    mapping = tmp_path / "names.yaml"
+    mapping.write_text("cells: {temperature: T_c, density: rho_c, pressure: p_c, fuel: C7H16_c}")
+    found = notes(case, mapping=mapping)
+    assert found["vapour_mass_kg"] == pytest.approx(expected["vapour_mass_kg"], rel=5e-6)
+    assert found["gas_cells"] == expected["gas_cells"]
 
 
 def test_a_surface_is_left_out_by_name(tmp_path: Path, foam: Foam) -> None:
