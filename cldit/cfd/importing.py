@@ -59,11 +59,16 @@ def list_case(spec: CfdSpray) -> list[str]:
     lines = [
         f"format: {found.format}",
         f"times in s: {times or 'not stated'}",
-        f"cell fields: {', '.join(found.fields) or 'none'}",
+        f"cell fields: {', '.join(map(_quoted, found.fields)) or 'none'}",
     ]
     for name, fields in found.clouds.items():
-        lines.append(f"cloud {name}: {', '.join(fields) or 'no fields'}")
+        lines.append(f"cloud {name}: {', '.join(map(_quoted, fields)) or 'no fields'}")
     return lines if found.clouds else [*lines, "clouds: none"]
+
+
+def _quoted(name: str) -> str:
+    """A name with a comma in quotes."""
+    return f'"{name}"' if "," in name else name
 
 
 def import_case(spec: CfdSpray, out: Path | None) -> list[str]:

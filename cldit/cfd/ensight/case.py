@@ -117,8 +117,12 @@ def _file(case: CaseFile, item: Item, at: float | None) -> Path:
     if item.kind == "model":
         before = [(t, f) for t, f in files if t is not None and t <= at * (1 + 1e-9)]
         return max(before or files[:1])[1]
-    known = {time: file for time, file in files if time is not None}
-    return known[choose_time(f"{case.path}: {item.name}", known, at)]
+    known: dict[float, list[Path]] = {}
+    for time, file in files:
+        if time is not None:
+            known.setdefault(time, []).append(file)
+    time = choose_time(f"{case.path}: {item.name}", known, at)
+    return only_claimant(f"{item.name} at time {time:g}", known[time])
 
 
 def clouds(case: CaseFile) -> dict[str, tuple[Item, dict[str, Item]]]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
+from cldit.cfd.case import only_claimant
 from cldit.errors import SprayError
 
 DATA = (".vtu", ".vtp", ".vtk")
@@ -85,13 +86,19 @@ def entries(file: Path, seen: tuple[Path, ...] = ()) -> list[Entry]:
 def pvd_steps(file: Path) -> dict[float, list[Entry]]:
     """The data sets of each time that a .pvd file names."""
     found: dict[float, list[Entry]] = {}
+    places: dict[tuple[object, ...], list[Path]] = {}
     for element in _elements(file, "DataSet"):
         text = element.get("timestep", "0")
         try:
             time = float(text)
         except ValueError as error:
             raise SprayError(f"{file}: states the time {text!r}") from error
-        found.setdefault(time, []).extend(entries(file.parent / element.get("file", ""), (file,)))
+        inside = file.parent / element.get("file", "")
+        place = (time, element.get("group", ""), element.get("part", "0"), inside.suffix)
+        places.setdefault(place, []).append(inside)
+        found.setdefault(time, []).extend(entries(inside, (file,)))
+    for (when, _, part, _), files in places.items():
+        only_claimant(f"part {part} of time {when:g} in {file}", files)
     return found
 
 

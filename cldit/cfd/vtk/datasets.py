@@ -203,6 +203,14 @@ def dimension(data: Any) -> int:
 _DIMENSION = {1: 0, 2: 0, 3: 1, 4: 1, 21: 1} | dict.fromkeys((5, 6, 7, 8, 9, 22, 23, 28), 2)
 
 
+def geometry_of(data: Any) -> tuple[Any, ...]:
+    """Coordinates, and the corners of the cells of a grid."""
+    points = _numpy(data.GetPoints().GetData())
+    if not data.IsA("vtkUnstructuredGrid"):
+        return (points,)
+    return points, _numpy(data.GetCells().GetConnectivityArray())
+
+
 def corner_mean(grid: Any) -> Callable[[Any], Any]:
     """A function of values at points (P,) that gives their means over each cell's corners (N,)."""
 

@@ -38,6 +38,7 @@ from cldit.cfd.vtk.datasets import (
     cell_columns,
     corner_mean,
     dimension,
+    geometry_of,
     load_vtk,
     point_columns,
     time_value,
@@ -239,11 +240,12 @@ def _sorted(at: float | None, found: Sequence[Entry], layout: Layout) -> _Step:
             surfaces += entry.pieces
     for name, places in claims.items():
         only_claimant(f"cloud {name!r}", places)
-    for parts in (*meshes.values(), *clouds.values()):
-        _all_different(parts)
+    for pieces in clouds.values():
+        _all_different(pieces)
     tops = {entry.named_by[:1] for entry in meshes}  # the blocks of one collection belong together
     if len(tops) > 1 or (len(meshes) > 1 and tops == {()}):
         only_claimant("the mesh of the gas", (entry.pieces[0] for entry in meshes))
+    _all_different([piece for pieces in meshes.values() for piece in pieces])
     if not meshes:
         first = found[0].pieces[0]
         data = load_vtk(first, "vtkUnstructuredGrid")
@@ -261,17 +263,20 @@ def _sorted(at: float | None, found: Sequence[Entry], layout: Layout) -> _Step:
 
 
 def _all_different(parts: Sequence[tuple[Path, Any]]) -> None:
-    """Refuses pieces that hold the same points: they would count twice.
+    """Refuses pieces that hold the same points and cells: they would count twice.
 
     Raises:
         SprayError: there are such; both are listed.
     """
+    if len(parts) < 2:
+        return
     seen: dict[bytes, Path] = {}
     for file, data in parts:
         if data.GetNumberOfPoints():
-            points = point_columns(file, data)[0].values
-            key = hashlib.sha256(np.ascontiguousarray(points).tobytes()).digest()
-            only_claimant("the same piece of the data", {seen.setdefault(key, file), file})
+            key = hashlib.sha256()
+            for array in geometry_of(data):
+                key.update(np.ascontiguousarray(array).tobytes())
+            only_claimant("the same piece of the data", {seen.setdefault(key.digest(), file), file})
 
 
 def _cloud(name: str, parts: Sequence[tuple[Path, Any]], names: ColumnMap) -> Cloud:

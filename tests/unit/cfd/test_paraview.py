@@ -199,6 +199,15 @@ def test_two_clouds_and_two_claims(tmp_path: Path, foam: Foam) -> None:
         notes(tmp_path, cloud="drops")
 
 
+def test_a_time_that_stands_twice(tmp_path: Path, foam: Foam) -> None:
+    """As the list of a run that was started again: the same part of the same time."""
+    folder = series(tmp_path, foam)
+    rows = "".join(f'<DataSet timestep="1" file="gas_000{n}.vtu"/>' for n in (7, 8))
+    (folder / "gas.pvd").write_text(f"<VTKFile><Collection>{rows}</Collection></VTKFile>")
+    with pytest.raises(SprayError, match=r"2 claim to be part 0 of time 1 in .*0007.*0008"):
+        notes(folder / "gas.pvd")
+
+
 def test_pieces_that_are_the_same(tmp_path: Path, foam: Foam) -> None:
     """vtk's parallel writer, used in a serial program, writes the whole into each piece."""
     from vtkmodules.vtkIOParallelXML import vtkXMLPUnstructuredGridWriter

@@ -67,6 +67,13 @@ def test_negative_times_and_several_sets(
     assert notes(path, time_s=-345.5)["vapour_mass_kg"] < expected["vapour_mass_kg"]
 
 
+def test_a_time_that_stands_twice(tmp_path: Path, foam: Foam, writers: Writers, notes: Any) -> None:
+    path = writers.ensight(tmp_path, foam.sample(), binary=True)
+    path.write_text(path.read_text().replace("time values: 0.0005", "time values: 0.001"))
+    with pytest.raises(SprayError, match=r"2 claim to be .* at time 0\.001: .*000.*005"):
+        notes(path)
+
+
 def field(file: Path, values: Any, binary: bool, mode: str, left_out: Any) -> None:
     """A field per element of which some values are undefined, or not written."""
     out = Out(file, binary)
