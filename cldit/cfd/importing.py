@@ -86,6 +86,8 @@ def import_case(spec: CfdSpray, out: Path | None) -> list[str]:
     lines = [f"{spec.file}: {find_format(spec)}"]
     for name, (text, unit, factor) in _SHOWN.items():
         if name in spray.notes:
+            if name == "time_s" and abs(spray.notes[name]) >= 1.0:  # degrees of crank angle
+                text, unit, factor = "time, in the case's own unit", "", 1.0
             value = spray.notes[name] * factor
             shown = f"{value:.0f}" if name in _COUNTS else f"{value:.5g}"
             lines.append(f"  {text:34s}{shown:>12s} {unit}".rstrip())

@@ -13,7 +13,9 @@ import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from cldit.cfd.to_spray import read_cfd
@@ -241,6 +243,37 @@ def test_parallel_export(tmp_path: Path, solved: Solved) -> None:
     assert notes["liquid_mass_kg"] == pytest.approx(solved.liquid_kg, rel=2e-7)
     assert notes["sauter_mean_diameter_m"] == pytest.approx(solved.sauter_m, rel=2e-7)
     assert notes["vapour_mass_kg"] == pytest.approx(solved.vapour_kg, rel=1e-5)
+
+
+def test_wedge_of_block_mesh(tmp_path: Path, solved: Solved) -> None:
+    """A wedge of 5 degrees as users make it, its axis an empty patch without faces."""
+    case = tmp_path / "wedge"
+    shutil.copytree(solved.case / "system", case / "system")
+    (case / "constant").mkdir()
+    angle = np.radians(2.5)
+    x, y = 6 * np.cos(angle), 6 * np.sin(angle)
+    (case / "system" / "blockMeshDict").write_text(
+        "FoamFile { version 2.0; format ascii; class dictionary; object blockMeshDict; }\n"
+        f"scale 0.001; vertices ( (0 0 0) ({x} {-y} 0) ({x} {y} 0)"
+        f" (0 0 8) ({x} {-y} 8) ({x} {y} 8) );\n"
+        "blocks ( hex (0 1 2 0 3 4 5 3) (6 1 8) simpleGrading (1 1 1) );\n"
+        "boundary ( front { type wedge; faces ((0 1 4 3)); }\n"
+        "back { type wedge; faces ((0 3 5 2)); } axis { type empty; faces ((0 3 3 0)); }\n"
+        "rest { type wall; faces ((1 2 5 4) (3 4 5 3) (0 2 1 0)); } );\n"
+    )
+    called(case, "blockMesh")
+    for name, value in (("T", 600.0), ("rho", 20.0), ("C7H16", 0.1)):
+        (case / "0.001").mkdir(exist_ok=True)
+        (case / "0.001" / name).write_text(
+            "FoamFile { version 2.0; format ascii; class volScalarField; }\n"
+            f"internalField uniform {value};\n"
+        )
+    place: dict[str, Any] = {"nozzle_m": (0, 0, 8e-3), "axis": "-z"}
+    with pytest.raises(SprayError, match=r"'front', 'back' are wedge: .* of 5 degrees about"):
+        read_cfd(CfdSpray(file=case, **place))
+    notes = read_cfd(CfdSpray(file=case, sector={"angle_deg": 5}, **place)).notes
+    area = 72 * 0.5 * 6e-3**2 * np.sin(np.radians(5))  # of 72 triangles
+    assert notes["vapour_mass_kg"] == pytest.approx(area * 8e-3 * 2.0, rel=1e-9)
 
 
 def test_names_that_are_no_xml(tmp_path: Path, solved: Solved) -> None:
