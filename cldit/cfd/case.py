@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cldit.cfd.mesh import Mesh
+from cldit.cfd.mesh import AnyFloats, CellMesh
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 
@@ -20,7 +20,7 @@ class Column:
     """Values (N,) or (N, 3), and the file and field to name when they are wrong."""
 
     label: str
-    values: Floats
+    values: AnyFloats
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class CfdCase:
 
     source: str
     time_s: float | None
-    mesh: Mesh
+    mesh: CellMesh
     gas: Mapping[str, Column]
     available: tuple[str, ...]
     cloud: Cloud | None

@@ -12,6 +12,7 @@ from cldit.cfd.ensight.file import read_case_file
 from cldit.cfd.openfoam import case as openfoam
 from cldit.cfd.vtk import files as vtkfiles
 from cldit.errors import SprayError
+from cldit.progress import Watch, silent
 from cldit.scene.spray import CfdSpray
 from cldit.spray.spray_file import read_spray
 
@@ -48,7 +49,7 @@ def find_format(spec: CfdSpray) -> str:
     return found.pop() if found else "vtk"
 
 
-def read_case(spec: CfdSpray) -> CfdCase:
+def read_case(spec: CfdSpray, watch: Watch = silent) -> CfdCase:
     """One time of a case, in its own coordinates.
 
     Raises:
@@ -75,10 +76,11 @@ def read_case(spec: CfdSpray) -> CfdCase:
                 fuel_field=spec.fuel_field,
                 cloud=spec.cloud,
                 names=names,
+                watch=watch,
             )
     fields = (spec.fuel_field, "T", "rho", "p")
     plain = openfoam.read_openfoam if kind == "openfoam" else vtkfiles.read_vtk
-    return plain(spec.file, time_s=spec.time_s, fields=fields, cloud=spec.cloud)
+    return plain(spec.file, time_s=spec.time_s, fields=fields, cloud=spec.cloud, watch=watch)
 
 
 @dataclass(frozen=True)

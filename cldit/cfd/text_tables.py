@@ -17,7 +17,7 @@ from cldit.cfd.column_mapping import (
     gas_columns,
     read_column_map,
 )
-from cldit.cfd.mesh import box_mesh
+from cldit.cfd.element_mesh import BoxMesh
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 
@@ -49,7 +49,7 @@ def read_tables(path: Path, *, time_s: float | None, fuel_field: str) -> CfdCase
     return CfdCase(
         source=str(file),
         time_s=mapping.time_s,
-        mesh=box_mesh(position.values - edges / 2, position.values + edges / 2, position.label),
+        mesh=BoxMesh(position.values - edges / 2, position.values + edges / 2, position.label),
         gas=gas_columns(source, mapping.cells, fuel_field),
         available=tuple(source.columns),
         cloud=_cloud(path, mapping),
@@ -73,7 +73,7 @@ def _boxes(source: Source, wanted: CellColumns) -> tuple[Column, Floats]:
     if not good.all():
         bad = int(np.argmin(good))
         raise SprayError(f"{size.label}: cell {bad} has no volume (edges {size.values[bad]} m)")
-    return position, size.values
+    return position, np.asarray(size.values, np.float64)
 
 
 def _cloud(path: Path, mapping: ColumnMap) -> Cloud | None:

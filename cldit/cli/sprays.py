@@ -70,7 +70,8 @@ def spray_command(scene: str, out: Path | None) -> None:
 def import_command(listed: bool, out: Path | None, axis: str | None, **keys: Any) -> None:
     """Check a CFD result CASE, print its figures, and keep it as cldit's own file."""
     spec = cfd_spray({**keys, "axis": _axis(axis)})
-    lines = list_case(spec) if listed else import_case(spec, out)
+    with ProgressBar() as bar:
+        lines = list_case(spec) if listed else import_case(spec, out, watch=bar.count)
     for line in lines:
         OUT.print(escaped(line))
 

@@ -19,20 +19,26 @@ from cldit.cfd.column_mapping import (
     mapped_cloud,
     merged,
 )
+from cldit.cfd.element_mesh import CORNERS, ElementMesh
 from cldit.cfd.ensight.file import CaseFile, Item, Reader, read_case_file
-from cldit.cfd.mesh import Labels, Mesh
-from cldit.cfd.vtk.datasets import FACES
+from cldit.cfd.mesh import AnyFloats, CellMesh, Labels, Mesh, join
+from cldit.cfd.size import Size, check_room
 from cldit.errors import SprayError
-from cldit.spray.result import Floats
+from cldit.progress import Watch, silent
 
-_CORNERS = {"tetra4": 4, "pyramid5": 5, "penta6": 6, "hexa8": 8}
 _FLAT = {"point": 1, "bar2": 2, "bar3": 3, "tria3": 3, "tria6": 6, "quad4": 4, "quad8": 8}
 _VTK = {"tetra4": 10, "pyramid5": 14, "penta6": 13, "hexa8": 12}
 _MEASURED = ("scalar per measured node", "vector per measured node")
 
 
 def read_ensight(
-    path: Path, *, time_s: float | None, fuel_field: str, cloud: str | None, names: ColumnMap
+    path: Path,
+    *,
+    time_s: float | None,
+    fuel_field: str,
+    cloud: str | None,
+    names: ColumnMap,
+    watch: Watch = silent,
 ) -> CfdCase:
     """Reads one time of a case.
 
@@ -43,22 +49,28 @@ def read_ensight(
         cloud: name of the cloud; None is the only one.
         names: names of fields where they are not T, p, rho, `fuel_field`, and d, nParticle, T, rho,
             U, age for the parcels.
+        watch: told how far the work is.
 
     Raises:
-        SprayError: a file is missing or damaged, of a kind that is not read, or the time is not
-            there.
+        SprayError: a file is missing or damaged, of a kind that is not read, the time is not
+            there, or the case does not fit into memory.
     """
     case = read_case_file(case_path(path))
     cells = merged(names.cells, _gas_names(fuel_field))
     fields = [item for item in case.items if item.kind == "scalar per element"]
     at = nearest_time(str(case.path), times(case), time_s) if times(case) else None
     model = _only(case, "model")
-    geometry = Reader(_file(case, model, at))
+    known_at = _file(case, model, at)
+    check_room(known_at, _size(known_at, [_file(case, item, at) for item in fields]))
+    watch("reading the mesh", 0, 1)
+    geometry = Reader(known_at)
     parts, mesh = _geometry(geometry)
+    geometry.close()
     wanted = {getattr(cells, key).column for key in _KEYS if getattr(cells, key) is not None}
     columns = {item.name: Column("", np.empty(0)) for item in fields}
     for item in fields:
         if item.name in wanted:
+            watch(f"reading {item.name}", 0, 1)
             file = _file(case, item, at)
             reader = Reader(file, binary=geometry.binary, order=geometry.order)
             label = f"{file}: field {item.name}"
@@ -147,16 +159,27 @@ def _file(case: CaseFile, item: Item, at: float | None) -> Path:
 Parts = dict[int, list[tuple[str, int, int]]]  # of each part: element type, count, first cell or -1
 
 
-def _geometry(file: Reader) -> tuple[Parts, Mesh]:
+def _size(geometry: Path, fields: list[Path]) -> Size:
+    """By the files' sizes: a number takes four bytes, or a line in ascii, held as an object."""
+    try:
+        with geometry.open("rb") as stream:
+            binary = b"C Binary" in stream.read(84)
+        stored = geometry.stat().st_size
+        largest = max((file.stat().st_size for file in fields), default=0)
+    except OSError:  # who reads the file says what is wrong with it
+        return Size(0, 0, 0.0)
+    return Size(largest // (4 if binary else 13), 0, (2.5 if binary else 7.0) * stored)
+
+
+def _geometry(file: Reader) -> tuple[Parts, CellMesh]:
     """The parts with their elements in order, and the mesh of all solid ones."""
     file.text()
     file.text()
     flags = [file.text().split()[-1] for _ in range(2)]
     named_nodes, named_elements = (flag in ("given", "ignore") for flag in flags)
     parts: Parts = {}
-    points: list[Floats] = []
-    faces: list[tuple[Labels, Labels, Labels]] = []
-    offset = cells = 0
+    meshes: list[CellMesh] = []
+    cells = 0
     line = file.text()
     if line == "extents":
         file.floats(6, a_line=2)
@@ -169,7 +192,7 @@ def _geometry(file: Reader) -> tuple[Parts, Mesh]:
         count = int(file.integers(1)[0])
         if named_nodes:
             file.integers(count)
-        points.append(file.floats(3 * count).reshape(3, count).T)
+        points = np.ascontiguousarray(file.floats(3 * count).reshape(3, count).T)
         elements = parts.setdefault(number, [])
         line = "" if file.done else file.text()
         while line not in ("", "part"):
@@ -181,31 +204,25 @@ def _geometry(file: Reader) -> tuple[Parts, Mesh]:
             keep = found is not None and not ghost
             elements.append((line, many, cells if keep else -1))
             if found is not None and keep:
-                corners, sizes, owner = found
-                if corners.size and (corners.min() < 1 or corners.max() > count):
+                nodes = found[0]
+                if nodes.size and (nodes.min() < 1 or nodes.max() > count):
                     raise file.fail(f"part {number}: {kind} with nodes outside 1..{count}")
-                faces.append((corners - 1 + offset, sizes, owner + cells))
+                if many:
+                    meshes.append(_block(str(file.path), points, kind, many, found))
                 cells += many
             line = "" if file.done else file.text()
-        offset += count
     if line:
         raise file.fail(f"{line!r} where a part is expected; the file is damaged")
-    if not faces:
+    if not meshes:
         raise file.fail("the mesh has no solid cell")
-    size = np.concatenate([part[1] for part in faces])
-    return parts, Mesh(
-        points_m=np.concatenate(points),
-        corners=np.concatenate([part[0] for part in faces]),
-        start=np.concatenate([[0], np.cumsum(size)]),
-        owner=np.concatenate([part[2] for part in faces]),
-        neighbour=np.full(len(size), -1, dtype=np.int64),
-        cells=cells,
-        source=str(file.path),
-    )
+    return parts, join(meshes)
 
 
-def _elements(file: Reader, kind: str, many: int) -> tuple[Labels, Labels, Labels] | None:
-    """Corners, sizes and owners of the faces of solid elements; None for flat ones."""
+def _elements(file: Reader, kind: str, many: int) -> tuple[Labels, ...] | None:
+    """Nodes of solid elements, from 1; for polyhedra with the faces' sizes, and faces a cell.
+
+    None for flat elements.
+    """
     if kind in _FLAT:
         file.integers(many * _FLAT[kind], a_line=_FLAT[kind])
         return None
@@ -215,14 +232,26 @@ def _elements(file: Reader, kind: str, many: int) -> tuple[Labels, Labels, Label
     if kind == "nfaced":
         faces = file.integers(many)
         sizes = file.integers(int(faces.sum()))
-        return _ragged(file, sizes), sizes, np.repeat(np.arange(many), faces)
-    if kind not in _CORNERS:
+        return _ragged(file, sizes), sizes, faces
+    if kind not in _VTK:
         raise file.fail(f"elements of type {kind!r} are not read; write linear ones")
-    nodes = file.integers(many * _CORNERS[kind], a_line=_CORNERS[kind]).reshape(many, -1)
-    around = FACES[_VTK[kind]]
-    corners = [nodes[:, list(face)].reshape(-1) for face in around]
-    each = np.repeat([len(face) for face in around], many)
-    return np.concatenate(corners), each, np.tile(np.arange(many), len(around))
+    corners = CORNERS[_VTK[kind]]
+    return (file.integers(many * corners, a_line=corners),)
+
+
+def _block(
+    source: str, points: AnyFloats, kind: str, many: int, found: tuple[Labels, ...]
+) -> CellMesh:
+    """The mesh of `many` elements of one kind, as `_elements` gives them."""
+    nodes = found[0]
+    nodes -= 1
+    if kind == "nfaced":
+        sizes, faces = found[1:]
+        start = np.concatenate([[0], np.cumsum(sizes)])
+        owner = np.repeat(np.arange(many), faces)
+        return Mesh(points, nodes, start, owner, np.full(len(owner), -1), many, source)
+    kinds = np.broadcast_to(np.uint8(_VTK[kind]), many)
+    return ElementMesh(points, kinds, np.arange(many + 1) * CORNERS[_VTK[kind]], nodes, source)
 
 
 def _ragged(file: Reader, sizes: Labels) -> Labels:
@@ -232,10 +261,10 @@ def _ragged(file: Reader, sizes: Labels) -> Labels:
     return np.concatenate(rows) if rows else np.empty(0, dtype=np.int64)
 
 
-def _per_element(file: Reader, parts: Parts, cells: int) -> Floats:
+def _per_element(file: Reader, parts: Parts, cells: int) -> AnyFloats:
     """A field (cells,) in the order of the mesh."""
     file.text()
-    values, seen = np.empty(cells), np.zeros(cells, dtype=bool)
+    values, seen = np.empty(cells, np.float32), np.zeros(cells, dtype=bool)
     line = "" if file.done else file.text()
     while line == "part":
         number = int(file.integers(1)[0])

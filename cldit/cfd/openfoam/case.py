@@ -27,7 +27,10 @@ from cldit.cfd.openfoam.cloud import cloud_names, read_cloud
 from cldit.cfd.openfoam.collated import Root, split_roots
 from cldit.cfd.openfoam.file import faces, find_foam, internal_field, labels, read_foam, vectors
 from cldit.cfd.openfoam.injectors import read_injectors
+from cldit.cfd.openfoam.size import foam_size
+from cldit.cfd.size import check_room
 from cldit.errors import SprayError
+from cldit.progress import Watch, silent
 
 _TIME = re.compile(r"\d+(\.\d*)?([eE][+-]?\d+)?$")
 
@@ -41,7 +44,12 @@ def is_openfoam(path: Path) -> bool:
 
 
 def read_openfoam(
-    path: Path, *, time_s: float | None, fields: Sequence[str], cloud: str | None
+    path: Path,
+    *,
+    time_s: float | None,
+    fields: Sequence[str],
+    cloud: str | None,
+    watch: Watch = silent,
 ) -> CfdCase:
     """Reads one time of a case.
 
@@ -52,10 +60,11 @@ def read_openfoam(
         time_s: the latest where None.
         fields: names of the volScalarFields to read, where there are such files.
         cloud: name of the cloud; the only one where None.
+        watch: told how far the work is.
 
     Raises:
-        SprayError: a file is missing or damaged, the time or the cloud is not there, or the cloud
-            is empty.
+        SprayError: a file is missing or damaged, the time or the cloud is not there, the cloud
+            is empty, or the case does not fit into memory.
     """
     case = path if path.is_dir() else path.parent
     if not case.is_dir():
@@ -72,9 +81,15 @@ def read_openfoam(
 
     names = {name for root in roots for name in cloud_names(root.path / folder)}
     chosen = choose_cloud(str(case / folder), names, cloud)
-    meshes = [_mesh(root, wanted) for root in roots]
+    places = [root.path / "constant" / "polyMesh" for root in roots]
+    check_room(case, foam_size(places, fields=len(fields)))
+    meshes: list[Mesh] = []
+    for root in roots:
+        watch("reading the mesh", len(meshes), len(roots))
+        meshes.append(_mesh(root, wanted))
     gas: dict[str, Column] = {}
     for name in fields:
+        watch(f"reading {name}", len(gas), len(fields))
         files = [root.path / folder / name for root in roots]
         if find_foam(files[0]) is None:
             continue
@@ -161,7 +176,7 @@ def _mesh(part: Root, time_s: float) -> Mesh:
     inner = labels(read_foam(latest("neighbour"), block))
     if len(inner) > len(owner):
         raise SprayError(f"{folders[-1]}: {len(inner)} neighbours for {len(owner)} owners")
-    neighbour = np.full(len(owner), -1, dtype=np.int64)
+    neighbour = np.full(len(owner), -1, dtype=np.int32)
     neighbour[: len(inner)] = inner
     cells = int(max(owner.max(initial=-1), inner.max(initial=-1))) + 1
     return Mesh(points, corners, start, owner, neighbour, cells, str(latest("faces").parent))

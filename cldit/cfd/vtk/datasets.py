@@ -3,48 +3,80 @@
 from __future__ import annotations
 
 import re
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cldit.cfd.case import Column
-from cldit.cfd.mesh import Labels, Mesh
+from cldit.cfd.element_mesh import ElementMesh, PolyhedronFaces
+from cldit.cfd.size import check_room
+from cldit.cfd.vtk.head import vtk_size
 from cldit.errors import SprayError
+from cldit.progress import Watch, silent
 
-# Faces of vtk's linear cells, normals outwards (VTK file formats, figure "Linear cell types").
-FACES: dict[int, tuple[tuple[int, ...], ...]] = {
-    10: ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1)),  # tetrahedron
-    11: (  # voxel: the points count up in x, then y, then z
-        (0, 4, 6, 2),
-        (1, 3, 7, 5),
-        (0, 1, 5, 4),
-        (2, 6, 7, 3),
-        (0, 2, 3, 1),
-        (4, 5, 7, 6),
-    ),
-    12: (  # hexahedron
-        (0, 4, 7, 3),
-        (1, 2, 6, 5),
-        (0, 1, 5, 4),
-        (3, 7, 6, 2),
-        (0, 3, 2, 1),
-        (4, 5, 6, 7),
-    ),
-    13: ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),  # wedge
-    14: ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),  # pyramid
-}
-_POLYHEDRON = 42
+_MOST = 8  # fields that are reckoned with where all are read
 
 
-def load_vtk(file: Path, kind: str = "vtkDataSet") -> Any:
+def load_vtk(
+    file: Path,
+    kind: str = "vtkDataSet",
+    *,
+    cell_fields: Sequence[str] | None = None,
+    watch: Watch = silent,
+) -> Any:
     """The data set in a .vtu, .vtp or binary legacy .vtk file.
 
+    Args:
+        file: its suffix tells what is expected in it.
+        kind: of the data set, a class of vtk's.
+        cell_fields: those that are read, where the format lets others be left out; None is all.
+        watch: told how far vtk is.
+
     Raises:
-        SprayError: vtk is not installed; the file is damaged, truncated, or not of this kind.
+        SprayError: vtk is not installed; the file is damaged, truncated, not of this kind, or does
+            not fit into memory.
+        KeyboardInterrupt: Ctrl-C was pressed; vtk stops where it is.
     """
+    reader = _reader(file)
+    check_room(file, vtk_size(file, fields=_MOST if cell_fields is None else len(cell_fields)))
+    with _messages(file, reader), _observed(file, reader, watch):
+        if cell_fields is not None and file.suffix != ".vtk":
+            reader.UpdateInformation()
+            selection = reader.GetCellDataArraySelection()
+            selection.DisableAllArrays()
+            for name in cell_fields:
+                selection.EnableArray(name)
+        reader.Update()
+    data = reader.GetOutput()
+    if data is None or not data.IsA(kind):
+        found = "nothing" if data is None else data.GetClassName()
+        raise SprayError(f"{file}: holds {found}, expected {kind}")
+    return data
+
+
+def cell_names(file: Path) -> list[str]:
+    """Names of the cell arrays in a file; of .vtu and .vtp the head alone is read.
+
+    Raises:
+        SprayError: as for `load_vtk`.
+    """
+    if file.suffix == ".vtk":
+        return sorted(cell_columns(file, load_vtk(file)))
+    reader = _reader(file)
+    with _messages(file, reader):
+        reader.UpdateInformation()
+    selection = reader.GetCellDataArraySelection()
+    return sorted(selection.GetArrayName(i) for i in range(selection.GetNumberOfArrays()))
+
+
+def _reader(file: Path) -> Any:
     try:
-        from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
+        from vtkmodules.vtkCommonCore import vtkObject  # noqa: F401, what follows needs it
         from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
         from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
     except ImportError as error:
@@ -63,16 +95,22 @@ def load_vtk(file: Path, kind: str = "vtkDataSet") -> Any:
                     f"{file}: is legacy VTK in ascii, whose truncation vtk does not notice; "
                     "write it in binary or as .vtu"
                 )
-    # vtk reports what is wrong with a file only as text in its output window
+    reader = readers[file.suffix]()
+    reader.SetFileName(str(file))
+    return reader
+
+
+@contextmanager
+def _messages(file: Path, reader: Any) -> Iterator[None]:
+    """vtk reports what is wrong with a file only as text in its output window: raised behind."""
+    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
+
     before, verbosity = vtkOutputWindow.GetInstance(), vtkLogger.GetCurrentVerbosityCutoff()
     window = vtkStringOutputWindow()
     vtkOutputWindow.SetInstance(window)
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
     try:
-        reader = readers[file.suffix]()
-        reader.SetFileName(str(file))
-        reader.Update()
-        data = reader.GetOutput()
+        yield
     finally:
         vtkLogger.SetStderrVerbosity(verbosity)
         vtkOutputWindow.SetInstance(before)
@@ -83,10 +121,33 @@ def load_vtk(file: Path, kind: str = "vtkDataSet") -> Any:
     if said or reader.GetErrorCode():
         reason = ascii(said.group(1)).strip("'\"") if said else f"vtk error {reader.GetErrorCode()}"
         raise SprayError(f"{file}: is damaged or truncated ({reason})")
-    if data is None or not data.IsA(kind):
-        found = "nothing" if data is None else data.GetClassName()
-        raise SprayError(f"{file}: holds {found}, expected {kind}")
-    return data
+
+
+@contextmanager
+def _observed(file: Path, reader: Any, watch: Watch) -> Iterator[None]:
+    """Passes vtk's progress on, and Ctrl-C to vtk.
+
+    vtk ends the process where an observer raises KeyboardInterrupt, so it is raised behind.
+    """
+    pressed = threading.Event()
+
+    def progressed(*_: object) -> None:
+        watch(f"reading {file.name}", round(100 * reader.GetProgress()), 100)
+        if pressed.is_set():
+            reader.SetAbortExecute(1)
+
+    reader.AddObserver("ProgressEvent", progressed)
+    elsewhere = threading.current_thread() is not threading.main_thread()
+    if elsewhere or signal.getsignal(signal.SIGINT) in (signal.SIG_IGN, None):
+        yield  # Ctrl-C is not for this thread, or not for Python
+        return
+    before = signal.signal(signal.SIGINT, lambda *_: pressed.set())
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if pressed.is_set():
+            raise KeyboardInterrupt
 
 
 def time_value(data: Any) -> float | None:
@@ -96,14 +157,14 @@ def time_value(data: Any) -> float | None:
 
 
 def cell_columns(file: Path, data: Any) -> dict[str, Column]:
-    """Numeric cell arrays of `data` by name; `file` is named by errors."""
+    """Numeric cell arrays of `data` by name, as vtk holds them; `file` is named by errors."""
     return _columns(file, data.GetCellData(), "cell field")
 
 
 def point_columns(file: Path, data: Any) -> tuple[Column, dict[str, Column]]:
     """Positions (N, 3), and numeric point arrays of `data` by name; `file` is named by errors."""
     return (
-        Column(f"{file}: points", _points(data)),
+        Column(f"{file}: points", _points(data).astype(np.float64)),
         _columns(file, data.GetPointData(), "point field"),
     )
 
@@ -118,22 +179,20 @@ def _numpy(array: Any) -> Any:
 def _points(data: Any) -> Any:
     if not data.GetNumberOfPoints():
         return np.empty((0, 3))
-    return _numpy(data.GetPoints().GetData()).astype(np.float64)
+    return _numpy(data.GetPoints().GetData())
 
 
 def _columns(file: Path, data: Any, kind: str) -> dict[str, Column]:
     arrays = [data.GetArray(index) for index in range(data.GetNumberOfArrays())]
     return {
-        array.GetName(): Column(
-            f"{file}: {kind} {array.GetName()}", _numpy(array).astype(np.float64)
-        )
+        array.GetName(): Column(f"{file}: {kind} {array.GetName()}", _numpy(array))
         for array in arrays
         if array is not None and array.GetName()
     }
 
 
-def vtk_mesh(file: Path, grid: Any) -> Mesh:
-    """The mesh of an unstructured `grid` of linear cells and polyhedra, each face once a cell.
+def vtk_mesh(file: Path, grid: Any) -> ElementMesh:
+    """The mesh of an unstructured `grid` of linear cells and polyhedra, on vtk's own arrays.
 
     Errors name `file`.
 
@@ -143,59 +202,28 @@ def vtk_mesh(file: Path, grid: Any) -> Mesh:
     count = grid.GetNumberOfCells()
     if count == 0:
         raise SprayError(f"{file}: the mesh has no cell")
-    types = np.array([grid.GetCellType(0)])
-    if not grid.IsHomogeneous():
-        types = np.fromiter((grid.GetCellType(cell) for cell in range(count)), np.int64, count)
-    types = np.broadcast_to(types, count)
+    if grid.IsHomogeneous():
+        kinds = np.broadcast_to(np.uint8(grid.GetCellType(0)), count)
+    else:
+        try:
+            types = grid.GetCellTypes()
+        except TypeError:  # vtk before 9.6, where the name means another list
+            types = grid.GetCellTypesArray()
+        kinds = _numpy(types)
     cells = grid.GetCells()
-    points = _numpy(cells.GetConnectivityArray()).astype(np.int64)
-    offsets = _numpy(cells.GetOffsetsArray()).astype(np.int64)
-
-    corners: list[Labels] = []
-    sizes: list[Labels] = []
-    owners: list[Labels] = []
-    for kind in np.unique(types).tolist():
-        members = np.flatnonzero(types == kind)
-        if kind == _POLYHEDRON:
-            for cell in members.tolist():
-                flat, size = _polyhedron(grid, cell)
-                corners.append(flat)
-                sizes.append(size)
-                owners.append(np.full(len(size), cell))
-            continue
-        if kind not in FACES:
-            raise SprayError(
-                f"{file}: cell {members[0]} is of vtk type {kind}; expected tetrahedra, "
-                "hexahedra, voxels, wedges, pyramids or polyhedra"
-            )
-        for face in FACES[kind]:
-            corners.append(points[offsets[members, None] + np.array(face)].reshape(-1))
-            sizes.append(np.full(len(members), len(face)))
-            owners.append(members)
-    size = np.concatenate(sizes)
-    return Mesh(
+    faces, own = grid.GetPolyhedronFaces(), grid.GetPolyhedronFaceLocations()
+    return ElementMesh(
         points_m=_points(grid),
-        corners=np.concatenate(corners),
-        start=np.concatenate([[0], np.cumsum(size)]),
-        owner=np.concatenate(owners),
-        neighbour=np.full(len(size), -1, dtype=np.int64),
-        cells=count,
+        kinds=kinds,
+        offsets=_numpy(cells.GetOffsetsArray()),
+        nodes=_numpy(cells.GetConnectivityArray()),
         source=str(file),
+        faces=None
+        if faces is None or own is None or not own.GetNumberOfCells()
+        else PolyhedronFaces(
+            corners=_numpy(faces.GetConnectivityArray()),
+            start=_numpy(faces.GetOffsetsArray()),
+            faces=_numpy(own.GetConnectivityArray()),
+            first=_numpy(own.GetOffsetsArray()),
+        ),
     )
-
-
-def _polyhedron(grid: Any, cell: int) -> tuple[Labels, Labels]:
-    """Corners of a polyhedron's faces, one after the other, and the number of each face's."""
-    from vtkmodules.vtkCommonCore import vtkIdList
-
-    stream = vtkIdList()
-    grid.GetFaceStream(cell, stream)
-    numbers = [stream.GetId(place) for place in range(stream.GetNumberOfIds())]
-    corners: list[int] = []
-    sizes: list[int] = []
-    here = 1  # behind the number of faces
-    for _ in range(numbers[0]):
-        sizes.append(numbers[here])
-        corners += numbers[here + 1 : here + 1 + numbers[here]]
-        here += 1 + numbers[here]
-    return np.array(corners), np.array(sizes)

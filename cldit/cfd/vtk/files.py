@@ -7,10 +7,19 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from cldit.cfd.case import CfdCase, choose_cloud, complete_cloud, nearest_time
-from cldit.cfd.vtk.datasets import cell_columns, load_vtk, point_columns, time_value, vtk_mesh
+from cldit.cfd.vtk.datasets import (
+    cell_columns,
+    cell_names,
+    load_vtk,
+    point_columns,
+    time_value,
+    vtk_mesh,
+)
 from cldit.errors import SprayError
+from cldit.progress import Watch, silent
 
 _NUMBER = re.compile(r"_(\d+)$")
 _TIME = re.compile(rb"\btime='([^']+)'")
@@ -32,7 +41,12 @@ class _Step:
 
 
 def read_vtk(
-    path: Path, *, time_s: float | None, fields: Sequence[str], cloud: str | None
+    path: Path,
+    *,
+    time_s: float | None,
+    fields: Sequence[str],
+    cloud: str | None,
+    watch: Watch = silent,
 ) -> CfdCase:
     """Reads one time of foamToVTK output.
 
@@ -43,6 +57,7 @@ def read_vtk(
             or the `TimeValue` in the mesh file.
         fields: names of the cell fields to take, where there are such.
         cloud: name of the cloud; the only one where None.
+        watch: told how far the work is.
 
     Raises:
         SprayError: vtk is not installed; a file is missing or damaged; the time or the cloud is
@@ -62,7 +77,11 @@ def read_vtk(
             "(internal.vtu, or .vtk), EnSight (.case), CONVERGE (.h5) or a mapping file (.yaml)"
         )
     listed = _listed_times(folder)
-    times = {listed[key] if key in listed else _own_time(meshes[key]): key for key in meshes}
+    alone: Any = None  # the only mesh, where its time is in it: it is not read twice
+    if len(meshes) == 1 and not listed.keys() & meshes.keys():
+        (file,) = meshes.values()
+        alone = load_vtk(file, "vtkUnstructuredGrid", cell_fields=fields, watch=watch)
+    times = {listed[key] if key in listed else _own_time(meshes[key], alone): key for key in meshes}
     known = {time: key for time, key in times.items() if time is not None}
     if len(known) == len(meshes):
         at: float | None = nearest_time(str(path), known, time_s)
@@ -78,19 +97,19 @@ def read_vtk(
     if spray and not clouds:
         raise SprayError(f"{mesh}: no cloud file of the same step {key!r}, but other steps have")
     chosen = choose_cloud(str(path), clouds, cloud)
-    grid = load_vtk(mesh, "vtkUnstructuredGrid")
+    grid = alone or load_vtk(mesh, "vtkUnstructuredGrid", cell_fields=fields, watch=watch)
     cells = cell_columns(mesh, grid)
     parcels = None
     if chosen is not None:
         file = clouds[chosen]
-        position, columns = point_columns(file, load_vtk(file, "vtkPolyData"))
+        position, columns = point_columns(file, load_vtk(file, "vtkPolyData", watch=watch))
         parcels = complete_cloud(chosen, str(file), position, columns)
     return CfdCase(
         source=str(mesh),
         time_s=at,
         mesh=vtk_mesh(mesh, grid),
         gas={name: cells[name] for name in fields if name in cells},
-        available=tuple(sorted(cells)),
+        available=tuple(cell_names(mesh)),
         cloud=parcels,
     )
 
@@ -130,7 +149,7 @@ def list_vtk(
         name: sorted(point_columns(file, load_vtk(file))[1])
         for name, file in steps[key].clouds.items()
     }
-    return list(known), sorted(cell_columns(mesh, load_vtk(mesh))), clouds
+    return list(known), cell_names(mesh), clouds
 
 
 def _number(path: Path) -> str:
@@ -184,12 +203,15 @@ def _listed_times(folder: Path) -> dict[str, float]:
     return times
 
 
-def _own_time(file: Path) -> float | None:
-    """The time that a mesh file states in its comment, or as the field `TimeValue`."""
+def _own_time(file: Path, data: Any = None) -> float | None:
+    """The time that a mesh file states in its comment, or as the field `TimeValue`.
+
+    `data` is what the file holds, where it has been read.
+    """
     with file.open("rb") as stream:
         comment = _TIME.search(stream.read(2000))
     if comment is None:
-        return time_value(load_vtk(file))
+        return time_value(data or load_vtk(file, cell_fields=()))
     try:
         return float(comment.group(1))
     except ValueError as error:

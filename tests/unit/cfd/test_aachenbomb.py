@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cldit.cfd.mesh import Mesh
 from cldit.cfd.openfoam.case import read_openfoam
 from cldit.cfd.openfoam.cloud import decode
 from cldit.cfd.openfoam.file import particles, read_foam
@@ -97,5 +98,6 @@ def test_barycentric_coordinates_are_the_positions(cases: dict[str, Path]) -> No
     case = read_openfoam(cases["ascii"], time_s=None, fields=("T",), cloud=None)
     file = read_foam(cases["ascii"] / "0.001" / "lagrangian" / "sprayCloud" / "coordinates")
     assert case.cloud is not None
+    assert isinstance(case.mesh, Mesh)
     found = decode(file, particles(file), case.mesh)
     assert found == pytest.approx(case.cloud.position_m.values, abs=5e-9, rel=0)
