@@ -18,6 +18,7 @@ from cldit.cfd.column_mapping import (
     read_column_map,
 )
 from cldit.cfd.element_mesh import BoxMesh
+from cldit.cfd.size import Size, check_room
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 
@@ -33,13 +34,14 @@ def read_tables(path: Path, *, time_s: float | None, fuel_field: str) -> CfdCase
         fuel_field: name of the fuel's mass fraction.
 
     Raises:
-        SprayError: the mapping or a table is missing or damaged, lacks a column, or a cell has no
-            volume.
+        SprayError: the mapping or a table is missing or damaged, lacks a column, a cell has no
+            volume, or the table does not fit into memory.
     """
     mapping = read_column_map(path)
     if mapping.cells.file is None:
         raise SprayError(f"{path}: cells.file is missing; it names the table of the gas")
     file = path.parent / mapping.cells.file
+    check_room(file, _size(file))
     source = load_table(file, mapping.cells)
     position, edges = _boxes(source, mapping.cells)
     if mapping.time_s is not None:
@@ -54,6 +56,17 @@ def read_tables(path: Path, *, time_s: float | None, fuel_field: str) -> CfdCase
         available=tuple(source.columns),
         cloud=_cloud(path, mapping),
     )
+
+
+def _size(file: Path) -> Size:
+    """By the mean length of the first lines; ten columns of numbers, and again as boxes."""
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(1 << 16)
+        rows = file.stat().st_size * head.count(b"\n") // max(len(head), 1)
+    except OSError:  # who reads the file says what is wrong with it
+        rows = 0
+    return Size(rows, 0, 200.0 * rows)
 
 
 def _boxes(source: Source, wanted: CellColumns) -> tuple[Column, Floats]:

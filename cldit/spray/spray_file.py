@@ -86,9 +86,9 @@ def write_spray(path: Path, spray: Spray, *, watch: Watch = silent) -> None:
             whole(path) as part,
             zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=_EFFORT) as archive,
         ):
-            size = sum(values.nbytes for values in arrays.values())
-            done = 0
-            for name, given in {"about": np.array(json.dumps(about)), **arrays}.items():
+            members = {"about": np.array(json.dumps(about)), **arrays}
+            size, done = sum(values.nbytes for values in members.values()), 0
+            for name, given in members.items():
                 values = np.asarray(given, order="C")
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                     head = np.lib.format.header_data_from_array_1_0(values)

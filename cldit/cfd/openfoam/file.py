@@ -148,6 +148,9 @@ def _parse(file: FoamFile, begin: int, end: int) -> Iterator[Floats]:
         while stop < end and not file.body[stop : stop + 1].isspace():
             stop += 1
         text = file.body[begin:stop].translate(_BRACKETS)
+        begin = stop
+        if text.isspace():  # of which numpy makes a number
+            continue
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always", DeprecationWarning)
             try:
@@ -155,7 +158,6 @@ def _parse(file: FoamFile, begin: int, end: int) -> Iterator[Floats]:
             except ValueError as error:
                 raise file.fail(f"holds text that is no number ({error})") from error
         ended = bool(said)
-        begin = stop
 
 
 def _parsed(file: FoamFile, begin: int, end: int) -> Floats:

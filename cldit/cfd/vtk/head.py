@@ -10,6 +10,7 @@ from cldit.cfd.size import Size
 _PIECE = re.compile(rb"<Piece\b[^>]*>")
 _COUNT = re.compile(rb'\bNumberOf(Points|Cells)\s*=\s*["\'](\d+)["\']')
 _AT_ONCE = 1 << 20
+_WHILE_READING = 1.4  # bytes that vtk takes at its peak for one of the file's
 
 
 def piece_counts(file: Path) -> tuple[int, int]:
@@ -42,7 +43,8 @@ def vtk_size(file: Path, *, fields: int) -> Size:
     if file.suffix == ".vtk":  # binary: nine integers a cell that become nine of twice the size
         return Size(stored // 70, 0, 2.0 * stored)
     points, cells = piece_counts(file)
+    read = _WHILE_READING * stored
     if file.suffix == ".vtp":
-        return Size(0, points, max(stored, points * (12 + 4 * fields)))
+        return Size(0, points, max(read, points * (12 + 4 * fields)))
     # corners, their offset, the type; coordinates may be double, and so may fields
-    return Size(cells, 0, max(stored, cells * (8 * 8 + 8 + 1 + 8 * fields) + 24 * points))
+    return Size(cells, 0, max(read, cells * (8 * 8 + 8 + 1 + 8 * fields) + 24 * points))
