@@ -119,9 +119,9 @@ def test_text_is_read_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     assert corners.tolist() == [0, 1, 2, 0, 1, 4, 3, 2, 1, 4]
     assert start.tolist() == [0, 3, 7, 10]
     for bad in (mixed.replace(b"4(", b"9("), mixed.replace(b" 2)", b" x)"), mixed[:-6] + b")"):
-        with pytest.raises(SprayError, match="do not make 3 faces"):
+        with pytest.raises(SprayError, match=r"do not make 3 faces|no number"):
             faces(file(bad))
-    with pytest.raises(SprayError, match="1 numbers where 200"):
+    with pytest.raises(SprayError, match=r"1 numbers where 200|no number"):
         scalars(file(text.replace(b" ", b" x ", 1)))
     with pytest.raises(SprayError, match="no whole number"):
         labels(file(b"3(1 2.5 3)"))

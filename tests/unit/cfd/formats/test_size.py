@@ -61,16 +61,21 @@ def test_control_c_leaves_nothing(phase: str, tmp_path: Path, foam: Foam, writer
     spec = written("vtk", tmp_path / "case", foam, writers)
     folder = tmp_path / "out"
     folder.mkdir()
-    handler = signal.getsignal(signal.SIGINT)
+    before = signal.getsignal(signal.SIGINT)  # a shell's background jobs ignore it
+    handler = signal.default_int_handler
+    signal.signal(signal.SIGINT, handler)
 
     def press(what: str, *_: int) -> None:
         if what == phase:
             os.kill(os.getpid(), signal.SIGINT)
 
-    with pytest.raises(KeyboardInterrupt):
-        import_case(spec, folder / "spray.npz", watch=press)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            import_case(spec, folder / "spray.npz", watch=press)
+        assert signal.getsignal(signal.SIGINT) is handler
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert list(folder.iterdir()) == []
-    assert signal.getsignal(signal.SIGINT) is handler
 
 
 @pytest.mark.parametrize("kind", KINDS)
