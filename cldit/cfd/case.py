@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cldit.cfd.mesh import AnyFloats, CellMesh
+from cldit.cfd.cell_mesh import AnyFloats, CellMesh
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 

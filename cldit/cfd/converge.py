@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined, nearest_time
+from cldit.cfd.cell_mesh import AnyFloats, Labels, narrowed
 from cldit.cfd.column_mapping import (
     CellColumns,
     ColumnMap,
@@ -27,7 +28,7 @@ from cldit.cfd.column_mapping import (
     mapped_cloud,
     merged,
 )
-from cldit.cfd.mesh import AnyFloats, Labels, Mesh, join, narrowed
+from cldit.cfd.mesh import Mesh, join
 from cldit.cfd.size import Size, check_room
 from cldit.errors import SprayError
 from cldit.progress import Watch, silent

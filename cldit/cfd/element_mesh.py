@@ -9,14 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.mesh import (
-    AnyFloats,
-    CellMesh,
-    Labels,
-    Polyhedra,
-    check_labels,
-    checked_points,
-)
+from cldit.cfd.cell_mesh import AnyFloats, CellMesh, Labels, Polyhedra, check_labels, checked_points
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cldit.cfd.case import CfdCase, Cloud, Column, nearest_time
+from cldit.cfd.cell_mesh import AnyFloats, Boxes, Labels
 from cldit.cfd.formats import find_format, read_case
-from cldit.cfd.mesh import AnyFloats, Boxes, Labels
 from cldit.cfd.orientation import Frame, find_frame
 from cldit.cfd.parcel_spreading import spread_parcels
 from cldit.errors import SprayError

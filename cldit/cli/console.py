@@ -66,6 +66,7 @@ class ProgressBar:
             TimeRemainingColumn(),
             console=OUT,
             transient=True,
+            disable=not OUT.is_terminal,  # else it leaves empty lines in a file or pipe
         )
         self._task: Any = None
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import CfdCase, Cloud, Column, nearest_time
+from cldit.cfd.cell_mesh import AnyFloats, CellMesh, Labels
 from cldit.cfd.column_mapping import (
     CellColumns,
     ColumnMap,
@@ -21,7 +22,7 @@ from cldit.cfd.column_mapping import (
 )
 from cldit.cfd.element_mesh import CORNERS, ElementMesh
 from cldit.cfd.ensight.file import CaseFile, Item, Reader, read_case_file
-from cldit.cfd.mesh import AnyFloats, CellMesh, Labels, Mesh, join
+from cldit.cfd.mesh import Mesh, join
 from cldit.cfd.size import Size, check_room
 from cldit.errors import SprayError
 from cldit.progress import Watch, silent

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.mesh import Labels, narrowed
+from cldit.cfd.cell_mesh import Labels, narrowed
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 

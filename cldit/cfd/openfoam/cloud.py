@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import CLOUD_FIELDS, Column
-from cldit.cfd.mesh import Labels, Mesh
+from cldit.cfd.cell_mesh import Labels
+from cldit.cfd.mesh import Mesh
 from cldit.cfd.openfoam.file import (
     FoamFile,
     find_foam,

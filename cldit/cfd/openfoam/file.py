@@ -19,7 +19,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.mesh import AnyFloats, Labels, narrowed
+from cldit.cfd.cell_mesh import AnyFloats, Labels, narrowed
 from cldit.cfd.openfoam.collated import COLLATED, block_of
 from cldit.errors import SprayError
 from cldit.spray.result import Floats

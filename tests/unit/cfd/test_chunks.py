@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from cldit.cfd import mesh as meshes
+from cldit.cfd import cell_mesh as meshes
+from cldit.cfd.cell_mesh import CellMesh
 from cldit.cfd.element_mesh import POLYHEDRON, BoxMesh, ElementMesh, PolyhedronFaces
-from cldit.cfd.mesh import CellMesh, join
+from cldit.cfd.mesh import join
 from cldit.cfd.openfoam import file as foamfile
 from cldit.cfd.openfoam.file import FoamFile, faces, labels, scalars
 from cldit.cfd.to_spray import read_cfd
