@@ -2,7 +2,8 @@
 
 # In the order of the page.
 PARTS = (
-    "error", "growth", "memory", "leave-out", "roofline", "solver", "rays", "ablation", "mitsuba",
+    "error", "growth", "memory", "leave-out", "roofline", "solver", "rays", "ablation", "import",
+    "mitsuba",
 )  # fmt: skip
 
 ACCURACIES_K = (1.0, 0.3, 0.1, 0.05)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.mesh import Mesh
+from cldit.cfd.cell_mesh import AnyFloats, CellMesh
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 
@@ -25,7 +25,7 @@ class Column:
     """
 
     label: str
-    values: Floats
+    values: AnyFloats
     undefined: NDArray[np.bool_] | None = None
 
 
@@ -70,7 +70,7 @@ class CfdCase:
 
     source: str
     time_s: float | None
-    mesh: Mesh
+    mesh: CellMesh
     gas: Mapping[str, Column]
     available: tuple[str, ...]
     cloud: Cloud | None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Container, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -257,7 +257,9 @@ class Source:
                     f"{short}: {{column: {wanted.column}, undefined: 0}}"
                 )
             values = np.where(found.undefined, wanted.undefined, values)
-        return Column(found.label, values * factor + offset)
+        if (factor, offset) != (1.0, 0.0):  # else as it is stored: large columns are not copied
+            values = np.asarray(values, np.float64) * factor + offset
+        return Column(found.label, values)
 
     def vector(self, wanted: Vector, kind: str, key: str) -> Column:
         """Three columns in SI, (N, 3).
@@ -275,7 +277,8 @@ class Source:
         parts = [column for _, column in named]
         labels = list(dict.fromkeys(part.label for part in parts))
         label = labels[0] if len(labels) == 1 else f"{self.name}: {', '.join(wanted.columns)}"
-        return Column(label, np.stack([part.values for part in parts], axis=1) * factor)
+        values = np.stack([part.values for part in parts], axis=1, dtype=np.float64)
+        return Column(label, values * factor)
 
     def _column(self, name: str, key: str) -> tuple[str, Column]:
         """The column of that name, or the only one of that name and a unit: `T` for `T [K]`."""
@@ -401,7 +404,13 @@ def mapped_cloud(
         used = getattr(value, "columns", None) or [getattr(value, "column", None)]
         if value is not None and key not in given and any(u and u not in columns for u in used):
             missing[key] = None
-    rows = Source(source, columns, len(position_m.values))
+    # masses are products of many: of stored floats they would overflow or be rounded at each step
+    doubles = {key: _double(columns[key]) for key in columns_of(parcels) & set(columns)}
+    rows = Source(source, columns | doubles, len(position_m.values))
     fields = cloud_columns(rows, parcels.model_copy(update=missing))
     parts = {f"{key}_{letter}" for key in columns for letter in "XYZ"}  # of vectors that are there
-    return complete_cloud(name, source, position_m, fields, set(columns) - parts)
+    return complete_cloud(name, source, _double(position_m), fields, set(columns) - parts)
+
+
+def _double(column: Column) -> Column:
+    return replace(column, values=np.asarray(column.values, np.float64))

@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined, only_claimant
+from cldit.cfd.cell_mesh import AnyFloats, Labels, narrowed
 from cldit.cfd.column_mapping import (
     CellColumns,
     ColumnMap,
@@ -27,8 +29,10 @@ from cldit.cfd.column_mapping import (
     merged,
 )
 from cldit.cfd.mesh import Mesh, join
+from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
+from cldit.progress import Watch, silent
 from cldit.spray.result import Floats
 
 _STREAM = re.compile(r"STREAM_\d+$")
@@ -87,7 +91,13 @@ def time_of(path: Path) -> float | None:
 
 
 def read_converge(
-    path: Path, *, time_s: CaseTime | None, fuel_field: str, cloud: str | None, names: ColumnMap
+    path: Path,
+    *,
+    time_s: CaseTime | None,
+    fuel_field: str,
+    cloud: str | None,
+    names: ColumnMap,
+    watch: Watch = silent,
 ) -> CfdCase:
     """Reads one time.
 
@@ -95,10 +105,11 @@ def read_converge(
         path: a post file, or a folder of them, of which the one at `time_s` or the last is taken.
         names: names of fields where they are not those of `_GAS` and `_PARCEL`; the fuel's is
             `fuel_field` or MASSFRAC_ and that.
+        watch: told how far the work is.
 
     Raises:
         SprayError: a file is damaged, an array is missing or of another length, the time or the
-            cloud is not there.
+            cloud is not there, or the case does not fit into memory.
     """
     files = _by_time(path)
     known = [time for time in files if time is not None]
@@ -118,6 +129,8 @@ def read_converge(
                 "and VTK's HDF are not read; export EnSight Gold or .vtu)"
             )
         streams, remarks = _with_fuel(chosen, streams, names.cells, fuel_field)
+        check_room(chosen, _size(streams))
+        watch("reading the mesh", 0, 1)
         meshes = [_mesh(chosen, stream) for stream in streams]
         available = sorted(set.intersection(*(set(s.get("CELL_CENTER_DATA", ())) for s in streams)))
         cells = _gas_names(available, names.cells, fuel_field)
@@ -127,7 +140,8 @@ def read_converge(
             for key in ("temperature", "pressure", "density", "fuel"):
                 name = getattr(getattr(cells, key), "column", None)
                 if name in columns:
-                    values = _array(chosen, stream, f"CELL_CENTER_DATA/{name}", mesh.cells)
+                    watch(f"reading {name}", len(gas), len(streams))
+                    values = _field(chosen, stream, f"CELL_CENTER_DATA/{name}", mesh.cells)
                     columns[name] = Column(f"{chosen}: cell field {name}", values)
             gas.append(gas_columns(Source(str(chosen), columns, mesh.cells), cells, fuel_field))
         return CfdCase(
@@ -166,6 +180,25 @@ def _with_fuel(
     return fuelled, (f"{path}: streams without {fuel_field} are left out: {others}.",)
 
 
+def _size(streams: list[Any]) -> Size:
+    """By the shapes of the arrays. A corner is held as it is stored and as a label."""
+
+    def count(group: Any, name: str) -> int:
+        return int(group[name].size) if name in group else 0
+
+    corners = sum(count(stream, "CONNECTIVITY/POLYGON_TO_VERTEX") for stream in streams)
+    faces = sum(count(stream, "CONNECTIVITY/POLYGON_OFFSET") for stream in streams)
+    points = sum(count(stream, "VERTEX_COORDINATES/X") for stream in streams)
+    cells = sum(
+        max((int(each.size) for each in stream.get("CELL_CENTER_DATA", {}).values()), default=0)
+        for stream in streams
+    )
+    parcels = sum(
+        count(group, "PARCEL_X") for stream in streams for group in cloud_groups(stream).values()
+    )
+    return Size(cells, parcels, 12 * corners + 44 * faces + 48 * points + 40 * cells)
+
+
 def _gas_names(available: list[str], given: CellColumns, fuel_field: str) -> CellColumns:
     default = {key: _first(available, names) for key, names in _GAS.items()}
     default["fuel"] = _first(available, (fuel_field, f"MASSFRAC_{fuel_field}"))
@@ -179,6 +212,10 @@ def _first(available: Any, names: tuple[str, ...]) -> Scalar | None:
 
 def _array(path: Path, group: Any, name: str, count: int | None = None) -> Floats:
     """A one-dimensional array, of a length if it is known."""
+    return _stored(path, group, name, count).astype(np.float64)
+
+
+def _stored(path: Path, group: Any, name: str, count: int | None) -> NDArray[np.generic]:
     if name not in group:
         raise SprayError(f"{path}: {group.name}/{name} is missing")
     values = np.asarray(group[name][()])
@@ -186,33 +223,47 @@ def _array(path: Path, group: Any, name: str, count: int | None = None) -> Float
         raise SprayError(f"{path}: {group.name}/{name}: no list of numbers (shape {values.shape})")
     if count is not None and len(values) != count:
         raise SprayError(f"{path}: {group.name}/{name}: {len(values)} values, expected {count}")
-    return values.astype(np.float64)
+    return values
+
+
+def _field(path: Path, group: Any, name: str, count: int) -> AnyFloats:
+    """As `_array`, as exact as it is stored."""
+    values = _stored(path, group, name, count)
+    return values.astype(values.dtype if values.dtype.kind == "f" else np.float64)
+
+
+def _labels(path: Path, group: Any, name: str, count: int | None = None) -> Labels:
+    """As `_array`, of whole numbers, four bytes each where that is enough."""
+    values = _stored(path, group, name, count)
+    if values.dtype.kind == "f" and not np.all(values == np.rint(values)):
+        raise SprayError(f"{path}: {group.name}/{name}: holds a label that is no whole number")
+    return narrowed(values)
 
 
 def _mesh(path: Path, stream: Any) -> Mesh:
     x = _array(path, stream, "VERTEX_COORDINATES/X")
     y, z = (_array(path, stream, f"VERTEX_COORDINATES/{name}", len(x)) for name in "YZ")
-    start = _array(path, stream, "CONNECTIVITY/POLYGON_OFFSET").astype(np.int64)
-    corners = _array(path, stream, "CONNECTIVITY/POLYGON_TO_VERTEX").astype(np.int64)
-    cells = _array(path, stream, "CONNECTIVITY/CONNECTED_CELLS", 2 * max(len(start) - 1, 0))
-    sides = cells.astype(np.int64).reshape(-1, 2)
+    start = _labels(path, stream, "CONNECTIVITY/POLYGON_OFFSET")
+    corners = _labels(path, stream, "CONNECTIVITY/POLYGON_TO_VERTEX")
+    cells = _labels(path, stream, "CONNECTIVITY/CONNECTED_CELLS", 2 * max(len(start) - 1, 0))
+    sides = cells.reshape(-1, 2)
     if not len(sides) or start[0] != 0 or start[-1] != len(corners) or np.diff(start).min() < 3:
         raise SprayError(f"{path}: {stream.name}/CONNECTIVITY/POLYGON_OFFSET does not fit its mesh")
-    if sides.max(axis=1).min() < 0:
+    first, second = sides.T
+    if np.any((first < 0) & (second < 0)):
         raise SprayError(f"{path}: {stream.name}/CONNECTIVITY/CONNECTED_CELLS: a face of no cell")
     # a negative cell is a boundary; a face belongs to its first cell, else, turned, to the second
-    turned = sides[:, 0] < 0
-    size = np.diff(start)
-    face = np.repeat(np.arange(len(size)), size)
-    step = np.arange(len(corners)) - start[face]
-    place = start[face] + np.where(turned[face], size[face] - 1 - step, step)
-    inner = sides.min(axis=1) >= 0
+    turned = np.flatnonzero(first < 0)
+    size = start[turned + 1] - start[turned]
+    step = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
+    begin = np.repeat(start[turned], size)
+    corners[begin + step] = corners[begin + np.repeat(size, size) - 1 - step]
     return Mesh(
         points_m=np.stack([x, y, z], axis=1),
-        corners=corners[place],
+        corners=corners,
         start=start,
-        owner=np.where(turned, sides[:, 1], sides[:, 0]),
-        neighbour=np.where(inner, sides[:, 1], -1),
+        owner=np.where(first < 0, second, first),
+        neighbour=np.where((first < 0) | (second < 0), np.int32(-1), second),
         cells=int(sides.max()) + 1,
         source=f"{path}: {stream.name}",
     )

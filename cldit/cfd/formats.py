@@ -18,6 +18,7 @@ from cldit.cfd.unknown_kinds import refuse_folder, refuse_unknown
 from cldit.cfd.vtk import files as vtkfiles
 from cldit.cfd.vtk.layout import is_vtk
 from cldit.errors import SprayError
+from cldit.progress import Watch, silent
 from cldit.scene.spray import CfdSpray
 from cldit.spray.spray_file import read_spray
 
@@ -65,7 +66,7 @@ def find_format(spec: CfdSpray) -> str:
     return found.pop() if found else "vtk"
 
 
-def read_case(spec: CfdSpray) -> CfdCase:
+def read_case(spec: CfdSpray, watch: Watch = silent) -> CfdCase:
     """One time of a case, in its own coordinates.
 
     Raises:
@@ -83,6 +84,7 @@ def read_case(spec: CfdSpray) -> CfdCase:
         "fuel_field": spec.fuel_field,
         "cloud": spec.cloud,
         "names": names,
+        "watch": watch,
     }
     match kind:
         case "tables":
@@ -132,6 +134,7 @@ class _Common(TypedDict):
     fuel_field: str
     cloud: str | None
     names: ColumnMap
+    watch: Watch
 
 
 @dataclass(frozen=True)

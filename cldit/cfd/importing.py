@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from cldit.cfd.formats import contents, find_format
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
+from cldit.progress import Watch, silent
 from cldit.scene.checks import describe
 from cldit.scene.spray import CfdSpray
 from cldit.spray.spray_file import write_spray
@@ -71,8 +72,13 @@ def _quoted(name: str) -> str:
     return f'"{name}"' if "," in name else name
 
 
-def import_case(spec: CfdSpray, out: Path | None) -> list[str]:
+def import_case(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> list[str]:
     """Reads and checks the case of `spec`, and writes cldit's own file of it if `out` names one.
+
+    Args:
+        spec: the case.
+        out: of the file, which appears whole or not at all; None writes none.
+        watch: told how far the work is.
 
     Returns:
         Lines on what came over: masses, sizes, penetration, and what was inferred.
@@ -82,7 +88,7 @@ def import_case(spec: CfdSpray, out: Path | None) -> list[str]:
     """
     if spec.spread_m is not None:
         raise SprayError("spray.spread_m: parcels are spread when a scene reads the file, not here")
-    spray = read_cfd(spec)
+    spray = read_cfd(spec, watch=watch)
     lines = [f"{spec.file}: {find_format(spec)}"]
     for name, (text, unit, factor) in _SHOWN.items():
         if name in spray.notes:
@@ -94,6 +100,6 @@ def import_case(spec: CfdSpray, out: Path | None) -> list[str]:
     lines += [f"  {remark}" for remark in spray.remarks]
     lines += [f"  {file.text}" for file in spray.files]
     if out is not None:
-        write_spray(out, spray)
+        write_spray(out, spray, watch=watch)
         lines.append(str(out))
     return lines

@@ -106,9 +106,9 @@ def _nozzle(case: CfdCase, axis: Floats, remarks: list[str]) -> Floats:
     if "U" not in cloud.fields or "age" not in cloud.fields:
         missing = "U" if "U" not in cloud.fields else "age"
         raise _unknown(case, f"cloud {cloud.name!r} has no {missing} to trace parcels back with")
-    nozzle, error_m = extrapolated(
-        cloud.position_m.values, cloud.fields["U"].values, cloud.fields["age"].values, axis
-    )
+    known = (cloud.position_m, cloud.fields["U"], cloud.fields["age"])
+    place, velocity, age = (np.asarray(each.values, np.float64) for each in known)
+    nozzle, error_m = extrapolated(place, velocity, age, axis)
     if not np.all(np.isfinite(nozzle)):
         raise SprayError(f"{cloud.position_m.label}: the nozzle inferred from it is not finite")
     remarks.append(

@@ -87,8 +87,10 @@ def check_parcels(
     remarks = tuple(
         f"Left out {int(mask.sum())} of {count} parcels: {text}." for mask, text in wrong
     )
-    size, droplets, temperature, density = (cloud.fields[name].values[kept] for name in _LIMITS)
-    parcels = Parcels(position.values[kept], size, droplets, temperature, density)
+    every = (position, *(cloud.fields[name] for name in _LIMITS))
+    place, *others = (np.asarray(each.values[kept], np.float64) for each in every)
+    size, droplets, temperature, density = others
+    parcels = Parcels(place, size, droplets, temperature, density)
     return CheckedParcels(parcels, kept, remarks)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cldit.cfd.case import Column
+from cldit.cfd.cell_mesh import AnyFloats
 from cldit.cfd.column_mapping import CellColumns
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
@@ -17,7 +18,7 @@ def with_point_fields(
     cells: Mapping[str, Column],
     points: Mapping[str, Column],
     names: CellColumns,
-    mean: Callable[[Floats], Floats],
+    mean: Callable[[AnyFloats], Floats],
 ) -> tuple[dict[str, Column], tuple[str, ...]]:
     """The cell fields, and those that there are at points alone.
 

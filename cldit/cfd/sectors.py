@@ -8,8 +8,8 @@ from itertools import product
 
 import numpy as np
 
+from cldit.cfd.azimuth import azimuth_span
 from cldit.cfd.case import Boundary, CfdCase
-from cldit.cfd.mesh import Mesh
 from cldit.cfd.orientation import Frame
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray, Sector
@@ -51,15 +51,6 @@ def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...
     return (_itself(),), ()
 
 
-def completed_boxes(mesh: Mesh, frame: Frame, every: Sequence[Copy]) -> tuple[Floats, Floats]:
-    """Lower and upper corners (copies x N, 3) of the boxes of all copies' cells, in our frame."""
-    boxes = []
-    for copy in every:
-        origin, rotation = copy.into(frame)
-        boxes.append(mesh.moved(origin_m=origin, rotation=rotation).boxes_m())
-    return np.concatenate([low for low, _ in boxes]), np.concatenate([high for _, high in boxes])
-
-
 def completed_parcels(parcels: Parcels, frame: Frame, every: Sequence[Copy]) -> Parcels:
     """The parcels of all copies, in our frame; each copy has the masses of the case."""
     places = []
@@ -87,7 +78,7 @@ def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...
     many = round(360.0 / sector.angle_deg)
     if many == 1:
         return (_itself(),), ()
-    span, _ = azimuth_span(case.mesh.points_m, centre, axis)
+    span, _ = azimuth_span(case.mesh.points, centre, axis)
     if abs(span - sector.angle_deg) > _ANGLE_DEG:
         raise SprayError(
             f"{case.mesh.source}: spans {span:.4g} degrees about {_text(axis)} through "
@@ -133,42 +124,6 @@ def _mirrored(
     return tuple(every), (f"Mirrored in {planes} at the nozzle: masses times {many}.",)
 
 
-def azimuth_span(points_m: Floats, centre_m: Floats, axis: Floats) -> tuple[float, bool]:
-    """Degrees about an axis that points fill, and whether planes through the axis bound them.
-
-    Args:
-        points_m: (P, 3).
-        centre_m, axis: (3,) each, the axis of length 1.
-
-    Returns:
-        360 less the widest gap between azimuths; true where both sides of the gap have points at
-        several distances from the axis, as a plane through the axis has.
-    """
-    off = points_m - centre_m
-    across = off - np.outer(off @ axis, axis)
-    first = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    first = first - (first @ axis) * axis
-    first /= np.linalg.norm(first)
-    second = np.cross(axis, first)
-    x, y = across @ first, across @ second
-    radius = np.hypot(x, y)
-    far = radius > _NEAR_AXIS * float(radius.max(initial=0.0))
-    if not far.any():
-        return 360.0, False
-    angle, radius = np.arctan2(y, x)[far], radius[far]
-    order = np.argsort(angle)
-    angle, radius = angle[order], radius[order]
-    gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
-    widest = int(np.argmax(gaps))
-    ends = angle[widest], angle[(widest + 1) % len(angle)]
-    planes = True
-    for end in ends:
-        turned = np.abs(np.angle(np.exp(1j * (angle - end))))
-        on = radius[turned < 1e-4]
-        planes &= bool(len(on) and on.max() > 1.5 * on.min())
-    return float(np.degrees(2 * np.pi - gaps[widest])), planes
-
-
 def _refuse_part(case: CfdCase, frame: Frame) -> None:
     """Says that the case is a part, by its patches or by its geometry.
 
@@ -201,7 +156,7 @@ def _refuse_part(case: CfdCase, frame: Frame) -> None:
                 f"{case.source}: the patch {patch.name!r} is {patch.kind} and holds the axis of "
                 f"the injection: the mesh is a part of the spray; {_plane_way(patch.normal)}"
             )
-    span, planes = azimuth_span(case.mesh.points_m, frame.nozzle_m, frame.axis)
+    span, planes = azimuth_span(case.mesh.points, frame.nozzle_m, frame.axis)
     if span < _PART_DEG and planes:
         raise SprayError(
             f"{case.mesh.source}: spans {span:.4g} of 360 degrees about the injection's axis, "

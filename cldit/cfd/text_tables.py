@@ -23,7 +23,8 @@ from cldit.cfd.column_mapping import (
     read_column_map,
     without_unit,
 )
-from cldit.cfd.mesh import box_mesh
+from cldit.cfd.element_mesh import BoxMesh
+from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
@@ -43,13 +44,14 @@ def read_tables(
         cloud: None is that of the mapping, if any; `none` is gas alone.
 
     Raises:
-        SprayError: the mapping or a table is missing or damaged, lacks a column, or a cell has no
-            volume.
+        SprayError: the mapping or a table is missing or damaged, lacks a column, a cell has no
+            volume, or the table does not fit into memory.
     """
     mapping = read_column_map(path)
     if mapping.cells.file is None:
         raise SprayError(f"{path}: cells.file is missing; it names the table of the gas")
     file = path.parent / mapping.cells.file
+    check_room(file, _size(file))
     source = load_table(file, mapping.cells)
     position, edges = _boxes(source, mapping.cells)
     if mapping.time_s is not None:
@@ -63,12 +65,23 @@ def read_tables(
     return CfdCase(
         source=str(file),
         time_s=mapping.time_s,
-        mesh=box_mesh(position.values - edges / 2, position.values + edges / 2, position.label),
+        mesh=BoxMesh(position.values - edges / 2, position.values + edges / 2, position.label),
         gas=gas_columns(source, mapping.cells, fuel_field),
         available=tuple(source.columns),
         cloud=None if cloud == NO_CLOUD else _cloud(path, mapping),
         files=(path, file, *parcels),
     )
+
+
+def _size(file: Path) -> Size:
+    """By the mean length of the first lines; ten columns of numbers, and again as boxes."""
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(1 << 16)
+        rows = file.stat().st_size * head.count(b"\n") // max(len(head), 1)
+    except OSError:  # who reads the file says what is wrong with it
+        rows = 0
+    return Size(rows, 0, 200.0 * rows)
 
 
 def _boxes(source: Source, wanted: CellColumns) -> tuple[Column, Floats]:
@@ -88,7 +101,7 @@ def _boxes(source: Source, wanted: CellColumns) -> tuple[Column, Floats]:
     if not good.all():
         bad = int(np.argmin(good))
         raise SprayError(f"{size.label}: cell {bad} has no volume (edges {size.values[bad]} m)")
-    return position, size.values
+    return position, np.asarray(size.values, np.float64)
 
 
 def _cloud(path: Path, mapping: ColumnMap) -> Cloud | None:

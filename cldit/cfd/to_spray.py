@@ -9,13 +9,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Column
+from cldit.cfd.cell_mesh import AnyFloats, Boxes, Labels
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcel_spreading import spread_parcels
 from cldit.cfd.parcels import check_parcels, farthest_m, only
-from cldit.cfd.sectors import Copy, completed_boxes, completed_parcels, copies
+from cldit.cfd.sectors import Copy, completed_parcels, copies
 from cldit.cfd.times import choose_time, time_remarks
 from cldit.errors import SprayError
+from cldit.progress import Watch, silent
 from cldit.provenance import files_read
 from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Cells, Floats, Parcels, Spray, Vapour
@@ -36,17 +38,12 @@ _EDGE_OF_JET = 1e-3  # vapour mass fraction at which a jet's penetration is meas
 class _Gas:
     """Temperature, mass fraction of the fuel, and molecules of it per m3, of each cell."""
 
-    temperature_K: Floats
+    temperature_K: AnyFloats
     mass_fraction: Floats
     number_density_m3: Floats
 
-    def times(self, many: int) -> _Gas:
-        """That of `many` copies of the mesh, one behind the other."""
-        columns = (self.temperature_K, self.mass_fraction, self.number_density_m3)
-        return _Gas(*(np.tile(column, many) for column in columns))
 
-
-def read_cfd(spec: CfdSpray) -> Spray:
+def read_cfd(spec: CfdSpray, *, watch: Watch = silent) -> Spray:
     """Reads a spray from the result of a CFD code, or from cldit's own file of one.
 
     Gas: T, rho (or p, for an ideal gas of air and fuel), and the fuel's mass fraction, the field
@@ -54,6 +51,10 @@ def read_cfd(spec: CfdSpray) -> Spray:
     becomes the origin and the axis of injection -z; where the scene does not give them they are
     inferred, see `frame.find_frame`, and `remarks` say how. Cells without vapour are left out.
     With `spec.spread_m` each parcel becomes several points, see `spread_parcels`.
+
+    Args:
+        spec: the case.
+        watch: told how far the work is.
 
     Returns:
         Spray with `vapour` (None without any), `parcels` (None for a case without a cloud), and
@@ -63,7 +64,7 @@ def read_cfd(spec: CfdSpray) -> Spray:
         SprayError: files or fields are missing, damaged, or hold what cannot be; the message names
             the file and the field.
     """
-    spray = _stored(spec) if find_format(spec) == "cldit" else _imported(spec)
+    spray = _stored(spec) if find_format(spec) == "cldit" else _imported(spec, watch)
     if spec.spread_m is None or spray.parcels is None:
         return spray
     parcels = spread_parcels(
@@ -83,8 +84,8 @@ def _stored(spec: CfdSpray) -> Spray:
     return replace(spray, files=files_read([spec.file]) + spray.files)
 
 
-def _imported(spec: CfdSpray) -> Spray:
-    case = read_case(spec)
+def _imported(spec: CfdSpray, watch: Watch) -> Spray:
+    case = read_case(spec, watch)
     _check_size(case)
     gas = _gas(spec, case)
     checked = None
@@ -94,7 +95,7 @@ def _imported(spec: CfdSpray) -> Spray:
         case = replace(case, cloud=only(case.cloud, checked.kept))
     frame = find_frame(spec, case)
     every, completed = copies(spec, case, frame)
-    vapour, jet_m = _vapour(spec, case, gas, frame, every)
+    vapour, jet_m = _vapour(spec, case, gas, frame, every, watch)
     parcels = None
     if checked is not None:
         parcels = completed_parcels(checked.parcels, frame, every)
@@ -152,17 +153,19 @@ def _check_size(case: CfdCase) -> None:
         )
 
 
-def _within(column: Column, *, low: float, high: float, hint: str) -> Floats:
-    """The values, once they are numbers inside low..high."""
+def _within(column: Column, *, low: float, high: float, hint: str) -> AnyFloats:
+    """The values as they are stored, once they are numbers inside low..high."""
     values = column.values
     if values.ndim != 1:
         raise SprayError(f"{column.label}: shape {values.shape}, expected one number an entry")
-    inside = (values >= low) & (values <= high)  # false for NaN as well
-    if not inside.all():
-        bad = int(np.argmin(inside))
-        raise SprayError(
-            f"{column.label}: {values[bad]:g} (entry {bad}) is outside {low:g}..{high:g}; {hint}"
-        )
+    if not (values.size and values.min() >= low and values.max() <= high):  # true for NaN as well
+        inside = (values >= low) & (values <= high)
+        if not inside.all():
+            bad = int(np.argmin(inside))
+            raise SprayError(
+                f"{column.label}: {values[bad]:g} (entry {bad}) is outside {low:g}..{high:g}; "
+                f"{hint}"
+            )
     return values
 
 
@@ -171,21 +174,27 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
         if name not in case.gas:
             known = ", ".join(case.available) or "none"
             raise SprayError(f"{case.source}: no cell field {name!r}{key}; it has: {known}")
+    for column in case.gas.values():
+        if len(column.values) != case.mesh.cells:
+            raise SprayError(
+                f"{column.label}: {len(column.values)} values for {case.mesh.cells} cells"
+            )
     temperature = _within(case.gas["T"], low=1.0, high=5000.0, hint="T is a temperature in K")
     fraction = _within(
         case.gas[spec.fuel_field],
         low=-_OVERSHOOT,
         high=1.0 + _OVERSHOOT,
         hint="it is to be the mass fraction of the fuel's vapour (spray.fuel_field)",
-    ).clip(0.0, 1.0)
+    ).astype(np.float64)
+    fraction.clip(0.0, 1.0, out=fraction)
     pressure = None
     if "p" in case.gas:
         pressure = _within(case.gas["p"], low=1.0, high=1e9, hint="p is a pressure in Pa")
-    moles_kg = fraction / spec.fuel_molar_mass_kg_mol + (1.0 - fraction) / AIR_KG_MOL
+        moles_kg = fraction / spec.fuel_molar_mass_kg_mol + (1.0 - fraction) / AIR_KG_MOL
+        ideal = pressure / (moles_kg * GAS_CONSTANT_J_MOL_K * temperature)
     if "rho" in case.gas:
         density = _within(case.gas["rho"], low=0.0, high=2e3, hint="rho is a density in kg/m3")
         if pressure is not None:
-            ideal = pressure / (moles_kg * GAS_CONSTANT_J_MOL_K * temperature)
             ratio = float(np.median(density / ideal))
             if not 1.0 / _IDEAL < ratio < _IDEAL:
                 raise SprayError(
@@ -194,7 +203,7 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
                     "than kg/m3, K, Pa"
                 )
     elif pressure is not None:
-        density = pressure / (moles_kg * GAS_CONSTANT_J_MOL_K * temperature)
+        density = ideal
     else:
         raise SprayError(f"{case.source}: neither rho nor p among the cell fields; one is needed")
     number = density * fraction * (AVOGADRO_MOL / spec.fuel_molar_mass_kg_mol)
@@ -202,23 +211,49 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
 
 
 def _vapour(
-    spec: CfdSpray, case: CfdCase, gas: _Gas, frame: Frame, every: Sequence[Copy]
+    spec: CfdSpray,
+    case: CfdCase,
+    gas: _Gas,
+    frame: Frame,
+    every: Sequence[Copy],
+    watch: Watch,
 ) -> tuple[Vapour, float]:
-    """The vapour, and how far it has come along the axis (NaN where there is none), metres."""
-    lower, upper = completed_boxes(case.mesh, frame, every)
-    if len(every) > 1:
-        gas = gas.times(len(every))
-    molecules = gas.number_density_m3 * np.prod(upper - lower, axis=1)
-    kept = molecules > _NEGLIGIBLE * molecules.sum() / len(molecules)
+    """The vapour, and how far it has come along the axis (NaN where there is none), metres.
+
+    Cells that hold next to nothing are left out, those of a few thousand at a time; the cells of
+    all copies refer to the same gas.
+    """
+    found: list[tuple[Labels, Boxes, Floats]] = []
+    total, depth = 0.0, -np.inf
+    share = _NEGLIGIBLE / (case.mesh.cells * len(every))
+    for copy in every:
+        origin, rotation = copy.into(frame)
+        for chosen, box in case.mesh.boxes(origin_m=origin, rotation=rotation, watch=watch):
+            molecules = gas.number_density_m3[chosen] * box.volume_m3
+            total += float(molecules.sum())
+            # no more can be told yet than that it is less than this
+            kept = np.flatnonzero(molecules > share * total)
+            found.append((kept + chosen.start, box.take(kept), molecules[kept]))
+            jet = gas.mass_fraction[chosen] > _EDGE_OF_JET
+            middle = (box.lower_m[:, 2] + box.upper_m[:, 2]) / 2
+            depth = max(depth, float(-middle[jet].min(initial=np.inf)))
+    some = [molecules > share * total for _, _, molecules in found]
+    count = sum(int(np.count_nonzero(each)) for each in some)
+    lower, upper = np.empty((count, 3)), np.empty((count, 3))
+    cell = np.empty(count, np.int64)
+    while found:
+        number, box, _ = found.pop()
+        kept = np.flatnonzero(some.pop())
+        place = slice(count - len(kept), count)
+        lower[place], upper[place], cell[place] = box.lower_m[kept], box.upper_m[kept], number[kept]
+        count -= len(kept)
     vapour = Vapour(
-        Cells(lower[kept], upper[kept]),
-        gas.number_density_m3[kept],
-        gas.temperature_K[kept],
+        Cells(lower, upper),
+        gas.number_density_m3[cell],
+        gas.temperature_K[cell].astype(np.float64),
         spec.fuel_molar_mass_kg_mol,
     )
-    jet = gas.mass_fraction > _EDGE_OF_JET
-    depth = -(lower[jet, 2] + upper[jet, 2]) / 2
-    return vapour, float(depth.max()) if len(depth) else np.nan
+    return vapour, depth if np.isfinite(depth) else np.nan
 
 
 def _notes(

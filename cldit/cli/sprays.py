@@ -83,7 +83,8 @@ def import_command(
     if symmetry is not None:
         part["symmetry"] = [] if symmetry == "none" else symmetry.split(",")
     spec = cfd_spray({**keys, **part, "axis": _axis(axis)})
-    lines = list_case(spec) if listed else import_case(spec, out)
+    with ProgressBar() as bar:
+        lines = list_case(spec) if listed else import_case(spec, out, watch=bar.count)
     for line in lines:
         OUT.print(escaped(line))
 

@@ -10,7 +10,6 @@ Written at once: a file is whole or not there.
 
 from __future__ import annotations
 
-import io
 import json
 import zipfile
 import zlib
@@ -20,18 +19,35 @@ import numpy as np
 
 from cldit.errors import SprayError
 from cldit.files import whole
+from cldit.progress import Watch, silent
 from cldit.provenance import FileRead
 from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Cells, Floats, Parcels, RegularGrid, Spray, Vapour
 
 LAYOUT = 2
 _KNOWN = (1, LAYOUT)  # the first had no boxes and no clouds
+_EFFORT = 1  # of zlib: at 6 writing takes five times as long, for a tenth of the size
+_AT_ONCE = 1 << 22  # bytes between two reports of progress
+_UNREADABLE = (
+    OSError,
+    ValueError,
+    EOFError,
+    TypeError,
+    zipfile.BadZipFile,
+    zlib.error,
+    RuntimeError,  # a flag or method that zipfile does not know, in a damaged file
+)
 _PARCELS = ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3")
 _VAPOUR = ("lower_m", "upper_m", "number_density_m3", "temperature_K")
 
 
-def write_spray(path: Path, spray: Spray) -> None:
+def write_spray(path: Path, spray: Spray, *, watch: Watch = silent) -> None:
     """Writes parcels and vapour of `spray` to `path`.
+
+    Args:
+        path: of the file, which appears whole or not at all.
+        spray: to be written.
+        watch: told how far the work is.
 
     Raises:
         SprayError: the name does not end in .npz, or the file cannot be written.
@@ -68,8 +84,21 @@ def write_spray(path: Path, spray: Spray) -> None:
                 "vapour/grid_index": grid.index.astype(float),
             }
     try:
-        with whole(path) as part, part.open("wb") as stream:
-            np.savez_compressed(stream, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
+        with (
+            whole(path) as part,
+            zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=_EFFORT) as archive,
+        ):
+            members = {"about": np.array(json.dumps(about)), **arrays}
+            size, done = sum(values.nbytes for values in members.values()), 0
+            for name, given in members.items():
+                values = np.asarray(given, order="C")
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    head = np.lib.format.header_data_from_array_1_0(values)
+                    np.lib.format.write_array_header_1_0(member, head)
+                    raw = values.reshape(-1).view(np.uint8).data
+                    for begin in range(0, len(raw), _AT_ONCE):
+                        watch(f"writing {path.name}", done, size)
+                        done += member.write(raw[begin : begin + _AT_ONCE])
     except OSError as error:
         raise SprayError(f"{path}: cannot be written ({error})") from error
 
@@ -94,6 +123,15 @@ def _extent(arrays: dict[str, Floats]) -> Extent | None:
     return None
 
 
+def _member(archive: zipfile.ZipFile, name: str) -> Floats:
+    """An array, read to the end of its member, so that its checksum is compared."""
+    with archive.open(name) as stream:
+        values = np.lib.format.read_array(stream, allow_pickle=False)
+        if stream.read(1):
+            raise ValueError(f"{name} goes on behind its array")
+    return np.asarray(values)
+
+
 def read_spray(path: Path) -> Spray:
     """Reads what `write_spray` wrote.
 
@@ -101,23 +139,11 @@ def read_spray(path: Path) -> Spray:
         SprayError: the file is missing, damaged, cut off, of another layout, or lacks an array.
     """
     try:
-        with path.open("rb") as stream, zipfile.ZipFile(stream) as archive:
-            # whole members, so that their checksums are compared, which np.load leaves out
-            members = {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
-        arrays = {
-            name: np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
-            for name, content in members.items()
-        }
-    # a RuntimeError is a damaged flag: encrypted, or of an unknown compression
-    except (
-        OSError,
-        ValueError,
-        EOFError,
-        zipfile.BadZipFile,
-        zlib.error,
-        TypeError,
-        RuntimeError,
-    ) as error:
+        with zipfile.ZipFile(path) as archive:
+            arrays = {
+                name.removesuffix(".npy"): _member(archive, name) for name in archive.namelist()
+            }
+    except _UNREADABLE as error:
         raise SprayError(f"{path}: cannot be read as cldit's file: {error}") from error
     try:
         about = json.loads(str(arrays["about"]))

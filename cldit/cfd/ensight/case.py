@@ -22,15 +22,23 @@ from cldit.cfd.ensight.file import CaseFile, Item, Reader, read_case_file
 from cldit.cfd.ensight.geometry import read_geometry
 from cldit.cfd.ensight.variable import corner_mean, per_element, per_node
 from cldit.cfd.point_data import with_point_fields
+from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
+from cldit.progress import Watch, silent
 
 _NUMBERED = re.compile(r"c\d+(?=\D)")
 _MEASURED = ("scalar per measured node", "vector per measured node")
 
 
 def read_ensight(
-    path: Path, *, time_s: CaseTime | None, fuel_field: str, cloud: str | None, names: ColumnMap
+    path: Path,
+    *,
+    time_s: CaseTime | None,
+    fuel_field: str,
+    cloud: str | None,
+    names: ColumnMap,
+    watch: Watch = silent,
 ) -> CfdCase:
     """Reads one time of a case.
 
@@ -41,33 +49,41 @@ def read_ensight(
         cloud: name of the cloud; None is the only one.
         names: names of fields where they are not T, p, rho, `fuel_field`, and d, nParticle, T, rho,
             U, age for the parcels.
+        watch: told how far the work is.
 
     Raises:
-        SprayError: a file is missing or damaged, of a kind that is not read, or the time is not
-            there.
+        SprayError: a file is missing or damaged, of a kind that is not read, the time is not
+            there, or the case does not fit into memory.
     """
     case = read_case_file(case_path(path))
     items = {item.name: item for item in case.items if item.kind == "scalar per node"}
     items |= {item.name: item for item in case.items if item.kind == "scalar per element"}
     cells = gas_names(names.cells, items, fuel_field)
     at = choose_time(str(case.path), times(case), time_s) if times(case) else None
-    geometry = Reader(_file(case, _only(case, "model"), at))
-    parts, mesh, hidden = read_geometry(geometry)
+    fields = sorted(columns_of(cells) & set(items))
+    model = _file(case, _only(case, "model"), at)
+    check_room(model, _size(model, [_file(case, items[name], at) for name in fields]))
+    watch("reading the mesh", 0, 1)
+    geometry = Reader(model)
+    solid = read_geometry(geometry)
+    geometry.close()
+    mesh = solid.mesh
     files = [case.path, geometry.path]
     columns = {name: Column("", np.empty(0)) for name in items}
     points: dict[str, Column] = {}
-    for name in columns_of(cells) & set(items):
+    for number, name in enumerate(fields):
+        watch(f"reading {name}", number, len(fields))
         reader = Reader(_file(case, items[name], at), binary=geometry.binary, order=geometry.order)
         label = f"{reader.path}: field {name}"
         files.append(reader.path)
         if items[name].kind == "scalar per element":
-            columns[name] = per_element(reader, parts, mesh.cells, label)
+            columns[name] = per_element(reader, solid.parts, mesh.cells, label)
         else:
             del columns[name]
-            points[name] = per_node(reader, parts, len(mesh.points_m), label)
-    columns, moved = with_point_fields(columns, points, cells, partial(corner_mean, mesh))
+            points[name] = per_node(reader, solid.parts, solid.points, label)
+    columns, moved = with_point_fields(columns, points, cells, partial(corner_mean, solid.blocks))
     cloud_read = _cloud(case, at, cloud, names, geometry, files)
-    remarks = [f"Ghost or blanked cells left out: {hidden}."] if hidden else []
+    remarks = [f"Ghost or blanked cells left out: {solid.hidden}."] if solid.hidden else []
     if moved:
         remarks.append(f"{case.path}: {', '.join(moved)} at nodes became means over cells.")
     return CfdCase(
@@ -123,6 +139,18 @@ def _file(case: CaseFile, item: Item, at: float | None) -> Path:
             known.setdefault(time, []).append(file)
     time = choose_time(f"{case.path}: {item.name}", known, at)
     return only_claimant(f"{item.name} at time {time:g}", known[time])
+
+
+def _size(geometry: Path, fields: list[Path]) -> Size:
+    """By the files' sizes: a number takes four bytes, or a line in ascii, held as an object."""
+    try:
+        with geometry.open("rb") as stream:
+            binary = b"C Binary" in stream.read(84)
+        stored = geometry.stat().st_size
+        largest = max((file.stat().st_size for file in fields), default=0)
+    except OSError:  # who reads the file says what is wrong with it
+        return Size(0, 0, 0.0)
+    return Size(largest // (4 if binary else 13), 0, (2.5 if binary else 7.0) * stored)
 
 
 def clouds(case: CaseFile) -> dict[str, tuple[Item, dict[str, Item]]]:

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cldit.cfd.mesh import Labels
+from cldit.cfd.cell_mesh import Labels, narrowed
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 
@@ -201,22 +202,31 @@ class Reader:
     def integers(self, count: int, *, a_line: int = 1) -> Labels:
         """Integers (N,), `count` of them; in ascii `a_line` of them in columns of ten."""
         if self.binary:
-            raw = np.frombuffer(self._bytes(4 * count), f"{self.order}i4")
-            return raw.astype(np.int64)
-        return self._numbers(count, 10, a_line).astype(np.int64)
+            return self._raw("i", count).astype(np.int32)
+        with np.errstate(invalid="ignore"):
+            return narrowed(self._numbers(count, 10, a_line))
 
-    def floats(self, count: int, *, a_line: int = 1) -> Floats:
-        """Float32 numbers (N,), `count` of them; in ascii `a_line` of them in columns of twelve."""
-        if self.binary:
-            with np.errstate(invalid="ignore"):  # NaN is for who knows what the number means
-                return np.frombuffer(self._bytes(4 * count), f"{self.order}f4").astype(np.float64)
-        return self._numbers(count, 12, a_line)
+    def floats(self, count: int, *, a_line: int = 1) -> NDArray[np.float32]:
+        """Numbers (N,), `count` of them; in ascii `a_line` of them in columns of twelve.
+
+        No more than single precision is in either.
+        """
+        with np.errstate(invalid="ignore"):  # NaN is for who knows what the number means
+            if self.binary:
+                return self._raw("f", count).astype(np.float32)
+            return self._numbers(count, 12, a_line).astype(np.float32)
+
+    def _raw(self, kind: str, count: int) -> NDArray[np.generic]:
+        """Numbers of four bytes in the body itself."""
+        begin = self.at
+        self._skip(4 * count)
+        return np.frombuffer(self.body, f"{self.order}{kind}4", count, begin)
 
     def particles(self, count: int) -> Floats:
         """Positions (N, 3) behind the labels of measured particles."""
         if self.binary:
-            self._bytes(4 * count)
-            return self.floats(3 * count).reshape(count, 3)
+            self._skip(4 * count)
+            return self.floats(3 * count).reshape(count, 3).astype(np.float64)
         rows = [self._line() for _ in range(count)]
         values = [self._split(row[8:], 12) for row in rows]
         if any(len(row) != 3 for row in values):
@@ -232,12 +242,20 @@ class Reader:
             number = int(self.integers(1)[0])
         return number
 
-    def _bytes(self, count: int) -> bytes:
-        raw = self.body[self.at : self.at + count]
-        if count < 0 or len(raw) != count:
-            raise self.fail(f"truncated or damaged: {count} bytes wanted, {len(raw)} are left")
+    def close(self) -> None:
+        """Lets the content go; what was read from it stays."""
+        self.body, self.lines = b"", []
+
+    def _skip(self, count: int) -> None:
+        left = len(self.body) - self.at
+        if not 0 <= count <= left:
+            raise self.fail(f"truncated or damaged: {count} bytes wanted, {left} are left")
         self.at += count
-        return raw
+
+    def _bytes(self, count: int) -> bytes:
+        begin = self.at
+        self._skip(count)
+        return self.body[begin : self.at]
 
     def _line(self) -> bytes:
         if self.at >= len(self.lines):

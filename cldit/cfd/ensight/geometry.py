@@ -2,25 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
+from cldit.cfd.cell_mesh import AnyFloats, CellMesh, Labels
+from cldit.cfd.element_mesh import CORNERS, ElementMesh
 from cldit.cfd.ensight.file import Reader
-from cldit.cfd.ensight.variable import Part, Parts
-from cldit.cfd.mesh import Labels, Mesh
-from cldit.cfd.vtk.datasets import FACES
-from cldit.spray.result import Floats
+from cldit.cfd.ensight.variable import Block, Elements, Part, Parts
+from cldit.cfd.mesh import Mesh, join
 
-_CORNERS = {"tetra4": 4, "pyramid5": 5, "penta6": 6, "hexa8": 8}
 _FLAT = {"point": 1, "bar2": 2, "bar3": 3, "tria3": 3, "tria6": 6, "quad4": 4, "quad8": 8}
 _VTK = {"tetra4": 10, "pyramid5": 14, "penta6": 13, "hexa8": 12}
 
-Faces = tuple[Labels, Labels, Labels]  # corners, sizes and owners
+
+@dataclass(frozen=True)
+class Geometry:
+    """What a geometry file holds.
+
+    parts: with their elements in order; blocks: the meshes of solid cells, in order; mesh: all of
+    them; points: of all parts; hidden: cells left out, which are ghosts, and cells of blocks with a
+    blanked corner.
+    """
+
+    parts: Parts
+    blocks: tuple[Block, ...]
+    mesh: CellMesh
+    points: int
+    hidden: int
 
 
-def read_geometry(file: Reader) -> tuple[Parts, Mesh, int]:
-    """The parts with their elements in order, the mesh of all solid ones, and cells left out.
-
-    Those that are left out are ghosts, and cells of blocks with a blanked corner.
+def read_geometry(file: Reader) -> Geometry:
+    """All parts.
 
     Raises:
         SprayError: the file is damaged, or holds what is not read.
@@ -30,8 +44,7 @@ def read_geometry(file: Reader) -> tuple[Parts, Mesh, int]:
     flags = [file.text().split()[-1] for _ in range(2)]
     named_nodes, named_elements = (flag in ("given", "ignore") for flag in flags)
     parts: Parts = {}
-    points: list[Floats] = []
-    faces: list[Faces] = []
+    blocks: list[Block] = []
     offset = cells = hidden = 0
     line = file.text()
     if line == "extents":
@@ -44,14 +57,15 @@ def read_geometry(file: Reader) -> tuple[Parts, Mesh, int]:
         file.text()
         kind = file.text()
         if kind.split()[:1] == ["block"]:
-            places, corners, kept = _block(file, kind.split()[1:], number)
-            place = np.where(kept, np.cumsum(kept) - 1 + cells, -1)
-            parts[number] = Part(offset, len(places), [("block", len(kept), place)])
-            points.append(places)
-            found = _hexahedra(corners[kept])
-            faces.append((found[0] + offset, found[1], found[2] + cells))
-            cells += int(kept.sum())
-            hidden += int((~kept).sum())
+            places, corners, kept = _structured(file, kind.split()[1:], number)
+            elements = Elements("block", len(kept), cells, None if kept.all() else kept)
+            parts[number] = Part(offset, len(places), [elements])
+            many = elements.cells
+            if many:
+                hexahedra = (corners[kept].reshape(-1),)
+                blocks.append(Block(_solid(file, places, "hexa8", many, hexahedra), offset))
+            cells += many
+            hidden += len(kept) - many
             line = "" if file.done else file.text()
             offset += len(places)
             continue
@@ -60,7 +74,7 @@ def read_geometry(file: Reader) -> tuple[Parts, Mesh, int]:
         count = int(file.integers(1)[0])
         if named_nodes:
             file.integers(count)
-        points.append(file.floats(3 * count).reshape(3, count).T)
+        points = np.ascontiguousarray(file.floats(3 * count).reshape(3, count).T)
         parts[number] = Part(offset, count)
         line = "" if file.done else file.text()
         while line not in ("", "part"):
@@ -68,50 +82,48 @@ def read_geometry(file: Reader) -> tuple[Parts, Mesh, int]:
             many = int(file.integers(1)[0])
             if named_elements:
                 file.integers(many)
-            solid = _elements(file, kind, many)
-            place = np.full(many, -1)
-            if solid is not None and ghost:
+            found = _elements(file, kind, many)
+            kept_here = found is not None and not ghost
+            parts[number].elements.append(Elements(line, many, cells if kept_here else None))
+            if found is not None and ghost:
                 hidden += many
-            elif solid is not None:
-                corner, sizes, owner = solid
-                if corner.size and (corner.min() < 1 or corner.max() > count):
+            elif found is not None:
+                nodes = found[0]
+                if nodes.size and (nodes.min() < 1 or nodes.max() > count):
                     raise file.fail(f"part {number}: {kind} with nodes outside 1..{count}")
-                faces.append((corner - 1 + offset, sizes, owner + cells))
-                place = np.arange(cells, cells + many)
+                if many:
+                    nodes -= 1
+                    blocks.append(Block(_solid(file, points, kind, many, found), offset))
                 cells += many
-            parts[number].elements.append((line, many, place))
             line = "" if file.done else file.text()
         offset += count
     if line:
         raise file.fail(f"{line!r} where a part is expected; the file is damaged")
     if not cells:
         raise file.fail("the mesh has no solid cell")
-    size = np.concatenate([part[1] for part in faces])
-    mesh = Mesh(
-        points_m=np.concatenate(points),
-        corners=np.concatenate([part[0] for part in faces]),
-        start=np.concatenate([[0], np.cumsum(size)]),
-        owner=np.concatenate([part[2] for part in faces]),
-        neighbour=np.full(len(size), -1, dtype=np.int64),
-        cells=cells,
-        source=str(file.path),
-    )
-    return parts, mesh, hidden
+    mesh = join([block.mesh for block in blocks])
+    return Geometry(parts, tuple(blocks), mesh, offset, hidden)
 
 
-def _hexahedra(nodes: Labels) -> Faces:
-    """Faces of hexahedra with the corners (N, 8)."""
-    return _faces(nodes, FACES[12])
+def _solid(
+    file: Reader, points: AnyFloats, kind: str, many: int, found: tuple[Labels, ...]
+) -> ElementMesh | Mesh:
+    """The mesh of `many` elements of one kind, as `_elements` gives them, but nodes from 0."""
+    source, nodes = str(file.path), found[0]
+    if kind == "nfaced":
+        sizes, faces = found[1:]
+        start = np.concatenate([[0], np.cumsum(sizes)])
+        owner = np.repeat(np.arange(many), faces)
+        return Mesh(points, nodes, start, owner, np.full(len(owner), -1), many, source)
+    kinds = np.broadcast_to(np.uint8(_VTK[kind]), many)
+    return ElementMesh(points, kinds, np.arange(many + 1) * CORNERS[_VTK[kind]], nodes, source)
 
 
-def _faces(nodes: Labels, around: tuple[tuple[int, ...], ...]) -> Faces:
-    corners = [nodes[:, list(face)].reshape(-1) for face in around]
-    sizes = np.repeat([len(face) for face in around], len(nodes))
-    return np.concatenate(corners), sizes, np.tile(np.arange(len(nodes)), len(around))
+def _elements(file: Reader, kind: str, many: int) -> tuple[Labels, ...] | None:
+    """Nodes of solid elements, from 1; for polyhedra with the faces' sizes, and faces a cell.
 
-
-def _elements(file: Reader, kind: str, many: int) -> Faces | None:
-    """Faces of solid elements; None for flat ones."""
+    None for flat elements.
+    """
     if kind in _FLAT:
         file.integers(many * _FLAT[kind], a_line=_FLAT[kind])
         return None
@@ -121,11 +133,11 @@ def _elements(file: Reader, kind: str, many: int) -> Faces | None:
     if kind == "nfaced":
         faces = file.integers(many)
         sizes = file.integers(int(faces.sum()))
-        return _ragged(file, sizes), sizes, np.repeat(np.arange(many), faces)
-    if kind not in _CORNERS:
+        return _ragged(file, sizes), sizes, faces
+    if kind not in _VTK:
         raise file.fail(f"elements of type {kind!r} are not read; write linear ones")
-    nodes = file.integers(many * _CORNERS[kind], a_line=_CORNERS[kind]).reshape(many, -1)
-    return _faces(nodes, FACES[_VTK[kind]])
+    corners = CORNERS[_VTK[kind]]
+    return (file.integers(many * corners, a_line=corners),)
 
 
 def _ragged(file: Reader, sizes: Labels) -> Labels:
@@ -135,7 +147,9 @@ def _ragged(file: Reader, sizes: Labels) -> Labels:
     return np.concatenate(rows) if rows else np.empty(0, dtype=np.int64)
 
 
-def _block(file: Reader, words: list[str], number: int) -> tuple[Floats, Labels, Labels]:
+def _structured(
+    file: Reader, words: list[str], number: int
+) -> tuple[AnyFloats, Labels, NDArray[np.bool_]]:
     """Points (P, 3), corners of its cells (N, 8), and which cells are not blanked (N,)."""
     shape = [int(n) for n in file.integers(3, a_line=3)]
     allowed = {"curvilinear", "rectilinear", "uniform", "iblanked"}
@@ -155,9 +169,9 @@ def _block(file: Reader, words: list[str], number: int) -> tuple[Floats, Labels,
         z, y, x = np.meshgrid(*edges[::-1], indexing="ij")
         points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
     else:
-        points = file.floats(3 * count).reshape(3, count).T
+        points = np.ascontiguousarray(file.floats(3 * count).reshape(3, count).T)
     shown = file.integers(count) != 0 if "iblanked" in words else np.ones(count, dtype=bool)
-    corner = np.arange(count).reshape(shape[::-1])
+    corner = np.arange(count, dtype=np.int32).reshape(shape[::-1])
     low, high = slice(None, -1), slice(1, None)
     ring = [(low, low), (low, high), (high, high), (high, low)]
     layers = [layer[:, y, x] for layer in (corner[:-1], corner[1:]) for y, x in ring]

@@ -36,8 +36,11 @@ from cldit.cfd.openfoam.regions import (
     regions,
     time_folders,
 )
+from cldit.cfd.openfoam.size import foam_size
+from cldit.cfd.size import check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
+from cldit.progress import Watch, silent
 
 
 def read_openfoam(
@@ -48,6 +51,7 @@ def read_openfoam(
     cloud: str | None,
     names: ColumnMap,
     region: str | None = None,
+    watch: Watch = silent,
 ) -> CfdCase:
     """Reads one time of a case.
 
@@ -61,25 +65,34 @@ def read_openfoam(
         names: names of fields where they are not T, p, rho, `fuel_field`, and d, nParticle, T, rho,
             U, age for the parcels.
         region: the mesh region; the only one, or that with the fuel, where None.
+        watch: told how far the work is.
 
     Raises:
-        SprayError: a file is missing or damaged, the time or the cloud is not there, or the cloud
-            is empty.
+        SprayError: a file is missing or damaged, the time or the cloud is not there, the cloud
+            is empty, or the case does not fit into memory.
     """
     step = find_step(path, time_s=time_s, fuel_field=fuel_field, region=region)
     folder = step.folder
     clouds = {name for root in step.roots for name in cloud_names(root.path / folder)}
     check_parcels(step, cloud, bool(clouds))
     chosen = choose_cloud(str(step.place), clouds, cloud)
+    available = sorted({name for root in step.roots for name in _file_names(root.path / folder)})
+    wanted = gas_names(names.cells, available, fuel_field)
+    fields = sorted(columns_of(wanted) & set(available))
+    places = [root.path / "constant" / step.region / "polyMesh" for root in step.roots]
+    check_room(step.case, foam_size(places, fields=len(fields)))
     files: list[Path] = []
-    parts = [(root, _mesh(root, step.time, step.region, files)) for root in step.roots]
-    meshes = [(root, mesh) for root, mesh in parts if mesh is not None]
+    meshes: list[tuple[Root, Mesh]] = []
+    for number, root in enumerate(step.roots):
+        watch("reading the mesh", number, len(step.roots))
+        part = _mesh(root, step.time, step.region, files)
+        if part is not None:
+            meshes.append((root, part))
     if not meshes:
         raise SprayError(f"{step.case}: the mesh has no cell")
-    available = sorted({name for root, _ in meshes for name in _file_names(root.path / folder)})
-    wanted = gas_names(names.cells, available, fuel_field)
     columns = {name: Column("", np.empty(0)) for name in available}
-    for name in columns_of(wanted) & set(available):
+    for number, name in enumerate(fields):
+        watch(f"reading {name}", number, len(fields))
         read = []
         for root, mesh in meshes:
             file = root.path / folder / name
@@ -87,15 +100,15 @@ def read_openfoam(
             read.append(Column(root.label(file), values))
             files.append(find_foam(file) or file)
         columns[name] = joined(read)
-    mesh = join([mesh for _, mesh in meshes])
+    whole = join([mesh for _, mesh in meshes])
     injectors, dictionaries = case_injectors(step.case, chosen, step.region)
     boundaries, lists = cut_boundaries(meshes, step.region)
     parcels = None if chosen is None else _cloud(chosen, meshes, folder, names, files)
     return CfdCase(
         source=str(step.place),
         time_s=step.time,
-        mesh=mesh,
-        gas=gas_columns(Source(str(step.place), columns, mesh.cells), wanted, fuel_field),
+        mesh=whole,
+        gas=gas_columns(Source(str(step.place), columns, whole.cells), wanted, fuel_field),
         available=tuple(available),
         cloud=parcels,
         injectors=injectors,
@@ -172,7 +185,7 @@ def _mesh(part: Root, time_s: float, region: str, files: list[Path]) -> Mesh | N
         return None
     if len(inner) > len(owner):
         raise SprayError(f"{folders[-1]}: {len(inner)} neighbours for {len(owner)} owners")
-    neighbour = np.full(len(owner), -1, dtype=np.int64)
+    neighbour = np.full(len(owner), -1, dtype=np.int32)
     neighbour[: len(inner)] = inner
     cells = int(max(owner.max(initial=-1), inner.max(initial=-1))) + 1
     return Mesh(points, corners, start, owner, neighbour, cells, str(latest("faces").parent))

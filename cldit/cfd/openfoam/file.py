@@ -11,13 +11,16 @@ import gzip
 import re
 import warnings
 import zlib
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.cfd.case import only_claimant
+from cldit.cfd.cell_mesh import AnyFloats, Labels, narrowed
 from cldit.cfd.openfoam.collated import COLLATED, block_of
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
@@ -27,6 +30,8 @@ _GAP = rb"(?:\s|//[^\n]*\n|/\*.*?\*/)*"
 _LIST = re.compile(_GAP + rb"(?:List<\w+>)?\s*(\d+)\s*([({])", re.DOTALL)
 _UNIFORM = re.compile(rb"\buniform\s+([^;]+);")
 _NONUNIFORM = re.compile(rb"\bnonuniform\s*(?=List|\d)")
+_HEAD = 10_000  # bytes in which the header ends
+_AT_ONCE = 1 << 23  # bytes of text that are turned into numbers at a time
 _BRACKETS = bytes.maketrans(b"()", b"  ")
 
 
@@ -79,26 +84,10 @@ def read_foam(path: Path, block: int | None = None) -> FoamFile:
     if found is None:
         raise SprayError(f"{path}: is missing (also as .gz)")
     try:
-        content = found.read_bytes()
-        if found.suffix == ".gz":
-            content = gzip.decompress(content)
+        with gzip.open(found) if found.suffix == ".gz" else found.open("rb") as stream:
+            entries, body = _content(stream, found, block)  # type: ignore[arg-type]
     except (OSError, EOFError, zlib.error) as error:
         raise SprayError(f"{found}: cannot be read ({error})") from error
-    entries, body = _head(content, found)
-    if entries.get(b"class", b"").strip() == COLLATED:
-        if block is None:
-            raise SprayError(f"{found}: is collated, but not in a folder processorsN")
-        arch = entries.get(b"arch")
-        first, own = block_of(body, found, block)
-        entries, body = _head(first, found)
-        if block > 0:
-            body = own
-            if _HEADER.search(own[:10_000]):
-                entries, body = _head(own, found)
-        if arch is not None:
-            entries.setdefault(b"arch", arch)
-    elif block is not None:
-        raise SprayError(f"{found}: is not collated, though its folder is")
     arch_text = entries.get(b"arch", b"").decode("latin-1")
     label = re.search(r"label=(\d+)", arch_text)
     scalar = re.search(r"scalar=(\d+)", arch_text)
@@ -114,13 +103,38 @@ def read_foam(path: Path, block: int | None = None) -> FoamFile:
     )
 
 
-def _head(content: bytes, path: Path) -> tuple[dict[bytes, bytes], bytes]:
-    """Entries of the header, and what follows it."""
-    head = _HEADER.search(content[:10_000])
+def _content(stream: BinaryIO, path: Path, block: int | None) -> tuple[dict[bytes, bytes], bytes]:
+    """Entries of the header, and what follows it; of a collated file, those of a block."""
+    entries, end = _head(stream.read(_HEAD), path)
+    collated = entries.get(b"class", b"").strip() == COLLATED
+    if collated != (block is not None):
+        raise SprayError(
+            f"{path}: is collated, but not in a folder processorsN"
+            if collated
+            else f"{path}: is not collated, though its folder is"
+        )
+    if block is None:
+        stream.seek(end)
+        return entries, stream.read()
+    arch = entries.get(b"arch")
+    first, own = block_of(stream, end, path, block)
+    entries, end = _head(first[:_HEAD], path)
+    if block == 0:
+        own = first[end:]
+    elif _HEADER.search(own[:_HEAD]):
+        entries, end = _head(own[:_HEAD], path)
+        own = own[end:]
+    if arch is not None:
+        entries.setdefault(b"arch", arch)
+    return entries, own
+
+
+def _head(content: bytes, path: Path) -> tuple[dict[bytes, bytes], int]:
+    """Entries of the header, and the offset behind it."""
+    head = _HEADER.search(content)
     if head is None:
         raise SprayError(f"{path}: is not an OpenFOAM file (no FoamFile header)")
-    entries = dict(re.findall(rb'(\w+)\s+("[^"]*"|[^;]+);', head.group(1)))
-    return entries, content[head.end() :]
+    return dict(re.findall(rb'(\w+)\s+("[^"]*"|[^;]+);', head.group(1))), head.end()
 
 
 def _open(file: FoamFile, at: int) -> tuple[int, bytes, int]:
@@ -131,16 +145,32 @@ def _open(file: FoamFile, at: int) -> tuple[int, bytes, int]:
     return int(match.group(1)), match.group(2), match.end()
 
 
-def _parse(file: FoamFile, text: bytes) -> Floats:
-    if not text.strip(b" \n\r\t()"):
-        return np.empty(0)  # of blanks alone numpy makes a number
-    with warnings.catch_warnings():
-        # text that is no number ends the array early, with a warning; the count tells the caller
-        warnings.simplefilter("ignore", DeprecationWarning)
-        try:
-            return np.asarray(np.fromstring(text.translate(_BRACKETS), dtype=np.float64, sep=" "))
-        except ValueError as error:
-            raise file.fail(f"holds text that is no number ({error})") from error
+def _parse(file: FoamFile, begin: int, end: int) -> Iterator[Floats]:
+    """Numbers of the text from `begin` to `end`, some megabytes of it at a time.
+
+    Text that is no number ends them early; who knows their count notices.
+    """
+    ended = False
+    while begin < end and not ended:
+        stop = min(begin + _AT_ONCE, end)
+        while stop < end and not file.body[stop : stop + 1].isspace():
+            stop += 1
+        text = file.body[begin:stop].translate(_BRACKETS)
+        begin = stop
+        if not text.strip():  # of blanks alone numpy makes a number
+            continue
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always", DeprecationWarning)
+            try:
+                yield np.fromstring(text, dtype=np.float64, sep=" ")
+            except ValueError as error:
+                raise file.fail(f"holds text that is no number ({error})") from error
+        ended = bool(said)
+
+
+def _parsed(file: FoamFile, begin: int, end: int) -> Floats:
+    """All numbers of the text from `begin` to `end`."""
+    return np.concatenate([np.empty(0), *_parse(file, begin, end)])
 
 
 def _raw(
@@ -163,7 +193,7 @@ def _list(file: FoamFile, kind: str, width: int, at: int) -> tuple[NDArray[np.ge
     count, bracket, begin = _open(file, at)
     if bracket == b"{":
         end = file.body.find(b"}", begin)
-        value = _parse(file, file.body[begin:end]) if end >= 0 else np.empty(0)
+        value = _parsed(file, begin, end) if end >= 0 else np.empty(0)
         if value.size != width:
             raise file.fail(f"a uniform list of {value.size} numbers, expected {width}")
         return np.tile(value, (count, 1)), end + 1
@@ -173,23 +203,35 @@ def _list(file: FoamFile, kind: str, width: int, at: int) -> tuple[NDArray[np.ge
         return values.reshape(count, width), end
     # entries of one number have no brackets of their own; a list of vectors is the last in a file
     end = file.body.find(b")", begin) if width == 1 else file.body.rfind(b")")
-    values = _parse(file, file.body[begin:end] if end >= begin else file.body[begin:])
-    if end < begin or values.size != count * width:
+    parts: Iterable[NDArray[np.generic]] = _parse(
+        file, begin, end if end >= begin else len(file.body)
+    )
+    if kind == "i":
+        parts = (whole(file, part) for part in parts)
+    found = np.concatenate([np.empty(0, np.int32 if kind == "i" else np.float64), *parts])
+    if end < begin or found.size != count * width:
         raise file.fail(
-            f"truncated or damaged: {values.size} numbers where {count * width} are announced"
+            f"truncated or damaged: {found.size} numbers where {count * width} are announced"
         )
-    return values.reshape(count, width), end + 1
+    return found.reshape(count, width), end + 1
 
 
-def whole(file: FoamFile, values: NDArray[np.generic]) -> NDArray[np.int64]:
-    """`values` in `file` as integers of the same shape; text such as 1.5 or 1e300 is refused."""
+def whole(file: FoamFile, values: NDArray[np.generic]) -> Labels:
+    """`values` in `file` as integers of the same shape; text such as 1.5 or 1e300 is refused.
+
+    Four bytes each where that is enough.
+    """
     numbers = np.asarray(values)
-    if numbers.dtype.kind == "f" and not np.all(np.abs(numbers) < 2.0**53):
-        raise file.fail("holds a label that is no whole number")
-    integers = numbers.astype(np.int64)
-    if np.any(integers != numbers):
-        raise file.fail("holds a label that is no whole number")
-    return integers
+    if numbers.dtype.kind == "f":
+        integers = numbers.astype(np.int64) if np.all(np.abs(numbers) < 2.0**53) else None
+        if integers is None or np.any(integers != numbers):
+            raise file.fail("holds a label that is no whole number")
+        numbers = integers
+    return narrowed(numbers)
+
+
+def _labels(file: FoamFile, parts: Iterable[Floats]) -> Labels:
+    return np.concatenate([np.empty(0, np.int32), *(whole(file, part) for part in parts)])
 
 
 def scalars(file: FoamFile) -> Floats:
@@ -206,38 +248,35 @@ def vectors(file: FoamFile) -> Floats:
     return _list(file, "f", 3, 0)[0].astype(np.float64)
 
 
-def labels(file: FoamFile) -> NDArray[np.int64]:
+def labels(file: FoamFile) -> Labels:
     """A labelList, (N,)."""
     return whole(file, _list(file, "i", 1, 0)[0].reshape(-1))
 
 
-def faces(file: FoamFile) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def faces(file: FoamFile) -> tuple[Labels, Labels]:
     """A faceList or faceCompactList: the corners of all faces, and where each begins, (F + 1,)."""
     if file.binary:
         start, end = _list(file, "i", 1, 0)
         corners, _ = _list(file, "i", 1, end)
         return whole(file, corners.reshape(-1)), whole(file, start.reshape(-1))
     count, _, begin = _open(file, 0)
-    numbers = whole(file, _parse(file, file.body[begin : file.body.rfind(b")")]))
+    numbers = _labels(file, _parse(file, begin, file.body.rfind(b")")))
     if count and numbers.size % count == 0 and (width := numbers.size // count) > 1:
         table = numbers.reshape(count, width)
         if np.all(table[:, 0] == width - 1):  # all faces have as many corners: no need to walk
             return table[:, 1:].reshape(-1), np.arange(count + 1) * (width - 1)
+    from cldit.cfd.cell_geometry import walk_faces  # brings a compiler
+
     place = np.empty(count + 1, dtype=np.int64)
-    here = 0
-    sizes = numbers.tolist()
-    for face in range(count):
-        place[face] = here
-        here += 1 + (sizes[here] if here < len(sizes) and sizes[here] > 0 else len(sizes))
-    place[count] = here
-    if here != len(sizes):
-        raise file.fail(f"truncated or damaged: {len(sizes)} numbers do not make {count} faces")
-    keep = np.ones(len(sizes), dtype=bool)
+    here = walk_faces(numbers, place)
+    if here != len(numbers):
+        raise file.fail(f"truncated or damaged: {len(numbers)} numbers do not make {count} faces")
+    keep = np.ones(len(numbers), dtype=bool)
     keep[place[:-1]] = False
-    return numbers[keep], place - np.arange(count + 1)
+    return numbers[keep], whole(file, place - np.arange(count + 1))
 
 
-def internal_field(file: FoamFile, cells: int) -> Floats:
+def internal_field(file: FoamFile, cells: int) -> AnyFloats:
     """The internalField (N,) of a volScalarField in `file`, of a mesh of `cells`.
 
     Raises:
@@ -250,11 +289,12 @@ def internal_field(file: FoamFile, cells: int) -> Floats:
     nonuniform = _NONUNIFORM.search(file.body, entry, entry + 200)
     if nonuniform is None:
         uniform = _UNIFORM.search(file.body, entry, entry + 200)
-        value = _parse(file, uniform.group(1)) if uniform else np.empty(0)
+        value = _parsed(file, *uniform.span(1)) if uniform else np.empty(0)
         if value.size != 1:
             raise file.fail("internalField is neither `uniform <number>` nor a list of numbers")
         return np.full(cells, value[0])
-    values = _list(file, "f", 1, nonuniform.end())[0].reshape(-1).astype(np.float64)
+    stored = _list(file, "f", 1, nonuniform.end())[0].reshape(-1)
+    values = stored.astype(stored.dtype.newbyteorder("="))  # as exact as it is written
     if len(values) != cells:
         raise file.fail(f"{len(values)} values, but the mesh has {cells} cells")
     return values
@@ -277,7 +317,7 @@ def particles(file: FoamFile) -> Floats:
     if file.binary:
         return _binary_particles(file, count, begin)
     end = file.body.rfind(b")")
-    numbers = _parse(file, file.body[begin:end])
+    numbers = _parsed(file, begin, end)
     for width in (4, 7):
         if numbers.size == count * width:
             return numbers.reshape(count, width)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from cldit.cfd.column_mapping import ColumnMap
+from cldit.cfd.mesh import Mesh
 from cldit.cfd.openfoam.case import read_openfoam
 from cldit.cfd.openfoam.cloud import decode
 from cldit.cfd.openfoam.file import particles, read_foam
@@ -100,5 +101,6 @@ def test_barycentric_coordinates_are_the_positions(cases: dict[str, Path]) -> No
     )
     file = read_foam(cases["ascii"] / "0.001" / "lagrangian" / "sprayCloud" / "coordinates")
     assert case.cloud is not None
+    assert isinstance(case.mesh, Mesh)
     found = decode(file, particles(file), case.mesh)
     assert found == pytest.approx(case.cloud.position_m.values, abs=5e-9, rel=0)

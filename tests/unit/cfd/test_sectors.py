@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from cldit.cfd.sectors import azimuth_span
+from cldit.cfd.azimuth import azimuth_span
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
@@ -184,10 +184,10 @@ def test_span_about_an_axis() -> None:
     x, y = np.meshgrid(np.linspace(1.0, 2.0, 4), np.linspace(0.5, 2.0, 4))
     points = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
     axis = np.array([0.0, 0.0, 1.0])
-    span, planes = azimuth_span(points, np.zeros(3), axis)
+    span, planes = azimuth_span(lambda: [points], np.zeros(3), axis)
     assert span == pytest.approx(np.degrees(np.arctan(2.0) - np.arctan(0.25)), rel=1e-9)
     assert not planes
-    assert azimuth_span(points, np.array([1.5, 1.25, 0.0]), axis)[0] > 270.0
+    assert azimuth_span(lambda: [points], np.array([1.5, 1.25, 0.0]), axis)[0] > 270.0
 
 
 def test_sections_that_are_not_allowed() -> None:
