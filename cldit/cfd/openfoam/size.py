@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import re
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -46,7 +47,7 @@ def _counts(owner: Path) -> tuple[int, int, int]:
     try:
         with gzip.open(found) if found != owner else found.open("rb") as stream:
             head = stream.read(_HEAD)
-    except (OSError, EOFError):  # who reads the file says what is wrong with it
+    except (OSError, EOFError, zlib.error):  # who reads the file says what is wrong with it
         return 0, 0, 0
     note = _NOTE.search(head)
     if note is not None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cldit.cfd.size import check_room
+from cldit.cfd.vtk.appended import check_appended
 from cldit.cfd.vtk.datasets import GHOSTS, dimension
 from cldit.cfd.vtk.head import vtk_size
 from cldit.errors import SprayError
@@ -60,6 +61,7 @@ def load_vtk(
         with _messages(file, reader), _observed(file, reader, watch):
             reader.Update()
     else:
+        check_appended(file)
         with _messages(file, reader):
             reader.UpdateInformation()
         cells, points = reader.GetCellDataArraySelection(), reader.GetPointDataArraySelection()
