@@ -67,7 +67,9 @@ def open_post(path: Path) -> Iterator[Any]:
     try:
         with h5py.File(path, "r") as file:
             yield file
-    except (OSError, RuntimeError, KeyError, TypeError, AttributeError) as error:
+    except SprayError:
+        raise
+    except (OSError, RuntimeError, KeyError, TypeError, AttributeError, ValueError) as error:
         raise SprayError(f"{path}: cannot be read as HDF5: damaged or cut off ({error})") from error
 
 

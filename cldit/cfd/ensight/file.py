@@ -211,7 +211,8 @@ class Reader:
 
         No more than single precision is in either.
         """
-        with np.errstate(invalid="ignore"):  # NaN is for who knows what the number means
+        # NaN and infinity are for who knows what the number means
+        with np.errstate(invalid="ignore", over="ignore"):
             if self.binary:
                 return self._raw("f", count).astype(np.float32)
             return self._numbers(count, 12, a_line).astype(np.float32)

@@ -70,7 +70,8 @@ def read_vtk(
     remarks = list(step.remarks)
     available: set[str] = set()
     skipped = []
-    for loaded in step.meshes:
+    filled = [each for each in step.meshes if each.data.GetNumberOfCells()]
+    for loaded in filled or step.meshes[:1]:  # a processor may have no cell
         file, grid = loaded.file, loaded.data
         wanted = gas_names(names.cells, loaded.cell_names | loaded.point_names, fuel_field)
         # those that were not read are named only
