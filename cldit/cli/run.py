@@ -8,6 +8,7 @@ from typing import Any
 import click
 from rich.table import Table
 
+from cldit.cli.case_options import case_options, spray_keys
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
 from cldit.cli.units import KELVIN
 from cldit.experiment import run_experiment
@@ -26,7 +27,7 @@ from cldit.scene import Scene, load_scene, parse_scene
     type=click.Path(path_type=Path),
     help="Take the spray from a CFD result, or from what `cldit import` wrote.",
 )
-@click.option("--time", "time_s", help="Time of the CFD result; the last. As of `cldit import`.")
+@case_options
 @click.option("--order", type=int, help="Most scatterings, beyond which the wall is seen; or all.")
 @click.option(
     "--method",
@@ -52,7 +53,6 @@ def run(
     scene: str,
     out: Path | None,
     cfd: Path | None,
-    time_s: str | None,
     order: int | None,
     method: str | None,
     phase: str | None,
@@ -60,6 +60,7 @@ def run(
     accuracy_K: float | None,
     device: str | None,
     trace_only: bool,
+    **options: Any,
 ) -> None:
     """Simulate SCENE (a shipped name or a YAML file), record it with the rig, evaluate."""
     transport = {
@@ -68,7 +69,10 @@ def run(
         "phase": _phase(phase),
         "accuracy_K": accuracy_K,
     }
-    chosen = _changed(load_scene(scene), cfd=cfd, time_s=time_s, preset=preset, transport=transport)
+    keys = spray_keys(options)
+    if "mapping" in keys:
+        keys["mapping"] = str(keys["mapping"].resolve())
+    chosen = _changed(load_scene(scene), cfd=cfd, keys=keys, preset=preset, transport=transport)
     folder = out or Path("runs") / chosen.name
     opened = open_device(device)
     OUT.print(f"{chosen.name}: {chosen.description}")
@@ -95,18 +99,18 @@ def _changed(
     scene: Scene,
     *,
     cfd: Path | None,
-    time_s: str | None,
+    keys: dict[str, Any],
     preset: str | None,
     transport: dict[str, Any],
 ) -> Scene:
     """The scene with what the command line overrides, checked again."""
     data = scene.model_dump(mode="json")
     if cfd is not None:
-        data["spray"] = {"model": "cfd", "file": str(cfd.resolve()), "time_s": time_s}
+        data["spray"] = {"model": "cfd", "file": str(cfd.resolve()), **keys}
         data["name"] = f"{scene.name}-{cfd.resolve().name}"
         data["description"] = f"the spray of {cfd.name} before the rig of {scene.name}"
-    elif time_s is not None:
-        data["spray"]["time_s"] = time_s
+    else:
+        data["spray"].update(keys)
     if preset is not None:
         data["optics"]["preset"] = preset
     data["transport"].update({key: value for key, value in transport.items() if value is not None})

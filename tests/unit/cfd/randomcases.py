@@ -65,7 +65,7 @@ class Case:
 def _rows(*columns: Array) -> Array:
     """(N, all columns), in the order of the places, of which no two are closer than rounding."""
     table = np.column_stack(columns)
-    return table[np.lexsort(np.round(table[:, 2::-1] * 1e8).T)]
+    return np.asarray(table[np.lexsort(np.round(table[:, 2::-1] * 1e8).T)])
 
 
 def rows_read(spray: Spray, case: Case) -> tuple[Array, Array]:
@@ -75,7 +75,8 @@ def rows_read(spray: Spray, case: Case) -> tuple[Array, Array]:
     nozzle = np.array(case.nozzle_m)
 
     def back(place: Array) -> Array:
-        return np.stack([place[:, 0], place[:, 2], -place[:, 1]], axis=1) + nozzle
+        turned = np.stack([place[:, 0], place[:, 2], -place[:, 1]], axis=1)
+        return np.asarray(turned + nozzle)
 
     cells, parcels = spray.vapour.cells, spray.parcels
     one, other = back(cells.lower_m), back(cells.upper_m)
