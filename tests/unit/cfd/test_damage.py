@@ -68,8 +68,9 @@ def damaged(
     sound = figures(spec)
     random = np.random.default_rng(20)
     wrong = []
-    # a mapping file is the user's own: what is left of it may be another one that is right
-    files = [path for path in folder.rglob("*") if path.is_file() and path.suffix != ".yaml"]
+    # what is left of a mapping or of EnSight's list of times may be another that is right
+    texts = (".yaml", ".case")
+    files = [path for path in folder.rglob("*") if path.is_file() and path.suffix not in texts]
     for file in sorted(files):
         whole = file.read_bytes()
         for place in random.integers(0, 8 * len(whole), count).tolist():
