@@ -7,33 +7,20 @@ that reader takes sibling files for other times and does not notice arrays of th
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined, only_claimant
-from cldit.cfd.cell_mesh import AnyFloats, Labels, narrowed
-from cldit.cfd.column_mapping import (
-    CellColumns,
-    ColumnMap,
-    ParcelColumns,
-    Scalar,
-    Source,
-    Vector,
-    gas_columns,
-    mapped_cloud,
-    merged,
-)
-from cldit.cfd.mesh import Mesh, join
+from cldit.cfd.column_mapping import Source, gas_columns, mapped_cloud
+from cldit.cfd.converge_file import array, field, open_post, post_files, post_mesh, time_of
+from cldit.cfd.mapping_file import CellColumns, ColumnMap, ParcelColumns, Scalar, Vector, merged
+from cldit.cfd.mesh import join
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
 from cldit.progress import Watch, silent
-from cldit.spray.result import Floats
 
 _STREAM = re.compile(r"STREAM_\d+$")
 _GAS = {
@@ -49,47 +36,6 @@ _PARCEL = {
     "age": ("LIFETIME", "PARCEL_AGE"),
 }
 _VELOCITY = ("VELOCITY", "UU", "PARCEL_VELOCITY")
-
-
-@contextmanager
-def open_post(path: Path) -> Iterator[Any]:
-    """The HDF5 file.
-
-    Raises:
-        SprayError: h5py is not installed; the file is missing, damaged, or cut off.
-    """
-    try:
-        import h5py
-    except ImportError as error:
-        raise SprayError(
-            f'{path}: reading it needs h5py; install it with: pip install "cldit[cfd]"'
-        ) from error
-    try:
-        with h5py.File(path, "r") as file:
-            yield file
-    except SprayError:
-        raise
-    except (OSError, RuntimeError, KeyError, TypeError, AttributeError, ValueError) as error:
-        raise SprayError(f"{path}: cannot be read as HDF5: damaged or cut off ({error})") from error
-
-
-def post_files(path: Path) -> list[Path]:
-    """The file, or all .h5 files of a folder.
-
-    Raises:
-        SprayError: the folder has none.
-    """
-    found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
-    if not found:
-        raise SprayError(f"{path}: holds no .h5 file")
-    return found
-
-
-def time_of(path: Path) -> float | None:
-    """OUTPUT_TIME of a file, s, if it states it."""
-    with open_post(path) as file:
-        value = np.asarray(file.attrs.get("OUTPUT_TIME", [])).reshape(-1)
-    return float(value[0]) if len(value) else None
 
 
 def read_converge(
@@ -133,7 +79,7 @@ def read_converge(
         streams, remarks = _with_fuel(chosen, streams, names.cells, fuel_field)
         check_room(chosen, _size(streams))
         watch("reading the mesh", 0, 1)
-        meshes = [_mesh(chosen, stream) for stream in streams]
+        meshes = [post_mesh(chosen, stream) for stream in streams]
         available = sorted(set.intersection(*(set(s.get("CELL_CENTER_DATA", ())) for s in streams)))
         cells = _gas_names(available, names.cells, fuel_field)
         gas: list[dict[str, Column]] = []
@@ -143,7 +89,7 @@ def read_converge(
                 name = getattr(getattr(cells, key), "column", None)
                 if name in columns:
                     watch(f"reading {name}", len(gas), len(streams))
-                    values = _field(chosen, stream, f"CELL_CENTER_DATA/{name}", mesh.cells)
+                    values = field(chosen, stream, f"CELL_CENTER_DATA/{name}", mesh.cells)
                     columns[name] = Column(f"{chosen}: cell field {name}", values)
             gas.append(gas_columns(Source(str(chosen), columns, mesh.cells), cells, fuel_field))
         return CfdCase(
@@ -212,65 +158,6 @@ def _first(available: Any, names: tuple[str, ...]) -> Scalar | None:
     return None if found is None else Scalar(column=found)
 
 
-def _array(path: Path, group: Any, name: str, count: int | None = None) -> Floats:
-    """A one-dimensional array, of a length if it is known."""
-    return _stored(path, group, name, count).astype(np.float64)
-
-
-def _stored(path: Path, group: Any, name: str, count: int | None) -> NDArray[np.generic]:
-    if name not in group:
-        raise SprayError(f"{path}: {group.name}/{name} is missing")
-    values = np.asarray(group[name][()])
-    if values.ndim != 1 or values.dtype.kind not in "fiu":
-        raise SprayError(f"{path}: {group.name}/{name}: no list of numbers (shape {values.shape})")
-    if count is not None and len(values) != count:
-        raise SprayError(f"{path}: {group.name}/{name}: {len(values)} values, expected {count}")
-    return values
-
-
-def _field(path: Path, group: Any, name: str, count: int) -> AnyFloats:
-    """As `_array`, as exact as it is stored."""
-    values = _stored(path, group, name, count)
-    return values.astype(values.dtype if values.dtype.kind == "f" else np.float64)
-
-
-def _labels(path: Path, group: Any, name: str, count: int | None = None) -> Labels:
-    """As `_array`, of whole numbers, four bytes each where that is enough."""
-    values = _stored(path, group, name, count)
-    if values.dtype.kind == "f" and not np.all(values == np.rint(values)):
-        raise SprayError(f"{path}: {group.name}/{name}: holds a label that is no whole number")
-    return narrowed(values)
-
-
-def _mesh(path: Path, stream: Any) -> Mesh:
-    x = _array(path, stream, "VERTEX_COORDINATES/X")
-    y, z = (_array(path, stream, f"VERTEX_COORDINATES/{name}", len(x)) for name in "YZ")
-    start = _labels(path, stream, "CONNECTIVITY/POLYGON_OFFSET")
-    corners = _labels(path, stream, "CONNECTIVITY/POLYGON_TO_VERTEX")
-    cells = _labels(path, stream, "CONNECTIVITY/CONNECTED_CELLS", 2 * max(len(start) - 1, 0))
-    sides = cells.reshape(-1, 2)
-    if not len(sides) or start[0] != 0 or start[-1] != len(corners) or np.diff(start).min() < 3:
-        raise SprayError(f"{path}: {stream.name}/CONNECTIVITY/POLYGON_OFFSET does not fit its mesh")
-    first, second = sides.T
-    if np.any((first < 0) & (second < 0)):
-        raise SprayError(f"{path}: {stream.name}/CONNECTIVITY/CONNECTED_CELLS: a face of no cell")
-    # a negative cell is a boundary; a face belongs to its first cell, else, turned, to the second
-    turned = np.flatnonzero(first < 0)
-    size = start[turned + 1] - start[turned]
-    step = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
-    begin = np.repeat(start[turned], size)
-    corners[begin + step] = corners[begin + np.repeat(size, size) - 1 - step]
-    return Mesh(
-        points_m=np.stack([x, y, z], axis=1),
-        corners=corners,
-        start=start,
-        owner=np.where(first < 0, second, first),
-        neighbour=np.where((first < 0) | (second < 0), np.int32(-1), second),
-        cells=int(sides.max()) + 1,
-        source=f"{path}: {stream.name}",
-    )
-
-
 def cloud_groups(stream: Any) -> dict[str, Any]:
     """Groups of parcels by name: PARCEL_DATA itself, or PARCEL_DATA/KIND/NAME (3.1 and later)."""
     root = stream.get("PARCEL_DATA")
@@ -302,8 +189,8 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
     def column(name: str) -> Column:
         values = []
         for part in parts:
-            count = len(_array(path, part, "PARCEL_X"))
-            values.append(_array(path, part, name, count))
+            count = len(array(path, part, "PARCEL_X"))
+            values.append(array(path, part, name, count))
         return Column(f"{label}/{name}", np.concatenate(values))
 
     position = np.stack([column(f"PARCEL_{letter}").values for letter in "XYZ"], axis=1)

@@ -9,7 +9,7 @@ import numpy as np
 
 from cldit.cfd.case import Column
 from cldit.cfd.cell_mesh import AnyFloats
-from cldit.cfd.column_mapping import CellColumns
+from cldit.cfd.mapping_file import CellColumns
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 

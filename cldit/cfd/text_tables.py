@@ -11,19 +11,17 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, complete_cloud
-from cldit.cfd.column_mapping import (
+from cldit.cfd.column_mapping import Source, cloud_columns, gas_columns
+from cldit.cfd.element_mesh import BoxMesh
+from cldit.cfd.mapping_file import (
     CellColumns,
     ColumnMap,
     ParcelColumns,
-    Source,
     Table,
-    cloud_columns,
     columns_of,
-    gas_columns,
     read_column_map,
     without_unit,
 )
-from cldit.cfd.element_mesh import BoxMesh
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError

@@ -12,23 +12,15 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined
-from cldit.cfd.column_mapping import (
-    PARCEL_NAMES,
-    ColumnMap,
-    Source,
-    columns_of,
-    gas_columns,
-    gas_names,
-    mapped_cloud,
-    merged,
-    with_components,
-)
+from cldit.cfd.column_mapping import Source, gas_columns, mapped_cloud, with_components
+from cldit.cfd.mapping_file import PARCEL_NAMES, ColumnMap, columns_of, gas_names, merged
 from cldit.cfd.mesh import Mesh, join
 from cldit.cfd.openfoam.boundaries import cut_boundaries
 from cldit.cfd.openfoam.cloud import cloud_names, read_cloud
 from cldit.cfd.openfoam.collated import Root, split_roots
-from cldit.cfd.openfoam.file import faces, find_foam, internal_field, labels, read_foam, vectors
+from cldit.cfd.openfoam.file import find_foam, read_foam
 from cldit.cfd.openfoam.injectors import case_injectors
+from cldit.cfd.openfoam.lists import faces, internal_field, labels, vectors
 from cldit.cfd.openfoam.regions import (
     case_folder,
     check_parcels,

@@ -10,15 +10,8 @@ import numpy as np
 from cldit.cfd.case import Column
 from cldit.cfd.cell_mesh import Labels
 from cldit.cfd.mesh import Mesh
-from cldit.cfd.openfoam.file import (
-    FoamFile,
-    find_foam,
-    particles,
-    read_foam,
-    scalars,
-    vectors,
-    whole,
-)
+from cldit.cfd.openfoam.file import FoamFile, find_foam, read_foam
+from cldit.cfd.openfoam.lists import particles, scalars, vectors, whole
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 

@@ -8,17 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, choose_cloud, joined
-from cldit.cfd.column_mapping import (
-    PARCEL_NAMES,
-    ColumnMap,
-    Source,
-    columns_of,
-    gas_columns,
-    gas_names,
-    mapped_cloud,
-    with_components,
-    without_unit,
-)
+from cldit.cfd.column_mapping import Source, gas_columns, mapped_cloud, with_components
+from cldit.cfd.mapping_file import PARCEL_NAMES, ColumnMap, columns_of, gas_names, without_unit
 from cldit.cfd.mesh import join
 from cldit.cfd.point_data import with_point_fields
 from cldit.cfd.times import CaseTime

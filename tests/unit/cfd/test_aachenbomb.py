@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cldit.cfd.column_mapping import ColumnMap
+from cldit.cfd.mapping_file import ColumnMap
 from cldit.cfd.mesh import Mesh
 from cldit.cfd.openfoam.case import read_openfoam
 from cldit.cfd.openfoam.cloud import decode
-from cldit.cfd.openfoam.file import particles, read_foam
+from cldit.cfd.openfoam.file import read_foam
+from cldit.cfd.openfoam.lists import particles
 from cldit.cfd.to_spray import read_cfd
 from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Spray

@@ -13,8 +13,9 @@ from cldit.cfd import cell_mesh as meshes
 from cldit.cfd.cell_mesh import CellMesh
 from cldit.cfd.element_mesh import POLYHEDRON, BoxMesh, ElementMesh, PolyhedronFaces
 from cldit.cfd.mesh import join
-from cldit.cfd.openfoam import file as foamfile
-from cldit.cfd.openfoam.file import FoamFile, faces, labels, scalars
+from cldit.cfd.openfoam import lists as foamlists
+from cldit.cfd.openfoam.file import FoamFile
+from cldit.cfd.openfoam.lists import faces, labels, scalars
 from cldit.cfd.to_spray import read_cfd
 from cldit.cfd.vtk import head
 from cldit.cfd.vtk.head import piece_counts
@@ -113,7 +114,7 @@ def test_text_is_read_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     values = np.random.default_rng(5).normal(size=200)
     text = f"200(\n{' '.join(map(repr, values.tolist()))}\n)".encode()
     mixed = b"3(3(0 1 2)\n4(0 1 4 3) 3(2 1 4))\n"
-    monkeypatch.setattr(foamfile, "_AT_ONCE", 7)
+    monkeypatch.setattr(foamlists, "_AT_ONCE", 7)
     assert np.array_equal(scalars(file(text)), values)
     assert labels(file(b"4(11 22 3333333 -1)")).tolist() == [11, 22, 3333333, -1]
     corners, start = faces(file(mixed))

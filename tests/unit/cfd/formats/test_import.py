@@ -11,7 +11,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from cldit.cfd.column_mapping import read_column_map
+from cldit.cfd.mapping_file import read_column_map
 from cldit.cfd.parcel_spreading import spread_parcels
 from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
