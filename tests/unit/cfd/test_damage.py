@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 SET: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
 CHECKED = ("vtk", "openfoam-gz")
-KINDS = (*CHECKED, "ensight", "converge", "tables")
-SLOW_KINDS = (*KINDS, "openfoam", "openfoam-binary", "ensight-ascii")
+KINDS = (*CHECKED, "converge", "tables")
+SLOW_KINDS = (*KINDS, "openfoam", "openfoam-binary", "ensight", "ensight-ascii")
 QUICK, MANY = 20, 200
 
 
