@@ -3,6 +3,7 @@
 # In the order of the page.
 PARTS = (
     "budget", "error", "growth", "memory", "leave-out", "roofline", "solver", "rays", "ablation",
+    "import",
     "mitsuba",
 )  # fmt: skip
 

@@ -12,6 +12,7 @@ from cldit.bench.case import Case, Lattice, Say, changed, halved
 from cldit.bench.error import bench_error
 from cldit.bench.error_report import error_part
 from cldit.bench.growth import growth
+from cldit.bench.imports.measure import imports
 from cldit.bench.leave_out import leave_out
 from cldit.bench.memory import memory
 from cldit.bench.mitsuba import renderers
@@ -89,6 +90,7 @@ MEASUREMENTS: dict[str, Callable[[Bench], Part]] = {
     "solver": lambda bench: solver(bench.case(half=True), say=bench.say),
     "rays": lambda bench: rays(bench.case(), say=bench.say),
     "ablation": lambda bench: ablation(bench.device, cache=bench.cache, say=bench.say),
+    "import": lambda bench: imports(bench.say),
     "mitsuba": lambda bench: renderers(bench.case(), say=bench.say),
 }
-USUAL = tuple(name for name in MEASUREMENTS if name not in ("mitsuba", "ablation"))
+USUAL = tuple(name for name in MEASUREMENTS if name not in ("mitsuba", "ablation", "import"))

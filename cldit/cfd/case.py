@@ -4,28 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cldit.cfd.mesh import Mesh
+from cldit.cfd.cell_mesh import AnyFloats, CellMesh
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 
 CLOUD_FIELDS = ("d", "nParticle", "T", "rho")
-TIME_TOLERANCE = 1e-6  # relative; OpenFOAM writes times with six digits, foamToVTK as float32
+NO_CLOUD = "none"  # as the name of a cloud: gas alone is wanted
 
 
 @dataclass(frozen=True)
 class Column:
-    """Values (N,) or (N, 3), and the file and field to name when they are wrong."""
+    """Values (N,) or (N, 3), and the file and field to name when they are wrong.
+
+    undefined: (N,), true where the file says that there is no value; None: all are defined.
+    """
 
     label: str
-    values: Floats
+    values: AnyFloats
+    undefined: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """Parcels: positions (N, 3) and fields by name (d, nParticle, T, rho; U and age if given)."""
+    """Parcels: positions (N, 3), fields by name: d, nParticle, T, rho; U, age, origin if given."""
 
     name: str
     position_m: Column
@@ -42,61 +48,70 @@ class Injector:
 
 
 @dataclass(frozen=True)
+class Boundary:
+    """A patch of the mesh's boundary at which the case is cut: a wedge, a plane of symmetry.
+
+    kind: OpenFOAM's name of the type; normal: outwards, (3,); place_m: a point of it, (3,).
+    """
+
+    name: str
+    kind: str
+    normal: Floats
+    place_m: Floats
+
+
+@dataclass(frozen=True)
 class CfdCase:
     """One time of a case: mesh, cell fields by name (N,), cloud, injectors; time_s if known.
 
-    `gas` holds those of the fields asked for that there are, `available` the names of all.
+    gas: those of the fields asked for that there are; available: the names of all. boundaries: at
+    which the case is cut. files: all that were read; remarks: what was chosen or left out.
     """
 
     source: str
     time_s: float | None
-    mesh: Mesh
+    mesh: CellMesh
     gas: Mapping[str, Column]
     available: tuple[str, ...]
     cloud: Cloud | None
     injectors: tuple[Injector, ...] = ()
+    boundaries: tuple[Boundary, ...] = ()
+    files: tuple[Path, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
-def nearest_time(source: str, times: Iterable[float], wanted: float | None) -> float:
-    """The time asked for, or the latest.
-
-    Args:
-        source: named by errors.
-        times: those that there are [s].
-        wanted: None is the latest [s].
-
-    Returns:
-        One of `times`.
+def only_claimant(what: str, claimants: Iterable[Path]) -> Path:
+    """The one file (or folder) that claims to be `what`, such as "the mesh of step 10".
 
     Raises:
-        SprayError: there is none, or none within `TIME_TOLERANCE`; the message lists what there is.
+        SprayError: there are several; the message lists them.
     """
-    known = sorted(set(times))
-    if not known:
-        raise SprayError(f"{source}: holds no time with results")
-    if wanted is None:
-        return known[-1]
-    best = min(known, key=lambda time: abs(time - wanted))
-    if abs(best - wanted) > max(TIME_TOLERANCE * abs(wanted), 1e-15):
-        shown = ", ".join(f"{time:g}" for time in known[:20]) + (", ..." if known[20:] else "")
-        raise SprayError(f"{source}: no time {wanted:g} s (spray.time_s); available: {shown}")
-    return best
+    known = sorted(set(claimants))
+    if len(known) > 1:
+        shown = ", ".join(map(str, known))
+        raise SprayError(
+            f"{known[0]}: {len(known)} claim to be {what}: {shown}; name one of them as the case, "
+            "or move the others away"
+        )
+    return known[0]
 
 
 def choose_cloud(source: str, names: Iterable[str], wanted: str | None) -> str | None:
-    """The cloud asked for, the only one, or None where there is none and none was asked for.
+    """The cloud asked for, the only one, or None where there is none or `none` was asked for.
 
     Args:
         source: named by errors.
         names: of the clouds that there are.
-        wanted: None is the only one.
+        wanted: None is the only one; `none` is gas alone.
 
     Returns:
-        A name; None where there is no cloud and none was asked for.
+        A name; None where there is no cloud, or none is wanted.
 
     Raises:
         SprayError: there are several, or none of that name.
     """
+    if wanted == NO_CLOUD:
+        return None
     known = sorted(set(names))
     shown = ", ".join(known) or "none"
     if wanted is not None:
@@ -104,12 +119,19 @@ def choose_cloud(source: str, names: Iterable[str], wanted: str | None) -> str |
             raise SprayError(f"{source}: no cloud {wanted!r} (spray.cloud); available: {shown}")
         return wanted
     if len(known) > 1:
-        raise SprayError(f"{source}: holds several clouds, {shown}; set spray.cloud to one of them")
+        raise SprayError(
+            f"{source}: holds several clouds, {shown}; set spray.cloud to one of them, or to "
+            f"{NO_CLOUD!r} for gas alone"
+        )
     return known[0] if known else None
 
 
 def complete_cloud(
-    name: str, source: str, position_m: Column, fields: Mapping[str, Column]
+    name: str,
+    source: str,
+    position_m: Column,
+    fields: Mapping[str, Column],
+    available: Iterable[str] | None = None,
 ) -> Cloud:
     """The cloud, once it has parcels and all that a droplet needs.
 
@@ -118,6 +140,7 @@ def complete_cloud(
         source: named by errors.
         position_m: (N, 3).
         fields: (N,) or (N, 3) each, by OpenFOAM's names.
+        available: the names of all fields of the file, for errors; None: those of `fields`.
 
     Raises:
         SprayError: no parcel, a field is missing, or has another length than the positions.
@@ -126,12 +149,15 @@ def complete_cloud(
     if count == 0:
         raise SprayError(
             f"{position_m.label}: cloud {name!r} holds no parcel; choose another time "
-            "(spray.time_s), or remove the cloud's folder for a case of gas alone"
+            f"(spray.time_s), or spray.cloud: {NO_CLOUD} for gas alone"
         )
     for field in CLOUD_FIELDS:
         if field not in fields:
-            known = ", ".join(sorted(fields)) or "none"
-            raise SprayError(f"{source}: cloud {name!r} has no field {field!r}; it has: {known}")
+            known = ", ".join(sorted(fields if available is None else available)) or "none"
+            raise SprayError(
+                f"{source}: cloud {name!r} has no field {field!r}; it has: {known} (a mapping file "
+                "names fields that are called otherwise)"
+            )
     for column in fields.values():
         if len(column.values) != count:
             raise SprayError(f"{column.label}: {len(column.values)} values for {count} parcels")

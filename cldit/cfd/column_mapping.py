@@ -1,150 +1,37 @@
-"""Mapping files: which column of a CFD result is what, and in which unit."""
+"""Columns of a CFD result by a mapping: in SI, under OpenFOAM's names."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, TypeVar
+from dataclasses import dataclass, replace
 
 import numpy as np
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from cldit.cfd.case import Cloud, Column, complete_cloud
+from cldit.cfd.mapping_file import (
+    UNITS,
+    CellColumns,
+    ColumnMap,
+    ParcelColumns,
+    Scalar,
+    Vector,
+    columns_of,
+    merged,
+    unit_in,
+    without_unit,
+)
 from cldit.errors import SprayError
-from cldit.plain_data import read_mapping
-from cldit.scene.checks import Section, describe
-
-# unit: factor and offset to SI, value * factor + offset
-_PLAIN = {
-    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
-    "volume": {"m3": 1.0, "l": 1e-3, "cm3": 1e-6, "mm3": 1e-9},
-    "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "atm": 101325.0},
-    "density": {"kg/m3": 1.0, "g/cm3": 1e3, "g/l": 1.0},
-    "fraction": {"1": 1.0, "%": 1e-2},
-    "count": {"1": 1.0},
-    "mass": {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "ug": 1e-9},
-    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
-}
-UNITS: dict[str, dict[str, tuple[float, float]]] = {
-    kind: {unit: (factor, 0.0) for unit, factor in units.items()} for kind, units in _PLAIN.items()
-} | {"temperature": {"K": (1.0, 0.0), "degC": (1.0, 273.15), "degF": (5 / 9, 459.67 * 5 / 9)}}
 
 
-class Scalar(Section):
-    """A column by name, or a constant `value`; `unit` is SI where left out."""
-
-    column: str | None = None
-    value: float | None = None
-    unit: str | None = None
-
-    @model_validator(mode="after")
-    def _one(self) -> Scalar:
-        if (self.column is None) == (self.value is None):
-            raise ValueError("needs either column or value")
-        return self
-
-
-class Vector(Section):
-    """Three columns by name; `unit` is SI where left out."""
-
-    columns: tuple[str, str, str]
-    unit: str | None = None
-
-
-def _short_scalar(given: object) -> object:
-    if isinstance(given, str):
-        return {"column": given}
-    if isinstance(given, (int, float)) and not isinstance(given, bool):
-        return {"value": given}
-    return given
-
-
-def _short_vector(given: object) -> object:
-    return {"columns": given} if isinstance(given, (list, tuple)) else given
-
-
-A = Annotated[Scalar | None, BeforeValidator(_short_scalar)]
-V = Annotated[Vector | None, BeforeValidator(_short_vector)]
-
-
-class Table(Section):
-    """Where a table lies and how it is written; only for `format: tables`."""
-
-    file: Path | None = None
-    delimiter: str = Field(",", min_length=1, max_length=1)
-    header_line: int = Field(1, ge=1, le=1000)
-
-
-class CellColumns(Table):
-    """The gas. `position` and `size` or `volume` only for tables."""
-
-    position: V = None
-    size: V = None
-    volume: A = None
-    temperature: A = None
-    pressure: A = None
-    density: A = None
-    fuel: A = None
-
-
-class ParcelColumns(Table):
-    """The droplets. `position` only for tables; `mass` is that of all droplets of the parcel."""
-
-    position: V = None
-    velocity: V = None
-    diameter: A = None
-    radius: A = None
-    number: A = None
-    mass: A = None
-    temperature: A = None
-    density: A = None
-    age: A = None
-
-    @model_validator(mode="after")
-    def _once(self) -> ParcelColumns:
-        for one, other in (("diameter", "radius"), ("number", "mass")):
-            if getattr(self, one) is not None and getattr(self, other) is not None:
-                raise ValueError(f"{one} and {other} are both given; allowed is one of them")
-        return self
-
-
-class ColumnMap(Section):
-    """A whole mapping file."""
-
-    time_s: float | None = None
-    cells: CellColumns = CellColumns()
-    parcels: ParcelColumns | None = None
-
-
-def read_column_map(path: Path) -> ColumnMap:
-    """Reads a mapping file.
-
-    Raises:
-        SprayError: it is missing, not YAML, or has a key or value that is not allowed.
-    """
-    try:
-        return ColumnMap.model_validate(read_mapping(path))
-    except ValidationError as error:
-        raise SprayError(f"{path}: {describe(ColumnMap, error.errors())}") from error
-    except ValueError as error:  # of read_mapping, which names the file
-        raise SprayError(str(error)) from error
-
-
-S = TypeVar("S", CellColumns, ParcelColumns)
-
-
-def merged(given: S | None, default: S) -> S:
-    """`default`, with what the mapping file has `given` in its place; a pair's other half goes."""
-    if given is None:
-        return default
-    chosen = {name: getattr(given, name) for name in given.model_fields_set}
-    for one, other in (("diameter", "radius"), ("number", "mass")):
-        for here, there in ((one, other), (other, one)):
-            if chosen.get(here) is not None:
-                chosen.setdefault(there, None)
-    return default.model_copy(update=chosen)
+def with_components(columns: Mapping[str, Column]) -> dict[str, Column]:
+    """The columns, and each component of a vector `U` (N, 3) as `U_X`, `U_Y`, `U_Z` (N,)."""
+    parts = {
+        f"{name}_{letter}": Column(column.label, part)
+        for name, column in columns.items()
+        if column.values.ndim == 2 and column.values.shape[1] == 3
+        for letter, part in zip("XYZ", column.values.T, strict=True)
+    }
+    return {**parts, **columns}
 
 
 @dataclass(frozen=True)
@@ -166,12 +53,25 @@ class Source:
         Raises:
             SprayError: there is no such column, or no such unit for this kind.
         """
-        factor, offset = self._unit(wanted.unit, kind, key)
         if wanted.value is not None:
+            factor, offset = self._unit(wanted.unit, kind, key)
             value = wanted.value * factor + offset
             return Column(f"{self.name}: {key} (constant)", np.full(self.rows, value))
-        found = self._column(str(wanted.column), key)
-        return Column(found.label, found.values * factor + offset)
+        name, found = self._column(str(wanted.column), key)
+        factor, offset = self._unit(self._stated(name, wanted.unit, kind, key), kind, key)
+        values = found.values
+        if found.undefined is not None and found.undefined.any():
+            if wanted.undefined is None:
+                short = key.partition(".")[2]
+                raise SprayError(
+                    f"{found.label}: {int(found.undefined.sum())} of {len(values)} values are "
+                    f"marked as undefined ({key}); a mapping file may say what stands for them: "
+                    f"{short}: {{column: {wanted.column}, undefined: 0}}"
+                )
+            values = np.where(found.undefined, wanted.undefined, values)
+        if (factor, offset) != (1.0, 0.0):  # else as it is stored: large columns are not copied
+            values = np.asarray(values, np.float64) * factor + offset
+        return Column(found.label, values)
 
     def vector(self, wanted: Vector, kind: str, key: str) -> Column:
         """Three columns in SI, (N, 3).
@@ -181,16 +81,38 @@ class Source:
             kind: of the unit.
             key: named by errors.
         """
-        factor, _ = self._unit(wanted.unit, kind, key)
-        parts = [self._column(name, key) for name in wanted.columns]
-        label = f"{self.name}: {', '.join(wanted.columns)}"
-        return Column(label, np.stack([part.values for part in parts], axis=1) * factor)
+        named = [self._column(name, key) for name in wanted.columns]
+        units = {self._stated(name, wanted.unit, kind, key) for name, _ in named}
+        if len(units) > 1:
+            raise SprayError(f"{self.name}: {key}: columns of several units in their names")
+        factor, _ = self._unit(units.pop(), kind, key)
+        parts = [column for _, column in named]
+        labels = list(dict.fromkeys(part.label for part in parts))
+        label = labels[0] if len(labels) == 1 else f"{self.name}: {', '.join(wanted.columns)}"
+        values = np.stack([part.values for part in parts], axis=1, dtype=np.float64)
+        return Column(label, values * factor)
 
-    def _column(self, name: str, key: str) -> Column:
-        if name not in self.columns:
+    def _column(self, name: str, key: str) -> tuple[str, Column]:
+        """The column of that name, or the only one of that name and a unit: `T` for `T [K]`."""
+        if name in self.columns:
+            return name, self.columns[name]
+        found = [each for each in self.columns if without_unit(each) == name]
+        if len(found) != 1:
             known = ", ".join(self.columns) or "none"
             raise SprayError(f"{self.name}: no column {name!r} ({key}); it has: {known}")
-        return self.columns[name]
+        return found[0], self.columns[found[0]]
+
+    def _stated(self, name: str, unit: str | None, kind: str, key: str) -> str | None:
+        """The unit that the mapping gives, or else that in the column's name."""
+        stated = unit_in(name)
+        if stated is None or (unit is not None and stated not in UNITS[kind]):
+            return unit
+        if unit is None or unit == stated:
+            return stated
+        raise SprayError(
+            f"{self.name}: column {name!r} is in {stated} by its name, and in {unit} by the mapping"
+            f" ({key}); give the unit that is right, and the column its name without one"
+        )
 
     def _unit(self, unit: str | None, kind: str, key: str) -> tuple[float, float]:
         known = UNITS[kind]
@@ -231,7 +153,7 @@ def gas_columns(source: Source, wanted: CellColumns, fuel_field: str) -> dict[st
 def cloud_columns(source: Source, wanted: ParcelColumns) -> dict[str, Column]:
     """The columns of `source` that are mapped by `wanted`, in SI, by OpenFOAM's names.
 
-    d, T and rho come first, then nParticle, U and age.
+    d, T and rho come first, then nParticle, U, age and origin.
 
     Raises:
         SprayError: the number is to come from the mass, and a diameter or density is not above 0.
@@ -252,6 +174,8 @@ def cloud_columns(source: Source, wanted: ParcelColumns) -> dict[str, Column]:
             fields[name] = source.scalar(getattr(wanted, key), kind, f"parcels.{key}")
     if wanted.velocity is not None:
         fields["U"] = source.vector(wanted.velocity, "velocity", "parcels.velocity")
+    if wanted.origin is not None:
+        fields["origin"] = source.vector(wanted.origin, "length", "parcels.origin")
     if wanted.mass is not None and "d" in fields and "rho" in fields:
         mass = source.scalar(wanted.mass, "mass", "parcels.mass")
         droplet = fields["rho"].values * np.pi / 6 * fields["d"].values ** 3
@@ -291,7 +215,13 @@ def mapped_cloud(
         used = getattr(value, "columns", None) or [getattr(value, "column", None)]
         if value is not None and key not in given and any(u and u not in columns for u in used):
             missing[key] = None
-    rows = Source(source, columns, len(position_m.values))
+    # masses are products of many: of stored floats they would overflow or be rounded at each step
+    doubles = {key: _double(columns[key]) for key in columns_of(parcels) & set(columns)}
+    rows = Source(source, columns | doubles, len(position_m.values))
     fields = cloud_columns(rows, parcels.model_copy(update=missing))
-    hint = f"{source} (parcel fields {', '.join(columns) or 'none'})"
-    return complete_cloud(name, hint, position_m, fields)
+    parts = {f"{key}_{letter}" for key in columns for letter in "XYZ"}  # of vectors that are there
+    return complete_cloud(name, source, _double(position_m), fields, set(columns) - parts)
+
+
+def _double(column: Column) -> Column:
+    return replace(column, values=np.asarray(column.values, np.float64))

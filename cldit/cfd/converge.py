@@ -7,29 +7,20 @@ that reader takes sibling files for other times and does not notice arrays of th
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined, nearest_time
-from cldit.cfd.column_mapping import (
-    CellColumns,
-    ColumnMap,
-    ParcelColumns,
-    Scalar,
-    Source,
-    Vector,
-    gas_columns,
-    mapped_cloud,
-    merged,
-)
-from cldit.cfd.mesh import Mesh, join
+from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined, only_claimant
+from cldit.cfd.column_mapping import Source, gas_columns, mapped_cloud
+from cldit.cfd.converge_file import array, field, open_post, post_files, post_mesh, time_of
+from cldit.cfd.mapping_file import CellColumns, ColumnMap, ParcelColumns, Scalar, Vector, merged
+from cldit.cfd.mesh import join
+from cldit.cfd.size import Size, check_room
+from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
-from cldit.files import check_regular
-from cldit.spray.result import Floats
+from cldit.progress import Watch, silent
 
 _STREAM = re.compile(r"STREAM_\d+$")
 _GAS = {
@@ -47,48 +38,14 @@ _PARCEL = {
 _VELOCITY = ("VELOCITY", "UU", "PARCEL_VELOCITY")
 
 
-@contextmanager
-def open_post(path: Path) -> Iterator[Any]:
-    """The HDF5 file.
-
-    Raises:
-        SprayError: h5py is not installed; the file is missing, damaged, or cut off.
-    """
-    try:
-        import h5py
-    except ImportError as error:
-        raise SprayError(
-            f'{path}: reading it needs h5py; install it with: pip install "cldit[cfd]"'
-        ) from error
-    try:
-        check_regular(path)
-        with h5py.File(path, "r") as file:
-            yield file
-    except (OSError, RuntimeError, KeyError, TypeError, AttributeError) as error:
-        raise SprayError(f"{path}: cannot be read as HDF5: damaged or cut off ({error})") from error
-
-
-def post_files(path: Path) -> list[Path]:
-    """The file, or all .h5 files of a folder.
-
-    Raises:
-        SprayError: the folder has none.
-    """
-    found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
-    if not found:
-        raise SprayError(f"{path}: holds no .h5 file")
-    return found
-
-
-def time_of(path: Path) -> float | None:
-    """OUTPUT_TIME of a file, s, if it states it."""
-    with open_post(path) as file:
-        value = np.asarray(file.attrs.get("OUTPUT_TIME", [])).reshape(-1)
-    return float(value[0]) if len(value) else None
-
-
 def read_converge(
-    path: Path, *, time_s: float | None, fuel_field: str, cloud: str | None, names: ColumnMap
+    path: Path,
+    *,
+    time_s: CaseTime | None,
+    fuel_field: str,
+    cloud: str | None,
+    names: ColumnMap,
+    watch: Watch = silent,
 ) -> CfdCase:
     """Reads one time.
 
@@ -96,25 +53,33 @@ def read_converge(
         path: a post file, or a folder of them, of which the one at `time_s` or the last is taken.
         names: names of fields where they are not those of `_GAS` and `_PARCEL`; the fuel's is
             `fuel_field` or MASSFRAC_ and that.
+        watch: told how far the work is.
 
     Raises:
         SprayError: a file is damaged, an array is missing or of another length, the time or the
-            cloud is not there.
+            cloud is not there, or the case does not fit into memory.
     """
-    files = {time_of(file): file for file in post_files(path)}
+    files = _by_time(path)
     known = [time for time in files if time is not None]
     if len(known) == len(files):
-        at: float | None = nearest_time(str(path), known, time_s)
-    elif len(files) == 1 and time_s is None:
+        at: float | None = choose_time(str(path), known, time_s)
+    elif len(files) == 1 and time_s in (None, "latest"):
         at = None
     else:
         raise SprayError(f"{path}: a file without OUTPUT_TIME; give the path of one file")
-    chosen = files[at]
+    what = "the only one without OUTPUT_TIME" if at is None else f"time {at:g}"
+    chosen = only_claimant(what, files[at])
     with open_post(chosen) as post:
         streams = [post[name] for name in sorted(post) if _STREAM.match(name)]
         if not streams:
-            raise SprayError(f"{chosen}: holds no STREAM_00: it is no post file of CONVERGE")
-        meshes = [_mesh(chosen, stream) for stream in streams]
+            raise SprayError(
+                f"{chosen}: holds no STREAM_00: it is no post file of CONVERGE (Fluent's .cas.h5 "
+                "and VTK's HDF are not read; export EnSight Gold or .vtu)"
+            )
+        streams, remarks = _with_fuel(chosen, streams, names.cells, fuel_field)
+        check_room(chosen, _size(streams))
+        watch("reading the mesh", 0, 1)
+        meshes = [post_mesh(chosen, stream) for stream in streams]
         available = sorted(set.intersection(*(set(s.get("CELL_CENTER_DATA", ())) for s in streams)))
         cells = _gas_names(available, names.cells, fuel_field)
         gas: list[dict[str, Column]] = []
@@ -123,7 +88,8 @@ def read_converge(
             for key in ("temperature", "pressure", "density", "fuel"):
                 name = getattr(getattr(cells, key), "column", None)
                 if name in columns:
-                    values = _array(chosen, stream, f"CELL_CENTER_DATA/{name}", mesh.cells)
+                    watch(f"reading {name}", len(gas), len(streams))
+                    values = field(chosen, stream, f"CELL_CENTER_DATA/{name}", mesh.cells)
                     columns[name] = Column(f"{chosen}: cell field {name}", values)
             gas.append(gas_columns(Source(str(chosen), columns, mesh.cells), cells, fuel_field))
         return CfdCase(
@@ -133,7 +99,52 @@ def read_converge(
             gas={name: joined([part[name] for part in gas]) for name in gas[0]},
             available=tuple(available),
             cloud=_cloud(chosen, streams, cloud, names),
+            files=(chosen,),
+            remarks=remarks,
         )
+
+
+def _by_time(path: Path) -> dict[float | None, list[Path]]:
+    """The files of each time."""
+    found: dict[float | None, list[Path]] = {}
+    for file in post_files(path):
+        found.setdefault(time_of(file), []).append(file)
+    return found
+
+
+def _with_fuel(
+    path: Path, streams: list[Any], given: CellColumns, fuel_field: str
+) -> tuple[list[Any], tuple[str, ...]]:
+    """The streams that have the fuel, or all where none has; others are solid, and named."""
+    fuelled = [
+        stream
+        for stream in streams
+        if (fuel := _gas_names(list(stream.get("CELL_CENTER_DATA", ())), given, fuel_field).fuel)
+        and (fuel.column is None or fuel.column in stream["CELL_CENTER_DATA"])
+    ]
+    if not fuelled or len(fuelled) == len(streams):
+        return streams, ()
+    others = ", ".join(stream.name.strip("/") for stream in streams if stream not in fuelled)
+    return fuelled, (f"{path}: streams without {fuel_field} are left out: {others}.",)
+
+
+def _size(streams: list[Any]) -> Size:
+    """By the shapes of the arrays. A corner is held as it is stored and as a label."""
+
+    def count(group: Any, name: str) -> int:
+        return int(group[name].size) if name in group else 0
+
+    corners = sum(count(stream, "CONNECTIVITY/POLYGON_TO_VERTEX") for stream in streams)
+    faces = sum(count(stream, "CONNECTIVITY/POLYGON_OFFSET") for stream in streams)
+    points = sum(count(stream, "VERTEX_COORDINATES/X") for stream in streams)
+    cells = sum(
+        max((int(each.size) for each in stream.get("CELL_CENTER_DATA", {}).values()), default=0)
+        for stream in streams
+    )
+    parcels = sum(
+        count(group, "PARCEL_X") for stream in streams for group in cloud_groups(stream).values()
+    )
+    return Size(cells, parcels, 12 * corners + 44 * faces + 48 * points + 40 * cells)
 
 
 def _gas_names(available: list[str], given: CellColumns, fuel_field: str) -> CellColumns:
@@ -145,47 +156,6 @@ def _gas_names(available: list[str], given: CellColumns, fuel_field: str) -> Cel
 def _first(available: Any, names: tuple[str, ...]) -> Scalar | None:
     found = next((name for name in names if name in available), None)
     return None if found is None else Scalar(column=found)
-
-
-def _array(path: Path, group: Any, name: str, count: int | None = None) -> Floats:
-    """A one-dimensional array, of a length if it is known."""
-    if name not in group:
-        raise SprayError(f"{path}: {group.name}/{name} is missing")
-    values = np.asarray(group[name][()])
-    if values.ndim != 1 or values.dtype.kind not in "fiu":
-        raise SprayError(f"{path}: {group.name}/{name}: no list of numbers (shape {values.shape})")
-    if count is not None and len(values) != count:
-        raise SprayError(f"{path}: {group.name}/{name}: {len(values)} values, expected {count}")
-    return values.astype(np.float64)
-
-
-def _mesh(path: Path, stream: Any) -> Mesh:
-    x = _array(path, stream, "VERTEX_COORDINATES/X")
-    y, z = (_array(path, stream, f"VERTEX_COORDINATES/{name}", len(x)) for name in "YZ")
-    start = _array(path, stream, "CONNECTIVITY/POLYGON_OFFSET").astype(np.int64)
-    corners = _array(path, stream, "CONNECTIVITY/POLYGON_TO_VERTEX").astype(np.int64)
-    cells = _array(path, stream, "CONNECTIVITY/CONNECTED_CELLS", 2 * max(len(start) - 1, 0))
-    sides = cells.astype(np.int64).reshape(-1, 2)
-    if not len(sides) or start[0] != 0 or start[-1] != len(corners) or np.diff(start).min() < 3:
-        raise SprayError(f"{path}: {stream.name}/CONNECTIVITY/POLYGON_OFFSET does not fit its mesh")
-    if sides.max(axis=1).min() < 0:
-        raise SprayError(f"{path}: {stream.name}/CONNECTIVITY/CONNECTED_CELLS: a face of no cell")
-    # a negative cell is a boundary; a face belongs to its first cell, else, turned, to the second
-    turned = sides[:, 0] < 0
-    size = np.diff(start)
-    face = np.repeat(np.arange(len(size)), size)
-    step = np.arange(len(corners)) - start[face]
-    place = start[face] + np.where(turned[face], size[face] - 1 - step, step)
-    inner = sides.min(axis=1) >= 0
-    return Mesh(
-        points_m=np.stack([x, y, z], axis=1),
-        corners=corners[place],
-        start=start,
-        owner=np.where(turned, sides[:, 1], sides[:, 0]),
-        neighbour=np.where(inner, sides[:, 1], -1),
-        cells=int(sides.max()) + 1,
-        source=f"{path}: {stream.name}",
-    )
 
 
 def cloud_groups(stream: Any) -> dict[str, Any]:
@@ -219,8 +189,8 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
     def column(name: str) -> Column:
         values = []
         for part in parts:
-            count = len(_array(path, part, "PARCEL_X"))
-            values.append(_array(path, part, name, count))
+            count = len(array(path, part, "PARCEL_X"))
+            values.append(array(path, part, name, count))
         return Column(f"{label}/{name}", np.concatenate(values))
 
     position = np.stack([column(f"PARCEL_{letter}").values for letter in "XYZ"], axis=1)
@@ -241,7 +211,7 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
 
 
 def list_converge(
-    path: Path, time_s: float | None
+    path: Path, time_s: CaseTime | None
 ) -> tuple[list[float], list[str], dict[str, list[str]]]:
     """Times, cell fields, and clouds with their fields, of the file `path` at `time_s` or the last.
 
@@ -252,12 +222,12 @@ def list_converge(
     Returns:
         Times [s], cell fields, and the fields of each cloud.
     """
-    files = {time_of(file): file for file in post_files(path)}
+    files = _by_time(path)
     known = [time for time in files if time is not None]
-    at = nearest_time(str(path), known, time_s) if known else None
+    at = choose_time(str(path), known, time_s) if known else None
     fields: set[str] = set()
     clouds: dict[str, list[str]] = {}
-    with open_post(files[at]) as post:
+    with open_post(only_claimant(f"time {at}", files[at])) as post:
         for name in post:
             if _STREAM.match(name):
                 fields |= set(post[name].get("CELL_CENTER_DATA", ()))

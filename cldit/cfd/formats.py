@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypedDict
 
 from cldit.cfd import converge, text_tables
-from cldit.cfd.case import CfdCase
-from cldit.cfd.column_mapping import ColumnMap, read_column_map
+from cldit.cfd.case import NO_CLOUD, CfdCase
 from cldit.cfd.ensight import case as ensight
 from cldit.cfd.ensight.file import read_case_file
+from cldit.cfd.mapping_file import ColumnMap, read_column_map
 from cldit.cfd.openfoam import case as openfoam
+from cldit.cfd.openfoam.injectors import case_injectors
+from cldit.cfd.openfoam.regions import clouds_of, is_openfoam
+from cldit.cfd.times import CaseTime
+from cldit.cfd.unknown_kinds import refuse_folder, refuse_unknown
 from cldit.cfd.vtk import files as vtkfiles
+from cldit.cfd.vtk.layout import is_vtk
 from cldit.errors import SprayError
+from cldit.progress import Watch, silent
 from cldit.scene.spray import CfdSpray
 from cldit.spray.spray_file import read_spray
 
@@ -22,7 +29,7 @@ _SUFFIX = {
     ".yaml": "tables",
     ".yml": "tables",
     ".npz": "cldit",
-}
+} | dict.fromkeys((".vtu", ".vtp", ".vtk", ".pvtu", ".pvtp", ".vtm", ".pvd", ".series"), "vtk")
 
 
 def find_format(spec: CfdSpray) -> str:
@@ -33,10 +40,15 @@ def find_format(spec: CfdSpray) -> str:
     """
     if spec.format is not None:
         return spec.format
-    if openfoam.is_openfoam(spec.file):
+    if not spec.file.exists():
+        raise SprayError(f"{spec.file}: no such file or folder (spray.file)")
+    if is_openfoam(spec.file):
         return "openfoam"
     if not spec.file.is_dir():
-        return _SUFFIX.get(spec.file.suffix, "vtk")
+        name = spec.file.name.lower()
+        if spec.file.suffix not in _SUFFIX or name.endswith((".cas.h5", ".dat.h5")):
+            refuse_unknown(spec.file)
+        return _SUFFIX[spec.file.suffix]
     found = {
         name
         for suffix, name in _SUFFIX.items()
@@ -45,10 +57,16 @@ def find_format(spec: CfdSpray) -> str:
     }
     if len(found) > 1:
         raise SprayError(f"{spec.file}: holds files of {' and '.join(sorted(found))}; set format")
+    if not found and not is_vtk(spec.file):
+        inside = [each for each in sorted(spec.file.iterdir()) if each.is_dir() and is_vtk(each)]
+        if inside:
+            shown = ", ".join(map(str, inside[:5]))
+            raise SprayError(f"{spec.file}: VTK files lie in {shown}; give one of these folders")
+        refuse_folder(spec.file)
     return found.pop() if found else "vtk"
 
 
-def read_case(spec: CfdSpray) -> CfdCase:
+def read_case(spec: CfdSpray, watch: Watch = silent) -> CfdCase:
     """One time of a case, in its own coordinates.
 
     Raises:
@@ -56,29 +74,67 @@ def read_case(spec: CfdSpray) -> CfdCase:
             format's own.
     """
     kind = find_format(spec)
-    if spec.mapping is not None and kind not in ("ensight", "converge"):
-        raise SprayError(
-            f"{spec.mapping}: spray.mapping is for ensight and converge; {kind} has its names "
-            + ("in spray.file itself" if kind == "tables" else "fixed")
-        )
+    if spec.mapping is not None and kind == "tables":
+        raise SprayError(f"{spec.mapping}: spray.mapping: tables have their names in spray.file")
     names = ColumnMap() if spec.mapping is None else read_column_map(spec.mapping)
+    if spec.region is not None and kind != "openfoam":
+        raise SprayError(f"{spec.file}: spray.region is for openfoam; this is {kind}")
+    common: _Common = {
+        "time_s": spec.time_s,
+        "fuel_field": spec.fuel_field,
+        "cloud": spec.cloud,
+        "names": names,
+        "watch": watch,
+    }
     match kind:
         case "tables":
-            return text_tables.read_tables(
-                spec.file, time_s=spec.time_s, fuel_field=spec.fuel_field
+            found = text_tables.read_tables(
+                spec.file, time_s=spec.time_s, fuel_field=spec.fuel_field, cloud=spec.cloud
             )
-        case "ensight" | "converge":
-            read = ensight.read_ensight if kind == "ensight" else converge.read_converge
-            return read(
-                spec.file,
-                time_s=spec.time_s,
-                fuel_field=spec.fuel_field,
-                cloud=spec.cloud,
-                names=names,
-            )
-    fields = (spec.fuel_field, "T", "rho", "p")
-    plain = openfoam.read_openfoam if kind == "openfoam" else vtkfiles.read_vtk
-    return plain(spec.file, time_s=spec.time_s, fields=fields, cloud=spec.cloud)
+        case "ensight":
+            found = ensight.read_ensight(spec.file, **common)
+        case "converge":
+            found = converge.read_converge(spec.file, **common)
+        case "openfoam":
+            found = openfoam.read_openfoam(spec.file, **common, region=spec.region)
+        case _:
+            found = vtkfiles.read_vtk(spec.file, **common)
+    if kind != "openfoam":
+        found = _in_its_case(spec, found)
+    mapped = () if spec.mapping is None else (spec.mapping,)
+    return replace(found, files=(*mapped, *found.files))
+
+
+def _in_its_case(spec: CfdSpray, found: CfdCase) -> CfdCase:
+    """What OpenFOAM's converters wrote into a case, with the injectors of its dictionary.
+
+    Raises:
+        SprayError: the case has parcels, and what was written from it has none.
+    """
+    near = spec.file.resolve().parents[:3]
+    case = next((each for each in near if (each / "constant").is_dir()), None)
+    if case is None:
+        return found
+    if found.cloud is not None:
+        injectors, dictionaries = case_injectors(case, found.cloud.name)
+        return replace(found, injectors=injectors, files=(*found.files, *dictionaries))
+    if spec.cloud is None and (folders := clouds_of(case)):
+        raise SprayError(
+            f"{found.source}: holds no parcels, but the case that it lies in does: "
+            f"{', '.join(map(str, folders[:3]))} (foamToVTK and foamToEnsight leave a region's "
+            f"out); give {case} as the case, or spray.cloud: {NO_CLOUD} for gas alone"
+        )
+    return found
+
+
+class _Common(TypedDict):
+    """What every reader takes."""
+
+    time_s: CaseTime | None
+    fuel_field: str
+    cloud: str | None
+    names: ColumnMap
+    watch: Watch
 
 
 @dataclass(frozen=True)
@@ -104,13 +160,13 @@ def contents(spec: CfdSpray) -> Contents:
     found: tuple[list[float], list[str], dict[str, list[str]]]
     match kind:
         case "openfoam":
-            found = openfoam.list_openfoam(spec.file, spec.time_s)
+            found = openfoam.list_openfoam(spec.file, spec.time_s, spec.region)
         case "ensight":
             case = read_case_file(ensight.case_path(spec.file))
-            cells = [item.name for item in case.items if item.kind == "scalar per element"]
-            drops = [item.name for item in case.items if "measured node" in item.kind]
-            measured = any(item.kind == "measured" for item in case.items)
-            found = ensight.times(case), cells, {"measured": drops} if measured else {}
+            kinds = ("scalar per element", "scalar per node")
+            cells = [item.name for item in case.items if item.kind in kinds]
+            clouds = ensight.clouds(case)
+            found = ensight.times(case), cells, {key: list(clouds[key][1]) for key in clouds}
         case "converge":
             found = converge.list_converge(spec.file, spec.time_s)
         case "tables":
@@ -131,8 +187,8 @@ def contents(spec: CfdSpray) -> Contents:
             found = times, gas, {} if spray.parcels is None else {"parcels": list(_STORED)}
         case _:
             found = vtkfiles.list_vtk(spec.file, spec.time_s)
-    times_s, fields, clouds = found
-    named = {name: tuple(columns) for name, columns in sorted(clouds.items())}
+    times_s, fields, parcels = found
+    named = {name: tuple(columns) for name, columns in sorted(parcels.items())}
     return Contents(kind, tuple(sorted(times_s)), tuple(sorted(fields)), named)
 
 

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from cldit.cfd.formats import contents, find_format
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
+from cldit.progress import Watch, silent
 from cldit.scene.checks import describe
 from cldit.scene.spray import CfdSpray
 from cldit.spray.spray_file import write_spray
@@ -23,14 +24,17 @@ _SHOWN = {
     "vapour_mass_kg": ("vapour mass", "mg", 1e6),
     "sauter_mean_diameter_m": ("Sauter mean diameter", "um", 1e6),
     "liquid_penetration_m": ("liquid penetration (95 % of mass)", "mm", 1e3),
+    "liquid_path_m": ("as OpenFOAM's log states it", "mm", 1e3),
     "vapour_penetration_m": ("vapour penetration (0.1 % fuel)", "mm", 1e3),
     "vapour_mass_fraction_max": ("largest mass fraction of fuel", "", 1.0),
     "gas_temperature_min_K": ("gas, coldest cell", "K", 1.0),
     "gas_temperature_max_K": ("gas, hottest cell", "K", 1.0),
     "gas_cells": ("cells", "", 1.0),
     "vapour_cells": ("cells with vapour", "", 1.0),
+    "parcels_left_out": ("parcels left out", "", 1.0),
+    "copies": ("copies that make it whole", "", 1.0),
 }
-_COUNTS = ("parcels", "gas_cells", "vapour_cells")
+_COUNTS = ("parcels", "gas_cells", "vapour_cells", "parcels_left_out", "copies")
 
 
 def cfd_spray(keys: Mapping[str, object]) -> CfdSpray:
@@ -56,15 +60,25 @@ def list_case(spec: CfdSpray) -> list[str]:
     lines = [
         f"format: {found.format}",
         f"times in s: {times or 'not stated'}",
-        f"cell fields: {', '.join(found.fields) or 'none'}",
+        f"cell fields: {', '.join(map(_quoted, found.fields)) or 'none'}",
     ]
     for name, fields in found.clouds.items():
-        lines.append(f"cloud {name}: {', '.join(fields) or 'no fields'}")
+        lines.append(f"cloud {name}: {', '.join(map(_quoted, fields)) or 'no fields'}")
     return lines if found.clouds else [*lines, "clouds: none"]
 
 
-def import_case(spec: CfdSpray, out: Path | None) -> list[str]:
+def _quoted(name: str) -> str:
+    """A name with a comma in quotes."""
+    return f'"{name}"' if "," in name else name
+
+
+def import_case(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> list[str]:
     """Reads and checks the case of `spec`, and writes cldit's own file of it if `out` names one.
+
+    Args:
+        spec: the case.
+        out: of the file, which appears whole or not at all; None writes none.
+        watch: told how far the work is.
 
     Returns:
         Lines on what came over: masses, sizes, penetration, and what was inferred.
@@ -74,15 +88,18 @@ def import_case(spec: CfdSpray, out: Path | None) -> list[str]:
     """
     if spec.spread_m is not None:
         raise SprayError("spray.spread_m: parcels are spread when a scene reads the file, not here")
-    spray = read_cfd(spec)
+    spray = read_cfd(spec, watch=watch)
     lines = [f"{spec.file}: {find_format(spec)}"]
     for name, (text, unit, factor) in _SHOWN.items():
         if name in spray.notes:
+            if name == "time_s" and abs(spray.notes[name]) >= 1.0:  # degrees of crank angle
+                text, unit, factor = "time, in the case's own unit", "", 1.0
             value = spray.notes[name] * factor
             shown = f"{value:.0f}" if name in _COUNTS else f"{value:.5g}"
             lines.append(f"  {text:34s}{shown:>12s} {unit}".rstrip())
     lines += [f"  {remark}" for remark in spray.remarks]
+    lines += [f"  {file.text}" for file in spray.files]
     if out is not None:
-        write_spray(out, spray)
+        write_spray(out, spray, watch=watch)
         lines.append(str(out))
     return lines

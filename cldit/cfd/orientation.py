@@ -13,11 +13,12 @@ import numpy as np
 from cldit.cfd.case import CfdCase, Cloud
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
-from cldit.spray.result import Floats
+from cldit.spray.result import Floats, Parcels
 
 _SNAP_DEG = 10.0  # the mean velocity of a noisy spray is no better known than that
 _ONE_NOZZLE_M = 5e-3  # holes of one injector lie closer together than that
-_YOUNG = 20  # parcels from which the nozzle is taken
+_YOUNG = 100  # parcels from which the nozzle is taken
+_FEWEST = 8  # for a parabola through them
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ def find_frame(spec: CfdSpray, case: CfdCase) -> Frame:
     axis = axis / np.linalg.norm(axis)
     if spec.nozzle_m is not None:
         nozzle = np.array(spec.nozzle_m)
+        _check_place(case, nozzle)
     else:
         nozzle = _nozzle(case, axis, remarks)
     return Frame(nozzle, axis, tuple(remarks))
@@ -101,25 +103,107 @@ def _nozzle(case: CfdCase, axis: Floats, remarks: list[str]) -> Floats:
         remarks.append(f"Nozzle at {_text(nozzle)} m, from {case.injectors[0].source}.")
         return np.asarray(nozzle)
     cloud = _cloud_or_fail(case)
-    position = cloud.position_m.values
-    velocity, age = cloud.fields.get("U"), cloud.fields.get("age")
-    if velocity is not None and age is not None:
-        # the youngest parcels, taken back along their paths to where they were born
-        young = np.argsort(age.values, kind="stable")[:_YOUNG]
-        born = position[young] - velocity.values[young] * age.values[young, None]
-        nozzle, how = np.median(born, axis=0), "the paths of the youngest parcels"
-    else:
-        upstream = np.argsort(position @ axis, kind="stable")[:_YOUNG]
-        middle = np.median(position[upstream], axis=0)
-        nozzle = middle + (float((position @ axis).min()) - float(middle @ axis)) * axis
-        how = "the parcels farthest upstream"
+    if "U" not in cloud.fields or "age" not in cloud.fields:
+        missing = "U" if "U" not in cloud.fields else "age"
+        raise _unknown(case, f"cloud {cloud.name!r} has no {missing} to trace parcels back with")
+    known = (cloud.position_m, cloud.fields["U"], cloud.fields["age"])
+    place, velocity, age = (np.asarray(each.values, np.float64) for each in known)
+    nozzle, error_m = extrapolated(place, velocity, age, axis)
     if not np.all(np.isfinite(nozzle)):
         raise SprayError(f"{cloud.position_m.label}: the nozzle inferred from it is not finite")
     remarks.append(
-        f"Nozzle at {_text(nozzle)} m, from {how} in {cloud.position_m.label}; "
-        "spray.nozzle_m sets it exactly."
+        f"Nozzle at {_text(nozzle)} m +- {error_m * 1e3:.2g} mm, from the paths of the youngest "
+        f"parcels in {cloud.position_m.label}, extrapolated to age zero; spray.nozzle_m sets it "
+        "exactly."
     )
     return np.asarray(nozzle)
+
+
+def extrapolated(
+    position_m: Floats, velocity_m_s: Floats, age_s: Floats, axis: Floats
+) -> tuple[Floats, float]:
+    """Where parcels were when they were born, and the error of that.
+
+    A parcel that is taken back along its present velocity ends too far downstream, as drag slowed
+    it. The place so found is a function of the age: along the axis a parabola through the
+    youngest parcels gives its value at age zero; across it is their mean, as drag has no side.
+
+    Args:
+        position_m, velocity_m_s: (N, 3).
+        age_s: (N,).
+        axis: of the injection, (3,).
+
+    Returns:
+        The nozzle (3,), and its error [m]: two standard errors of the fit, and the parabola's
+        difference from a straight line.
+    """
+    young = np.argsort(age_s, kind="stable")[:_YOUNG]
+    born = position_m[young] - velocity_m_s[young] * age_s[young, None]
+    along = born @ axis
+    age = age_s[young] / max(float(age_s[young].max()), 1e-30)
+    if len(young) < _FEWEST or not np.ptp(age) > 0.0:
+        travelled = np.linalg.norm(velocity_m_s[young], axis=1) * age_s[young]
+        return np.median(born, axis=0), float(np.ptp(along) + travelled.max())
+    zero, errors = [], []
+    for degree in (1, 2):
+        powers = age[:, None] ** np.arange(degree + 1)
+        fit, *_ = np.linalg.lstsq(powers, along, rcond=None)
+        scatter = np.sum((along - powers @ fit) ** 2) / (len(along) - degree - 1)
+        zero.append(float(fit[0]))
+        errors.append(float(np.sqrt(scatter * np.linalg.inv(powers.T @ powers)[0, 0])))
+    across = born[: _YOUNG // 2] - np.outer(along[: _YOUNG // 2], axis)
+    side = np.median(across, axis=0)
+    error_side = float(np.linalg.norm(across.std(axis=0)) / np.sqrt(len(across)))
+    error = np.hypot(2 * errors[1] + abs(zero[1] - zero[0]), 2 * error_side)
+    return side + zero[1] * axis, float(error)
+
+
+def _check_place(case: CfdCase, nozzle: Floats) -> None:
+    """Refuses a nozzle farther from mesh and parcels than these are wide.
+
+    Raises:
+        SprayError: it is; the message says whether millimetres seem to be meant.
+    """
+    low, high = case.mesh.extent_m
+    size = float(np.linalg.norm(high - low))
+
+    def away(place: Floats) -> float:
+        return float(np.linalg.norm(np.maximum(np.maximum(low - place, place - high), 0.0)))
+
+    if away(nozzle) <= size:
+        return
+    meant = [
+        f"{_text(nozzle * factor)} m if {unit} were meant"
+        for factor, unit in ((1e-3, "mm"), (1e-2, "cm"))
+        if away(nozzle * factor) <= size
+    ]
+    hint = f": {', '.join(meant)}" if meant else ""
+    raise SprayError(
+        f"spray.nozzle_m: {_text(nozzle)} m is {away(nozzle):.3g} m away from the case, which is "
+        f"{_text(low)} to {_text(high)} m; coordinates are metres{hint}"
+    )
+
+
+def check_downstream(spec: CfdSpray, parcels: Parcels, frame: Frame) -> None:
+    """Refuses a nozzle and axis that have most of the liquid behind the nozzle.
+
+    Args:
+        spec: the scene's spray.
+        parcels: in the project's frame, injection along -z.
+        frame: the nozzle and axis used.
+
+    Raises:
+        SprayError: more than half of the liquid is upstream.
+    """
+    mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
+    share = float(mass[parcels.position_m[:, 2] > 0.0].sum() / mass.sum()) if mass.sum() else 0.0
+    if share > 0.5:
+        depth = -parcels.position_m[:, 2]
+        raise SprayError(
+            f"{spec.file}: {100 * share:.3g} % of the liquid is upstream of the nozzle "
+            f"{_text(frame.nozzle_m)} m by the axis {_text(frame.axis)} (parcels lie "
+            f"{depth.min():.4g} to {depth.max():.4g} m along it); set spray.nozzle_m and spray.axis"
+        )
 
 
 def _cloud_or_fail(case: CfdCase) -> Cloud:

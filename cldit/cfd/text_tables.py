@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
+import csv
+import re
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from cldit.cfd.case import CfdCase, Cloud, Column, complete_cloud, nearest_time
-from cldit.cfd.column_mapping import (
+from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, complete_cloud
+from cldit.cfd.column_mapping import Source, cloud_columns, gas_columns
+from cldit.cfd.element_mesh import BoxMesh
+from cldit.cfd.mapping_file import (
     CellColumns,
     ColumnMap,
     ParcelColumns,
-    Source,
-    cloud_columns,
-    gas_columns,
+    Table,
+    columns_of,
     read_column_map,
+    without_unit,
 )
-from cldit.cfd.mesh import box_mesh
-from cldit.errors import FileError, SprayError
-from cldit.files import open_regular
+from cldit.cfd.size import Size, check_room
+from cldit.cfd.times import CaseTime, choose_time
+from cldit.errors import SprayError
 from cldit.spray.result import Floats
 
 
-def read_tables(path: Path, *, time_s: float | None, fuel_field: str) -> CfdCase:
+def read_tables(
+    path: Path, *, time_s: CaseTime | None, fuel_field: str, cloud: str | None
+) -> CfdCase:
     """Reads the tables that a mapping file names, relative to it.
 
     A cell is a box about its centre: of edges `size`, or a cube of its `volume`.
@@ -32,29 +39,47 @@ def read_tables(path: Path, *, time_s: float | None, fuel_field: str) -> CfdCase
         path: the mapping file.
         time_s: must be that of the mapping; None takes it.
         fuel_field: name of the fuel's mass fraction.
+        cloud: None is that of the mapping, if any; `none` is gas alone.
 
     Raises:
-        SprayError: the mapping or a table is missing or damaged, lacks a column, or a cell has no
-            volume.
+        SprayError: the mapping or a table is missing or damaged, lacks a column, a cell has no
+            volume, or the table does not fit into memory.
     """
     mapping = read_column_map(path)
     if mapping.cells.file is None:
         raise SprayError(f"{path}: cells.file is missing; it names the table of the gas")
     file = path.parent / mapping.cells.file
+    check_room(file, _size(file))
     source = load_table(file, mapping.cells)
     position, edges = _boxes(source, mapping.cells)
     if mapping.time_s is not None:
-        nearest_time(str(path), [mapping.time_s], time_s)
+        choose_time(str(path), [mapping.time_s], time_s)
     elif time_s is not None:
         raise SprayError(f"{path}: does not say its time (time_s); leave spray.time_s out")
+    if cloud not in (None, NO_CLOUD, "parcels"):
+        raise SprayError(f"{path}: no cloud {cloud!r} (spray.cloud); available: parcels")
+    named = None if mapping.parcels is None or cloud == NO_CLOUD else mapping.parcels.file
+    parcels = [] if named is None else [path.parent / named]
     return CfdCase(
         source=str(file),
         time_s=mapping.time_s,
-        mesh=box_mesh(position.values - edges / 2, position.values + edges / 2, position.label),
+        mesh=BoxMesh(position.values - edges / 2, position.values + edges / 2, position.label),
         gas=gas_columns(source, mapping.cells, fuel_field),
         available=tuple(source.columns),
-        cloud=_cloud(path, mapping),
+        cloud=None if cloud == NO_CLOUD else _cloud(path, mapping),
+        files=(path, file, *parcels),
     )
+
+
+def _size(file: Path) -> Size:
+    """By the mean length of the first lines; ten columns of numbers, and again as boxes."""
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(1 << 16)
+        rows = file.stat().st_size * head.count(b"\n") // max(len(head), 1)
+    except OSError:  # who reads the file says what is wrong with it
+        rows = 0
+    return Size(rows, 0, 200.0 * rows)
 
 
 def _boxes(source: Source, wanted: CellColumns) -> tuple[Column, Floats]:
@@ -74,7 +99,7 @@ def _boxes(source: Source, wanted: CellColumns) -> tuple[Column, Floats]:
     if not good.all():
         bad = int(np.argmin(good))
         raise SprayError(f"{size.label}: cell {bad} has no volume (edges {size.values[bad]} m)")
-    return position, size.values
+    return position, np.asarray(size.values, np.float64)
 
 
 def _cloud(path: Path, mapping: ColumnMap) -> Cloud | None:
@@ -89,31 +114,66 @@ def _cloud(path: Path, mapping: ColumnMap) -> Cloud | None:
     return complete_cloud("parcels", str(file), position, cloud_columns(source, wanted))
 
 
-_MOST_HEADER_BYTES = 1_000_000  # in one line
-
-
 def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
     """The names in the header of a table, as `wanted` says where it is in `file`.
 
     Raises:
         SprayError: the file cannot be read, or names a column twice.
     """
+    return _header(file, wanted)[0]
+
+
+def _header(file: Path, wanted: CellColumns | ParcelColumns) -> tuple[list[str], str]:
+    """Names and delimiter; names in quotes may hold the delimiter."""
     try:
-        with open_regular(file) as stream:
-            lines = [stream.readline(_MOST_HEADER_BYTES) for _ in range(wanted.header_line)]
-        last = lines[-1].decode("utf-8-sig")
-    except FileError as error:
-        raise SprayError(str(error)) from error
-    except UnicodeDecodeError as error:
+        with file.open(encoding="utf-8-sig") as stream:
+            lines = [stream.readline() for _ in range(wanted.header_line)]
+    except (OSError, UnicodeDecodeError) as error:
         raise SprayError(f"{file}: cannot be read ({error})") from error
-    header = last.strip().lstrip("#")
-    parts = header.split() if wanted.delimiter == " " else header.split(wanted.delimiter)
+    header = lines[-1].strip("\r\n ").lstrip("#").lstrip()
+    delimiter = wanted.delimiter or _told(header)
+    parts = _split(header, delimiter)
     names = [part.strip().strip('"').strip() for part in parts]
     twice = sorted({name for name in names if name and names.count(name) > 1})
     if twice or not any(names):
         what = f"the column {twice[0]!r} twice" if twice else "no names of columns"
         raise SprayError(f"{file}: line {wanted.header_line} holds {what}")
-    return names
+    return names, delimiter
+
+
+def _told(header: str) -> str:
+    """The delimiter of a header: the first of semicolon, tab and comma outside quotes, or space."""
+    plain = re.sub(r'"[^"]*"', "", header)
+    return next((mark for mark in ";\t," if mark in plain), " " if " " in plain else ",")
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    """The cells of a line; quotes keep a delimiter inside them."""
+    if '"' not in line:
+        return line.split() if delimiter == " " else line.split(delimiter)
+    rows = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
+    return next(rows, [])
+
+
+def _rows(file: Path, names: list[str], delimiter: str, wanted: Table) -> Iterator[str]:
+    """The lines below the header that hold values, each with as many cells as the header.
+
+    Raises:
+        SprayError: one has another number of cells.
+    """
+    with file.open(encoding="utf-8-sig") as stream:
+        for number, raw in enumerate(stream, start=1):
+            line = raw.strip() if delimiter == " " else raw.strip("\r\n ")
+            if number <= wanted.header_line or not line or line.startswith("#"):
+                continue
+            cells = len(_split(line, delimiter))
+            if cells != len(names):
+                raise SprayError(
+                    f"{file}: line {number} has {cells} cells, the header {len(names)} (delimiter "
+                    f"{delimiter!r}); put quotes around text that holds the delimiter, and give "
+                    "`delimiter` and `decimal` in the mapping file where numbers have a comma"
+                )
+            yield line.replace(",", ".") if wanted.decimal == "," else line
 
 
 def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
@@ -122,12 +182,13 @@ def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
     Raises:
         SprayError: the file cannot be read, is cut off, or holds text where a number is expected.
     """
-    names = table_names(file, wanted)
-    used: set[str] = set()
-    for key in type(wanted).model_fields:
-        value = getattr(wanted, key)
-        used |= {getattr(value, "column", None) or ""} | set(getattr(value, "columns", ()))
-    use = [place for place, name in enumerate(names) if name in used]
+    names, delimiter = _header(file, wanted)
+    if delimiter == wanted.decimal:
+        raise SprayError(
+            f"{file}: {delimiter!r} is both the delimiter and the decimal mark; allowed is one of "
+            "; tab or space as the delimiter"
+        )
+    use = _used(names, wanted)
     with file.open("rb") as stream:
         stream.seek(0, 2)
         stream.seek(max(stream.tell() - 1, 0))
@@ -139,19 +200,29 @@ def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # that there is no row: said below
             rows = np.loadtxt(
-                file,
-                delimiter=None if wanted.delimiter == " " else wanted.delimiter,
-                skiprows=wanted.header_line,
+                _rows(file, names, delimiter, wanted),
+                delimiter=None if delimiter == " " else delimiter,
                 usecols=use,
                 ndmin=2,
-                encoding="utf-8-sig",
+                quotechar='"',
             )
     except (ValueError, OSError) as error:
+        if isinstance(error, SprayError):
+            raise
         shown = ", ".join(names[place] for place in use)
-        raise SprayError(f"{file}: its columns {shown} are not all numbers ({error})") from error
+        raise SprayError(
+            f"{file}: its columns {shown} are not all numbers ({error}); for a decimal comma give "
+            "`decimal: ','` in the mapping file"
+        ) from error
     if not len(rows):
         raise SprayError(f"{file}: holds no row below its header")
     columns = {name: Column(f"{file}: column {name}", np.empty(0)) for name in names if name}
     for place, index in enumerate(use):
         columns[names[index]] = Column(f"{file}: column {names[index]}", rows[:, place])
     return Source(str(file), columns, len(rows))
+
+
+def _used(names: list[str], wanted: CellColumns | ParcelColumns) -> list[int]:
+    """Places of the columns that the mapping uses, by their name with or without its unit."""
+    used = columns_of(wanted)
+    return [n for n, name in enumerate(names) if name in used or without_unit(name) in used]

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cldit.cfd.case import CfdCase, Cloud, Column, nearest_time
+from cldit.cfd.case import NO_CLOUD, CfdCase, Column
+from cldit.cfd.cell_mesh import AnyFloats, Boxes, Labels
 from cldit.cfd.formats import find_format, read_case
-from cldit.cfd.orientation import Frame, find_frame
+from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcel_spreading import spread_parcels
+from cldit.cfd.parcels import check_parcels, farthest_m, only
+from cldit.cfd.sectors import Copy, completed_parcels, copies
+from cldit.cfd.times import choose_time, time_remarks
 from cldit.errors import SprayError
+from cldit.progress import Watch, silent
+from cldit.provenance import files_read
 from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Cells, Floats, Parcels, Spray, Vapour
 from cldit.spray.spray_file import read_spray
@@ -30,12 +38,12 @@ _EDGE_OF_JET = 1e-3  # vapour mass fraction at which a jet's penetration is meas
 class _Gas:
     """Temperature, mass fraction of the fuel, and molecules of it per m3, of each cell."""
 
-    temperature_K: Floats
+    temperature_K: AnyFloats
     mass_fraction: Floats
     number_density_m3: Floats
 
 
-def read_cfd(spec: CfdSpray) -> Spray:
+def read_cfd(spec: CfdSpray, *, watch: Watch = silent) -> Spray:
     """Reads a spray from the result of a CFD code, or from cldit's own file of one.
 
     Gas: T, rho (or p, for an ideal gas of air and fuel), and the fuel's mass fraction, the field
@@ -43,6 +51,10 @@ def read_cfd(spec: CfdSpray) -> Spray:
     becomes the origin and the axis of injection -z; where the scene does not give them they are
     inferred, see `frame.find_frame`, and `remarks` say how. Cells without vapour are left out.
     With `spec.spread_m` each parcel becomes several points, see `spread_parcels`.
+
+    Args:
+        spec: the case.
+        watch: told how far the work is.
 
     Returns:
         Spray with `vapour` (None without any), `parcels` (None for a case without a cloud), and
@@ -52,7 +64,7 @@ def read_cfd(spec: CfdSpray) -> Spray:
         SprayError: files or fields are missing, damaged, or hold what cannot be; the message names
             the file and the field.
     """
-    spray = _stored(spec) if find_format(spec) == "cldit" else _imported(spec)
+    spray = _stored(spec) if find_format(spec) == "cldit" else _imported(spec, watch)
     if spec.spread_m is None or spray.parcels is None:
         return spray
     parcels = spread_parcels(
@@ -62,35 +74,78 @@ def read_cfd(spec: CfdSpray) -> Spray:
 
 
 def _stored(spec: CfdSpray) -> Spray:
-    for key in ("nozzle_m", "axis", "cloud", "mapping"):
+    for key in ("nozzle_m", "axis", "cloud", "mapping", "region", "sector", "symmetry"):
         if getattr(spec, key) is not None:
             raise SprayError(f"{spec.file}: spray.{key} was settled when the case was imported")
     spray = read_spray(spec.file)
     if spec.time_s is not None:
         known = [spray.notes["time_s"]] if "time_s" in spray.notes else []
-        nearest_time(str(spec.file), known, spec.time_s)
-    return spray
+        choose_time(str(spec.file), known, spec.time_s)
+    return replace(spray, files=files_read([spec.file]) + spray.files)
 
 
-def _imported(spec: CfdSpray) -> Spray:
-    case = read_case(spec)
+def _imported(spec: CfdSpray, watch: Watch) -> Spray:
+    case = read_case(spec, watch)
     _check_size(case)
     gas = _gas(spec, case)
-    parcels = None if case.cloud is None else _parcels(case, case.cloud)
+    checked = None
+    if case.cloud is not None:
+        lower, upper = case.mesh.extent_m
+        checked = check_parcels(case.cloud, lower, upper, share=spec.parcels_left_out)
+        case = replace(case, cloud=only(case.cloud, checked.kept))
     frame = find_frame(spec, case)
-    vapour, jet_m = _vapour(spec, case, gas, frame)
-    if parcels is not None:
-        turned = (parcels.position_m - frame.nozzle_m) @ frame.rotation.T
-        parcels = replace(parcels, position_m=turned)
+    every, completed = copies(spec, case, frame)
+    vapour, jet_m = _vapour(spec, case, gas, frame, every, watch)
+    parcels = None
+    if checked is not None:
+        parcels = completed_parcels(checked.parcels, frame, every)
+        check_downstream(spec, parcels, frame)
     notes = _notes(case, gas, parcels, vapour, frame)
+    farthest = None if case.cloud is None else farthest_m(case.cloud, 0.95)
+    if farthest is not None:
+        notes["liquid_path_m"] = farthest
+    if checked is not None and checked.left_out:
+        notes["parcels_left_out"] = float(checked.left_out)
+    if len(every) > 1:
+        notes["copies"] = float(len(every))
     if np.isfinite(jet_m):
         notes["vapour_penetration_m"] = jet_m
     some = vapour if len(vapour.temperature_K) else None
-    return Spray(parcels=parcels, vapour=some, notes=notes, remarks=frame.remarks)
+    others = other_fuels(case.available, spec.fuel_field)
+    alone = checked is None and spec.cloud != NO_CLOUD
+    remarks = (
+        *case.remarks,
+        *((f"{case.source}: no parcels in it: gas alone.",) if alone else ()),
+        *((f"Other fuels, not read: {', '.join(others)}.",) if others else ()),
+        *(() if checked is None else checked.remarks),
+        *time_remarks(case.time_s, spec.time_s),
+        *frame.remarks,
+        *completed,
+    )
+    return Spray(
+        parcels=parcels,
+        vapour=some,
+        notes=notes,
+        remarks=remarks,
+        files=files_read(case.files),
+    )
+
+
+_FUEL = re.compile(r"(?:MASSFRAC_|Y_?)?(?:C\d+H\d+\w*|[NI]C\d+H\d+)$", re.IGNORECASE)
+
+
+def other_fuels(available: Sequence[str], fuel_field: str) -> list[str]:
+    """The cell fields with the name of another hydrocarbon, of two carbon atoms or more."""
+    return sorted(
+        name
+        for name in available
+        if _FUEL.match(name) and name != fuel_field and not name.endswith(f"_{fuel_field}")
+    )
 
 
 def _check_size(case: CfdCase) -> None:
-    extent = float((case.mesh.points_m.max(axis=0) - case.mesh.points_m.min(axis=0)).max())
+    lower, upper = case.mesh.extent_m
+    extent = float((upper - lower).max())
     if extent > _LARGEST_M:
         raise SprayError(
             f"{case.mesh.source}: the mesh is {extent:g} m wide, allowed is {_LARGEST_M:g} m; its "
@@ -98,17 +153,19 @@ def _check_size(case: CfdCase) -> None:
         )
 
 
-def _within(column: Column, *, low: float, high: float, hint: str) -> Floats:
-    """The values, once they are numbers inside low..high."""
+def _within(column: Column, *, low: float, high: float, hint: str) -> AnyFloats:
+    """The values as they are stored, once they are numbers inside low..high."""
     values = column.values
     if values.ndim != 1:
         raise SprayError(f"{column.label}: shape {values.shape}, expected one number an entry")
-    inside = (values >= low) & (values <= high)  # false for NaN as well
-    if not inside.all():
-        bad = int(np.argmin(inside))
-        raise SprayError(
-            f"{column.label}: {values[bad]:g} (entry {bad}) is outside {low:g}..{high:g}; {hint}"
-        )
+    if not (values.size and values.min() >= low and values.max() <= high):  # true for NaN as well
+        inside = (values >= low) & (values <= high)
+        if not inside.all():
+            bad = int(np.argmin(inside))
+            raise SprayError(
+                f"{column.label}: {values[bad]:g} (entry {bad}) is outside {low:g}..{high:g}; "
+                f"{hint}"
+            )
     return values
 
 
@@ -117,21 +174,27 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
         if name not in case.gas:
             known = ", ".join(case.available) or "none"
             raise SprayError(f"{case.source}: no cell field {name!r}{key}; it has: {known}")
+    for column in case.gas.values():
+        if len(column.values) != case.mesh.cells:
+            raise SprayError(
+                f"{column.label}: {len(column.values)} values for {case.mesh.cells} cells"
+            )
     temperature = _within(case.gas["T"], low=1.0, high=5000.0, hint="T is a temperature in K")
     fraction = _within(
         case.gas[spec.fuel_field],
         low=-_OVERSHOOT,
         high=1.0 + _OVERSHOOT,
         hint="it is to be the mass fraction of the fuel's vapour (spray.fuel_field)",
-    ).clip(0.0, 1.0)
+    ).astype(np.float64)
+    fraction.clip(0.0, 1.0, out=fraction)
     pressure = None
     if "p" in case.gas:
         pressure = _within(case.gas["p"], low=1.0, high=1e9, hint="p is a pressure in Pa")
-    moles_kg = fraction / spec.fuel_molar_mass_kg_mol + (1.0 - fraction) / AIR_KG_MOL
+        moles_kg = fraction / spec.fuel_molar_mass_kg_mol + (1.0 - fraction) / AIR_KG_MOL
+        ideal = pressure / (moles_kg * GAS_CONSTANT_J_MOL_K * temperature)
     if "rho" in case.gas:
         density = _within(case.gas["rho"], low=0.0, high=2e3, hint="rho is a density in kg/m3")
         if pressure is not None:
-            ideal = pressure / (moles_kg * GAS_CONSTANT_J_MOL_K * temperature)
             ratio = float(np.median(density / ideal))
             if not 1.0 / _IDEAL < ratio < _IDEAL:
                 raise SprayError(
@@ -140,53 +203,57 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
                     "than kg/m3, K, Pa"
                 )
     elif pressure is not None:
-        density = pressure / (moles_kg * GAS_CONSTANT_J_MOL_K * temperature)
+        density = ideal
     else:
         raise SprayError(f"{case.source}: neither rho nor p among the cell fields; one is needed")
     number = density * fraction * (AVOGADRO_MOL / spec.fuel_molar_mass_kg_mol)
     return _Gas(temperature, fraction, number)
 
 
-def _vapour(spec: CfdSpray, case: CfdCase, gas: _Gas, frame: Frame) -> tuple[Vapour, float]:
-    """The vapour, and how far it has come along the axis (NaN where there is none), metres."""
-    lower, upper = case.mesh.moved(origin_m=frame.nozzle_m, rotation=frame.rotation).boxes_m()
-    molecules = gas.number_density_m3 * np.prod(upper - lower, axis=1)
-    kept = molecules > _NEGLIGIBLE * molecules.sum() / len(molecules)
+def _vapour(
+    spec: CfdSpray,
+    case: CfdCase,
+    gas: _Gas,
+    frame: Frame,
+    every: Sequence[Copy],
+    watch: Watch,
+) -> tuple[Vapour, float]:
+    """The vapour, and how far it has come along the axis (NaN where there is none), metres.
+
+    Cells that hold next to nothing are left out, those of a few thousand at a time; the cells of
+    all copies refer to the same gas.
+    """
+    found: list[tuple[Labels, Boxes, Floats]] = []
+    total, depth = 0.0, -np.inf
+    share = _NEGLIGIBLE / (case.mesh.cells * len(every))
+    for copy in every:
+        origin, rotation = copy.into(frame)
+        for chosen, box in case.mesh.boxes(origin_m=origin, rotation=rotation, watch=watch):
+            molecules = gas.number_density_m3[chosen] * box.volume_m3
+            total += float(molecules.sum())
+            # no more can be told yet than that it is less than this
+            kept = np.flatnonzero(molecules > share * total)
+            found.append((kept + chosen.start, box.take(kept), molecules[kept]))
+            jet = gas.mass_fraction[chosen] > _EDGE_OF_JET
+            middle = (box.lower_m[:, 2] + box.upper_m[:, 2]) / 2
+            depth = max(depth, float(-middle[jet].min(initial=np.inf)))
+    some = [molecules > share * total for _, _, molecules in found]
+    count = sum(int(np.count_nonzero(each)) for each in some)
+    lower, upper = np.empty((count, 3)), np.empty((count, 3))
+    cell = np.empty(count, np.int64)
+    while found:
+        number, box, _ = found.pop()
+        kept = np.flatnonzero(some.pop())
+        place = slice(count - len(kept), count)
+        lower[place], upper[place], cell[place] = box.lower_m[kept], box.upper_m[kept], number[kept]
+        count -= len(kept)
     vapour = Vapour(
-        Cells(lower[kept], upper[kept]),
-        gas.number_density_m3[kept],
-        gas.temperature_K[kept],
+        Cells(lower, upper),
+        gas.number_density_m3[cell],
+        gas.temperature_K[cell].astype(np.float64),
         spec.fuel_molar_mass_kg_mol,
     )
-    jet = gas.mass_fraction > _EDGE_OF_JET
-    depth = -(lower[jet, 2] + upper[jet, 2]) / 2
-    return vapour, float(depth.max()) if len(depth) else np.nan
-
-
-def _parcels(case: CfdCase, cloud: Cloud) -> Parcels:
-    """The cloud in the case's own coordinates, checked."""
-    fields, position = cloud.fields, cloud.position_m
-    # a falling drop of water breaks up beyond some 5 mm; what is larger has another unit
-    diameter = _within(
-        fields["d"], low=1e-9, high=5e-3, hint="d is the diameter of a droplet in metres"
-    )
-    droplets = _within(
-        fields["nParticle"], low=0.0, high=1e18, hint="nParticle is the number of droplets"
-    )
-    temperature = _within(fields["T"], low=1.0, high=5000.0, hint="T is a temperature in K")
-    density = _within(fields["rho"], low=10.0, high=3e4, hint="rho is a density in kg/m3")
-    lower, upper = case.mesh.points_m.min(axis=0), case.mesh.points_m.max(axis=0)
-    slack = 1e-5 * float((upper - lower).max())  # float32 in either file
-    inside = np.all((position.values >= lower - slack) & (position.values <= upper + slack), axis=1)
-    if not inside.all():
-        bad = int(np.argmin(inside))
-        x, y, z = position.values[bad]
-        raise SprayError(
-            f"{position.label}: parcel {bad} at ({x:.4g}, {y:.4g}, {z:.4g}) m is outside the mesh, "
-            f"({', '.join(f'{part:.4g}' for part in lower)}) to "
-            f"({', '.join(f'{part:.4g}' for part in upper)}) m"
-        )
-    return Parcels(position.values, diameter, droplets, temperature, density)
+    return vapour, depth if np.isfinite(depth) else np.nan
 
 
 def _notes(

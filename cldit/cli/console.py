@@ -66,6 +66,7 @@ class ProgressBar:
             TimeRemainingColumn(),
             console=OUT,
             transient=True,
+            disable=not OUT.is_terminal,  # else it leaves empty lines in a file or pipe
         )
         self._task: Any = None
 
@@ -85,9 +86,11 @@ class ProgressBar:
 
     def watch(self, progress: Progress) -> None:
         """Shows how far the work is."""
+        self.count(progress.phase, progress.done, progress.total)
+
+    def count(self, what: str, done: int, total: int) -> None:
+        """Shows how much of `what` is done."""
         if self._task is None:
-            self._task = self._bar.add_task(progress.phase, total=progress.total)
+            self._task = self._bar.add_task(what, total=total)
             self._bar.start()
-        self._bar.update(
-            self._task, description=progress.phase, completed=progress.done, total=progress.total
-        )
+        self._bar.update(self._task, description=what, completed=done, total=total)

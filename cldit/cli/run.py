@@ -9,8 +9,9 @@ from typing import Any
 import click
 from rich.table import Table
 
-from cldit.cli.console import OUT, ProgressBar, plain_errors, say
-from cldit.cli.units import KELVIN, SECOND
+from cldit.cli.case_options import case_options, spray_keys
+from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
+from cldit.cli.units import KELVIN
 from cldit.errors import SceneError
 from cldit.experiment import run_experiment
 from cldit.gpu.device import open_device
@@ -32,7 +33,7 @@ _QUICK_K = 4.0
     type=click.Path(path_type=Path),
     help="Take the spray from a CFD result, or from what `cldit import` wrote.",
 )
-@click.option("--time", "time_s", type=SECOND, help="Time of the CFD result, s; the last one.")
+@case_options
 @click.option("--order", type=int, help="Most scatterings, beyond which the wall is seen; or all.")
 @click.option(
     "--method",
@@ -73,7 +74,6 @@ def run(
     scene: str,
     out: Path | None,
     cfd: Path | None,
-    time_s: float | None,
     order: int | None,
     method: str | None,
     phase: str | None,
@@ -85,6 +85,7 @@ def run(
     field_mm: str | None,
     quick: bool,
     trace_only: bool,
+    **options: Any,
 ) -> None:
     """Simulate SCENE (a shipped name or a YAML file), record it with the rig, evaluate."""
     transport = {
@@ -93,7 +94,10 @@ def run(
         "phase": _phase(phase),
         "accuracy_K": accuracy_K,
     }
-    chosen = _changed(load_scene(scene), cfd=cfd, time_s=time_s, preset=preset, transport=transport)
+    keys = spray_keys(options)
+    if "mapping" in keys:
+        keys["mapping"] = str(keys["mapping"].resolve())
+    chosen = _changed(load_scene(scene), cfd=cfd, keys=keys, preset=preset, transport=transport)
     chosen = chosen.with_(**_picture(pixels, field_mm, quick=quick, accuracy_K=accuracy_K))
     chosen = chosen.with_(**dict(parse_change(text) for text in changes))
     folder = out or Path("runs") / chosen.name
@@ -147,18 +151,18 @@ def _changed(
     scene: Scene,
     *,
     cfd: Path | None,
-    time_s: float | None,
+    keys: dict[str, Any],
     preset: str | None,
     transport: dict[str, Any],
 ) -> Scene:
     """The scene with what the command line overrides, checked again."""
     data = scene.model_dump(mode="json")
     if cfd is not None:
-        data["spray"] = {"model": "cfd", "file": str(cfd.resolve()), "time_s": time_s}
+        data["spray"] = {"model": "cfd", "file": str(cfd.resolve()), **keys}
         data["name"] = f"{scene.name}-{cfd.resolve().name}"
         data["description"] = f"the spray of {cfd.name} before the rig of {scene.name}"
-    elif time_s is not None:
-        data["spray"]["time_s"] = time_s
+    else:
+        data["spray"].update(keys)
     if preset is not None:
         data["optics"]["preset"] = preset
     data["transport"].update({key: value for key, value in transport.items() if value is not None})
@@ -187,6 +191,8 @@ def _summary(result: Run) -> None:
         _print_errors(result.errors)
     elif result.info.accuracy_K is not None:
         OUT.print(f"estimated error of the trace in T_app: {result.info.accuracy_K:.2g} K RMS")
+    for file in result.info.files:
+        OUT.print(escaped(f"  {file.text}"), style="dim")
     for name, text in human_figures(result.info.spray).items():
         OUT.print(f"  {name}: {text}", style="dim")
     if result.folder is not None:

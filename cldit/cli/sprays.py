@@ -10,6 +10,7 @@ from rich.table import Table
 
 from cldit.acquisition.progress import Progress
 from cldit.cfd.importing import cfd_spray, import_case, list_case
+from cldit.cli.case_options import case_options, spray_keys
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
 from cldit.files import write_bytes, write_text
 from cldit.report.droplets import life_picture
@@ -58,33 +59,15 @@ def spray_command(scene: str, out: Path | None) -> None:
 @click.argument("file", metavar="CASE", type=click.Path(path_type=Path))
 @click.option("--list", "listed", is_flag=True, help="Only list times, fields and clouds.")
 @click.option("--out", type=click.Path(path_type=Path), help="cldit's own file, .npz.")
-@click.option("--format", help="openfoam, vtk, ensight, converge or tables; else told.")
-@click.option("--mapping", type=click.Path(path_type=Path), help="Names and units of fields, YAML.")
-@click.option("--time", "time_s", type=float, help="Time, s; the last one.")
-@click.option("--cloud", help="Cloud of parcels, where there are several.")
-@click.option("--fuel-field", help="Cell field of the fuel's mass fraction; C7H16.")
-@click.option("--fuel-molar-mass", "fuel_molar_mass_kg_mol", type=float, help="kg/mol; 0.100204.")
-@click.option(
-    "--nozzle", "nozzle_m", type=(float, float, float), help="In the case's coordinates, m."
-)
-@click.option("--axis", help="Of the injection: -y, +z, or three numbers as 0,-1,0.")
+@case_options
 @plain_errors
-def import_command(listed: bool, out: Path | None, axis: str | None, **keys: Any) -> None:
+def import_command(listed: bool, out: Path | None, file: Path, **options: Any) -> None:
     """Check a CFD result CASE, print its figures, and keep it as cldit's own file."""
-    spec = cfd_spray({**keys, "axis": _axis(axis)})
-    lines = list_case(spec) if listed else import_case(spec, out)
+    spec = cfd_spray({"file": file, **spray_keys(options)})
+    with ProgressBar() as bar:
+        lines = list_case(spec) if listed else import_case(spec, out, watch=bar.count)
     for line in lines:
         OUT.print(escaped(line))
-
-
-def _axis(text: str | None) -> str | list[float] | None:
-    """`-y` as it is, `0,-1,0` as numbers."""
-    if text is None or "," not in text:
-        return text
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise click.BadParameter(f"{text!r} is no direction", param_hint="--axis") from error
 
 
 @click.command()

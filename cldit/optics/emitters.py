@@ -43,7 +43,7 @@ def _droplets(parcels: Parcels, band: BandOptics, droplets: Droplets) -> PointSo
 def _vapour(vapour: Vapour, band: BandOptics) -> CellSource:
     cross_section_m2 = band.vapour_m2_mol(vapour.temperature_K) / AVOGADRO_PER_MOL
     absorption = vapour.number_density_m3 * cross_section_m2
-    none = np.zeros_like(absorption)
+    none = np.broadcast_to(0.0, absorption.shape)  # stored once, not for each cell
     return CellSource(
         lower_m=vapour.cells.lower_m,
         upper_m=vapour.cells.upper_m,

@@ -14,6 +14,7 @@ from cldit.medium.octree import Octree, Sources, build_octrees
 from cldit.optics.band import BandOptics
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
+from cldit.provenance import FileRead
 from cldit.run.cell_choice import cells_that_fit, chosen_frame, lattice_frames
 from cldit.run.phases import droplets_content, in_classes, mean_phase, phase_choice, sizes_left
 from cldit.run.pilot import ParcelVariants, Probed
@@ -137,6 +138,7 @@ class Prepared:
     optical_depth_split: float
     properties: Properties
     notes: dict[str, float]
+    files: tuple[FileRead, ...]
     probed: Probed | None
     limit: int
 
@@ -163,21 +165,23 @@ class Prepared:
             note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
         paper = trees.pop() if found.paper is not None else None
         bare = replace(found, sources=(), paper=None)
-        return Medium(trees, paper, bare, self.notes, self.probed)
+        return Medium(trees, paper, bare, self.notes, self.files, self.probed)
 
 
 @dataclass(frozen=True)
 class Medium:
     """A tree for each spectral node, and one with the paper's properties where that is wanted.
 
-    properties: without `sources` and `paper`, which are in the trees. probed: what the errors of
-    cells and parcels are measured on; None where the scene wants no audit.
+    properties: without `sources` and `paper`, which are in the trees. files: that the spray was
+    read from. probed: what the errors of cells and parcels are measured on; None where the scene
+    wants no audit.
     """
 
     trees: list[Octree]
     paper: Octree | None
     properties: Properties
     notes: dict[str, float]
+    files: tuple[FileRead, ...] = ()
     probed: Probed | None = None
 
 
@@ -217,7 +221,7 @@ def prepare(
         made = spray or make_spray(scene.spray, cache=cache)
         spray = deposited(scene, made)
         stages.remark(spray.remarks)
-        notes = dict(spray.notes)
+        notes, files = dict(spray.notes), made.files
     with stages.stage("optics") as note:
         found = properties_of(scene, spray, cache=cache)
         count = len(found.sources)
@@ -237,7 +241,7 @@ def prepare(
     if scene.transport.audit:
         probed = _probed(scene, (made, spray), found, cache, frame=cube, limit=limit)
         probed = replace(probed, on_lattice=lattice_of_m is not None)
-    return Prepared(frame, scene.domain.optical_depth_split, found, notes, probed, limit)
+    return Prepared(frame, scene.domain.optical_depth_split, found, notes, files, probed, limit)
 
 
 def _spacing_m(scene: Scene) -> float:

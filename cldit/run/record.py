@@ -6,6 +6,7 @@ import platform
 from importlib.metadata import version
 
 from cldit.gpu.device import Device
+from cldit.provenance import FileRead
 from cldit.run.accuracy import StatedError
 from cldit.run.errors import Errors
 from cldit.run.plan import Plan
@@ -57,6 +58,7 @@ def run_info(
     *,
     stated: StatedError | None,
     notes: dict[str, float],
+    files: tuple[FileRead, ...],
     phase: str,
     integration_time_s: float,
     spectral: SpectralInfo,
@@ -69,6 +71,7 @@ def run_info(
         device, result, stages: that traced, what it traced, and what was done.
         stated: error of the trace.
         notes: figures of the spray.
+        files: what the spray was read from.
         phase: how droplets scatter, in words.
         integration_time_s: of the sensor.
         spectral: how the filter was resolved.
@@ -85,6 +88,7 @@ def run_info(
         stages=tuple(stages.done),
         accuracy_K=None if stated is None else stated.error_K,
         spray=notes,
+        files=files,
         phase=phase,
         counts=result.counts,
         defines={program.name: dict(program.defines) for program in last.programs},

@@ -15,6 +15,7 @@ from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
 from cldit.optics.spectral import Quadrature
+from cldit.provenance import FileRead
 from cldit.radiance.weights import Weights
 from cldit.run.errors import Errors
 from cldit.run.labelled import labelled
@@ -55,12 +56,14 @@ class RunInfo:
     closure: EnergyBalance | None = None  # how far the sum of weights is from 1
     remarks: tuple[str, ...] = ()  # what was inferred, or is not as asked
     phase: str = ""  # how droplets were taken to scatter
+    files: tuple[FileRead, ...] = ()  # that the spray was read from
     errors: Errors | None = None  # of T_app, by cause; None where nothing was asked for
     plan: dict[str, Any] | None = None  # what was chosen for the wanted error; `Plan.to_dict`
 
     def to_json(self) -> str:
         """JSON; `from_dict` takes what is in it."""
         data = {**self.__dict__, "stages": [stage.__dict__ for stage in self.stages]}
+        data["files"] = [file.to_dict() for file in self.files]
         for name, part in (
             ("spectral", self.spectral),
             ("closure", self.closure),
@@ -80,6 +83,7 @@ class RunInfo:
                 **data,
                 "stages": stages,
                 "remarks": tuple(data["remarks"]),
+                "files": tuple(FileRead.from_dict(each) for each in data.get("files", [])),
                 "spectral": None if spectral is None else SpectralInfo.from_dict(spectral),
                 "closure": None if closure is None else EnergyBalance.from_dict(closure),
                 "errors": None if errors is None else Errors.from_dict(errors),

@@ -71,6 +71,7 @@ def simulate(
             stages,
             stated=last.stated,
             notes=last.medium.notes,
+            files=last.medium.files,
             phase=last.medium.properties.phase,
             integration_time_s=last.sensor.integration_time_s,
             spectral=last.spectral(from_paper),

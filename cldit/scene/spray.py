@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, field_validator
 
 from cldit.scene.checks import Section, Within
 from cldit.scene.sizes import Droplets, NukiyamaTanasawa
-from cldit.scene.values import Angle, Direction, Length, Point
+from cldit.scene.values import Angle, CaseTime, Direction, Fraction, Length, Point
 
 
 class Ambient(Section):
@@ -189,6 +189,25 @@ class GridSpray(Section):
     """.npz of `origin_m`, `spacing_m` and coefficients in 1/m, relative to the scene."""
 
 
+class Sector(Section):
+    """A part of a turn: what turns of `angle_deg` make whole."""
+
+    angle_deg: Annotated[float, Within(0.5, 360.0)]
+    """Of the mesh; a whole number of them makes 360 degrees."""
+    centre_m: Point | None = None
+    """A point of the axis of turns, in the case's coordinates; left out: the nozzle."""
+    axis: Direction | None = None
+    """Of the turns; left out: that of the injection."""
+
+    @field_validator("angle_deg")
+    @classmethod
+    def _whole(cls, angle_deg: float) -> float:
+        copies = 360.0 / angle_deg
+        if abs(copies - round(copies)) > 1e-3 * copies:
+            raise ValueError(f"{angle_deg:g} degrees do not divide 360")
+        return angle_deg
+
+
 class CfdSpray(Section):
     """The result of a CFD code, in any of the formats that are read."""
 
@@ -200,14 +219,22 @@ class CfdSpray(Section):
     """Of the case; left out: told by the file's name and content."""
     mapping: Path | None = None
     """YAML file of names and units of fields that are not the format's own."""
-    time_s: Annotated[float, Within(0.0, 1e3)] | None = None
-    """Which of the case's times; left out: the last."""
+    time_s: CaseTime | None = None
+    """Which of the case's times, in its own unit (s, or crank angle); `latest`; `nearest 0.001`."""
+    region: str | None = None
+    """Which mesh region of an OpenFOAM case, where there are several."""
     fuel_field: str = "C7H16"
     """Cell field of the fuel's mass fraction."""
     fuel_molar_mass_kg_mol: Annotated[float, Within(1e-3, 1.0)] = 0.100204
     """Of the fuel; n-heptane's where left out."""
     cloud: str | None = None
-    """Which cloud of parcels, where there are several."""
+    """Which cloud of parcels, where there are several; `none`: gas alone, by choice."""
+    parcels_left_out: Fraction = 0.01
+    """Largest share of the parcels that may be left out as impossible."""
+    sector: Sector | None = None
+    """The mesh is this part of a turn about the axis, and is completed; 360: it is whole."""
+    symmetry: tuple[Literal["x", "y", "z"], ...] | None = None
+    """Normals of the planes through the nozzle at which the case is mirrored; []: it is whole."""
     nozzle_m: Point | None = None
     """In the case's coordinates, becomes the origin; left out: inferred."""
     axis: Direction | None = None

@@ -58,6 +58,33 @@ Direction = Annotated[
 ]
 
 
+def _case_time(value: object) -> object:
+    """A finite number, `latest`, or `nearest` and a number."""
+    text = str(value).strip()
+    if isinstance(value, bool):
+        raise ValueError(f"{text} is no time; {_TIMES}")
+    if text == "latest":
+        return text
+    nearest, number = (
+        text.startswith("nearest"),
+        text.removeprefix("nearest").strip(" :").removesuffix("s"),
+    )
+    try:
+        time = float(number)
+    except ValueError as error:
+        raise ValueError(f"{text!r} is no time; {_TIMES}") from error
+    if not math.isfinite(time) or abs(time) > 1e6:
+        raise ValueError(f"{text} is outside -1e6..1e6")
+    return f"nearest {time!r}" if nearest else time
+
+
+_TIMES = "allowed is a number that the case has, `latest`, or `nearest` and a number"
+CaseTime = Annotated[
+    float | str,
+    BeforeValidator(_case_time, json_schema_input_type=Annotated[float, Within(-1e6, 1e6)] | str),
+]
+
+
 Wavelength = Annotated[float, Within(SHORTEST_UM, LONGEST_UM)]
 
 

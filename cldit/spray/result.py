@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import SprayError
+from cldit.provenance import FileRead
 from cldit.spray.extent import Box, Cloud, Extent
 
 Floats = NDArray[np.float64]
@@ -262,7 +263,7 @@ class Spray:
     """The one result of every source; what a source does not have is None.
 
     `notes` are figures for the report (name -> value in SI); `remarks` are sentences that the user
-    should read, on what had to be inferred.
+    should read, on what had to be inferred. `files`: those that the spray was read from.
     """
 
     parcels: Parcels | None = None
@@ -270,3 +271,4 @@ class Spray:
     prescribed: Prescribed | None = None
     notes: dict[str, float] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    files: tuple[FileRead, ...] = ()

@@ -3,14 +3,13 @@
 Arrays `parcels/position_m`, `parcels/diameter_m`, ..., where parcels fill boxes `parcels/box_m`
 (3,), where they are clouds `parcels/covariance_m2`, `vapour/lower_m`, `vapour/upper_m`,
 `vapour/number_density_m3`, `vapour/temperature_K`, and `about`, a JSON text with the version of the
-layout, the molar mass, notes and remarks. Cells of a regular grid have its `vapour/grid_origin_m`,
-`vapour/grid_spacing_m`, `vapour/grid_shape` and `vapour/grid_index` too. Written at once: a file is
-whole or not there.
+layout, the molar mass, notes, remarks and the files read. Cells of a regular grid have its
+`vapour/grid_origin_m`, `vapour/grid_spacing_m`, `vapour/grid_shape` and `vapour/grid_index` too.
+Written at once: a file is whole or not there.
 """
 
 from __future__ import annotations
 
-import io
 import json
 import zipfile
 import zlib
@@ -21,17 +20,35 @@ import numpy as np
 from cldit.data_streams import DataStream
 from cldit.errors import SprayError
 from cldit.files import open_regular, whole
+from cldit.progress import Watch, silent
+from cldit.provenance import FileRead
 from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Cells, Floats, Parcels, RegularGrid, Spray, Vapour
 
 LAYOUT = 2
 _KNOWN = (1, LAYOUT)  # the first had no boxes and no clouds
+_EFFORT = 1  # of zlib: at 6 writing takes five times as long, for a tenth of the size
+_AT_ONCE = 1 << 22  # bytes between two reports of progress
+_UNREADABLE = (
+    OSError,
+    ValueError,
+    EOFError,
+    TypeError,
+    zipfile.BadZipFile,
+    zlib.error,
+    RuntimeError,  # a flag or method that zipfile does not know, in a damaged file
+)
 _PARCELS = ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3")
 _VAPOUR = ("lower_m", "upper_m", "number_density_m3", "temperature_K")
 
 
-def write_spray(path: Path, spray: Spray) -> None:
+def write_spray(path: Path, spray: Spray, *, watch: Watch = silent) -> None:
     """Writes parcels and vapour of `spray` to `path`.
+
+    Args:
+        path: of the file, which appears whole or not at all.
+        spray: to be written.
+        watch: told how far the work is.
 
     Raises:
         SprayError: the name does not end in .npz, or the file cannot be written.
@@ -42,6 +59,7 @@ def write_spray(path: Path, spray: Spray) -> None:
         "layout": LAYOUT,
         "notes": spray.notes,
         "remarks": list(spray.remarks),
+        "files": [file.to_dict() for file in spray.files],
     }
     arrays: dict[str, Floats] = {}
     if spray.parcels is not None:
@@ -66,8 +84,25 @@ def write_spray(path: Path, spray: Spray) -> None:
                 "vapour/grid_shape": np.array(grid.shape, dtype=float),
                 "vapour/grid_index": grid.index.astype(float),
             }
-    with whole(path) as part, DataStream(part) as stream:
-        np.savez_compressed(stream, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
+    try:
+        with (
+            whole(path) as part,
+            DataStream(part) as stream,
+            zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=_EFFORT) as archive,
+        ):
+            members = {"about": np.array(json.dumps(about)), **arrays}
+            size, done = sum(values.nbytes for values in members.values()), 0
+            for name, given in members.items():
+                values = np.asarray(given, order="C")
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    head = np.lib.format.header_data_from_array_1_0(values)
+                    np.lib.format.write_array_header_1_0(member, head)
+                    raw = values.reshape(-1).view(np.uint8).data
+                    for begin in range(0, len(raw), _AT_ONCE):
+                        watch(f"writing {path.name}", done, size)
+                        done += member.write(raw[begin : begin + _AT_ONCE])
+    except OSError as error:
+        raise SprayError(f"{path}: cannot be written ({error})") from error
 
 
 def _grid(arrays: dict[str, Floats]) -> RegularGrid | None:
@@ -90,6 +125,15 @@ def _extent(arrays: dict[str, Floats]) -> Extent | None:
     return None
 
 
+def _member(archive: zipfile.ZipFile, name: str) -> Floats:
+    """An array, read to the end of its member, so that its checksum is compared."""
+    with archive.open(name) as stream:
+        values = np.lib.format.read_array(stream, allow_pickle=False)
+        if stream.read(1):
+            raise ValueError(f"{name} goes on behind its array")
+    return np.asarray(values)
+
+
 def read_spray(path: Path) -> Spray:
     """Reads what `write_spray` wrote.
 
@@ -98,13 +142,10 @@ def read_spray(path: Path) -> Spray:
     """
     try:
         with open_regular(path) as stream, zipfile.ZipFile(stream) as archive:
-            # whole members, so that their checksums are compared, which np.load leaves out
-            members = {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
-        arrays = {
-            name: np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
-            for name, content in members.items()
-        }
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, TypeError) as error:
+            arrays = {
+                name.removesuffix(".npy"): _member(archive, name) for name in archive.namelist()
+            }
+    except _UNREADABLE as error:
         raise SprayError(f"{path}: cannot be read as cldit's file: {error}") from error
     try:
         about = json.loads(str(arrays["about"]))
@@ -120,10 +161,11 @@ def read_spray(path: Path) -> Spray:
             vapour = Vapour(cells, number, temperature, float(about["molar_mass_kg_mol"]))
         notes = {str(name): float(value) for name, value in about["notes"].items()}
         remarks = tuple(map(str, about["remarks"]))
+        files = tuple(FileRead.from_dict(each) for each in about.get("files", []))
     except KeyError as error:
         raise SprayError(f"{path}: {error.args[0]} is missing") from error
     except SprayError as error:
         raise error if str(path) in str(error) else SprayError(f"{path}: {error}") from error
     except (ValueError, TypeError, AttributeError) as error:
         raise SprayError(f"{path}: is no file of cldit's ({error})") from error
-    return Spray(parcels=parcels, vapour=vapour, notes=notes, remarks=remarks)
+    return Spray(parcels=parcels, vapour=vapour, notes=notes, remarks=remarks, files=files)

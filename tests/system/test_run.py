@@ -156,6 +156,7 @@ def test_lists() -> None:
         (("run", "gdj"), "did you mean gdi?"),
         (("run", "gdi", "--device", "none such"), "'none such' is not here"),
         (("run", "gdi", "--cfd", "no/such/case"), "no such file or folder"),
+        (("run", "gdi", "--region", "gas"), "spray.region: unknown key"),
         (("run", "gdi", "--accuracy", "-1"), "transport.accuracy_K: -1 is outside"),
         (("evaluate", "no/such/folder"), "no/such/folder"),
         (("show", "no/such/folder"), "no/such/folder"),

@@ -2,37 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from cldit.cfd.case import CfdCase, Cloud, Column, nearest_time
-from cldit.cfd.column_mapping import (
-    CellColumns,
-    ColumnMap,
-    ParcelColumns,
-    Scalar,
-    Source,
-    Vector,
-    gas_columns,
-    mapped_cloud,
-    merged,
-)
+from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, choose_cloud, only_claimant
+from cldit.cfd.column_mapping import Source, gas_columns, mapped_cloud
 from cldit.cfd.ensight.file import CaseFile, Item, Reader, read_case_file
-from cldit.cfd.mesh import Labels, Mesh
-from cldit.cfd.vtk.datasets import FACES
+from cldit.cfd.ensight.geometry import read_geometry
+from cldit.cfd.ensight.variable import corner_mean, per_element, per_node
+from cldit.cfd.mapping_file import PARCEL_NAMES, ColumnMap, columns_of, gas_names
+from cldit.cfd.point_data import with_point_fields
+from cldit.cfd.size import Size, check_room
+from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
-from cldit.spray.result import Floats
+from cldit.progress import Watch, silent
 
-_CORNERS = {"tetra4": 4, "pyramid5": 5, "penta6": 6, "hexa8": 8}
-_FLAT = {"point": 1, "bar2": 2, "bar3": 3, "tria3": 3, "tria6": 6, "quad4": 4, "quad8": 8}
-_VTK = {"tetra4": 10, "pyramid5": 14, "penta6": 13, "hexa8": 12}
+_NUMBERED = re.compile(r"c\d+(?=\D)")
 _MEASURED = ("scalar per measured node", "vector per measured node")
 
 
 def read_ensight(
-    path: Path, *, time_s: float | None, fuel_field: str, cloud: str | None, names: ColumnMap
+    path: Path,
+    *,
+    time_s: CaseTime | None,
+    fuel_field: str,
+    cloud: str | None,
+    names: ColumnMap,
+    watch: Watch = silent,
 ) -> CfdCase:
     """Reads one time of a case.
 
@@ -43,66 +42,53 @@ def read_ensight(
         cloud: name of the cloud; None is the only one.
         names: names of fields where they are not T, p, rho, `fuel_field`, and d, nParticle, T, rho,
             U, age for the parcels.
+        watch: told how far the work is.
 
     Raises:
-        SprayError: a file is missing or damaged, of a kind that is not read, or the time is not
-            there.
+        SprayError: a file is missing or damaged, of a kind that is not read, the time is not
+            there, or the case does not fit into memory.
     """
     case = read_case_file(case_path(path))
-    cells = merged(names.cells, _gas_names(fuel_field))
-    fields = [item for item in case.items if item.kind == "scalar per element"]
-    at = nearest_time(str(case.path), times(case), time_s) if times(case) else None
-    model = _only(case, "model")
-    geometry = Reader(_file(case, model, at))
-    parts, mesh = _geometry(geometry)
-    wanted = {getattr(cells, key).column for key in _KEYS if getattr(cells, key) is not None}
-    columns = {item.name: Column("", np.empty(0)) for item in fields}
-    for item in fields:
-        if item.name in wanted:
-            file = _file(case, item, at)
-            reader = Reader(file, binary=geometry.binary, order=geometry.order)
-            label = f"{file}: field {item.name}"
-            columns[item.name] = Column(label, _per_element(reader, parts, mesh.cells))
-    known = {item.name for item in fields}
-    cells = cells.model_copy(
-        update={
-            key: None
-            for key in _KEYS
-            # a field that is not there is missed later, by who knows whether it is needed
-            if key not in names.cells.model_fields_set and getattr(cells, key).column not in known
-        }
-    )
-    source = Source(str(case.path), columns, mesh.cells)
+    items = {item.name: item for item in case.items if item.kind == "scalar per node"}
+    items |= {item.name: item for item in case.items if item.kind == "scalar per element"}
+    cells = gas_names(names.cells, items, fuel_field)
+    at = choose_time(str(case.path), times(case), time_s) if times(case) else None
+    fields = sorted(columns_of(cells) & set(items))
+    model = _file(case, _only(case, "model"), at)
+    check_room(model, _size(model, [_file(case, items[name], at) for name in fields]))
+    watch("reading the mesh", 0, 1)
+    geometry = Reader(model)
+    solid = read_geometry(geometry)
+    geometry.close()
+    mesh = solid.mesh
+    files = [case.path, geometry.path]
+    columns = {name: Column("", np.empty(0)) for name in items}
+    points: dict[str, Column] = {}
+    for number, name in enumerate(fields):
+        watch(f"reading {name}", number, len(fields))
+        reader = Reader(_file(case, items[name], at), binary=geometry.binary, order=geometry.order)
+        label = f"{reader.path}: field {name}"
+        files.append(reader.path)
+        if items[name].kind == "scalar per element":
+            columns[name] = per_element(reader, solid.parts, mesh.cells, label)
+        else:
+            del columns[name]
+            points[name] = per_node(reader, solid.parts, solid.points, label)
+    columns, moved = with_point_fields(columns, points, cells, partial(corner_mean, solid.blocks))
+    cloud_read = _cloud(case, at, cloud, names, geometry, files)
+    remarks = [f"Ghost or blanked cells left out: {solid.hidden}."] if solid.hidden else []
+    if moved:
+        remarks.append(f"{case.path}: {', '.join(moved)} at nodes became means over cells.")
     return CfdCase(
         source=str(case.path),
         time_s=at,
         mesh=mesh,
-        gas=gas_columns(source, cells, fuel_field),
-        available=tuple(sorted(known)),
-        cloud=_cloud(case, at, cloud, names, geometry),
+        gas=gas_columns(Source(str(case.path), columns, mesh.cells), cells, fuel_field),
+        available=tuple(sorted(columns)),
+        cloud=cloud_read,
+        files=tuple(files),
+        remarks=tuple(remarks),
     )
-
-
-_KEYS = ("temperature", "pressure", "density", "fuel")
-
-
-def _gas_names(fuel_field: str) -> CellColumns:
-    return CellColumns(
-        temperature=Scalar(column="T"),
-        pressure=Scalar(column="p"),
-        density=Scalar(column="rho"),
-        fuel=Scalar(column=fuel_field),
-    )
-
-
-PARCEL_NAMES = ParcelColumns(
-    diameter=Scalar(column="d"),
-    number=Scalar(column="nParticle"),
-    temperature=Scalar(column="T"),
-    density=Scalar(column="rho"),
-    velocity=Vector(columns=("U_X", "U_Y", "U_Z")),
-    age=Scalar(column="age"),
-)
 
 
 def case_path(path: Path) -> Path:
@@ -113,10 +99,10 @@ def case_path(path: Path) -> Path:
     """
     if not path.is_dir():
         return path
-    found = sorted(path.glob("*.case"))
-    if len(found) != 1:
-        raise SprayError(f"{path}: holds {len(found)} .case files; give the path of one")
-    return found[0]
+    found = [*path.glob("*.case"), *path.glob("*.encas")]
+    if not found:
+        raise SprayError(f"{path}: holds no .case file")
+    return only_claimant("the EnSight case", found)
 
 
 def times(case: CaseFile) -> list[float]:
@@ -140,138 +126,66 @@ def _file(case: CaseFile, item: Item, at: float | None) -> Path:
     if item.kind == "model":
         before = [(t, f) for t, f in files if t is not None and t <= at * (1 + 1e-9)]
         return max(before or files[:1])[1]
-    known = {time: file for time, file in files if time is not None}
-    return known[nearest_time(f"{case.path}: {item.name}", known, at)]
+    known: dict[float, list[Path]] = {}
+    for time, file in files:
+        if time is not None:
+            known.setdefault(time, []).append(file)
+    time = choose_time(f"{case.path}: {item.name}", known, at)
+    return only_claimant(f"{item.name} at time {time:g}", known[time])
 
 
-Parts = dict[int, list[tuple[str, int, int]]]  # of each part: element type, count, first cell or -1
+def _size(geometry: Path, fields: list[Path]) -> Size:
+    """By the files' sizes: a number takes four bytes, or a line in ascii, held as an object."""
+    try:
+        with geometry.open("rb") as stream:
+            binary = b"C Binary" in stream.read(84)
+        stored = geometry.stat().st_size
+        largest = max((file.stat().st_size for file in fields), default=0)
+    except OSError:  # who reads the file says what is wrong with it
+        return Size(0, 0, 0.0)
+    return Size(largest // (4 if binary else 13), 0, (2.5 if binary else 7.0) * stored)
 
 
-def _geometry(file: Reader) -> tuple[Parts, Mesh]:
-    """The parts with their elements in order, and the mesh of all solid ones."""
-    file.text()
-    file.text()
-    flags = [file.text().split()[-1] for _ in range(2)]
-    named_nodes, named_elements = (flag in ("given", "ignore") for flag in flags)
-    parts: Parts = {}
-    points: list[Floats] = []
-    faces: list[tuple[Labels, Labels, Labels]] = []
-    offset = cells = 0
-    line = file.text()
-    if line == "extents":
-        file.floats(6, a_line=2)
-        line = file.text()
-    while line == "part":
-        number = file.part_number()
-        file.text()
-        if (kind := file.text()) != "coordinates":
-            raise file.fail(f"part {number} is {kind!r}; only unstructured parts are read")
-        count = int(file.integers(1)[0])
-        if named_nodes:
-            file.integers(count)
-        points.append(file.floats(3 * count).reshape(3, count).T)
-        elements = parts.setdefault(number, [])
-        line = "" if file.done else file.text()
-        while line not in ("", "part"):
-            ghost, kind = line.startswith("g_"), line.removeprefix("g_")
-            many = int(file.integers(1)[0])
-            if named_elements:
-                file.integers(many)
-            found = _elements(file, kind, many)
-            keep = found is not None and not ghost
-            elements.append((line, many, cells if keep else -1))
-            if found is not None and keep:
-                corners, sizes, owner = found
-                if corners.size and (corners.min() < 1 or corners.max() > count):
-                    raise file.fail(f"part {number}: {kind} with nodes outside 1..{count}")
-                faces.append((corners - 1 + offset, sizes, owner + cells))
-                cells += many
-            line = "" if file.done else file.text()
-        offset += count
-    if line:
-        raise file.fail(f"{line!r} where a part is expected; the file is damaged")
-    if not faces:
-        raise file.fail("the mesh has no solid cell")
-    size = np.concatenate([part[1] for part in faces])
-    return parts, Mesh(
-        points_m=np.concatenate(points),
-        corners=np.concatenate([part[0] for part in faces]),
-        start=np.concatenate([[0], np.cumsum(size)]),
-        owner=np.concatenate([part[2] for part in faces]),
-        neighbour=np.full(len(size), -1, dtype=np.int64),
-        cells=cells,
-        source=str(file.path),
-    )
+def clouds(case: CaseFile) -> dict[str, tuple[Item, dict[str, Item]]]:
+    """Of each cloud its positions, and its fields by name.
 
-
-def _elements(file: Reader, kind: str, many: int) -> tuple[Labels, Labels, Labels] | None:
-    """Corners, sizes and owners of the faces of solid elements; None for flat ones."""
-    if kind in _FLAT:
-        file.integers(many * _FLAT[kind], a_line=_FLAT[kind])
-        return None
-    if kind == "nsided":
-        _ragged(file, file.integers(many))
-        return None
-    if kind == "nfaced":
-        faces = file.integers(many)
-        sizes = file.integers(int(faces.sum()))
-        return _ragged(file, sizes), sizes, np.repeat(np.arange(many), faces)
-    if kind not in _CORNERS:
-        raise file.fail(f"elements of type {kind!r} are not read; write linear ones")
-    nodes = file.integers(many * _CORNERS[kind], a_line=_CORNERS[kind]).reshape(many, -1)
-    around = FACES[_VTK[kind]]
-    corners = [nodes[:, list(face)].reshape(-1) for face in around]
-    each = np.repeat([len(face) for face in around], many)
-    return np.concatenate(corners), each, np.tile(np.arange(many), len(around))
-
-
-def _ragged(file: Reader, sizes: Labels) -> Labels:
-    if file.binary:
-        return file.integers(int(sizes.sum()))
-    rows = [file.integers(int(size), a_line=int(size)) for size in sizes]
-    return np.concatenate(rows) if rows else np.empty(0, dtype=np.int64)
-
-
-def _per_element(file: Reader, parts: Parts, cells: int) -> Floats:
-    """A field (cells,) in the order of the mesh."""
-    file.text()
-    values, seen = np.empty(cells), np.zeros(cells, dtype=bool)
-    line = "" if file.done else file.text()
-    while line == "part":
-        number = int(file.integers(1)[0])
-        if number not in parts:
-            raise file.fail(f"part {number} is not in the geometry")
-        line = "" if file.done else file.text()
-        for kind, many, first in parts[number]:
-            if line != kind:
-                continue  # a type may be left out; if it holds cells, they are missed below
-            found = file.floats(many)
-            if first >= 0:
-                values[first : first + many] = found
-                seen[first : first + many] = True
-            line = "" if file.done else file.text()
-    if line:
-        raise file.fail(f"{line!r} where a part or its elements are expected")
-    if not seen.all():
-        raise file.fail(f"no value for {int(np.sum(~seen))} of {cells} cells; truncated?")
-    return values
-
-
-def _measured(case: CaseFile) -> Iterator[Item]:
-    return (item for item in case.items if item.kind in _MEASURED)
+    The particles are one cloud, `measured`. foamToEnsight names a cloud by the folder of its
+    files, and its fields by the cloud's number and the field: `c0d` in `lagrangian/sprayCloud`.
+    """
+    found: dict[str, tuple[Item, dict[str, Item]]] = {}
+    fields = [item for item in case.items if item.kind in _MEASURED]
+    for position in (item for item in case.items if item.kind == "measured"):
+        folder = Path(position.pattern).parent
+        foam = folder.parent.name == "lagrangian"
+        own = [item for item in fields if not foam or Path(item.pattern).parent == folder]
+        prefixed = foam and all(_NUMBERED.match(item.name) for item in own)
+        named = {_NUMBERED.sub("", item.name) if prefixed else item.name: item for item in own}
+        name = folder.name if foam else "measured"
+        if name in found:
+            raise SprayError(f"{case.path}: GEOMETRY: the cloud {name!r} stands twice")
+        found[name] = (position, named)
+    return found
 
 
 def _cloud(
-    case: CaseFile, at: float | None, wanted: str | None, names: ColumnMap, mesh: Reader
+    case: CaseFile,
+    at: float | None,
+    wanted: str | None,
+    names: ColumnMap,
+    mesh: Reader,
+    files: list[Path],
 ) -> Cloud | None:
-    geometry = [item for item in case.items if item.kind == "measured"]
-    if wanted not in (None, "measured"):
-        raise SprayError(f"{case.path}: no cloud {wanted!r} (spray.cloud); there is: measured")
-    if not geometry:
-        if wanted is not None or any(_measured(case)):
-            raise SprayError(f"{case.path}: GEOMETRY: no `measured` file for the parcels")
+    known = clouds(case)
+    if not known and wanted != NO_CLOUD and any(item.kind in _MEASURED for item in case.items):
+        raise SprayError(f"{case.path}: GEOMETRY: no `measured` file for the parcels")
+    if wanted == "measured" and len(known) == 1:
+        wanted = None
+    chosen = choose_cloud(str(case.path), known, wanted)
+    if chosen is None:
         return None
-    file = Reader(_file(case, geometry[0], at), order=mesh.order)
+    geometry, fields = known[chosen]
+    file = Reader(_file(case, geometry, at), order=mesh.order)
+    files.append(file.path)
     file.text()
     if (line := file.text()) != "particle coordinates":
         raise file.fail(f"{line!r}, expected `particle coordinates`")
@@ -280,8 +194,9 @@ def _cloud(
     if not file.done:
         raise file.fail(f"goes on behind its {count} parcels")
     columns: dict[str, Column] = {}
-    for item in _measured(case):
+    for name, item in fields.items():
         values = Reader(_file(case, item, at), binary=file.binary, order=file.order)
+        files.append(values.path)
         width = 3 if item.kind.startswith("vector") else 1
         label = f"{values.path}: parcel field {item.name}"
         values.text()
@@ -289,5 +204,5 @@ def _cloud(
         if not values.done:
             raise values.fail(f"goes on behind the values of {count} parcels")
         for letter, part in zip("XYZ" if width == 3 else [""], numbers.T, strict=True):
-            columns[item.name + (f"_{letter}" if letter else "")] = Column(label, part)
-    return mapped_cloud("measured", str(case.path), position, columns, names, PARCEL_NAMES)
+            columns[name + (f"_{letter}" if letter else "")] = Column(label, part)
+    return mapped_cloud(chosen, str(case.path), position, columns, names, PARCEL_NAMES)

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cldit.cfd.mesh import Labels
-from cldit.errors import FileError, SprayError
-from cldit.files import open_regular, read_text
+from cldit.cfd.cell_mesh import Labels, narrowed
+from cldit.errors import SprayError
 from cldit.spray.result import Floats
 
 
@@ -70,9 +70,9 @@ def read_case_file(path: Path) -> CaseFile:
         SprayError: it cannot be read, is not of EnSight Gold, or keeps all times in one file.
     """
     try:
-        lines = read_text(path).splitlines()
-    except FileError as error:
-        raise SprayError(str(error)) from error
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise SprayError(f"{path}: cannot be read ({error})") from error
     try:
         return _parsed(path, lines)
     except SprayError:
@@ -108,11 +108,26 @@ def _parsed(path: Path, lines: list[str]) -> CaseFile:
                 if key == "time set":
                     now = sets.setdefault(int(after.split()[0]), {})
                     continue
-            now.setdefault(key, []).extend(float(word) for word in (after or line).split())
+                if key.endswith(" file"):  # the numbers stand in a file of their own
+                    key = key.removesuffix(" file")
+                    after = _numbers_file(path, after)
+            text = after if colon else line  # values may begin on the next line
+            now.setdefault(key, []).extend(float(word) for word in text.split())
     if not gold:
-        raise SprayError(f"{path}: FORMAT: not `type: ensight gold`")
+        raise SprayError(f"{path}: FORMAT: not `type: ensight gold`; export EnSight Gold, or .vtu")
     case.time_sets = {number: _time_set(path, content) for number, content in sets.items()}
     return case
+
+
+def _numbers_file(path: Path, name: str) -> str:
+    """The text of a file that the TIME section of `path` names."""
+    words = shlex.split(name)
+    if len(words) != 1:
+        raise SprayError(f"{path}: TIME: {name.strip()!r}: one file is allowed")
+    try:
+        return (path.parent / words[0]).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SprayError(f"{path}: TIME: {words[0]}: cannot be read ({error})") from error
 
 
 def _item(path: Path, kind: str, text: str) -> Item:
@@ -151,10 +166,9 @@ class Reader:
     def __init__(self, path: Path, *, binary: bool | None = None, order: str = "<") -> None:
         """`binary` and byte `order` of a variable's file are those of the geometry's."""
         try:
-            with open_regular(path) as stream:
-                self.body = stream.read()
+            self.body = path.read_bytes()
         except OSError as error:
-            raise SprayError(str(error)) from error
+            raise SprayError(f"{path}: cannot be read ({error})") from error
         self.path, self.at, self.order = path, 0, order
         head = self.body[:84]
         if b"Fortran Binary" in head:
@@ -188,22 +202,32 @@ class Reader:
     def integers(self, count: int, *, a_line: int = 1) -> Labels:
         """Integers (N,), `count` of them; in ascii `a_line` of them in columns of ten."""
         if self.binary:
-            raw = np.frombuffer(self._bytes(4 * count), f"{self.order}i4")
-            return raw.astype(np.int64)
-        return self._numbers(count, 10, a_line).astype(np.int64)
+            return self._raw("i", count).astype(np.int32)
+        with np.errstate(invalid="ignore"):
+            return narrowed(self._numbers(count, 10, a_line))
 
-    def floats(self, count: int, *, a_line: int = 1) -> Floats:
-        """Float32 numbers (N,), `count` of them; in ascii `a_line` of them in columns of twelve."""
-        if self.binary:
-            with np.errstate(invalid="ignore"):  # NaN is for who knows what the number means
-                return np.frombuffer(self._bytes(4 * count), f"{self.order}f4").astype(np.float64)
-        return self._numbers(count, 12, a_line)
+    def floats(self, count: int, *, a_line: int = 1) -> NDArray[np.float32]:
+        """Numbers (N,), `count` of them; in ascii `a_line` of them in columns of twelve.
+
+        No more than single precision is in either.
+        """
+        # NaN and infinity are for who knows what the number means
+        with np.errstate(invalid="ignore", over="ignore"):
+            if self.binary:
+                return self._raw("f", count).astype(np.float32)
+            return self._numbers(count, 12, a_line).astype(np.float32)
+
+    def _raw(self, kind: str, count: int) -> NDArray[np.generic]:
+        """Numbers of four bytes in the body itself."""
+        begin = self.at
+        self._skip(4 * count)
+        return np.frombuffer(self.body, f"{self.order}{kind}4", count, begin)
 
     def particles(self, count: int) -> Floats:
         """Positions (N, 3) behind the labels of measured particles."""
         if self.binary:
-            self._bytes(4 * count)
-            return self.floats(3 * count).reshape(count, 3)
+            self._skip(4 * count)
+            return self.floats(3 * count).reshape(count, 3).astype(np.float64)
         rows = [self._line() for _ in range(count)]
         values = [self._split(row[8:], 12) for row in rows]
         if any(len(row) != 3 for row in values):
@@ -219,12 +243,20 @@ class Reader:
             number = int(self.integers(1)[0])
         return number
 
-    def _bytes(self, count: int) -> bytes:
-        raw = self.body[self.at : self.at + count]
-        if count < 0 or len(raw) != count:
-            raise self.fail(f"truncated or damaged: {count} bytes wanted, {len(raw)} are left")
+    def close(self) -> None:
+        """Lets the content go; what was read from it stays."""
+        self.body, self.lines = b"", []
+
+    def _skip(self, count: int) -> None:
+        left = len(self.body) - self.at
+        if not 0 <= count <= left:
+            raise self.fail(f"truncated or damaged: {count} bytes wanted, {left} are left")
         self.at += count
-        return raw
+
+    def _bytes(self, count: int) -> bytes:
+        begin = self.at
+        self._skip(count)
+        return self.body[begin : self.at]
 
     def _line(self) -> bytes:
         if self.at >= len(self.lines):

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 
-from cldit.cfd.case import CLOUD_FIELDS, Column
-from cldit.cfd.mesh import Labels, Mesh
-from cldit.cfd.openfoam.file import (
-    FoamFile,
-    find_foam,
-    particles,
-    read_foam,
-    scalars,
-    vectors,
-    whole,
-)
+from cldit.cfd.case import Column
+from cldit.cfd.cell_mesh import Labels
+from cldit.cfd.mesh import Mesh
+from cldit.cfd.openfoam.file import FoamFile, find_foam, read_foam
+from cldit.cfd.openfoam.lists import particles, scalars, vectors, whole
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
-
-_EXTRA = {"U": vectors, "age": scalars}  # only to infer nozzle and axis
 
 
 def cloud_names(time_folder: Path) -> list[str]:
@@ -32,7 +25,12 @@ def cloud_names(time_folder: Path) -> list[str]:
 
 
 def read_cloud(
-    folder: Path, mesh: Mesh, block: int | None = None
+    folder: Path,
+    mesh: Mesh,
+    block: int | None = None,
+    *,
+    wanted: set[str],
+    files: list[Path],
 ) -> tuple[Column, dict[str, Column]]:
     """Positions and fields of one cloud.
 
@@ -42,6 +40,8 @@ def read_cloud(
         folder: of the cloud.
         mesh: of the same processor.
         block: which processor's, of collated files.
+        wanted: names of the fields to read, where there are such; `U_X` means U.
+        files: those that are read are added to it.
 
     Returns:
         Positions (N, 3), and fields by name.
@@ -57,11 +57,15 @@ def read_cloud(
     file = read_foam(found, block)
     rows = particles(file)
     position = rows[:, :3] if rows.shape[1] == 4 else decode(file, rows, mesh)
+    files.append(find_foam(found) or found)
     fields: dict[str, Column] = {}
-    for name in (*CLOUD_FIELDS, *_EXTRA):
-        if find_foam(folder / name) is not None:
-            values = _EXTRA.get(name, scalars)(read_foam(folder / name, block))
-            fields[name] = Column(str(folder / name), values)
+    for name in sorted({*wanted, *(re.sub("_[XYZ]$", "", each) for each in wanted)}):
+        path = find_foam(folder / name)
+        if path is not None:
+            field = read_foam(folder / name, block)
+            read = vectors if field.kind.startswith("vector") else scalars
+            fields[name] = Column(str(folder / name), read(field))
+            files.append(path)
     return Column(str(found), position), fields
 
 
@@ -91,7 +95,7 @@ def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
     for what, label, end in (("cell", cell, mesh.cells), ("face", face, faces)):
         if label.size and (label.min() < 0 or label.max() >= end):
             raise file.fail(f"a parcel in {what} {label.max()}, but the mesh has {end}")
-    size = np.diff(mesh.start)[face]
+    size = mesh.start[face + 1] - mesh.start[face]
     owned = mesh.owner[face] == cell
     if not np.all(owned | (mesh.neighbour[face] == cell)):
         bad = int(np.argmin(owned | (mesh.neighbour[face] == cell)))
@@ -104,11 +108,12 @@ def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
 
     used, back = np.unique(face, return_inverse=True)
     base = _base_points(mesh, used)[back]
+    middle, at = _centroids(mesh, cell)
     begin = mesh.start[face]
     second = mesh.corners[begin + (base + turn) % size]
     third = mesh.corners[begin + (base + turn + 1) % size]
     corners = (
-        mesh.volume_and_centroid[1][cell],
+        middle[at],
         mesh.points_m[mesh.corners[begin + base]],
         mesh.points_m[np.where(owned, second, third)],
         mesh.points_m[np.where(owned, third, second)],
@@ -117,11 +122,22 @@ def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
     return np.asarray(np.sum(terms, axis=0))
 
 
+def _centroids(mesh: Mesh, cells: Labels) -> tuple[Floats, Labels]:
+    """Centroids of some cells, each once, and which of them is that of each of `cells`."""
+    each, at = np.unique(cells, return_inverse=True)
+    return mesh.measure(each).centroid_m, at
+
+
 def _base_points(mesh: Mesh, faces: Labels) -> Labels:
     """Place of the base point among the corners of each of `faces`."""
-    _, centroid = mesh.volume_and_centroid
-    begin, size = mesh.start[faces], np.diff(mesh.start)[faces]
+    begin, size = mesh.start[faces], mesh.start[faces + 1] - mesh.start[faces]
     neighbour = mesh.neighbour[faces]
+    # where there is no neighbour the owner stands in, and is not looked at
+    sides = np.concatenate(
+        [mesh.owner[faces], np.where(neighbour < 0, mesh.owner[faces], neighbour)]
+    )
+    middle, at = _centroids(mesh, sides)
+    owned, beyond = middle[at].reshape(2, -1, 3)
     base = np.zeros(len(faces), dtype=np.int64)
     unsettled = np.arange(len(faces))
     for candidate in range(int(size.max(initial=0))):
@@ -132,8 +148,8 @@ def _base_points(mesh: Mesh, faces: Labels) -> Labels:
             return np.asarray(mesh.points_m[mesh.corners[first + turn % count]])
 
         origin = corner(candidate)
-        outwards = origin - centroid[mesh.owner[faces[unsettled]]]
-        onwards = centroid[neighbour[unsettled]] - origin
+        outwards = origin - owned[unsettled]
+        onwards = beyond[unsettled] - origin
         for turn in range(1, int(count.max(initial=0)) - 1):
             normal = np.cross(
                 corner(candidate + turn) - origin, corner(candidate + turn + 1) - origin

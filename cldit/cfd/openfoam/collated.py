@@ -10,12 +10,15 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 from cldit.errors import SprayError
 
 COLLATED = b"decomposedBlockData"
 _NAME = re.compile(r"processors(\d+)(?:_(\d+)-(\d+))?$")
 _BLOCK = re.compile(rb"(?:\s|//[^\n]*\n|/\*.*?\*/)*(\d+)\s*\(", re.DOTALL)
+
+_GAP = 10_000  # bytes in which the size of a block is found
 
 
 @dataclass(frozen=True)
@@ -60,11 +63,12 @@ def _matched(folder: Path) -> re.Match[str] | None:
     return _NAME.match(folder.name)
 
 
-def block_of(content: bytes, path: Path, block: int) -> tuple[bytes, bytes]:
-    """Cuts the first block and another out of a collated file.
+def block_of(stream: BinaryIO, at: int, path: Path, block: int) -> tuple[bytes, bytes]:
+    """Reads the first block and another of a collated file; those between are passed over.
 
     Args:
-        content: what follows the file's header.
+        stream: the file.
+        at: where its header ends.
         path: named by errors.
         block: number of the other.
 
@@ -74,21 +78,26 @@ def block_of(content: bytes, path: Path, block: int) -> tuple[bytes, bytes]:
     Raises:
         SprayError: a block is cut off, or there are too few.
     """
-    at, first = 0, b""
+    first = inside = b""
     for number in range(block + 1):
-        match = _BLOCK.match(content, at)
+        stream.seek(at)
+        match = _BLOCK.match(stream.read(_GAP))
         if match is None:
             raise SprayError(
                 f"{path}: truncated, or of fewer processors: it has {number} blocks, and block "
                 f"{block} is asked for"
             )
-        size, begin = int(match.group(1)), match.end()
-        if content[begin + size : begin + size + 1] != b")":
+        size, begin = int(match.group(1)), at + match.end()
+        stream.seek(begin)
+        if number in (0, block):
+            inside = stream.read(size)
+            first = inside if number == 0 else first
+        else:
+            stream.seek(begin + size)
+        if stream.read(1) != b")":
             raise SprayError(
                 f"{path}: truncated or damaged: block {number} does not end after the {size} bytes "
                 "that it announces"
             )
-        inside = content[begin : begin + size]
-        first = inside if number == 0 else first
         at = begin + size + 1
     return first, inside

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import gzip
 import re
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from cldit.cfd.case import Injector
-from cldit.errors import FileError, SprayError
-from cldit.files import read_text
+from cldit.cfd.openfoam.file import find_foam
+from cldit.errors import SprayError
 
 _SKIP = re.compile(r"/\*.*?\*/|//[^\n]*|^\s*#[^\n]*", re.DOTALL | re.MULTILINE)
 _TOKEN = re.compile(r'"[^"]*"|[{}();]|[^\s{}();"]+')
@@ -26,10 +28,7 @@ def read_injectors(path: Path) -> tuple[Injector, ...]:
     Raises:
         SprayError: the file cannot be read, or its brackets do not match.
     """
-    try:
-        text = read_text(path, encoding="latin-1")
-    except FileError as error:
-        raise SprayError(str(error)) from error
+    text = _content(path).decode("latin-1")
     tokens = _TOKEN.findall(_SKIP.sub(" ", text))
     try:
         content, end = _entries(tokens, 0)
@@ -44,6 +43,77 @@ def read_injectors(path: Path) -> tuple[Injector, ...]:
         Injector(str(path), np.array(position), np.array(direction))
         for position, direction in _found(models)
     )
+
+
+def case_injectors(
+    case: Path | None, cloud: str | None, region: str = ""
+) -> tuple[tuple[Injector, ...], tuple[Path, ...]]:
+    """Injectors from the cloud's dictionary, or from the only one that has any.
+
+    Args:
+        case: folder of the case; None, or one without dictionaries, has no injectors.
+        cloud: its name; without one there is nothing to inject.
+        region: "" is the case's own mesh.
+
+    Returns:
+        The injectors, and the files in which they stand.
+    """
+    if case is None or cloud is None:
+        return (), ()
+    folder = case / "constant" / region
+    if region and not any(folder.glob("*[pP]roperties*")):
+        folder = case / "constant"
+    own = folder / f"{cloud}Properties"
+    every = [own] if find_foam(own) else sorted(folder.glob("*[pP]roperties*"))
+    found: dict[Path, tuple[Injector, ...]] = {}
+    for file in every:
+        there = find_foam(file)
+        if there is not None and b"injectionModel" in _content(there):
+            found[there] = read_injectors(there)
+    if len(found) != 1:
+        return (), ()
+    return next(iter(found.values())), tuple(found)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        content = path.read_bytes()
+        return gzip.decompress(content) if path.suffix == ".gz" else content
+    except (OSError, EOFError, zlib.error) as error:
+        raise SprayError(f"{path}: cannot be read ({error})") from error
+
+
+def dictionary_blocks(path: Path, body: bytes) -> dict[str, dict[str, str]]:
+    """The dictionaries in a list, by name: `2 ( walls { type wall; } .. )`.
+
+    Args:
+        path: named by errors.
+        body: of the file behind its header.
+
+    Returns:
+        The entries of each that are one word.
+
+    Raises:
+        SprayError: its brackets do not match.
+    """
+    tokens = _TOKEN.findall(_SKIP.sub(" ", body.decode("latin-1")))
+    try:
+        begin = tokens.index("(") + 1
+        end = len(tokens) - 1 - tokens[::-1].index(")")
+        blocks, at = _entries(tokens[begin:end], 0)
+        if at != end - begin:
+            raise IndexError
+    except (IndexError, ValueError) as error:
+        raise SprayError(f"{path}: its brackets do not match") from error
+    return {
+        name: {
+            key: str(value[0])
+            for key, value in block.items()
+            if isinstance(value, list) and len(value) == 1
+        }
+        for name, block in blocks.items()
+        if isinstance(block, dict)
+    }
 
 
 def _entries(tokens: list[str], at: int) -> tuple[dict[str, object], int]:

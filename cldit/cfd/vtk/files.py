@@ -1,241 +1,163 @@
-"""What foamToVTK writes: internal.vtu (or legacy .vtk), and one .vtp (.vtk) for each cloud."""
+"""One time of VTK files as a CFD case."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence, Set
 from pathlib import Path
 
-from cldit.cfd.case import CfdCase, choose_cloud, complete_cloud, nearest_time
-from cldit.cfd.vtk.datasets import cell_columns, load_vtk, point_columns, time_value, vtk_mesh
+import numpy as np
+
+from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, choose_cloud, joined
+from cldit.cfd.column_mapping import Source, gas_columns, mapped_cloud, with_components
+from cldit.cfd.mapping_file import PARCEL_NAMES, ColumnMap, columns_of, gas_names, without_unit
+from cldit.cfd.mesh import join
+from cldit.cfd.point_data import with_point_fields
+from cldit.cfd.times import CaseTime
+from cldit.cfd.vtk.datasets import GHOSTS, cell_columns, corner_mean, point_columns, vtk_mesh
+from cldit.cfd.vtk.layout import find_layout
+from cldit.cfd.vtk.reading import Choose, Loaded, nothing
+from cldit.cfd.vtk.steps import Loader, find_step, step_times
 from cldit.errors import SprayError
-from cldit.plain_data import read_json
-
-_NUMBER = re.compile(r"_(\d+)$")
-_TIME = re.compile(rb"\btime='([^']+)'")
-_MESHES = ("*.vtu", "*.vtk", "*/internal.vtu", "internal.vtu")
-_CLOUDS = tuple(
-    f"{place}.{kind}"
-    for place in ("lagrangian/*/*", "lagrangian/*", "*/lagrangian/*/*", "*/lagrangian/*")
-    for kind in ("vtp", "vtk")
-)
-_SERIES = ("*.series", "lagrangian/*/*.series")
-
-
-@dataclass
-class _Step:
-    """The files of one time step."""
-
-    mesh: Path | None = None
-    clouds: dict[str, Path] = field(default_factory=dict)
+from cldit.progress import Watch, silent
 
 
 def read_vtk(
-    path: Path, *, time_s: float | None, fields: Sequence[str], cloud: str | None
+    path: Path,
+    *,
+    time_s: CaseTime | None,
+    fuel_field: str,
+    cloud: str | None,
+    names: ColumnMap,
+    watch: Watch = silent,
 ) -> CfdCase:
-    """Reads one time of foamToVTK output.
+    """Reads one time of VTK files.
 
     Args:
-        path: the folder that foamToVTK wrote (`CASE/VTK`), or any file in it: then the step that
-            the file belongs to.
-        time_s: the latest where None. Times come from the `.series` files, else from the comment
-            or the `TimeValue` in the mesh file.
-        fields: names of the cell fields to take, where there are such.
+        path: a .vtu, .vtk, .pvtu, .vtm or .pvd file; a folder of such files; or what foamToVTK
+            wrote (`CASE/VTK`, or any file in it: then the step that the file belongs to).
+        time_s: the latest where None. Times come from .pvd and .series files, else from the
+            comment or the `TimeValue` in the file.
+        fuel_field: name of the fuel's mass fraction.
         cloud: name of the cloud; the only one where None.
+        names: names of fields where they are not OpenFOAM's.
+        watch: told how far the work is.
 
     Raises:
         SprayError: vtk is not installed; a file is missing or damaged; the time or the cloud is
-            not there, or the cloud is empty.
+            not there, or the cloud is empty; several files claim to be the same, or one does not
+            fit into memory.
     """
-    if not path.exists():
-        raise SprayError(f"{path}: no such file or folder (spray.file)")
-    folder, own = _place(path.resolve())
-    steps = _steps(folder)
-    spray = any(step.clouds for step in steps.values())
-    if own is not None:
-        steps = {key: step for key, step in steps.items() if key == own}
-    meshes = {key: step.mesh for key, step in steps.items() if step.mesh is not None}
-    if not meshes:
+    layout = find_layout(_existing(path))
+    loader = Loader(_gas_alone(names, fuel_field), watch)
+    step = find_step(path, layout, loader, time_s=time_s, cloud=cloud)
+    chosen = choose_cloud(str(path), step.clouds, cloud)
+    if chosen is None and cloud != NO_CLOUD and layout.beside:
+        shown = ", ".join(map(str, layout.beside))
         raise SprayError(
-            f"{path}: neither an OpenFOAM case (constant/polyMesh) nor foamToVTK output "
-            "(internal.vtu, or .vtk), EnSight (.case), CONVERGE (.h5) or a mapping file (.yaml)"
+            f"{path}: holds no parcels, but there may be some beside it: {shown}; give the folder "
+            f"as the case to read both, or spray.cloud: {NO_CLOUD} for gas alone"
         )
-    entries = _listed(folder)
-    listed = {entry.step: entry.time_s for entry in entries}
-    times = {listed[key] if key in listed else _own_time(meshes[key]): key for key in meshes}
-    known = {time: key for time, key in times.items() if time is not None}
-    if len(known) == len(meshes):
-        at: float | None = _time(path, known, entries if own is None else [], time_s)
-    elif len(meshes) == 1 and time_s is None:
-        at = None
-    else:
-        raise SprayError(
-            f"{path}: some mesh files do not say their time; give the path of one, without "
-            "spray.time_s"
-        )
-    key = times[at]
-    mesh, clouds = meshes[key], steps[key].clouds
-    for entry in entries:
-        if entry.step == key and entry.of_cloud and not entry.file.exists():
-            raise SprayError(f"{entry.text}, whose file {entry.file.name} is missing")
-    if spray and not clouds:
-        raise SprayError(f"{mesh}: no cloud file of the same step {key!r}, but other steps have")
-    chosen = choose_cloud(str(path), clouds, cloud)
-    grid = load_vtk(mesh, "vtkUnstructuredGrid")
-    cells = cell_columns(mesh, grid)
-    parcels = None
-    if chosen is not None:
-        file = clouds[chosen]
-        position, columns = point_columns(file, load_vtk(file, "vtkPolyData"))
-        parcels = complete_cloud(chosen, str(file), position, columns)
+    parts = []
+    remarks = list(step.remarks)
+    available: set[str] = set()
+    skipped = []
+    filled = [each for each in step.meshes if each.data.GetNumberOfCells()]
+    for loaded in filled or step.meshes[:1]:  # a processor may have no cell
+        file, grid = loaded.file, loaded.data
+        wanted = gas_names(names.cells, loaded.cell_names | loaded.point_names, fuel_field)
+        # those that were not read are named only
+        cells = {name: Column("", np.empty(0)) for name in sorted(loaded.cell_names)}
+        cells |= cell_columns(file, grid)
+        points = point_columns(file, grid)[1]
+        cells, moved = with_point_fields(cells, points, wanted, corner_mean(grid))
+        available |= set(cells)
+        if wanted.fuel is None and len(step.meshes) > 1:
+            skipped.append(file)
+            continue
+        if moved:
+            remarks.append(f"{file}: {', '.join(moved)} at points became means over cells.")
+        mesh = vtk_mesh(file, grid)
+        source = Source(str(file), cells, mesh.cells)
+        parts.append((mesh, gas_columns(source, wanted, fuel_field)))
+    if not parts:
+        raise SprayError(f"{path}: no mesh has the cell field {fuel_field!r} (spray.fuel_field)")
+    if skipped:
+        shown = ", ".join(map(str, skipped))
+        remarks.append(f"Meshes without {fuel_field} are left out: {shown}.")
+    first = parts[0][1]
+    for _, gas in parts:
+        if odd := set(first) ^ set(gas):
+            raise SprayError(f"{path}: only some of its meshes have the field {min(odd)!r}")
     return CfdCase(
-        source=str(mesh),
-        time_s=at,
-        mesh=vtk_mesh(mesh, grid),
-        gas={name: cells[name] for name in fields if name in cells},
-        available=tuple(sorted(cells)),
-        cloud=parcels,
+        source=str(step.meshes[0].file),
+        time_s=step.time_s,
+        mesh=join([mesh for mesh, _ in parts]),
+        gas={name: joined([gas[name] for _, gas in parts]) for name in first},
+        available=tuple(sorted(available)),
+        cloud=None if chosen is None else _cloud(chosen, step.clouds[chosen], names),
+        files=step.files,
+        remarks=tuple(remarks),
     )
 
 
 def list_vtk(
-    path: Path, time_s: float | None
+    path: Path, time_s: CaseTime | None
 ) -> tuple[list[float], list[str], dict[str, list[str]]]:
-    """Times, cell fields, and clouds with their fields, of `time_s` or the last step.
+    """Times, fields, and clouds with their fields, of `time_s` or the last step.
 
     Args:
-        path: a file, or foamToVTK's folder.
+        path: as `read_vtk` takes it.
         time_s: None is the latest.
 
     Returns:
-        Times [s], cell fields, and the fields of each cloud.
+        Times [s], fields of cells and points of the mesh, and the fields of each cloud.
 
     Raises:
         SprayError: there is no such file or time, or a file is damaged.
     """
+    layout = find_layout(_existing(path))
+    loader = Loader(nothing)
+    step = find_step(path, layout, loader, time_s=time_s, cloud=NO_CLOUD)
+    known = [time for time in step_times(layout, loader).values() if time is not None]
+    fields = frozenset[str]().union(*(e.cell_names | e.point_names for e in step.meshes))
+    clouds = {
+        name: sorted(frozenset[str]().union(*(part.point_names for part in parts)))
+        for name, parts in step.clouds.items()
+    }
+    return known, sorted(fields), clouds
+
+
+def _existing(path: Path) -> Path:
     if not path.exists():
         raise SprayError(f"{path}: no such file or folder (spray.file)")
-    folder, own = _place(path.resolve())
-    steps = {key: step for key, step in _steps(folder).items() if own is None or key == own}
-    entries = _listed(folder)
-    listed = {entry.step: entry.time_s for entry in entries}
-    times = {
-        key: listed[key] if key in listed else _own_time(step.mesh)
-        for key, step in steps.items()
-        if step.mesh is not None
+    return path.resolve()
+
+
+def _gas_alone(names: ColumnMap, fuel_field: str) -> Choose:
+    """Chooses the fields of the gas: at points only where some are not given for cells."""
+
+    def choose(cells: Set[str], points: Set[str]) -> tuple[Set[str], Set[str]]:
+        wanted = columns_of(gas_names(names.cells, cells | points, fuel_field))
+
+        def among(known: Set[str]) -> set[str]:
+            return {name for name in known if {name, without_unit(name)} & wanted}
+
+        found = among(cells)
+        complete = wanted <= found | {without_unit(name) for name in found}
+        at_points = set() if complete else among(points)
+        return found | (cells & {GHOSTS}), at_points | (points & {GHOSTS})
+
+    return choose
+
+
+def _cloud(name: str, parts: Sequence[Loaded], names: ColumnMap) -> Cloud:
+    """The cloud of all its pieces; empty ones add nothing."""
+    read = [point_columns(part.file, part.data) for part in parts]
+    filled = [part for part in read if len(part[0].values)] or read[:1]
+    fields = set.intersection(*(set(columns) for _, columns in filled))
+    columns: dict[str, Column] = {
+        key: joined([part[1][key] for part in filled]) for key in sorted(fields)
     }
-    if not times:
-        raise SprayError(f"{path}: no .vtu or .vtk file of a mesh")
-    known = {time: key for key, time in times.items() if time is not None}
-    at = _time(path, known, entries if own is None else [], time_s) if known else None
-    key = max(times) if at is None else known[at]
-    mesh = steps[key].mesh
-    assert mesh is not None
-    clouds = {
-        name: sorted(point_columns(file, load_vtk(file))[1])
-        for name, file in steps[key].clouds.items()
-    }
-    return list(known), sorted(cell_columns(mesh, load_vtk(mesh))), clouds
-
-
-def _number(path: Path) -> str:
-    """Step number in the name of a file, or of the nearest folder that has one; else ""."""
-    names = [path.name.split(".")[0], *path.parts[-2::-1]]
-    return next((found[1] for name in names if (found := _NUMBER.search(name))), "")
-
-
-def _place(path: Path) -> tuple[Path, str | None]:
-    """The folder in which foamToVTK's layout begins, and the step if the path belongs to one."""
-    if path.is_dir() and not (path / "internal.vtu").is_file():
-        return path, None
-    if path.suffix == ".series":
-        return _top(path.parent), None
-    folder = _top(path if path.is_dir() else path.parent)
-    return folder, _number(path.relative_to(folder))
-
-
-def _top(folder: Path) -> Path:
-    """Goes up from `CASE_12` or `lagrangian/cloud` to the folder that holds the steps."""
-    for here in (folder, folder.parent):
-        if here.name == "lagrangian":
-            folder = here.parent
-    return folder.parent if (folder / "internal.vtu").is_file() else folder
-
-
-def _steps(folder: Path) -> dict[str, _Step]:
-    """Steps by number; boundary patches, which lie deeper or elsewhere, are not looked at."""
-    steps: dict[str, _Step] = {}
-    for pattern in _MESHES:
-        for file in sorted(folder.glob(pattern)):
-            steps.setdefault(_number(file.relative_to(folder)), _Step()).mesh = file
-    for pattern in _CLOUDS:
-        for file in sorted(folder.glob(pattern)):
-            inside = file.relative_to(folder)
-            name = inside.parts[inside.parts.index("lagrangian") + 1].split(".")[0]
-            step = steps.setdefault(_number(inside), _Step())
-            step.clouds.setdefault(_NUMBER.sub("", name), file)
-    return steps
-
-
-@dataclass(frozen=True)
-class _Entry:
-    """A file that a `.series` lists."""
-
-    series: Path
-    step: str
-    time_s: float
-    file: Path
-
-    @property
-    def of_cloud(self) -> bool:
-        return "lagrangian" in self.series.parts
-
-    @property
-    def text(self) -> str:
-        return f"{self.series}: lists step {self.step} ({self.time_s:g} s)"
-
-
-def _listed(folder: Path) -> list[_Entry]:
-    """What the JSON files for ParaView list."""
-    entries: list[_Entry] = []
-    for file in (file for pattern in _SERIES for file in sorted(folder.glob(pattern))):
-        data = read_json(file, error=SprayError)
-        try:
-            for each in data["files"]:
-                name = Path(each["name"])
-                entries.append(_Entry(file, _number(name), float(each["time"]), file.parent / name))
-        except (ValueError, KeyError, TypeError) as error:
-            raise SprayError(f"{file}: is no list of files and times ({error})") from error
-    return entries
-
-
-def _time(
-    path: Path, known: dict[float, str], entries: Sequence[_Entry], time_s: float | None
-) -> float:
-    """The time asked for, or the latest, of `known` steps by time.
-
-    Raises:
-        SprayError: there is none; or it is listed, and the mesh of its step is missing.
-    """
-    absent = {each.time_s: each for each in entries if each.step not in known.values()}
-    at = nearest_time(str(path), [*known, *absent], time_s)
-    if at not in known:
-        there = ", ".join(f"{time:g}" for time in sorted(known)[-5:])
-        raise SprayError(
-            f"{absent[at].text}, and its mesh is missing; restore it, or ask for a time that is "
-            f"there: {there}"
-        )
-    return at
-
-
-def _own_time(file: Path) -> float | None:
-    """The time that a mesh file states in its comment, or as the field `TimeValue`."""
-    with file.open("rb") as stream:
-        comment = _TIME.search(stream.read(2000))
-    if comment is None:
-        return time_value(load_vtk(file))
-    try:
-        return float(comment.group(1))
-    except ValueError as error:
-        raise SprayError(f"{file}: states the time {comment.group(1)!r}") from error
+    position = joined([part[0] for part in filled])
+    file = str(parts[0].file)
+    return mapped_cloud(name, file, position, with_components(columns), names, PARCEL_NAMES)

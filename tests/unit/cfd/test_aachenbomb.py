@@ -12,9 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cldit.cfd.mapping_file import ColumnMap
+from cldit.cfd.mesh import Mesh
 from cldit.cfd.openfoam.case import read_openfoam
 from cldit.cfd.openfoam.cloud import decode
-from cldit.cfd.openfoam.file import particles, read_foam
+from cldit.cfd.openfoam.file import read_foam
+from cldit.cfd.openfoam.lists import particles
 from cldit.cfd.to_spray import read_cfd
 from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Spray
@@ -94,8 +97,11 @@ def test_nozzle_is_found(cases: dict[str, Path]) -> None:
 
 def test_barycentric_coordinates_are_the_positions(cases: dict[str, Path]) -> None:
     """The run wrote both, with eight digits: 5e-9 of 0.1 m."""
-    case = read_openfoam(cases["ascii"], time_s=None, fields=("T",), cloud=None)
+    case = read_openfoam(
+        cases["ascii"], time_s=None, fuel_field="C7H16", cloud=None, names=ColumnMap()
+    )
     file = read_foam(cases["ascii"] / "0.001" / "lagrangian" / "sprayCloud" / "coordinates")
     assert case.cloud is not None
+    assert isinstance(case.mesh, Mesh)
     found = decode(file, particles(file), case.mesh)
     assert found == pytest.approx(case.cloud.position_m.values, abs=5e-9, rel=0)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cldit.cfd.importing import list_case
-from cldit.cfd.openfoam.case import is_openfoam
+from cldit.cfd.openfoam.regions import is_openfoam
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray

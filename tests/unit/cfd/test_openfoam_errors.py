@@ -22,7 +22,7 @@ CLOUD = "0.001/lagrangian/sprayCloud"
 
 
 def spec(case: Path, **keys: Any) -> CfdSpray:
-    return CfdSpray(**({"file": case, "nozzle_m": (0, 0, 0), "axis": "-y"} | keys))
+    return CfdSpray(**({"file": case, "nozzle_m": (0, 9e-3, 0), "axis": "-y"} | keys))
 
 
 def cut(file: Path, fraction: float = 0.6) -> None:
@@ -187,9 +187,9 @@ def test_times_and_clouds_that_are_not_there(tmp_path: Path, foam: Foam) -> None
 def test_paths_that_are_no_case(tmp_path: Path, foam: Foam) -> None:
     with pytest.raises(SprayError, match="no such file or folder"):
         read_cfd(spec(tmp_path / "nothing"))
-    with pytest.raises(SprayError, match="no such case"):
+    with pytest.raises(SprayError, match="no such file or folder"):
         read_cfd(spec(tmp_path / "nothing" / "case.foam"))
-    with pytest.raises(SprayError, match="neither an OpenFOAM case"):
+    with pytest.raises(SprayError, match="holds no case that is read, but: nothing; allowed is"):
         read_cfd(spec(tmp_path))
     block, gas, _ = foam.sample()
     foam.write(tmp_path, block, gas=gas)

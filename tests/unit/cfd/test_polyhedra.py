@@ -52,39 +52,40 @@ ARROW = solid(
 def test_volume_and_centroid(
     mesh: Mesh, volume: float, centroid: tuple[float, float, float]
 ) -> None:
-    found, middle = mesh.volume_and_centroid
-    assert found[0] == pytest.approx(volume, rel=1e-14)
-    assert middle[0] == pytest.approx(centroid, abs=1e-14)
+    found = mesh.measure()
+    assert found.volume_m3[0] == pytest.approx(volume, rel=1e-14)
+    assert found.centroid_m[0] == pytest.approx(centroid, abs=1e-14)
     # far from the origin, the same but for the rounding of its coordinates, 2e-14 of 100 m
-    far = mesh.moved(origin_m=np.full(3, -100.0), rotation=np.eye(3))
-    assert far.volume_and_centroid[0][0] == pytest.approx(volume, rel=1e-12)
+    far = mesh.measure(origin_m=np.full(3, -100.0))
+    assert far.volume_m3[0] == pytest.approx(volume, rel=1e-12)
 
 
 @pytest.mark.parametrize("mesh", [TET, PYRAMID, ARROW])
 def test_box_keeps_volume_centroid_and_proportions(mesh: Mesh) -> None:
-    lower, upper = mesh.boxes_m()
-    volume, centroid = mesh.volume_and_centroid
-    assert np.prod(upper - lower) == pytest.approx(volume[0], rel=1e-14)
-    assert (lower + upper) / 2 == pytest.approx(centroid, abs=1e-14)
-    low, high = mesh.bounds_m
-    ratio = (upper - lower) / (high - low)
+    ((_, box),) = mesh.boxes()
+    cell = mesh.measure()
+    assert np.prod(box.upper_m - box.lower_m) == pytest.approx(cell.volume_m3[0], rel=1e-14)
+    assert (box.lower_m + box.upper_m) / 2 == pytest.approx(cell.centroid_m, abs=1e-14)
+    ratio = (box.upper_m - box.lower_m) / (cell.upper_m - cell.lower_m)
     assert ratio == pytest.approx(np.full((1, 3), ratio[0, 0]), rel=1e-14)
     assert ratio[0, 0] < 1.0
 
 
 def test_inside_out_is_the_same_cell() -> None:
     flipped = solid(TET.points_m.tolist(), [(1, 2, 0), (3, 1, 0), (3, 2, 1), (3, 0, 2)])
-    for found, expected in zip(flipped.volume_and_centroid, TET.volume_and_centroid, strict=True):
-        assert found == pytest.approx(expected, abs=1e-15)
+    found, expected = flipped.measure(), TET.measure()
+    assert found.volume_m3 == pytest.approx(expected.volume_m3, abs=1e-15)
+    assert found.centroid_m == pytest.approx(expected.centroid_m, abs=1e-15)
 
 
 def test_join_keeps_cells_apart() -> None:
     both = join([TET, PYRAMID, ARROW])
     assert both.cells == 3
-    assert both.volume_and_centroid[0] == pytest.approx([1 / 6, 4.0, 2.4], rel=1e-14)
-    lower, upper = both.bounds_m
-    assert lower[2].tolist() == [-1.0, -1.0, 0.0]
-    assert upper[1].tolist() == [2.0, 2.0, 3.0]
+    cell = both.measure()
+    assert cell.volume_m3 == pytest.approx([1 / 6, 4.0, 2.4], rel=1e-14)
+    assert cell.lower_m[2].tolist() == [-1.0, -1.0, 0.0]
+    assert cell.upper_m[1].tolist() == [2.0, 2.0, 3.0]
+    assert both.measure(np.array([2, 0])).volume_m3 == pytest.approx([2.4, 1 / 6], rel=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +99,7 @@ def test_join_keeps_cells_apart() -> None:
 )
 def test_cells_that_are_none(faces: list[tuple[int, ...]], message: str) -> None:
     with pytest.raises(SprayError, match=f"solid: .*{message}"):
-        _ = solid(TET.points_m.tolist(), faces).volume_and_centroid
+        solid(TET.points_m.tolist(), faces).measure()
 
 
 def test_barycentric_base_point_of_a_notched_face() -> None:

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from cldit.cfd.column_mapping import read_column_map
+from cldit.cfd.mapping_file import read_column_map
 from cldit.cfd.parcel_spreading import spread_parcels
 from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
@@ -73,11 +73,14 @@ def test_command(tmp_path: Path, foam: Foam, writers: Writers) -> None:
     assert "ends in .npz" in called(str(case), *place, "--out", str(tmp_path / "a.h5"), code=1)
 
 
+PLACE = ("--axis", "-y", "--nozzle", "0", "0.009", "0")
+
+
 def test_own_file_that_is_damaged(tmp_path: Path, foam: Foam, writers: Writers) -> None:
     block, gas, cloud = foam.sample()
     case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
     out = tmp_path / "spray.npz"
-    result = CliRunner().invoke(main, ["import", str(case), "--axis", "-y", "--out", str(out)])
+    result = CliRunner().invoke(main, ["import", str(case), *PLACE, "--out", str(out)])
     assert result.exit_code == 0, result.output
     whole = out.read_bytes()
     for left in (0.0, 0.3, 0.9, 0.99):
@@ -162,7 +165,7 @@ def test_scene_finds_its_files(tmp_path: Path, foam: Foam, writers: Writers) -> 
     scene = tmp_path / "scene.yaml"
     scene.write_text(
         "name: s\nspray: {model: cfd, format: ensight, file: data/case.case,\n"
-        "  mapping: names.yaml, axis: -y}\n"
+        "  mapping: names.yaml, axis: -y, nozzle_m: [0, 0.009, 0]}\n"
     )
     spray = load_scene(scene).spray
     assert isinstance(spray, CfdSpray)
@@ -186,6 +189,7 @@ def test_page_of_the_docs(tmp_path: Path) -> None:
         assert read_column_map(tmp_path / "map.yaml").parcels is not None
     known = CliRunner().invoke(main, ["import", "--help"]).output
     known += CliRunner().invoke(main, ["run", "--help"]).output
+    known += CliRunner().invoke(main, ["bench", "--help"]).output
     named = set(re.findall(r"--[a-z][a-z-]+", page)) - {"--help"}
     assert len(named) > 8
     assert not {option for option in named if option not in known}

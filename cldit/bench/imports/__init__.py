@@ -1,0 +1,1 @@
+"""What importing a large CFD case takes, beside what vtk takes to read it."""

@@ -1,0 +1,146 @@
+"""Peak memory and time of `cldit import` on large cases, beside those of vtk's own readers."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cldit.bench.case import BenchError, Say
+from cldit.bench.imports import cases
+from cldit.bench.report import Part, Table
+from cldit.cfd.openfoam.size import foam_size
+from cldit.cfd.size import Size
+from cldit.cfd.vtk.head import vtk_size
+
+_FIELDS = 4
+_HEAD = (
+    "case",
+    "cells",
+    "parcels",
+    "vtk, GB",
+    "vtk, s",
+    "cldit, GB",
+    "cldit, s",
+    "with --out, GB",
+    "with --out, s",
+    "said before, GB",
+    "memory / vtk",
+    "time / vtk",
+)
+
+
+@dataclass(frozen=True)
+class Large:
+    """A case to be written, and what vtk would read of it."""
+
+    label: str
+    write: Callable[..., None]
+    cells_a_side: int
+    parcels: int
+
+    def files(self, folder: Path) -> list[Path]:
+        """What vtk reads."""
+        return sorted([*folder.rglob("*.vt[up]"), *folder.glob("*.foam")])
+
+    def size(self, folder: Path) -> Size:
+        """What cldit expects before it reads."""
+        if (folder / "constant").is_dir():
+            return foam_size([folder / "constant" / "polyMesh"], fields=_FIELDS)
+        mesh, *clouds = (vtk_size(file, fields=_FIELDS) for file in self.files(folder))
+        return Size(
+            mesh.cells,
+            sum(cloud.parcels for cloud in clouds),
+            mesh.held_bytes + sum(cloud.held_bytes for cloud in clouds),
+        )
+
+
+CASES = (
+    Large("hexahedra, .vtu and .vtp", cases.write_hexahedra, 170, 1_000_000),
+    Large("polyhedra, .vtu", cases.write_polyhedra, 100, 0),
+    Large("OpenFOAM, binary", cases.write_foam, 100, 0),
+)
+
+
+@dataclass(frozen=True)
+class Taken:
+    """Of a process: resident_bytes at its peak, wall_s and cpu_s from its start to its end."""
+
+    resident_bytes: int
+    wall_s: float
+    cpu_s: float
+
+
+def imports(say: Say, large: tuple[Large, ...] = CASES) -> Part:
+    """Measures each case three times: vtk's reader, `cldit import`, and with `--out`.
+
+    Args:
+        say: takes lines of progress.
+        large: the cases.
+    """
+    rows, data = [], []
+    with tempfile.TemporaryDirectory() as name:
+        small = Path(name) / "small"
+        for case in large:  # compiles, so that no measurement contains it
+            case.write(small / case.write.__name__, cells_a_side=3, parcels=min(case.parcels, 10))
+            _apart("cldit", small / case.write.__name__)
+        for number, case in enumerate(large):
+            folder = Path(name) / str(number)
+            sizes = str(case.cells_a_side), str(case.parcels)
+            _apart("write", folder, case.write.__name__, *sizes)
+            files = map(str, case.files(folder))
+            taken = {
+                "vtk": _apart("vtk", folder, *files),
+                "cldit": _apart("cldit", folder),
+                "cldit --out": _apart("cldit", folder, str(folder / "spray.npz")),
+            }
+            row, more = _row(case, case.size(folder), taken)
+            rows.append(row)
+            data.append(more)
+            say(" | ".join(row))
+    return Part(
+        name="import",
+        title="Importing large CFD cases",
+        tables=(Table.of(_HEAD, rows),),
+        data=data,
+        text=(
+            "Peak resident memory (VmHWM) and CPU seconds of a process of its own, from its start: "
+            "vtk's reader of the same files, `cldit import CASE`, and the same with `--out`. Said "
+            "before: what cldit reckons with before it reads, and refuses where less is free.",
+        ),
+    )
+
+
+def _row(case: Large, size: Size, taken: dict[str, Taken]) -> tuple[tuple[str, ...], Any]:
+    vtk, plain, out = taken.values()
+    memory = plain.resident_bytes / vtk.resident_bytes
+    times = plain.cpu_s / vtk.cpu_s
+    cells = case.cells_a_side**3
+    row = [case.label, f"{cells:,}".replace(",", " "), f"{case.parcels:,}".replace(",", " ")]
+    for each in (vtk, plain, out):
+        row += [f"{each.resident_bytes / 1e9:.2f}", f"{each.cpu_s:.1f}"]
+    row += [f"{size.need_bytes / 1e9:.2f}", f"{memory:.1f}", f"{times:.1f}"]
+    measured = {how: vars(each) for how, each in taken.items()}
+    more = {"case": case.label, "cells": cells, "said_bytes": size.need_bytes, **measured}
+    return tuple(row), more | {"memory_ratio": memory, "time_ratio": times}
+
+
+def _apart(how: str, folder: Path, *more: str) -> Taken:
+    """The work in a process of its own."""
+    start = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-m", "cldit.bench.imports.child", how, str(folder), *more],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise BenchError(f"import: the measuring process failed:\n{done.stderr[-2000:]}")
+    found = json.loads(done.stdout.splitlines()[-1])
+    return Taken(found["resident_bytes"], time.perf_counter() - start, found["cpu_s"])

@@ -1,0 +1,206 @@
+"""Meshes as the importer needs them: a box for each cell, worked out some cells at a time."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.errors import SprayError
+from cldit.progress import Watch, silent
+from cldit.spray.result import Floats
+
+Labels = NDArray[np.signedinteger]
+AnyFloats = NDArray[np.floating]
+
+# what `cell_geometry.measure` finds wrong with a cell, from 1
+_FAULTS = (
+    "cell {} has fewer than four faces",
+    "the faces of cell {} do not enclose it, or do not all point outwards",
+    "cell {} of the mesh has no volume",
+)
+AT_ONCE = 50_000  # cells; some 600 bytes a cell are in work
+
+
+@dataclass(frozen=True)
+class Polyhedra:
+    """Cells by their faces, as `cell_geometry.measure` takes them.
+
+    points_m (P, 3); face f has the corners `corners[start[f]:start[f + 1]]`; cell c has the sides
+    `sides[first[c]:first[c + 1]]`, f where the normal of face f points out of the cell and -1 - f
+    where it points into it; `members` (N,) are the cells that are meant.
+    """
+
+    points_m: AnyFloats
+    corners: Labels
+    start: Labels
+    first: Labels
+    sides: Labels
+    members: Labels
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Of each cell: volume_m3 (N,), centroid_m and the bounding box lower_m, upper_m (N, 3)."""
+
+    volume_m3: Floats
+    centroid_m: Floats
+    lower_m: Floats
+    upper_m: Floats
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """lower_m and upper_m (N, 3) of boxes, and their volume_m3 (N,)."""
+
+    lower_m: Floats
+    upper_m: Floats
+    volume_m3: Floats
+
+    def take(self, chosen: Labels) -> Boxes:
+        """Some of them (N,)."""
+        return Boxes(self.lower_m[chosen], self.upper_m[chosen], self.volume_m3[chosen])
+
+
+class CellMesh(ABC):
+    """`cells` cells; `source` is the file or folder to name in errors."""
+
+    source: str
+    cells: int
+
+    @property
+    @abstractmethod
+    def extent_m(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner (3,) of the box that holds all points."""
+
+    @abstractmethod
+    def points(self) -> Iterator[AnyFloats]:
+        """All points of the mesh, (P, 3) of some at a time; a point may come twice."""
+
+    @abstractmethod
+    def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
+        """The faces of `cells` (N,), in parts: places in `cells`, and the polyhedra of these."""
+
+    def measure(
+        self,
+        cells: Labels | None = None,
+        *,
+        origin_m: Floats | None = None,
+        rotation: Floats | None = None,
+    ) -> Measures:
+        """Volume, centroid and bounds.
+
+        Args:
+            cells: (N,) those that are measured; None is all.
+            origin_m: (3,) the figures are seen from there.
+            rotation: (3, 3) and turned by this matrix.
+
+        Raises:
+            SprayError: a cell has no volume, or its faces do not enclose it.
+        """
+        # brings a compiler, which who only lists a case does not need
+        from cldit.cfd import cell_geometry
+
+        wanted = np.arange(self.cells) if cells is None else cells
+        count = len(wanted)
+        found = Measures(np.empty(count), *(np.empty((count, 3)) for _ in range(3)))
+        origin = np.zeros(3) if origin_m is None else np.asarray(origin_m, np.float64)
+        turn = np.eye(3) if rotation is None else np.ascontiguousarray(rotation)
+        for place, part in self.polyhedra(wanted):
+            whole = len(place) == count
+            own = found if whole else Measures(*(values[place] for values in vars(found).values()))
+            fault = np.empty(len(place), np.int8)
+            cell_geometry.measure(
+                part.points_m,
+                part.corners,
+                part.start,
+                part.first,
+                part.sides,
+                part.members,
+                origin,
+                turn,
+                own.volume_m3,
+                own.centroid_m,
+                own.lower_m,
+                own.upper_m,
+                fault,
+            )
+            self._refuse(wanted[place], fault)
+            if not whole:
+                for all_, some in zip(vars(found).values(), vars(own).values(), strict=True):
+                    all_[place] = some
+        return found
+
+    def _refuse(self, cells: Labels, fault: NDArray[np.int8]) -> None:
+        for number, text in enumerate(_FAULTS, start=1):
+            bad = np.flatnonzero(fault == number)
+            if len(bad):
+                raise SprayError(f"{self.source}: " + text.format(cells[bad[0]]))
+
+    def boxes(
+        self,
+        *,
+        origin_m: Floats | None = None,
+        rotation: Floats | None = None,
+        watch: Watch = silent,
+    ) -> Iterator[tuple[slice, Boxes]]:
+        """A box for each cell, for some cells at a time: which cells, and their boxes.
+
+        A box has the volume and centroid of its cell and the proportions of the cell's bounding
+        box; for a cell that is a box along the axes it is that box.
+
+        Args:
+            origin_m, rotation: as for `measure`.
+            watch: told how far the work is.
+
+        Raises:
+            SprayError: as for `measure`.
+        """
+        for chosen in slices(self.cells):
+            watch("measuring cells", chosen.start, self.cells)
+            cell = self.measure(
+                np.arange(chosen.start, chosen.stop), origin_m=origin_m, rotation=rotation
+            )
+            half = cell.upper_m - cell.lower_m
+            half *= (np.cbrt(cell.volume_m3 / (half[:, 0] * half[:, 1] * half[:, 2])) / 2)[:, None]
+            yield chosen, Boxes(cell.centroid_m - half, cell.centroid_m + half, cell.volume_m3)
+
+
+def slices(count: int) -> Iterator[slice]:
+    """Ranges of at most `AT_ONCE` that cover `count`."""
+    for begin in range(0, count, AT_ONCE):
+        yield slice(begin, min(begin + AT_ONCE, count))
+
+
+def narrowed(numbers: NDArray[Any]) -> Labels:
+    """Whole numbers as integers of their own, four bytes each where that is enough."""
+    low, high = numbers.min(initial=0), numbers.max(initial=0)
+    small = -(2**31) <= low and high < 2**31
+    return numbers.astype(np.int32 if small else np.int64)
+
+
+def checked_points(source: str, points_m: AnyFloats) -> tuple[Floats, Floats]:
+    """Lower and upper corner of all points (P, 3).
+
+    Raises:
+        SprayError: one is not finite, or farther than 1000 m; the message begins with `source`.
+    """
+    if not len(points_m):
+        raise SprayError(f"{source}: the mesh has no point")
+    lower, upper = points_m.min(axis=0), points_m.max(axis=0)
+    if not (np.all(lower >= -1e3) and np.all(upper <= 1e3)):  # false for NaN, which min keeps
+        raise SprayError(f"{source}: a point of the mesh is not within +-1000 m")
+    return lower.astype(np.float64), upper.astype(np.float64)
+
+
+def check_labels(source: str, what: str, labels: Labels, *, low: int, end: int) -> None:
+    """Raises SprayError where one of `labels` is outside low..end - 1."""
+    if labels.size and (labels.min() < low or labels.max() >= end):
+        raise SprayError(
+            f"{source}: {what} labels {labels.min()} to {labels.max()} of the faces, "
+            f"allowed is {low}..{end - 1}"
+        )

@@ -1,0 +1,213 @@
+"""Meshes of elements given by their corners, tetrahedra to hexahedra, and of polyhedra."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.cfd.cell_mesh import (
+    AnyFloats,
+    CellMesh,
+    Labels,
+    Polyhedra,
+    check_labels,
+    checked_points,
+    slices,
+)
+from cldit.errors import SprayError
+from cldit.spray.result import Floats
+
+# Faces of vtk's linear cells, normals outwards (VTK file formats, figure "Linear cell types").
+FACES: dict[int, tuple[tuple[int, ...], ...]] = {
+    10: ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1)),  # tetrahedron
+    11: (  # voxel: the points count up in x, then y, then z
+        (0, 4, 6, 2),
+        (1, 3, 7, 5),
+        (0, 1, 5, 4),
+        (2, 6, 7, 3),
+        (0, 2, 3, 1),
+        (4, 5, 7, 6),
+    ),
+    12: (  # hexahedron
+        (0, 4, 7, 3),
+        (1, 2, 6, 5),
+        (0, 1, 5, 4),
+        (3, 7, 6, 2),
+        (0, 3, 2, 1),
+        (4, 5, 6, 7),
+    ),
+    13: ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),  # wedge
+    14: ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),  # pyramid
+}
+CORNERS = {kind: 1 + max(map(max, faces)) for kind, faces in FACES.items()}
+VOXEL, POLYHEDRON = 11, 42
+
+
+def elements(points_m: AnyFloats, kind: int, nodes: Labels) -> Polyhedra:
+    """Elements of one kind as polyhedra.
+
+    Args:
+        points_m: (P, 3).
+        kind: one of `FACES`.
+        nodes: (N, corners) into points.
+    """
+    faces = FACES[kind]
+    around = np.array([corner for face in faces for corner in face])
+    ends = np.cumsum([len(face) for face in faces])
+    count = len(nodes)
+    start = np.zeros(count * len(faces) + 1, np.int64)
+    start[1:] = (np.arange(count)[:, None] * ends[-1] + ends).reshape(-1)
+    return Polyhedra(
+        points_m=points_m,
+        corners=nodes[:, around].reshape(-1).astype(np.int32),
+        start=start,
+        first=np.arange(count + 1) * len(faces),
+        sides=np.arange(count * len(faces), dtype=np.int32),
+        members=np.arange(count),
+    )
+
+
+@dataclass(frozen=True)
+class PolyhedronFaces:
+    """Faces of the polyhedra of a mesh, normals outwards.
+
+    Face f has the corners `corners[start[f]:start[f + 1]]`, cell c the faces
+    `faces[first[c]:first[c + 1]]`: none where c is no polyhedron.
+    """
+
+    corners: Labels
+    start: Labels
+    faces: Labels
+    first: Labels
+
+
+@dataclass(frozen=True)
+class ElementMesh(CellMesh):
+    """Cells by their corners.
+
+    points_m (P, 3); cell c is of vtk's type `kinds[c]` and has the corners
+    `nodes[offsets[c]:offsets[c + 1]]`, in vtk's order; those of type `POLYHEDRON` are in `faces`.
+    """
+
+    points_m: AnyFloats
+    kinds: NDArray[np.integer]
+    offsets: Labels
+    nodes: Labels
+    source: str
+    faces: PolyhedronFaces | None = None
+
+    def __post_init__(self) -> None:
+        if not len(self.kinds):
+            raise SprayError(f"{self.source}: the mesh has no cell")
+        _ = self.extent_m
+        check_labels(self.source, "point", self.nodes, low=0, end=len(self.points_m))
+        sizes = np.diff(self.offsets)
+        if len(sizes) != self.cells or self.offsets[0] != 0 or self.offsets[-1] != len(self.nodes):
+            raise SprayError(f"{self.source}: the cells of the mesh do not use all of its corners")
+        for kind in self._kinds(self.kinds):
+            if kind == POLYHEDRON and self.faces is not None:
+                self._check_polyhedra(self.faces)
+            elif kind not in FACES:
+                raise SprayError(
+                    f"{self.source}: cell {int(np.argmax(self.kinds == kind))} is of vtk type "
+                    f"{kind}; expected tetrahedra, hexahedra, voxels, wedges, pyramids or polyhedra"
+                )
+            elif np.any((self.kinds == kind) & (sizes != CORNERS[kind])):
+                cell = int(np.argmax((self.kinds == kind) & (sizes != CORNERS[kind])))
+                raise SprayError(
+                    f"{self.source}: cell {cell} has {sizes[cell]} corners, expected "
+                    f"{CORNERS[kind]} for vtk type {kind}"
+                )
+        if sizes.min() < 0:
+            raise SprayError(f"{self.source}: a cell of the mesh has fewer than no corners")
+
+    def _kinds(self, kinds: NDArray[np.integer]) -> list[int]:
+        one = self.kinds.strides == (0,)  # repeated, without being stored
+        return [int(kind) for kind in (kinds[:1] if one else np.unique(kinds))]
+
+    def _check_polyhedra(self, own: PolyhedronFaces) -> None:
+        check_labels(self.source, "point", own.corners, low=0, end=len(self.points_m))
+        check_labels(self.source, "face", own.faces, low=0, end=len(own.start) - 1)
+        ends = own.start[-1] == len(own.corners) and own.first[-1] == len(own.faces)
+        rising = np.diff(own.start).min(initial=3) >= 3 and np.diff(own.first).min(initial=0) >= 0
+        if not (ends and rising and len(own.first) == self.cells + 1):
+            raise SprayError(f"{self.source}: the faces of the polyhedra do not fit their cells")
+
+    @property
+    def cells(self) -> int:  # type: ignore[override]
+        """How many."""
+        return len(self.kinds)
+
+    @cached_property
+    def extent_m(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner (3,) of the box that holds all points."""
+        return checked_points(self.source, self.points_m)
+
+    def points(self) -> Iterator[AnyFloats]:
+        """All points of the mesh, (P, 3) of some at a time."""
+        for some in slices(len(self.points_m)):
+            yield self.points_m[some]
+
+    def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
+        """The faces of `cells` (N,), one kind after the other."""
+        kinds = self.kinds[cells]
+        for kind in self._kinds(kinds):
+            here = np.flatnonzero(kinds == kind)
+            if kind == POLYHEDRON:
+                own = self.faces
+                assert own is not None
+                yield (
+                    here,
+                    Polyhedra(
+                        self.points_m, own.corners, own.start, own.first, own.faces, cells[here]
+                    ),
+                )
+            else:
+                corner = self.offsets[cells[here], None] + np.arange(CORNERS[kind])
+                yield here, elements(self.points_m, kind, self.nodes[corner])
+
+
+@dataclass(frozen=True)
+class BoxMesh(CellMesh):
+    """Boxes along the axes, lower_m and upper_m (N, 3), that share no face."""
+
+    lower_m: Floats
+    upper_m: Floats
+    source: str
+
+    def __post_init__(self) -> None:
+        if not self.cells:
+            raise SprayError(f"{self.source}: the mesh has no cell")
+        _ = self.extent_m
+
+    @property
+    def cells(self) -> int:  # type: ignore[override]
+        """How many."""
+        return len(self.lower_m)
+
+    @cached_property
+    def extent_m(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner (3,) of the box that holds all points."""
+        lower, _ = checked_points(self.source, self.lower_m)
+        _, upper = checked_points(self.source, self.upper_m)
+        return lower, upper
+
+    def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
+        """The faces of `cells` (N,), all in one part."""
+        nodes = np.arange(8 * len(cells)).reshape(-1, 8)
+        yield np.arange(len(cells)), elements(self._corners(cells), VOXEL, nodes)
+
+    def points(self) -> Iterator[AnyFloats]:
+        """The corners of all boxes, (P, 3) of some at a time."""
+        for some in slices(self.cells):
+            yield self._corners(some)
+
+    def _corners(self, cells: Labels | slice) -> Floats:
+        """Eight points a cell, in the order of a voxel."""
+        bit = (np.arange(8)[:, None] >> np.arange(3)) & 1  # of a voxel's corner: upper x, y, z
+        corner = np.where(bit == 1, self.upper_m[cells][:, None], self.lower_m[cells][:, None])
+        return corner.reshape(-1, 3)

@@ -1,0 +1,179 @@
+"""The geometry file of an EnSight Gold case: unstructured parts and blocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.cfd.cell_mesh import AnyFloats, CellMesh, Labels
+from cldit.cfd.element_mesh import CORNERS, ElementMesh
+from cldit.cfd.ensight.file import Reader
+from cldit.cfd.ensight.variable import Block, Elements, Part, Parts
+from cldit.cfd.mesh import Mesh, join
+
+_FLAT = {"point": 1, "bar2": 2, "bar3": 3, "tria3": 3, "tria6": 6, "quad4": 4, "quad8": 8}
+_VTK = {"tetra4": 10, "pyramid5": 14, "penta6": 13, "hexa8": 12}
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """What a geometry file holds.
+
+    parts: with their elements in order; blocks: the meshes of solid cells, in order; mesh: all of
+    them; points: of all parts; hidden: cells left out, which are ghosts, and cells of blocks with a
+    blanked corner.
+    """
+
+    parts: Parts
+    blocks: tuple[Block, ...]
+    mesh: CellMesh
+    points: int
+    hidden: int
+
+
+def read_geometry(file: Reader) -> Geometry:
+    """All parts.
+
+    Raises:
+        SprayError: the file is damaged, or holds what is not read.
+    """
+    file.text()
+    file.text()
+    flags = [file.text().split()[-1] for _ in range(2)]
+    named_nodes, named_elements = (flag in ("given", "ignore") for flag in flags)
+    parts: Parts = {}
+    blocks: list[Block] = []
+    offset = cells = hidden = 0
+    line = file.text()
+    if line == "extents":
+        file.floats(6, a_line=2)
+        line = file.text()
+    while line == "part":
+        number = file.part_number()
+        if number in parts:
+            raise file.fail(f"holds part {number} twice")
+        file.text()
+        kind = file.text()
+        if kind.split()[:1] == ["block"]:
+            places, corners, kept = _structured(file, kind.split()[1:], number)
+            elements = Elements("block", len(kept), cells, None if kept.all() else kept)
+            parts[number] = Part(offset, len(places), [elements])
+            many = elements.cells
+            if many:
+                hexahedra = (corners[kept].reshape(-1),)
+                blocks.append(Block(_solid(file, places, "hexa8", many, hexahedra), offset))
+            cells += many
+            hidden += len(kept) - many
+            line = "" if file.done else file.text()
+            offset += len(places)
+            continue
+        if kind != "coordinates":
+            raise file.fail(f"part {number} is {kind!r}; unstructured parts and blocks are read")
+        count = int(file.integers(1)[0])
+        if named_nodes:
+            file.integers(count)
+        points = np.ascontiguousarray(file.floats(3 * count).reshape(3, count).T)
+        parts[number] = Part(offset, count)
+        line = "" if file.done else file.text()
+        while line not in ("", "part"):
+            ghost, kind = line.startswith("g_"), line.removeprefix("g_")
+            many = int(file.integers(1)[0])
+            if named_elements:
+                file.integers(many)
+            found = _elements(file, kind, many)
+            kept_here = found is not None and not ghost
+            parts[number].elements.append(Elements(line, many, cells if kept_here else None))
+            if found is not None and ghost:
+                hidden += many
+            elif found is not None:
+                nodes = found[0]
+                if nodes.size and (nodes.min() < 1 or nodes.max() > count):
+                    raise file.fail(f"part {number}: {kind} with nodes outside 1..{count}")
+                if many:
+                    nodes -= 1
+                    blocks.append(Block(_solid(file, points, kind, many, found), offset))
+                cells += many
+            line = "" if file.done else file.text()
+        offset += count
+    if line:
+        raise file.fail(f"{line!r} where a part is expected; the file is damaged")
+    if not cells:
+        raise file.fail("the mesh has no solid cell")
+    mesh = join([block.mesh for block in blocks])
+    return Geometry(parts, tuple(blocks), mesh, offset, hidden)
+
+
+def _solid(
+    file: Reader, points: AnyFloats, kind: str, many: int, found: tuple[Labels, ...]
+) -> ElementMesh | Mesh:
+    """The mesh of `many` elements of one kind, as `_elements` gives them, but nodes from 0."""
+    source, nodes = str(file.path), found[0]
+    if kind == "nfaced":
+        sizes, faces = found[1:]
+        start = np.concatenate([[0], np.cumsum(sizes)])
+        owner = np.repeat(np.arange(many), faces)
+        return Mesh(points, nodes, start, owner, np.full(len(owner), -1), many, source)
+    kinds = np.broadcast_to(np.uint8(_VTK[kind]), many)
+    return ElementMesh(points, kinds, np.arange(many + 1) * CORNERS[_VTK[kind]], nodes, source)
+
+
+def _elements(file: Reader, kind: str, many: int) -> tuple[Labels, ...] | None:
+    """Nodes of solid elements, from 1; for polyhedra with the faces' sizes, and faces a cell.
+
+    None for flat elements.
+    """
+    if kind in _FLAT:
+        file.integers(many * _FLAT[kind], a_line=_FLAT[kind])
+        return None
+    if kind == "nsided":
+        _ragged(file, file.integers(many))
+        return None
+    if kind == "nfaced":
+        faces = file.integers(many)
+        sizes = file.integers(int(faces.sum()))
+        return _ragged(file, sizes), sizes, faces
+    if kind not in _VTK:
+        raise file.fail(f"elements of type {kind!r} are not read; write linear ones")
+    corners = CORNERS[_VTK[kind]]
+    return (file.integers(many * corners, a_line=corners),)
+
+
+def _ragged(file: Reader, sizes: Labels) -> Labels:
+    if file.binary:
+        return file.integers(int(sizes.sum()))
+    rows = [file.integers(int(size), a_line=int(size)) for size in sizes]
+    return np.concatenate(rows) if rows else np.empty(0, dtype=np.int64)
+
+
+def _structured(
+    file: Reader, words: list[str], number: int
+) -> tuple[AnyFloats, Labels, NDArray[np.bool_]]:
+    """Points (P, 3), corners of its cells (N, 8), and which cells are not blanked (N,)."""
+    shape = [int(n) for n in file.integers(3, a_line=3)]
+    allowed = {"curvilinear", "rectilinear", "uniform", "iblanked"}
+    if extra := set(words) - allowed:
+        raise file.fail(
+            f"part {number} is a block {min(extra)!r}; allowed are {', '.join(sorted(allowed))}"
+        )
+    if min(shape) < 2:
+        raise file.fail(f"part {number} is a block of {shape} nodes, expected 2 or more each way")
+    count = int(np.prod(shape))
+    if "rectilinear" in words:
+        edges = [file.floats(size) for size in shape]
+    elif "uniform" in words:
+        origin, delta = file.floats(3), file.floats(3)
+        edges = [o + d * np.arange(n) for o, d, n in zip(origin, delta, shape, strict=True)]
+    if {"rectilinear", "uniform"} & set(words):
+        z, y, x = np.meshgrid(*edges[::-1], indexing="ij")
+        points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    else:
+        points = np.ascontiguousarray(file.floats(3 * count).reshape(3, count).T)
+    shown = file.integers(count) != 0 if "iblanked" in words else np.ones(count, dtype=bool)
+    corner = np.arange(count, dtype=np.int32).reshape(shape[::-1])
+    low, high = slice(None, -1), slice(1, None)
+    ring = [(low, low), (low, high), (high, high), (high, low)]
+    layers = [layer[:, y, x] for layer in (corner[:-1], corner[1:]) for y, x in ring]
+    nodes = np.stack(layers, axis=-1).reshape(-1, 8)
+    return points, nodes, np.asarray(shown[nodes].all(axis=1))

@@ -1,0 +1,156 @@
+"""EnSight variables: values per element and per node, also undefined and partial ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.cfd.case import Column
+from cldit.cfd.cell_mesh import AnyFloats
+from cldit.cfd.element_mesh import ElementMesh
+from cldit.cfd.ensight.file import Reader
+from cldit.cfd.mesh import Mesh
+from cldit.spray.result import Floats
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Elements of one type in a row, `many` of them.
+
+    first: the cell of the mesh that the first is, None where they are no cells (flat, ghost). kept:
+    which of them are cells (the others are blanked), (many,); None for all.
+    """
+
+    kind: str
+    many: int
+    first: int | None
+    kept: NDArray[np.bool_] | None = None
+
+    @property
+    def cells(self) -> int:
+        """How many of them are cells."""
+        if self.first is None:
+            return 0
+        return self.many if self.kept is None else int(np.count_nonzero(self.kept))
+
+    def of_cells(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Those of the values (many,) that belong to cells."""
+        return values if self.kept is None else values[self.kept]
+
+
+@dataclass
+class Part:
+    """A part of the geometry: the places of its points among those of all parts; its elements."""
+
+    first_node: int
+    nodes: int
+    elements: list[Elements] = field(default_factory=list)
+
+
+Parts = dict[int, Part]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Cells of one part and type; first_node: the place of their first point among all parts'."""
+
+    mesh: ElementMesh | Mesh
+    first_node: int
+
+
+def per_element(file: Reader, parts: Parts, cells: int, label: str) -> Column:
+    """A field (cells,) in the order of the mesh; values that the file leaves out are undefined.
+
+    Raises:
+        SprayError: the file is damaged, or does not fit the geometry.
+    """
+    values = np.zeros(cells, np.float32)
+    missed, undefined = np.ones(cells, dtype=bool), np.zeros(cells, dtype=bool)
+    file.text()
+    line = "" if file.done else file.text()
+    while line == "part":
+        part = _part(file, parts)
+        line = "" if file.done else file.text()
+        for elements in part.elements:
+            name, _, mode = line.partition(" ")
+            if name != elements.kind:
+                continue  # a type may be left out; if it holds cells, they are missed below
+            found, defined = _values(file, elements.many, mode.strip())
+            if elements.first is not None:
+                place = slice(elements.first, elements.first + elements.cells)
+                values[place] = elements.of_cells(found)
+                missed[place] = False
+                undefined[place] = ~elements.of_cells(defined)
+            line = "" if file.done else file.text()
+    if line:
+        raise file.fail(f"{line!r} where a part or its elements are expected")
+    if missed.any():
+        raise file.fail(f"no value for {int(missed.sum())} of {cells} cells; truncated?")
+    return Column(label, values, undefined if undefined.any() else None)
+
+
+def per_node(file: Reader, parts: Parts, points: int, label: str) -> Column:
+    """A field (points,) at the points of the mesh; what the file leaves out is undefined."""
+    values, undefined = np.zeros(points), np.ones(points, dtype=bool)
+    file.text()
+    line = "" if file.done else file.text()
+    while line == "part":
+        part = _part(file, parts)
+        name, _, mode = file.text().partition(" ")
+        if name not in ("coordinates", "block"):
+            raise file.fail(f"{name!r}, expected `coordinates` or `block`")
+        found, defined = _values(file, part.nodes, mode.strip())
+        here = slice(part.first_node, part.first_node + part.nodes)
+        values[here], undefined[here] = found, ~defined
+        line = "" if file.done else file.text()
+    if line:
+        raise file.fail(f"{line!r} where a part is expected")
+    return Column(label, values, undefined)
+
+
+def _part(file: Reader, parts: Parts) -> Part:
+    number = int(file.integers(1)[0])
+    if number not in parts:
+        raise file.fail(f"part {number} is not in the geometry")
+    return parts[number]
+
+
+def _values(file: Reader, many: int, mode: str) -> tuple[AnyFloats, NDArray[np.bool_]]:
+    """Values (many,), and whether each is defined."""
+    if mode == "undef":
+        mark = file.floats(1)[0]
+        found = file.floats(many)
+        return found, np.asarray(found != mark)
+    if mode == "partial":
+        count = int(file.integers(1)[0])
+        place = file.integers(count) - 1
+        if count and (place.min() < 0 or place.max() >= many or len(set(place.tolist())) < count):
+            raise file.fail(f"partial values for elements outside 1..{many}, or twice for one")
+        values, defined = np.zeros(many), np.zeros(many, dtype=bool)
+        values[place], defined[place] = file.floats(count), True
+        return values, defined
+    if mode:
+        raise file.fail(f"values of kind {mode!r}; allowed are plain, `undef` and `partial` ones")
+    return file.floats(many), np.ones(many, dtype=bool)
+
+
+def corner_mean(blocks: Sequence[Block], values: AnyFloats) -> Floats:
+    """Mean of values at the points of all parts over the distinct corners of each cell, (N,)."""
+    return np.concatenate([_mean(block.mesh, values[block.first_node :]) for block in blocks])
+
+
+def _mean(mesh: ElementMesh | Mesh, values: AnyFloats) -> Floats:
+    if isinstance(mesh, ElementMesh):  # of one type
+        nodes = np.sort(mesh.nodes.reshape(mesh.cells, -1), axis=1)
+        new = np.ones(nodes.shape, dtype=bool)
+        new[:, 1:] = nodes[:, 1:] != nodes[:, :-1]
+        return np.asarray((values[nodes] * new).sum(axis=1) / new.sum(axis=1))
+    points = len(mesh.points_m)
+    pairs = np.repeat(mesh.owner, np.diff(mesh.start)) * points + mesh.corners
+    cell, point = np.divmod(np.unique(pairs), points)
+    total = np.bincount(cell, weights=values[point], minlength=mesh.cells)
+    return np.asarray(total / np.bincount(cell, minlength=mesh.cells))

@@ -1,0 +1,215 @@
+"""Mapping files: which column of a CFD result is what, and in which unit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Container
+from pathlib import Path
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from cldit.errors import SprayError
+from cldit.plain_data import read_mapping
+from cldit.scene.checks import Section, describe
+
+# unit: factor and offset to SI, value * factor + offset
+_PLAIN = {
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
+    "volume": {"m3": 1.0, "l": 1e-3, "cm3": 1e-6, "mm3": 1e-9},
+    "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "atm": 101325.0},
+    "density": {"kg/m3": 1.0, "g/cm3": 1e3, "g/l": 1.0},
+    "fraction": {"1": 1.0, "%": 1e-2},
+    "count": {"1": 1.0},
+    "mass": {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "ug": 1e-9},
+    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
+}
+UNITS: dict[str, dict[str, tuple[float, float]]] = {
+    kind: {unit: (factor, 0.0) for unit, factor in units.items()} for kind, units in _PLAIN.items()
+} | {"temperature": {"K": (1.0, 0.0), "degC": (1.0, 273.15), "degF": (5 / 9, 459.67 * 5 / 9)}}
+
+
+_UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]$")  # at the end of a column's name
+_SPELLED = (
+    {"-": "1", "": "1", "C": "degC", "°C": "degC", "F": "degF", "°F": "degF"}
+    | {"m^3": "m3", "mm^3": "mm3", "cm^3": "cm3", "m³": "m3", "mm³": "mm3", "cm³": "cm3"}
+    | {"kg/m^3": "kg/m3", "kg/m³": "kg/m3", "g/cm^3": "g/cm3", "g/cm³": "g/cm3"}
+    | {"kg m^-3": "kg/m3", "m s^-1": "m/s", "µm": "um", "μm": "um", "micron": "um", "microns": "um"}
+)
+
+
+def without_unit(name: str) -> str:
+    """A column's name without the unit at its end: `T` of `T [K]`."""
+    return _UNIT.sub("", name)
+
+
+def unit_in(name: str) -> str | None:
+    """The unit at the end of a column's name, as `UNITS` spells it; None where there is none."""
+    match = _UNIT.search(name)
+    return None if match is None else _SPELLED.get(match[1].strip(), match[1].strip())
+
+
+class Scalar(Section):
+    """A column by name, or a constant `value`; `unit` is SI where left out.
+
+    undefined: what stands for values that the file marks as undefined, in the same unit.
+    """
+
+    column: str | None = None
+    value: float | None = None
+    unit: str | None = None
+    undefined: float | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Scalar:
+        if (self.column is None) == (self.value is None):
+            raise ValueError("needs either column or value")
+        return self
+
+
+class Vector(Section):
+    """Three columns by name; `unit` is SI where left out."""
+
+    columns: tuple[str, str, str]
+    unit: str | None = None
+
+
+def _short_scalar(given: object) -> object:
+    if isinstance(given, str):
+        return {"column": given}
+    if isinstance(given, (int, float)) and not isinstance(given, bool):
+        return {"value": given}
+    return given
+
+
+def _short_vector(given: object) -> object:
+    if isinstance(given, str):  # the name of a vector
+        return {"columns": [f"{given}_{letter}" for letter in "XYZ"]}
+    return {"columns": given} if isinstance(given, (list, tuple)) else given
+
+
+A = Annotated[Scalar | None, BeforeValidator(_short_scalar)]
+V = Annotated[Vector | None, BeforeValidator(_short_vector)]
+
+
+class Table(Section):
+    """Where a table lies and how it is written; only for `format: tables`.
+
+    delimiter: told by the header where left out; a space is any white space. decimal: the mark in
+    numbers.
+    """
+
+    file: Path | None = None
+    delimiter: str | None = Field(None, min_length=1, max_length=1)
+    decimal: Literal[".", ","] = "."
+    header_line: int = Field(1, ge=1, le=1000)
+
+
+class CellColumns(Table):
+    """The gas. `position` and `size` or `volume` only for tables."""
+
+    position: V = None
+    size: V = None
+    volume: A = None
+    temperature: A = None
+    pressure: A = None
+    density: A = None
+    fuel: A = None
+
+
+class ParcelColumns(Table):
+    """The droplets. `position` only for tables; `mass` is that of all droplets of the parcel.
+
+    origin: where the parcel was born.
+    """
+
+    position: V = None
+    velocity: V = None
+    diameter: A = None
+    radius: A = None
+    number: A = None
+    mass: A = None
+    temperature: A = None
+    density: A = None
+    age: A = None
+    origin: V = None
+
+    @model_validator(mode="after")
+    def _once(self) -> ParcelColumns:
+        for one, other in (("diameter", "radius"), ("number", "mass")):
+            if getattr(self, one) is not None and getattr(self, other) is not None:
+                raise ValueError(f"{one} and {other} are both given; allowed is one of them")
+        return self
+
+
+class ColumnMap(Section):
+    """A whole mapping file."""
+
+    time_s: float | None = None
+    cells: CellColumns = CellColumns()
+    parcels: ParcelColumns | None = None
+
+
+def read_column_map(path: Path) -> ColumnMap:
+    """Reads a mapping file.
+
+    Raises:
+        SprayError: it is missing, not YAML, or has a key or value that is not allowed.
+    """
+    try:
+        return ColumnMap.model_validate(read_mapping(path))
+    except ValidationError as error:
+        raise SprayError(f"{path}: {describe(ColumnMap, error.errors())}") from error
+    except ValueError as error:  # of read_mapping, which names the file
+        raise SprayError(str(error)) from error
+
+
+S = TypeVar("S", CellColumns, ParcelColumns)
+
+
+def merged(given: S | None, default: S) -> S:
+    """`default`, with what the mapping file has `given` in its place; a pair's other half goes."""
+    if given is None:
+        return default
+    chosen = {name: getattr(given, name) for name in given.model_fields_set}
+    for one, other in (("diameter", "radius"), ("number", "mass")):
+        for here, there in ((one, other), (other, one)):
+            if chosen.get(here) is not None:
+                chosen.setdefault(there, None)
+    return default.model_copy(update=chosen)
+
+
+GAS_KEYS = ("temperature", "pressure", "density", "fuel")
+PARCEL_NAMES = ParcelColumns(
+    diameter=Scalar(column="d"),
+    number=Scalar(column="nParticle"),
+    temperature=Scalar(column="T"),
+    density=Scalar(column="rho"),
+    velocity=Vector(columns=("U_X", "U_Y", "U_Z")),
+    age=Scalar(column="age"),
+    origin=Vector(columns=("position0_X", "position0_Y", "position0_Z")),
+)
+
+
+def gas_names(given: CellColumns, known: Container[str], fuel_field: str) -> CellColumns:
+    """OpenFOAM's names of the cell fields, with what a mapping has `given` in their place.
+
+    Args:
+        given: of the mapping.
+        known: the fields that there are. A default that is not there is left out: it is missed
+            later, by who knows whether it is needed.
+        fuel_field: default of the fuel's mass fraction.
+    """
+    default = {"temperature": "T", "pressure": "p", "density": "rho", "fuel": fuel_field}
+    there = {key: Scalar(column=name) for key, name in default.items() if name in known}
+    return merged(given, CellColumns(**{key: there.get(key) for key in GAS_KEYS}))
+
+
+def columns_of(wanted: CellColumns | ParcelColumns) -> set[str]:
+    """The names of all columns that a part of a mapping uses."""
+    used: set[str] = set()
+    for key in type(wanted).model_fields:
+        value = getattr(wanted, key)
+        used |= {getattr(value, "column", None) or ""} | set(getattr(value, "columns", ()))
+    return used - {""}

@@ -1,0 +1,73 @@
+"""Patches at which an OpenFOAM mesh is cut: wedges, planes of symmetry, cyclic and empty sides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cldit.cfd.case import Boundary
+from cldit.cfd.mesh import Mesh
+from cldit.cfd.openfoam.collated import Root
+from cldit.cfd.openfoam.file import find_foam, read_foam
+from cldit.cfd.openfoam.injectors import dictionary_blocks
+from cldit.errors import SprayError
+from cldit.spray.result import Floats
+
+CUTS = ("wedge", "symmetry", "symmetryPlane", "cyclic", "cyclicAMI", "empty")
+
+
+def cut_boundaries(
+    meshes: Sequence[tuple[Root, Mesh]], region: str
+) -> tuple[tuple[Boundary, ...], tuple[Path, ...]]:
+    """Patches of a type in `CUTS`, each once, and the files in which they stand.
+
+    Args:
+        meshes: of the case, or of each processor.
+        region: "" is the case's own mesh.
+
+    Raises:
+        SprayError: a boundary file is damaged, or a patch has faces that the mesh does not have.
+    """
+    found: dict[str, Boundary] = {}
+    files: list[Path] = []
+    for root, mesh in meshes:
+        path = root.path / "constant" / region / "polyMesh" / "boundary"
+        file = find_foam(path)
+        if file is None:
+            continue  # a mesh that moves keeps its list elsewhere; geometry tells then
+        files.append(file)
+        for name, patch in dictionary_blocks(file, read_foam(path, root.block).body).items():
+            kind = patch.get("type", "")
+            if kind not in CUTS or name in found:
+                continue
+            try:
+                count, start = int(patch["nFaces"]), int(patch["startFace"])
+            except (KeyError, ValueError) as error:
+                raise SprayError(f"{file}: patch {name}: no nFaces and startFace") from error
+            if start < 0 or count < 0 or start + count > len(mesh.owner):
+                raise SprayError(
+                    f"{file}: patch {name}: faces {start} to {start + count}, but the mesh has "
+                    f"{len(mesh.owner)}"
+                )
+            if count:
+                normal, place = _plane(mesh, start, count)
+                found[name] = Boundary(name, kind, normal, place)
+    return tuple(found.values()), tuple(files)
+
+
+def _plane(mesh: Mesh, start: int, count: int) -> tuple[Floats, Floats]:
+    """Unit normal (zeros where it is not plane) and a point of faces in a row."""
+    begin = mesh.start[start : start + count + 1]
+    corners = mesh.corners[begin[0] : begin[-1]]
+    here = mesh.points_m[corners]
+    following = np.arange(1, len(corners) + 1)
+    following[begin[1:] - begin[0] - 1] = begin[:-1] - begin[0]
+    middle = here.mean(axis=0)
+    each = 0.5 * np.cross(here - middle, here[following] - middle)
+    faces = np.add.reduceat(each, begin[:-1] - begin[0], axis=0)
+    total = faces.sum(axis=0)
+    length = float(np.linalg.norm(total))
+    plane = length > 0.999 * float(np.linalg.norm(faces, axis=1).sum()) > 0.0
+    return (total / length if plane else np.zeros(3)), middle

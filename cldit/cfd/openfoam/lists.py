@@ -1,0 +1,250 @@
+"""The lists in a file of an OpenFOAM case: numbers, vectors, labels, faces and parcels.
+
+Sizes of binary numbers come from the header's `arch` entry, and every list must end where its
+bracket does, so a wrong size cannot go unnoticed.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.cfd.cell_mesh import AnyFloats, Labels, narrowed
+from cldit.cfd.openfoam.file import FoamFile
+from cldit.spray.result import Floats
+
+_GAP = rb"(?:\s|//[^\n]*\n|/\*.*?\*/)*"
+_LIST = re.compile(_GAP + rb"(?:List<\w+>)?\s*(\d+)\s*([({])", re.DOTALL)
+_UNIFORM = re.compile(rb"\buniform\s+([^;]+);")
+_NONUNIFORM = re.compile(rb"\bnonuniform\s*(?=List|\d)")
+_AT_ONCE = 1 << 23  # bytes of text that are turned into numbers at a time
+_BRACKETS = bytes.maketrans(b"()", b"  ")
+
+
+def _open(file: FoamFile, at: int) -> tuple[int, bytes, int]:
+    """Count, opening bracket, and offset behind it, of the list that begins at `at`."""
+    match = _LIST.match(file.body, at)
+    if match is None:
+        raise file.fail("no list where one is expected; the file is truncated or of another kind")
+    return int(match.group(1)), match.group(2), match.end()
+
+
+def _parse(file: FoamFile, begin: int, end: int) -> Iterator[Floats]:
+    """Numbers of the text from `begin` to `end`, some megabytes of it at a time.
+
+    Text that is no number ends them early; who knows their count notices.
+    """
+    ended = False
+    while begin < end and not ended:
+        stop = min(begin + _AT_ONCE, end)
+        while stop < end and not file.body[stop : stop + 1].isspace():
+            stop += 1
+        text = file.body[begin:stop].translate(_BRACKETS)
+        begin = stop
+        if not text.strip():  # of blanks alone numpy makes a number
+            continue
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always", DeprecationWarning)
+            try:
+                yield np.fromstring(text, dtype=np.float64, sep=" ")
+            except ValueError as error:
+                raise file.fail(f"holds text that is no number ({error})") from error
+        ended = bool(said)
+
+
+def _parsed(file: FoamFile, begin: int, end: int) -> Floats:
+    """All numbers of the text from `begin` to `end`."""
+    return np.concatenate([np.empty(0), *_parse(file, begin, end)])
+
+
+def _raw(
+    file: FoamFile, kind: str, sizes: tuple[int, ...], count: int, at: int
+) -> tuple[NDArray[np.generic], int]:
+    """`count` binary numbers at `at` and the offset behind their closing bracket."""
+    for size in sizes:
+        end = at + count * size
+        if file.body[end : end + 1] == b")":
+            values = np.frombuffer(file.body, f"{file.order}{kind}{size}", count, at)
+            return values, end + 1
+    raise file.fail(
+        f"truncated, or not of the number size in its header: no {count} binary numbers of "
+        f"{' or '.join(map(str, sizes))} bytes"
+    )
+
+
+def _list(file: FoamFile, kind: str, width: int, at: int) -> tuple[NDArray[np.generic], int]:
+    """A list of `width` numbers an entry, (N, width), and the offset behind it."""
+    count, bracket, begin = _open(file, at)
+    if bracket == b"{":
+        end = file.body.find(b"}", begin)
+        value = _parsed(file, begin, end) if end >= 0 else np.empty(0)
+        if value.size != width:
+            raise file.fail(f"a uniform list of {value.size} numbers, expected {width}")
+        return np.tile(value, (count, 1)), end + 1
+    if file.binary and count:
+        sizes = file.label_sizes if kind == "i" else file.scalar_sizes
+        values, end = _raw(file, kind, sizes, count * width, begin)
+        return values.reshape(count, width), end
+    # entries of one number have no brackets of their own; a list of vectors is the last in a file
+    end = file.body.find(b")", begin) if width == 1 else file.body.rfind(b")")
+    parts: Iterable[NDArray[np.generic]] = _parse(
+        file, begin, end if end >= begin else len(file.body)
+    )
+    if kind == "i":
+        parts = (whole(file, part) for part in parts)
+    found = np.concatenate([np.empty(0, np.int32 if kind == "i" else np.float64), *parts])
+    if end < begin or found.size != count * width:
+        raise file.fail(
+            f"truncated or damaged: {found.size} numbers where {count * width} are announced"
+        )
+    return found.reshape(count, width), end + 1
+
+
+def whole(file: FoamFile, values: NDArray[np.generic]) -> Labels:
+    """`values` in `file` as integers of the same shape; text such as 1.5 or 1e300 is refused.
+
+    Four bytes each where that is enough.
+    """
+    numbers = np.asarray(values)
+    if numbers.dtype.kind == "f":
+        integers = numbers.astype(np.int64) if np.all(np.abs(numbers) < 2.0**53) else None
+        if integers is None or np.any(integers != numbers):
+            raise file.fail("holds a label that is no whole number")
+        numbers = integers
+    return narrowed(numbers)
+
+
+def _labels(file: FoamFile, parts: Iterable[Floats]) -> Labels:
+    return np.concatenate([np.empty(0, np.int32), *(whole(file, part) for part in parts)])
+
+
+def scalars(file: FoamFile) -> Floats:
+    """A scalarField, (N,)."""
+    if file.nothing:
+        return np.empty(0)
+    return _list(file, "f", 1, 0)[0].reshape(-1).astype(np.float64)
+
+
+def vectors(file: FoamFile) -> Floats:
+    """A vectorField, (N, 3)."""
+    if file.nothing:
+        return np.empty((0, 3))
+    return _list(file, "f", 3, 0)[0].astype(np.float64)
+
+
+def labels(file: FoamFile) -> Labels:
+    """A labelList, (N,)."""
+    return whole(file, _list(file, "i", 1, 0)[0].reshape(-1))
+
+
+def faces(file: FoamFile) -> tuple[Labels, Labels]:
+    """A faceList or faceCompactList: the corners of all faces, and where each begins, (F + 1,)."""
+    if file.binary:
+        start, end = _list(file, "i", 1, 0)
+        corners, _ = _list(file, "i", 1, end)
+        return whole(file, corners.reshape(-1)), whole(file, start.reshape(-1))
+    count, _, begin = _open(file, 0)
+    numbers = _labels(file, _parse(file, begin, file.body.rfind(b")")))
+    if count and numbers.size % count == 0 and (width := numbers.size // count) > 1:
+        table = numbers.reshape(count, width)
+        if np.all(table[:, 0] == width - 1):  # all faces have as many corners: no need to walk
+            return table[:, 1:].reshape(-1), np.arange(count + 1) * (width - 1)
+    from cldit.cfd.cell_geometry import walk_faces  # brings a compiler
+
+    place = np.empty(count + 1, dtype=np.int64)
+    here = walk_faces(numbers, place)
+    if here != len(numbers):
+        raise file.fail(f"truncated or damaged: {len(numbers)} numbers do not make {count} faces")
+    keep = np.ones(len(numbers), dtype=bool)
+    keep[place[:-1]] = False
+    return numbers[keep], whole(file, place - np.arange(count + 1))
+
+
+def internal_field(file: FoamFile, cells: int) -> AnyFloats:
+    """The internalField (N,) of a volScalarField in `file`, of a mesh of `cells`.
+
+    Raises:
+        SprayError: there is none, it is no scalar, or its length is not `cells`.
+    """
+    begin = file.body.find(b"internalField")
+    if begin < 0:
+        raise file.fail("has no internalField")
+    entry = begin + len(b"internalField")
+    nonuniform = _NONUNIFORM.search(file.body, entry, entry + 200)
+    if nonuniform is None:
+        uniform = _UNIFORM.search(file.body, entry, entry + 200)
+        value = _parsed(file, *uniform.span(1)) if uniform else np.empty(0)
+        if value.size != 1:
+            raise file.fail("internalField is neither `uniform <number>` nor a list of numbers")
+        return np.full(cells, value[0])
+    stored = _list(file, "f", 1, nonuniform.end())[0].reshape(-1)
+    values = stored.astype(stored.dtype.newbyteorder("="))  # as exact as it is written
+    if len(values) != cells:
+        raise file.fail(f"{len(values)} values, but the mesh has {cells} cells")
+    return values
+
+
+def particles(file: FoamFile) -> Floats:
+    """Where the parcels of a cloud are, one row a parcel.
+
+    (N, 4): x, y, z, cell; or (N, 7): four barycentric coordinates, cell, face and point of the
+    tetrahedron. Which of the two is told by the rows, not by the file's name: `positions` of
+    OpenFOAM.org 5 and later holds the second.
+    """
+    if file.nothing:
+        return np.empty((0, 4))
+    count, bracket, begin = _open(file, 0)
+    if count == 0:
+        return np.empty((0, 4))
+    if bracket != b"(":
+        raise file.fail("a cloud cannot be a uniform list")
+    if file.binary:
+        return _binary_particles(file, count, begin)
+    end = file.body.rfind(b")")
+    numbers = _parsed(file, begin, end)
+    for width in (4, 7):
+        if numbers.size == count * width:
+            return numbers.reshape(count, width)
+    raise file.fail(
+        f"truncated or damaged: {numbers.size} numbers for {count} parcels, expected 4 (position "
+        "and cell) or 7 (barycentric coordinates, cell, face, point) for each"
+    )
+
+
+def _binary_particles(file: FoamFile, count: int, begin: int) -> Floats:
+    """Records in brackets, each on its own line: scalars, then labels."""
+    first = file.body.find(b"(", begin)
+    for reals, integers in ((3, 1), (4, 3)):
+        for scalar in file.scalar_sizes:
+            for label in file.label_sizes:
+                size = reals * scalar + integers * label
+                after = file.body[first + 1 + size : first + 6 + size]
+                gap = after.find(b"(") if count > 1 else 1
+                if after[:1] != b")" or gap < 1:
+                    continue
+                record = np.dtype(
+                    {
+                        "names": ["open", "reals", "integers", "close"],
+                        "formats": [
+                            "S1",
+                            (f"{file.order}f{scalar}", reals),
+                            (f"{file.order}i{label}", integers),
+                            "S1",
+                        ],
+                        "offsets": [0, 1, 1 + reals * scalar, 1 + size],
+                        "itemsize": 1 + size + gap,
+                    }
+                )
+                # the last record has no gap behind it
+                span = file.body[first : first + count * record.itemsize - gap + 1]
+                span += b"\0" * (count * record.itemsize - len(span))
+                rows = np.frombuffer(span, record, count)
+                if np.all(rows["open"] == b"(") and np.all(rows["close"] == b")"):
+                    return np.concatenate([rows["reals"], rows["integers"]], axis=1).astype(
+                        np.float64
+                    )
+    raise file.fail(f"truncated or damaged: no {count} binary parcels")

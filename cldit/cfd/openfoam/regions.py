@@ -1,0 +1,221 @@
+"""Where a case keeps its regions and times, and which of them are meant."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cldit.cfd.case import NO_CLOUD, only_claimant
+from cldit.cfd.openfoam.collated import Root, split_roots
+from cldit.cfd.openfoam.file import find_foam
+from cldit.cfd.times import CaseTime, choose_time
+from cldit.errors import SprayError
+
+_TIME = re.compile(r"-?\d+(\.\d*)?([eE][+-]?\d+)?$")
+_DEFAULT = "region0"  # OpenFOAM's own name of the mesh in constant/polyMesh
+
+
+@dataclass(frozen=True)
+class Step:
+    """One time of one region.
+
+    region: "" for the mesh of the case itself; roots: the case, or its processors; folder: of the
+    fields, below each root.
+    """
+
+    case: Path
+    region: str
+    roots: tuple[Root, ...]
+    time: float
+    folder: str
+    remarks: tuple[str, ...]
+
+    @property
+    def place(self) -> Path:
+        """The folder of the fields of the first root."""
+        return self.roots[0].path / self.folder
+
+
+def case_folder(path: Path) -> Path:
+    """The folder of a case, or of the `.foam` file in it.
+
+    Raises:
+        SprayError: there is none.
+    """
+    case = path if path.is_dir() else path.parent
+    if not case.is_dir():
+        raise SprayError(f"{path}: no such case (spray.file)")
+    return case
+
+
+def is_openfoam(path: Path) -> bool:
+    """Whether the path is a case folder or the `.foam` file in one."""
+    if path.suffix in (".foam", ".OpenFOAM"):
+        return True
+    return path.is_dir() and bool(regions(path))
+
+
+def regions(case: Path) -> list[str]:
+    """Regions that have a mesh; "" is that of the case itself."""
+    found: set[str] = set()
+    for root in ("", "processor0/", "processors*/"):
+        found |= {"" for each in case.glob(f"{root}constant/polyMesh") if each.is_dir()}
+        found |= {
+            each.parent.name
+            for each in case.glob(f"{root}constant/*/polyMesh")
+            if each.is_dir() and each.parent.name != "polyMesh"
+        }
+    return sorted(found)
+
+
+def time_folders(root: Path) -> dict[float, list[Path]]:
+    """Folders named by a number, by that number."""
+    found: dict[float, list[Path]] = {}
+    for each in sorted(root.iterdir()):
+        if _TIME.match(each.name) and each.is_dir():
+            found.setdefault(float(each.name), []).append(each)
+    return found
+
+
+def find_step(path: Path, *, time_s: CaseTime | None, fuel_field: str, region: str | None) -> Step:
+    """The region and the time asked for, or the only region and the last time.
+
+    A decomposed case is read processor by processor where its own folder does not have the time.
+
+    Args:
+        path: the case folder, or the `.foam` file in it.
+        time_s: the latest where None.
+        fuel_field: field by which the region is told where there are several.
+        region: None is the only one that has the field.
+
+    Raises:
+        SprayError: there is no such case, region or time, or two folders claim to be the time.
+    """
+    case = case_folder(path)
+    known = regions(case)
+    if not known:
+        raise SprayError(
+            f"{case}: no mesh: neither constant/polyMesh nor constant/REGION/polyMesh, nor those "
+            "of processors"
+        )
+    processors = split_roots(case)
+    chosen, remarks = _region(case, known, processors, fuel_field, region)
+    own = _times(case, chosen)
+    split = _times(processors[0].path, chosen) if processors else {}
+    try:
+        wanted = choose_time(str(case), [*own, *split], time_s)
+    except SprayError as error:
+        hint = f"; its VTK output can be read as {case / 'VTK'}" if (case / "VTK").is_dir() else ""
+        raise SprayError(f"{error}{hint}") from error
+    if wanted in own and wanted in split:
+        ours, theirs = own[wanted][0] / chosen, split[wanted][0] / chosen
+        if _newest(theirs) > _newest(ours):
+            only_claimant(f"time {wanted:g}, the processors' being newer", (ours, theirs))
+        remarks = (*remarks, f"Time {wanted:g} is read from {ours}, not from the processors.")
+    roots = (Root(case),) if wanted in own else tuple(processors)
+    folders = own[wanted] if wanted in own else split[wanted]
+    time = only_claimant(f"time {wanted:g}", folders).name
+    return Step(case, chosen, roots, wanted, str(Path(time) / chosen), remarks)
+
+
+def _times(root: Path, region: str) -> dict[float, list[Path]]:
+    """Times with results: folders that hold a field beside those of the mesh."""
+    found = {
+        time: [each for each in folders if _results(each / region)]
+        for time, folders in time_folders(root).items()
+    }
+    return {time: folders for time, folders in found.items() if folders}
+
+
+def _results(folder: Path) -> bool:
+    """A field or a cloud; the starting time of many cases has neither temperature nor fuel."""
+    return folder.is_dir() and any(each.is_file() for each in folder.iterdir())
+
+
+def _newest(folder: Path) -> float:
+    return max((each.stat().st_mtime for each in folder.iterdir() if each.is_file()), default=0.0)
+
+
+def _region(
+    case: Path,
+    known: Sequence[str],
+    processors: Sequence[Root],
+    fuel_field: str,
+    wanted: str | None,
+) -> tuple[str, tuple[str, ...]]:
+    def names(which: Iterable[str]) -> str:
+        return ", ".join(each or _DEFAULT for each in which)
+
+    if wanted is not None:
+        plain = "" if wanted == _DEFAULT else wanted
+        if plain not in known:
+            raise SprayError(
+                f"{case}: no region {wanted!r} (spray.region); available: {names(known)}"
+            )
+        return plain, ()
+    if len(known) == 1:
+        return known[0], (f"Region {known[0]}, the only one.",) if known[0] else ()
+    roots = [case, *(root.path for root in processors[:1])]
+    fuelled = [
+        each
+        for each in known
+        if any(
+            find_foam(folder / each / fuel_field)
+            for root in roots
+            for folders in time_folders(root).values()
+            for folder in folders
+        )
+    ]
+    if len(fuelled) != 1:
+        raise SprayError(
+            f"{case}: {len(fuelled)} of its regions have the field {fuel_field!r}; set "
+            f"spray.region to one of {names(known)}"
+        )
+    others = names(each for each in known if each != fuelled[0])
+    return fuelled[0], (f"Region {fuelled[0] or _DEFAULT} has {fuel_field}; not read: {others}.",)
+
+
+def clouds_of(case: Path) -> list[Path]:
+    """Folders of the clouds at any time of a case, of its regions and processors."""
+    roots = [case, *sorted(case.glob("processor*"))]
+    times = [each for root in roots for folders in time_folders(root).values() for each in folders]
+    return [
+        cloud
+        for time in times
+        for pattern in ("lagrangian/*", "*/lagrangian/*")
+        for cloud in sorted(time.glob(pattern))
+        if cloud.is_dir()
+    ]
+
+
+def parcels_elsewhere(folder: Path) -> list[Path]:
+    """Folders of parcels in a place that is not read: of OpenFOAM 13's Lagrangian library.
+
+    Args:
+        folder: of a time (and region).
+    """
+    return [
+        each
+        for each in sorted(folder.glob("*/*")) + sorted(folder.glob("*/*/*"))
+        if each.name.removesuffix(".gz") in ("positions", "coordinates", "position")
+        and each.relative_to(folder).parts[0] not in ("lagrangian", "polyMesh", "uniform")
+    ]
+
+
+def check_parcels(step: Step, cloud: str | None, found: bool) -> None:
+    """Refuses a case whose parcels lie where they are not read.
+
+    Raises:
+        SprayError: there are such, and neither another cloud nor gas alone is asked for.
+    """
+    if found or cloud == NO_CLOUD:
+        return
+    for root in step.roots:
+        if elsewhere := parcels_elsewhere(root.path / step.folder):
+            raise SprayError(
+                f"{elsewhere[0].parent}: parcels as the Lagrangian library of OpenFOAM 13 writes "
+                "them are not read; export them with foamToVTK and give its folder, or set "
+                f"spray.cloud: {NO_CLOUD} for gas alone"
+            )

@@ -1,0 +1,155 @@
+"""The parcels of a case: what is plausible, and what is left out, counted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.cfd.case import Cloud, Column
+from cldit.errors import SprayError
+from cldit.spray.result import Floats, Parcels
+
+Mask = NDArray[np.bool_]
+# a falling drop of water breaks up beyond some 5 mm; what is larger has another unit
+_LIMITS = {
+    "d": (1e-9, 5e-3, "d is the diameter of a droplet in metres"),
+    "nParticle": (0.0, 1e18, "nParticle is the number of droplets"),
+    "T": (1.0, 5000.0, "T is a temperature in K"),
+    "rho": (10.0, 3e4, "rho is a density in kg/m3"),
+}
+
+
+@dataclass(frozen=True)
+class CheckedParcels:
+    """Parcels in the case's coordinates; kept: which of the cloud's they are, (N,)."""
+
+    parcels: Parcels
+    kept: Mask
+    remarks: tuple[str, ...]
+
+    @property
+    def left_out(self) -> int:
+        """How many parcels were impossible."""
+        return int(np.sum(~self.kept))
+
+
+def check_parcels(
+    cloud: Cloud, lower_m: Floats, upper_m: Floats, *, share: float
+) -> CheckedParcels:
+    """The parcels whose values are possible, and which lie in the mesh's bounding box.
+
+    Args:
+        cloud: all parcels.
+        lower_m, upper_m: of the mesh, (3,) each.
+        share: largest share of the parcels that may be left out.
+
+    Returns:
+        The others, with a sentence for each reason to leave one out.
+
+    Raises:
+        SprayError: more than that share is impossible; the message names file, value and limits.
+    """
+    count = len(cloud.position_m.values)
+    wrong: list[tuple[Mask, str]] = []
+    for name, (low, high, hint) in _LIMITS.items():
+        column = cloud.fields[name]
+        outside = _outside(column, low, high)
+        if outside.any():
+            bad = int(np.argmax(outside))
+            value = f"{column.values[bad]:g} (entry {bad}) is outside {low:g}..{high:g}"
+            wrong.append((outside, f"{column.label}: {value}; {hint}"))
+    position = cloud.position_m
+    slack = 1e-5 * float((upper_m - lower_m).max())  # float32 in either file
+    away = ~np.all(
+        (position.values >= lower_m - slack) & (position.values <= upper_m + slack), axis=1
+    )
+    if away.any():
+        bad = int(np.argmax(away))
+        wrong.append(
+            (
+                away,
+                f"{position.label}: parcel {bad} at {_text(position.values[bad])} m is outside the "
+                f"mesh, {_text(lower_m)} to {_text(upper_m)} m",
+            )
+        )
+    kept = np.ones(count, dtype=bool)
+    for mask, _ in wrong:
+        kept &= ~mask
+    lost = int(np.sum(~kept))
+    if lost > share * count or _mass_share(cloud, away, wrong) > share:
+        what = f"{lost} of {count} parcels are impossible or outside"
+        raise SprayError(
+            f"{wrong[0][1]} ({what}; up to {100 * share:g} % may be left out: "
+            "spray.parcels_left_out)"
+        )
+    remarks = tuple(
+        f"Left out {int(mask.sum())} of {count} parcels: {text}." for mask, text in wrong
+    )
+    every = (position, *(cloud.fields[name] for name in _LIMITS))
+    place, *others = (np.asarray(each.values[kept], np.float64) for each in every)
+    size, droplets, temperature, density = others
+    parcels = Parcels(place, size, droplets, temperature, density)
+    return CheckedParcels(parcels, kept, remarks)
+
+
+def _mass_share(cloud: Cloud, away: Mask, wrong: list[tuple[Mask, str]]) -> float:
+    """Share of the liquid in parcels whose values are possible, but which lie outside the mesh."""
+    possible = np.ones(len(away), dtype=bool)
+    for mask, _ in wrong:
+        possible &= ~mask | (mask is away)
+    if not (away & possible).any():
+        return 0.0
+    count, density, size = (cloud.fields[name].values for name in ("nParticle", "rho", "d"))
+    mass = np.where(possible, count * density * size**3, 0.0)
+    return float(mass[away].sum() / mass.sum()) if mass.sum() > 0 else 0.0
+
+
+def farthest_m(cloud: Cloud, share: float) -> float | None:
+    """How far from where it was born the farthest liquid is, as OpenFOAM's log states it.
+
+    Parcels in the order of their distance: that at which the liquid beyond is less than
+    1 - share, interpolated as KinematicCloud::penetration does.
+
+    Args:
+        cloud: parcels; without their `origin` there is no answer.
+        share: of the liquid, 0.95 in OpenFOAM's log.
+    """
+    if "origin" not in cloud.fields:
+        return None
+    distance = np.linalg.norm(cloud.position_m.values - cloud.fields["origin"].values, axis=1)
+    count, density, size = (cloud.fields[name].values for name in ("nParticle", "rho", "d"))
+    order = np.argsort(distance, kind="stable")
+    distance, mass = distance[order], (count * density * size**3)[order]
+    beyond = np.cumsum(mass[::-1])[::-1]  # with the parcel itself
+    rest = (1.0 - share) * beyond[0]
+    here = int(np.flatnonzero(beyond > rest)[-1]) if beyond[0] > 0 else len(distance) - 1
+    if here == len(distance) - 1:
+        return float(distance[-1])
+    step = (beyond[here] - rest) / mass[here]
+    return float(distance[here] + step * (distance[here + 1] - distance[here]))
+
+
+def only(cloud: Cloud, kept: Mask) -> Cloud:
+    """The cloud of some of its parcels."""
+    if kept.all():
+        return cloud
+
+    def part(column: Column) -> Column:
+        return Column(column.label, column.values[kept])
+
+    fields = {name: part(column) for name, column in cloud.fields.items()}
+    return Cloud(cloud.name, part(cloud.position_m), fields)
+
+
+def _outside(column: Column, low: float, high: float) -> Mask:
+    if column.values.ndim != 1:
+        raise SprayError(
+            f"{column.label}: shape {column.values.shape}, expected one number an entry"
+        )
+    return ~((column.values >= low) & (column.values <= high))  # true for NaN as well
+
+
+def _text(vector: Floats) -> str:
+    return "(" + ", ".join(f"{part:.4g}" for part in vector) + ")"

@@ -1,0 +1,203 @@
+"""Part of a spray made whole: wedges and sectors by turns, half cases by planes of symmetry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from cldit.cfd.azimuth import azimuth_span
+from cldit.cfd.case import Boundary, CfdCase
+from cldit.cfd.orientation import Frame
+from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray, Sector
+from cldit.spray.result import Floats, Parcels
+
+_PART_DEG = 185.0  # a mesh that spans less about its axis is a part; a box of few cells spans 270
+_NEAR_AXIS = 1e-3  # share of the mesh's width
+_ANGLE_DEG = 0.5  # by which the mesh may differ from the sector that is said
+
+
+@dataclass(frozen=True)
+class Copy:
+    """A place x of the case becomes turn (x - origin_m), in the case's own coordinates."""
+
+    turn: Floats
+    origin_m: Floats
+
+    def into(self, frame: Frame) -> tuple[Floats, Floats]:
+        """Origin (3,) and matrix (3, 3) of the way from the case into the project's frame."""
+        # frame.rotation (turn (x - origin) - nozzle)
+        origin = self.origin_m + self.turn.T @ frame.nozzle_m
+        return origin, frame.rotation @ self.turn
+
+
+def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
+    """The copies of the case that make it whole, itself first, and what to say of them.
+
+    Raises:
+        SprayError: the case is a part, and the scene does not say so; or it is not the part that
+            the scene says.
+    """
+    if spec.sector is not None and spec.symmetry is not None:
+        raise SprayError("spray.sector and spray.symmetry are both given; allowed is one of them")
+    if spec.sector is not None:
+        return _turns(spec.sector, case, frame)
+    if spec.symmetry is not None:
+        return _mirrored(spec.symmetry, case, frame)
+    _refuse_part(case, frame)
+    return (_itself(),), ()
+
+
+def completed_parcels(parcels: Parcels, frame: Frame, every: Sequence[Copy]) -> Parcels:
+    """The parcels of all copies, in our frame; each copy has the masses of the case."""
+    places = []
+    for copy in every:
+        origin, rotation = copy.into(frame)
+        places.append((parcels.position_m - origin) @ rotation.T)
+    many = len(every)
+    return Parcels(
+        np.concatenate(places),
+        np.tile(parcels.diameter_m, many),
+        np.tile(parcels.droplets, many),
+        np.tile(parcels.temperature_K, many),
+        np.tile(parcels.density_kg_m3, many),
+    )
+
+
+def _itself() -> Copy:
+    return Copy(np.eye(3), np.zeros(3))
+
+
+def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
+    centre = frame.nozzle_m if sector.centre_m is None else np.array(sector.centre_m)
+    axis = frame.axis if sector.axis is None else np.array(sector.axis)
+    axis = axis / np.linalg.norm(axis)
+    many = round(360.0 / sector.angle_deg)
+    if many == 1:
+        return (_itself(),), ()
+    span, _ = azimuth_span(case.mesh.points, centre, axis)
+    if abs(span - sector.angle_deg) > _ANGLE_DEG:
+        raise SprayError(
+            f"{case.mesh.source}: spans {span:.4g} degrees about {_text(axis)} through "
+            f"{_text(centre)} m, not the {sector.angle_deg:g} of spray.sector.angle_deg; set its "
+            "centre_m and axis where they are not the nozzle and the injection's"
+        )
+    every = tuple(_turn(axis, centre, 2 * np.pi * n / many) for n in range(many))
+    what = f"A sector of {sector.angle_deg:g} degrees, made whole by {many} turns"
+    return every, (f"{what}: masses times {many}.",)
+
+
+def _turn(axis: Floats, centre: Floats, angle: float) -> Copy:
+    """A turn about an axis through `centre` (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+    return Copy(turn, centre - turn.T @ centre)
+
+
+def _mirrored(
+    normals: Sequence[str], case: CfdCase, frame: Frame
+) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
+    if not normals:
+        return (_itself(),), ()
+    low, high = case.mesh.extent_m
+    for name in set(normals):
+        place = "xyz".index(name)
+        before, behind = frame.nozzle_m[place] - low[place], high[place] - frame.nozzle_m[place]
+        if min(before, behind) > _NEAR_AXIS * float((high - low).max()):
+            raise SprayError(
+                f"{case.mesh.source}: lies on both sides of the plane {name} = "
+                f"{frame.nozzle_m['xyz'.index(name)]:g} m through the nozzle (spray.symmetry); "
+                "allowed are planes that bound the mesh"
+            )
+    every = []
+    for signs in product((1.0, -1.0), repeat=len(set(normals))):
+        turn = np.eye(3)
+        for name, sign in zip(sorted(set(normals)), signs, strict=True):
+            turn["xyz".index(name), "xyz".index(name)] = sign
+        every.append(Copy(turn, frame.nozzle_m - turn.T @ frame.nozzle_m))
+    many = len(every)
+    planes = " and ".join(sorted(set(normals)))
+    return tuple(every), (f"Mirrored in {planes} at the nozzle: masses times {many}.",)
+
+
+def _refuse_part(case: CfdCase, frame: Frame) -> None:
+    """Says that the case is a part, by its patches or by its geometry.
+
+    Raises:
+        SprayError: it is; the message says what completes it.
+    """
+    kinds = {kind: [b for b in case.boundaries if b.kind == kind] for kind in _EVERY}
+    if empty := kinds["empty"]:
+        raise SprayError(
+            f"{case.source}: the patch {empty[0].name!r} is empty: the case is flat, and holds no "
+            "spray in space; run it in three dimensions, or as a wedge"
+        )
+    for kind in ("wedge", "cyclic", "cyclicAMI"):
+        pair = kinds[kind]
+        angle, axis = _between(pair)
+        if not pair or (kind != "wedge" and not angle):
+            continue  # cyclic sides that are parallel make an endless box, no sector
+        what = f"of {angle:.4g} degrees about {_text(axis)}" if angle else "of a turn"
+        raise SprayError(
+            f"{case.source}: the patches {', '.join(repr(b.name) for b in pair)} are {kind}: the "
+            f"mesh is a sector {what}, not the whole spray; {_way(angle)}"
+        )
+    low, high = case.mesh.extent_m
+    width = float((high - low).max())
+    for patch in (*kinds["symmetry"], *kinds["symmetryPlane"]):
+        through = abs(float((frame.nozzle_m - patch.place_m) @ patch.normal)) < _NEAR_AXIS * width
+        along = abs(float(frame.axis @ patch.normal)) < 1e-3
+        if patch.normal.any() and through and along:
+            raise SprayError(
+                f"{case.source}: the patch {patch.name!r} is {patch.kind} and holds the axis of "
+                f"the injection: the mesh is a part of the spray; {_plane_way(patch.normal)}"
+            )
+    span, planes = azimuth_span(case.mesh.points, frame.nozzle_m, frame.axis)
+    if span < _PART_DEG and planes:
+        raise SprayError(
+            f"{case.mesh.source}: spans {span:.4g} of 360 degrees about the injection's axis, "
+            f"{_text(frame.axis)} through {_text(frame.nozzle_m)} m, between planes through it: it "
+            f"seems to be a part of the spray; {_way(span)}, spray.symmetry: [x] (the normals of "
+            "the planes) mirrors it"
+        )
+
+
+_EVERY = ("empty", "wedge", "cyclic", "cyclicAMI", "symmetry", "symmetryPlane")
+
+
+def _between(pair: Sequence[Boundary]) -> tuple[float, Floats]:
+    """Angle of the mesh between two plane patches in degrees, and the axis; 0 if parallel."""
+    planes = [each.normal for each in pair if each.normal.any()]
+    if len(planes) < 2:
+        return 0.0, np.zeros(3)
+    cross = np.cross(planes[0], planes[1])
+    size = float(np.linalg.norm(cross))
+    if size < 1e-6:
+        return 0.0, np.zeros(3)
+    return 180.0 - float(np.degrees(np.arctan2(size, planes[0] @ planes[1]))), cross / size
+
+
+def _way(angle: float) -> str:
+    shown = f"{angle:.4g}" if angle else "DEGREES"
+    return (
+        f"spray.sector: {{angle_deg: {shown}}} completes it (`--sector {shown}`), 360 takes it as "
+        "it is"
+    )
+
+
+def _plane_way(normal: Floats) -> str:
+    name = "xyz"[int(np.argmax(np.abs(normal)))]
+    if np.abs(normal).max() < 1.0 - 1e-6:
+        return "its plane is oblique: export the whole, or spray.symmetry: [] takes it as it is"
+    return (
+        f"spray.symmetry: [{name}] completes it (`--symmetry {name}`; several as [x, y]), [] takes "
+        "it as it is (`--symmetry none`)"
+    )
+
+
+def _text(vector: Floats) -> str:
+    return "(" + ", ".join(f"{0.0 if abs(part) < 1e-12 else part:.4g}" for part in vector) + ")"

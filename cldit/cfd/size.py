@@ -1,0 +1,50 @@
+"""Whether a case fits into memory, told from counts before anything large is read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from cldit.errors import SprayError
+from cldit.free_memory import free_bytes
+
+# Measured with `cldit bench --only import`: bytes beside what the reader holds.
+_CELL = 160  # fuel, temperature, and a box where there is vapour, twice while they are put together
+_PARCEL = 180
+_ANYWAY = 200e6  # for some cells at a time, whatever the case
+
+
+@dataclass(frozen=True)
+class Size:
+    """What a case holds, and the bytes that its reader needs for mesh and fields at its peak."""
+
+    cells: int
+    parcels: int
+    held_bytes: float
+
+    @property
+    def need_bytes(self) -> float:
+        """Memory that the import takes at its peak."""
+        return self.held_bytes + _CELL * self.cells + _PARCEL * self.parcels + _ANYWAY
+
+
+def check_room(source: Path, size: Size) -> None:
+    """Refuses a case that does not fit, before it is read.
+
+    Args:
+        source: named by the error.
+        size: of the case.
+
+    Raises:
+        SprayError: less memory is free than the import needs.
+    """
+    free = free_bytes()
+    if free is None or size.need_bytes <= free:
+        return
+    parcels = f" and {size.parcels} parcels" if size.parcels else ""
+    raise SprayError(
+        f"{source}: about {size.cells} cells{parcels} need some {size.need_bytes / 1e9:.2g} GB of "
+        f"memory, {free / 1e9:.2g} GB are free. Close other programs; or export only the region "
+        "around the spray (a clip or threshold on the fuel in ParaView); or run `cldit import CASE "
+        "--out spray.npz` on a larger machine, and give spray.npz in place of the case"
+    )

@@ -1,0 +1,58 @@
+"""Which of a case's times is meant: a number that it has, the latest, or the nearest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from cldit.errors import SprayError
+
+CaseTime = float | str  # a number, `latest`, or `nearest` and a number (cldit.scene.values)
+TIME_TOLERANCE = 1e-6  # relative; OpenFOAM writes times with six digits, foamToVTK as float32
+
+
+def wanted_time(wanted: CaseTime | None) -> tuple[float | None, bool]:
+    """The number asked for, None for the latest, and whether the nearest will do."""
+    if wanted is None or wanted == "latest":
+        return None, False
+    if isinstance(wanted, str):
+        return float(wanted.removeprefix("nearest")), True
+    return wanted, False
+
+
+def choose_time(source: str, times: Iterable[float], wanted: CaseTime | None) -> float:
+    """The time asked for, or the latest.
+
+    Args:
+        source: named by errors.
+        times: those that there are, in the case's own unit.
+        wanted: None or `latest` is the last; a number must be there; `nearest` takes the nearest.
+
+    Returns:
+        One of `times`.
+
+    Raises:
+        SprayError: there is none, or none within `TIME_TOLERANCE`; the message lists what there
+            is, and how to take the nearest.
+    """
+    known = sorted(set(times))
+    if not known:
+        raise SprayError(f"{source}: holds no time with results")
+    number, nearest = wanted_time(wanted)
+    if number is None:
+        return known[-1]
+    best = min(known, key=lambda time: abs(time - number))
+    if not nearest and abs(best - number) > max(TIME_TOLERANCE * abs(number), 1e-15):
+        shown = ", ".join(f"{time:.7g}" for time in known[:20]) + (", ..." if known[20:] else "")
+        raise SprayError(
+            f"{source}: no time {number:g} s (spray.time_s); available: {shown}; the nearest is "
+            f"{abs(best - number):.3g} away: `nearest {number:g}` takes it"
+        )
+    return best
+
+
+def time_remarks(taken: float | None, wanted: CaseTime | None) -> tuple[str, ...]:
+    """What to say where a time was chosen for the user: its distance from what was asked for."""
+    number, nearest = wanted_time(wanted)
+    if not nearest or number is None or taken is None or taken == number:
+        return ()
+    return (f"Time {taken:.9g} is the nearest to {number:.9g}: {abs(taken - number):.3g} away.",)

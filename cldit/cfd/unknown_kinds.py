@@ -1,0 +1,95 @@
+"""Files that CFD users have and cldit does not read: what they are, and which export it reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cldit.errors import SprayError
+
+_PARAVIEW = "open it in ParaView and save the gas as .vtu and the parcels as .vtp"
+_TABLES = "export cells and parcels as text tables and describe them by a mapping file (.yaml)"
+_FLUENT = f"in Fluent, File > Export > EnSight Case Gold with the DPM particles; or {_TABLES}"
+_STAR = "in STAR-CCM+, File > Export > EnSight Gold with the Lagrangian phase; or " + _TABLES
+# ending: what it is, and the way out
+_KINDS: dict[str, tuple[str, str]] = {
+    ".cas": ("a case of Fluent", _FLUENT),
+    ".dat": ("a data file of Fluent or Tecplot", _FLUENT),
+    ".cas.h5": ("a case of Fluent in HDF5", _FLUENT),
+    ".dat.h5": ("a data file of Fluent in HDF5", _FLUENT),
+    ".cas.gz": ("a packed case of Fluent", _FLUENT),
+    ".dat.gz": ("a packed data file of Fluent", _FLUENT),
+    ".dpm": ("particles of Fluent", _FLUENT),
+    ".his": ("a particle history of Fluent", _FLUENT),
+    ".msh": ("a mesh of Fluent or Gmsh without results", "give the results, as EnSight or .vtu"),
+    ".sim": ("a session of STAR-CCM+", _STAR),
+    ".ccm": ("a mesh of STAR-CCM+", _STAR),
+    ".trk": ("particle tracks of STAR-CCM+", _STAR),
+    ".res": ("a result of CFX", f"in CFD-Post, export EnSight or CSV; {_TABLES}"),
+    ".cgns": ("CGNS", _PARAVIEW),
+    ".vtkhdf": ("VTK's HDF format", _PARAVIEW),
+    ".hdf": ("VTK's HDF format", _PARAVIEW),
+    ".vts": ("a structured grid of VTK", f"{_PARAVIEW}, after the filter Append Datasets"),
+    ".vtr": ("a rectilinear grid of VTK", f"{_PARAVIEW}, after the filter Append Datasets"),
+    ".vti": ("an image of VTK", f"{_PARAVIEW}, after the filter Append Datasets"),
+    ".pvts": ("pieces of a structured grid of VTK", _PARAVIEW),
+    ".pvsm": ("a state of ParaView without data", "save the data themselves as .vtu and .vtp"),
+    ".xmf": ("XDMF", _PARAVIEW),
+    ".xdmf": ("XDMF", _PARAVIEW),
+    ".e": ("Exodus II", _PARAVIEW),
+    ".exo": ("Exodus II", _PARAVIEW),
+    ".plt": ("Tecplot", _PARAVIEW),
+    ".szplt": ("Tecplot", f"in Tecplot, export .plt, then {_PARAVIEW}"),
+    ".stl": ("a surface without gas", "give the results, as .vtu or an OpenFOAM case"),
+    ".fla": ("a result of AVL FIRE", _TABLES),
+    ".flm": ("a mesh of AVL FIRE", _TABLES),
+    ".fl3": ("a result of AVL FIRE", _TABLES),
+    ".out": ("a map or restart of CONVERGE", "convert it with CONVERGE's post_convert to HDF5"),
+    ".csv": ("a table", f"say what its columns are: {_TABLES}"),
+    ".txt": ("a table", f"say what its columns are: {_TABLES}"),
+    ".tsv": ("a table", f"say what its columns are: {_TABLES}"),
+    ".xlsx": ("a spreadsheet", f"save it as CSV; {_TABLES}"),
+    ".parquet": ("a Parquet table", f"save it as CSV; {_TABLES}"),
+    ".json": ("JSON", _TABLES),
+    ".tar": ("an archive", "unpack it and give the case inside"),
+    ".tgz": ("an archive", "unpack it and give the case inside"),
+    ".tar.gz": ("an archive", "unpack it and give the case inside"),
+    ".zip": ("an archive", "unpack it and give the case inside"),
+}
+_READ = (
+    "an OpenFOAM case (folder or .foam), VTK files (.vtu, .vtp, .vtk, .pvtu, .pvtp, .vtm, .pvd), "
+    "EnSight Gold (.case), CONVERGE (.h5), tables (a mapping file, .yaml), or cldit's own .npz"
+)
+
+
+def _kind(path: Path) -> tuple[str, str] | None:
+    name = path.name.lower()
+    known = [each for each in _KINDS if name.endswith(each)]
+    return _KINDS[max(known, key=len)] if known else None
+
+
+def refuse_unknown(path: Path) -> None:
+    """Says what a file is that is not read, or what a folder without a case holds.
+
+    Raises:
+        SprayError: the ending is one of those known, or of none that is read.
+    """
+    found = _kind(path)
+    if found is not None:
+        what, way = found
+        raise SprayError(f"{path}: is {what}, which is not read; {way}")
+    raise SprayError(f"{path}: is of no kind that is read; allowed is {_READ}")
+
+
+def refuse_folder(path: Path) -> None:
+    """Says what a folder holds that none of the readers knows.
+
+    Raises:
+        SprayError: always; it names the first file of a kind that is known, or what is allowed.
+    """
+    files = sorted(each for each in path.iterdir() if each.is_file())
+    for each in files:
+        if (found := _kind(each)) is not None:
+            what, way = found
+            raise SprayError(f"{path}: holds no case that is read; {each.name} is {what}: {way}")
+    held = ", ".join(each.name for each in sorted(path.iterdir())[:8]) or "nothing"
+    raise SprayError(f"{path}: holds no case that is read, but: {held}; allowed is {_READ}")

@@ -1,0 +1,136 @@
+"""Files that only name others: .vtm, .pvtu, .pvtp and .pvd of ParaView, .series of foamToVTK."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+from cldit.cfd.case import only_claimant
+from cldit.errors import SprayError
+
+DATA = (".vtu", ".vtp", ".vtk")
+COLLECTIONS = (".vtm", ".pvtu", ".pvtp")
+_STEP = re.compile(r"[_.-](\d+)$")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One data set: its name, the files of its pieces, and whether its place tells a cloud.
+
+    cloud: None where only the content tells. names: the files that name the pieces.
+    """
+
+    name: str
+    pieces: tuple[Path, ...]
+    cloud: bool | None = None
+    named_by: tuple[Path, ...] = ()
+
+
+def stem(path: Path) -> str:
+    """The name without the ending of its format: `case_20` of `case_20.vtm.series`."""
+    name = path.name.removesuffix(".series")
+    return Path(name).stem if Path(name).suffix in (*DATA, *COLLECTIONS, ".pvd") else name
+
+
+def step_of(path: Path) -> str:
+    """Step number in the name of a file, or of the nearest folder that has one; else ""."""
+    names = [stem(path), *path.parts[-2::-1]]
+    return next((found[1] for name in names if (found := _STEP.search(name))), "")
+
+
+def without_step(name: str) -> str:
+    """The name of a series: `rain` of `rain_20`."""
+    return _STEP.sub("", name)
+
+
+def entries(file: Path, seen: tuple[Path, ...] = ()) -> list[Entry]:
+    """The data sets that a file is, or names, in their order.
+
+    Args:
+        file: .vtu, .vtp, .vtk, or a collection of such.
+        seen: the collections in which it lies.
+
+    Raises:
+        SprayError: a collection is damaged, names itself, names a file that is not there, or one
+            of another kind.
+    """
+    if file in seen:
+        raise SprayError(f"{file}: names itself")
+    named_by = (*seen, file)
+    if file.suffix in DATA:
+        _must_be(file, seen)
+        return [Entry(stem(file), (file,), named_by=seen)]
+    if file.suffix in (".pvtu", ".pvtp"):
+        pieces = [file.parent / name for _, name in _named(file, "Piece", "Source")]
+        for piece in pieces:
+            _must_be(piece, named_by)
+        return [Entry(stem(file), tuple(pieces), named_by=named_by)]
+    if file.suffix == ".vtm":
+        _must_be(file, seen)
+        return [
+            replaced
+            for name, inside in _named(file, "DataSet", "file")
+            for found in entries(file.parent / inside, named_by)
+            for replaced in [Entry(name or found.name, found.pieces, named_by=found.named_by)]
+        ]
+    where = f"{seen[-1]}: names {file}, of a kind" if seen else f"{file}: is of a kind"
+    raise SprayError(
+        f"{where} that is not read; allowed are {', '.join((*DATA, *COLLECTIONS))}: in ParaView, "
+        "File > Save Data as .vtu (gas) and .vtp (parcels)"
+    )
+
+
+def pvd_steps(file: Path) -> dict[float, list[Entry]]:
+    """The data sets of each time that a .pvd file names."""
+    found: dict[float, list[Entry]] = {}
+    places: dict[tuple[object, ...], list[Path]] = {}
+    for element in _elements(file, "DataSet"):
+        text = element.get("timestep", "0")
+        try:
+            time = float(text)
+        except ValueError as error:
+            raise SprayError(f"{file}: states the time {text!r}") from error
+        inside = file.parent / element.get("file", "")
+        place = (time, element.get("group", ""), element.get("part", "0"), inside.suffix)
+        places.setdefault(place, []).append(inside)
+        found.setdefault(time, []).extend(entries(inside, (file,)))
+    for (when, _, part, _), files in places.items():
+        only_claimant(f"part {part} of time {when:g} in {file}", files)
+    return found
+
+
+def series_times(file: Path) -> dict[str, float]:
+    """Times by step number, from one of the JSON files for ParaView."""
+    times: dict[str, float] = {}
+    try:
+        for entry in json.loads(file.read_text(encoding="utf-8"))["files"]:
+            times[step_of(Path(entry["name"]))] = float(entry["time"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SprayError(f"{file}: is no list of files and times ({error})") from error
+    return times
+
+
+def _must_be(file: Path, named_by: tuple[Path, ...]) -> None:
+    if not file.is_file():
+        where = f"{named_by[-1]}: names {file}, which" if named_by else f"{file}:"
+        raise SprayError(f"{where} is not there; keep a collection and its files together")
+
+
+def _elements(file: Path, tag: str) -> list[ElementTree.Element]:
+    try:
+        root = ElementTree.parse(file).getroot()
+    except (OSError, ElementTree.ParseError, ValueError) as error:
+        raise SprayError(f"{file}: is damaged or truncated, no VTK collection ({error})") from error
+    return list(root.iter(tag))
+
+
+def _named(file: Path, tag: str, key: str) -> list[tuple[str, str]]:
+    """Names and files of all elements `tag` that have a file; one without is an empty block."""
+    found = [(each.get("name", ""), each.get(key, "")) for each in _elements(file, tag)]
+    named = [(name, inside) for name, inside in found if inside]
+    if not named:
+        raise SprayError(f"{file}: names no file")
+    return named

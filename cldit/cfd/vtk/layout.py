@@ -1,0 +1,157 @@
+"""Which VTK files a name stands for: foamToVTK's folders, ParaView's collections, files alone."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from cldit.cfd.vtk.collections import (
+    COLLECTIONS,
+    DATA,
+    Entry,
+    entries,
+    pvd_steps,
+    series_times,
+    stem,
+    step_of,
+    without_step,
+)
+from cldit.errors import SprayError
+
+_PLACES = ("lagrangian/*/*", "lagrangian/*", "*/lagrangian/*/*", "*/lagrangian/*")
+_CLOUDS = tuple(f"{place}.{kind}" for place in _PLACES for kind in ("vtp", "vtk", "vtu"))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Data sets by step; times by step, where a list states them.
+
+    own: the step to which a named file belongs. read: files that were read to know this. left_out:
+    files that nothing is taken of. beside: files next to the one that is named, which it does not
+    include and which may be its parcels.
+    """
+
+    steps: dict[str, list[Entry]]
+    times: dict[str, float] = field(default_factory=dict)
+    read: tuple[Path, ...] = ()
+    left_out: tuple[Path, ...] = ()
+    beside: tuple[Path, ...] = ()
+    own: str | None = None
+
+
+def is_vtk(folder: Path) -> bool:
+    """Whether a folder holds VTK files, or lies in what foamToVTK wrote."""
+    return bool(_files(folder)) or _foam_folder(folder) is not None
+
+
+def find_layout(path: Path) -> Layout:
+    """What `path`, a file or folder, stands for. A file bounds what is looked at.
+
+    Raises:
+        SprayError: a collection is damaged or incomplete, or two files claim the same place.
+    """
+    folder = _foam_folder(path)
+    if folder is not None:
+        return _foam(folder, path)
+    if path.is_dir():
+        return _folder(path)
+    if path.suffix == ".pvd":
+        return _pvd([path])
+    if path.suffix == ".series":
+        return _folder(path.parent)
+    found = entries(path)
+    near = [each for each in _files(path.parent) if each.suffix in (".vtp", ".pvtp")]
+    ours = {piece for entry in found for piece in (*entry.pieces, *entry.named_by)} | {path}
+    beside = [each for each in near if each not in ours and step_of(each) == step_of(path)]
+    return Layout({"": found}, beside=tuple(beside))
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(each for each in folder.iterdir() if each.suffix in (*DATA, *COLLECTIONS, ".pvd"))
+
+
+def _foam_folder(path: Path) -> Path | None:
+    """The folder in which foamToVTK's layout begins, if the path lies in one."""
+    here = path if path.is_dir() else path.parent
+    for folder in (here, here.parent):
+        if folder.name == "lagrangian":
+            here = folder.parent
+    if path != here and (here / "internal.vtu").is_file() and re.search(r"_\d+$", here.name):
+        here = here.parent
+    elif (here / "internal.vtu").is_file() and (here.parent / "lagrangian").is_dir():
+        here = here.parent
+    marks = ("internal.vtu", "*/internal.vtu", "lagrangian", "*/lagrangian")
+    found = any(any(here.glob(mark)) for mark in marks)
+    return here if found else None
+
+
+def _foam(folder: Path, path: Path) -> Layout:
+    """Steps by number; boundary patches, which lie deeper or elsewhere, are not looked at."""
+    steps: dict[str, list[Entry]] = {}
+    for pattern in ("*.vtu", "*.vtk", "*/internal.vtu"):
+        for file in sorted(folder.glob(pattern)):
+            entry = Entry("internal", (file,), cloud=False)
+            steps.setdefault(step_of(file.relative_to(folder)), []).append(entry)
+    for pattern in _CLOUDS:
+        for file in sorted(folder.glob(pattern)):
+            inside = file.relative_to(folder)
+            after = Path(inside.parts[inside.parts.index("lagrangian") + 1])
+            entry = Entry(without_step(stem(after)), (file,), cloud=True)
+            steps.setdefault(step_of(inside), []).append(entry)
+    lists = [each for glob in ("*.series", "lagrangian/*/*.series") for each in folder.glob(glob)]
+    times: dict[str, float] = {}
+    for file in sorted(lists):
+        times |= series_times(file)
+    own = None
+    if path != folder and path.suffix != ".series":
+        own = step_of(path.relative_to(folder))
+        named = [each for each in steps.get(own, []) if path in each.pieces]
+        if named:  # no other file of its kind
+            rest = [each for each in steps[own] if each.cloud != named[0].cloud]
+            steps[own] = [*named, *rest]
+    return Layout(steps, times, read=tuple(sorted(lists)), own=own)
+
+
+def _folder(folder: Path) -> Layout:
+    """A folder of files: every .pvd together, else all files that no collection names."""
+    files = _files(folder)
+    if lists := [each for each in files if each.suffix == ".pvd"]:
+        layout = _pvd(lists)
+        taken = {
+            each
+            for found in layout.steps.values()
+            for entry in found
+            for each in (*entry.pieces, *entry.named_by)
+        }
+        return replace(layout, left_out=tuple(each for each in files if each not in taken))
+    found = {file: entries(file) for file in files}
+    named = {
+        piece
+        for each in found.values()
+        for entry in each
+        if entry.named_by
+        for piece in (*entry.pieces, *entry.named_by[1:])
+    }
+    steps: dict[str, list[Entry]] = {}
+    for file, each in found.items():
+        if file not in named:
+            steps.setdefault(step_of(Path(file.name)), []).extend(each)
+    lists = sorted(folder.glob("*.series"))
+    times: dict[str, float] = {}
+    for file in lists:
+        times |= series_times(file)
+    return Layout(steps, times, read=tuple(lists))
+
+
+def _pvd(lists: list[Path]) -> Layout:
+    steps: dict[str, list[Entry]] = {}
+    times: dict[str, float] = {}
+    for file in lists:
+        for time, found in pvd_steps(file).items():
+            key = repr(time)
+            times[key] = time
+            steps.setdefault(key, []).extend(found)
+    if not steps:
+        raise SprayError(f"{lists[0]}: names no file")
+    return Layout(steps, times, read=tuple(lists))

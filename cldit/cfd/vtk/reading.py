@@ -1,0 +1,194 @@
+"""vtk's readers: what of a file is read, what they say, how far they are, and Ctrl-C."""
+
+from __future__ import annotations
+
+import re
+import signal
+import threading
+from collections.abc import Callable, Iterator, Set
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cldit.cfd.size import check_room
+from cldit.cfd.vtk.appended import check_appended
+from cldit.cfd.vtk.datasets import GHOSTS, dimension
+from cldit.cfd.vtk.head import vtk_size
+from cldit.errors import SprayError
+from cldit.progress import Watch, silent
+
+Choose = Callable[[Set[str], Set[str]], tuple[Set[str], Set[str]]]
+"""Takes the names of a file's cell and point fields, and gives those that are to be read."""
+
+_BAD_NAME = re.compile(rb"Name=[\"']([^\"'\n]*<[^\"'\n]*)[\"']")
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A file's data set (of vtk's), and the names of all its fields, whether read or not."""
+
+    file: Path
+    data: Any
+    cell_names: frozenset[str]
+    point_names: frozenset[str]
+
+
+def load_vtk(
+    file: Path,
+    kind: str = "vtkDataSet",
+    *,
+    choose: Choose | None = None,
+    watch: Watch = silent,
+) -> Loaded:
+    """The data set in a .vtu, .vtp or binary legacy .vtk file.
+
+    Args:
+        file: its suffix tells what is expected in it.
+        kind: of the data set, a class of vtk's.
+        choose: which fields are read, where the format lets others be left out; None is all. Of
+            points alone, which are parcels, all are read.
+        watch: told how far vtk is.
+
+    Raises:
+        SprayError: vtk is not installed; the file is damaged, truncated, not of this kind, or does
+            not fit into memory.
+        KeyboardInterrupt: Ctrl-C was pressed; vtk stops where it is.
+    """
+    reader = _reader(file)
+    if file.suffix == ".vtk":
+        check_room(file, vtk_size(file, fields=0))
+        with _messages(file, reader), _observed(file, reader, watch):
+            reader.Update()
+    else:
+        check_appended(file)
+        with _messages(file, reader):
+            reader.UpdateInformation()
+        cells, points = reader.GetCellDataArraySelection(), reader.GetPointDataArraySelection()
+        known = _names(cells), _names(points)
+        wanted = known if choose is None else choose(*known)
+        _select(cells, wanted[0])
+        _select(points, wanted[1])
+        count = sum(len(a & b) for a, b in zip(known, wanted, strict=True))
+        check_room(file, vtk_size(file, fields=count))
+        with _messages(file, reader), _observed(file, reader, watch):
+            reader.Update()
+            if not known[1] <= wanted[1] and dimension(reader.GetOutput()) == 0:
+                points.EnableAllArrays()
+                reader.Update()
+    data = reader.GetOutput()
+    if data is None or not data.IsA(kind):
+        found = "nothing" if data is None else data.GetClassName()
+        raise SprayError(f"{file}: holds {found}, expected {kind}")
+    if file.suffix == ".vtk":
+        known = _array_names(data.GetCellData()), _array_names(data.GetPointData())
+    return Loaded(file, data, *known)
+
+
+def nothing(cells: Set[str], points: Set[str]) -> tuple[Set[str], Set[str]]:
+    """Chooses what tells which cells and points count, and no field."""
+    return cells & {GHOSTS}, points & {GHOSTS}
+
+
+def _names(selection: Any) -> frozenset[str]:
+    return frozenset(
+        selection.GetArrayName(index) for index in range(selection.GetNumberOfArrays())
+    )
+
+
+def _select(selection: Any, names: Set[str]) -> None:
+    selection.DisableAllArrays()
+    for name in names:
+        selection.EnableArray(name)
+
+
+def _array_names(fields: Any) -> frozenset[str]:
+    arrays = [fields.GetArray(index) for index in range(fields.GetNumberOfArrays())]
+    return frozenset(each.GetName() for each in arrays if each is not None and each.GetName())
+
+
+def _reader(file: Path) -> Any:
+    try:
+        from vtkmodules.vtkCommonCore import vtkObject  # noqa: F401, what follows needs it
+        from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
+        from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
+    except ImportError as error:
+        raise SprayError(
+            f'{file}: reading it needs vtk; install it with: pip install "cldit[cfd]"'
+        ) from error
+    readers: dict[str, Any] = {
+        ".vtu": vtkXMLUnstructuredGridReader,
+        ".vtp": vtkXMLPolyDataReader,
+        ".vtk": vtkGenericDataObjectReader,
+    }
+    if file.suffix == ".vtk":
+        with file.open("rb") as stream:
+            if re.search(rb"\n\s*ASCII\s*\n", stream.read(1000)):
+                raise SprayError(
+                    f"{file}: is legacy VTK in ascii, whose truncation vtk does not notice; "
+                    "write it in binary or as .vtu"
+                )
+    reader = readers[file.suffix]()
+    reader.SetFileName(str(file))
+    return reader
+
+
+@contextmanager
+def _messages(file: Path, reader: Any) -> Iterator[None]:
+    """vtk reports what is wrong with a file only as text in its output window: raised behind."""
+    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
+
+    before, verbosity = vtkOutputWindow.GetInstance(), vtkLogger.GetCurrentVerbosityCutoff()
+    window = vtkStringOutputWindow()
+    vtkOutputWindow.SetInstance(window)
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+    try:
+        yield
+    finally:
+        vtkLogger.SetStderrVerbosity(verbosity)
+        vtkOutputWindow.SetInstance(before)
+    text: Any = window.GetOutput()
+    if isinstance(text, bytes):  # where the message quotes a damaged file
+        text = text.decode("latin-1")
+    said = re.search(r"(?:ERROR|Warning):[^\n]*\n([^\n]*)", text)
+    if said or reader.GetErrorCode():
+        if (bad := _BAD_NAME.search(_head(file))) is not None:
+            raise SprayError(
+                f"{file}: names a field {bad.group(1).decode('latin-1')!r} with a mark that XML "
+                "does not allow, as foamToVTK of v1912 does; export only what is needed: "
+                "foamToVTK -fields '(T p rho C7H16)'"
+            )
+        reason = ascii(said.group(1)).strip("'\"") if said else f"vtk error {reader.GetErrorCode()}"
+        raise SprayError(f"{file}: is damaged or truncated ({reason})")
+
+
+@contextmanager
+def _observed(file: Path, reader: Any, watch: Watch) -> Iterator[None]:
+    """Passes vtk's progress on, and Ctrl-C to vtk.
+
+    vtk ends the process where an observer raises KeyboardInterrupt, so it is raised behind.
+    """
+    pressed = threading.Event()
+
+    def progressed(*_: object) -> None:
+        watch(f"reading {file.name}", round(100 * reader.GetProgress()), 100)
+        if pressed.is_set():
+            reader.SetAbortExecute(1)
+
+    reader.AddObserver("ProgressEvent", progressed)
+    elsewhere = threading.current_thread() is not threading.main_thread()
+    if elsewhere or signal.getsignal(signal.SIGINT) in (signal.SIG_IGN, None):
+        yield  # Ctrl-C is not for this thread, or not for Python
+        return
+    before = signal.signal(signal.SIGINT, lambda *_: pressed.set())
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if pressed.is_set():
+            raise KeyboardInterrupt
+
+
+def _head(file: Path) -> bytes:
+    """The file up to its appended numbers, where the names of its fields stand."""
+    return file.read_bytes().partition(b"<AppendedData")[0]

@@ -1,0 +1,208 @@
+"""The step of VTK files at a time: which data sets it has, and what each of them is."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from cldit.cfd.case import NO_CLOUD, only_claimant
+from cldit.cfd.times import CaseTime, choose_time
+from cldit.cfd.vtk.collections import Entry, without_step
+from cldit.cfd.vtk.datasets import dimension, geometry_of, time_value, vtk_mesh
+from cldit.cfd.vtk.ghosts import Marked, unmarked
+from cldit.cfd.vtk.layout import Layout
+from cldit.cfd.vtk.reading import Choose, Loaded, load_vtk, nothing
+from cldit.errors import SprayError
+from cldit.progress import Watch, silent
+
+_TIME = re.compile(rb"\btime='([^']+)'")
+
+
+@dataclass(frozen=True)
+class Step:
+    """The data sets of one time, by what they are, without ghosts."""
+
+    time_s: float | None
+    meshes: list[Loaded]
+    clouds: dict[str, list[Loaded]]
+    files: tuple[Path, ...]
+    remarks: tuple[str, ...]
+
+
+class Loader:
+    """Reads files; one that was read for its time, and is the only step, is not read again."""
+
+    def __init__(self, choose: Choose, watch: Watch = silent) -> None:
+        """`choose`: the fields of a mesh that are read; `watch` is told how far the work is."""
+        self._choose, self._watch = choose, watch
+        self._kept: dict[Path, Loaded] = {}
+
+    def load(self, file: Path, *, whole: bool = False) -> Loaded:
+        """The data set in a file; `whole` with all its fields."""
+        kept = self._kept.pop(file, None)
+        return kept or load_vtk(file, choose=None if whole else self._choose, watch=self._watch)
+
+    def time_in(self, file: Path, *, only: bool) -> float | None:
+        """The field `TimeValue` in a file; `only`: which is read in any case."""
+        if not only:
+            return time_value(load_vtk(file, choose=nothing).data)
+        self._kept[file] = self.load(file)
+        return time_value(self._kept[file].data)
+
+
+def step_times(layout: Layout, loader: Loader) -> dict[str, float | None]:
+    """The time of each step that may hold a mesh."""
+    steps = {
+        key: found
+        for key, found in layout.steps.items()
+        if (layout.own is None or key == layout.own) and not all(entry.cloud for entry in found)
+    }
+    return {
+        key: layout.times[key]
+        if key in layout.times
+        else _own_time(found, loader, only=len(steps) == 1)
+        for key, found in steps.items()
+    }
+
+
+def find_step(
+    path: Path, layout: Layout, loader: Loader, *, time_s: CaseTime | None, cloud: str | None
+) -> Step:
+    """The step at a time, its data sets read and sorted.
+
+    Args:
+        path: named by errors.
+        layout: what it stands for.
+        loader: reads the files.
+        time_s: the latest where None.
+        cloud: `none` where parcels are not wanted.
+
+    Raises:
+        SprayError: there is no mesh, no such time, or several files claim to be the same.
+    """
+    times = step_times(layout, loader)
+    if not times:
+        raise SprayError(
+            f"{path}: no mesh in it: neither an OpenFOAM case (constant/polyMesh) nor VTK files "
+            "(internal.vtu, .vtu, .pvtu, .vtm, .pvd or .vtk), EnSight (.case), CONVERGE (.h5) or a "
+            "mapping file (.yaml)"
+        )
+    known = {time: key for key, time in times.items() if time is not None}
+    if len(known) < len([time for time in times.values() if time is not None]):
+        twice = next(t for t in known if list(times.values()).count(t) > 1)
+        both = [key for key, time in times.items() if time == twice]
+        only_claimant(
+            f"time {twice:g}", (entry.pieces[0] for key in both for entry in layout.steps[key])
+        )
+    if len(known) == len(times):
+        at: float | None = choose_time(str(path), known, time_s)
+        key = known[choose_time(str(path), known, time_s)]
+    elif len(times) == 1 and time_s in (None, "latest"):
+        at, key = None, next(iter(times))
+    else:
+        raise SprayError(
+            f"{path}: some mesh files do not say their time; give the path of one, without "
+            "spray.time_s"
+        )
+    found = layout.steps[key]
+    elsewhere = {k for k, each in layout.steps.items() if any(map(_parcels_likely, each))}
+    if cloud != NO_CLOUD and elsewhere and not any(map(_parcels_likely, found)):
+        raise SprayError(
+            f"{found[0].pieces[0]}: no cloud file of the same step {key!r}, but other steps have: "
+            f"{', '.join(sorted(elsewhere))} (spray.cloud: {NO_CLOUD} for gas alone)"
+        )
+    return _sorted(at, found, layout, loader)
+
+
+def _parcels_likely(entry: Entry) -> bool:
+    return entry.cloud is True or (entry.cloud is None and entry.pieces[0].suffix == ".vtp")
+
+
+def _sorted(at: float | None, found: Sequence[Entry], layout: Layout, loader: Loader) -> Step:
+    """Meshes, clouds and the rest among the data sets of a step."""
+    meshes: dict[Entry, list[Loaded]] = {}
+    clouds: dict[str, list[Loaded]] = {}
+    claims: dict[str, list[Path]] = {}
+    marked = Marked()
+    files = list(layout.read)
+    surfaces = list(layout.left_out)
+    for entry in found:
+        pieces = [
+            replace(each, data=unmarked(each.data, marked))
+            for file in entry.pieces
+            for each in [loader.load(file, whole=entry.cloud is True)]
+        ]
+        files += [*entry.named_by, *entry.pieces]
+        high = max(dimension(piece.data) for piece in pieces)
+        if entry.cloud or (entry.cloud is None and high == 0):
+            name = entry.name if entry.cloud else without_step(entry.name)
+            claims.setdefault(name, []).append(entry.pieces[0])
+            clouds[name] = pieces
+        elif entry.cloud is False or high in (-1, 3):
+            meshes[entry] = pieces
+        else:
+            surfaces += entry.pieces
+    for name, places in claims.items():
+        only_claimant(f"cloud {name!r}", places)
+    for pieces in clouds.values():
+        _all_different(pieces)
+    tops = {entry.named_by[:1] for entry in meshes}  # the blocks of one collection belong together
+    if len(tops) > 1 or (len(meshes) > 1 and tops == {()}):
+        only_claimant("the mesh of the gas", (entry.pieces[0] for entry in meshes))
+    _all_different([piece for pieces in meshes.values() for piece in pieces])
+    if not meshes:
+        first = found[0].pieces[0]
+        data = load_vtk(first, "vtkUnstructuredGrid").data
+        vtk_mesh(first, data)  # says which cells it has instead
+        raise SprayError(f"{first}: holds parcels alone; name the gas, or the folder of both")
+    remarks = marked.remarks
+    if surfaces:
+        shown = ", ".join(map(str, surfaces))
+        remarks = (*remarks, f"Left out, neither gas nor parcels: {shown}.")
+    every = [piece for pieces in meshes.values() for piece in pieces]
+    for piece in every:
+        if not piece.data.IsA("vtkUnstructuredGrid"):
+            raise SprayError(
+                f"{piece.file}: holds {piece.data.GetClassName()}, expected vtkUnstructuredGrid"
+            )
+    return Step(at, every, clouds, tuple(dict.fromkeys(files)), remarks)
+
+
+def _all_different(parts: Sequence[Loaded]) -> None:
+    """Refuses pieces that hold the same points and cells: they would count twice.
+
+    Raises:
+        SprayError: there are such; both are listed.
+    """
+    if len(parts) < 2:
+        return
+    seen: dict[bytes, Path] = {}
+    for part in parts:
+        if part.data.GetNumberOfPoints():
+            key = hashlib.sha256()
+            for array in geometry_of(part.data):
+                key.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
+            same = seen.setdefault(key.digest(), part.file)
+            only_claimant("the same piece of the data", {same, part.file})
+
+
+def _own_time(found: Sequence[Entry], loader: Loader, *, only: bool) -> float | None:
+    """The time that a file of a step states in its comment, or as the field `TimeValue`."""
+    for file in (entry.pieces[0] for entry in found if not entry.cloud):
+        with file.open("rb") as stream:
+            comment = _TIME.search(stream.read(2000))
+        if comment is None:
+            time = loader.time_in(file, only=only)
+            if time is not None:
+                return time
+            continue
+        try:
+            return float(comment.group(1))
+        except ValueError as error:
+            raise SprayError(f"{file}: states the time {comment.group(1)!r}") from error
+    return None

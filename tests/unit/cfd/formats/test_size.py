@@ -1,0 +1,120 @@
+"""Large cases: progress, Ctrl-C, and a refusal before anything is read."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from click.testing import CliRunner
+
+from cldit.cfd import size
+from cldit.cfd.importing import import_case
+from cldit.cli import main
+from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+    from tests.unit.cfd.formats.conftest import Writers
+
+KINDS = ["openfoam", "vtk", "tables", "ensight", "ensight-ascii", "converge"]
+
+
+def written(kind: str, folder: Path, foam: Foam, writers: Writers) -> CfdSpray:
+    """The sample in one format."""
+    sample = foam.sample()
+    block, gas, cloud = sample
+    if kind == "openfoam":
+        case = foam.write(folder, block, gas=gas, cloud=cloud)
+    elif kind == "vtk":
+        from tests.unit.cfd.test_vtk import block_grid, cloud_data, save
+
+        pytest.importorskip("vtk")
+        case = folder
+        save(folder / "case_1" / "internal.vtu", block_grid(block, gas))
+        save(folder / "lagrangian" / "rain" / "rain_1.vtp", cloud_data(cloud))
+    else:
+        case = writers.every[kind][0](folder, sample)
+    return CfdSpray(file=case, **writers.place)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_progress_is_told(kind: str, tmp_path: Path, foam: Foam, writers: Writers) -> None:
+    told: list[tuple[str, int, int]] = []
+    spec = written(kind, tmp_path / "case", foam, writers)
+    out = tmp_path / "spray.npz"
+    import_case(spec, out, watch=lambda *each: told.append(each))
+    assert all(0 <= done <= total for _, done, total in told)
+    phases = [what for what, _, _ in told]
+    assert "measuring cells" in phases
+    assert phases[-1] == "writing spray.npz"
+    assert phases[0].startswith(("reading", "measuring cells"))
+
+
+@pytest.mark.parametrize("phase", ["reading internal.vtu", "measuring cells", "writing spray.npz"])
+def test_control_c_leaves_nothing(phase: str, tmp_path: Path, foam: Foam, writers: Writers) -> None:
+    """The signal itself, as the terminal sends it; vtk, too, stops."""
+    spec = written("vtk", tmp_path / "case", foam, writers)
+    folder = tmp_path / "out"
+    folder.mkdir()
+    before = signal.getsignal(signal.SIGINT)  # a shell's background jobs ignore it
+    handler = signal.default_int_handler
+    signal.signal(signal.SIGINT, handler)
+
+    def press(what: str, *_: int) -> None:
+        if what == phase:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            import_case(spec, folder / "spray.npz", watch=press)
+        assert signal.getsignal(signal.SIGINT) is handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_does_not_fit_is_refused_before_it_is_read(
+    kind: str, tmp_path: Path, foam: Foam, writers: Writers, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = written(kind, tmp_path / "case", foam, writers)
+    monkeypatch.setattr(size, "free_bytes", lambda: 0.1e9)
+    told: list[Any] = []
+    with pytest.raises(SprayError) as caught:
+        import_case(spec, None, watch=lambda *each: told.append(each))
+    text = str(caught.value)
+    assert text.startswith(str(tmp_path / "case"))
+    assert re.search("24 cells.* need some 0.2 GB of memory, 0.1 GB are free", text) or kind in (
+        "openfoam",  # counts faces, or bytes
+        "tables",
+        "ensight",
+        "ensight-ascii",
+    )
+    assert "GB of memory, 0.1 GB are free" in text
+    assert "export only the region" in text
+    assert told == []
+
+
+def test_who_does_not_know_what_is_free_refuses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    large = size.Size(10**9, 0, 1e12)
+    monkeypatch.setattr(size, "free_bytes", lambda: None)
+    size.check_room(Path("case"), large)
+    monkeypatch.setattr(size, "free_bytes", lambda: 10**14)
+    size.check_room(Path("case"), large)
+
+
+def test_command_shows_the_refusal(
+    tmp_path: Path, foam: Foam, writers: Writers, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = written("openfoam", tmp_path / "case", foam, writers)
+    monkeypatch.setattr(size, "free_bytes", lambda: 1)
+    out = tmp_path / "spray.npz"
+    result = CliRunner().invoke(main, ["import", str(spec.file), "--out", str(out)])
+    assert result.exit_code == 1
+    assert "larger machine" in result.output + result.stderr
+    assert not out.exists()

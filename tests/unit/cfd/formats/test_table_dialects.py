@@ -1,0 +1,125 @@
+"""Tables as spreadsheets and solvers write them: quotes, semicolons, decimal commas, units."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+
+from cldit.cfd.to_spray import read_cfd
+from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tests.unit.cfd.conftest import Foam
+    from tests.unit.cfd.formats.conftest import Writers
+
+
+def parcels(path: Path, change: Callable[[str], str]) -> dict[str, Any]:
+    """Rewrites the table of parcels with commas, then by `change`; its mapping, to be written."""
+    file = path.parent / "drops.txt"
+    text = file.read_text().replace(" ", ",").replace("made,by,a,test\n", "")
+    file.write_text(change(text), encoding="utf-8")
+    mapping: dict[str, Any] = yaml.safe_load(path.read_text())
+    del mapping["parcels"]["delimiter"], mapping["parcels"]["header_line"]
+    return mapping
+
+
+def quoted_comma(text: str) -> str:
+    """A column whose name holds the delimiter, before those that count."""
+    head, *rows = text.splitlines()
+    return "\n".join([f'"Mass, kg",{head}', *(f"7.5,{row}" for row in rows), ""])
+
+
+def quoted_cells(text: str) -> str:
+    """Every cell in quotes, one of text with a comma and a doubled quote."""
+    head, *rows = text.splitlines()
+    quoted = [",".join(f'"{cell}"' for cell in row.split(",")) for row in rows]
+    return "\n".join([f"Name,{head}", *(f'"a ""b"", c",{row}' for row in quoted), ""])
+
+
+def semicolons(text: str) -> str:
+    return text.replace(",", ";")
+
+
+def tabs(text: str) -> str:
+    return text.replace(",", "\t")
+
+
+def marked_utf8(text: str) -> str:
+    return "\ufeff" + text.replace("\n", "\r\n")
+
+
+def decimal_commas(text: str) -> str:
+    return text.replace(",", ";").replace(".", ",")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [quoted_comma, quoted_cells, semicolons, tabs, marked_utf8, decimal_commas],
+    ids=lambda change: change.__name__,
+)
+def test_dialects(tmp_path: Path, foam: Foam, writers: Writers, change: Any) -> None:
+    path = writers.tables(tmp_path, foam.sample())
+    expected = read_cfd(CfdSpray(file=path, **writers.place)).notes
+    mapping = parcels(path, change)
+    if change is decimal_commas:
+        path.write_text(yaml.safe_dump(mapping))
+        with pytest.raises(SprayError, match=r"not all numbers.*`decimal: ','`"):
+            read_cfd(CfdSpray(file=path, **writers.place))
+        mapping["parcels"]["decimal"] = ","
+    path.write_text(yaml.safe_dump(mapping))
+    assert read_cfd(CfdSpray(file=path, **writers.place)).notes == expected
+
+
+def test_units_in_the_header(tmp_path: Path, foam: Foam, writers: Writers) -> None:
+    path = writers.tables(tmp_path, foam.sample())
+    expected = read_cfd(CfdSpray(file=path, **writers.place)).notes
+    mapping = parcels(
+        path,
+        lambda text: text.replace(
+            "X,Y,Z,R,M,T,rho", "X [mm],Y [mm],Z (mm),R [µm],M [mg],T (K),rho", 1
+        ),
+    )
+    named = mapping["parcels"]
+    named["position"], named["radius"], named["mass"] = ["X", "Y", "Z"], "R", "M [mg]"
+    path.write_text(yaml.safe_dump(mapping))
+    assert read_cfd(CfdSpray(file=path, **writers.place)).notes == expected
+    named["radius"] = {"column": "R", "unit": "mm"}
+    path.write_text(yaml.safe_dump(mapping))
+    with pytest.raises(SprayError, match=r"column 'R \[µm\]' is in um by its name, and in mm by"):
+        read_cfd(CfdSpray(file=path, **writers.place))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: text.replace("\n", ",9\n", 2).replace(",9", "", 1), "line 2 has 11 cells"),
+        (
+            lambda text: text.replace("X,", "X;", 1),
+            "line 2 has 1 cells, the header 2",
+        ),
+        (lambda text: text.replace(".", ","), "line 2 has .* cells, the header 10"),
+        (lambda text: text[: len(text) // 2], "last line has no end"),
+    ],
+)
+def test_rows_that_do_not_fit(
+    tmp_path: Path, foam: Foam, writers: Writers, change: Any, message: str
+) -> None:
+    path = writers.tables(tmp_path, foam.sample())
+    path.write_text(yaml.safe_dump(parcels(path, change)))
+    with pytest.raises(SprayError, match=message):
+        read_cfd(CfdSpray(file=path, **writers.place))
+
+
+def test_gas_alone_is_a_choice(tmp_path: Path, foam: Foam, writers: Writers) -> None:
+    path = writers.tables(tmp_path, foam.sample())
+    spray = read_cfd(CfdSpray(file=path, cloud="none", **writers.place))
+    assert spray.parcels is None
+    assert {Path(file.path).name for file in spray.files} == {"mapping.yaml", "cells.csv"}
+    with pytest.raises(SprayError, match="no cloud 'rain'"):
+        read_cfd(CfdSpray(file=path, cloud="rain", **writers.place))

@@ -1,0 +1,44 @@
+"""Files that are not read are named for what they are, with the export that is read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cldit.cfd.to_spray import read_cfd
+from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray
+
+KINDS = [
+    ("run.cas.h5", "is a case of Fluent in HDF5, which is not read; in Fluent, File > Export"),
+    ("run.dat.h5", "is a data file of Fluent in HDF5"),
+    ("spray.vtkhdf", "is VTK's HDF format, .*ParaView"),
+    ("spray.cgns", "is CGNS, .*save the gas as .vtu and the parcels as .vtp"),
+    ("engine.sim", r"is a session of STAR-CCM\+, .*EnSight Gold"),
+    ("cells.csv", r"is a table, .*mapping file \(\.yaml\)"),
+    ("parcels.XLSX", "is a spreadsheet, .*save it as CSV"),
+    ("case.tar.gz", "is an archive, .*unpack it"),
+    ("grid.vts", "is a structured grid of VTK, .*Append Datasets"),
+    ("notes.xyz", r"is of no kind that is read; allowed is an OpenFOAM case"),
+]
+
+
+@pytest.mark.parametrize(("name", "message"), KINDS)
+def test_files(tmp_path: Path, name: str, message: str) -> None:
+    (tmp_path / name).write_bytes(b"\x89HDF\r\n\x1a\n")
+    with pytest.raises(SprayError, match=rf"{name}: {message}"):
+        read_cfd(CfdSpray(file=tmp_path / name))
+    if "no kind" not in message:
+        what = message.partition(",")[0].removeprefix("is ")
+        if not name.endswith(".h5"):
+            with pytest.raises(SprayError, match=f"holds no case that is read; {name} is {what}"):
+                read_cfd(CfdSpray(file=tmp_path))
+
+
+def test_an_empty_folder_and_an_openfoam_case_without_a_mesh(tmp_path: Path) -> None:
+    with pytest.raises(SprayError, match="holds no case that is read, but: nothing; allowed is"):
+        read_cfd(CfdSpray(file=tmp_path))
+    (tmp_path / "case.foam").touch()
+    with pytest.raises(SprayError, match="no mesh: neither constant/polyMesh nor constant/REGION"):
+        read_cfd(CfdSpray(file=tmp_path / "case.foam"))

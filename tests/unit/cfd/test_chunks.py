@@ -1,0 +1,140 @@
+"""Cells some at a time: the same figures, whatever the number, and labels that are checked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from cldit.cfd import cell_mesh as meshes
+from cldit.cfd.cell_mesh import CellMesh
+from cldit.cfd.element_mesh import POLYHEDRON, BoxMesh, ElementMesh, PolyhedronFaces
+from cldit.cfd.mesh import join
+from cldit.cfd.openfoam import lists as foamlists
+from cldit.cfd.openfoam.file import FoamFile
+from cldit.cfd.openfoam.lists import faces, labels, scalars
+from cldit.cfd.to_spray import read_cfd
+from cldit.cfd.vtk import head
+from cldit.cfd.vtk.head import piece_counts
+from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+
+CUBE = np.array([(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], float)
+FACES = PolyhedronFaces(
+    corners=np.array([0, 3, 2, 1, 4, 5, 6, 7, 0, 1, 5, 4, 1, 2, 6, 5, 2, 3, 7, 6, 3, 0, 4, 7]),
+    start=np.arange(0, 25, 4),
+    faces=np.arange(6),
+    first=np.array([0, 0, 6]),
+)
+# a hexahedron, and the same as a polyhedron
+TWO = ElementMesh(
+    CUBE, np.array([12, POLYHEDRON]), np.array([0, 8, 16]), np.tile(np.arange(8), 2), "two", FACES
+)
+
+
+def boxes(mesh: CellMesh, rotation: np.ndarray | None = None) -> np.ndarray:
+    found = [box for _, box in mesh.boxes(rotation=rotation)]
+    return np.concatenate([np.hstack([box.lower_m, box.upper_m]) for box in found])
+
+
+def test_kinds_of_cells_agree() -> None:
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    expected = {None: [0, 0, 0, 1, 1, 1], "turned": [-1, 0, 0, 0, 1, 1]}
+    box = BoxMesh(np.zeros((1, 3)), np.ones((1, 3)), "box")
+    both = join([TWO, box])
+    assert both.cells == 3
+    # rounding of a few numbers of size 1
+    assert boxes(both) == pytest.approx(np.tile(expected[None], (3, 1)), abs=1e-15)
+    assert boxes(both, turn) == pytest.approx(np.tile(expected["turned"], (3, 1)), abs=1e-15)
+
+
+@pytest.mark.parametrize("at_once", [1, 5, 23])
+def test_number_of_cells_at_once_changes_nothing(
+    at_once: int, tmp_path: Path, foam: Foam, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    block, gas, cloud = foam.sample(shear=0.3)
+    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+    spec = CfdSpray(file=case, nozzle_m=(0.5e-3, 9e-3, 0.1e-3), axis="-y")
+    whole = read_cfd(spec)
+    monkeypatch.setattr(meshes, "AT_ONCE", at_once)
+    some = read_cfd(spec)
+    assert whole.vapour is not None
+    assert some.vapour is not None
+    assert np.array_equal(some.vapour.cells.lower_m, whole.vapour.cells.lower_m)
+    assert np.array_equal(some.vapour.cells.upper_m, whole.vapour.cells.upper_m)
+    assert some.notes == whole.notes
+
+
+def test_cells_without_vapour_are_left_out_wherever_they_come(
+    tmp_path: Path, foam: Foam, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before the first cell with much fuel it is not known yet that another has next to none."""
+    block, gas, cloud = foam.sample()
+    gas["C7H16"][:] = 0.0
+    gas["C7H16"][[1, 20]] = 1e-18, 0.2
+    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+    monkeypatch.setattr(meshes, "AT_ONCE", 4)
+    spray = read_cfd(CfdSpray(file=case, nozzle_m=(0.5e-3, 9e-3, 0.1e-3), axis="-y"))
+    assert spray.notes["vapour_cells"] == 1.0
+    assert spray.notes["gas_cells"] == 24.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"nodes": np.tile([0, 1, 2, 3, 4, 5, 6, 8], 2)}, r"point labels 0 to 8 .* 0\.\.7"),
+        ({"nodes": np.tile([-1, 1, 2, 3, 4, 5, 6, 7], 2)}, r"point labels -1 to 7"),
+        ({"kinds": np.array([10, POLYHEDRON])}, "cell 0 has 8 corners, expected 4 for vtk type 10"),
+        ({"kinds": np.array([12, 7])}, "cell 1 is of vtk type 7; expected tetrahedra"),
+        ({"kinds": np.array([12, POLYHEDRON]), "faces": None}, "cell 1 is of vtk type 42"),
+        ({"offsets": np.array([0, 8, 15])}, "do not use all of its corners"),
+        ({"offsets": np.array([0, 24, 16])}, "cell 0 has 24 corners"),
+        ({"faces": replace(FACES, corners=FACES.corners + 1)}, r"point labels 1 to 8"),
+        ({"faces": replace(FACES, faces=FACES.faces + 1)}, r"face labels 1 to 6"),
+        ({"faces": replace(FACES, first=np.array([0, 7, 6]))}, "do not fit their cells"),
+        ({"faces": replace(FACES, start=np.array([0, 2, 8, 12, 16, 20, 24]))}, "do not fit"),
+        ({"points_m": CUBE * np.nan}, "a point of the mesh is not within"),
+    ],
+)
+def test_labels_outside_are_refused(change: dict[str, np.ndarray], message: str) -> None:
+    with pytest.raises(SprayError, match=f"two: .*{message}"):
+        replace(TWO, **change)  # type: ignore[arg-type]
+
+
+def test_text_is_read_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    def file(body: bytes) -> FoamFile:
+        return FoamFile(Path("file"), False, "<", (4,), (8,), body)
+
+    values = np.random.default_rng(5).normal(size=200)
+    text = f"200(\n{' '.join(map(repr, values.tolist()))}\n)".encode()
+    mixed = b"3(3(0 1 2)\n4(0 1 4 3) 3(2 1 4))\n"
+    monkeypatch.setattr(foamlists, "_AT_ONCE", 7)
+    assert np.array_equal(scalars(file(text)), values)
+    assert labels(file(b"4(11 22 3333333 -1)")).tolist() == [11, 22, 3333333, -1]
+    corners, start = faces(file(mixed))
+    assert corners.tolist() == [0, 1, 2, 0, 1, 4, 3, 2, 1, 4]
+    assert start.tolist() == [0, 3, 7, 10]
+    for bad in (mixed.replace(b"4(", b"9("), mixed.replace(b" 2)", b" x)"), mixed[:-6] + b")"):
+        with pytest.raises(SprayError, match=r"do not make 3 faces|no number"):
+            faces(file(bad))
+    with pytest.raises(SprayError, match=r"1 numbers where 200|no number"):
+        scalars(file(text.replace(b" ", b" x ", 1)))
+    with pytest.raises(SprayError, match="no whole number"):
+        labels(file(b"3(1 2.5 3)"))
+
+
+@pytest.mark.parametrize("at_once", [50, 1 << 20])
+def test_counts_of_pieces(at_once: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(head, "_AT_ONCE", at_once)
+    piece = b'<Piece NumberOfPoints="12" NumberOfCells="5">\n' + b"0.5 " * 300 + b"</Piece>\n"
+    file = tmp_path / "mesh.vtu"
+    file.write_bytes(b"<VTKFile><UnstructuredGrid>" + 3 * piece + b"</UnstructuredGrid>")
+    assert piece_counts(file) == (36, 15)
+    file.write_bytes(piece.replace(b'"', b"'") + b'<AppendedData encoding="raw">_' + piece)
+    assert piece_counts(file) == (12, 5)

@@ -1,0 +1,119 @@
+"""Files cut off or with a flipped bit: an error in words, or the same figures; nothing else.
+
+A flipped bit in a number is found where the format has a checksum: packed VTK and packed OpenFOAM
+files. Elsewhere nobody can tell such a number from another, and what is asked is that import ends
+with a spray or an error of cldit's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from cldit.cfd.to_spray import read_cfd
+from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+
+SET: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
+CHECKED = ("vtk", "openfoam-gz")
+KINDS = (*CHECKED, "converge", "tables")
+SLOW_KINDS = (*KINDS, "openfoam", "openfoam-binary", "ensight", "ensight-ascii")
+QUICK, MANY = 20, 200
+
+
+def write(kind: str, folder: Path, foam: Foam) -> Path:
+    """The sample, without p: beside it a damaged name of rho would make a case of p alone."""
+    block, gas, cloud = foam.sample()
+    gas = {name: values for name, values in gas.items() if name != "p"}
+    if kind == "vtk":
+        pytest.importorskip("vtk")
+        from tests.unit.cfd.test_vtk import block_grid, cloud_data, save
+
+        save(folder / "gas.vtu", block_grid(block, gas))
+        save(folder / "drops.vtp", cloud_data(cloud))
+        return folder
+    if kind.startswith("openfoam"):
+        form = foam.form(binary=kind.endswith("binary"), gz=kind.endswith("gz"))
+        return foam.write(folder, block, gas=gas, cloud=cloud, form=form)
+    from tests.unit.cfd.formats.conftest import WRITERS
+
+    return WRITERS[kind][0](folder, foam.sample())
+
+
+def figures(spec: CfdSpray) -> tuple[object, ...]:
+    """All that comes over."""
+    spray = read_cfd(spec)
+    arrays: list[Any] = []
+    if (vapour := spray.vapour) is not None:
+        cells = vapour.cells
+        arrays += [cells.lower_m, cells.upper_m, vapour.number_density_m3, vapour.temperature_K]
+    if (parcels := spray.parcels) is not None:
+        arrays += [parcels.position_m, parcels.diameter_m, parcels.droplets]
+        arrays += [parcels.temperature_K, parcels.density_kg_m3]
+    return (spray.notes, *(values.tobytes() for values in arrays))
+
+
+def damaged(
+    kind: str, folder: Path, foam: Foam, count: int, damage: Callable[[bytes, int], bytes]
+) -> list[str]:
+    """What was another figure after `damage` to each file at `count` random places."""
+    spec = CfdSpray(file=write(kind, folder, foam), **SET)
+    sound = figures(spec)
+    random = np.random.default_rng(20)
+    wrong = []
+    # what is left of a mapping or of EnSight's list of times may be another that is right
+    texts = (".yaml", ".case")
+    files = [path for path in folder.rglob("*") if path.is_file() and path.suffix not in texts]
+    for file in sorted(files):
+        whole = file.read_bytes()
+        for place in random.integers(0, 8 * len(whole), count).tolist():
+            file.write_bytes(damage(whole, place))
+            try:
+                if figures(spec) != sound:
+                    wrong.append(f"{file.name}, bit {place % 8} of byte {place // 8}")
+            except SprayError as error:
+                assert str(error)
+        file.write_bytes(whole)
+    return wrong
+
+
+def flip(whole: bytes, place: int) -> bytes:
+    """With one bit turned."""
+    content = bytearray(whole)
+    content[place // 8] ^= 1 << place % 8
+    return bytes(content)
+
+
+def cut(whole: bytes, place: int) -> bytes:
+    """Up to there, and not at the end of a line: the rows of a table are not announced."""
+    return whole[: place // 8].rstrip(b"\r\n")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_cut_off(kind: str, tmp_path: Path, foam: Foam) -> None:
+    assert damaged(kind, tmp_path, foam, QUICK, cut) == []
+
+
+@pytest.mark.parametrize("kind", CHECKED)
+def test_flipped(kind: str, tmp_path: Path, foam: Foam) -> None:
+    assert damaged(kind, tmp_path, foam, QUICK, flip) == []
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in CHECKED])
+def test_flipped_without_a_checksum(kind: str, tmp_path: Path, foam: Foam) -> None:
+    damaged(kind, tmp_path, foam, QUICK, flip)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", SLOW_KINDS)
+def test_many_places(kind: str, tmp_path: Path, foam: Foam) -> None:
+    assert damaged(kind, tmp_path / "cut", foam, MANY, cut) == []
+    wrong = damaged(kind, tmp_path / "flipped", foam, MANY, flip)
+    assert kind not in CHECKED or wrong == []

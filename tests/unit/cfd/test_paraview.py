@@ -1,0 +1,357 @@
+"""Files as ParaView's users save them: pairs, blocks, pieces, series; what is named is read."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from cldit.cfd.to_spray import read_cfd
+from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+
+pytest.importorskip("vtk")
+
+from tests.unit.cfd.test_vtk import block_grid, cloud_data, grid_of, save, stamped
+from tests.unit.cfd.vtkfiles import (
+    SET,
+    collection,
+    gas_file,
+    parcels_file,
+    pieces,
+    pvd,
+    vertices,
+)
+
+FIGURES = ("liquid_mass_kg", "vapour_mass_kg", "sauter_mean_diameter_m", "liquid_penetration_m")
+
+
+def notes(path: Path, **keys: Any) -> dict[str, float]:
+    return read_cfd(CfdSpray(file=path, **(SET | keys))).notes
+
+
+@pytest.fixture
+def expected(tmp_path: Path, foam: Foam) -> dict[str, float]:
+    block, gas, cloud = foam.sample()
+    return notes(foam.write(tmp_path / "expected", block, gas=gas, cloud=cloud))
+
+
+def pair(folder: Path, foam: Foam) -> Path:
+    gas_file(folder / "gas.vtu", foam)
+    parcels_file(folder / "drops.vtp", foam)
+    return folder
+
+
+def blocks(folder: Path, foam: Foam) -> Path:
+    gas_file(folder / "all" / "all_0.vtu", foam)
+    parcels_file(folder / "all" / "all_1.vtp", foam)
+    return collection(folder / "all.vtm", {"gas": "all/all_0.vtu", "drops": "all/all_1.vtp"})
+
+
+def blocks_of_vtk(folder: Path, foam: Foam) -> Path:
+    """Blocks in blocks, by vtk's own writer."""
+    from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet, vtkMultiBlockDataSet
+    from vtkmodules.vtkIOXML import vtkXMLMultiBlockDataWriter
+
+    block, gas, cloud = foam.sample()
+    inner: Any = vtkMultiBlockDataSet()
+    inner.SetBlock(0, cloud_data(cloud))
+    inner.GetMetaData(0).Set(vtkCompositeDataSet.NAME(), "rain")
+    outer: Any = vtkMultiBlockDataSet()
+    outer.SetBlock(0, block_grid(block, gas))
+    outer.SetBlock(1, inner)
+    folder.mkdir()
+    writer: Any = vtkXMLMultiBlockDataWriter()
+    writer.SetInputData(outer)
+    writer.SetFileName(str(folder / "all.vtm"))
+    writer.Write()
+    return folder / "all.vtm"
+
+
+def vertex_grids(folder: Path, foam: Foam) -> Path:
+    gas_file(folder / "a.vtu", foam)
+    parcels_file(folder / "b.vtu", foam)
+    return folder
+
+
+def series(folder: Path, foam: Foam) -> Path:
+    block, gas, cloud = foam.sample()
+    for step, share in (("0007", 0.5), ("0008", 1.0)):
+        now = gas | {"C7H16": gas["C7H16"] * share}
+        save(folder / f"gas_{step}.vtu", stamped(block_grid(block, now), float(step)))
+        save(folder / f"drops_{step}.vtp", cloud_data(cloud))
+    return folder
+
+
+def listed(folder: Path, foam: Foam) -> Path:
+    series(folder, foam)
+    steps = {"-12.5": ["gas_0007.vtu"], "3.25": ["gas_0008.vtu"]}
+    pvd(folder / "gas.pvd", steps)
+    pvd(folder / "drops.pvd", {"-12.5": ["drops_0007.vtp"], "3.25": ["drops_0008.vtp"]})
+    return folder
+
+
+def parallel(folder: Path, foam: Foam) -> Path:
+    """Two halves of the mesh, a ghost cell of the other's in each; the parcels in two files."""
+    block, gas, cloud = foam.sample()
+    nodes = cells_of(block)
+    half = block.cells // 2
+    for number, own in enumerate((range(half), range(half, block.cells))):
+        ghost = half if number == 0 else half - 1
+        kept = [*own, ghost]
+        ghosts = np.zeros(len(kept), dtype=np.uint8)
+        ghosts[-1] = 1
+        grid = grid_of(
+            [(12, nodes[cell]) for cell in kept],
+            block.points,
+            {name: values[kept] for name, values in gas.items()},
+        )
+        marked(grid.GetCellData(), ghosts)
+        save(folder / "gas" / f"gas_{number}.vtu", grid)
+        part = slice(0, 5) if number == 0 else slice(5, None)
+        some = {name: values[part] for name, values in cloud.items()}
+        save(folder / "drops" / f"drops_{number}.vtp", cloud_data(some))
+    pieces(folder / "gas.pvtu", ["gas/gas_0.vtu", "gas/gas_1.vtu"])
+    pieces(folder / "drops.pvtp", ["drops/drops_0.vtp", "drops/drops_1.vtp"])
+    return folder
+
+
+def cells_of(block: Any) -> list[list[int]]:
+    grid = block_grid(block, {})
+    return [[grid.GetCell(cell).GetPointId(n) for n in range(8)] for cell in range(block.cells)]
+
+
+def marked(data: Any, ghosts: Any) -> None:
+    from vtkmodules.util import numpy_support
+
+    convert: Any = numpy_support.numpy_to_vtk
+    array = convert(ghosts, deep=1)
+    array.SetName("vtkGhostType")
+    data.AddArray(array)
+
+
+LAYOUTS = [pair, blocks, blocks_of_vtk, vertex_grids, series, listed, parallel]
+
+
+@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.__name__)
+def test_every_layout_gives_the_same(
+    tmp_path: Path, foam: Foam, expected: dict[str, float], layout: Any
+) -> None:
+    spray = read_cfd(CfdSpray(file=layout(tmp_path / "vtk", foam), **SET))
+    # float32 coordinates of 1e-2 m, of cells of 1e-3 m
+    for name in FIGURES:
+        assert spray.notes[name] == pytest.approx(expected[name], rel=5e-6), name
+    assert spray.notes["gas_cells"] == expected["gas_cells"]
+    assert spray.notes["parcels"] == 17
+    for file in spray.files:
+        assert Path(file.path).is_relative_to(tmp_path / "vtk")
+        assert hashlib.sha256(Path(file.path).read_bytes()).hexdigest() == file.sha256
+    if layout is parallel:
+        assert "Marked as ghost or hidden, left out: 2 cells." in spray.remarks
+        assert len(spray.files) == 6
+
+
+def test_times_of_a_list(tmp_path: Path, foam: Foam, expected: dict[str, float]) -> None:
+    folder = listed(tmp_path / "vtk", foam)
+    assert notes(folder)["time_s"] == 3.25
+    assert notes(folder, time_s="latest")["time_s"] == 3.25
+    early = notes(folder, time_s=-12.5)
+    assert early["vapour_mass_kg"] == pytest.approx(expected["vapour_mass_kg"] / 2, rel=5e-6)
+    near = read_cfd(CfdSpray(file=folder, time_s="nearest -10", **SET))
+    assert near.notes["time_s"] == -12.5
+    assert "Time -12.5 is the nearest to -10: 2.5 away." in near.remarks
+    with pytest.raises(SprayError, match=r"available: -12\.5, 3\.25; the nearest is 2\.5 away"):
+        notes(folder, time_s=-10)
+
+
+def test_a_named_file_bounds_the_search(tmp_path: Path, foam: Foam) -> None:
+    air = gas_file(tmp_path / "air.vtu", foam)
+    block, gas, _ = foam.sample()
+    save(tmp_path / "zone.vtu", block_grid(block, gas | {"C7H16": 0.0 * gas["C7H16"]}))
+    spray = read_cfd(CfdSpray(file=air, **SET))
+    assert spray.notes["vapour_mass_kg"] > 0
+    assert [Path(file.path).name for file in spray.files] == ["air.vtu"]
+    assert any("no parcels in it: gas alone" in text for text in spray.remarks)
+    with pytest.raises(SprayError, match=r"2 claim to be the mesh of the gas: .*air.*zone"):
+        notes(tmp_path)
+    parcels_file(tmp_path / "drops.vtp", foam)
+    with pytest.raises(SprayError, match=r"some beside it: .*drops\.vtp.*spray.cloud: none"):
+        notes(air)
+    assert "parcels" not in notes(air, cloud="none")
+    with pytest.raises(SprayError, match=r"drops\.vtp: holds vtkPolyData, expected vtkUnstruct"):
+        notes(tmp_path / "drops.vtp")
+
+
+def test_two_clouds_and_two_claims(tmp_path: Path, foam: Foam) -> None:
+    pair(tmp_path, foam)
+    parcels_file(tmp_path / "more.vtp", foam)
+    with pytest.raises(SprayError, match=r"several clouds, drops, more; set spray\.cloud"):
+        notes(tmp_path)
+    assert notes(tmp_path, cloud="more")["parcels"] == 17
+    save(tmp_path / "more.vtu", vertices(foam.sample()[2]))
+    with pytest.raises(SprayError, match=r"2 claim to be cloud 'more': .*more\.vtp, .*more\.vtu"):
+        notes(tmp_path, cloud="drops")
+
+
+def test_a_time_that_stands_twice(tmp_path: Path, foam: Foam) -> None:
+    """As the list of a run that was started again: the same part of the same time."""
+    folder = series(tmp_path, foam)
+    rows = "".join(f'<DataSet timestep="1" file="gas_000{n}.vtu"/>' for n in (7, 8))
+    (folder / "gas.pvd").write_text(f"<VTKFile><Collection>{rows}</Collection></VTKFile>")
+    with pytest.raises(SprayError, match=r"2 claim to be part 0 of time 1 in .*0007.*0008"):
+        notes(folder / "gas.pvd")
+
+
+def test_pieces_that_are_the_same(tmp_path: Path, foam: Foam) -> None:
+    """vtk's parallel writer, used in a serial program, writes the whole into each piece."""
+    from vtkmodules.vtkIOParallelXML import vtkXMLPUnstructuredGridWriter
+
+    block, gas, _ = foam.sample()
+    writer: Any = vtkXMLPUnstructuredGridWriter()
+    writer.SetInputData(block_grid(block, gas))
+    writer.SetFileName(str(tmp_path / "gas.pvtu"))
+    writer.SetNumberOfPieces(2)
+    writer.SetStartPiece(0)
+    writer.SetEndPiece(1)
+    writer.Write()
+    with pytest.raises(SprayError, match=r"2 claim to be the same piece of the data: .*_0.*_1"):
+        notes(tmp_path / "gas.pvtu")
+
+
+def test_ensight_of_vtk(tmp_path: Path, foam: Foam, expected: dict[str, float]) -> None:
+    """vtk's EnSight writer has names of its own, which a mapping tells."""
+    from vtkmodules.util import numpy_support
+    from vtkmodules.vtkIOParallel import vtkEnSightWriter
+
+    block, gas, _ = foam.sample()
+    grid = block_grid(block, gas)
+    convert: Any = numpy_support.numpy_to_vtk
+    part = convert(np.ones(block.cells, dtype=np.int32), deep=1)
+    part.SetName("BlockId")
+    grid.GetCellData().AddArray(part)
+    writer: Any = vtkEnSightWriter()
+    writer.SetInputData(grid)
+    writer.SetFileName(str(tmp_path / "case"))
+    writer.Write()
+    writer.WriteCaseFile(1)
+    case = tmp_path / "case.0.case"
+    with pytest.raises(SprayError, match=r"no cell field 'C7H16'.* it has: C7H16_c, T_c"):
+        notes(case)
+    mapping = tmp_path / "names.yaml"
+    mapping.write_text("cells: {temperature: T_c, density: rho_c, pressure: p_c, fuel: C7H16_c}")
+    found = notes(case, mapping=mapping)
+    assert found["vapour_mass_kg"] == pytest.approx(expected["vapour_mass_kg"], rel=5e-6)
+    assert found["gas_cells"] == expected["gas_cells"]
+
+
+def test_a_surface_is_left_out_by_name(tmp_path: Path, foam: Foam) -> None:
+    from vtkmodules.vtkFiltersSources import vtkSphereSource
+
+    pair(tmp_path, foam)
+    source: Any = vtkSphereSource()
+    source.Update()
+    save(tmp_path / "walls.vtp", source.GetOutput())
+    spray = read_cfd(CfdSpray(file=tmp_path, **SET))
+    said = [text for text in spray.remarks if "neither gas nor parcels: " in text]
+    assert len(said) == 1
+    assert "walls.vtp" in said[0]
+
+
+def test_hidden_cells_and_parcels(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    grid, drops = block_grid(block, gas), cloud_data(cloud)
+    hidden = np.zeros(block.cells, dtype=np.uint8)
+    hidden[[0, 7]] = 32
+    marked(grid.GetCellData(), hidden)
+    copied = np.zeros(17, dtype=np.uint8)
+    copied[3] = 1
+    marked(drops.GetPointData(), copied)
+    save(tmp_path / "gas.vtu", grid)
+    save(tmp_path / "drops.vtp", drops)
+    found = notes(tmp_path)
+    shown, kept = hidden == 0, copied == 0
+    mass = np.sum((gas["rho"] * gas["C7H16"] * block.volume)[shown])
+    assert found["vapour_mass_kg"] == pytest.approx(mass, rel=5e-6)
+    liquid = cloud["nParticle"] * cloud["rho"] * np.pi / 6 * cloud["d"] ** 3
+    assert found["liquid_mass_kg"] == pytest.approx(liquid[kept].sum(), rel=1e-6)
+    assert found["parcels"] == 16
+
+
+@pytest.mark.parametrize("density", [True, False])
+def test_point_data_keep_the_mass(tmp_path: Path, foam: Foam, density: bool) -> None:
+    """Each corner stands for an eighth of each of its cells: the masses are sums over corners."""
+    block, _, _ = foam.sample()
+    random = np.random.default_rng(3)
+    count = len(block.points)
+    points = {
+        "T": random.uniform(400.0, 900.0, count),
+        "p": random.uniform(4e6, 5e6, count),
+        "C7H16": random.uniform(0.0, 0.3, count),
+    }
+    gas_constant, air_kg_mol = 8.31446261815324, 0.02885
+    points["rho"] = points["p"] * air_kg_mol / (gas_constant * points["T"])
+    grid = block_grid(block, {})
+    from tests.unit.cfd.test_vtk import vtk_array
+
+    for name, values in points.items():
+        if density or name != "rho":
+            grid.GetPointData().AddArray(vtk_array(name, values))
+    save(tmp_path / "gas.vtu", grid)
+    spray = read_cfd(CfdSpray(file=tmp_path / "gas.vtu", **SET))
+    corners = np.array(cells_of(block))
+    share = block.volume / 8
+    if density:
+        mass = np.sum((points["rho"] * points["C7H16"])[corners] * share[:, None])
+        assert spray.notes["vapour_mass_kg"] == pytest.approx(mass, rel=5e-6)
+    # T is weighted by mass: the colder, denser corners count more than in a plain mean
+    weight = points["p"] / points["T"] if not density else points["rho"]
+    mean = (weight * points["T"])[corners].sum(axis=1) / weight[corners].sum(axis=1)
+    assert spray.vapour is not None
+    assert spray.vapour.temperature_K == pytest.approx(mean, rel=1e-6)
+    assert any("at points became means over cells" in text for text in spray.remarks)
+
+
+def test_mapping_of_names_and_units(tmp_path: Path, foam: Foam, expected: dict[str, float]) -> None:
+    block, gas, cloud = foam.sample()
+    other = {"Temp": gas["T"] - 273.15, "P": gas["p"] / 1e5, "Density": gas["rho"]}
+    save(tmp_path / "gas.vtu", block_grid(block, other | {"Y": gas["C7H16"] * 100}))
+    drops = {"position": cloud["position"], "Radius": cloud["d"] * 5e5, "N": cloud["nParticle"]}
+    drops |= {"Tp": cloud["T"], "Rp": cloud["rho"], "Vel": cloud["U"]}
+    save(tmp_path / "drops.vtp", cloud_data(drops))
+    with pytest.raises(SprayError, match="has no field 'd'; it has: N, Radius, Rp, Tp, Vel"):
+        notes(tmp_path)
+    mapping = tmp_path / "names.yaml"
+    mapping.write_text(
+        "cells: {temperature: {column: Temp, unit: degC}, pressure: {column: P, unit: bar},\n"
+        "  density: Density, fuel: {column: Y, unit: '%'}}\n"
+        "parcels: {radius: {column: Radius, unit: um}, number: N, temperature: Tp, density: Rp,\n"
+        "  velocity: Vel}\n"
+    )
+    spray = read_cfd(CfdSpray(file=tmp_path, mapping=mapping, nozzle_m=SET["nozzle_m"]))
+    for name in FIGURES:
+        assert spray.notes[name] == pytest.approx(expected[name], rel=5e-6), name
+    assert spray.notes["axis_y"] == -1.0  # the velocity came over
+    assert str(mapping) in {file.path for file in spray.files}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<VTKFile><vtkMultiBlockDataSet>", "is damaged or truncated"),
+        ("<VTKFile></VTKFile>", "names no file"),
+        ('<VTKFile><DataSet file="none.vtu"/></VTKFile>', r"names .*none\.vtu, which is not there"),
+        ('<VTKFile><DataSet file="all.vtm"/></VTKFile>', "names itself"),
+        ('<VTKFile><DataSet file="a.vts"/></VTKFile>', r"names .*a\.vts, of a kind that is not"),
+    ],
+)
+def test_collections_that_are_wrong(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "all.vtm"
+    file.write_text(text)
+    with pytest.raises(SprayError, match=rf"all\.vtm.*{message}"):
+        notes(file)
