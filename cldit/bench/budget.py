@@ -43,7 +43,15 @@ class BudgetRow:
 
 
 def true_error_K(run: Run, reference: Reference) -> float:
-    """RMS of T_app against the reference, over the pixels that have one in both."""
+    """RMS of T_app against the reference, over the pixels that have one in both.
+
+    Args:
+        run: of as many pixels as the reference.
+        reference: the true picture.
+
+    Raises:
+        BenchError: no pixel has a T_app in both.
+    """
     here = has_temperature(run.maps) & np.isfinite(reference.temperature_K)
     if not here.any():
         raise BenchError(f"{run.scene.name}: no pixel has a T_app in the reference as well")

@@ -75,7 +75,15 @@ class Reference:
     error_K: float
 
     def save(self, name: str, folder: Path = FOLDER) -> Path:
-        """Writes NAME-PIXELS.npz, of 0.01 K in 16 bits, and returns its path."""
+        """Writes NAME-PIXELS.npz, of 0.01 K in 16 bits, and returns its path.
+
+        Args:
+            name: of the scene.
+            folder: is made where it is missing.
+
+        Raises:
+            BenchError: a temperature is too high for 16 bits.
+        """
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{name}-{len(self.temperature_K)}.npz"
         known = np.isfinite(self.temperature_K)
@@ -87,7 +95,13 @@ class Reference:
 
     @classmethod
     def load(cls, name: str, *, pixels: int, folder: Path = FOLDER) -> Reference | None:
-        """Reads one; None where there is none of so many pixels."""
+        """Reads one; None where there is none of so many pixels.
+
+        Args:
+            name: of the scene.
+            pixels: along an edge.
+            folder: that `save` wrote to.
+        """
         path = folder / f"{name}-{pixels}.npz"
         if not path.is_file():
             return None

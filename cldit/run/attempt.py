@@ -49,7 +49,7 @@ Found = list[tuple[Cause, Step | None]]
 class Attempt:
     """A scene traced by a plan.
 
-    error_maps: of `errors`, by cause. errors: None where the scene wants no audit.
+    error_maps: of `errors` (H, W), by cause. errors: None where the scene wants no audit.
     """
 
     scene: Scene

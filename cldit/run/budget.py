@@ -46,6 +46,9 @@ class Budget:
         Args:
             picture: (H, W) at the wavelength of the pilot, by `source`.
             middle: of one ray a pixel, where `picture` is of several.
+
+        Returns:
+            Each cause, with its map where there is one.
         """
         self.pilot.kept[self.depth] = self.pilot.thinned(picture)
         return [self._cells(), pixel_error(self.scene, self.pilot.probed, picture, middle)]

@@ -102,6 +102,9 @@ def lattice_frames(
         edge_m: of the first cube, at least that of the domain, and a power of 2 of the lattice's.
         spacing_m: of the lattice.
 
+    Returns:
+        The domain's cube, and the cube that the medium is grown in.
+
     Raises:
         MediumError: something lies outside the domain.
     """

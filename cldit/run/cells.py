@@ -33,7 +33,12 @@ class Refined:
 
     @classmethod
     def of(cls, before: Step, last: Step) -> Refined:
-        """From the differences of 4 h against 2 h, and of 2 h against h."""
+        """From two differences.
+
+        Args:
+            before: of 4 h against 2 h.
+            last: of 2 h against h.
+        """
         order = 1.0
         if before.error_K and last.error_K:
             order = min(max(math.log2(before.error_K / last.error_K), 1.0), 2.0)
@@ -45,7 +50,8 @@ class Cells:
     """The chosen cells.
 
     depth: how often the cube is halved. limited: why it is not halved more often, where the wanted
-    error needs it; else empty. error_K: found, or foretold; None: it cannot be said.
+    error needs it; else empty. error_K: found, or foretold; None: it cannot be said. less:
+    edge of the chosen cells over that of `depth`, where any edge is possible.
     """
 
     depth: int
@@ -55,7 +61,12 @@ class Cells:
 
 
 def error_at(pilot: Pilot, depth: int) -> Refined | None:
-    """Error of the cells of a cube that is halved `depth` times; None: it cannot be said."""
+    """Error of the cells of a cube; None: it cannot be said.
+
+    Args:
+        pilot: traces.
+        depth: how often the cube is halved.
+    """
     if depth < 2:
         return None
     fine = pilot.level(depth)
@@ -90,6 +101,11 @@ def choose_cells(pilot: Pilot, wanted_K: float, say: Callable[[str], None]) -> C
         pilot: traces.
         wanted_K: error that the cells may have.
         say: told of each trace.
+
+    Raises:
+        SprayError: the cone takes none of the coarse lattices.
+        TransportError: cells reach behind a patch, however small.
+        MediumError: not even coarse cells fit the memory.
     """
     frame, across = pilot.probed.frame, pilot.scene.camera.field_m
     depth = max(3, math.ceil(math.log2(_ACROSS * frame.edge_m / max(across))))
@@ -100,10 +116,7 @@ def choose_cells(pilot: Pilot, wanted_K: float, say: Callable[[str], None]) -> C
         try:
             pilot.level(depth)
             traced += 1
-        except (
-            SprayError,
-            TransportError,
-        ):  # no cone has the lattice, or cells reach behind a patch
+        except (SprayError, TransportError):  # as in `error_at`
             if depth >= _FINEST - 3:
                 raise
             traced = 0

@@ -91,7 +91,12 @@ class Errors:
 
     @classmethod
     def of(cls, causes: Iterable[Cause | None], model: Iterable[Cause] = ()) -> Errors:
-        """Of those causes that the scene has; None stands for one that it has not."""
+        """Of those causes that the scene has.
+
+        Args:
+            causes: None stands for one that the scene has not.
+            model: the spread of the model itself.
+        """
         return cls(tuple(cause for cause in causes if cause is not None), tuple(model))
 
     def remarks(self, wanted_K: float, limited: str = "") -> tuple[str, ...]:
@@ -100,6 +105,9 @@ class Errors:
         Args:
             wanted_K: `transport.accuracy_K`.
             limited: why cells are not finer; empty where they may be.
+
+        Returns:
+            One text; none where the error is as asked for.
         """
         largest = self.largest()
         if largest is None or not self.exceed(wanted_K):

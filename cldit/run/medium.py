@@ -141,7 +141,11 @@ class Prepared:
     limit: int
 
     def grown(self, stages: Stages, depth: int | None = None) -> Medium:
-        """The medium with the cube halved `depth` times; None: as the scene has it.
+        """The medium in cells.
+
+        Args:
+            stages: take the time.
+            depth: how often the cube is halved; None: as the scene has it.
 
         Raises:
             MediumError: there are more cells than memory allows.
@@ -180,7 +184,15 @@ class Medium:
 def make_medium(
     scene: Scene, device: Device, stages: Stages, cache: Path, spray: Spray | None = None
 ) -> Medium:
-    """The scene's medium; see `prepare`."""
+    """The scene's medium, with its cells as the scene has them.
+
+    Args:
+        scene: what is to be traced.
+        device: whose memory the cells must fit.
+        stages: take the time of each step.
+        cache: folder of tables and sprays.
+        spray: that of the scene, where it is there already.
+    """
     return prepare(scene, device, stages, cache, spray).grown(stages)
 
 

@@ -17,6 +17,9 @@ def model_spread(scene: Scene, from_paper: Difference | None) -> tuple[Cause, ..
     Args:
         scene: what was traced.
         from_paper: against the paper's optical properties, where these were traced as well.
+
+    Returns:
+        The spread by the spray model, and by optical data.
     """
     if isinstance(scene.spray, ConeSpray | LagrangianSpray):
         how = (

@@ -157,11 +157,21 @@ class Pilot:
         return self.kept[depth]
 
     def cone_at(self, cone: ConeSpray, depth: int) -> ConeSpray:
-        """A cone on the lattice of the cells of a cube that is halved `depth` times."""
+        """A cone on the lattice of the cells.
+
+        Args:
+            cone: with another lattice.
+            depth: how often the cube is halved.
+        """
         return cone.model_copy(update={"spacing_m": self.probed.frame.edge_m / 2**depth})
 
     def traced(self, sources: Sources, depth: int) -> Weights:
-        """Weights of other sources in the same cube; where they have its cells, laid on them."""
+        """Weights of other sources in the same cube; where they have its cells, laid on them.
+
+        Args:
+            sources: droplets and gas at the wavelength that is probed.
+            depth: how often the cube is halved.
+        """
         frame = replace(self.probed.frame, depth=depth)
         if self.probed.on_lattice:
             frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
@@ -179,11 +189,19 @@ class Pilot:
         return weights.map(lambda image: image[first::step, first::step])
 
     def spread(self, image: Floats) -> Floats:
-        """A map of the pilot's pixels over those of the picture."""
+        """A map over the pixels of the picture, (H, W).
+
+        Args:
+            image: (H / stride, W / stride) of the pilot's pixels.
+        """
         return image.repeat(self.stride, 0).repeat(self.stride, 1)
 
     def step(self, one: Weights, other: Weights) -> Step:
-        """Difference of two of the pilot's pictures; its map is that of the picture."""
+        """Difference of two of the pilot's pictures; its map is that of the picture.
+
+        Args:
+            one, other: weights of the pilot's pixels.
+        """
         found = Step.between(self.temperature, one, other)
         return Step(found.error_K, self.spread(found.map_K))
 

@@ -37,6 +37,9 @@ def pixel_error(
         probed: the medium, for its wavelength.
         picture: (H, W).
         middle: of one ray a pixel, where `picture` is of several.
+
+    Returns:
+        The cause, with its map where there is one.
     """
     if min(scene.camera.pixels) < 3 * _LARGE:
         return Cause("pixel sampling", None, "the picture has too few pixels", _KEY), None

@@ -17,7 +17,15 @@ _VERSIONS = ("cldit", "numpy", "scipy", "pyopencl")
 
 
 def traced_stages(result: NodeTraces, order: int | None) -> list[Stage]:
-    """What the traces did, step by step, and how long it took."""
+    """What the traces did, step by step, and how long it took.
+
+    Args:
+        result: of all wavelengths.
+        order: of scattering, at which the trace ended; None: it did not.
+
+    Returns:
+        The steps in the order in which they are done.
+    """
     counts = result.counts
     iterations = [one.solution.iterations for one in result.traces if one.solution is not None]
     samples = f"{counts['samples']} samples a pixel" if "samples" in counts else ""
