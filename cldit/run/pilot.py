@@ -189,10 +189,13 @@ class Pilot:
         return weights.map(lambda image: image[first::step, first::step])
 
     def spread(self, image: Floats) -> Floats:
-        """A map over the pixels of the picture, (H, W).
+        """A map over the pixels of the picture.
 
         Args:
             image: (H / stride, W / stride) of the pilot's pixels.
+
+        Returns:
+            One value for each pixel of the picture, (H, W).
         """
         return image.repeat(self.stride, 0).repeat(self.stride, 1)
 

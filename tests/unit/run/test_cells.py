@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.errors import MediumError
+from cldit.errors import MediumError, SprayError
 from cldit.run.cells import Refined, choose_cells, error_at, foretold_cells
 from cldit.run.pilot import Step
 
@@ -17,9 +17,20 @@ from cldit.run.pilot import Step
 class KnownPilot:
     """Pictures that err by `factor` times the cell's edge (mm) to the power `order`."""
 
-    def __init__(self, order: float, *, factor: float = 1.0, finest: int = 12) -> None:
-        self.order, self.factor, self.finest = order, factor, finest
-        self.probed = SimpleNamespace(frame=SimpleNamespace(edge_m=0.2))
+    def __init__(
+        self,
+        order: float,
+        *,
+        factor: float = 1.0,
+        finest: int = 12,
+        coarsest: int = 0,
+        on_lattice: bool = False,
+        ends: type[Exception] = MediumError,
+    ) -> None:
+        self.order, self.factor, self.ends = order, factor, ends
+        self.coarsest, self.finest = coarsest, finest
+        frame = SimpleNamespace(edge_m=0.2)
+        self.probed = SimpleNamespace(frame=frame, on_lattice=on_lattice)
         self.scene = SimpleNamespace(camera=SimpleNamespace(field_m=(0.16, 0.16)))
         self.traced: list[int] = []
 
@@ -28,7 +39,9 @@ class KnownPilot:
 
     def level(self, depth: int) -> Any:
         if depth > self.finest:
-            raise MediumError("too many cells")
+            raise self.ends("too fine")
+        if depth < self.coarsest:
+            raise SprayError("no middle of a cell lies in a plume")
         self.traced.append(depth)
         return self.true_K(depth)
 
@@ -72,7 +85,55 @@ def test_memory_ends_it() -> None:
     chosen = choose_cells(pilot, 0.01, lambda _: None)
     assert chosen is not None and chosen.depth == 9
     assert chosen.error_K == pytest.approx(pilot.true_K(9))
-    assert "finest that memory holds" in chosen.limited
+    assert chosen.limited.startswith(f"memory does not hold cells of {200 / 2**10:.3g} mm; allowed")
+
+
+def test_halvings_end() -> None:
+    pilot: Any = KnownPilot(1.0)
+    chosen = choose_cells(pilot, 1e-3, lambda _: None)
+    assert chosen is not None and chosen.depth == 12
+    assert "halved 12 times at most; allowed is a smaller domain.edge_m" in chosen.limited
+
+
+@pytest.mark.parametrize("order", [1.0, 1.4])
+@pytest.mark.parametrize("wanted_K", [1.7, 1.0, 0.3])
+def test_a_lattice_takes_any_edge(order: float, wanted_K: float) -> None:
+    """0.85 of the wanted error is aimed at, on lattices between the halvings, few of them traced.
+
+    Orders are known up to 1.4, beyond which none is trusted for what is foretold.
+    """
+    pilot: Any = KnownPilot(order, on_lattice=True)
+    chosen = choose_cells(pilot, wanted_K, lambda _: None)
+    assert chosen is not None and not chosen.limited
+    at_K = pilot.true_K(chosen.depth) * chosen.less**order
+    assert at_K == pytest.approx(0.85 * wanted_K) == pytest.approx(chosen.error_K)
+    assert 0.35 <= chosen.less <= 2.0
+    assert max(pilot.traced) == chosen.depth
+
+
+def test_lattices_are_at_most_twice_as_coarse_as_one_that_was_traced() -> None:
+    """A coarser one may be none that the cone takes."""
+    pilot: Any = KnownPilot(1.0, on_lattice=True)
+    chosen = choose_cells(pilot, 50.0, lambda _: None)
+    assert chosen is not None and chosen.less == 2.0
+
+
+def test_coarse_lattices_that_no_cone_takes_are_passed_over() -> None:
+    pilot: Any = KnownPilot(1.0, on_lattice=True, coarsest=8)
+    chosen = choose_cells(pilot, 0.2, lambda _: None)
+    assert chosen is not None and min(pilot.traced) == 8
+    assert pilot.true_K(chosen.depth) * chosen.less == pytest.approx(0.85 * 0.2)
+    none: Any = KnownPilot(1.0, on_lattice=True, coarsest=13)
+    with pytest.raises(SprayError):
+        choose_cells(none, 1.0, lambda _: None)
+
+
+def test_a_lattice_too_fine_for_the_cone_is_wanted_all_the_same() -> None:
+    """The run steps back from it, to the finest that the cone takes; memory is not to blame."""
+    pilot: Any = KnownPilot(1.0, on_lattice=True, finest=9, ends=SprayError)
+    chosen = choose_cells(pilot, 0.01, lambda _: None)
+    assert chosen is not None and not chosen.limited
+    assert chosen.depth == 10 and chosen.error_K == pytest.approx(pilot.true_K(10))
 
 
 def test_fixed_cells_are_foretold_by_coarser_ones() -> None:
