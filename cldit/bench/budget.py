@@ -46,8 +46,8 @@ def true_error_K(run: Run, reference: Reference) -> float:
     """RMS of T_app against the reference, over the pixels that have one in both.
 
     Args:
-        run: of the reference's scene and pixels.
-        reference: what counts as true.
+        run: of as many pixels as the reference.
+        reference: the true picture.
 
     Raises:
         BenchError: no pixel has a T_app in both.

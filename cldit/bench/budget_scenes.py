@@ -75,14 +75,11 @@ class Reference:
     error_K: float
 
     def save(self, name: str, folder: Path = FOLDER) -> Path:
-        """Writes NAME-PIXELS.npz, of 0.01 K in 16 bits.
+        """Writes NAME-PIXELS.npz, of 0.01 K in 16 bits, and returns its path.
 
         Args:
             name: of the scene.
-            folder: of the files.
-
-        Returns:
-            Its path.
+            folder: is made where it is missing.
 
         Raises:
             BenchError: a temperature is too high for 16 bits.
@@ -103,7 +100,7 @@ class Reference:
         Args:
             name: of the scene.
             pixels: along an edge.
-            folder: of the files.
+            folder: that `save` wrote to.
         """
         path = folder / f"{name}-{pixels}.npz"
         if not path.is_file():

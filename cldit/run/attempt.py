@@ -20,7 +20,7 @@ from cldit.optics.spectral import Quadrature
 from cldit.radiance.weights import Weights
 from cldit.run.accuracy import StatedError
 from cldit.run.budget import Budget, Sized
-from cldit.run.cells import Cells, choose_cells, error_at, foretold_cells
+from cldit.run.cells import Cells, choose_cells, error_at, foretold_cells, too_fine, too_many
 from cldit.run.error_maps import error_maps
 from cldit.run.errors import Cause, Errors
 from cldit.run.evaluation import evaluated, sensor_of
@@ -49,7 +49,7 @@ Found = list[tuple[Cause, Step | None]]
 class Attempt:
     """A scene traced by a plan.
 
-    error_maps: of `errors`, by cause, (H, W) in K. errors: None where the scene wants no audit.
+    error_maps: of `errors` (H, W), by cause. errors: None where the scene wants no audit.
     """
 
     scene: Scene
@@ -197,12 +197,15 @@ class Attempts:
                     lattice_of_m=plan.lattice_of_m,
                 )
             except SprayError:
-                if plan.spacing_m is None or plan.spacing_m >= given_m:
+                tried_m = plan.spacing_m
+                if tried_m is None or tried_m == given_m:
                     raise
-                coarser_m = min(_COARSER * plan.spacing_m, given_m)
+                if tried_m > given_m:  # a short plume: the lattice to learn from is too coarse
+                    plan = replace(plan, spacing_m=given_m)
+                    continue
+                coarser_m = min(_COARSER * tried_m, given_m)
                 if plan.lattice_of_m is not None:
-                    limited = f"the cone takes no lattice finer than {1e3 * coarser_m:.3g} mm"
-                    plan = replace(plan.on_lattice(coarser_m), limited=limited)
+                    plan = replace(plan.on_lattice(coarser_m), limited=too_fine(coarser_m))
                 plan = replace(plan, spacing_m=coarser_m, finest_lattice=True)
                 continue
             self._prepared, self._pilot, self._sources = (alike, prepared), None, None
@@ -274,6 +277,8 @@ class Attempts:
         plan: Plan,
     ) -> Found:
         found: Found = []
+        if self._nothing_there(pilot):
+            return found
         for cause in () if stated is None else stated.causes:
             fixed = "" if self.scene.transport.directions is None else "transport.directions"
             map_K = None if stated is None or cause.name != "trace" else stated.map_K
@@ -302,6 +307,11 @@ class Attempts:
         sized = [one.at(sizes[name]) for name, one in self._sized.items()]
         return [*found, *self._sources, *sized, *budget.unsized(self._sized)]
 
+    def _nothing_there(self, pilot: Pilot) -> bool:
+        """Whether camera and background have nothing between them that a trace could get wrong."""
+        points, boxes = pilot.probed.sources
+        return points is None and not boxes and not self.scene.patches
+
     def _orders(self, plan: Plan) -> dict[str, float]:
         """In which errors fall with what makes them: lattice, classes, cells."""
         orders = {name: one.order for name, one in self._sized.items()}
@@ -328,8 +338,8 @@ class Attempts:
         wanted = self.scene.transport
         if made.errors is not None:
             unknown = () if made.stated is None else made.stated.unknown_remarks
-            limited = made.plan.limited
-            self.stages.remark((*unknown, *made.errors.remarks(wanted.accuracy_K, limited)))
+            limits = made.plan.limits
+            self.stages.remark((*unknown, *made.errors.remarks(wanted.accuracy_K, limits)))
         elif made.stated is not None:
             self.stages.remark(made.stated.remarks(wanted))
 
@@ -343,10 +353,7 @@ _NO_AUDIT = (
 
 def _coarser(plan: Plan, edge_m: float) -> Plan:
     assert plan.depth is not None
-    cell_mm = 1e3 * edge_m / 2 ** (plan.depth - 1)
-    return plan.at_depth(
-        plan.depth - 1, f"cells of {cell_mm:.3g} mm are the finest that memory holds"
-    )
+    return plan.at_depth(plan.depth - 1, too_many(edge_m / 2**plan.depth))
 
 
 def _again(made: Attempt, better: Plan) -> str:

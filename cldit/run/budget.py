@@ -48,7 +48,7 @@ class Budget:
             middle: of one ray a pixel, where `picture` is of several.
 
         Returns:
-            Causes with the differences that they were found by.
+            Each cause, with its map where there is one.
         """
         self.pilot.kept[self.depth] = self.pilot.thinned(picture)
         return [self._cells(), pixel_error(self.scene, self.pilot.probed, picture, middle)]

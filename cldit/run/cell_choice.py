@@ -87,7 +87,7 @@ def lattice_frames(
         spacing_m: of the lattice.
 
     Returns:
-        Both; the second is the first where the sources are empty.
+        The domain's cube, and the cube that the medium is grown in.
 
     Raises:
         MediumError: something lies outside the domain.

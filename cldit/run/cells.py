@@ -21,6 +21,36 @@ _CLOSE = 1.1  # of the wanted error: a pilot of the picture's own cells costs as
 _ACROSS = 32  # cells across the picture, of the coarsest pilot
 
 
+_ALL_HALVINGS = (
+    f"the cube is halved {_FINEST} times at most; allowed is a smaller domain.edge_m, or a larger "
+    "transport.accuracy_K"
+)
+
+
+def too_many(cell_m: float) -> str:
+    """Why cells are not finer, and what is allowed, where memory is too small.
+
+    Args:
+        cell_m: of cells that it does not hold.
+    """
+    return (
+        f"memory does not hold cells of {1e3 * cell_m:.3g} mm; allowed is a machine of more "
+        "memory, or a larger transport.accuracy_K"
+    )
+
+
+def too_fine(spacing_m: float) -> str:
+    """Why lattice and cells are not finer, and what is allowed, where a cone takes none.
+
+    Args:
+        spacing_m: of the finest lattice that it takes.
+    """
+    return (
+        f"the cone takes no lattice finer than {1e3 * spacing_m:.3g} mm; allowed is a larger "
+        "transport.accuracy_K"
+    )
+
+
 @dataclass(frozen=True)
 class Refined:
     """What two halvings of a size say of the error that is left.
@@ -33,7 +63,7 @@ class Refined:
 
     @classmethod
     def of(cls, before: Step, last: Step) -> Refined:
-        """What two differences say.
+        """From two differences.
 
         Args:
             before: of 4 h against 2 h.
@@ -50,7 +80,8 @@ class Cells:
     """The chosen cells.
 
     depth: how often the cube is halved. limited: why it is not halved more often, where the wanted
-    error needs it; else empty. error_K: found, or foretold; None: it cannot be said.
+    error needs it; else empty. error_K: found, or foretold; None: it cannot be said. less:
+    edge of the chosen cells over that of `depth`, where any edge is possible.
     """
 
     depth: int
@@ -65,9 +96,6 @@ def error_at(pilot: Pilot, depth: int) -> Refined | None:
     Args:
         pilot: traces.
         depth: how often the cube is halved.
-
-    Raises:
-        MediumError, SprayError: there are no such cells.
     """
     if depth < 2:
         return None
@@ -103,6 +131,11 @@ def choose_cells(pilot: Pilot, wanted_K: float, say: Callable[[str], None]) -> C
         pilot: traces.
         wanted_K: error that the cells may have.
         say: told of each trace.
+
+    Raises:
+        SprayError: the cone takes none of the coarse lattices.
+        TransportError: cells reach behind a patch, however small.
+        MediumError: not even coarse cells fit the memory.
     """
     frame, across = pilot.probed.frame, pilot.scene.camera.field_m
     depth = max(3, math.ceil(math.log2(_ACROSS * frame.edge_m / max(across))))
@@ -113,10 +146,7 @@ def choose_cells(pilot: Pilot, wanted_K: float, say: Callable[[str], None]) -> C
         try:
             pilot.level(depth)
             traced += 1
-        except (
-            SprayError,
-            TransportError,
-        ):  # no cone has the lattice, or cells reach behind a patch
+        except (SprayError, TransportError):  # as in `error_at`
             if depth >= _FINEST - 3:
                 raise
             traced = 0
@@ -126,11 +156,13 @@ def choose_cells(pilot: Pilot, wanted_K: float, say: Callable[[str], None]) -> C
         say(f"pilot: cells of {cell_mm:.3g} mm")
         try:
             found = error_at(pilot, depth)
-        except (MediumError, SprayError):
+        except MediumError:
             before = error_at(pilot, depth - 1)
             error_K = None if before is None else before.step.error_K
-            why = f"cells of {2 * cell_mm:.3g} mm are the finest that memory holds"
-            return Cells(depth - 1, error_K, why)
+            return Cells(depth - 1, error_K, too_many(frame.edge_m / 2**depth))
+        except SprayError:
+            # The finest lattice that the cone takes lies between: the run finds it, step by step.
+            return foretold_cells(pilot, depth)
         if found is None or found.step.error_K is None:
             return None
         # Coarse cells foretell too high an order: what it may be for the next is bounded.
@@ -140,10 +172,10 @@ def choose_cells(pilot: Pilot, wanted_K: float, say: Callable[[str], None]) -> C
         if found.step.error_K <= wanted_K:
             return Cells(depth, found.step.error_K)
         if depth == _FINEST:
-            return Cells(
-                depth, found.step.error_K, f"cells of {cell_mm:.3g} mm are the finest there are"
-            )
+            return Cells(depth, found.step.error_K, _ALL_HALVINGS)
         foretold_K = found.step.error_K / 2**found.order
-        if foretold_K <= _CLOSE * wanted_K or depth + 1 == _FINEST:
+        if foretold_K <= _CLOSE * wanted_K:
             return Cells(depth + 1, foretold_K)
+        if depth + 1 == _FINEST:
+            return Cells(depth + 1, foretold_K, _ALL_HALVINGS)
         depth += 1

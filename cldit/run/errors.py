@@ -43,7 +43,7 @@ class Errors:
 
     @property
     def total_K(self) -> float | None:
-        """RMS of all causes that are known; None where none is."""
+        """RMS of all causes that are known; None where none is, or there is no cause."""
         known = [cause.error_K for cause in self.causes if cause.error_K is not None]
         return sum(error**2 for error in known) ** 0.5 if known else None
 
@@ -54,7 +54,9 @@ class Errors:
 
     @property
     def text(self) -> str:
-        """`1.2 K`, `at least 1.2 K`, or `unknown`."""
+        """`1.2 K`, `at least 1.2 K`, `unknown`, or that there is nothing to be wrong in."""
+        if not self.causes:
+            return "none: nothing is in the way"
         if self.total_K is None:
             return "unknown"
         return f"at least {self.total_K:.2g} K" if self.unknown else f"{self.total_K:.2g} K"
@@ -95,31 +97,30 @@ class Errors:
 
         Args:
             causes: None stands for one that the scene has not.
-            model: the model's own spread, which stands beside the sum.
+            model: the spread of the model itself.
         """
         return cls(tuple(cause for cause in causes if cause is not None), tuple(model))
 
-    def remarks(self, wanted_K: float, limited: str = "") -> tuple[str, ...]:
+    def remarks(self, wanted_K: float, limits: Mapping[str, str] | None = None) -> tuple[str, ...]:
         """Where the error is larger than was asked for: by what, and what can be done.
 
         Args:
             wanted_K: `transport.accuracy_K`.
-            limited: why cells are not finer; empty where they may be.
+            limits: why a cause cannot be made smaller, and what is allowed instead, by its name.
 
         Returns:
-            Lines for people; none where the error is as small as it was wanted.
+            One text; none where the error is as asked for.
         """
         largest = self.largest()
         if largest is None or not self.exceed(wanted_K):
             return ()
-        fix = _FIX.get(largest.name, "a larger transport.accuracy_K")
         held = f", held by {largest.fixed}" if largest.fixed else ""
-        if largest.name == "cells" and limited:
-            held, fix = f", for {limited}", "a smaller domain.edge_m, or a machine of more memory"
+        why = f"{held}; allowed is {_allowed(largest)}"
+        if limits and largest.name in limits:
+            why = f", for {limits[largest.name]}"
         return (
             f"stated error {self.text} RMS, more than transport.accuracy_K: {wanted_K:g} asks for: "
-            f"{largest.name} make{'s' if largest.name in _ONE else ''} {largest.text}{held}; "
-            f"allowed is {fix}",
+            f"{largest.name} make{'s' if largest.name in _ONE else ''} {largest.text}{why}",
         )
 
 
@@ -129,13 +130,31 @@ _MORE_PARCELS = (
     "parcels in the file"
 )
 _FIX = {
-    "cells": "a smaller domain.leaf_edge_m, or none, so that it is chosen",
+    "cells": "a smaller domain.leaf_edge_m",
     "trace": "more transport.directions or a larger transport.max_samples, or, for what only the "
     "audit finds, transport.method: path",
-    "wavelengths": "more optics.wavelengths, or none, so that they are chosen",
+    "wavelengths": "more optics.wavelengths",
     "parcels": _MORE_PARCELS,
     "deposit width": _MORE_PARCELS,
-    "size classes": "more spray.size_classes, or none, so that they are chosen",
+    "size classes": "more spray.size_classes",
     "gas grid": "a smaller spray.spacing_m",
     "pixel sampling": "more camera.pixels, or camera.rays_per_pixel: 4 or more",
 }
+# Where another key than the usual one holds the cause.
+_OF_KEY = {
+    "domain.rule": "domain.rule: need, or a smaller domain.leaf_edge_m",
+    "optics.spectral_error_K": "a smaller optics.spectral_error_K",
+}
+_CHOSEN = (  # by the run, where the scene leaves them out
+    "domain.leaf_edge_m",
+    "optics.wavelengths",
+    "optics.spectral_error_K",
+    "spray.size_classes",
+    "spray.spacing_m",
+)
+
+
+def _allowed(cause: Cause) -> str:
+    fix = _FIX.get(cause.name, "a larger transport.accuracy_K")
+    fix = _OF_KEY.get(cause.fixed, fix)
+    return f"{fix}, or none, so that the run chooses" if cause.fixed in _CHOSEN else fix

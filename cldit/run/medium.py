@@ -188,10 +188,14 @@ class Medium:
 def make_medium(
     scene: Scene, device: Device, stages: Stages, cache: Path, spray: Spray | None = None
 ) -> Medium:
-    """The scene's medium.
+    """The scene's medium, with its cells as the scene has them.
 
     Args:
-        scene, device, stages, cache, spray: as in `prepare`.
+        scene: what is to be traced.
+        device: whose memory the cells must fit.
+        stages: take the time of each step.
+        cache: folder of tables and sprays.
+        spray: that of the scene, where it is there already.
     """
     return prepare(scene, device, stages, cache, spray).grown(stages)
 

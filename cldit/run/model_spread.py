@@ -19,7 +19,7 @@ def model_spread(scene: Scene, from_paper: Difference | None) -> tuple[Cause, ..
         from_paper: against the paper's optical properties, where these were traced as well.
 
     Returns:
-        Parts of the spread, None in place of kelvin where one is unknown.
+        The spread by the spray model, and by optical data.
     """
     if isinstance(scene.spray, ConeSpray | LagrangianSpray):
         how = (

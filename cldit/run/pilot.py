@@ -157,18 +157,20 @@ class Pilot:
         return self.kept[depth]
 
     def cone_at(self, cone: ConeSpray, depth: int) -> ConeSpray:
-        """A cone on the lattice of the cells of a cube that is halved `depth` times."""
+        """A cone on the lattice of the cells.
+
+        Args:
+            cone: with another lattice.
+            depth: how often the cube is halved.
+        """
         return cone.model_copy(update={"spacing_m": self.probed.frame.edge_m / 2**depth})
 
     def traced(self, sources: Sources, depth: int) -> Weights:
         """Weights of other sources in the same cube; where they have its cells, laid on them.
 
         Args:
-            sources: at the wavelength of the probed node.
+            sources: droplets and gas at the wavelength that is probed.
             depth: how often the cube is halved.
-
-        Raises:
-            MediumError: that are more cells than memory holds.
         """
         frame = replace(self.probed.frame, depth=depth)
         if self.probed.on_lattice:
@@ -187,14 +189,21 @@ class Pilot:
         return weights.map(lambda image: image[first::step, first::step])
 
     def spread(self, image: Floats) -> Floats:
-        """A map (h, w) of the pilot's pixels over those of the picture, (H, W)."""
+        """A map over the pixels of the picture.
+
+        Args:
+            image: (H / stride, W / stride) of the pilot's pixels.
+
+        Returns:
+            One value for each pixel of the picture, (H, W).
+        """
         return image.repeat(self.stride, 0).repeat(self.stride, 1)
 
     def step(self, one: Weights, other: Weights) -> Step:
         """Difference of two of the pilot's pictures; its map is that of the picture.
 
         Args:
-            one, other: weights of the pilot's pixels (h, w).
+            one, other: weights of the pilot's pixels.
         """
         found = Step.between(self.temperature, one, other)
         return Step(found.error_K, self.spread(found.map_K))

@@ -39,7 +39,7 @@ def pixel_error(
         middle: of one ray a pixel, where `picture` is of several.
 
     Returns:
-        The cause, and the difference that it was found by; None where it is unknown.
+        The cause, with its map where there is one.
     """
     if min(scene.camera.pixels) < 3 * _LARGE:
         return Cause("pixel sampling", None, "the picture has too few pixels", _KEY), None

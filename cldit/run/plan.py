@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from cldit.run.cells import too_fine
 from cldit.run.errors import Errors
 from cldit.run.split import Effort, split
 from cldit.scene import Scene
@@ -52,8 +53,8 @@ class Plan:
     cone; None: there is none.
     lattice_of_m: edge of the cube whose cells are the cone's lattice as well, where the scene
     leaves both to choice; spacing_m then follows depth. refinements: made so far. limited: why
-    cells are not finer, where they should be; else empty. finest_lattice: whether the cone takes
-    no finer lattice.
+    cells are not finer, where they should be, and what is allowed; else empty. finest_lattice:
+    whether the cone takes no finer lattice.
     """
 
     wanted_K: float
@@ -219,6 +220,14 @@ class Plan:
         if "wavelengths" in larger:
             plan = replace(plan, spectral_K=_spectral_K(scene, shares_K["wavelengths"]))
         return plan.resized(larger, orders)
+
+    @property
+    def limits(self) -> dict[str, str]:
+        """Why a cause cannot be made smaller, and what is allowed, by its name."""
+        limits = {"cells": self.limited} if self.limited else {}
+        if self.finest_lattice and self.lattice_of_m is None and self.spacing_m is not None:
+            limits["gas grid"] = too_fine(self.spacing_m)
+        return limits
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""

@@ -21,11 +21,11 @@ def traced_stages(result: NodeTraces, order: int | None) -> list[Stage]:
     """What the traces did, step by step, and how long it took.
 
     Args:
-        result: traces of all nodes.
-        order: of scattering at most; None: all.
+        result: of all wavelengths.
+        order: of scattering, at which the trace ended; None: it did not.
 
     Returns:
-        Stages in the order in which they ran.
+        The steps in the order in which they are done.
     """
     counts = result.counts
     iterations = [one.solution.iterations for one in result.traces if one.solution is not None]

@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from cldit.run.cells import too_fine, too_many
 from cldit.run.errors import Cause, Errors
 
 
@@ -24,7 +25,14 @@ def test_what_nobody_knows_is_no_zero() -> None:
     assert errors.unknown == ("gas grid",)
     assert errors.text == "at least 0.5 K"
     assert Errors.of([Cause("gas grid", None, "imported")]).text == "unknown"
-    assert Errors.of([]).total_K is None
+
+
+def test_nothing_is_wrong_where_nothing_is() -> None:
+    """No cause is neither an unknown one nor one of 0 K."""
+    errors = Errors.of([])
+    assert errors.text == "none: nothing is in the way"
+    assert errors.total_K is None and not errors.unknown and not errors.exceed(0.0)
+    assert errors.remarks(0.1) == ()
 
 
 @pytest.mark.parametrize("error_K", [-1.0, float("nan")])
@@ -54,9 +62,42 @@ def test_more_than_asked_says_what_and_how() -> None:
     errors = Errors.of([Cause("cells", 1.4, "x", "domain.leaf_edge_m"), Cause("trace", 0.2, "x")])
     (text,) = errors.remarks(1.0)
     assert text.startswith("stated error 1.4 K RMS, more than transport.accuracy_K: 1 asks for")
-    assert "cells make 1.4 K, held by domain.leaf_edge_m; allowed is a smaller" in text
-    assert (
-        "memory holds" in errors.remarks(1.0, "cells of 1 mm are the finest that memory holds")[0]
-    )
+    said = "cells make 1.4 K, held by domain.leaf_edge_m; allowed is a smaller domain.leaf_edge_m"
+    assert text.endswith(f"{said}, or none, so that the run chooses")
     assert errors.remarks(1.4) == ()
     assert Errors.of([Cause("cells", None, "x")]).remarks(1.0) == ()
+
+
+@pytest.mark.parametrize(
+    ("why", "allowed"),
+    [
+        (too_many(1e-4), "memory does not hold cells of 0.1 mm; allowed is a machine of more"),
+        (too_fine(1.4e-4), "the cone takes no lattice finer than 0.14 mm; allowed is a larger"),
+    ],
+)
+def test_limits_say_what_helps_there(why: str, allowed: str) -> None:
+    """A key that the limit overrules is no advice."""
+    errors = Errors.of([Cause("cells", 0.64, "x")])
+    (text,) = errors.remarks(0.5, {"cells": why})
+    assert f"cells make 0.64 K, for {allowed}" in text
+    assert text.count("allowed is") == 1 and "leaf_edge_m" not in text
+    (other,) = Errors.of([Cause("trace", 0.64, "x")]).remarks(0.5, {"cells": why})
+    assert why not in other
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "allowed"),
+    [
+        ("cells", "domain.rule", "domain.rule: need, or a smaller domain.leaf_edge_m"),
+        ("cells", "", "a smaller domain.leaf_edge_m"),
+        ("wavelengths", "optics.spectral_error_K", "a smaller optics.spectral_error_K, or none"),
+        ("wavelengths", "optics.wavelengths", "more optics.wavelengths, or none"),
+        ("size classes", "", "more spray.size_classes"),
+        ("gas grid", "spray.spacing_m", "a smaller spray.spacing_m, or none"),
+    ],
+)
+def test_advice_names_the_key_that_helps(name: str, key: str, allowed: str) -> None:
+    """To leave a key out is advice only where the scene sets it, and the run would choose."""
+    (text,) = Errors.of([Cause(name, 2.0, "x", key)]).remarks(1.0)
+    assert f"; allowed is {allowed}" in text
+    assert text.endswith("so that the run chooses") == (key not in ("", "domain.rule"))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from cldit.run.errors import Cause, Errors
-from cldit.run.plan import MOST_REFINEMENTS, Plan, free_causes
+from cldit.run.plan import MOST_REFINEMENTS, Plan, follows_cells, free_causes
 from cldit.scene import Scene, load_scene, parse_scene
 
 
@@ -23,10 +24,9 @@ def errors_of(**causes_K: float) -> Errors:
 
 
 def test_all_that_is_left_out_is_free() -> None:
-    assert free_causes(scene_of()) == ("cells", "trace", "size classes")
-    leaf = scene_of(domain={"leaf_edge_m": 1e-3})  # the lattice is then a cause of its own
-    assert free_causes(leaf) == ("trace", "size classes", "gas grid")
-    assert "cells" not in free_causes(scene_of(domain={"rule": "paper"}))
+    assert free_causes(scene_of()) == ("cells", "trace", "size classes")  # lattice: the cells'
+    own = scene_of(domain={"leaf_edge_m": 1e-3})
+    assert free_causes(own) == ("trace", "size classes", "gas grid")
     fixed = scene_of(
         domain={"leaf_edge_m": 1e-3},
         transport={"directions": 16},
@@ -80,7 +80,7 @@ def test_fixed_keys_stay() -> None:
 
 
 def test_a_lattice_for_what_the_cells_leave() -> None:
-    scene = scene_of(transport={"accuracy_K": 1.0}, domain={"leaf_edge_m": 0.5e-3})
+    scene = scene_of(transport={"accuracy_K": 1.0}, domain={"leaf_edge_m": 1e-3})
     first = Plan.first(scene)
     known = {"size classes": (0.1, 1.0), "gas grid": (1.2, 1.5)}
     plan = first.settled(scene, 0.6, known)
@@ -102,7 +102,7 @@ def test_what_is_small_enough_is_left_alone() -> None:
 def test_what_is_too_large_is_refined() -> None:
     scene = scene_of()
     plan = Plan.first(scene)
-    plan = Plan(**{**vars(plan), "depth": 8})
+    plan = replace(plan, depth=8, lattice_of_m=None)  # cells alone
     errors = errors_of(cells=2.0, trace=0.1, pixel_sampling=0.2)
     better = plan.refined(errors, scene, reducible={"cells", "trace"}, orders={})
     assert better is not None and better.depth == 9 and better.trace_K == plan.trace_K
@@ -121,3 +121,74 @@ def test_nothing_is_refined_in_vain() -> None:
     assert plan.refined(errors, scene, reducible=set(), orders={}) is None
     over = Plan(**{**vars(plan), "refinements": MOST_REFINEMENTS, "depth": 8})
     assert over.refined(errors, scene, reducible={"cells", "trace"}, orders={}) is None
+
+
+def test_lattice_and_cells_are_one_where_both_are_free() -> None:
+    """Not where the scene fixes either, has the paper's cells, or asks for no errors."""
+    assert follows_cells(scene_of())
+    first = Plan.first(scene_of())
+    assert first.lattice_of_m == first.domain_m and first.depth is None
+    for fixed in (
+        scene_of(domain={"leaf_edge_m": 1e-3}),
+        scene_of(domain={"rule": "paper"}),
+        scene_of(spray={"spacing_m": 0.7e-3}),
+        scene_of(transport={"audit": False}),
+        load_scene("gdi-flow"),  # its lattice is no choice of the plan
+    ):
+        assert not follows_cells(fixed)
+        plan = Plan.first(fixed)
+        assert plan.lattice_of_m is None
+        assert plan.at_depth(7) == replace(plan, depth=7)
+
+
+@pytest.mark.parametrize("spacing_m", [1.6e-3, 0.7e-3, 0.14e-3, 0.2 / 256])
+def test_any_edge_is_a_cell_of_the_cube(spacing_m: float) -> None:
+    """The cube holds the domain, by less than twice its edge, and halves to the lattice."""
+    plan = Plan.first(scene_of()).on_lattice(spacing_m)
+    assert plan.depth is not None and plan.lattice_of_m is not None
+    assert plan.spacing_m == spacing_m
+    assert plan.lattice_of_m / 2**plan.depth == pytest.approx(spacing_m, rel=1e-12)
+    assert plan.domain_m * (1 - 1e-8) <= plan.lattice_of_m < 2 * plan.domain_m
+    assert plan.at_depth(plan.depth, "why") == replace(plan, limited="why")
+    spray: Any = plan.scene(scene_of()).spray
+    assert spray.spacing_m == spacing_m
+
+
+def test_memory_makes_lattice_and_cells_coarser_together() -> None:
+    plan = Plan.first(scene_of()).on_lattice(0.3e-3)
+    assert plan.depth is not None
+    coarser = plan.at_depth(plan.depth - 1, "why")
+    assert coarser.depth == plan.depth - 1 and coarser.spacing_m == pytest.approx(0.6e-3)
+    assert coarser.limits == {"cells": "why"}
+
+
+@pytest.mark.parametrize(("cells_K", "order"), [(1.3, 1.0), (1.3, 2.0), (9.0, 1.0)])
+def test_a_refined_lattice_is_as_fine_as_its_share_needs(cells_K: float, order: float) -> None:
+    """0.9 of the share by the measured order, but no finer than half."""
+    scene = scene_of()
+    plan = Plan.first(scene).on_lattice(0.4e-3)
+    errors = errors_of(cells=cells_K, trace=0.1)
+    better = plan.refined(errors, scene, reducible={"cells", "trace"}, orders={"cells": order})
+    assert better is not None and better.spacing_m is not None and plan.spacing_m is not None
+    less = better.spacing_m / plan.spacing_m
+    share_K = (1.0 - 0.1**2) ** 0.5
+    wanted = (0.9 * share_K / cells_K) ** (1 / order)
+    assert less == pytest.approx(max(wanted, 0.5))
+    assert better.lattice_of_m is not None and better.depth is not None
+    assert better.lattice_of_m / 2**better.depth == pytest.approx(better.spacing_m)
+
+
+def test_other_causes_shrink_four_times_at_most() -> None:
+    scene = scene_of()
+    plan = replace(Plan.first(scene), depth=8)
+    errors = errors_of(cells=0.1, trace=30.0, size_classes=0.1)
+    better = plan.refined(errors, scene, reducible={"cells", "trace", "size classes"}, orders={})
+    assert better is not None and better.trace_K == pytest.approx(plan.trace_K / 4)
+
+
+def test_the_finest_lattice_limits_the_gas_grid() -> None:
+    """Where lattice and cells are one, it limits the cells."""
+    own = Plan.first(scene_of(domain={"leaf_edge_m": 1e-3}))
+    own = replace(own, spacing_m=1.4e-4, finest_lattice=True)
+    assert list(own.limits) == ["gas grid"] and "finer than 0.14 mm" in own.limits["gas grid"]
+    assert replace(Plan.first(scene_of()), finest_lattice=True).limits == {}
