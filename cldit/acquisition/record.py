@@ -24,7 +24,8 @@ from cldit.scene.checks import describe
 
 @dataclass(frozen=True)
 class Picture:
-    """One shot that was kept. `background_K` is the mean of the readings before and after it."""
+    """One shot that was kept. `background_K` is the mean of the readings before and after it;
+    `background` and `delay` are indices into the plan's temperatures and delays."""
 
     id: str
     path: Path
@@ -33,6 +34,7 @@ class Picture:
     background_setpoint_K: float
     background_K: float
     saturated_percent: float
+    delay: int = 0
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,15 @@ class Acquisition:
         devices = self.configuration["devices"].values()
         return any(device["info"].get("simulated", False) for device in devices)
 
+    def at_delay(self, delay: int) -> Acquisition:
+        """The same with the shots of one delay alone, number `delay` of the plan's."""
+        here = {shot.id for shot in self.plan.steps() if shot.delay == delay}
+        return replace(
+            self,
+            shots=tuple(shot for shot in self.shots if shot.delay == delay),
+            missing=tuple(name for name in self.missing if name in here),
+        )
+
     def whole(self) -> Acquisition:
         """The same without the pictures that cannot be read or are not what was recorded.
 
@@ -123,7 +134,7 @@ class Acquisition:
 
 
 def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
-    """Opens what `acquire` wrote, complete or not.
+    """Opens what `acquire` wrote, complete or not; with several delays, the shots of all.
 
     Args:
         frame: which picture of each shot, from 0.
@@ -170,6 +181,7 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
             background_setpoint_K=shot.background_K,
             background_K=(entry["background_before_K"] + entry["background_after_K"]) / 2.0,
             saturated_percent=entry["saturated_percent"],
+            delay=shot.delay,
         )
         for shot in plan.steps()
         if (entry := known.get(shot.id)) is not None
