@@ -97,7 +97,7 @@ def _check_spray(rig: Rig, plan: Plan) -> None:
         if not any(abs(delay_s - start_s - time_s) < SAME_s for time_s in known)
     ]
     if lacking:
-        times = ", ".join(map(delay_text, known)) or "no time"
+        times = ", ".join(map(delay_text, known)) or "one time"
         only = " only" if len(known) < 2 else ""
         raise ConfigRejected(
             f"delays_s: the simulated scene has its spray at {times}{only}, not at "

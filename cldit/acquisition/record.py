@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from cldit.plain_data import read_json
 from cldit.radiance.boundary import Surroundings
 from cldit.rig.load import Setup
 from cldit.scene.checks import describe
+from cldit.scene.delays import delay_folder
 
 
 @dataclass(frozen=True)
@@ -131,6 +132,13 @@ class Acquisition:
             expected = (self.plan.frames, *self.shape)
             raise RunFolderError(f"{shot.path}: shape {frames.shape}, expected {expected}")
         return frames, meta
+
+
+def maps_folder(folder: Path, delays: Sequence[float], number: int) -> Path:
+    """Where the maps of delay `number` of `delays` are, in the acquisition's `folder`."""
+    if len(delays) < 2:
+        return folder / "maps"
+    return folder / "maps" / delay_folder(delays[number])
 
 
 def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
