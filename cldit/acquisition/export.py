@@ -140,8 +140,12 @@ def _write_nexus(acquisition: Acquisition, path: Path) -> None:
     except ImportError as error:
         raise ExportError("NeXus needs h5py: pip install cldit[export]") from error
     with PatientStream(path) as stream:
-        with h5py.File(stream, "w") as file:
-            _put_nexus(acquisition, file, stream)
+        try:
+            with h5py.File(stream, "w") as file:
+                _put_nexus(acquisition, file, stream)
+        except Exception:
+            stream.check()  # what was not written, HDF5 cannot read back: the disk is the cause
+            raise
         stream.check()
 
 

@@ -61,10 +61,12 @@ def test_refused(delays_s: list[float], message: str) -> None:
 
 
 def test_a_spray_without_a_time_is_refused() -> None:
-    scene = parse_scene({"spray": {"model": "none"}, "plan": {"delays_s": [1e-3, 2e-3]}})
+    scene = parse_scene(
+        {"name": "a", "spray": {"model": "none"}, "plan": {"delays_s": [1e-3, 2e-3]}}
+    )
     with pytest.raises(SceneError, match=r"spray\.model none has one time only"):
         scene_at(scene, 1e-3)
-    later = scene_at(parse_scene({"spray": {"model": "cone"}}), 2e-3).spray
+    later = scene_at(parse_scene({"name": "a", "spray": {"model": "cone"}}), 2e-3).spray
     assert getattr(later, "time_s", None) == 2e-3
 
 
@@ -165,9 +167,8 @@ def test_every_delay_is_checked(
     rig_of_three: dict[str, Any], plan_of_three: Plan, tmp_path: Path
 ) -> None:
     """A shot at the middle delay alone would count as missing."""
-    plan = plan_of_three.model_copy(update={"delays_s": (0.5e-3, 0.9, 1.5e-3)})
+    plan = plan_of_three.model_copy(update={"delays_s": (0.5e-3, 0.9, 1.5e-3), "shots": 0})
     plan = plan.model_copy(update={"frame_timeout_s": 0.5})
-    rig_of_three["bench"]["settings"]["runs"] = []
     dry = "\n".join(dry_run(open_rig(rig_of_three), plan, tmp_path / "a").problems)
     assert "frame_timeout_s: 0.5 is shorter than a shot, 0.9001" in dry
     with pytest.raises(OutOfLimits, match=r"shorter than a shot, 0\.9001"):
