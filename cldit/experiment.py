@@ -163,8 +163,12 @@ def evaluate_delays(
     Args:
         folder, curve, robust, frame, accept, progress: as `evaluate_folder`.
 
+    Returns:
+        One for each delay, in the plan's order.
+
     Raises:
-        RunFolderError, EvaluationError: as `evaluate_folder`; with several delays, where all fail.
+        RunFolderError: as `evaluate_folder`.
+        EvaluationError: as `evaluate_folder`; with several delays, where all fail.
     """
     if is_measured(folder):
         delays: tuple[float, ...] = ()

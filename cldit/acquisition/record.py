@@ -135,7 +135,16 @@ class Acquisition:
 
 
 def maps_folder(folder: Path, delays: Sequence[float], number: int) -> Path:
-    """Where the maps of delay `number` of `delays` are, in the acquisition's `folder`."""
+    """Where the maps of one delay are.
+
+    Args:
+        folder: of the acquisition.
+        delays: all of its plan, in seconds.
+        number: which of them, from 0.
+
+    Returns:
+        `maps` in the folder; with several delays, a folder within.
+    """
     if len(delays) < 2:
         return folder / "maps"
     return folder / "maps" / delay_folder(delays[number])
