@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +12,13 @@ import numpy as np
 from cldit.acquisition.measured import Measured, is_measured, open_measured
 from cldit.acquisition.plan import plan_from_scene
 from cldit.acquisition.progress import Progress
-from cldit.acquisition.record import Acquisition, open_acquisition
+from cldit.acquisition.record import Acquisition, maps_folder, open_acquisition
 from cldit.acquisition.runner import acquire
 from cldit.acquisition.sequence import Record
 from cldit.camera.curve import Curve
 from cldit.camera.view import SensorView
+from cldit.dit.delay_table import DelayRow, table_csv
+from cldit.dit.maps import Maps
 from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
 from cldit.dit.scattering import Medium, enclosure, medium_temperature, scattered_by
 from cldit.errors import EvaluationError, RunFolderError
@@ -29,6 +31,7 @@ from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import Run, Say, Stage, simulate, with_stages
 from cldit.scene import Scene
+from cldit.scene.delays import SAME_s, delay_folder, delay_text, scene_at, spray_time_s
 
 Watch = Callable[[Progress], None]
 
@@ -63,11 +66,22 @@ def run_experiment(
             f"background.temperatures_K: {list(scene.background.temperatures_K)} holds one "
             "temperature; DIT needs at least two that differ"
         )
+    at_delays = {delay_s: scene_at(scene, delay_s) for delay_s in scene.plan.delays_s}
     run = simulate(scene, folder, device=device, progress=progress)
+    traced: list[Path] = []
+    shown_s = spray_time_s(scene)
+    for delay_s, later in at_delays.items():
+        if _same(shown_s, delay_s):
+            traced.append(folder)
+            continue
+        if progress is not None:
+            progress(f"the spray at {delay_text(delay_s)}")
+        traced.append(folder / delay_folder(delay_s))
+        simulate(_alone(later), traced[-1], device=device, progress=progress)
     start = time.perf_counter()
     plan = plan_from_scene(scene, integration_time_s=run.info.integration_time_s)
     rig_file = folder / "rig.yaml"
-    rig_data = simulated_rig_data(scene, folder)
+    rig_data = simulated_rig_data(scene, (traced or [folder])[0], further_runs=traced[1:])
     write_text(rig_file, dump_yaml(rig_data))
     write_text(folder / "plan.yaml", plan.dump())
     if progress is not None:
@@ -78,7 +92,10 @@ def run_experiment(
     acquired = time.perf_counter()
     if progress is not None:
         progress("evaluation of the shots")
-    measured = evaluate_folder(folder / "acquisition").maps
+    found = evaluate_delays(folder / "acquisition")
+    if delay_problems(found):
+        raise EvaluationError(delay_problems(found))
+    measured = _of_run(found, shown_s)
     evaluated = time.perf_counter()
     stages = [
         Stage("acquisition", acquired - start, f"{record.saved} shots"),
@@ -91,6 +108,23 @@ def run_experiment(
     return run
 
 
+def _alone(scene: Scene) -> Scene:
+    """A scene at one delay, without the others."""
+    return scene.model_copy(update={"plan": scene.plan.model_copy(update={"delays_s": ()})})
+
+
+def _of_run(found: tuple[DelayEvaluation, ...], shown_s: float | None) -> Maps | None:
+    """The maps of the time that the run itself shows, if that was recorded."""
+    for one in found:
+        if len(found) == 1 or _same(shown_s, one.delay_s):
+            return None if one.evaluation is None else one.evaluation.maps
+    return None
+
+
+def _same(one_s: float | None, other_s: float | None) -> bool:
+    return one_s is not None and other_s is not None and abs(one_s - other_s) < SAME_s
+
+
 def _complete(record: Record) -> None:
     if not record.complete:
         raise RunFolderError(
@@ -99,7 +133,20 @@ def _complete(record: Record) -> None:
         )
 
 
-def evaluate_folder(
+@dataclass(frozen=True)
+class DelayEvaluation:
+    """What came of one delay; `folder` holds its maps.
+
+    delay_s: None for measured data, which do not say. evaluation: None where there is a `problem`.
+    """
+
+    delay_s: float | None
+    folder: Path
+    evaluation: Evaluation | None
+    problem: str = ""
+
+
+def evaluate_delays(
     folder: str | Path,
     *,
     curve: CurveSource = "planck",
@@ -107,14 +154,95 @@ def evaluate_folder(
     frame: int = 0,
     accept: Collection[str] = (),
     progress: Callable[[int, int], None] | None = None,
+) -> tuple[DelayEvaluation, ...]:
+    """Evaluates every delay of a folder.
+
+    One delay has its maps in `maps`, several in `maps/delay_0.95ms` and so on, with the table
+    `maps/delays.csv`. A delay that cannot be evaluated does not keep the others.
+
+    Args:
+        folder, curve, robust, frame, accept, progress: as `evaluate_folder`.
+
+    Returns:
+        One for each delay, in the plan's order.
+
+    Raises:
+        RunFolderError: as `evaluate_folder`.
+        EvaluationError: as `evaluate_folder`; with several delays, where all fail.
+    """
+    if is_measured(folder):
+        delays: tuple[float, ...] = ()
+    else:
+        delays = open_acquisition(folder, frame=frame).plan.delays
+    if len(delays) < 2:
+        found = evaluate_folder(
+            folder, curve=curve, robust=robust, frame=frame, accept=accept, progress=progress
+        )
+        here = Path(folder)
+        place = (here.parent if here.is_file() else here) / "maps"
+        return (DelayEvaluation(delays[0] if delays else None, place, found),)
+    done: list[DelayEvaluation] = []
+    for number, delay_s in enumerate(delays):
+        place = maps_folder(Path(folder), delays, number)
+        try:
+            evaluation = evaluate_folder(
+                folder,
+                curve=curve,
+                robust=robust,
+                frame=frame,
+                delay=number,
+                accept=accept,
+                progress=progress,
+            )
+        except EvaluationError as error:
+            done.append(DelayEvaluation(delay_s, place, None, str(error)))
+        else:
+            done.append(DelayEvaluation(delay_s, place, evaluation))
+    rows = delay_rows(done)
+    if not rows:
+        raise EvaluationError(delay_problems(done))
+    write_text(Path(folder) / "maps" / "delays.csv", table_csv(rows))
+    return tuple(done)
+
+
+def delay_rows(found: Collection[DelayEvaluation]) -> list[DelayRow]:
+    """The table over the delays that could be evaluated."""
+    return [
+        DelayRow.of(one.delay_s, one.evaluation.maps)
+        for one in found
+        if one.evaluation is not None and one.delay_s is not None
+    ]
+
+
+def delay_problems(found: Collection[DelayEvaluation]) -> str:
+    """Why delays could not be evaluated; empty where all were."""
+    return "\n".join(
+        f"at {delay_text(one.delay_s)}: {one.problem}"
+        for one in found
+        if one.problem and one.delay_s is not None
+    )
+
+
+def evaluate_folder(
+    folder: str | Path,
+    *,
+    curve: CurveSource = "planck",
+    robust: bool = False,
+    frame: int = 0,
+    delay: int | None = None,
+    accept: Collection[str] = (),
+    progress: Callable[[int, int], None] | None = None,
 ) -> Evaluation:
-    """Evaluates an acquisition folder, or measured data, and stores the maps in `maps` beside it.
+    """Evaluates one delay of an acquisition folder, or measured data, and stores the maps.
+
+    They go into `maps` beside the pictures; of several delays, each into a folder within.
 
     Args:
         folder: of an acquisition; or with measured.yaml, or such a file itself.
         curve, robust, accept, progress: as `cldit.dit.recorded.evaluate_shots`; what measured.yaml
             accepts is accepted too.
         frame: which picture of each shot, where the plan has several.
+        delay: which of the plan's delays, from 0; needed where it has several.
 
     Raises:
         RunFolderError: the folder holds no acquisition. Damaged shots, and what the journal lacks,
@@ -127,10 +255,16 @@ def evaluate_folder(
     if is_measured(folder):
         if frame:
             raise EvaluationError(f"{folder}: frame {frame}: measured shots have one picture, 0")
+        if delay:
+            raise EvaluationError(f"{folder}: delay {delay}: measured data have one delay, 0")
         acquisition = open_measured(folder)
+        place = acquisition.folder / "maps"
         accept = (*acquisition.accept, *accept)
     else:
         acquisition = open_acquisition(folder, frame=frame)
+        number = _delay_number(acquisition, delay)
+        place = maps_folder(acquisition.folder, acquisition.plan.delays, number)
+        acquisition = acquisition.at_delay(number)
         missing = acquisition.missing
     try:
         evaluation = evaluate_shots(
@@ -151,12 +285,24 @@ def evaluate_folder(
         line = f"{len(missing)} shots of the plan are missing ({', '.join(missing[:5])}"
         line += ", ..)" if len(missing) > 5 else ")"
         evaluation = replace(evaluation, remarks=(line, *evaluation.remarks))
-    place = acquisition.folder / "maps"
     evaluation.maps.save(place, pixel_m=acquisition.pixel_m)
     if evaluation.budget is not None:
         evaluation.budget.save(place, pixel_m=acquisition.pixel_m)
     write_text(place / "evaluation.json", evaluation.to_json())
     return evaluation
+
+
+def _delay_number(acquisition: Acquisition, delay: int | None) -> int:
+    delays = acquisition.plan.delays
+    if delay is None and len(delays) > 1:
+        raise EvaluationError(
+            f"{acquisition.folder}: holds {len(delays)} delays; give `delay`, or evaluate them all "
+            "with evaluate_delays"
+        )
+    if not 0 <= (delay or 0) < len(delays):
+        allowed = f"0..{len(delays) - 1}"
+        raise EvaluationError(f"{acquisition.folder}: delay {delay}: allowed is {allowed}")
+    return delay or 0
 
 
 def _evaluate_rest(
@@ -174,7 +320,9 @@ def _evaluate_rest(
         raise EvaluationError("\n".join([*acquisition.damage, str(error)])) from error
 
 
-def evaluate_scattering(folder: str | Path, model: Run, evaluation: Evaluation) -> Medium:
+def evaluate_scattering(
+    folder: str | Path, model: Run, evaluation: Evaluation, *, maps: Path | None = None
+) -> Medium:
     """The temperature of what emits, with the scattered share of a model; stored beside the maps.
 
     Args:
@@ -182,6 +330,7 @@ def evaluate_scattering(folder: str | Path, model: Run, evaluation: Evaluation) 
         model: a run whose spray and camera stand for the measurement's, and whose patches are those
             of its enclosure, temperatures included.
         evaluation: what `evaluate_folder` gave.
+        maps: folder of its maps; None: `maps` beside the pictures.
 
     Raises:
         EvaluationError: the model's sensor has another number of pixels.
@@ -206,7 +355,7 @@ def evaluate_scattering(folder: str | Path, model: Run, evaluation: Evaluation) 
         ("scattered_share", medium.share, "1"),
     ):
         write_image(
-            opened.folder / "maps" / f"{name}.tif",
+            (maps or opened.folder / "maps") / f"{name}.tif",
             image.astype(np.float32),
             name=name.removesuffix("_K").replace("_", " "),
             unit=unit,

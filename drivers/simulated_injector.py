@@ -74,7 +74,11 @@ class SimulatedInjector(Linked):
 
     def read_configuration(self) -> dict[str, Any]:
         self._check()
-        return {"burst": plain_burst(self._burst), "inhibited": self._inhibited}
+        return {
+            "burst": plain_burst(self._burst),
+            "inhibited": self._inhibited,
+            "spray_times_s": list(self._bench.spray_times_s),
+        }
 
     def configure(self, burst: Burst) -> Burst:
         self._check()
@@ -106,7 +110,8 @@ class SimulatedInjector(Linked):
         self._starts_s = [start_s + index * burst.period_s for index in range(burst.n)]
         for pulse_s in self._starts_s:
             self._pulses += 1
-            self._bench.pulse(Pulse(pulse_s + burst.camera_delay_s, in_air, self._pulses))
+            after_s = burst.camera_delay_s - burst.injector_delay_s
+            self._bench.pulse(Pulse(pulse_s + burst.camera_delay_s, in_air, self._pulses, after_s))
         ends = (
             burst.camera_delay_s + burst.widths_s[0],
             burst.injector_delay_s + burst.widths_s[1],

@@ -25,6 +25,7 @@ from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.run.spectral import node_folders
 from cldit.scene import Scene, load_scene
 from cldit.scene.checks import Section, Within
+from cldit.scene.delays import SAME_s, delay_text, spray_time_s
 from cldit.scene.vessel import Windows
 
 ABOUT = DriverAbout(
@@ -36,6 +37,7 @@ ABOUT = DriverAbout(
 
 class SceneSettings(Section):
     run: Path  # folder with scene.yaml, weights/ and weights_reference/
+    runs: tuple[Path, ...] = ()  # further ones, the same but for the time of the spray
     shot_scatter: Annotated[float, Within(0.0, 5.0)] | None = None  # None: as the scene says
     windows: Windows | None = None  # those before the camera; None: the scene's
     window_heating_K: Annotated[float, Within(-200.0, 500.0)] = 0.0  # that nobody measured
@@ -43,11 +45,15 @@ class SceneSettings(Section):
 
 @dataclass(frozen=True)
 class Pulse:
-    """One edge on the camera's trigger line, and whether fuel was in the air at that moment."""
+    """One edge on the camera's trigger line, and whether fuel was in the air at that moment.
+
+    after_injection_s: since the injector's pulse of this shot.
+    """
 
     time_s: float
     injected: bool
     number: int
+    after_injection_s: float = 0.0
 
 
 class Listener(Protocol):
@@ -62,34 +68,50 @@ class SimulatedScene:
     """Shared by the simulated devices of one rig."""
 
     def __init__(self, settings: SceneSettings, context: RigContext) -> None:
-        self._run = context.folder / settings.run
+        self._runs = [context.folder / run for run in (settings.run, *settings.runs)]
         self._settings = settings
         self._clock = context.clock
         self._seed = context.seed
         self._lock = threading.Lock()
-        self._loaded: _Loaded | None = None
+        self._loaded: tuple[_Loaded, ...] = ()
         self._cameras: list[Listener] = []
         self._temperature: Callable[[float], float] | None = None
 
     def open(self) -> None:
-        """Reads the run; the first device that connects pays for it.
+        """Reads the runs; the first device that connects pays for it.
 
         Raises:
-            RunFolderError, SceneError: the run is incomplete or damaged.
+            RunFolderError, SceneError: a run is incomplete or damaged, or is none of the same scene
+                at another time.
         """
         with self._lock:
-            if self._loaded is None:
-                self._loaded = _Loaded.read(self._run, self._settings)
+            if not self._loaded:
+                loaded = tuple(_Loaded.read(run, self._settings) for run in self._runs)
+                _check_times(self._runs, [one.scene for one in loaded])
+                self._loaded = loaded
 
     @property
     def scene(self) -> Scene:
-        return self._opened.scene
+        return self._opened[0].scene
 
     @property
-    def _opened(self) -> _Loaded:
+    def spray_times_s(self) -> tuple[float, ...]:
+        """Times after the start of injection of which there is a run; none where a spray has no
+        time of its own."""
+        times = (spray_time_s(one.scene) for one in self._opened)
+        return tuple(time_s for time_s in times if time_s is not None)
+
+    @property
+    def _opened(self) -> tuple[_Loaded, ...]:
         self.open()
-        assert self._loaded is not None
         return self._loaded
+
+    def _at(self, after_injection_s: float) -> _Loaded:
+        """The run whose spray is nearest in time."""
+        if len(self._opened) == 1:
+            return self._opened[0]
+        off_s = [abs(time_s - after_injection_s) for time_s in self.spray_times_s]
+        return self._opened[off_s.index(min(off_s))]
 
     def attach_blackbody(self, temperature_K: Callable[[float], float]) -> None:
         """`temperature_K(time_s)` is asked at each exposure."""
@@ -117,7 +139,7 @@ class SimulatedScene:
 
     def radiance(self, pulse: Pulse) -> NDArray[np.float64]:
         """Photon radiance on the sensor (h, w) at the pulse, photons s-1 m-2 sr-1."""
-        here = self._opened
+        here = self._at(pulse.after_injection_s)
         background_K = here.scene.rig.background_start_K
         if self._temperature is not None:
             background_K = self._temperature(pulse.time_s)
@@ -203,6 +225,24 @@ class _Loaded:
                 for name, there in spray.images.items()
             }
         )
+
+
+def _check_times(runs: Sequence[Path], scenes: Sequence[Scene]) -> None:
+    """Several runs must be one scene, with a spray of each time once."""
+    first = scenes[0].model_dump(exclude=_OF_A_TIME)
+    seen: list[float] = []
+    for run, scene in zip(runs, scenes, strict=True):
+        time_s = spray_time_s(scene)
+        if len(scenes) > 1 and time_s is None:
+            raise SceneError(f"bench: runs: {run}: its spray has no time_s; give one `run` alone")
+        if scene.model_dump(exclude=_OF_A_TIME) != first:
+            raise SceneError(f"bench: runs: {run}: differs from {runs[0]} in more than its spray")
+        if time_s is not None and any(abs(time_s - one) < SAME_s for one in seen):
+            raise SceneError(f"bench: runs: {run}: another run is at {delay_text(time_s)} too")
+        seen += [] if time_s is None else [time_s]
+
+
+_OF_A_TIME = {"name": True, "spray": True, "plan": True}
 
 
 def _changed_scene(scene: Scene, settings: SceneSettings) -> Scene:

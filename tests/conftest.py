@@ -17,6 +17,8 @@ from cldit.optics.response import scene_filter
 from cldit.radiance.weights import Weights
 from cldit.rig.simulated import simulated_rig_data
 from cldit.scene import Scene, dump_scene, parse_scene
+from cldit.scene.delays import delay_folder
+from cldit.scene.spray import ConeSpray
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -103,6 +105,37 @@ def tiny_rig(tiny_scene: Scene, tiny_run: Path, tmp_path: Path) -> dict[str, Any
     data = simulated_rig_data(tiny_scene, tiny_run)
     data["trigger"]["settings"]["pulse_log"] = str(tmp_path / "pulses.jsonl")
     return data
+
+
+@pytest.fixture(scope="session")
+def tiny_runs(tiny_scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ...]:
+    """Three runs of one spray, thicker the later it is: at 0.5, 0.95 and 1.5 ms."""
+    folder = tmp_path_factory.mktemp("runs of three times")
+    for time_s, depth in ((0.5e-3, 0.5), (0.95e-3, 1.0), (1.5e-3, 2.0)):
+        run = folder / delay_folder(time_s)
+        spray = ConeSpray(time_s=time_s)
+        run.mkdir()
+        text = dump_scene(tiny_scene.model_copy(update={"spray": spray}))
+        (run / "scene.yaml").write_text(text, encoding="utf-8")
+        for name, part in (("weights", depth), ("weights_reference", 0.0)):
+            tiny_weights(tiny_scene, depth=part).save(run / name, pixel_m=(5e-3, 5e-3))
+    return tuple(sorted(folder.iterdir()))
+
+
+@pytest.fixture
+def rig_of_three(tiny_scene: Scene, tiny_runs: tuple[Path, ...], tmp_path: Path) -> dict[str, Any]:
+    """The rig file before those runs; the injector counts into pulses.jsonl."""
+    data = simulated_rig_data(tiny_scene, tiny_runs[0], further_runs=tiny_runs[1:])
+    data["trigger"]["settings"]["pulse_log"] = str(tmp_path / "pulses.jsonl")
+    return data
+
+
+@pytest.fixture
+def plan_of_three(tiny_scene: Scene) -> Plan:
+    """Three backgrounds and three delays."""
+    return plan_from_scene(tiny_scene).model_copy(
+        update={"backgrounds_K": (440.0, 460.0, 480.0), "delays_s": (0.5e-3, 0.95e-3, 1.5e-3)}
+    )
 
 
 @pytest.fixture

@@ -74,16 +74,20 @@ def dry_run(
     stable = plan.stability
     background_s = way_K * seconds_per_kelvin + len(order) * (stable.hold_s + stable.settle_s)
     trigger = plan.trigger
-    shot_s = plan.pause_s + max(
-        plan.frames * period_s,
-        plan.integration_time_s + trigger.camera_delay_s,
-        trigger.injector_delay_s + trigger.injector_width_s,
+    shots_s = sum(
+        plan.pause_s
+        + max(
+            plan.frames * period_s,
+            plan.integration_time_s + plan.delays[shot.delay],
+            trigger.injector_delay_s + trigger.injector_width_s,
+        )
+        for shot in left
     )
     disk_bytes = needed_bytes(len(left), picture_bytes=picture_bytes)
     return DryRun(
         shots=len(left),
         backgrounds_K=tuple(stops[1:]),
-        time_s=background_s + len(left) * shot_s,
+        time_s=background_s + shots_s,
         background_s=background_s,
         disk_bytes=disk_bytes,
         free_bytes=free_bytes(folder),

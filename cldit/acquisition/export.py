@@ -21,6 +21,7 @@ from cldit.acquisition.record import Acquisition, Picture
 from cldit.data_streams import DataStream, PatientStream
 from cldit.errors import ClditError
 from cldit.files import make_folder, whole
+from cldit.scene.delays import delay_text
 
 FORMATS = {"ome-tiff": ".ome.tif", "nexus": ".nxs"}
 
@@ -81,18 +82,21 @@ def _planes(acquisition: Acquisition, shots: list[Picture]) -> Iterator[_Plane]:
 
 
 def _write_ome(acquisition: Acquisition, path: Path) -> None:
-    """A series (OME Image) for each background and kind; T counts shots, and their frames."""
+    """A series (OME Image) for each background, delay and kind; T counts shots and frames."""
     frames = acquisition.plan.frames
     width_m, height_m = acquisition.pixel_m
     size = len(acquisition.shots) * frames * int(np.prod(acquisition.shape)) * 2
     kinds = sorted(  # plans interleave them
-        acquisition.shots, key=lambda shot: (shot.background, shot.kind != "reference")
+        acquisition.shots,
+        key=lambda shot: (shot.background, shot.delay, shot.kind != "reference"),
     )
     big = size > 2**32 - 2**25
     with DataStream(path) as stream, tifffile.TiffWriter(stream, ome=True, bigtiff=big) as tiff:
-        for (setpoint_K, kind), group in groupby(
-            kinds, key=lambda shot: (shot.background_setpoint_K, shot.kind)
+        delays = acquisition.plan.delays
+        for (setpoint_K, delay, kind), group in groupby(
+            kinds, key=lambda shot: (shot.background_setpoint_K, shot.delay, shot.kind)
         ):
+            at = f" at {delay_text(delays[delay])}" if len(delays) > 1 else ""
             shots = list(group)
             # What is stored beside the pictures is small; the pictures pass one by one.
             planes = [plane.meta for plane in _planes(acquisition, shots)]
@@ -106,7 +110,7 @@ def _write_ome(acquisition: Acquisition, path: Path) -> None:
                 photometric="minisblack",
                 metadata={
                     "axes": "TYX",
-                    "Name": f"{setpoint_K:g} K {kind}",
+                    "Name": f"{setpoint_K:g} K {kind}{at}",
                     "PhysicalSizeX": 1e3 * width_m,
                     "PhysicalSizeXUnit": "mm",
                     "PhysicalSizeY": 1e3 * height_m,
@@ -119,6 +123,7 @@ def _write_ome(acquisition: Acquisition, path: Path) -> None:
                     },
                     "MapAnnotation": {
                         "background_setpoint_K": f"{setpoint_K:g}",
+                        "camera_delay_s": f"{delays[delay]:.9g}",
                         "kind": kind,
                         "shots": json.dumps([shot.id for shot in shots]),
                         "frames_per_shot": str(frames),
@@ -135,8 +140,12 @@ def _write_nexus(acquisition: Acquisition, path: Path) -> None:
     except ImportError as error:
         raise ExportError("NeXus needs h5py: pip install cldit[export]") from error
     with PatientStream(path) as stream:
-        with h5py.File(stream, "w") as file:
-            _put_nexus(acquisition, file, stream)
+        try:
+            with h5py.File(stream, "w") as file:
+                _put_nexus(acquisition, file, stream)
+        except Exception:
+            stream.check()  # what was not written, HDF5 cannot read back: the disk is the cause
+            raise
         stream.check()
 
 
@@ -205,6 +214,8 @@ def _put_nexus(acquisition: Acquisition, file: Any, stream: PatientStream) -> No
     sequence = group(entry, "sequence", "NXcollection")
     put(sequence, "shot", [p.shot.id for p in planes])
     put(sequence, "frame", [p.number for p in planes])
+    delays = acquisition.plan.delays
+    put(sequence, "camera_delay", [delays[p.shot.delay] for p in planes], "s")
     put(sequence, "complete", acquisition.complete)
     for name, values in (
         ("configuration", acquisition.configuration),

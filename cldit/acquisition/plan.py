@@ -1,4 +1,4 @@
-"""What is recorded, as frozen data: backgrounds x {reference, injection} x shots."""
+"""What is recorded, as frozen data: backgrounds x delays x {reference, injection} x shots."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,6 +19,7 @@ from cldit.errors import SceneError
 from cldit.plain_data import dump_yaml, read_mapping
 from cldit.rig.protocols import Burst, Stability
 from cldit.scene.checks import Section, Within, describe
+from cldit.scene.delays import SAME_s, delay_text
 from cldit.scene.schema import Scene
 from cldit.scene.values import Temperature
 
@@ -42,7 +44,7 @@ class TriggerSection(Section):
     """Delays and pulse widths of one shot, from the generator's start."""
 
     camera_delay_s: Annotated[float, Within(0.0, 1.0)] = 0.95e-3
-    """From the generator's start to the camera's pulse."""
+    """From the generator's start to the camera's pulse; not used where `delays_s` are given."""
     injector_delay_s: Annotated[float, Within(0.0, 1.0)] = 0.0
     """From the generator's start to the injector's pulse."""
     camera_width_s: Annotated[float, Within(1e-7, 1.0)] = 1e-4
@@ -53,13 +55,15 @@ class TriggerSection(Section):
 
 @dataclass(frozen=True)
 class Shot:
-    """One picture to take. `background` is the index into the plan's temperatures."""
+    """One picture to take. `background` and `delay` are indices into the plan's temperatures and
+    its `delays`."""
 
     id: str
     background: int
     background_K: float
     kind: Kind
     number: int
+    delay: int = 0
 
 
 class Plan(Section):
@@ -71,6 +75,9 @@ class Plan(Section):
     """Injections before each."""
     references: Annotated[int, Within(0, 100_000)] = 5
     """Pictures without injection before each."""
+    delays_s: tuple[Annotated[float, Within(0.0, 1.0)], ...] = ()
+    """From the generator's start to the camera's pulse, up to 100. Before each background, shots
+    and references are taken at each; none: at `trigger.camera_delay_s`."""
     frames: Annotated[int, Within(1, 1000)] = 1
     """Of each shot: one trigger, then the camera's own rate."""
     integration_time_s: Annotated[float, Within(1e-9, 10.0)] = 25e-6
@@ -102,6 +109,18 @@ class Plan(Section):
             raise ValueError(f"{len(temperatures)} temperatures, allowed is 1..1000")
         return temperatures
 
+    @field_validator("delays_s")
+    @classmethod
+    def _apart(cls, delays_s: tuple[float, ...]) -> tuple[float, ...]:
+        if len(delays_s) > 100:
+            raise ValueError(f"{len(delays_s)} delays, allowed is 0..100")
+        for one, other in pairwise(sorted(delays_s)):
+            if other - one < SAME_s:
+                raise ValueError(
+                    f"{one:g} and {other:g} are closer than {SAME_s:g} s; give each delay once"
+                )
+        return delays_s
+
     @model_validator(mode="after")
     def _possible(self) -> Plan:
         if self.shots + self.references == 0:
@@ -113,17 +132,29 @@ class Plan(Section):
             )
         return self
 
+    @property
+    def delays(self) -> tuple[float, ...]:
+        """Every delay of the camera's pulse, in seconds, one or more, in the order of recording."""
+        return self.delays_s or (self.trigger.camera_delay_s,)
+
     def hash(self) -> str:
-        """SHA-256 of the plan as canonical JSON, without the order of the kinds: ids say which."""
+        """SHA-256 of the plan as canonical JSON, without the order of the kinds: ids say which.
+
+        One delay hashes the same wherever it stands, and as before plans had several.
+        """
         plain = self.model_dump(mode="json", exclude={"interleave"})
+        plain["trigger"]["camera_delay_s"] = self.delays[0]
+        if len(self.delays) == 1:
+            del plain["delays_s"]
         data = json.dumps(plain, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(data.encode()).hexdigest()
 
     def steps(self) -> tuple[Shot, ...]:
         """Every shot, background by background as given, in the order in which they are taken.
 
-        A reference is first. Ids are `b00_ref_00`, `b00_inj_03`: they tell the background and the
-        shot, and do not depend on the order in which the shots are taken.
+        Before a background, one delay follows the other, each with its own references, of which
+        one is first. Ids are `b00_ref_00`, `b00_inj_03`, with several delays `b00_d01_inj_03`: they
+        tell background, delay and shot, and do not depend on the order in which shots are taken.
         """
         kinds = self._kinds()
         wide = max(2, len(str(len(self.backgrounds_K) - 1)))
@@ -131,20 +162,24 @@ class Plan(Section):
             "reference": max(2, len(str(self.references - 1))),
             "injection": max(2, len(str(self.shots - 1))),
         }
+        several = len(self.delays) > 1
         return tuple(
             Shot(
-                f"b{index:0{wide}d}_{kind[:3]}_{number:0{digits[kind]}d}",
+                f"b{index:0{wide}d}_{f'd{delay:02d}_' if several else ''}"
+                f"{kind[:3]}_{number:0{digits[kind]}d}",
                 index,
                 temperature_K,
                 kind,
                 number,
+                delay,
             )
             for index, temperature_K in enumerate(self.backgrounds_K)
+            for delay in range(len(self.delays))
             for kind, number in kinds
         )
 
     def _kinds(self) -> tuple[tuple[Kind, int], ...]:
-        """Kind and number of each shot before one background."""
+        """Kind and number of each shot before one background and at one delay."""
         wanted: tuple[tuple[Kind, int], ...] = (
             ("reference", self.references),
             ("injection", self.shots),
@@ -172,11 +207,16 @@ class Plan(Section):
         """What the trigger generator sends for one shot: one pulse, never more."""
         return Burst(
             n=1,
-            camera_delay_s=self.trigger.camera_delay_s,
+            camera_delay_s=self.delays[shot.delay],
             injector_delay_s=self.trigger.injector_delay_s,
             widths_s=(self.trigger.camera_width_s, self.trigger.injector_width_s),
             inject=shot.kind == "injection",
         )
+
+    def describe(self, shot: Shot) -> str:
+        """A shot in words: `440 K, injection 3`; with several delays, the delay too."""
+        delay = f"{delay_text(self.delays[shot.delay])}, " if len(self.delays) > 1 else ""
+        return f"{shot.background_K:g} K, {delay}{shot.kind} {shot.number + 1}"
 
     def stable(self) -> Stability:
         """The rule by which the rig waits for a background."""
@@ -236,6 +276,7 @@ def plan_from_scene(scene: Scene, *, integration_time_s: float = USUAL_INTEGRATI
         backgrounds_K=scene.background.temperatures_K,
         shots=scene.plan.shots,
         references=scene.plan.references,
+        delays_s=scene.plan.delays_s,
         expect_fuel=False,  # a scene may well be one in which nothing can be seen
         integration_time_s=integration_time_s,
         stability=StabilitySection(timeout_s=timeout_s),

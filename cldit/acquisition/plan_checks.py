@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
-from cldit.acquisition.plan import Plan
+from cldit.acquisition.plan import Plan, Shot
 from cldit.rig.checks import check_burst, check_exposure
 from cldit.rig.clock import SimulatedClock
 from cldit.rig.errors import ConfigRejected, OutOfLimits, RigError
 from cldit.rig.load import Rig
 from cldit.rig.protocols import Limits, TriggerInfo, TriggerMode
+from cldit.scene.delays import SAME_s, delay_text
 
 _ZERO_CELSIUS_K = 273.15
 
@@ -33,10 +35,12 @@ def impossible(rig: Rig, plan: Plan, *, connected: bool) -> list[RigError]:
             found.append(error)
 
     asked(lambda: _check_backgrounds(rig.background.limits, plan))
-    asked(lambda: _check_times(plan))
+    for shot in {shot.delay: shot for shot in plan.steps()}.values():
+        asked(partial(_check_times, plan, shot))
     if connected:
         can = rig.camera.capabilities
         asked(lambda: _check_clock(rig))
+        asked(lambda: _check_spray(rig, plan))
         asked(lambda: check_exposure(can, plan.integration_time_s))
         asked(lambda: external_trigger(can.trigger_modes, plan.frames))
         if plan.frames > 1 and plan.frame_timeout_s < can.minimum_period_s:
@@ -79,9 +83,32 @@ def _celsius(temperature: float, limits: Limits) -> str:
     return f" K; {temperature:g} °C are {kelvin:g} K" if meant else ""
 
 
-def _check_times(plan: Plan) -> None:
-    """The burst as the plan has it, and whether a shot is over before it counts as missing."""
-    burst = plan.burst(plan.steps()[-1])
+def _check_spray(rig: Rig, plan: Plan) -> None:
+    """A simulated scene has its spray at some times only, which its generator says."""
+    known = rig.trigger.read_configuration().get("spray_times_s")
+    if known is None or plan.shots == 0 or len(plan.delays) == len(known) == 1:
+        return
+    if len(plan.delays) == 1 and not known:
+        return
+    start_s = plan.trigger.injector_delay_s
+    lacking = [
+        delay_text(delay_s)
+        for delay_s in plan.delays
+        if not any(abs(delay_s - start_s - time_s) < SAME_s for time_s in known)
+    ]
+    if lacking:
+        times = ", ".join(map(delay_text, known)) or "one time"
+        only = " only" if len(known) < 2 else ""
+        raise ConfigRejected(
+            f"delays_s: the simulated scene has its spray at {times}{only}, not at "
+            f"{', '.join(lacking)} after the injector; trace a run at each delay (`plan.delays_s` "
+            "of a scene), and list them as `runs` in the settings of the bench"
+        )
+
+
+def _check_times(plan: Plan, shot: Shot) -> None:
+    """The burst of a shot, and whether it is over before its picture counts as missing."""
+    burst = plan.burst(shot)
     check_burst(burst)
     delays = (burst.camera_delay_s, burst.injector_delay_s)
     last_s = max(delay + width for delay, width in zip(delays, burst.widths_s, strict=True))

@@ -20,7 +20,7 @@ from cldit.errors import RunFolderError
 from cldit.plain_data import read_json
 from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, RigError
 from cldit.rig.load import Rig
-from cldit.rig.protocols import TriggerInfo, TriggerMode
+from cldit.rig.protocols import Burst, TriggerInfo, TriggerMode
 
 _READY_S = 900.0  # a cooled detector takes some minutes
 _AGREE = 0.01  # how far, relatively, an instrument may round what it is told
@@ -129,13 +129,19 @@ def _agree(what: str, wanted: float, got: float, *, least: float = 0.0) -> None:
 
 
 def _check_trigger(rig: Rig, plan: Plan, *, inject: bool) -> None:
-    """What the generator makes of the plan's burst; it is left inhibited."""
-    asked = plan.burst(plan.steps()[-1])
-    asked = replace(asked, inject=asked.inject and inject)
-    try:
-        got = rig.trigger.configure(asked)
-    finally:
-        rig.trigger.inhibit()
+    """What the generator makes of the plan's burst at every delay; it is left inhibited."""
+    last = {shot.delay: shot for shot in plan.steps()}
+    for shot in last.values():
+        asked = plan.burst(shot)
+        asked = replace(asked, inject=asked.inject and inject)
+        try:
+            got = rig.trigger.configure(asked)
+        finally:
+            rig.trigger.inhibit()
+        _check_burst(asked, got)
+
+
+def _check_burst(asked: Burst, got: Burst) -> None:
     if got.n != 1 or got.inject != asked.inject:
         raise ConfigRejected(f"trigger: reads back {got} after {asked} was written")
     for name in ("camera_delay_s", "injector_delay_s"):

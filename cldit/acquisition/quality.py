@@ -44,7 +44,7 @@ def frame_problem(
 
 
 class References:
-    """Knows a background's reference pictures, and tells an injection that shows no fuel.
+    """Knows the references of a background and delay, and tells an injection that shows no fuel.
 
     Pictures are compared in blocks of pixels. What the black body may have drifted between two
     shots is taken out first, as a change linear in the reference and no larger than the plan's
@@ -57,26 +57,26 @@ class References:
         self._plan = plan
         self._calibration = ready.calibration
         self._side = max(1, min(_BLOCK_pixels, min(ready.shape) // 32))
-        self._sums: dict[int, NDArray[np.float64]] = {}
-        self._counts: dict[int, int] = {}
+        self._sums: dict[tuple[int, int], NDArray[np.float64]] = {}
+        self._counts: dict[tuple[int, int], int] = {}
 
     def learn(self, shot: Shot, image: NDArray[np.uint16]) -> None:
         """Learns from a kept reference `shot`; its `image` is (h, w) or (n, h, w)."""
         for frame in _frames(image):
-            known = self._sums.get(shot.background)
+            known = self._sums.get(_place(shot))
             blocks = self._blocks(frame)
-            self._sums[shot.background] = blocks if known is None else known + blocks
-            self._counts[shot.background] = self._counts.get(shot.background, 0) + 1
+            self._sums[_place(shot)] = blocks if known is None else known + blocks
+            self._counts[_place(shot)] = self._counts.get(_place(shot), 0) + 1
 
     def problem(self, shot: Shot, image: NDArray[np.uint16]) -> str | None:
         """Why an injection cannot be kept: `shot` with its `image`, (h, w) or (n, h, w).
 
         The result is None also where there is no reference to compare.
         """
-        count = self._counts.get(shot.background, 0)
+        count = self._counts.get(_place(shot), 0)
         if not self._plan.expect_fuel or shot.kind != "injection" or count == 0:
             return None
-        reference = self._sums[shot.background] / count
+        reference = self._sums[_place(shot)] / count
         deviation = np.sqrt(self._variance(reference) * (1.0 + 1.0 / count))
         for frame in _frames(image):
             change = self._blocks(frame) - reference
@@ -122,6 +122,11 @@ class References:
         spread = float((weight * around**2).sum())
         slope = float((weight * around * change).sum()) / spread if spread > 0.0 else 0.0
         return np.clip(mean + slope * around, -most, most)
+
+
+def _place(shot: Shot) -> tuple[int, int]:
+    """The background and delay whose references a shot is held against."""
+    return shot.background, shot.delay
 
 
 def _frames(image: NDArray[np.uint16]) -> NDArray[np.uint16]:

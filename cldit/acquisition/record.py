@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,11 +20,13 @@ from cldit.plain_data import read_json
 from cldit.radiance.boundary import Surroundings
 from cldit.rig.load import Setup
 from cldit.scene.checks import describe
+from cldit.scene.delays import delay_folder
 
 
 @dataclass(frozen=True)
 class Picture:
-    """One shot that was kept. `background_K` is the mean of the readings before and after it."""
+    """One shot that was kept. `background_K` is the mean of the readings before and after it;
+    `background` and `delay` are indices into the plan's temperatures and delays."""
 
     id: str
     path: Path
@@ -33,6 +35,7 @@ class Picture:
     background_setpoint_K: float
     background_K: float
     saturated_percent: float
+    delay: int = 0
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,15 @@ class Acquisition:
         devices = self.configuration["devices"].values()
         return any(device["info"].get("simulated", False) for device in devices)
 
+    def at_delay(self, delay: int) -> Acquisition:
+        """The same with the shots of one delay alone, number `delay` of the plan's."""
+        here = {shot.id for shot in self.plan.steps() if shot.delay == delay}
+        return replace(
+            self,
+            shots=tuple(shot for shot in self.shots if shot.delay == delay),
+            missing=tuple(name for name in self.missing if name in here),
+        )
+
     def whole(self) -> Acquisition:
         """The same without the pictures that cannot be read or are not what was recorded.
 
@@ -122,8 +134,24 @@ class Acquisition:
         return frames, meta
 
 
+def maps_folder(folder: Path, delays: Sequence[float], number: int) -> Path:
+    """Where the maps of one delay are.
+
+    Args:
+        folder: of the acquisition.
+        delays: all of its plan, in seconds.
+        number: which of them, from 0.
+
+    Returns:
+        `maps` in the folder; with several delays, a folder within.
+    """
+    if len(delays) < 2:
+        return folder / "maps"
+    return folder / "maps" / delay_folder(delays[number])
+
+
 def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
-    """Opens what `acquire` wrote, complete or not.
+    """Opens what `acquire` wrote, complete or not; with several delays, the shots of all.
 
     Args:
         frame: which picture of each shot, from 0.
@@ -170,6 +198,7 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
             background_setpoint_K=shot.background_K,
             background_K=(entry["background_before_K"] + entry["background_after_K"]) / 2.0,
             saturated_percent=entry["saturated_percent"],
+            delay=shot.delay,
         )
         for shot in plan.steps()
         if (entry := known.get(shot.id)) is not None

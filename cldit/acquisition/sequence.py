@@ -247,7 +247,7 @@ class Sequence:
         start = clock.now_s()
         reason = ""
         for attempt in range(first, first + self._plan.retakes + 1):
-            self._say(f"{shot.background_K:g} K, {shot.kind} {shot.number + 1}")
+            self._say(self._plan.describe(shot))
             if not clock.sleep(self._plan.pause_s, self._interrupts.should_stop):
                 raise _Stopped
             try:
@@ -258,7 +258,7 @@ class Sequence:
             if isinstance(result, Taken):
                 self._save(journal, shot, result)
                 self._eta.shot(clock.now_s() - start)
-                self._say(f"{shot.background_K:g} K, {shot.kind} {shot.number + 1}")
+                self._say(self._plan.describe(shot))
                 return SavedShot(shot, result.image, result.meta)
             reason = result.reason
             self._reject(journal, shot, attempt, result)

@@ -133,6 +133,7 @@ class Shooter:
                 "shot": shot.id,
                 "kind": shot.kind,
                 "attempt": attempt,
+                "camera_delay_s": burst.camera_delay_s,
                 "background": shot.background,
                 "background_setpoint_K": shot.background_K,
                 "background_before_K": before_K,

@@ -9,10 +9,18 @@ import numpy as np
 
 from cldit.acquisition.progress import Progress
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors
-from cldit.dit.recorded import CurveSource
+from cldit.dit.recorded import CurveSource, Evaluation
 from cldit.dit.witness.finding import ACCEPTABLE
-from cldit.experiment import evaluate_folder, evaluate_scattering
-from cldit.run import open_run
+from cldit.errors import EvaluationError
+from cldit.experiment import (
+    DelayEvaluation,
+    delay_problems,
+    delay_rows,
+    evaluate_delays,
+    evaluate_scattering,
+)
+from cldit.run import Run, open_run
+from cldit.scene.delays import SAME_s, delay_text, spray_time_s
 
 
 @click.command()
@@ -48,11 +56,12 @@ def evaluate(
 ) -> None:
     """Evaluate an acquisition, a run, or measured data (a FOLDER with measured.yaml).
 
-    The maps go into `maps` beside the pictures.
+    The maps go into `maps` beside the pictures; of several delays, each into a folder within, with
+    a table over them.
     """
     target = folder / "acquisition" if (folder / "acquisition").is_dir() else folder
     with ProgressBar() as bar:
-        found = evaluate_folder(
+        found = evaluate_delays(
             target,
             curve=calibration,
             robust=robust,
@@ -60,16 +69,45 @@ def evaluate(
             accept=accept,
             progress=lambda done, total: bar.watch(Progress("shots", done, total, None)),
         )
-    for reason, count in found.maps.count().items():
+    modelled = None if model is None else open_run(model)
+    if modelled is not None and not any(_shows(modelled, one, found) for one in found):
+        raise EvaluationError(f"--model: {model}: its spray is at none of the plan's delays")
+    for one in found:
+        if len(found) > 1 and one.delay_s is not None:
+            OUT.print(f"{delay_text(one.delay_s)}:")
+        if one.evaluation is not None:
+            _print(one.evaluation)
+            if modelled is not None and _shows(modelled, one, found):
+                _scattering(target, modelled, one.evaluation, one.folder)
+        OUT.print(f"{one.folder}")
+    if len(found) > 1:
+        for row in delay_rows(found):
+            OUT.print(row.text)
+        OUT.print(f"{target / 'maps' / 'delays.csv'}")
+    if delay_problems(found):
+        raise EvaluationError(delay_problems(found))
+
+
+def _print(evaluation: Evaluation) -> None:
+    for reason, count in evaluation.maps.count().items():
         OUT.print(f"{count:9d} pixels: {reason.text}")
-    for line in found.lines:
+    for line in evaluation.lines:
         OUT.print(escaped(line))
-    if model is not None:
-        medium = evaluate_scattering(target, open_run(model), found)
-        told = np.isfinite(medium.temperature_K)
-        changed = medium.temperature_K - found.maps.apparent_temperature_K
-        OUT.print(
-            f"{int(told.sum()):9d} pixels: temperature of what emits, without scattered walls; "
-            f"{float(np.mean(changed[told])) if told.any() else 0.0:+.2g} K against T_app"
-        )
-    OUT.print(f"{(target.parent if target.is_file() else target) / 'maps'}")
+
+
+def _shows(model: Run, one: DelayEvaluation, found: tuple[DelayEvaluation, ...]) -> bool:
+    """Whether the model is of this delay; with one delay, the user says so."""
+    time_s = spray_time_s(model.scene)
+    if len(found) == 1:
+        return True
+    return time_s is not None and one.delay_s is not None and abs(time_s - one.delay_s) < SAME_s
+
+
+def _scattering(target: Path, model: Run, evaluation: Evaluation, maps: Path) -> None:
+    medium = evaluate_scattering(target, model, evaluation, maps=maps)
+    told = np.isfinite(medium.temperature_K)
+    changed = medium.temperature_K - evaluation.maps.apparent_temperature_K
+    OUT.print(
+        f"{int(told.sum()):9d} pixels: temperature of what emits, without scattered walls; "
+        f"{float(np.mean(changed[told])) if told.any() else 0.0:+.2g} K against T_app"
+    )

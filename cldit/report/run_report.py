@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.acquisition.measured import is_measured, open_measured
-from cldit.acquisition.record import Acquisition, open_acquisition
+from cldit.acquisition.record import Acquisition, maps_folder, open_acquisition
 from cldit.camera.view import SensorView
+from cldit.dit.delay_table import DelayRow
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
 from cldit.files import make_folder, write_bytes
@@ -29,6 +30,7 @@ from cldit.report.shares import Shares
 from cldit.run import Run, open_run
 from cldit.run.errors import Cause
 from cldit.scene import dump_scene
+from cldit.scene.delays import delay_text, spray_time_s
 
 
 def _folder(run: Run) -> Path:
@@ -60,6 +62,16 @@ def write_pictures(run: Run) -> dict[str, Picture]:
             errors_picture(run.measured, sensor, title=_title(run, "standard errors")),
             "Standard errors of the acquired maps, scatter from shot to shot included.",
         )
+    for number, delay_s in enumerate(run.scene.plan.delays_s):
+        place = maps_folder(_folder(run) / "acquisition", run.scene.plan.delays_s, number)
+        if len(run.scene.plan.delays_s) > 1 and place.is_dir():
+            maps = Maps.load(place)
+            pictures[f"maps_{place.name}"] = Picture(
+                map_picture(
+                    maps, sensor, title=_title(run, f"DIT of the shots at {delay_text(delay_s)}")
+                ),
+                f"{DelayRow.of(delay_s, maps).text}.",
+            )
     pictures["maps_noise_free"] = Picture(
         map_picture(run.maps, traced, title=_title(run, "DIT of the trace, without noise")),
         "The same from the traced radiances themselves, on the traced field.",
@@ -106,6 +118,15 @@ def _camera(run: Run, acquisition: Acquisition) -> tuple[tuple[float, Picture], 
     return tuple(
         (at, Picture(png, f"Mean of {sums[at][1]} injections.")) for at, png in drawn.items()
     )
+
+
+def _of_run(run: Run, acquisition: Acquisition) -> Acquisition:
+    """The shots of the time that the run itself shows."""
+    time_s = spray_time_s(run.scene)
+    delays = acquisition.plan.delays
+    if time_s is None or len(delays) == 1:
+        return acquisition
+    return acquisition.at_delay(min(range(len(delays)), key=lambda at: abs(delays[at] - time_s)))
 
 
 def _shares(run: Run) -> Shares:
@@ -204,8 +225,9 @@ def write_run_report(run: Run) -> Path:
     camera: tuple[tuple[float, Picture], ...] = ()
     shown = [pictures["maps"]]
     if run.measured is not None:
-        camera = _camera(run, open_acquisition(folder / "acquisition"))
+        camera = _camera(run, _of_run(run, open_acquisition(folder / "acquisition")))
         shown.append(pictures["maps_noise_free"])
+    shown += [picture for name, picture in pictures.items() if name.startswith("maps_delay_")]
     middle_K = float(np.median(run.scene.background.temperatures_K))
     maps = run.maps if run.measured is None else run.measured
     content = ReportContent(
@@ -254,11 +276,25 @@ def show_folder(folder: str | Path) -> Path:
     place = acquisition.folder
     if not (place / "maps").is_dir():
         raise RunFolderError(f"{place}: is not evaluated yet; run `cldit evaluate {place}` first")
-    picture = map_picture(
-        Maps.load(place / "maps"),
-        Frame(pixel_m=acquisition.pixel_m, centre_m=acquisition.centre_m),
-        title=f"{place.resolve().name}: DIT of the acquired shots",
-    )
+    frame = Frame(pixel_m=acquisition.pixel_m, centre_m=acquisition.centre_m)
+    title = f"{place.resolve().name}: DIT of the acquired shots"
+    if isinstance(acquisition, Acquisition) and len(acquisition.plan.delays) > 1:
+        return _show_delays(acquisition, frame, title)
     path = place / "maps.png"
-    write_bytes(path, picture)
+    write_bytes(path, map_picture(Maps.load(place / "maps"), frame, title=title))
     return path
+
+
+def _show_delays(acquisition: Acquisition, frame: Frame, title: str) -> Path:
+    """A picture a delay, in the folder of its maps; the path of the first."""
+    drawn: list[Path] = []
+    delays = acquisition.plan.delays
+    for number, delay_s in enumerate(delays):
+        place = maps_folder(acquisition.folder, delays, number)
+        if place.is_dir():
+            picture = map_picture(
+                Maps.load(place), frame, title=f"{title} at {delay_text(delay_s)}"
+            )
+            drawn.append(place / "maps.png")
+            write_bytes(drawn[-1], picture)
+    return drawn[0]

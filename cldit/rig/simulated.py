@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,11 @@ from cldit.scene.schema import Scene
 
 
 def simulated_rig_data(
-    scene: Scene, run_folder: Path, *, real_time_factor: float | None = None
+    scene: Scene,
+    run_folder: Path,
+    *,
+    further_runs: Sequence[Path] = (),
+    real_time_factor: float | None = None,
 ) -> dict[str, Any]:
     """Content of the rig file for a traced run.
 
@@ -19,6 +24,7 @@ def simulated_rig_data(
     Args:
         scene: of the run.
         run_folder: with scene.yaml, weights/ and weights_reference/.
+        further_runs: folders of the same scene traced at other times of the spray.
         real_time_factor: None: the sequence takes no time; 1: real time.
 
     Returns:
@@ -40,7 +46,10 @@ def simulated_rig_data(
         },
         "bench": {
             "driver": "simulated_scene",
-            "settings": {"run": str(Path(run_folder).resolve())},
+            "settings": {
+                "run": str(Path(run_folder).resolve()),
+                **({"runs": [str(run.resolve()) for run in further_runs]} if further_runs else {}),
+            },
         },
         "camera": {"driver": "simulated_camera", "settings": {}},
         "background": {

@@ -26,6 +26,7 @@ from cldit.run.spectral import (
     save_nodes,
 )
 from cldit.scene import Scene, dump_scene, parse_scene
+from cldit.scene.delays import delay_folder, spray_time_s
 
 
 def save_run(run: Run, folder: Path) -> None:
@@ -63,7 +64,7 @@ def stored_run(folder: Path, scene: Scene) -> Run | None:
     if run.info.versions.get("cldit") != version("cldit"):
         return None
     with suppress(RunFolderError):  # of a full disk, say: whoever goes on makes them anew
-        run = replace(run, measured=_measured(folder))
+        run = replace(run, measured=_measured(folder, run.scene))
     return run
 
 
@@ -74,12 +75,19 @@ def open_run(path: str | Path) -> Run:
         RunFolderError: the folder is missing, holds no finished run, or is damaged.
     """
     folder = Path(path)
-    return replace(_traced(folder), measured=_measured(folder))
+    run = _traced(folder)
+    return replace(run, measured=_measured(folder, run.scene))
 
 
-def _measured(folder: Path) -> Maps | None:
-    """Maps of what the rig acquired, if there are any; raises as `open_run`."""
+def _measured(folder: Path, scene: Scene) -> Maps | None:
+    """Maps of what the rig acquired, of several delays those of the scene's own time, if there are
+    any; raises as `open_run`."""
     place = folder / "acquisition" / "maps"
+    if len(scene.plan.delays_s) > 1:
+        time_s = spray_time_s(scene)
+        if time_s is None:
+            return None
+        place /= delay_folder(time_s)
     if not place.is_dir():
         return None
     maps = Maps.load(place)
@@ -166,13 +174,13 @@ def _check_shapes(folder: Path, images: Mapping[str, NDArray[Any]], shape: tuple
             )
 
 
-def with_stages(run: Run, stages: list[Stage], measured: Maps) -> Run:
+def with_stages(run: Run, stages: list[Stage], measured: Maps | None) -> Run:
     """The `run` with the maps `measured` and the `stages` of an acquisition added.
 
     Args:
         run: a traced run.
         stages: those of the evaluation.
-        measured: maps (H, W) of the acquisition.
+        measured: maps (H, W) of the acquisition; None where it did not record the run's own time.
     """
     info = replace(run.info, stages=(*run.info.stages, *stages))
     return replace(run, info=info, measured=measured)

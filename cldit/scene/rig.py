@@ -30,3 +30,6 @@ class PlanSize(Section):
     """Injections before each background."""
     references: Annotated[int, Within(1, 100_000)] = 5
     """Pictures without injection before each background."""
+    delays_s: tuple[Annotated[float, Within(1e-5, 0.1)], ...] = ()
+    """Times of the spray after the start of injection, each recorded before every background, with
+    the shots and references above; none: `spray.time_s` alone."""

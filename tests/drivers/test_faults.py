@@ -163,7 +163,7 @@ def test_window_glows(tiny_rig: dict[str, Any]) -> None:
         bench = open_bench(settings, RigContext(SimulatedClock(), None, Path(), 1))
         bench.attach_blackbody(lambda time_s: 480.0)
         image = bench.radiance(Pulse(0.0, False, 1))
-        (boundary,) = bench._opened.boundaries
+        (boundary,) = bench._opened[0].boundaries
         front = boundary.front
         own = front.emission * boundary.radiance(kelvin)
         reflected = front.reflection * boundary.radiance(295.0)

@@ -68,7 +68,10 @@ def test_background_order(order: Any, present_K: float, expected: tuple[int, ...
         ({"backgrounds_K": []}, "backgrounds_K: 0 temperatures, allowed is 1..1000"),
         ({"backgrounds_K": [400, "440 K"]}, "'440 K' is not a number"),
         ({"backgrounds_K": [400], "shots": -1}, "shots: -1 is outside 0..100000"),
-        ({"backgrounds_K": [400], "shot": 3}, "shot: unknown key; allowed: backgrounds_K, shots"),
+        (
+            {"backgrounds_K": [400], "shot": 3},
+            "shot: unknown key; did you mean shots?; allowed: backgrounds_K, shots",
+        ),
         ({"backgrounds_K": [400], "shots": 0, "references": 0}, "both are 0"),
         ({"backgrounds_K": [400], "drift_K": 0.1}, "drift_K: 0.1 is less than"),
         ({"backgrounds_K": [400], "stability": {"hold_s": float("nan")}}, "stability.hold_s: nan"),

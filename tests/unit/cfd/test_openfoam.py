@@ -11,6 +11,9 @@ import pytest
 from cldit.cfd.mapping_file import ColumnMap
 from cldit.cfd.openfoam.case import read_openfoam
 from cldit.cfd.to_spray import read_cfd
+from cldit.errors import SprayError
+from cldit.scene import Scene
+from cldit.scene.delays import scene_at
 from cldit.scene.spray import CfdSpray
 
 if TYPE_CHECKING:
@@ -130,6 +133,22 @@ def test_times(tmp_path: Path, foam: Foam) -> None:
     for wanted, fuel in ((None, 0.4), (0.001, 0.3), (2.5e-5, 0.2), (0.0, 0.1)):
         spray = read_cfd(spec(tmp_path, time_s=wanted))
         assert spray.notes["vapour_mass_fraction_max"] == fuel
+
+
+def test_a_case_of_several_times_at_each_delay(tmp_path: Path, foam: Foam) -> None:
+    """A delay is a time of the case, and one that it lacks is refused with those that there are."""
+    block, gas, _ = foam.sample()
+    for time, fuel in (("0.0005", 0.1), ("0.001", 0.2)):
+        foam.write(tmp_path, block, gas=gas | {"C7H16": fuel}, time=time)
+    scene = Scene(name="case", spray=spec(tmp_path))
+    for delay_s, fuel in ((0.5e-3, 0.1), (1e-3, 0.2)):
+        spray = scene_at(scene, delay_s).spray
+        assert isinstance(spray, CfdSpray)
+        assert read_cfd(spray).notes["vapour_mass_fraction_max"] == fuel
+    lacking = scene_at(scene, 2e-3).spray
+    assert isinstance(lacking, CfdSpray)
+    with pytest.raises(SprayError, match=r"no time 0\.002 s.*available: 0\.0005, 0\.001"):
+        read_cfd(lacking)
 
 
 def test_mesh_that_moves(tmp_path: Path, foam: Foam) -> None:

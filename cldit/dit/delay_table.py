@@ -1,0 +1,68 @@
+"""One table over the delays of an acquisition."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.dit.maps import Maps
+from cldit.scene.delays import delay_text
+
+
+@dataclass(frozen=True)
+class DelayRow:
+    """What the maps of one delay say in the median over their pixels; NaN where none has a value.
+
+    pixels: those with an apparent temperature; only these count in the medians.
+    """
+
+    delay_s: float
+    pixels: int
+    apparent_temperature_K: float
+    apparent_temperature_standard_error_K: float
+    emissivity: float
+    emissivity_standard_error: float
+
+    @classmethod
+    def of(cls, delay_s: float, maps: Maps) -> DelayRow:
+        """The row of the `maps` at `delay_s`."""
+        known = np.isfinite(maps.apparent_temperature_K)
+        return cls(
+            delay_s=delay_s,
+            pixels=int(known.sum()),
+            apparent_temperature_K=_median(maps.apparent_temperature_K[known]),
+            apparent_temperature_standard_error_K=_median(
+                maps.apparent_temperature_standard_error_K[known]
+            ),
+            emissivity=_median(maps.emissivity[known]),
+            emissivity_standard_error=_median(maps.emissivity_standard_error[known]),
+        )
+
+    @property
+    def text(self) -> str:
+        """The row as a line."""
+        return (
+            f"{delay_text(self.delay_s)}: {self.pixels} pixels, in the median T_app "
+            f"{self.apparent_temperature_K:.1f} K "
+            f"(error {self.apparent_temperature_standard_error_K:.2g} K), emissivity "
+            f"{self.emissivity:.3f} (error {self.emissivity_standard_error:.2g})"
+        )
+
+
+def _median(values: NDArray[np.float32]) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")
+
+
+def table_csv(rows: Iterable[DelayRow]) -> str:
+    """The table as CSV, a line a delay; names with units are in the first."""
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, [one.name for one in fields(DelayRow)], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(asdict(row) for row in rows)
+    return stream.getvalue()
