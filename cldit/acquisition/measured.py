@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, ValidationError
 
-from cldit.acquisition.frames import FrameReader, Source, parse_source
+from cldit.acquisition.frames import FrameReader
+from cldit.acquisition.pictures.source import Source, parse_source
 from cldit.acquisition.plan import Kind
 from cldit.camera.calibration import Calibration
 from cldit.dit.witness.finding import Acceptable

@@ -14,8 +14,9 @@ import yaml
 from click.testing import CliRunner
 from numpy.typing import NDArray
 
-from cldit.acquisition.frames import FrameReader, open_stack, parse_source
+from cldit.acquisition.frames import FrameReader, open_stack
 from cldit.acquisition.measured import is_measured, open_measured
+from cldit.acquisition.pictures.source import parse_source
 from cldit.bench.evaluation import bench_evaluation
 from cldit.cli import main
 from cldit.dit.maps import Maps, Reason
@@ -244,7 +245,7 @@ def _all_saturated(data: dict[str, Any], folder: Path) -> str:
 def _other_ending(data: dict[str, Any], folder: Path) -> str:
     (folder / "video.avi").write_bytes(b"RIFF")
     data["backgrounds"][0]["references"] = "video.avi"
-    return r"\.avi; allowed: \.tif"
+    return r"\.avi is a film of a display; .*allowed: .*\.tif"
 
 
 def _one_reference(data: dict[str, Any], folder: Path) -> str:
