@@ -99,6 +99,12 @@ def _complete(record: Record) -> None:
         )
 
 
+def acquisition_in(folder: str | Path) -> Path:
+    """Of a run's `folder` its acquisition; any other path as it is."""
+    inner = Path(folder) / "acquisition"
+    return inner if inner.is_dir() else Path(folder)
+
+
 def evaluate_folder(
     folder: str | Path,
     *,
@@ -107,6 +113,7 @@ def evaluate_folder(
     frame: int = 0,
     accept: Collection[str] = (),
     progress: Callable[[int, int], None] | None = None,
+    say: Say | None = None,
 ) -> Evaluation:
     """Evaluates an acquisition folder, or measured data, and stores the maps in `maps` beside it.
 
@@ -115,6 +122,7 @@ def evaluate_folder(
         curve, robust, accept, progress: as `cldit.dit.recorded.evaluate_shots`; what measured.yaml
             accepts is accepted too.
         frame: which picture of each shot, where the plan has several.
+        say: called with lines that tell what was found in measured files, before the fit.
 
     Raises:
         RunFolderError: the folder holds no acquisition. Damaged shots, and what the journal lacks,
@@ -128,6 +136,9 @@ def evaluate_folder(
         if frame:
             raise EvaluationError(f"{folder}: frame {frame}: measured shots have one picture, 0")
         acquisition = open_measured(folder)
+        if say is not None:
+            for found in acquisition.found():
+                say(found)
         accept = (*acquisition.accept, *accept)
     else:
         acquisition = open_acquisition(folder, frame=frame)

@@ -59,7 +59,7 @@ def open_stack(source: Source) -> Stack:
     """Opens a file of pictures; nothing of them is read yet, where its reader can do that.
 
     Raises:
-        EvaluationError: of another kind, missing, damaged, without the data set, or of temperatures.
+        EvaluationError: of another kind, missing, damaged, no such data set, or temperatures.
     """
     reader = _reader(source)
     try:

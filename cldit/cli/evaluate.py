@@ -11,7 +11,7 @@ from cldit.acquisition.progress import Progress
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors
 from cldit.dit.recorded import CurveSource
 from cldit.dit.witness.finding import ACCEPTABLE
-from cldit.experiment import evaluate_folder, evaluate_scattering
+from cldit.experiment import acquisition_in, evaluate_folder, evaluate_scattering
 from cldit.run import open_run
 
 
@@ -50,7 +50,7 @@ def evaluate(
 
     The maps go into `maps` beside the pictures.
     """
-    target = folder / "acquisition" if (folder / "acquisition").is_dir() else folder
+    target = acquisition_in(folder)
     with ProgressBar() as bar:
         found = evaluate_folder(
             target,
@@ -58,6 +58,7 @@ def evaluate(
             robust=robust,
             frame=frame,
             accept=accept,
+            say=lambda line: OUT.print(escaped(line)),
             progress=lambda done, total: bar.watch(Progress("shots", done, total, None)),
         )
     for reason, count in found.maps.count().items():

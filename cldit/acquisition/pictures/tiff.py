@@ -62,7 +62,7 @@ class Tiff:
     def _check_end(self, offset: int | None, count: int) -> None:
         if offset is not None and offset + count > self._size:
             raise ValueError(
-                f"its pictures end at byte {offset + count}, the file at {self._size}; it is cut off"
+                f"its pictures end at byte {offset + count}, the file at {self._size}; cut off"
             )
 
     def _check_whole(self) -> None:
@@ -167,7 +167,7 @@ def turned(picture: NDArray[Any], orientation: int) -> NDArray[Any]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keeps off the terminal what tifffile logs of damage; `_check_whole` names it with its file."""
+    """Keeps off the terminal what tifffile logs of damage; `_check_whole` names it in full."""
     logger = logging.getLogger("tifffile")
     keep = _Nothing()
     logger.addFilter(keep)
