@@ -164,7 +164,7 @@ def test_axes_and_readings_of_the_black_body(tiffs: Path, tmp_path: Path) -> Non
     assert [shot.background_K for shot in open_measured(folder).shots[:2]] == [413.0, 413.1]
     data["axes"] = ["rows", "columns"]
     _write(folder, data)
-    with pytest.raises(SceneError, match="axes.*allowed are frames, rows, columns"):
+    with pytest.raises(SceneError, match=r"axes.*allowed are frames, rows, columns"):
         open_measured(folder)
 
 
