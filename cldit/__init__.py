@@ -7,6 +7,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from cldit.evaluated import evaluate as evaluate
     from cldit.experiment import run_experiment as run_experiment
     from cldit.gpu.device import list_devices as list_devices
     from cldit.gpu.device import open_device as open_device
@@ -25,6 +26,7 @@ __version__ = version("cldit")
 
 # Loaded when asked for: a script that opens a rig needs neither OpenCL nor matplotlib.
 _HOMES = {
+    "cldit.evaluated": ("evaluate",),
     "cldit.experiment": ("run_experiment",),
     "cldit.gpu.device": ("list_devices", "open_device"),
     "cldit.run": ("Run", "open_run", "simulate"),

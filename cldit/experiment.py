@@ -133,6 +133,12 @@ def _complete(record: Record) -> None:
         )
 
 
+def acquisition_in(folder: str | Path) -> Path:
+    """Of a run's `folder` its acquisition; any other path as it is."""
+    inner = Path(folder) / "acquisition"
+    return inner if inner.is_dir() else Path(folder)
+
+
 @dataclass(frozen=True)
 class DelayEvaluation:
     """What came of one delay; `folder` holds its maps.
@@ -154,6 +160,7 @@ def evaluate_delays(
     frame: int = 0,
     accept: Collection[str] = (),
     progress: Callable[[int, int], None] | None = None,
+    say: Say | None = None,
 ) -> tuple[DelayEvaluation, ...]:
     """Evaluates every delay of a folder.
 
@@ -161,7 +168,7 @@ def evaluate_delays(
     `maps/delays.csv`. A delay that cannot be evaluated does not keep the others.
 
     Args:
-        folder, curve, robust, frame, accept, progress: as `evaluate_folder`.
+        folder, curve, robust, frame, accept, progress, say: as `evaluate_folder`.
 
     Returns:
         One for each delay, in the plan's order.
@@ -176,7 +183,13 @@ def evaluate_delays(
         delays = open_acquisition(folder, frame=frame).plan.delays
     if len(delays) < 2:
         found = evaluate_folder(
-            folder, curve=curve, robust=robust, frame=frame, accept=accept, progress=progress
+            folder,
+            curve=curve,
+            robust=robust,
+            frame=frame,
+            accept=accept,
+            progress=progress,
+            say=say,
         )
         here = Path(folder)
         place = (here.parent if here.is_file() else here) / "maps"
@@ -193,6 +206,7 @@ def evaluate_delays(
                 delay=number,
                 accept=accept,
                 progress=progress,
+                say=say,
             )
         except EvaluationError as error:
             done.append(DelayEvaluation(delay_s, place, None, str(error)))
@@ -232,6 +246,7 @@ def evaluate_folder(
     delay: int | None = None,
     accept: Collection[str] = (),
     progress: Callable[[int, int], None] | None = None,
+    say: Say | None = None,
 ) -> Evaluation:
     """Evaluates one delay of an acquisition folder, or measured data, and stores the maps.
 
@@ -243,6 +258,7 @@ def evaluate_folder(
             accepts is accepted too.
         frame: which picture of each shot, where the plan has several.
         delay: which of the plan's delays, from 0; needed where it has several.
+        say: called with lines that tell what was found in measured files, before the fit.
 
     Raises:
         RunFolderError: the folder holds no acquisition. Damaged shots, and what the journal lacks,
@@ -259,6 +275,9 @@ def evaluate_folder(
             raise EvaluationError(f"{folder}: delay {delay}: measured data have one delay, 0")
         acquisition = open_measured(folder)
         place = acquisition.folder / "maps"
+        if say is not None:
+            for found in acquisition.found():
+                say(found)
         accept = (*acquisition.accept, *accept)
     else:
         acquisition = open_acquisition(folder, frame=frame)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, ValidationError
+from pydantic import AfterValidator, BeforeValidator, ValidationError
 
-from cldit.acquisition.frames import FrameReader, Source, parse_source
+from cldit.acquisition.frames import FrameReader
+from cldit.acquisition.pictures.source import AXES, Axis, Source, parse_source
+from cldit.acquisition.pictures.temperatures import read_temperatures
 from cldit.acquisition.plan import Kind
 from cldit.camera.calibration import Calibration
 from cldit.dit.witness.finding import Acceptable
@@ -32,6 +34,13 @@ Files = Annotated[
     ),
 ]
 Count = Annotated[int, Within(1, 1_000_000)]
+Readings = tuple[Temperature, ...] | str
+
+
+def _all_axes(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
+    if sorted(axes) != sorted(AXES):
+        raise ValueError(f"{', '.join(axes)}; allowed are {', '.join(AXES)} in the files' order")
+    return axes
 
 
 class MeasuredSensor(Section):
@@ -58,6 +67,10 @@ class MeasuredBackground(Section):
     """Names of pictures without spray, with * and ?; pages as `file[0:20]`."""
     injections: Files
     """Names of pictures with spray."""
+    references_K: Readings | None = None
+    """Of the black body at each picture: numbers, `log.csv::column`, or `run.nxs::/entry/log`."""
+    injections_K: Readings | None = None
+    """The same of the injections; left out: temperature_K."""
 
 
 class MeasuredFile(Section):
@@ -79,6 +92,8 @@ class MeasuredFile(Section):
     """How many there must be before each background."""
     shots: Count | None = None
     """How many injections there must be before each background."""
+    axes: Annotated[tuple[Axis, ...], AfterValidator(_all_axes)] = AXES
+    """Order of the axes in stacks of pictures."""
     bad_pixels: str | None = None
     """A picture that is not 0 where a pixel is defective."""
     accept: tuple[Acceptable, ...] = ()
@@ -124,9 +139,52 @@ class Measured:
         """
         return self.reader.read(shot.source, shot.number)
 
+    def found(self) -> tuple[str, ...]:
+        """What the files hold, to be read before anything is fitted: a line or more.
+
+        The first picture of each background and kind is read.
+
+        Raises:
+            EvaluationError: one of them cannot be read.
+        """
+        groups: dict[tuple[float, Kind], list[MeasuredShot]] = {}
+        for shot in self.shots:
+            groups.setdefault((shot.background_setpoint_K, shot.kind), []).append(shot)
+        counts: dict[Kind, list[int]] = {"reference": [], "injection": []}
+        forms: list[str] = []
+        notes: dict[str, list[str]] = {}
+        low, high = np.inf, -np.inf
+        for (_, kind), group in groups.items():
+            first = group[0]
+            picture = self.load(first)
+            counts[kind].append(len(group))
+            rows, columns = picture.shape if picture.ndim == 2 else (0, 0)
+            ending = first.source.path.suffix.removeprefix(".").lower()
+            forms.append(f"{columns} x {rows} {picture.dtype} ({ending})")
+            for note in self.reader.notes(first.source):
+                notes.setdefault(note, []).append(first.source.path.name)
+            if picture.size and picture.dtype.kind in "uif":
+                low, high = min(low, float(picture.min())), max(high, float(picture.max()))
+        kelvin = [shot.background_K for shot in self.shots]
+        kinds = ", ".join(f"{_span(counts[kind])} {kind}s" for kind in counts)
+        setpoints = dict.fromkeys(setpoint for setpoint, _ in groups)
+        lines = [
+            f"{len(setpoints)} backgrounds ({', '.join(f'{k:g}' for k in setpoints)} K, readings "
+            f"{min(kelvin):g}..{max(kelvin):g} K); {kinds} each; "
+            f"{', '.join(dict.fromkeys(forms))}; first pictures {low:g}..{high:g}"
+        ]
+        for note, names in notes.items():
+            more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+            lines.append(f"{names[0]}{more}: {note}")
+        return tuple(lines)
+
     def close(self) -> None:
         """Closes the file that was read last."""
         self.reader.close()
+
+
+def _span(counts: list[int]) -> str:
+    return "..".join(str(one) for one in dict.fromkeys((min(counts), max(counts))))
 
 
 def is_measured(path: str | Path) -> bool:
@@ -162,14 +220,14 @@ def open_measured(path: str | Path) -> Measured:
                 f"{file}: backgrounds: {setpoint_K:g} K stands there twice; give its files together"
             )
         setpoints.add(setpoint_K)
-        wanted: tuple[tuple[Kind, tuple[str, ...], int | None], ...] = (
-            ("reference", background.references, given.references),
-            ("injection", background.injections, given.shots),
+        wanted: tuple[tuple[Kind, tuple[str, ...], int | None, Readings | None], ...] = (
+            ("reference", background.references, given.references, background.references_K),
+            ("injection", background.injections, given.shots, background.injections_K),
         )
-        for kind, patterns, count in wanted:
+        for kind, patterns, count, readings in wanted:
             where = f"{kind}s before {setpoint_K:g} K"
             found: list[MeasuredShot] = []
-            for source in _sources(folder, patterns, where):
+            for source in _sources(folder, patterns, where, given.axes):
                 if source in owners:
                     raise EvaluationError(
                         f"{source.text}: named as {owners[source]} and as {where}; leave one out"
@@ -191,6 +249,13 @@ def open_measured(path: str | Path) -> Measured:
                     f"{where}: {len(found)} pictures, expected {count or 'some'}; shots are "
                     "missing, or too many files match"
                 )
+            if readings is not None:
+                kelvin = read_temperatures(
+                    folder, readings, where=where, count=len(found), setpoint_K=setpoint_K
+                )
+                found = [
+                    replace(shot, background_K=one) for shot, one in zip(found, kelvin, strict=True)
+                ]
             shots += found
     bad_pixels = _bad_pixels(folder, given.bad_pixels, reader)
     reader.close()
@@ -208,7 +273,9 @@ def open_measured(path: str | Path) -> Measured:
     )
 
 
-def _sources(folder: Path, patterns: tuple[str, ...], where: str) -> list[Source]:
+def _sources(
+    folder: Path, patterns: tuple[str, ...], where: str, axes: tuple[Axis, ...] = AXES
+) -> list[Source]:
     found: list[Source] = []
     for text in patterns:
         pattern, place = parse_source(text)
@@ -219,7 +286,7 @@ def _sources(folder: Path, patterns: tuple[str, ...], where: str) -> list[Source
             paths = sorted(folder.glob(pattern))
         if not paths:
             raise EvaluationError(f"{where}: no file matches {text} in {folder}")
-        found += [Source(path, place.dataset, place.first, place.last) for path in paths]
+        found += [replace(place, path=path, axes=axes) for path in paths]
     return found
 
 

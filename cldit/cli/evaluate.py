@@ -14,6 +14,7 @@ from cldit.dit.witness.finding import ACCEPTABLE
 from cldit.errors import EvaluationError
 from cldit.experiment import (
     DelayEvaluation,
+    acquisition_in,
     delay_problems,
     delay_rows,
     evaluate_delays,
@@ -59,7 +60,7 @@ def evaluate(
     The maps go into `maps` beside the pictures; of several delays, each into a folder within, with
     a table over them.
     """
-    target = folder / "acquisition" if (folder / "acquisition").is_dir() else folder
+    target = acquisition_in(folder)
     with ProgressBar() as bar:
         found = evaluate_delays(
             target,
@@ -67,6 +68,7 @@ def evaluate(
             robust=robust,
             frame=frame,
             accept=accept,
+            say=lambda line: OUT.print(escaped(line)),
             progress=lambda done, total: bar.watch(Progress("shots", done, total, None)),
         )
     modelled = None if model is None else open_run(model)

@@ -104,14 +104,19 @@ class Budget:
             for name, kelvin, share in self._rows()
         ]
 
+    @property
+    def images(self) -> dict[str, tuple[Floats, str]]:
+        """(H, W) of systematic and total errors, and their units, by the names of their files."""
+        return {
+            "apparent_temperature_systematic_error_K": (self.kelvin, "K"),
+            "apparent_temperature_total_error_K": (self.total_K, "K"),
+            "emissivity_systematic_error": (self.emissivity, "1"),
+            "emissivity_total_error": (self.total_emissivity, "1"),
+        }
+
     def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
         """Writes systematic and total errors as TIFF into `folder`, with pixels of `pixel_m`."""
-        for name, image, unit in (
-            ("apparent_temperature_systematic_error_K", self.kelvin, "K"),
-            ("apparent_temperature_total_error_K", self.total_K, "K"),
-            ("emissivity_systematic_error", self.emissivity, "1"),
-            ("emissivity_total_error", self.total_emissivity, "1"),
-        ):
+        for name, (image, unit) in self.images.items():
             write_image(
                 folder / f"{name}.tif",
                 image.astype(np.float32),

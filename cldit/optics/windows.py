@@ -1,4 +1,6 @@
-"""Uncoated plane windows: what they transmit, reflect and absorb (and so emit).
+"""Plane windows: what they transmit, reflect and absorb (and so emit).
+
+Coated ones, and other materials, as a measured table says; uncoated ones as follows.
 
 Both surfaces, all reflections between them, added without interference (a window is far thicker
 than the coherence length behind any filter), at normal incidence. The light is not polarised;
@@ -131,6 +133,8 @@ def window_shares(window: Window, wavelength_um: ArrayLike) -> tuple[Floats, Flo
         SceneError: a wavelength lies outside the material's data.
     """
     wavelength = np.asarray(wavelength_um, float)
+    if window.material is None:
+        return _tabled(window, wavelength)
     material = MATERIALS[window.material]
     low, high = material.range_um
     if wavelength.size and not (wavelength.min() >= low and wavelength.max() <= high):
@@ -144,6 +148,22 @@ def window_shares(window: Window, wavelength_um: ArrayLike) -> tuple[Floats, Flo
         wavelength_um=wavelength,
         thickness_m=window.thickness_m,
     )
+
+
+def _tabled(window: Window, wavelength_um: Floats) -> tuple[Floats, Floats]:
+    found = []
+    for name, curve in (("transmission", window.transmission), ("reflection", window.reflection)):
+        known_um, share = np.array(curve, float).T
+        if wavelength_um.size and not (
+            wavelength_um.min() >= known_um[0] and wavelength_um.max() <= known_um[-1]
+        ):
+            raise SceneError(
+                f"windows: {name} of the {window.side} window is given from {known_um[0]:g} to "
+                f"{known_um[-1]:g} um, the filter reaches from {wavelength_um.min():g} to "
+                f"{wavelength_um.max():g} um"
+            )
+        found.append(np.asarray(np.interp(wavelength_um, known_um, share)))
+    return found[0], found[1]
 
 
 def band_pane(window: Window, filter_um: Filter, *, reference_K: float) -> Pane:

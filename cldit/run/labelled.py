@@ -68,9 +68,53 @@ def labelled(
     Raises:
         ClditError: xarray is not installed.
     """
+    variables: dict[str, Any] = {}
+    if weights is not None:
+        for name, image in weights.images.items():
+            unit = "photons s-1 m-2 sr-1" if name in EMITTED else "1"
+            variables[f"weight_{name}"] = (image, unit, f"weight of {name}")
+    attrs = {"scene": json.dumps(scene.model_dump(mode="json"))}
+    if errors_json:
+        attrs["errors"] = errors_json
+    target = scene.target_m
+    return labelled_maps(
+        maps,
+        title=scene.name,
+        pixel_m=pixel_m,
+        centre_m=(target[0], target[2]),
+        more=variables,
+        attrs=attrs,
+    )
+
+
+def labelled_maps(
+    maps: Maps,
+    *,
+    title: str,
+    pixel_m: tuple[float, float],
+    centre_m: tuple[float, float],
+    more: Mapping[str, tuple[Any, str, str]] | None = None,
+    attrs: Mapping[str, str] | None = None,
+) -> xarray.Dataset:
+    """Maps over x and z.
+
+    Args:
+        maps: (H, W).
+        title: what was seen.
+        pixel_m: width and height of a pixel on the object.
+        centre_m: x and z of the picture's middle.
+        more: by name: (H, W), its unit, and what it is.
+        attrs: of the data set, beside title and conventions.
+
+    Returns:
+        Variables named as the maps' files are, dimensions z (downwards) and x in mm.
+
+    Raises:
+        ClditError: xarray is not installed.
+    """
     xr = xarray_module()
     height, width = maps.emissivity.shape
-    middle_x, _, middle_z = (1e3 * one for one in scene.target_m)
+    middle_x, middle_z = (1e3 * one for one in centre_m)
     across, up = (1e3 * one for one in pixel_m)
     x = middle_x + (np.arange(width) - (width - 1) / 2) * across
     z = middle_z - (np.arange(height) - (height - 1) / 2) * up
@@ -81,19 +125,10 @@ def labelled(
     variables: dict[str, Any] = {
         name: (("z", "x"), getattr(maps, name), _attributes(name)) for name in UNITS
     }
-    if weights is not None:
-        for name, image in weights.images.items():
-            unit = "photons s-1 m-2 sr-1" if name in EMITTED else "1"
-            about = {"units": unit, "long_name": f"weight of {name}"}
-            variables[f"weight_{name}"] = (("z", "x"), image, about)
-    attrs = {
-        "Conventions": "CF-1.11",
-        "title": f"cldit: {scene.name}",
-        "scene": json.dumps(scene.model_dump(mode="json")),
-    }
-    if errors_json:
-        attrs["errors"] = errors_json
-    return xr.Dataset(variables, coords, attrs)  # type: ignore[no-any-return]
+    for name, (image, unit, about) in (more or {}).items():
+        variables[name] = (("z", "x"), image, {"units": unit, "long_name": about})
+    every = {"Conventions": "CF-1.11", "title": f"cldit: {title}", **(attrs or {})}
+    return xr.Dataset(variables, coords, every)  # type: ignore[no-any-return]
 
 
 def _attributes(name: str) -> Mapping[str, Any]:

@@ -146,3 +146,6 @@ def _material(value: object, info: ValidationInfo) -> object:
 
 
 Material = Annotated[str, Field(min_length=1), BeforeValidator(_material)]
+
+
+WindowCurve = Annotated[Curve, BeforeValidator(_curve, json_schema_input_type=Curve | Path)]

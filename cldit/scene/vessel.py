@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from cldit.scene.checks import Section, Within
-from cldit.scene.values import Direction, Length, Point, Temperature
+from cldit.scene.values import Direction, Length, Point, Temperature, WindowCurve
 
 FINEST = 4096  # cells along an edge, at most
 PAPER_LEAF_M = 0.5e-3  # paper, Section "Ray Tracing"
@@ -132,16 +133,44 @@ Patches = Annotated[tuple[Patch, ...], AfterValidator(_names_differ)]
 
 
 class Window(Section):
-    """An uncoated plane window that fills what the camera sees (front) or the background (rear)."""
+    """A plane window that fills what the camera sees (front) or the background (rear).
+
+    Uncoated of a known material, or as its table says.
+    """
 
     side: Literal["front", "rear"]
     """Before the camera, or before the background."""
-    material: Literal["CaF2", "sapphire"]
-    """Says transmission and emission over the wavelength."""
+    material: Literal["CaF2", "sapphire"] | None = None
+    """Says transmission and emission over the wavelength; or give both curves."""
+    transmission: WindowCurve | None = None
+    """Measured, of the whole plate, coatings included: pairs of um and share, or a file of both."""
+    reflection: WindowCurve | None = None
+    """The same of what the plate reflects; the rest it absorbs and emits."""
     thickness_m: Annotated[float, Within(1e-5, 0.2)] = 0.01
     """Of the plate."""
     temperature_K: Temperature = 300.0
     """Of the plate."""
+
+    @model_validator(mode="after")
+    def _material_or_table(self) -> Self:
+        curves = [one for one in (self.transmission, self.reflection) if one is not None]
+        if len(curves) != (0 if self.material else 2):
+            raise ValueError(
+                f"{self.side} window: material or curves; allowed is a material, or both "
+                "transmission and reflection"
+            )
+        if curves:
+            wavelengths = sorted({um for curve in curves for um, _ in curve})
+            both = np.zeros(len(wavelengths))
+            for curve in curves:
+                known_um, share = np.array(curve, float).T
+                both += np.interp(np.array(wavelengths), known_um, share, left=0.0, right=0.0)
+            if np.max(both) > 1.0 + 1e-6:
+                raise ValueError(
+                    f"{self.side} window: transmission and reflection add up to "
+                    f"{np.max(both):.3f}; allowed is 1 at most"
+                )
+        return self
 
 
 def one_window_a_side(windows: tuple[Window, ...]) -> tuple[Window, ...]:

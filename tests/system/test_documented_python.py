@@ -8,10 +8,16 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
+from cldit.acquisition.frames import open_stack
+from cldit.acquisition.pictures.source import Source
+from cldit.errors import EvaluationError
 from cldit.scene import dump_scene, load_scene, parse_scene
+from tests.laboratory import laboratory
+from tests.measured_files import write_measured
 
 _ROOT = Path(__file__).parents[2]
 _BLOCK = re.compile(r"^```(python|toml)\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -68,7 +74,32 @@ def test_extending(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         MODELS.clear()
         MODELS.update(before)
         sys.modules.pop("my_blackbody", None)
+    _read_a_film(here)
     assert names["life"].vanished and "still" not in MODELS
+
+
+def _read_a_film(folder: Path) -> None:
+    """The reader of the page is found by the ending, and refuses a film that was cut off."""
+    pictures = np.arange(24, dtype="<u2").reshape(2, 3, 4)
+    film = np.array([4, 3, 0, 0], "<u4").tobytes() + pictures.tobytes()
+    (folder / "a.film").write_bytes(film)
+    (folder / "cut.film").write_bytes(film[:-2])
+    try:
+        stack = open_stack(Source(folder / "a.film"))
+        assert len(stack) == 2 and np.array_equal(stack.read(1), pictures[1])
+        with pytest.raises(EvaluationError, match=r"cut\.film: cannot be read"):
+            open_stack(Source(folder / "cut.film"))
+    finally:
+        sys.modules.pop("my_film", None)
+
+
+@pytest.mark.usefixtures("here")
+def test_evaluation() -> None:
+    pytest.importorskip("xarray", reason="the extra studies is not installed")
+    Path("measurements").mkdir()
+    write_measured(Path("measurements/july"), laboratory(1, shape=(24, 40)))
+    names = run("docs/dit.md")
+    assert "background" in names["maps"].remarks and names["spray"].dims == ("z", "x")
 
 
 SMALL = {"camera": {"pixels": [48, 48]}, "domain": {"leaf_edge_m": 4e-3}}
@@ -108,6 +139,6 @@ def test_errors() -> None:
 def test_no_page_is_forgotten() -> None:
     found = [*(_ROOT / "docs").rglob("*.md"), _ROOT / "README.md", _ROOT / "CONTRIBUTING.md"]
     pages = [str(page.relative_to(_ROOT)) for page in found]
-    run_here = {"README.md", "docs/errors.md", "docs/extending.md", "docs/rig.md"}
+    run_here = {"README.md", "docs/dit.md", "docs/errors.md", "docs/extending.md", "docs/rig.md"}
     run_here.add("docs/studies.md")  # after its sweep: test_documented_commands_run.py
     assert {p for p in pages if any(language == "python" for language, _ in blocks(p))} == run_here

@@ -8,47 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-import tifffile
-import yaml
 from click.testing import CliRunner
 
 from cldit.cli import main
 from cldit.images import read_image
-from tests.laboratory import AROUND, FILTER_UM, Laboratory, laboratory
+from tests.laboratory import laboratory
+from tests.measured_files import write_measured
 
 SHAPE = (24, 40)
-
-
-def _write(folder: Path, made: Laboratory, **more: Any) -> None:
-    """The shots as a TIFF a kind and background, and their measured.yaml."""
-    folder.mkdir(exist_ok=True)
-    backgrounds = []
-    for background_K in sorted({shot.background_K for shot in made.recorded.shots}):
-        names = {}
-        for kind in ("reference", "injection"):
-            names[f"{kind}s"] = f"{kind}_{background_K:g}.tif"
-            stack = [
-                shot.image
-                for shot in made.recorded.shots
-                if (shot.kind, shot.background_K) == (kind, background_K)
-            ]
-            tifffile.imwrite(folder / names[f"{kind}s"], np.stack(stack), photometric="minisblack")
-        backgrounds.append({"temperature_K": background_K, **names})
-    data = {
-        "filter_um": list(FILTER_UM),
-        "setup": {
-            "pixel_m": [1e-4, 1e-4],
-            "background_emissivity": AROUND.background_emissivity,
-            "wall_temperature_K": AROUND.wall_temperature_K,
-            "camera_surroundings_K": AROUND.camera_surroundings_K,
-            "windows": [window.model_dump() for window in AROUND.windows],
-            "uncertainty": {"wall_temperature_K": 5.0},
-        },
-        "sensor": {"saturation_counts": 16383},
-        "backgrounds": backgrounds,
-        **more,
-    }
-    (folder / "measured.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
 
 
 def _run(*arguments: str) -> tuple[int, str]:
@@ -64,7 +31,7 @@ def _run(*arguments: str) -> tuple[int, str]:
     ],
 )
 def test_what_is_found_is_printed(tmp_path: Path, fault: dict[str, Any], text: str) -> None:
-    _write(tmp_path, laboratory(1, shape=SHAPE, **fault))
+    write_measured(tmp_path, laboratory(1, shape=SHAPE, **fault))
     code, output = _run(str(tmp_path))
     assert code == 0 and text in output
     assert "walls by 5 K" in output and "fit_probability below 0.001" in output
@@ -80,13 +47,13 @@ def test_what_is_found_is_printed(tmp_path: Path, fault: dict[str, Any], text: s
 
 def test_severe_findings_end_the_evaluation_unless_accepted(tmp_path: Path) -> None:
     made = laboratory(2, shape=SHAPE, blackbody_of_injections_K=5.0)
-    _write(tmp_path, made)
+    write_measured(tmp_path, made)
     code, output = _run(str(tmp_path))
     assert code == 1 and "accept: [kinds]" in output and not (tmp_path / "maps").exists()
     code, output = _run(str(tmp_path), "--accept", "kinds")
     assert code == 0 and (tmp_path / "maps" / "emissivity.tif").is_file()
-    _write(tmp_path, made, accept=["kinds"])
+    write_measured(tmp_path, made, accept=["kinds"])
     assert _run(str(tmp_path))[0] == 0
-    _write(tmp_path, made, accept=["kindness"])
+    write_measured(tmp_path, made, accept=["kindness"])
     code, output = _run(str(tmp_path))
     assert code == 1 and "accept" in output and "'backgrounds'" in output

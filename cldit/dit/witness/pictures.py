@@ -105,7 +105,8 @@ def axes(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
     return Witness(
         name="orientation",
         text="references differ more from picture to picture than along their "
-        f"{' and '.join(sorted(wrong))}: are frames stored along that axis?",
+        f"{' and '.join(sorted(wrong))}: are frames stored along that axis? "
+        "measured.yaml names another order as `axes: [rows, columns, frames]`",
         stands_out=True,
         severe=True,
     )

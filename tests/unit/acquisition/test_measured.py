@@ -14,8 +14,9 @@ import yaml
 from click.testing import CliRunner
 from numpy.typing import NDArray
 
-from cldit.acquisition.frames import FrameReader, open_stack, parse_source
+from cldit.acquisition.frames import FrameReader, open_stack
 from cldit.acquisition.measured import is_measured, open_measured
+from cldit.acquisition.pictures.source import parse_source
 from cldit.bench.evaluation import bench_evaluation
 from cldit.cli import main
 from cldit.dit.maps import Maps, Reason
@@ -143,6 +144,30 @@ def test_stacks_give_what_single_pictures_give(tiffs: Path, tmp_path: Path, form
     np.testing.assert_array_equal(found.reason, expected.reason)
 
 
+def test_axes_and_readings_of_the_black_body(tiffs: Path, tmp_path: Path) -> None:
+    """Frames stored last give the same maps; readings reach the shots; all is said before."""
+    expected = evaluate_folder(tiffs).maps
+    folder = tmp_path / "last"
+    folder.mkdir()
+    for kelvin in BACKGROUNDS:
+        for kind in ("references", "injections"):
+            np.save(folder / f"{kind}{kelvin:g}.npy", np.stack(_pictures(kelvin, kind), axis=-1))
+    data = _described(folder, lambda kelvin, kind: f"{kind}{kelvin:g}.npy")
+    data["axes"] = ["rows", "columns", "frames"]
+    _write(folder, data)
+    lines: list[str] = []
+    found = evaluate_folder(folder, say=lines.append).maps
+    np.testing.assert_array_equal(found.emissivity, expected.emissivity)
+    assert "6 references, 6 injections each; 20 x 16 uint16 (npy)" in lines[0]
+    data["backgrounds"][0]["references_K"] = [413.0 + 0.1 * number for number in range(SHOTS)]
+    _write(folder, data)
+    assert [shot.background_K for shot in open_measured(folder).shots[:2]] == [413.0, 413.1]
+    data["axes"] = ["rows", "columns"]
+    _write(folder, data)
+    with pytest.raises(SceneError, match=r"axes.*allowed are frames, rows, columns"):
+        open_measured(folder)
+
+
 def test_bad_pixels_and_a_sensor_of_known_noise(tiffs: Path) -> None:
     data = _data(tiffs)
     mask = np.zeros(EMISSIVITY.shape, np.uint8)
@@ -244,7 +269,7 @@ def _all_saturated(data: dict[str, Any], folder: Path) -> str:
 def _other_ending(data: dict[str, Any], folder: Path) -> str:
     (folder / "video.avi").write_bytes(b"RIFF")
     data["backgrounds"][0]["references"] = "video.avi"
-    return r"\.avi; allowed: \.tif"
+    return r"\.avi is a film of a display; .*allowed: .*\.tif"
 
 
 def _one_reference(data: dict[str, Any], folder: Path) -> str:

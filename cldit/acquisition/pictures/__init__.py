@@ -1,0 +1,1 @@
+"""Readers of picture files: the entry points of the group `cldit.readers`."""

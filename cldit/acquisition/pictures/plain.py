@@ -1,0 +1,78 @@
+"""Pictures in files that hold little else: .npy, .png, and text with a row of pixels a line."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from cldit.acquisition.hcc import HccReader
+from cldit.acquisition.pictures.source import Source
+from cldit.files import check_regular, open_regular, read_text
+
+
+def open_npy(source: Source) -> NDArray[Any]:
+    """An array as numpy saves it, (rows, columns) or with three axes; it stays in the file."""
+    check_regular(source.path)
+    return np.asarray(np.load(source.path, mmap_mode="r", allow_pickle=False))
+
+
+def open_png(source: Source) -> NDArray[Any]:
+    """A grey picture of 8 or 16 bits.
+
+    Raises:
+        ValueError: it holds colours.
+    """
+    with open_regular(source.path) as stream, Image.open(stream) as image:
+        if image.mode not in ("L", "I", "I;16", "I;16B"):
+            raise ValueError(
+                f"mode {image.mode} holds colours, not counts; export grey pictures of 16 bits"
+            )
+        return np.array(image)
+
+
+def open_text(source: Source) -> NDArray[Any]:
+    """A line a row of pixels; semicolons, tabs, blanks or commas between them.
+
+    Where something else stands between numbers, a comma is a decimal point.
+
+    Raises:
+        ValueError: a line holds something else, or another number of pixels than the first.
+    """
+    rows: list[list[float]] = []
+    for number, line in enumerate(read_text(source.path).splitlines(), start=1):
+        if not line.strip():
+            continue
+        between = next((mark for mark in (";", "\t") if mark in line), ",")
+        if between == "," and "," not in line:
+            between = " "
+        words = [word for word in line.strip().strip(between).split(between) if word.strip()]
+        try:
+            row = [float(word if between == "," else word.replace(",", ".")) for word in words]
+        except ValueError as error:
+            raise ValueError(f"line {number}: {error}; allowed are numbers only") from error
+        if rows and len(row) != len(rows[0]):
+            raise ValueError(f"line {number}: {len(row)} pixels, expected {len(rows[0])}")
+        rows.append(row)
+    return np.array(rows)
+
+
+class Hcc:
+    """A Telops film, read frame by frame."""
+
+    def __init__(self, source: Source) -> None:
+        check_regular(source.path)
+        self._film = HccReader(source.path)
+
+    def __len__(self) -> int:
+        return len(self._film.headers)
+
+    def read(self, number: int) -> NDArray[Any]:
+        """Picture `number`, (rows, columns)."""
+        return np.asarray(self._film.frames(number, number + 1)[0])
+
+    def close(self) -> None:
+        """Closes the film."""
+        self._film.close()

@@ -1,0 +1,182 @@
+"""TIFF: a picture a page, or several pictures in one page as ImageJ writes them."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from cldit.acquisition.pictures.source import Source
+from cldit.errors import EvaluationError
+from cldit.files import open_regular
+
+_ORIENTATION, _TIME = 274, 306
+
+
+class Tiff:
+    """Pictures of a TIFF file, turned as its orientation tags say."""
+
+    def __init__(self, source: Source) -> None:
+        self._path = source.path
+        self._stream = open_regular(source.path)
+        self._stack: NDArray[Any] | None = None
+        try:
+            with _quiet():
+                self._file = tifffile.TiffFile(self._stream)
+                self._pages = len(self._file.pages)
+                first = self._file.series[0]
+                self._size = os.fstat(self._stream.fileno()).st_size
+                if self._pages == 1 and first.ndim > 2 and first.axes.endswith("YX"):
+                    self._check_end(first.dataoffset, first.nbytes)
+                    self._stack = self._of_one_page(first)
+                self._check_whole()
+            self._turn = self._tag(0, _ORIENTATION, 1)
+            self.unit = self._told_unit()
+            self.notes = self._notes()
+        except BaseException:
+            self._stream.close()
+            raise
+
+    def _of_one_page(self, series: Any) -> NDArray[Any]:
+        rows, columns = series.shape[-2:]
+        if series.dataoffset is None:  # compressed
+            return np.asarray(series.asarray()).reshape(-1, rows, columns)
+        flat: NDArray[Any] = np.memmap(
+            self._path,
+            self._file.byteorder + series.dtype.char,
+            "r",
+            series.dataoffset,
+            (series.size // (rows * columns), rows, columns),
+        )
+        return flat
+
+    def _check_end(self, offset: int | None, count: int) -> None:
+        if offset is not None and offset + count > self._size:
+            raise ValueError(
+                f"its pictures end at byte {offset + count}, the file at {self._size}; cut off"
+            )
+
+    def _check_whole(self) -> None:
+        """Raises ValueError where a file holds fewer pictures than it says.
+
+        A file that was cut off still opens: its readers stop at the last page that they find.
+        """
+        file = self._file
+        told = (file.imagej_metadata or {}).get("images", 1)
+        if len(self) < told:
+            raise ValueError(f"ImageJ says {told} pictures, {len(self)} are there; it is cut off")
+        if self._follows(file.pages[-1].offset):
+            raise ValueError(f"another page follows the last of {self._pages}; it is cut off")
+        if file.is_ome:
+            missing = sum(page is None for series in file.series for page in series.pages)
+            if missing:
+                raise ValueError(f"OME lists {missing} pictures that are not there")
+
+    def _follows(self, offset: int) -> int:
+        """Where a page's directory at `offset` says that the next one is; 0 for none."""
+        form = self._file.tiff
+        self._stream.seek(offset)
+        (tags,) = struct.unpack(form.tagnoformat, self._stream.read(form.tagnosize))
+        self._stream.seek(offset + form.tagnosize + tags * form.tagsize)
+        (following,) = struct.unpack(form.offsetformat, self._stream.read(form.offsetsize))
+        return int(following)
+
+    def _tag(self, number: int, code: int, default: Any) -> Any:
+        page: Any = self._file.pages[number]
+        found = page.tags.get(code) if hasattr(page, "tags") else None
+        return default if found is None else found.value
+
+    def _told_unit(self) -> str:
+        try:
+            info = json.loads((self._file.imagej_metadata or {}).get("Info", "{}"))
+        except (json.JSONDecodeError, TypeError):
+            return ""
+        return str(info.get("unit", "")) if isinstance(info, dict) else ""
+
+    def _notes(self) -> tuple[str, ...]:
+        found = []
+        if self._turn != 1:
+            found.append(f"turned as orientation tag {self._turn} says")
+        if taken := self._tag(0, _TIME, ""):
+            found.append(f"taken {taken}")
+        return tuple(found)
+
+    def __len__(self) -> int:
+        return self._pages if self._stack is None else len(self._stack)
+
+    def read(self, number: int) -> NDArray[Any]:
+        """Picture `number`, (rows, columns)."""
+        if self._stack is not None:
+            return turned(np.asarray(self._stack[number]), self._turn)
+        page: Any = self._file.pages[number]
+        ends = (at + count for at, count in zip(page.dataoffsets, page.databytecounts, strict=True))
+        if max(ends, default=0) > self._size:  # missing strips would be read as zeros
+            raise ValueError("its pixels end before the page does; the file is cut off")
+        try:
+            picture = np.asarray(page.asarray())
+        except (ImportError, ValueError) as error:
+            if page.compression == 1 or find_spec("imagecodecs") is not None:
+                raise
+            raise EvaluationError(
+                f"{self._path}: compressed as {page.compression.name}, which needs imagecodecs; "
+                'pip install "cldit[files]"'
+            ) from error
+        if picture.ndim != 2:
+            raise EvaluationError(
+                f"{self._path}: picture of shape {picture.shape} holds colours, not counts; "
+                "export grey pictures of 16 bits"
+            )
+        return turned(picture, self._tag(number, _ORIENTATION, self._turn))
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._stack = None
+        self._file.close()
+        self._stream.close()
+
+
+def turned(picture: NDArray[Any], orientation: int) -> NDArray[Any]:
+    """A stored picture as it is looked at (TIFF 6.0, tag 274).
+
+    Args:
+        picture: (rows, columns) as stored.
+        orientation: 1 (as it is) to 8.
+
+    Raises:
+        ValueError: no such orientation.
+    """
+    if orientation not in range(1, 9):
+        raise ValueError(f"orientation tag {orientation}; allowed are 1 to 8")
+    if orientation > 4:  # rows of the file are columns
+        picture = picture.T
+    if orientation in (3, 4, 7, 8):
+        picture = picture[::-1]
+    if orientation in (2, 3, 6, 7):
+        picture = picture[:, ::-1]
+    return picture
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keeps off the terminal what tifffile logs of damage; `_check_whole` names it in full."""
+    logger = logging.getLogger("tifffile")
+    keep = _Nothing()
+    logger.addFilter(keep)
+    try:
+        yield
+    finally:
+        logger.removeFilter(keep)
+
+
+class _Nothing(logging.Filter):
+    def filter(self, record: logging.LogRecord) -> bool:
+        return False

@@ -1,0 +1,247 @@
+"""Files of pictures as laboratories have them: read as they are meant, or refused in words."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from cldit.acquisition.frames import FrameReader, open_stack
+from cldit.acquisition.pictures.source import Source, parse_source
+from cldit.acquisition.pictures.temperatures import read_temperatures
+from cldit.acquisition.pictures.tiff import turned
+from cldit.errors import EvaluationError
+
+SHAPE = (6, 5, 7)
+PICTURES = np.random.default_rng(1).integers(1000, 9000, SHAPE).astype(np.uint16)
+
+
+def read_all(source: Source) -> Any:
+    reader = FrameReader()
+    try:
+        return np.stack([reader.read(source, n) for n in range(reader.count(source))])
+    finally:
+        reader.close()
+
+
+@pytest.mark.parametrize("split", [(6,), (2, 3), (3, 2), (3, 1, 2)])
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+def test_imagej_stacks_of_any_axes_hold_every_picture(
+    tmp_path: Path, split: tuple[int, ...], dtype: Any
+) -> None:
+    path = tmp_path / "stack.tif"
+    pictures = PICTURES.astype(dtype)
+    axes = {1: "TYX", 2: "TCYX", 3: "TZCYX"}[len(split)]
+    tifffile.imwrite(
+        path, pictures.reshape(*split, *SHAPE[1:]), imagej=True, metadata={"axes": axes}
+    )
+    np.testing.assert_array_equal(read_all(Source(path)), pictures)
+
+
+@pytest.mark.parametrize("form", ["imagej", "shaped", "plain", "pages", "bigtiff"])
+@pytest.mark.parametrize("left", [0.4, 0.7, 0.97])
+def test_tiffs_that_were_cut_off_are_named(
+    tmp_path: Path, form: str, left: float, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "cut.tif"
+    big = np.tile(PICTURES, (1, 20, 20))
+    if form == "pages":
+        with tifffile.TiffWriter(path) as file:
+            for picture in big:
+                file.write(picture, contiguous=False)
+    else:
+        tifffile.imwrite(
+            path,
+            big,
+            imagej=form == "imagej",
+            bigtiff=form == "bigtiff",
+            metadata=None if form == "plain" else {},
+        )
+    path.write_bytes(path.read_bytes()[: int(left * path.stat().st_size)])
+    with pytest.raises(EvaluationError, match=r"cut\.tif"):
+        read_all(Source(path))
+    assert "tifffile" not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_orientation_tags_are_followed_as_pillow_does(tmp_path: Path, orientation: int) -> None:
+    from PIL import ImageOps
+
+    path = tmp_path / "turned.tif"
+    stored = PICTURES[0].astype(np.uint8)
+    tifffile.imwrite(path, stored, extratags=[(274, "H", 1, orientation, True)])
+    image = Image.fromarray(stored)
+    image.getexif()[274] = orientation
+    expected = np.asarray(ImageOps.exif_transpose(image))
+    np.testing.assert_array_equal(turned(stored, orientation), expected)
+    np.testing.assert_array_equal(read_all(Source(path))[0], expected)
+
+
+def test_an_orientation_that_does_not_exist_is_named(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", PICTURES[0], extratags=[(274, "H", 1, 9, True)])
+    with pytest.raises(EvaluationError, match="orientation tag 9; allowed are 1 to 8"):
+        read_all(Source(tmp_path / "a.tif"))
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lzw", "zlib"])
+def test_compressed_tiffs_are_read_or_name_the_extra(tmp_path: Path, compression: str) -> None:
+    pytest.importorskip("imagecodecs", reason="the extra files is not installed")
+    path = tmp_path / "small.tif"
+    tifffile.imwrite(path, PICTURES, compression=compression)
+    np.testing.assert_array_equal(read_all(Source(path)), PICTURES)
+    code = (
+        "import sys; sys.modules['imagecodecs'] = None\n"
+        "from pathlib import Path\n"
+        "from cldit.acquisition.frames import open_stack\n"
+        "from cldit.acquisition.pictures.source import Source\n"
+        "open_stack(Source(Path(sys.argv[1]))).read(0)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True)
+    if compression == "zstd":
+        assert 'pip install "cldit[files]"' in done.stderr and "small.tif" in done.stderr
+    else:  # tifffile has these itself, at least where it is new
+        assert done.returncode == 0 or 'pip install "cldit[files]"' in done.stderr
+
+
+@pytest.mark.parametrize("name", ["Blosc", "Bitshuffle", "Zstd"])
+def test_filters_of_hdf5_work_without_an_import_of_the_user(tmp_path: Path, name: str) -> None:
+    h5py = pytest.importorskip("h5py", reason="the extra files is not installed")
+    plugin = pytest.importorskip("hdf5plugin", reason="the extra files is not installed")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("data", data=PICTURES, **getattr(plugin, name)())
+    code = (
+        "import sys; from pathlib import Path\n"
+        "from cldit.acquisition.frames import open_stack\n"
+        "from cldit.acquisition.pictures.source import Source\n"
+        "print(open_stack(Source(Path(sys.argv[1]), '/data')).read(0).sum())\n"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "a.h5")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.stdout.strip() == str(PICTURES[0].sum()), done.stderr
+
+
+def _npy(path: Path) -> Path:
+    np.save(path / "a.npy", PICTURES)
+    return path / "a.npy"
+
+
+def _png(path: Path) -> Path:
+    Image.fromarray(PICTURES[0]).save(path / "a.png")
+    return path / "a.png"
+
+
+def _text(between: str, point: str) -> Callable[[Path], Path]:
+    def write(path: Path) -> Path:
+        lines = [between.join(f"{v / 4}".replace(".", point) for v in row) for row in PICTURES[0]]
+        (path / "a.csv").write_text("\n".join(lines), encoding="utf-8")
+        return path / "a.csv"
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("write", "expected"),
+    [
+        (_npy, PICTURES),
+        (_png, PICTURES[:1]),
+        (_text(",", "."), PICTURES[:1] / 4),
+        (_text(";", ","), PICTURES[:1] / 4),
+        (_text("\t", ","), PICTURES[:1] / 4),
+        (_text(" ", "."), PICTURES[:1] / 4),
+    ],
+)
+def test_plain_files(tmp_path: Path, write: Callable[[Path], Path], expected: Any) -> None:
+    np.testing.assert_array_equal(read_all(Source(write(tmp_path))), expected)
+
+
+@pytest.mark.parametrize("ending", ["seq", "csq", "ptw", "irb", "fits", "jpg"])
+def test_other_films_have_a_way_out(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"a.{ending}"
+    path.write_bytes(b"x")
+    with pytest.raises(EvaluationError, match=r"(export|save).*allowed: .*readers of your own"):
+        open_stack(Source(path))
+
+
+def _object(path: Path) -> Path:
+    np.save(path / "a.npy", np.array([{}], object))
+    return path / "a.npy"
+
+
+def _colours(path: Path) -> Path:
+    Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(path / "a.png")
+    return path / "a.png"
+
+
+def _ragged(path: Path) -> Path:
+    (path / "a.csv").write_text("1,2\n3\n", encoding="utf-8")
+    return path / "a.csv"
+
+
+def _kelvin(path: Path) -> Path:
+    from cldit.images import write_image
+
+    write_image(path / "a.tif", PICTURES[0].astype(np.float32), name="T", unit="K")
+    return path / "a.tif"
+
+
+@pytest.mark.parametrize(
+    ("write", "message"),
+    [
+        (_object, "cannot be read"),
+        (_colours, "colours, not counts"),
+        (_ragged, "line 2: 1 pixels, expected 2"),
+        (_kelvin, r"temperatures \(unit K\), not counts"),
+    ],
+)
+def test_what_holds_no_counts_is_refused(
+    tmp_path: Path, write: Callable[[Path], Path], message: str
+) -> None:
+    with pytest.raises(EvaluationError, match=message):
+        open_stack(Source(write(tmp_path)))
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [("rows", "columns", "frames"), ("columns", "rows", "frames"), ("rows", "frames", "columns")],
+)
+def test_axes_in_any_order(tmp_path: Path, axes: Any) -> None:
+    order = [("frames", "rows", "columns").index(one) for one in axes]
+    stored = np.ascontiguousarray(PICTURES.transpose(order))
+    np.save(tmp_path / "a.npy", stored)
+    tifffile.imwrite(tmp_path / "a.tif", stored, photometric="minisblack")
+    for name in ("a.npy", "a.tif"):
+        found = read_all(Source(tmp_path / name, axes=axes))
+        np.testing.assert_array_equal(found, PICTURES)
+
+
+def test_a_part_of_any_file(tmp_path: Path) -> None:
+    _, source = parse_source(f"{_npy(tmp_path)}[1:4]")
+    np.testing.assert_array_equal(read_all(source), PICTURES[1:4])
+    with pytest.raises(EvaluationError, match="holds no picture"):
+        open_stack(parse_source(f"{_npy(tmp_path)}[4:4]")[1])
+
+
+def test_temperatures_of_pictures(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("time;T\n0;413,2\n1;413,4\n2;412,9\n", encoding="utf-8")
+
+    def read(given: Any, count: int = 3) -> list[float]:
+        return read_temperatures(tmp_path, given, where="here", count=count, setpoint_K=413.0)
+
+    assert read("log.csv::T") == [413.2, 413.4, 412.9] and read([413.0], 1) == [413.0]
+    assert read("log.csv::T[1:]", 2) == [413.4, 412.9]
+    for given, message in (
+        ("log.csv::T[1:]", "3 pictures and 2 temperatures"),
+        ("log.csv::time", "temperature 0 is 0 "),
+        ("log.csv::K", "no column K; it has time, T"),
+        ([139.9, 140.0, 140.1], "degrees Celsius"),
+        ([413.0, float("nan"), 413.0], "temperature 1 is nan"),
+    ):
+        with pytest.raises(EvaluationError, match=message):
+            read(given)
