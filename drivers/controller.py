@@ -66,6 +66,11 @@ class BlackBody(Settling, Generic[S]):
         self._setpoint = Told("set point")
 
     @property
+    def safe_setpoint_K(self) -> float:
+        """What make_safe() sets; the lowest where the settings name none."""
+        return float(getattr(self._settings, "safe_setpoint_K", self._settings.limits_K[0]))
+
+    @property
     def limits(self) -> Limits:
         return Limits(*self._settings.limits_K)
 

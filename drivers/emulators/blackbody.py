@@ -15,11 +15,11 @@ from collections.abc import Callable
 from typing import Any
 
 from cldit.rig.clock import Clock, SystemClock
+from cldit.rig.contract.replies import BINARY_NAN, Replies
 
 from ..controller import KELVIN
 from ..heater import Dynamics, Heater
 from .line_server import TEXT, LineServer
-from .replies import BINARY_NAN, Replies
 
 
 class _Peer:

@@ -21,8 +21,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.rig.contract.replies import BINARY_NAN, Replies
+
 from . import gige_registers as reg
-from .replies import BINARY_NAN, Replies
 
 Image = Callable[[int, float], NDArray[np.uint16]]
 

@@ -7,6 +7,8 @@ from enum import StrEnum
 
 
 class Fault(StrEnum):
+    """What befalls a reply."""
+
     DROP = "drop"  # it never arrives
     NAN = "nan"  # its data are no number
     GARBAGE = "garbage"  # its data are other bytes; what frames them is whole
@@ -37,8 +39,13 @@ class Replies:
     def spoil(
         self, fault: Fault, first: int, *, last: int | None = None, late_s: float = 0.1
     ) -> None:
-        """From now on `fault` befalls the replies `first` to `last`, counted from 1; `first` alone
-        where `last` is left out."""
+        """From now on `fault` befalls some replies.
+
+        Args:
+            fault: which.
+            first, last: replies, counted from 1; `first` alone where `last` is left out.
+            late_s: by how much one that is late is late.
+        """
         self._fault, self._late_s = fault, late_s
         self._numbers = range(first, (first if last is None else last) + 1)
 
@@ -50,6 +57,7 @@ class Replies:
         """What of `reply` arrives; returns when it does.
 
         Args:
+            reply: as it was sent.
             data: where the reply's data are; the rest frames them.
         """
         if not reply:

@@ -1,0 +1,164 @@
+"""Beds of the drivers here: each before its emulator (see `cldit.rig.contract.bed`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from cldit.rig.clock import SimulatedClock, SystemClock
+from cldit.rig.contract.bed import Bed, Make
+from cldit.rig.contract.sessions import (
+    BackgroundSide,
+    background_steps,
+    camera_steps,
+    hot_K,
+    trigger_steps,
+)
+from cldit.rig.drivers import RigContext, load_driver
+
+from .blackbody import FlukePeer, ModbusPeer
+from .dg645 import Dg645Peer
+from .gige_camera import GigePeer
+from .rig import CALIBRATION
+
+_WARM_K = 1.0  # above the safe set point
+_ADDRESS = {"host", "port", "serial", "address", "interface"}  # which are the emulator's
+_STABLE_K = 0.2
+
+
+def make_device(
+    driver: str,
+    clock: SimulatedClock | SystemClock,
+    usual: Mapping[str, Any],
+    settings: Mapping[str, Any],
+    answer_s: float | None,
+    line: Mapping[str, Any],
+) -> Any:
+    """The driver with the user's `settings` over the `usual` ones, before a peer at `line`."""
+    asked = {name: value for name, value in settings.items() if name not in _ADDRESS}
+    waits = {} if answer_s is None else {"answer_s": answer_s}
+    context = RigContext(clock, None, Path(), 1)
+    return load_driver(driver)({**usual, **asked, **waits, **line}, context)
+
+
+def line_to(peer: Any) -> dict[str, Any]:
+    """Where a peer listens, as a driver's settings."""
+    if peer.serial is not None:
+        return {"serial": peer.serial}
+    return {"host": peer.host, "port": peer.port}
+
+
+def where_is(peer: Any) -> str:
+    """The same in words."""
+    return peer.serial or f"{peer.host}:{peer.port}"
+
+
+def hot(peer: Any, device: Any) -> str:
+    """What is hot at a black body, in words; empty where nothing is."""
+    # Those that can switch their heater off are cold without it.
+    on = getattr(peer, "heating", True)
+    warm = peer.setpoint_K > device.safe_setpoint_K + _WARM_K
+    text = f"set point {peer.setpoint_K:.1f} K"
+    return text if on and warm else f"{text}, heater on" if on and hasattr(peer, "heating") else ""
+
+
+def _modbus(model: str, serial: bool) -> Make:
+    def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
+        clock = SimulatedClock()
+        peer = stack.enter_context(ModbusPeer(model, clock=clock, serial=serial))
+        usual = {"model": model, "limits_K": [253.0, 873.0]}
+        device = make_device("modbus_blackbody", clock, usual, settings, answer_s, line_to(peer))
+        told = (f"{model} at {where_is(peer)}", f"set point {hot_K(device):.1f} K", "front panel")
+        side = BackgroundSide(lambda: peer.setpoint_K, peer.heater.now_K)
+        return Bed(
+            device, background_steps(device, side), lambda: hot(peer, device), told, peer.replies
+        )
+
+    return make
+
+
+def _fluke(serial: bool) -> Make:
+    def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
+        clock = SimulatedClock()
+        peer = stack.enter_context(FlukePeer(clock=clock, serial=serial, start_K=310.0))
+        device = make_device("fluke418x", clock, {}, settings, answer_s, line_to(peer))
+        told = (f"Fluke 418x at {where_is(peer)}", "heater on", "keypad")
+
+        def stable() -> bool:
+            return peer.heating and abs(peer.heater.now_K() - peer.setpoint_K) < _STABLE_K
+
+        side = BackgroundSide(
+            lambda: peer.setpoint_K, peer.heater.now_K, stable, lambda: {"heating": peer.heating}
+        )
+        return Bed(
+            device, background_steps(device, side), lambda: hot(peer, device), told, peer.replies
+        )
+
+    return make
+
+
+def _dg645(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
+    peer = stack.enter_context(Dg645Peer())
+    line = {"host": peer.host, "port": peer.port}
+    device = make_device("dg645", SystemClock(), {}, settings, answer_s, line)
+    camera, injector = settings.get("camera", "AB"), settings.get("injector", "CD")
+    level = f"LAMP {('AB', 'CD', 'EF', 'GH').index(injector) + 1}"
+
+    def left_on() -> str:
+        values = peer.values
+        on = [
+            text
+            for text, bad in (
+                ("a trigger injects", peer.injects(injector)),
+                (f"{injector} at {values[level]} V", peer.triggers > 0 and values[level] > 0.5),
+                ("burst mode", values["BURM"] != 0),
+                ("triggers by itself", values["TSRC"] != 5),
+            )
+            if bad
+        ]
+        return ", ".join(on)
+
+    def agrees(stored: Mapping[str, Any]) -> bool:
+        delays = stored["delays"].items()
+        return (
+            all(
+                tuple(round(got, 11) for got in value)
+                == tuple(round(right, 11) for right in peer.delays[int(name.split()[1])])
+                for name, value in delays
+            )
+            and stored["levels_V"][1] == peer.values[level]
+            and stored["trigger_source"] == peer.values["TSRC"]
+        )
+
+    def pulses(output: str) -> list[float]:
+        return [edge.time_s for edge in peer.pulses(camera if output == "camera" else injector)]
+
+    volts = settings.get("injector_V", 5.0)
+    told = (f"DG645 at {peer.host}:{peer.port}", f"{injector} {volts:g} V", f"output {injector}")
+    return Bed(device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses)
+
+
+def _gige(driver: str) -> Make:
+    def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
+        peer = stack.enter_context(GigePeer((64, 48)))
+        usual = {"calibration": CALIBRATION}
+        # A session is short, and a camera is reached for as long as its heartbeat.
+        line = {"address": peer.host, "interface": "127.0.0.1", "heartbeat_s": 1.5}
+        device = make_device(driver, SystemClock(), usual, settings, None, line)
+        told = (f"camera at {peer.host}", "armed for 2 frames", "trigger cable")
+        steps = camera_steps(device, peer.line, lambda: peer.image(peer.taken))
+        return Bed(device, steps, lambda: "armed" if peer.armed else "", told, peer.replies)
+
+    return make
+
+
+DG645 = {"tcp": _dg645}
+FLUKE418X = {"tcp": _fluke(False), "serial": _fluke(True)}
+MODBUS_BLACKBODY = {
+    "eurotherm-tcp": _modbus("eurotherm-3200", False),
+    "ir2100-serial": _modbus("ir-2100", True),
+}
+GIGE_CAMERA = {"gige": _gige("gige_camera")}
+ARAVIS_CAMERA = {"gige": _gige("aravis_camera")}
