@@ -8,13 +8,14 @@ from contextlib import AbstractContextManager, suppress
 from typing import Any, TypeVar
 
 from cldit.rig.checks import check_answer
-from cldit.rig.errors import DeviceTimeout, NotConnected, RigError
+from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected, RigError
 from cldit.rig.protocols import DeviceInfo
 
 T = TypeVar("T")
 
 _MANAGER = threading.Lock()  # pyvisa makes one resource manager a process, without a lock
 _QUIET_MS = 20  # a serial line is drained when nothing has come for so long
+_NO_WORDS = ("NAN", "OK")  # no entries of a choice: spoiled, or late for a command
 _STALE = 5  # late answers, and rests of some, that may come before an identity
 
 
@@ -55,9 +56,7 @@ class ScpiLine:
                 self._resource,
                 open_timeout=milliseconds,
                 timeout=milliseconds,
-                read_termination="\n",
-                write_termination="\n",
-                **self._options,
+                **{"read_termination": "\n", "write_termination": "\n", **self._options},
             )
             if self._resource.startswith("ASRL"):
                 self._drain()
@@ -129,6 +128,32 @@ class ScpiLine:
             return value == 1.0
 
         return self._ask(command, parse)
+
+    def word(self, command: str) -> str:
+        """An entry of a choice, in capitals. Raises NotConnected, DeviceTimeout."""
+
+        def parse(answer: str) -> str:
+            if not answer.isalpha() or answer.upper() in _NO_WORDS:
+                raise self._odd(command, answer, "a word")
+            return answer.upper()
+
+        return self._ask(command, parse)
+
+    def acknowledged(self, command: str, word: str) -> None:
+        """For instruments that answer each command.
+
+        Raises:
+            ConfigRejected: it answers with `?` and a number.
+            NotConnected, DeviceTimeout: it answers with something else than `word`, or not at all.
+        """
+
+        def parse(answer: str) -> None:
+            if answer.startswith("?") and answer[1:].isdigit():
+                raise ConfigRejected(f"{self._kind}: {self._resource} refuses {command} ({answer})")
+            if answer.lower() != word:
+                raise self._odd(command, answer, word)
+
+        self._ask(command, parse)
 
     def identity(self, model: str) -> DeviceInfo:
         """Who answers: the first question on a line, because no other answer looks like this one.

@@ -77,7 +77,7 @@ class SimulatedInjector(Linked):
         return {"burst": plain_burst(self._burst), "inhibited": self._inhibited}
 
     def configure(self, burst: Burst) -> Burst:
-        self._check()
+        self.inhibit()  # what is refused leaves nothing that could fire
         check_burst(burst)
         self._burst = replace(
             burst,

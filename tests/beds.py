@@ -20,6 +20,7 @@ else:
     from cldit.drivers.simulated_scene import Pulse
 
 CAMERAS = ("gige_camera", "aravis_camera")  # a session takes a second, and has many replies
+MANY = (*CAMERAS, "pulse_generator")  # replies: all of them are for the slow tests
 _SIMULATED = {
     "simulated_camera": "camera",
     "simulated_blackbody": "background",

@@ -18,9 +18,11 @@ from cldit.rig.contract.sessions import (
 )
 from cldit.rig.drivers import RigContext, load_driver
 
+from ..pulse_generator import SERIES
 from .blackbody import FlukePeer, ModbusPeer
 from .dg645 import Dg645Peer
 from .gige_camera import GigePeer
+from .pulse_generator import PulseGeneratorPeer
 from .rig import CALIBRATION
 
 _WARM_K = 1.0  # above the safe set point
@@ -140,6 +142,43 @@ def _dg645(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None
     return Bed(device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses)
 
 
+def _pulse_generator(series: str, identity: str, serial: bool) -> Make:
+    def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
+        own = SERIES[series]
+        peer = stack.enter_context(
+            PulseGeneratorPeer(
+                identity=identity, system=own.system, trigger=own.trigger, outputs=8, serial=serial
+            )
+        )
+        asked = {**settings, "series": series}
+        device = make_device("pulse_generator", SystemClock(), {}, asked, answer_s, line_to(peer))
+        camera, injector = settings.get("camera", "A"), settings.get("injector", "B")
+        known = {
+            name: f"PULSE{'ABCDEFGH'.index(output) + 1}:"
+            for name, output in (("camera", camera), ("injector", injector))
+        }
+
+        def left_on() -> str:
+            injects = f"output {injector} would inject" if peer.injects(injector) else ""
+            return injects or ("running" if peer.running else "")
+
+        def agrees(stored: Mapping[str, Any]) -> bool:
+            return stored["running"] == peer.running and all(
+                stored["outputs"][name]["on"] == bool(peer.values[f"{channel}STAT"])
+                and abs(stored["outputs"][name]["delay_s"] - peer.values[f"{channel}DEL"]) < 1e-11
+                and abs(stored["outputs"][name]["width_s"] - peer.values[f"{channel}WIDT"]) < 1e-11
+                for name, channel in known.items()
+            )
+
+        def pulses(output: str) -> list[float]:
+            return [edge.time_s for edge in peer.pulses(camera if output == "camera" else injector)]
+
+        told = (f"{series} at {where_is(peer)}", f"{injector} on", f"output {injector}")
+        return Bed(device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses)
+
+    return make
+
+
 def _gige(driver: str) -> Make:
     def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
         peer = stack.enter_context(GigePeer((64, 48)))
@@ -159,6 +198,10 @@ FLUKE418X = {"tcp": _fluke(False), "serial": _fluke(True)}
 MODBUS_BLACKBODY = {
     "eurotherm-tcp": _modbus("eurotherm-3200", False),
     "ir2100-serial": _modbus("ir-2100", True),
+}
+PULSE_GENERATOR = {
+    "bnc575-tcp": _pulse_generator("bnc-575", "BNC,575-8,31309,2.4.1-1.2.2", False),
+    "qc9510-serial": _pulse_generator("qc-9510", "QC,9518+,02345,1.32", True),
 }
 GIGE_CAMERA = {"gige": _gige("gige_camera")}
 ARAVIS_CAMERA = {"gige": _gige("aravis_camera")}

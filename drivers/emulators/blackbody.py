@@ -19,7 +19,8 @@ from cldit.rig.contract.replies import BINARY_NAN, Replies
 
 from ..controller import KELVIN
 from ..heater import Dynamics, Heater
-from .line_server import TEXT, LineServer
+from .line_server import LineServer
+from .terminal import Terminal
 
 
 class _Peer:
@@ -209,13 +210,13 @@ class FlukePeer(_Peer):
         super().__init__(**options)
         self.heating = False
         self._limit_K = 0.5
-        self._waiting = b""
         self._server: LineServer | None = None
+        self._terminal: Terminal | None = None
 
     def __enter__(self) -> FlukePeer:
-        self._open_terminal()
-        if self.serial is not None:
-            self._read(self._master, self._take)
+        if self._wants_serial:
+            self._terminal = Terminal(self._obey, self.replies)
+            self.serial = self._terminal.name
             return self
         self._server = LineServer(self.host, self.port, self._obey, self.replies)
         self.port = self._server.port
@@ -224,19 +225,13 @@ class FlukePeer(_Peer):
     def __exit__(self, *_: object) -> None:
         if self._server is not None:
             self._server.close()
-        self._close_terminal()
+        if self._terminal is not None:
+            self._terminal.close()
 
     def unplug(self) -> None:
         """Cuts every connection."""
         if self._server is not None:
             self._server.unplug()
-
-    def _take(self, data: bytes) -> None:
-        """What came on the serial line."""
-        self._waiting += data
-        while b"\n" in self._waiting:
-            line, _, self._waiting = self._waiting.partition(b"\n")
-            _send(self._master, self.replies.passed(self._obey(line), TEXT))
 
     def _obey(self, line: bytes) -> bytes:
         """The answer as bytes, none for a command."""

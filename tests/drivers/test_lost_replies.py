@@ -13,19 +13,20 @@ from cldit.rig.contract.expect import EVERYTHING, Check
 from cldit.rig.contract.pulses import PULSES
 from cldit.rig.contract.replies import Fault
 from cldit.rig.drivers import describe_drivers
-from tests.beds import CAMERAS, cases, make_of
+from tests.beds import CAMERAS, MANY, cases, make_of
 
 ON_LINES = cases(simulated=False, cameras=False)
+SHORT = [case for case in ON_LINES if case.values[0] not in MANY]
 GENERATORS = [case for case in ON_LINES if describe_drivers()[case.values[0]].kind == "trigger"]
 
 
-@pytest.mark.parametrize(("driver", "variant"), ON_LINES)
+@pytest.mark.parametrize(("driver", "variant"), SHORT)
 def test_each_reply_lost(driver: str, variant: str) -> None:
     make = make_of(driver, variant, {})
     assert lost_replies.check_replies(make, lost_replies.every, lost_replies.lost) > 10
 
 
-@pytest.mark.parametrize(("driver", "variant"), ON_LINES)
+@pytest.mark.parametrize(("driver", "variant"), SHORT)
 def test_each_reply_spoiled(driver: str, variant: str) -> None:
     """The kinds of faults in turn; all of each in the slow test."""
     make = make_of(driver, variant, {})
@@ -38,9 +39,9 @@ def test_a_reply_lost_while_it_connects(driver: str, variant: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("driver", "variant"), [case for case in cases() if case.values[0] in CAMERAS]
+    ("driver", "variant"), [case for case in cases() if case.values[0] in MANY]
 )
-def test_some_replies_of_cameras(driver: str, variant: str) -> None:
+def test_some_replies_of_many(driver: str, variant: str) -> None:
     """Eight replies from the first to the last, each fault at least once; all in the slow test."""
     make = make_of(driver, variant, {})
     lost_replies.check_replies(make, lost_replies.some, lost_replies.any_in_turn)
