@@ -112,6 +112,7 @@ def _state(name: str, kind: str, rig: str, warmest_K: float) -> None:
 def _show(results: Iterable[Result]) -> bool:
     """A table of the results, each as it comes; whether nothing is broken."""
     tally = dict.fromkeys(Verdict, 0)
+    broken: list[Result] = []
     table = Table("where", "check", "result", "seconds", "", box=None)
     with OUT.status("checking") as status:
         for result in results:
@@ -122,10 +123,14 @@ def _show(results: Iterable[Result]) -> bool:
                 result.name,
                 verdict,
                 f"{result.seconds:.1f}",
-                escaped(result.text),
+                "" if result.verdict is Verdict.FAILED else escaped(result.text),
             )
+            if result.verdict is Verdict.FAILED:
+                broken.append(result)
             status.update(f"{result.where}: {result.name} {result.verdict}")
     OUT.print(table)
+    for result in broken:
+        OUT.print(f"[bold red]{result.where}, {result.name}:[/] {escaped(result.text)}")
     OUT.print(", ".join(f"{number} {verdict}" for verdict, number in tally.items()))
     return tally[Verdict.FAILED] == 0 and tally[Verdict.PASSED] > 0
 

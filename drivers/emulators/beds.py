@@ -16,12 +16,15 @@ from cldit.rig.contract.sessions import (
     hot_K,
     trigger_steps,
 )
-from cldit.rig.drivers import RigContext, load_driver
+from cldit.rig.drivers import RigContext, check_settings, load_driver
 
+from ..line_blackbody import LineSettings
+from ..modbus_registers import MAPS, RegisterMap
 from ..pulse_generator import SERIES
 from .blackbody import FlukePeer, ModbusPeer
 from .dg645 import Dg645Peer
 from .gige_camera import GigePeer
+from .line_blackbody import LinePeer
 from .pulse_generator import PulseGeneratorPeer
 from .rig import CALIBRATION
 
@@ -66,17 +69,80 @@ def hot(peer: Any, device: Any) -> str:
     return text if on and warm else f"{text}, heater on" if on and hasattr(peer, "heating") else ""
 
 
-def _modbus(model: str, serial: bool) -> Make:
+# Of a controller that is nobody's: every way to hold a number that the presets do not have.
+_OTHER = {
+    "maker": "nobody",
+    "model": "other registers",
+    "unit": "kelvin",
+    "temperature": {
+        "address": 10, "format": "int32", "decimals": 2, "low_word_first": True, "table": "input",
+    },
+    "setpoint": {"address": 40, "format": "uint16", "decimals": 1},
+    "extra": {"alarm": 7},
+}  # fmt: skip
+
+
+def _modbus(usual_map: Mapping[str, Any], serial: bool) -> Make:
+    """The user's own registers, where the rig file gives some, on the same line."""
+
     def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
         clock = SimulatedClock()
-        peer = stack.enter_context(ModbusPeer(model, clock=clock, serial=serial))
-        usual = {"model": model, "limits_K": [253.0, 873.0]}
+        given = {name: settings[name] for name in ("model", "registers") if name in settings}
+        asked = given or usual_map
+        registers = (
+            RegisterMap.model_validate(asked["registers"])
+            if asked.get("registers")
+            else MAPS[asked["model"]]
+        )
+        peer = stack.enter_context(ModbusPeer(registers=registers, clock=clock, serial=serial))
+        model = registers.model
+        usual = {**asked, "limits_K": [253.0, 873.0]}
         device = make_device("modbus_blackbody", clock, usual, settings, answer_s, line_to(peer))
         told = (f"{model} at {where_is(peer)}", f"set point {hot_K(device):.1f} K", "front panel")
         side = BackgroundSide(lambda: peer.setpoint_K, peer.heater.now_K)
         return Bed(
             device, background_steps(device, side), lambda: hot(peer, device), told, peer.replies
         )
+
+    return make
+
+
+_BARE = {  # numbers alone: an answer could be that of another question
+    "temperature": {"send": "T?", "answer": "{value}"},
+    "setpoint": {"send": "SP?", "answer": "{value}"},
+    "set": {"send": "SP {value:.2f}"},
+}
+_TALKS = {
+    "unit": "kelvin",
+    "identity": {"send": "ID", "answer": "BLACK BODY {any}"},
+    "temperature": {"send": "READ T", "answer": "T = {value} K"},
+    "setpoint": {"send": "READ S", "answer": "S = {value} K"},
+    "set": {"send": "SET {value:.3f}", "answer": "SET {value} DONE"},
+    "stable": {"send": "READ STABLE", "answer": "STABLE {value}"},
+    "on": {"send": "HEAT", "answer": "HEATS"},
+    "off": {"send": "COOL", "answer": "COOLS"},
+}
+
+
+def _line(usual: Mapping[str, Any], serial: bool) -> Make:
+    """The user's own templates, where the rig file gives some, on the same line."""
+
+    def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
+        clock = SimulatedClock()
+        asked = {"limits_K": [283.0, 873.0], **(settings if "set" in settings else usual)}
+        own = {name: value for name, value in asked.items() if name not in _ADDRESS}
+        known = check_settings(LineSettings, {**own, "host": "emulator"})
+        peer = stack.enter_context(LinePeer(known, clock=clock, serial=serial))
+        device = make_device("line_blackbody", clock, {}, own, answer_s, line_to(peer))
+        told = (f"at {where_is(peer)}", f"set point {hot_K(device):.1f} K", "front panel")
+        flag = (lambda: peer.stable) if known.stable is not None else (lambda: None)
+        side = BackgroundSide(lambda: peer.setpoint_K, peer.heater.now_K, flag)
+
+        def left_on() -> str:
+            warm = peer.setpoint_K > device.safe_setpoint_K + _WARM_K
+            return f"set point {peer.setpoint_K:.1f} K" if peer.heating and warm else ""
+
+        return Bed(device, background_steps(device, side), left_on, told, peer.replies)
 
     return make
 
@@ -196,12 +262,14 @@ def _gige(driver: str) -> Make:
 DG645 = {"tcp": _dg645}
 FLUKE418X = {"tcp": _fluke(False), "serial": _fluke(True)}
 MODBUS_BLACKBODY = {
-    "eurotherm-tcp": _modbus("eurotherm-3200", False),
-    "ir2100-serial": _modbus("ir-2100", True),
+    "eurotherm-tcp": _modbus({"model": "eurotherm-3200"}, False),
+    "ir2100-serial": _modbus({"model": "ir-2100"}, True),
+    "registers-tcp": _modbus({"registers": _OTHER}, False),
 }
 PULSE_GENERATOR = {
     "bnc575-tcp": _pulse_generator("bnc-575", "BNC,575-8,31309,2.4.1-1.2.2", False),
     "qc9510-serial": _pulse_generator("qc-9510", "QC,9518+,02345,1.32", True),
 }
+LINE_BLACKBODY = {"bare-tcp": _line(_BARE, False), "talks-serial": _line(_TALKS, True)}
 GIGE_CAMERA = {"gige": _gige("gige_camera")}
 ARAVIS_CAMERA = {"gige": _gige("aravis_camera")}

@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import os
 import select
-import struct
 import threading
 import time
 from collections.abc import Callable
@@ -19,11 +18,12 @@ from cldit.rig.contract.replies import BINARY_NAN, Replies
 
 from ..controller import KELVIN
 from ..heater import Dynamics, Heater
+from ..modbus_registers import MAPS, RegisterMap
 from .line_server import LineServer
 from .terminal import Terminal
 
 
-class _Peer:
+class Peer:
     """A cavity, and where it listens: `host`:`port`, or `serial` for a pseudo-terminal; `replies`
     is the way of its answers, where they can be lost."""
 
@@ -92,14 +92,22 @@ def _send(handle: int, data: bytes) -> None:
     os.write(handle, data)
 
 
-class ModbusPeer(_Peer):
-    """`model` as in the driver: eurotherm-3200 or ir-2100."""
+class ModbusPeer(Peer):
+    """`model` as in the driver: eurotherm-3200 or ir-2100; or the `registers` of another."""
 
-    def __init__(self, model: str, *, unit: int = 1, **options: Any) -> None:
+    def __init__(
+        self,
+        model: str | None = None,
+        *,
+        registers: RegisterMap | None = None,
+        unit: int = 1,
+        **options: Any,
+    ) -> None:
         super().__init__(**options)
         self.replies = Replies(BINARY_NAN)
-        self._tenths, self._unit = model == "ir-2100", unit
-        self._setpoint_at = 300 if self._tenths else 0x8000 + 2 * 24
+        self._map = registers or MAPS[str(model)]
+        self._offset_K = KELVIN if self._map.unit == "celsius" else 0.0
+        self._unit = unit
         self._loop: asyncio.AbstractEventLoop | None = None
         self._server: Any = None
 
@@ -176,12 +184,9 @@ class ModbusPeer(_Peer):
         values: list[int] | list[bool] | None,
     ) -> None:
         """Before pymodbus takes `values`, or answers with `current`, which begins at `start`."""
-        if values is not None and address == self._setpoint_at:
-            raw = b"".join(int(word).to_bytes(2, "big") for word in values)
-            if self._tenths:
-                self._aim(struct.unpack(">h", raw)[0] / 10.0)
-            elif len(raw) == 4:
-                self._aim(struct.unpack(">f", raw)[0])
+        setpoint = self._map.setpoint
+        if values is not None and address == setpoint.address and len(values) == setpoint.words:
+            self._aim(setpoint.decode([int(word) for word in values]) + self._offset_K)
         for register, words in self._words().items():
             at = register - start
             if 0 <= at <= len(current) - len(words):
@@ -189,21 +194,22 @@ class ModbusPeer(_Peer):
 
     def _words(self) -> dict[int, tuple[int, ...]]:
         """What the registers hold now, by address."""
-        now_C, wanted_C = self.heater.now_K() - KELVIN, self.heater.setpoint_K - KELVIN
-        if self._tenths:
-            now, wanted = (round(10.0 * celsius) & 0xFFFF for celsius in (now_C, wanted_C))
-            return {0: (2100,), 100: (now,), 101: (0,), 300: (wanted,)}
-        return {
-            0x8000 + 2 * register: struct.unpack(">HH", struct.pack(">f", celsius))
-            for register, celsius in ((1, now_C), (2, wanted_C), (5, wanted_C), (24, wanted_C))
+        held: dict[int, tuple[int, ...]] = {
+            at: (2100 if name == "model_code" else 0,) for name, at in self._map.extra.items()
         }
+        for register, kelvin in (
+            (self._map.temperature, self.heater.now_K()),
+            (self._map.setpoint, self.heater.setpoint_K),
+        ):
+            held[register.address] = tuple(register.encode(kelvin - self._offset_K))
+        return held
 
-    def _aim(self, celsius: float) -> None:
+    def _aim(self, setpoint_K: float) -> None:
         self.writes += 1
-        self.heater.aim(celsius + KELVIN)
+        self.heater.aim(setpoint_K)
 
 
-class FlukePeer(_Peer):
+class FlukePeer(Peer):
     """A Fluke 4181."""
 
     def __init__(self, **options: Any) -> None:
