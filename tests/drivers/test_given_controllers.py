@@ -127,9 +127,7 @@ def test_registers_that_say_nothing() -> None:
         ({"registers": {"temperature": good, "setpoint": {**good, "table": "input"}}}, "holding"),
     ):
         with pytest.raises(SceneError) as caught:
-            load_driver("modbus_blackbody")(
-                {"host": "x", "limits_K": [283, 500], **settings}, CONTEXT
-            )
+            load_driver("modbus_blackbody")({**line, **settings}, CONTEXT)
         assert text in str(caught.value)
 
 
