@@ -245,9 +245,9 @@ def _pulse_generator(series: str, identity: str, serial: bool) -> Make:
     return make
 
 
-def _gige(driver: str) -> Make:
+def _gige(driver: str, legacy: bool) -> Make:
     def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
-        peer = stack.enter_context(GigePeer((64, 48)))
+        peer = stack.enter_context(GigePeer((64, 48), legacy=legacy))
         usual = {"calibration": CALIBRATION}
         # A session is short, and a camera is reached for as long as its heartbeat.
         line = {"address": peer.host, "interface": "127.0.0.1", "heartbeat_s": 1.5}
@@ -271,5 +271,5 @@ PULSE_GENERATOR = {
     "qc9510-serial": _pulse_generator("qc-9510", "QC,9518+,02345,1.32", True),
 }
 LINE_BLACKBODY = {"bare-tcp": _line(_BARE, False), "talks-serial": _line(_TALKS, True)}
-GIGE_CAMERA = {"gige": _gige("gige_camera")}
-ARAVIS_CAMERA = {"gige": _gige("aravis_camera")}
+GIGE_CAMERA = {"gige": _gige("gige_camera", False), "genicam-1.0": _gige("gige_camera", True)}
+ARAVIS_CAMERA = {"gige": _gige("aravis_camera", False), "genicam-1.0": _gige("aravis_camera", True)}
