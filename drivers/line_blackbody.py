@@ -36,8 +36,8 @@ class LineSettings(ControllerSettings):
     set: Tell  # sets it
     identity: Command | None = None  # whose answer looks like no other: asked first on a line
     stable: Ask | None = None  # 1 or 0
-    on: Command | None = None  # the heater, where it has a switch
-    off: Command | None = None
+    heater_on: Command | None = None  # where it has a switch (YAML takes `on` for true)
+    heater_off: Command | None = None
     port: Annotated[int, Within(1, 65535)] = 5025
     baudrate: Annotated[int, Within(300, 1_000_000)] = 9600
     parity: Literal["none", "even", "odd"] = "none"
@@ -93,7 +93,9 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
         self._line.close()
 
     def _last_known(self) -> str:
-        return f"{self._setpoint}, {self._heater}" if self._settings.on else str(self._setpoint)
+        return (
+            f"{self._setpoint}, {self._heater}" if self._settings.heater_on else str(self._setpoint)
+        )
 
     def identify(self) -> DeviceInfo:
         maker, model = self._settings.maker, self._settings.model
@@ -107,7 +109,7 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
 
     def _still(self) -> str:
         """Off first, where it can be: that works by itself."""
-        off = self._settings.off
+        off = self._settings.heater_off
         if off is not None:
             self._tell(off)
             self._heater.confirmed("off")
@@ -116,9 +118,9 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
 
     def _aim(self, temperature_K: float) -> float:
         got_K = self._write(temperature_K)
-        if self._settings.on is not None:
+        if self._settings.heater_on is not None:
             self._heater.written("on")
-            self._tell(self._settings.on)
+            self._tell(self._settings.heater_on)
         return got_K
 
     def read_temperature(self) -> float:

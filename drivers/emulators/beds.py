@@ -119,8 +119,8 @@ _TALKS = {
     "setpoint": {"send": "READ S", "answer": "S = {value} K"},
     "set": {"send": "SET {value:.3f}", "answer": "SET {value} DONE"},
     "stable": {"send": "READ STABLE", "answer": "STABLE {value}"},
-    "on": {"send": "HEAT", "answer": "HEATS"},
-    "off": {"send": "COOL", "answer": "COOLS"},
+    "heater_on": {"send": "HEAT", "answer": "HEATS"},
+    "heater_off": {"send": "COOL", "answer": "COOLS"},
 }
 
 

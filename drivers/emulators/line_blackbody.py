@@ -21,7 +21,7 @@ class LinePeer(Peer):
         super().__init__(**options)
         self._settings = settings
         self._offset_K = KELVIN if settings.unit == "celsius" else 0.0
-        self.switched = settings.on is not None
+        self.switched = settings.heater_on is not None
         self.heating = not self.switched
         self._way: LineServer | Terminal | None = None
 
@@ -53,7 +53,7 @@ class LinePeer(Peer):
         for command, value in values.items():
             if text == command.text():
                 return self._answer(command, value)
-        for switch, state in ((asked.on, True), (asked.off, False)):
+        for switch, state in ((asked.heater_on, True), (asked.heater_off, False)):
             if switch is not None and text == switch.text():
                 self.heating = state
                 return self._answer(switch)

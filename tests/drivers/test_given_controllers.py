@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from cldit.errors import SceneError
+from cldit.plain_data import parse_yaml
 from cldit.rig.clock import SimulatedClock, SystemClock
 from cldit.rig.contract.replies import Replies
 from cldit.rig.drivers import RigContext, load_driver
@@ -183,3 +185,17 @@ def test_templates_before_pyvisa_sim(tmp_path: Path) -> None:
         server.close()
         oven.close()
         manager.close()
+
+
+def test_the_rig_files_of_the_docs() -> None:
+    """Each block of docs/rig.md that names a driver here is one that this driver takes."""
+    page = (Path(__file__).parents[2] / "docs" / "rig.md").read_text(encoding="utf-8")
+    seen = []
+    for block in re.findall(r"^```yaml\n(.*?)^```", page, re.MULTILINE | re.DOTALL):
+        data = parse_yaml(block, source="docs/rig.md")
+        for part in ("background", "trigger"):
+            choice = data.get(part, {})
+            if choice.get("driver", "").startswith(("modbus", "fluke", "line", "dg", "pulse")):
+                load_driver(choice["driver"])(choice["settings"], CONTEXT)
+                seen.append(choice["driver"])
+    assert {"modbus_blackbody", "line_blackbody", "dg645", "pulse_generator"} <= set(seen)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+from cldit.plain_data import parse_json
 from cldit.rig.contract.expect import Allowed, Check, expect, refuses
 from cldit.rig.errors import NotConnected
 from cldit.rig.protocols import Device
@@ -21,7 +22,7 @@ def life(device: Device, allowed: Allowed) -> None:
     refuses(device.read_configuration, NotConnected, "before connect()", "connect")
     device.connect()
     device.connect()
-    stored = json.loads(json.dumps(device.read_configuration(), allow_nan=False))
+    stored = parse_json(json.dumps(device.read_configuration(), allow_nan=False))
     expect(stored, "read_configuration() is empty")
     device.make_safe()
     device.make_safe()
