@@ -100,11 +100,12 @@ RIGS: dict[str, Make] = {
     "simulated": simulated,
     "sockets": sockets("gige_camera", 0.0),
     "sockets-lossy": sockets("gige_camera", 0.005),
-    "sockets-genicam-1.0": sockets("gige_camera", 0.0, legacy=True),
     "sockets-aravis-lossy": sockets("aravis_camera", 0.005),
 }
 CAMERAS: dict[str, Make] = {
     **RIGS,
+    "sockets-genicam-1.0": sockets("gige_camera", 0.0, legacy=True),
+    "sockets-aravis-genicam-1.0": sockets("aravis_camera", 0.0, legacy=True),
     "aravis-camera": aravis_camera("gige_camera"),
     "aravis-camera-aravis": aravis_camera("aravis_camera"),
 }

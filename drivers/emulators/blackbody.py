@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 from cldit.rig.clock import Clock, SystemClock
-from cldit.rig.contract.replies import BINARY_NAN, Replies
+from cldit.rig.contract.replies import BINARY_NAN, INTEGER_NONE, Replies
 
 from ..controller import KELVIN
 from ..heater import Dynamics, Heater
@@ -104,8 +104,9 @@ class ModbusPeer(Peer):
         **options: Any,
     ) -> None:
         super().__init__(**options)
-        self.replies = Replies(BINARY_NAN)
         self._map = registers or MAPS[str(model)]
+        formats = {self._map.temperature.format, self._map.setpoint.format}
+        self.replies = Replies(BINARY_NAN if formats == {"float32"} else INTEGER_NONE)
         self._offset_K = KELVIN if self._map.unit == "celsius" else 0.0
         self._unit = unit
         self._loop: asyncio.AbstractEventLoop | None = None

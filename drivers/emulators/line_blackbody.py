@@ -21,8 +21,7 @@ class LinePeer(Peer):
         super().__init__(**options)
         self._settings = settings
         self._offset_K = KELVIN if settings.unit == "celsius" else 0.0
-        self.switched = settings.heater_on is not None
-        self.heating = not self.switched
+        self.heating = settings.heater_on is None
         self._way: LineServer | Terminal | None = None
 
     def __enter__(self) -> LinePeer:

@@ -18,6 +18,7 @@ class Fault(StrEnum):
 
 TEXT_NAN = b"NAN"  # as an instrument with text commands writes it
 BINARY_NAN = b"\x7f\xc0\x00\x00"  # float32, big-endian
+INTEGER_NONE = b"\x80\x00"  # int16, the most negative: integers have no NaN
 
 
 class Replies:
@@ -77,7 +78,7 @@ class Replies:
                 return reply
             case Fault.NAN:
                 instead = self.no_number
-                if instead == BINARY_NAN:
+                if instead != TEXT_NAN:
                     instead = (instead * (stop - start))[: stop - start]
                 return reply[:start] + instead + reply[stop:]
             case Fault.GARBAGE:
