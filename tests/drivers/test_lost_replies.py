@@ -33,7 +33,13 @@ def test_each_reply_spoiled(driver: str, variant: str) -> None:
     lost_replies.check_replies(make, lost_replies.every, lost_replies.spoiled_in_turn)
 
 
-@pytest.mark.parametrize(("driver", "variant"), ON_LINES)
+@pytest.mark.parametrize(
+    ("driver", "variant"),
+    [
+        pytest.param(*case.values, id=case.id, marks=[] if case in SHORT else pytest.mark.slow)
+        for case in ON_LINES
+    ],
+)
 def test_a_reply_lost_while_it_connects(driver: str, variant: str) -> None:
     assert lost_replies.check_connect(make_of(driver, variant, {})) > 0
 

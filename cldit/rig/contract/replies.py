@@ -78,7 +78,7 @@ class Replies:
                 return reply
             case Fault.NAN:
                 instead = self.no_number
-                if instead != TEXT_NAN:
+                if instead in (BINARY_NAN, INTEGER_NONE):
                     instead = (instead * (stop - start))[: stop - start]
                 return reply[:start] + instead + reply[stop:]
             case Fault.GARBAGE:
