@@ -9,7 +9,7 @@ from pydantic import model_validator
 
 from cldit.rig.checks import check_setpoint
 from cldit.rig.clock import Clock
-from cldit.rig.errors import ConfigRejected
+from cldit.rig.errors import ConfigRejected, NotConnected
 from cldit.rig.link import Told
 from cldit.rig.protocols import Limits
 from cldit.rig.stability import Settling
@@ -17,6 +17,7 @@ from cldit.scene.checks import Section, Within
 from cldit.scene.values import Temperature
 
 KELVIN = 273.15  # 0 °C
+_COLDEST, _HOTTEST = 0.5, 1.5  # times the limits: beyond, an answer is no temperature of a source
 _AGREE_K = 0.1  # a set point may read back rounded to a tenth
 
 
@@ -66,8 +67,30 @@ class BlackBody(Settling, Generic[S]):
         self._setpoint = Told("set point")
 
     @property
+    def safe_setpoint_K(self) -> float:
+        """What make_safe() sets; the lowest where the settings name none."""
+        return float(getattr(self._settings, "safe_setpoint_K", self._settings.limits_K[0]))
+
+    @property
     def limits(self) -> Limits:
         return Limits(*self._settings.limits_K)
+
+    def _plausible(self, query: str, temperature_K: float) -> float:
+        """`temperature_K`, which came for `query`. A whole number that was spoiled on its way looks
+        like any other; it shows by what this source can be.
+
+        Raises:
+            NotConnected: the source cannot be so hot or so cold.
+        """
+        low, high = self._settings.limits_K
+        coldest, hottest = low * _COLDEST, high * _HOTTEST
+        if not coldest <= temperature_K <= hottest:
+            raise NotConnected(
+                f"background: {temperature_K:g} K came for {query}, expected {coldest:.0f} to "
+                f"{hottest:.0f} K with limits_K {low:g} to {high:g}; is another program talking to "
+                "it, or its unit another?"
+            )
+        return temperature_K
 
     def _confirmed(self, wanted_K: float, got_K: float) -> float:
         """`got_K`, the set point as read back.

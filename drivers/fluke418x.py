@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from cldit.rig.checks import check_temperature
+from cldit.rig.checks import check_answer
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected
 from cldit.rig.link import Linked, Told
@@ -95,7 +95,10 @@ class Fluke418x(Linked, BlackBody[FlukeSettings]):
         return self._line.flag("SOUR:STAB:TEST?")
 
     def _kelvin(self, command: str) -> float:
-        return check_temperature("background", command, self._line.number(command) + KELVIN)
+        def kelvin(answer: str) -> float:
+            return self._plausible(command, check_answer("background", command, answer) + KELVIN)
+
+        return self._line.ask(command, kelvin)
 
     def _write(self, temperature_K: float) -> float:
         self._setpoint.written(f"{temperature_K:.1f} K")

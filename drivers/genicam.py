@@ -9,6 +9,12 @@ from cldit.rig.errors import ConfigRejected, RigError
 from .genicam_client import TIMESTAMP, TIMESTAMP_CONTROL, Client, nanoseconds_a_tick
 
 _LATCH = 2
+_RATES = (  # the one that it can reach first
+    "ResultingFrameRate",
+    "ResultingFrameRateAbs",
+    "AcquisitionFrameRate",
+    "AcquisitionFrameRateAbs",
+)
 
 
 class Features:
@@ -39,10 +45,26 @@ class Features:
         """Empty where the camera has no such feature."""
         return self.client.get_string(name) if self.has(name) else ""
 
+    def named(self, *names: str) -> str:
+        """Which of these names of one thing the camera has; SFNC 2 renamed some.
+
+        Raises:
+            ConfigRejected: none.
+        """
+        for name in names:
+            if self.has(name):
+                return name
+        raise ConfigRejected(f"camera: has no feature {' or '.join(names)}")
+
     @property
     def _exposure(self) -> str:
-        """In microseconds; before SFNC 2 it had another name."""
-        return "ExposureTime" if self.has("ExposureTime") else "ExposureTimeAbs"
+        """In microseconds."""
+        return self.named("ExposureTime", "ExposureTimeAbs")
+
+    def sensor_pixels(self) -> tuple[int, int]:
+        """Columns, rows."""
+        columns = self.integer(self.named("SensorWidth", "WidthMax"))
+        return columns, self.integer(self.named("SensorHeight", "HeightMax"))
 
     def exposure_s(self) -> float:
         return 1e-6 * self.client.get_float(self._exposure)
@@ -98,7 +120,7 @@ class Features:
 
     def maximum_rate_Hz(self) -> float:
         """Raises ConfigRejected where the camera does not tell it."""
-        for name in ("ResultingFrameRate", "AcquisitionFrameRate"):
+        for name in _RATES:
             if self.has(name):
                 return self.client.get_float(name)
         raise ConfigRejected("camera: does not tell its frame rate; give maximum_rate_Hz")

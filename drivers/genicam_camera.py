@@ -284,8 +284,7 @@ class GenicamCamera(Linked):
     # The camera's features
 
     def _sensor(self) -> tuple[int, int]:
-        features = self._connected()
-        return features.integer("SensorWidth"), features.integer("SensorHeight")
+        return self._connected().sensor_pixels()
 
     def _read_settings(self) -> Settings:
         roi = Roi(

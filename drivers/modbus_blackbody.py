@@ -1,7 +1,5 @@
-"""Black bodies whose controller speaks Modbus: Eurotherm 3200, Infrared Systems IR-2100.
-
-Register maps: Eurotherm 3200 engineering manual (HA028651), floats at 0x8000 + 2n; Infrared
-Systems IR-2100 manual. Both work in degrees Celsius.
+"""Black bodies whose controller speaks Modbus: Eurotherm 3200, Infrared Systems IR-2100, and any
+other whose registers the rig file gives.
 
 Eurotherm keeps SP1 (24) in a memory that wears out: it is written only when it changes, which is
 once for each background.
@@ -9,13 +7,13 @@ once for each background.
 
 from __future__ import annotations
 
-import struct
+import logging
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar
 
-from cldit.rig.checks import check_answer, check_temperature
+from pydantic import model_validator
+
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, NotConnected
 from cldit.rig.link import Linked, LinkState
@@ -23,49 +21,36 @@ from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
 
 from .controller import KELVIN, BlackBody, ControllerSettings
+from .modbus_registers import MAPS, Register, RegisterMap
 
 T = TypeVar("T")
 
-
-@dataclass(frozen=True)
-class RegisterMap:
-    """Where a controller keeps what. `tenths`: °C times 10 as int16; else float32 at 0x8000+2n.
-
-    first_words: how many registers, from the temperature's on, are read first on a line; more
-    than are read at once later.
-    """
-
-    maker: str
-    tenths: bool
-    temperature: int
-    setpoint: int
-    extra: dict[str, int]  # further registers, plain integers, for the stored configuration
-    baudrate: int
-    first_words: int
-
-
-MAPS = {
-    "eurotherm-3200": RegisterMap("Eurotherm", False, 1, 24, {}, 9600, 4),
-    "ir-2100": RegisterMap(
-        "Infrared Systems", True, 100, 300, {"model_code": 0, "error_code": 101}, 19200, 2
-    ),
-}
-
-
 ABOUT = DriverAbout(
     "background",
-    "Eurotherm 3200, Infrared Systems IR-2100, Modbus over TCP or serial",
+    "Eurotherm 3200, Infrared Systems IR-2100, others by their registers; Modbus, TCP or serial",
     "untested on hardware; tested with pymodbus' server, which minimalmodbus agrees with",
     needs=("pymodbus", "serial"),
 )
 
 
 class ModbusSettings(ControllerSettings):
-    model: Literal["eurotherm-3200", "ir-2100"]
+    model: Literal["eurotherm-3200", "ir-2100"] | None = None
+    registers: RegisterMap | None = None  # of another model, or used otherwise
     port: Annotated[int, Within(1, 65535)] = 502
     baudrate: Annotated[int, Within(300, 1_000_000)] | None = None  # the controller's usual one
     unit: Annotated[int, Within(1, 247)] = 1
     answer_s: Annotated[float, Within(0.01, 60.0)] = 1.0
+
+    @model_validator(mode="after")
+    def _one_map(self) -> ModbusSettings:
+        if (self.model is None) == (self.registers is None):
+            raise ValueError("model, registers: allowed is one of the two")
+        return self
+
+    @property
+    def map(self) -> RegisterMap:
+        """The registers."""
+        return self.registers if self.registers is not None else MAPS[str(self.model)]
 
 
 class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
@@ -75,16 +60,19 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
         Linked.__init__(
             self,
             "background",
-            f"{settings.model} at {settings.where}",
+            f"{settings.map.model} at {settings.where}",
             by_hand="lower its set point at its front panel, or switch its mains off",
         )
         BlackBody.__init__(self, settings, context.clock)
-        self._map = MAPS[settings.model]
+        self._map = settings.map
+        self._offset_K = KELVIN if self._map.unit == "celsius" else 0.0
         self._client: Any = None
 
     def _open(self, timeout_s: float) -> None:
         from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
+        # Its errors come as the rig's; nobody needs them a second time, on the terminal.
+        logging.getLogger("pymodbus").addHandler(logging.NullHandler())
         settings = self._settings
         # No retries of pymodbus' own: the answer to the first request could come to the second.
         options: dict[str, Any] = {"timeout": min(timeout_s, settings.answer_s), "retries": 0}
@@ -97,8 +85,9 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
             if not self._client.connect():
                 raise NotConnected(f"{settings.where} does not answer")
             # Nobody asks for so many registers else: what was late for somebody shows by its size.
+            many = 2 * max(self._map.temperature.words, self._map.setpoint.words)
             with suppress(ConfigRejected):  # a refusal is an answer to this question, too
-                self._registers(self._address(self._map.temperature), self._map.first_words)
+                self._registers(self._map.temperature, many)
             self.read_temperature()
         except Exception as error:
             raise NotConnected(
@@ -116,14 +105,17 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
         return str(self._setpoint)
 
     def identify(self) -> DeviceInfo:
-        maker, model = self._map.maker, self._settings.model
+        maker, model = self._map.maker, self._map.model
         return DeviceInfo("background", maker, model, tested_on_hardware=False)
 
     def read_configuration(self) -> dict[str, Any]:
         return {
             **self._settings.model_dump(mode="json"),
             "setpoint_K": self._get(self._map.setpoint),
-            **{name: self._registers(at, 1)[0] for name, at in self._map.extra.items()},
+            **{
+                name: self._registers(Register(address=at, format="uint16"), 1)[0]
+                for name, at in self._map.extra.items()
+            },
         }
 
     def _still(self) -> str:
@@ -138,52 +130,35 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
 
     def _aim(self, temperature_K: float) -> float:
         self._setpoint.written(f"{temperature_K:.1f} K")
-        celsius = temperature_K - KELVIN
-        words = self._encode(celsius)
-        address = self._address(self._map.setpoint)
-        if self._registers(address, len(words)) != words:
-            self._write(address, words)
-        return self._confirmed(temperature_K, self._get(self._map.setpoint))
+        register = self._map.setpoint
+        words = register.encode(temperature_K - self._offset_K)
+        if self._registers(register, len(words)) != words:
+            self._write(register.address, words)
+        return self._confirmed(temperature_K, self._get(register))
 
-    def _get(self, register: int) -> float:
+    def _get(self, register: Register) -> float:
         """Kelvin."""
 
         def kelvin(words: list[int]) -> float:
-            raw = b"".join(word.to_bytes(2, "big") for word in words)
-            what = f"register {register}"
-            if self._map.tenths:
-                celsius = int(struct.unpack(">h", raw)[0]) / 10.0
-            else:
-                celsius = check_answer("background", what, float(struct.unpack(">f", raw)[0]))
-            return check_temperature("background", what, celsius + KELVIN)
+            what = f"register {register.address}"
+            temperature_K = register.decode(words) + self._offset_K
+            return self._plausible(what, temperature_K)
 
-        return self._read(self._address(register), 1 if self._map.tenths else 2, kelvin)
+        return self._read(register, register.words, kelvin)
 
-    def _encode(self, celsius: float) -> list[int]:
-        if self._map.tenths:
-            tenths = round(10.0 * celsius)
-            if not -(2**15) <= tenths < 2**15:
-                raise ConfigRejected(f"background: {celsius:.1f} °C does not fit the controller")
-            return [tenths & 0xFFFF]
-        raw = struct.pack(">f", celsius)
-        return [int.from_bytes(raw[:2], "big"), int.from_bytes(raw[2:], "big")]
+    def _registers(self, first: Register, count: int) -> list[int]:
+        return self._read(first, count, list)
 
-    def _address(self, register: int) -> int:
-        return register if self._map.tenths else 0x8000 + 2 * register
-
-    def _registers(self, address: int, count: int) -> list[int]:
-        return self._read(address, count, list)
-
-    def _read(self, address: int, count: int, parse: Callable[[list[int]], T]) -> T:
+    def _read(self, first: Register, count: int, parse: Callable[[list[int]], T]) -> T:
         def parsed(answer: Any) -> T:
             if len(answer.registers) != count:
                 raise NotConnected(
-                    f"background: {len(answer.registers)} registers came for register {address}, "
-                    f"expected {count}"
+                    f"background: {len(answer.registers)} registers came for register "
+                    f"{first.address}, expected {count}"
                 )
             return parse(answer.registers)
 
-        return self._ask("read_holding_registers", address, {"count": count}, parsed)
+        return self._ask(f"read_{first.table}_registers", first.address, {"count": count}, parsed)
 
     def _write(self, address: int, words: list[int]) -> None:
         def written(answer: Any) -> None:

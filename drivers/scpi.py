@@ -8,13 +8,14 @@ from contextlib import AbstractContextManager, suppress
 from typing import Any, TypeVar
 
 from cldit.rig.checks import check_answer
-from cldit.rig.errors import DeviceTimeout, NotConnected, RigError
+from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected, RigError
 from cldit.rig.protocols import DeviceInfo
 
 T = TypeVar("T")
 
 _MANAGER = threading.Lock()  # pyvisa makes one resource manager a process, without a lock
-_QUIET_MS = 20  # a serial line is drained when nothing has come for so long
+_QUIET_s = 0.02
+_NO_WORDS = ("NAN", "OK")  # no entries of a choice: spoiled, or late for a command
 _STALE = 5  # late answers, and rests of some, that may come before an identity
 
 
@@ -27,6 +28,7 @@ class ScpiLine:
         kind: the device in messages.
         resource: as VISA writes it: `TCPIP::HOST::PORT::SOCKET` or `ASRL/dev/ttyUSB0::INSTR`.
         asking: entered around each exchange; see `cldit.rig.link.Linked`.
+        quiet_s: a serial line is drained when nothing has come for so long.
         options: further attributes of the pyvisa resource (`baud_rate`).
     """
 
@@ -35,13 +37,19 @@ class ScpiLine:
         kind: str,
         resource: str,
         asking: Callable[[], AbstractContextManager[None]],
+        quiet_s: float = _QUIET_s,
         **options: Any,
     ) -> None:
         self._kind = kind
+        self._quiet_s = quiet_s
         self._resource = resource
         self._asking = asking
         self._options = options
         self._visa: Any = None
+
+    def add_options(self, **options: Any) -> None:
+        """Further attributes, that only pyvisa can name."""
+        self._options |= options
 
     def open(self, timeout_s: float) -> None:
         """Raises NotConnected."""
@@ -55,9 +63,7 @@ class ScpiLine:
                 self._resource,
                 open_timeout=milliseconds,
                 timeout=milliseconds,
-                read_termination="\n",
-                write_termination="\n",
-                **self._options,
+                **{"read_termination": "\n", "write_termination": "\n", **self._options},
             )
             if self._resource.startswith("ASRL"):
                 self._drain()
@@ -72,7 +78,7 @@ class ScpiLine:
         """Throws away what came for somebody before."""
         import pyvisa
 
-        usual, self._visa.timeout = self._visa.timeout, _QUIET_MS
+        usual, self._visa.timeout = self._visa.timeout, round(1e3 * self._quiet_s)
         try:
             while True:
                 self._visa.read_bytes(1)
@@ -91,7 +97,7 @@ class ScpiLine:
 
     def query(self, command: str) -> str:
         """The answer without white space around it. Raises NotConnected, DeviceTimeout."""
-        return self._ask(command, str)
+        return self.ask(command, str)
 
     def numbers(self, command: str, count: int) -> list[float]:
         """As many finite numbers, with commas between. Raises NotConnected, DeviceTimeout."""
@@ -102,7 +108,7 @@ class ScpiLine:
                 raise self._odd(command, answer, f"{count} numbers")
             return values
 
-        return self._ask(command, parse)
+        return self.ask(command, parse)
 
     def number(self, command: str) -> float:
         """A finite one. Raises NotConnected, DeviceTimeout."""
@@ -117,7 +123,7 @@ class ScpiLine:
                 raise self._odd(command, answer, "a whole number")
             return int(value)
 
-        return self._ask(command, parse)
+        return self.ask(command, parse)
 
     def flag(self, command: str) -> bool:
         """Raises NotConnected, DeviceTimeout."""
@@ -128,33 +134,78 @@ class ScpiLine:
                 raise self._odd(command, answer, "0 or 1")
             return value == 1.0
 
-        return self._ask(command, parse)
+        return self.ask(command, parse)
+
+    def word(self, command: str) -> str:
+        """An entry of a choice, in capitals. Raises NotConnected, DeviceTimeout."""
+
+        def parse(answer: str) -> str:
+            if not answer.isalpha() or answer.upper() in _NO_WORDS:
+                raise self._odd(command, answer, "a word")
+            return answer.upper()
+
+        return self.ask(command, parse)
+
+    def acknowledged(self, command: str, word: str) -> None:
+        """For instruments that answer each command.
+
+        Raises:
+            ConfigRejected: it answers with `?` and a number.
+            NotConnected, DeviceTimeout: it answers with something else than `word`, or not at all.
+        """
+
+        def parse(answer: str) -> None:
+            if answer.startswith("?") and answer[1:].isdigit():
+                raise ConfigRejected(f"{self._kind}: {self._resource} refuses {command} ({answer})")
+            if answer.lower() != word:
+                raise self._odd(command, answer, word)
+
+        self.ask(command, parse)
 
     def identity(self, model: str) -> DeviceInfo:
         """Who answers: the first question on a line, because no other answer looks like this one.
-        What comes before it was late for somebody.
 
         Raises:
             NotConnected: no model that begins with `model` answers.
         """
 
-        def ask() -> DeviceInfo:
-            answer = str(self._visa.query("*IDN?"))
+        def told(answer: str) -> DeviceInfo | None:
+            parts = [part.strip() for part in answer.split(",")]
+            if len(parts) != 4:
+                return None
+            maker, name, serial, firmware = parts
+            if not name.startswith(model):
+                raise self._odd("*IDN?", answer, f"a {model}")
+            return DeviceInfo(self._kind, maker, name, serial, firmware, tested_on_hardware=False)
+
+        return self.first("*IDN?", told, f"a {model}")
+
+    def first(self, command: str, told: Callable[[str], T | None], expected: str) -> T:
+        """The answer to the first question on a line; what comes before it was late for somebody.
+
+        Args:
+            command: whose answer looks like no other.
+            told: makes something of it; None where that is not it.
+            expected: in words.
+
+        Raises:
+            NotConnected: it does not come.
+        """
+
+        def ask() -> T:
+            answer = str(self._visa.query(command)).strip()
             for _ in range(_STALE):
-                parts = [part.strip() for part in answer.split(",")]
-                if len(parts) == 4 and parts[1].startswith(model):
-                    maker, name, serial, firmware = parts
-                    return DeviceInfo(
-                        self._kind, maker, name, serial, firmware, tested_on_hardware=False
-                    )
-                if len(parts) == 4:
-                    break
-                answer = str(self._visa.read())
-            raise NotConnected(f"{self._kind}: {answer.strip()!r} answers, expected a {model}")
+                if (found := told(answer)) is not None:
+                    return found
+                answer = str(self._visa.read()).strip()
+            raise self._odd(command, answer, expected)
 
-        return self._exchange("*IDN?", ask)
+        return self._exchange(command, ask)
 
-    def _ask(self, command: str, parse: Callable[[str], T]) -> T:
+    def ask(self, command: str, parse: Callable[[str], T]) -> T:
+        """What `parse` makes of the answer; what it raises spoils the exchange, but for
+        ConfigRejected. Raises NotConnected, DeviceTimeout.
+        """
         return self._exchange(command, lambda: parse(str(self._visa.query(command)).strip()))
 
     def _odd(self, command: str, answer: str, expected: str) -> NotConnected:

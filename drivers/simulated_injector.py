@@ -81,7 +81,7 @@ class SimulatedInjector(Linked):
         }
 
     def configure(self, burst: Burst) -> Burst:
-        self._check()
+        self.inhibit()  # what is refused leaves nothing that could fire
         check_burst(burst)
         self._burst = replace(
             burst,

@@ -37,12 +37,12 @@ def needs(driver: str) -> None:
         pytest.importorskip("viva_genicam", reason="viva_genicam is missing; install cldit[rig]")
 
 
-def sockets(driver: str, loss: float) -> Make:
+def sockets(driver: str, loss: float, legacy: bool = False) -> Make:
     def make(data: dict[str, Any], stack: ExitStack) -> Rig:
         needs(driver)
         for module in ("pyvisa_py", "pymodbus"):
             pytest.importorskip(module, reason=f"{module} is missing; install cldit[rig]")
-        peers = stack.enter_context(PeerRig(camera=GigePeer(loss=loss, seed=11)))
+        peers = stack.enter_context(PeerRig(camera=GigePeer(loss=loss, seed=11, legacy=legacy)))
         file = {**peers.rig_data(), "setup": data["setup"]}
         file["camera"]["driver"] = driver
         return open_rig(file)
@@ -104,6 +104,8 @@ RIGS: dict[str, Make] = {
 }
 CAMERAS: dict[str, Make] = {
     **RIGS,
+    "sockets-genicam-1.0": sockets("gige_camera", 0.0, legacy=True),
+    "sockets-aravis-genicam-1.0": sockets("aravis_camera", 0.0, legacy=True),
     "aravis-camera": aravis_camera("gige_camera"),
     "aravis-camera-aravis": aravis_camera("aravis_camera"),
 }

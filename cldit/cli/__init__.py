@@ -11,6 +11,7 @@ _COMMANDS = {
     "run": "cldit.cli.run:run",
     "scenes": "cldit.cli.scenes:scenes",
     "devices": "cldit.cli.devices:devices",
+    "check-driver": "cldit.cli.check_driver:check_driver",
     "optics": "cldit.cli.optics:optics",
     "fit-liquid": "cldit.cli.liquid:fit_liquid",
     "spray": "cldit.cli.sprays:spray_command",

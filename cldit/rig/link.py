@@ -21,9 +21,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import Enum
 
-from cldit.rig.errors import ConfigRejected, NotConnected, NotSafe, RigError
+from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected, NotSafe, RigError
 from cldit.rig.protocols import Safety
 
+_LEFT = 0.5  # part of the time for connecting that a second attempt needs
 _TRIES = 3  # a link that is only out of step is in step again at the second
 
 
@@ -79,6 +80,7 @@ class Linked(ABC):
         self._harmless = False  # made safe, and nothing was asked since
         self._answered = False  # at least once since it was last harmless
         self._why_lost = ""
+        self._unanswered = False  # an exchange failed since it began to open
 
     @abstractmethod
     def _open(self, timeout_s: float) -> None:
@@ -105,7 +107,7 @@ class Linked(ABC):
             return
         before, self._state = self._state, LinkState.OPENING
         try:
-            self._open(timeout_s)
+            self._open_again(timeout_s)
         except BaseException as error:
             owed = self._answered or before is not LinkState.NEVER
             self._state = LinkState.LOST if owed else LinkState.NEVER
@@ -115,6 +117,20 @@ class Linked(ABC):
                 raise NotConnected(str(error)) from error
             raise
         self._state, self._why_lost = LinkState.OPEN, ""
+
+    def _open_again(self, timeout_s: float) -> None:
+        """Opens the line, and once more where an answer was lost or spoiled on it, as noise does:
+        whatever is asked while it opens may be asked twice."""
+        self._unanswered = False
+        start_s = time.monotonic()
+        try:
+            self._open(timeout_s)
+        except (NotConnected, DeviceTimeout):
+            left_s = timeout_s - (time.monotonic() - start_s)
+            if not self._unanswered or left_s < _LEFT * timeout_s:
+                raise
+            self._drop()
+            self._open(left_s)
 
     def close(self) -> None:
         """Lets go; an instrument that may be on stays owed to `make_safe`."""
@@ -179,6 +195,7 @@ class Linked(ABC):
             if isinstance(error, ConfigRejected):
                 self._answered = True
             else:
+                self._unanswered = True
                 self._lose(error)
             raise
         self._answered = True

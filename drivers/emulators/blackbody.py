@@ -8,21 +8,22 @@ from __future__ import annotations
 import asyncio
 import os
 import select
-import struct
 import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
 from cldit.rig.clock import Clock, SystemClock
+from cldit.rig.contract.replies import BINARY_NAN, INTEGER_NONE, Replies
 
 from ..controller import KELVIN
 from ..heater import Dynamics, Heater
-from .line_server import TEXT, LineServer
-from .replies import BINARY_NAN, Replies
+from ..modbus_registers import MAPS, RegisterMap
+from .line_server import LineServer
+from .terminal import Terminal
 
 
-class _Peer:
+class Peer:
     """A cavity, and where it listens: `host`:`port`, or `serial` for a pseudo-terminal; `replies`
     is the way of its answers, where they can be lost."""
 
@@ -91,14 +92,23 @@ def _send(handle: int, data: bytes) -> None:
     os.write(handle, data)
 
 
-class ModbusPeer(_Peer):
-    """`model` as in the driver: eurotherm-3200 or ir-2100."""
+class ModbusPeer(Peer):
+    """`model` as in the driver: eurotherm-3200 or ir-2100; or the `registers` of another."""
 
-    def __init__(self, model: str, *, unit: int = 1, **options: Any) -> None:
+    def __init__(
+        self,
+        model: str | None = None,
+        *,
+        registers: RegisterMap | None = None,
+        unit: int = 1,
+        **options: Any,
+    ) -> None:
         super().__init__(**options)
-        self.replies = Replies(BINARY_NAN)
-        self._tenths, self._unit = model == "ir-2100", unit
-        self._setpoint_at = 300 if self._tenths else 0x8000 + 2 * 24
+        self._map = registers or MAPS[str(model)]
+        formats = {self._map.temperature.format, self._map.setpoint.format}
+        self.replies = Replies(BINARY_NAN if formats == {"float32"} else INTEGER_NONE)
+        self._offset_K = KELVIN if self._map.unit == "celsius" else 0.0
+        self._unit = unit
         self._loop: asyncio.AbstractEventLoop | None = None
         self._server: Any = None
 
@@ -175,12 +185,9 @@ class ModbusPeer(_Peer):
         values: list[int] | list[bool] | None,
     ) -> None:
         """Before pymodbus takes `values`, or answers with `current`, which begins at `start`."""
-        if values is not None and address == self._setpoint_at:
-            raw = b"".join(int(word).to_bytes(2, "big") for word in values)
-            if self._tenths:
-                self._aim(struct.unpack(">h", raw)[0] / 10.0)
-            elif len(raw) == 4:
-                self._aim(struct.unpack(">f", raw)[0])
+        setpoint = self._map.setpoint
+        if values is not None and address == setpoint.address and len(values) == setpoint.words:
+            self._aim(setpoint.decode([int(word) for word in values]) + self._offset_K)
         for register, words in self._words().items():
             at = register - start
             if 0 <= at <= len(current) - len(words):
@@ -188,34 +195,35 @@ class ModbusPeer(_Peer):
 
     def _words(self) -> dict[int, tuple[int, ...]]:
         """What the registers hold now, by address."""
-        now_C, wanted_C = self.heater.now_K() - KELVIN, self.heater.setpoint_K - KELVIN
-        if self._tenths:
-            now, wanted = (round(10.0 * celsius) & 0xFFFF for celsius in (now_C, wanted_C))
-            return {0: (2100,), 100: (now,), 101: (0,), 300: (wanted,)}
-        return {
-            0x8000 + 2 * register: struct.unpack(">HH", struct.pack(">f", celsius))
-            for register, celsius in ((1, now_C), (2, wanted_C), (5, wanted_C), (24, wanted_C))
+        held: dict[int, tuple[int, ...]] = {
+            at: (2100 if name == "model_code" else 0,) for name, at in self._map.extra.items()
         }
+        for register, kelvin in (
+            (self._map.temperature, self.heater.now_K()),
+            (self._map.setpoint, self.heater.setpoint_K),
+        ):
+            held[register.address] = tuple(register.encode(kelvin - self._offset_K))
+        return held
 
-    def _aim(self, celsius: float) -> None:
+    def _aim(self, setpoint_K: float) -> None:
         self.writes += 1
-        self.heater.aim(celsius + KELVIN)
+        self.heater.aim(setpoint_K)
 
 
-class FlukePeer(_Peer):
+class FlukePeer(Peer):
     """A Fluke 4181."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         self.heating = False
         self._limit_K = 0.5
-        self._waiting = b""
         self._server: LineServer | None = None
+        self._terminal: Terminal | None = None
 
     def __enter__(self) -> FlukePeer:
-        self._open_terminal()
-        if self.serial is not None:
-            self._read(self._master, self._take)
+        if self._wants_serial:
+            self._terminal = Terminal(self._obey, self.replies)
+            self.serial = self._terminal.name
             return self
         self._server = LineServer(self.host, self.port, self._obey, self.replies)
         self.port = self._server.port
@@ -224,19 +232,13 @@ class FlukePeer(_Peer):
     def __exit__(self, *_: object) -> None:
         if self._server is not None:
             self._server.close()
-        self._close_terminal()
+        if self._terminal is not None:
+            self._terminal.close()
 
     def unplug(self) -> None:
         """Cuts every connection."""
         if self._server is not None:
             self._server.unplug()
-
-    def _take(self, data: bytes) -> None:
-        """What came on the serial line."""
-        self._waiting += data
-        while b"\n" in self._waiting:
-            line, _, self._waiting = self._waiting.partition(b"\n")
-            _send(self._master, self.replies.passed(self._obey(line), TEXT))
 
     def _obey(self, line: bytes) -> bytes:
         """The answer as bytes, none for a command."""

@@ -12,8 +12,9 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from cldit.rig.contract.replies import Replies
+
 from .line_server import LineServer
-from .replies import Replies
 
 _SCALARS = {  # command: lowest, highest, value after *RST
     "TSRC": (0, 6, 5),
@@ -102,8 +103,13 @@ class Dg645Peer:
     @property
     def injects_on_trigger(self) -> bool:
         """Whether a trigger now would move the output CD."""
+        return self.injects("CD")
+
+    def injects(self, output: str) -> bool:
+        """Whether a trigger now would move that output."""
+        first = 2 * _NAMES.index(output)
         with self._lock:
-            return self._delay(5) > self._delay(4)
+            return self._delay(first + 1) > self._delay(first)
 
     def pulses(self, output: str) -> list[Edge]:
         """Pulses that went out there."""

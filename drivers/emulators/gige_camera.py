@@ -21,8 +21,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.rig.contract.replies import BINARY_NAN, Replies
+
 from . import gige_registers as reg
-from .replies import BINARY_NAN, Replies
 
 Image = Callable[[int, float], NDArray[np.uint16]]
 
@@ -41,6 +42,11 @@ def pattern(sensor: tuple[int, int]) -> Image:
 
 class GigePeer:
     """Enter it to switch it on; `host` is its address.
+
+    Args:
+        legacy: a camera with GenICam 1.0: its own registers are numbers for READREG and WRITEREG,
+            but READMEM and WRITEMEM see the little-endian memory of its processor (GenICam
+            standard 2.0, appendix 3); names of SFNC 1.
 
     Attributes:
         loss: part of the stream's packets that never arrive, drawn with `seed`.
@@ -61,8 +67,10 @@ class GigePeer:
         loss: float = 0.0,
         seed: int = 1,
         host: str | None = None,
+        legacy: bool = False,
     ) -> None:
         self.sensor = sensor
+        self._legacy = legacy
         self.host = host or ".".join(["127", *(str(secrets.randbelow(254) + 1) for _ in "abc")])
         self.serial = f"{secrets.randbelow(10**8):08d}"
         self.loss, self.skip, self.cut, self.skipped = loss, 0, 0, 0
@@ -85,9 +93,10 @@ class GigePeer:
 
     def __enter__(self) -> GigePeer:
         self._memory[:] = bytes(reg.SIZE)
-        reg.bootstrap(self._memory, self.host, self.sensor, self.serial)
+        schema = (1, 0) if self._legacy else (1, 1)
+        reg.bootstrap(self._memory, self.host, self.sensor, self.serial, schema)
         self._put_float(reg.FRAME_RATE, self._rate_Hz)
-        self._modes = dict.fromkeys(reg.SELECTORS.values(), 0)
+        self._modes = dict.fromkeys((reg.FRAME, reg.BURST), 0)
         for at, size in zip((reg.WIDTH, reg.HEIGHT), self.sensor, strict=True):
             self._put(at + 0x100, size)
         self._control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -170,7 +179,7 @@ class GigePeer:
 
     @property
     def _burst_mode(self) -> bool:
-        return self._modes[reg.SELECTORS["FrameBurstStart"]] == 1
+        return self._modes[reg.BURST] == 1
 
     def _miss(self) -> None:
         self.missed += 1
@@ -182,7 +191,8 @@ class GigePeer:
         if not self._active or self._left <= 0 or soon:
             self._miss()
             return
-        count = self._get(reg.BURST_COUNT) if self._burst_mode else 1
+        counted = reg.FRAME_COUNT if self._legacy else reg.BURST_COUNT
+        count = self._get(counted) if self._burst_mode else 1
         for number in range(min(count, self._left)):
             self._last_s = now_s + number / self._rate_Hz
             self._left -= 1
@@ -292,7 +302,7 @@ class GigePeer:
             if at + count > reg.SIZE:
                 return _BAD_ADDRESS, b""
             words = range(at - at % 4, at + count, 4)
-            data = b"".join(self._read(word) for word in words)
+            data = b"".join(self._in_memory(word, self._read(word)) for word in words)
             return 0, body[:4] + data[at % 4 : at % 4 + count]
         if command == 0x0082:
             for index, (at, value) in enumerate(struct.iter_unpack(">II", body)):
@@ -303,12 +313,17 @@ class GigePeer:
         if command == 0x0086:
             (at,) = struct.unpack(">I", body[:4])
             for index in range(4, len(body) - 3, 4):
-                (value,) = struct.unpack(">I", body[index : index + 4])
-                status = self._write(at + index - 4, value, sender)
+                word = at + index - 4
+                value = int.from_bytes(self._in_memory(word, body[index : index + 4]), "big")
+                status = self._write(word, value, sender)
                 if status:
                     return status, b""
             return 0, struct.pack(">HH", 0, len(body) - 4)
         return _UNSUPPORTED, b""
+
+    def _in_memory(self, at: int, word: bytes) -> bytes:
+        """A register's four bytes as READMEM and WRITEMEM have them."""
+        return word[::-1] if self._legacy and reg.own(at) else word
 
     def _read(self, at: int) -> bytes:
         if at == reg.PAYLOAD:

@@ -27,14 +27,22 @@ MISSED_TRIGGERS, TRIGGER_SELECTOR, BURST_COUNT = (0xA070 + 4 * i for i in range(
 XML_AT = 0x10000
 SIZE = 0x20000
 
-SELECTORS = {"FrameStart": 0, "FrameBurstStart": 1}
+FRAME, BURST = 0, 1  # trigger selectors
 SOURCES = {"Software": 0, "Line1": 1}
 MODES = {"SingleFrame": 0, "MultiFrame": 1, "Continuous": 2}
 EXPOSURE_LIMITS_us = (0.32, 1e6)
 
 
-def bootstrap(memory: bytearray, host: str, sensor: tuple[int, int], serial: str) -> None:
-    """Fills the memory of a camera that has just been switched on."""
+def own(address: int) -> bool:
+    """Whether it is one of the camera's own registers, which its description names."""
+    return WIDTH <= address < XML_AT
+
+
+def bootstrap(
+    memory: bytearray, host: str, sensor: tuple[int, int], serial: str, schema: tuple[int, int]
+) -> None:
+    """Fills the memory of a camera that has just been switched on; its description has a schema
+    of that version of GenApi."""
 
     def put(address: int, value: int) -> None:
         struct.pack_into(">I", memory, address, value)
@@ -72,14 +80,15 @@ def bootstrap(memory: bytearray, host: str, sensor: tuple[int, int], serial: str
     put(FRAME_COUNT, 1)
     put(BURST_COUNT, 1)
     struct.pack_into(">f", memory, EXPOSURE, 1000.0)
-    description = xml(sensor).encode()
+    description = xml(sensor, schema).encode()
     memory[XML_AT : XML_AT + len(description)] = description
     text(0x200, 512, f"Local:peer.xml;{XML_AT:x};{len(description):x}")
 
 
-def xml(sensor: tuple[int, int]) -> str:
+def xml(sensor: tuple[int, int], schema: tuple[int, int] = (1, 1)) -> str:
     """The GenApi description; what it does not name, a client cannot reach."""
     columns, rows = sensor
+    old = schema < (1, 1)  # and SFNC 1, whose names these are
     features: list[str] = []
     names: list[str] = []
 
@@ -135,24 +144,28 @@ def xml(sensor: tuple[int, int]) -> str:
     text("DeviceModelName", 0x68, 32)
     text("DeviceVersion", 0x88, 32)
     text("DeviceSerialNumber", 0xD8, 16)
-    integer("SensorWidth", WIDTH + 0x100, columns, columns, mode="RO")
-    integer("SensorHeight", HEIGHT + 0x100, rows, rows, mode="RO")
+    whole = ("WidthMax", "HeightMax") if old else ("SensorWidth", "SensorHeight")
+    integer(whole[0], WIDTH + 0x100, columns, columns, mode="RO")
+    integer(whole[1], HEIGHT + 0x100, rows, rows, mode="RO")
     integer("Width", WIDTH, 1, columns)
     integer("Height", HEIGHT, 1, rows)
     integer("OffsetX", OFFSET_X, 0, columns - 1)
     integer("OffsetY", OFFSET_Y, 0, rows - 1)
     choice("PixelFormat", PIXEL_FORMAT, FORMATS)
     integer("PayloadSize", PAYLOAD, 0, 2**31 - 1, mode="RO")
-    real("ExposureTime", EXPOSURE, *EXPOSURE_LIMITS_us, "us")
-    real("AcquisitionFrameRate", FRAME_RATE, 1e-3, 1e5, "Hz", mode="RO")
-    choice("TriggerSelector", TRIGGER_SELECTOR, SELECTORS)
+    absolute = "Abs" if old else ""
+    real(f"ExposureTime{absolute}", EXPOSURE, *EXPOSURE_LIMITS_us, "us")
+    real(f"AcquisitionFrameRate{absolute}", FRAME_RATE, 1e-3, 1e5, "Hz", mode="RO")
+    burst = "AcquisitionStart" if old else "FrameBurstStart"
+    choice("TriggerSelector", TRIGGER_SELECTOR, {"FrameStart": FRAME, burst: BURST})
     choice("TriggerMode", TRIGGER_MODE, {"Off": 0, "On": 1})
     choice("TriggerSource", TRIGGER_SOURCE, SOURCES)
     choice("TriggerActivation", TRIGGER_ACTIVATION, {"RisingEdge": 0, "FallingEdge": 1})
     command("TriggerSoftware", TRIGGER_SOFTWARE)
     choice("AcquisitionMode", ACQUISITION_MODE, MODES)
     integer("AcquisitionFrameCount", FRAME_COUNT, 1, 2**31 - 1)
-    integer("AcquisitionBurstFrameCount", BURST_COUNT, 1, 2**31 - 1)
+    if not old:
+        integer("AcquisitionBurstFrameCount", BURST_COUNT, 1, 2**31 - 1)
     command("AcquisitionStart", START)
     command("AcquisitionStop", STOP)
     integer("TLParamsLocked", LOCKED, 0, 1)
@@ -163,11 +176,12 @@ def xml(sensor: tuple[int, int]) -> str:
     return (
         '<?xml version="1.0" encoding="utf-8"?>'
         '<RegisterDescription ModelName="Peer" VendorName="cldit" ToolTip="GigE Vision peer" '
-        'StandardNameSpace="GEV" SchemaMajorVersion="1" SchemaMinorVersion="1" '
+        f'StandardNameSpace="GEV" SchemaMajorVersion="{schema[0]}" '
+        f'SchemaMinorVersion="{schema[1]}" '
         'SchemaSubMinorVersion="0" MajorVersion="1" MinorVersion="0" SubMinorVersion="0" '
         'ProductGuid="6b1d2a54-27f6-44c1-9f2a-0d9d0f4c1e11" '
         'VersionGuid="6b1d2a54-27f6-44c1-9f2a-0d9d0f4c1e12" '
-        'xmlns="http://www.genicam.org/GenApi/Version_1_1">'
+        f'xmlns="http://www.genicam.org/GenApi/Version_{schema[0]}_{schema[1]}">'
         f'<Category Name="Root">{listed}</Category>{"".join(features)}'
         '<Port Name="Device"/></RegisterDescription>'
     )

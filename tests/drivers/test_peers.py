@@ -7,11 +7,15 @@ are not.
 
 from __future__ import annotations
 
+import socket
+import struct
 import time
+import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -41,6 +45,7 @@ if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.emulators.blackbody import ModbusPeer
     from drivers.emulators.dg645 import Dg645Peer
     from drivers.emulators.gige_camera import GigePeer
+    from drivers.emulators.pulse_generator import PulseGeneratorPeer
     from drivers.emulators.rig import CALIBRATION, PeerRig
     from drivers.genicam_camera import GenicamCamera
     from drivers.modbus_blackbody import open_modbus_blackbody
@@ -49,6 +54,7 @@ else:
     from cldit.drivers.emulators.blackbody import ModbusPeer
     from cldit.drivers.emulators.dg645 import Dg645Peer
     from cldit.drivers.emulators.gige_camera import GigePeer
+    from cldit.drivers.emulators.pulse_generator import PulseGeneratorPeer
     from cldit.drivers.emulators.rig import CALIBRATION, PeerRig
     from cldit.drivers.modbus_blackbody import open_modbus_blackbody
 
@@ -139,6 +145,78 @@ def test_dg645_unplugged_and_silent(generator: Dg645Peer, dg645: Dg645) -> None:
         dg645.read_configuration()
 
 
+def test_pulse_generator_agrees_with_qmi() -> None:
+    """The driver of another project reads what ours wrote, and what it writes, the peer takes."""
+    pytest.importorskip("qmi", reason="qmi is missing")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of what QMI imports
+        from qmi.core.context import QMI_Context
+        from qmi.instruments.quantum_composers.pulse_generator9530 import (
+            PulseMode,
+            TriggerMode,
+        )
+        from qmi.instruments.quantum_composers.pulse_generator9530 import (
+            QuantumComposers_PulseGenerator9530 as Qmi9530,
+        )
+    context = MagicMock(spec=QMI_Context)
+    context.name = "tests"
+    with PulseGeneratorPeer(identity="QC,9528,02345,2.1.8", outputs=8) as peer:
+        ours = load_driver("pulse_generator")(
+            {"series": "qc-9520", "host": peer.host, "port": peer.port}, CONTEXT
+        )
+        ours.connect()
+        ours.configure(Burst(camera_delay_s=0.95e-3, widths_s=(1e-4, 1.5e-3), n=3, inject=True))
+        theirs = Qmi9530(context, "generator", f"tcp:{peer.host}:{peer.port}")
+        theirs.open()
+        try:
+            assert theirs.get_idn().model == ours.identify().model == "9528"
+            assert theirs.get_num_channels() == 8
+            assert not theirs.get_output_enabled()
+            assert theirs.get_t0_mode() is PulseMode.BURST and theirs.get_t0_burst_count() == 3
+            assert theirs.get_t0_period() == pytest.approx(0.1)
+            assert theirs.get_trigger_mode() is TriggerMode.DISABLED
+            assert theirs.get_channel_delay(1) == pytest.approx(0.95e-3, abs=1e-11)
+            assert theirs.get_channel_width(2) == pytest.approx(1.5e-3, abs=1e-11)
+            assert theirs.get_channel_enabled(1) and theirs.get_channel_enabled(2)
+            assert theirs.get_channel_mode(1) is PulseMode.NORMAL
+            theirs.set_t0_mode(PulseMode.SINGLE)
+            theirs.set_channel_enabled(2, False)
+            theirs.set_output_enabled(True)  # what ours calls fire()
+            time.sleep(0.05)
+            assert len(peer.pulses("A")) == 1 and not peer.pulses("B")
+        finally:
+            theirs.close()
+            ours.make_safe()
+            ours.close()
+
+
+def test_pulse_generator_refusals() -> None:
+    """Another model, another keyword, a generator that runs by itself: each in words, and still."""
+    with PulseGeneratorPeer(system="SPULSE", trigger="EXT:MOD") as peer:
+        line = {"host": peer.host, "port": peer.port, "answer_s": 0.3}
+        other = load_driver("pulse_generator")({"series": "qc-9520", **line}, CONTEXT)
+        with pytest.raises(NotConnected, match="expected a 95"):
+            other.connect(1.0)
+        wrong = load_driver("pulse_generator")({"series": "bnc-575", **line}, CONTEXT)
+        with pytest.raises(ConfigRejected, match=r"refuses :PULSE0:STAT 0 \(\?3\)"):
+            wrong.connect(1.0)
+    with PulseGeneratorPeer() as peer:
+        peer.values |= {"PULSE0:STAT": 1.0, "PULSE0:TRIG:MOD": "TRIG", "PULSE2:STAT": 1.0}
+        line = {"host": peer.host, "port": peer.port}
+        left_on = load_driver("pulse_generator")({"series": "bnc-575", **line}, CONTEXT)
+        left_on.connect()
+        assert not peer.running and not peer.injects("B")
+        assert peer.values["PULSE0:TRIG:MOD"] == "DIS"
+        left_on.close()
+    for settings, text in (
+        ({"camera": "B"}, "both are B"),
+        ({"host": None}, "one of the two"),
+        ({"series": "bnc-600"}, "series"),
+    ):
+        with pytest.raises(SceneError, match=text):
+            load_driver("pulse_generator")({"series": "bnc-575", "host": "x", **settings}, CONTEXT)
+
+
 def test_dg645_settings() -> None:
     with pytest.raises(SceneError, match="both are AB"):
         open_dg645({"host": "x", "camera": "AB", "injector": "AB"}, CONTEXT)
@@ -208,6 +286,31 @@ def camera_before(peer: GigePeer, client: str, **settings: Any) -> GenicamCamera
         CONTEXT,
     )
     return made
+
+
+@pytest.mark.parametrize("legacy", [False, True])
+def test_memory_of_a_genicam_1_0_camera(legacy: bool) -> None:
+    """The peer is what the drivers must cope with: in READMEM (0x84) the width's bytes are the
+    other way round, in READREG (0x80) they never are; what GigE Vision defines is as ever."""
+    with (
+        GigePeer((64, 48), legacy=legacy) as peer,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
+    ):
+        client.settimeout(2.0)
+
+        def ask(command: int, body: bytes) -> bytes:
+            head = struct.pack(">BBHHH", 0x42, 1, command, len(body), 1)
+            client.sendto(head + body, (peer.host, 3956))
+            return client.recv(1024)
+
+        number, other = (64).to_bytes(4, "big"), (64).to_bytes(4, "little" if legacy else "big")
+        assert ask(0x80, struct.pack(">I", 0xA000))[8:] == number
+        assert ask(0x84, struct.pack(">IHH", 0xA000, 0, 4))[12:] == other
+        assert ask(0x84, struct.pack(">IHH", 0x0, 0, 4))[12:] == bytes((0, 1, 0, 2))
+        schema = 0 if legacy else 1
+        assert f'SchemaMinorVersion="{schema}"'.encode() in ask(
+            0x84, struct.pack(">IHH", 0x10000, 0, 512)
+        )
 
 
 @pytest.mark.loopback_only

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from cldit.rig.clock import SystemClock
+from cldit.rig.contract.replies import Fault
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import DeviceTimeout, NotConnected
 
@@ -18,11 +19,9 @@ pytest.importorskip("pyvisa_py", reason="pyvisa-py is missing; install cldit[rig
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.emulators.blackbody import FlukePeer
     from drivers.emulators.dg645 import Dg645Peer
-    from drivers.emulators.replies import Fault
 else:
     from cldit.drivers.emulators.blackbody import FlukePeer
     from cldit.drivers.emulators.dg645 import Dg645Peer
-    from cldit.drivers.emulators.replies import Fault
 
 
 @pytest.fixture

@@ -40,6 +40,8 @@ _NEEDS_GDI = ("README.md", "docs/dit.md", "docs/rig.md", "docs/scattering.md")
 # Not run, with the reason.
 NOT = {
     "cldit study all": "an hour; the same with --quick is run",
+    "cldit check-driver line_blackbody": "the reader's own rig; tests/drivers runs it",
+    "cldit check-driver modbus_blackbody": "needs an instrument; tests/drivers has an emulated one",
     "cldit bench spray": "half an hour; tests/unit/flow runs its parts",
 }
 

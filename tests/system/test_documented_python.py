@@ -73,7 +73,8 @@ def test_extending(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     finally:
         MODELS.clear()
         MODELS.update(before)
-        sys.modules.pop("my_blackbody", None)
+        for module in ("my_blackbody", "my_camera"):
+            sys.modules.pop(module, None)
     _read_a_film(here)
     assert names["life"].vanished and "still" not in MODELS
 

@@ -19,6 +19,7 @@ import pytest
 from cldit.acquisition import Plan, acquire
 from cldit.acquisition import guard as guard_module
 from cldit.acquisition.journal import read_journal
+from cldit.rig.contract.replies import Fault
 from cldit.rig.errors import DeviceTimeout, RigError
 from cldit.rig.load import open_rig
 
@@ -27,11 +28,9 @@ for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.emulators.gige_camera import GigePeer
-    from drivers.emulators.replies import Fault
     from drivers.emulators.rig import PeerRig
 else:
     from cldit.drivers.emulators.gige_camera import GigePeer
-    from cldit.drivers.emulators.replies import Fault
     from cldit.drivers.emulators.rig import PeerRig
 
 pytestmark = pytest.mark.loopback_only

@@ -63,7 +63,7 @@ LOST = NotConnected("no answer")
 def test_never_connected_is_nothing_to_do() -> None:
     lamp = Lamp()
     assert not lamp.make_safe().connected and lamp.opened == 0
-    lamp.fails = [LOST]
+    lamp.fails = [LOST, LOST]
     with pytest.raises(NotConnected):
         lamp.connect()
     assert not lamp.make_safe().connected  # nobody ever answered
@@ -86,6 +86,21 @@ def test_a_lost_one_is_reached_for(error: BaseException) -> None:
     safety = lamp.make_safe()
     assert safety.connected and not lamp.on and "found again" in safety.did
     assert lamp.opened == 2
+
+
+def test_an_answer_lost_while_it_connects_is_asked_for_again() -> None:
+    """Once, on a line opened anew; not where the user stopped it, nor where no time is left."""
+    lamp = Lamp()
+    lamp.fails = [LOST]
+    lamp.connect()
+    assert (lamp.opened, lamp.dropped) == (2, 1)
+    cases = ((Aborted("stopped"), 0.0), (ConfigRejected("no"), 0.0), (LOST, 0.1))
+    for error, slow_s in cases:
+        other = Lamp()
+        other.fails, other.slow_s = [error], slow_s
+        with pytest.raises((NotConnected, ConfigRejected)):
+            other.connect(0.15)
+        assert other.opened == 1
 
 
 def test_a_refusal_is_an_answer() -> None:
@@ -146,7 +161,7 @@ def test_let_go_of_harmless_is_not_owed() -> None:
 def test_lost_while_it_is_connected_again() -> None:
     """It answered once while it was opened, so that it may have been told something."""
     lamp = lit()
-    lamp.fails = [LOST, LOST]
+    lamp.fails = [LOST, LOST, LOST]
     with pytest.raises(NotConnected):
         lamp.switch(True)
     with pytest.raises(NotConnected):

@@ -7,6 +7,8 @@ from enum import StrEnum
 
 
 class Fault(StrEnum):
+    """What befalls a reply."""
+
     DROP = "drop"  # it never arrives
     NAN = "nan"  # its data are no number
     GARBAGE = "garbage"  # its data are other bytes; what frames them is whole
@@ -16,6 +18,7 @@ class Fault(StrEnum):
 
 TEXT_NAN = b"NAN"  # as an instrument with text commands writes it
 BINARY_NAN = b"\x7f\xc0\x00\x00"  # float32, big-endian
+INTEGER_NONE = b"\x80\x00"  # int16, the most negative: integers have no NaN
 
 
 class Replies:
@@ -37,8 +40,13 @@ class Replies:
     def spoil(
         self, fault: Fault, first: int, *, last: int | None = None, late_s: float = 0.1
     ) -> None:
-        """From now on `fault` befalls the replies `first` to `last`, counted from 1; `first` alone
-        where `last` is left out."""
+        """From now on `fault` befalls some replies.
+
+        Args:
+            fault: which.
+            first, last: replies, counted from 1; `first` alone where `last` is left out.
+            late_s: by how much one that is late is late.
+        """
         self._fault, self._late_s = fault, late_s
         self._numbers = range(first, (first if last is None else last) + 1)
 
@@ -50,6 +58,7 @@ class Replies:
         """What of `reply` arrives; returns when it does.
 
         Args:
+            reply: as it was sent.
             data: where the reply's data are; the rest frames them.
         """
         if not reply:
@@ -69,7 +78,7 @@ class Replies:
                 return reply
             case Fault.NAN:
                 instead = self.no_number
-                if instead == BINARY_NAN:
+                if instead in (BINARY_NAN, INTEGER_NONE):
                     instead = (instead * (stop - start))[: stop - start]
                 return reply[:start] + instead + reply[stop:]
             case Fault.GARBAGE:

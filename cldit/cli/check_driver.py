@@ -1,0 +1,139 @@
+"""`cldit check-driver`: whether a driver does what every driver must."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.table import Table
+
+from cldit.cli.console import OUT, escaped, plain_errors
+from cldit.errors import SceneError
+from cldit.rig.contract.expect import Allowed
+from cldit.rig.contract.run import OF_KIND, Result, Verdict, on_emulators, on_instrument
+from cldit.rig.drivers import describe_drivers, load_driver
+from cldit.rig.load import open_rig, read_rig
+from cldit.rig.safety import make_safe
+
+_STYLE = {Verdict.PASSED: "green", Verdict.FAILED: "bold red", Verdict.SKIPPED: "yellow"}
+
+
+@click.command("check-driver")
+@click.argument("name")
+@click.argument("rig", type=click.Path(path_type=Path), required=False)
+@click.option(
+    "--instrument", is_flag=True, help="Check the instrument in RIG, slowly and safely; asks first."
+)
+@click.option(
+    "--ambient",
+    "ambient_K",
+    default=295.0,
+    show_default=True,
+    help="Kelvin; no set point above it is written to an instrument.",
+)
+@click.option("--heat-to", "heat_to_K", type=float, help="Kelvin; allows set points up to this.")
+@click.option("--all-faults", is_flag=True, help="Every fault of every reply; takes minutes.")
+@click.option("--yes", is_flag=True, help="Do not ask before an instrument is touched.")
+@plain_errors
+def check_driver(
+    name: str,
+    rig: Path | None,
+    instrument: bool,
+    ambient_K: float,
+    heat_to_K: float | None,
+    all_faults: bool,
+    yes: bool,
+) -> None:
+    """Check the driver NAME: before its emulators, or before the instrument in RIG.
+
+    Its settings are those that RIG gives it. The exit status is 1 where something is broken.
+    """
+    load_driver(name)
+    kind = describe_drivers()[name].kind
+    if kind not in OF_KIND:
+        raise SceneError(f"{name} is a {kind}; allowed are drivers of a {', '.join(OF_KIND)}")
+    part, settings = _of_rig(name, rig)
+    if not instrument:
+        with_rig = f" with the settings of {rig}" if part else ""
+        OUT.print(f"{name}, before its emulators{with_rig}:")
+        _end(_show(on_emulators(name, kind, settings, all_faults=all_faults)))
+    if part is None:
+        raise SceneError("--instrument: needs a RIG file that names the driver and its address")
+    warmest_K = ambient_K if heat_to_K is None else heat_to_K
+    _state(name, kind, str(rig), warmest_K)
+    if not yes and not click.confirm("Go on?"):
+        sys.exit(1)
+    assert rig is not None
+    device = open_rig(rig).devices[part]
+    safe = True
+    try:
+        good = _show(on_instrument(device, kind, Allowed(warmest_K, inject=False)))
+    finally:
+        safety = make_safe({part: device}, ())
+        for did in safety.did.values():
+            OUT.print(f"made safe: {escaped(did)}")
+        for problem in safety.problems:
+            safe = False
+            OUT.print(f"[bold red]NOT SAFE:[/] {escaped(problem)}")
+        device.close()
+    _end(good and safe)
+
+
+def _of_rig(name: str, rig: Path | None) -> tuple[str | None, dict[str, Any]]:
+    """Which device of the rig has this driver, and its settings. Raises SceneError."""
+    if rig is None:
+        return None, {}
+    file = read_rig(rig)
+    drivers = {part: getattr(file, part) for part in ("camera", "background", "trigger")}
+    for part, choice in drivers.items():
+        if choice.driver == name:
+            return part, choice.settings
+    raise SceneError(
+        f"{rig}: no device has the driver {name}; there are "
+        + ", ".join(f"{part}: {choice.driver}" for part, choice in drivers.items())
+    )
+
+
+def _state(name: str, kind: str, rig: str, warmest_K: float) -> None:
+    """What will be done with the instrument."""
+    OUT.print(f"{name}, before the instrument in {escaped(rig)}. This check")
+    for check in OF_KIND[kind]:
+        OUT.print(f"  - {check.does};")
+    OUT.print("  - makes the instrument safe at the end, however it ends.")
+    if kind == "background":
+        OUT.print(f"It writes no set point above {warmest_K:.1f} K (--ambient, --heat-to).")
+    if kind == "trigger":
+        OUT.print("It never asks for an injection. Shut off the fuel all the same.")
+
+
+def _show(results: Iterable[Result]) -> bool:
+    """A table of the results, each as it comes; whether nothing is broken."""
+    tally = dict.fromkeys(Verdict, 0)
+    broken: list[Result] = []
+    table = Table("where", "check", "result", "seconds", "", box=None)
+    with OUT.status("checking") as status:
+        for result in results:
+            tally[result.verdict] += 1
+            verdict = f"[{_STYLE[result.verdict]}]{result.verdict}[/]"
+            table.add_row(
+                result.where,
+                result.name,
+                verdict,
+                f"{result.seconds:.1f}",
+                "" if result.verdict is Verdict.FAILED else escaped(result.text),
+            )
+            if result.verdict is Verdict.FAILED:
+                broken.append(result)
+            status.update(f"{result.where}: {result.name} {result.verdict}")
+    OUT.print(table)
+    for result in broken:
+        OUT.print(f"[bold red]{result.where}, {result.name}:[/] {escaped(result.text)}")
+    OUT.print(", ".join(f"{number} {verdict}" for verdict, number in tally.items()))
+    return tally[Verdict.FAILED] == 0 and tally[Verdict.PASSED] > 0
+
+
+def _end(good: bool) -> None:
+    sys.exit(0 if good else 1)

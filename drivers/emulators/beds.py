@@ -1,0 +1,275 @@
+"""Beds of the drivers here: each before its emulator (see `cldit.rig.contract.bed`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from cldit.rig.clock import SimulatedClock, SystemClock
+from cldit.rig.contract.bed import Bed, Make
+from cldit.rig.contract.sessions import (
+    BackgroundSide,
+    background_steps,
+    camera_steps,
+    hot_K,
+    trigger_steps,
+)
+from cldit.rig.drivers import RigContext, check_settings, load_driver
+
+from ..line_blackbody import LineSettings
+from ..modbus_registers import MAPS, RegisterMap
+from ..pulse_generator import SERIES
+from .blackbody import FlukePeer, ModbusPeer
+from .dg645 import Dg645Peer
+from .gige_camera import GigePeer
+from .line_blackbody import LinePeer
+from .pulse_generator import PulseGeneratorPeer
+from .rig import CALIBRATION
+
+_WARM_K = 1.0  # above the safe set point
+_ADDRESS = {"host", "port", "serial", "address", "interface"}  # which are the emulator's
+_STABLE_K = 0.2
+
+
+def make_device(
+    driver: str,
+    clock: SimulatedClock | SystemClock,
+    usual: Mapping[str, Any],
+    settings: Mapping[str, Any],
+    answer_s: float | None,
+    line: Mapping[str, Any],
+) -> Any:
+    """The driver with the user's `settings` over the `usual` ones, before a peer at `line`."""
+    asked = {name: value for name, value in settings.items() if name not in _ADDRESS}
+    waits = {} if answer_s is None else {"answer_s": answer_s}
+    context = RigContext(clock, None, Path(), 1)
+    return load_driver(driver)({**usual, **asked, **waits, **line}, context)
+
+
+def line_to(peer: Any) -> dict[str, Any]:
+    """Where a peer listens, as a driver's settings."""
+    if peer.serial is not None:
+        return {"serial": peer.serial}
+    return {"host": peer.host, "port": peer.port}
+
+
+def where_is(peer: Any) -> str:
+    """The same in words."""
+    return peer.serial or f"{peer.host}:{peer.port}"
+
+
+def hot(peer: Any, device: Any) -> str:
+    """What is hot at a black body, in words; empty where nothing is."""
+    # Those that can switch their heater off are cold without it.
+    on = getattr(peer, "heating", True)
+    warm = peer.setpoint_K > device.safe_setpoint_K + _WARM_K
+    text = f"set point {peer.setpoint_K:.1f} K"
+    return text if on and warm else f"{text}, heater on" if on and hasattr(peer, "heating") else ""
+
+
+# Of a controller that is nobody's: every way to hold a number that the presets do not have.
+_OTHER = {
+    "maker": "nobody",
+    "model": "other registers",
+    "unit": "kelvin",
+    "temperature": {
+        "address": 10, "format": "int32", "decimals": 2, "low_word_first": True, "table": "input",
+    },
+    "setpoint": {"address": 40, "format": "uint16", "decimals": 1},
+    "extra": {"alarm": 7},
+}  # fmt: skip
+
+
+def _modbus(usual_map: Mapping[str, Any], serial: bool) -> Make:
+    """The user's own registers, where the rig file gives some, on the same line."""
+
+    def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
+        clock = SimulatedClock()
+        given = {name: settings[name] for name in ("model", "registers") if name in settings}
+        asked = given or usual_map
+        registers = (
+            RegisterMap.model_validate(asked["registers"])
+            if asked.get("registers")
+            else MAPS[asked["model"]]
+        )
+        peer = stack.enter_context(ModbusPeer(registers=registers, clock=clock, serial=serial))
+        model = registers.model
+        usual = {**asked, "limits_K": [253.0, 873.0]}
+        device = make_device("modbus_blackbody", clock, usual, settings, answer_s, line_to(peer))
+        told = (f"{model} at {where_is(peer)}", f"set point {hot_K(device):.1f} K", "front panel")
+        side = BackgroundSide(lambda: peer.setpoint_K, peer.heater.now_K)
+        return Bed(
+            device, background_steps(device, side), lambda: hot(peer, device), told, peer.replies
+        )
+
+    return make
+
+
+_BARE = {  # numbers alone: an answer could be that of another question
+    "temperature": {"send": "T?", "answer": "{value}"},
+    "setpoint": {"send": "SP?", "answer": "{value}"},
+    "set": {"send": "SP {value:.2f}"},
+}
+_TALKS = {
+    "unit": "kelvin",
+    "identity": {"send": "ID", "answer": "BLACK BODY {any}"},
+    "temperature": {"send": "READ T", "answer": "T = {value} K"},
+    "setpoint": {"send": "READ S", "answer": "S = {value} K"},
+    "set": {"send": "SET {value:.3f}", "answer": "SET {value} DONE"},
+    "stable": {"send": "READ STABLE", "answer": "STABLE {value}"},
+    "heater_on": {"send": "HEAT", "answer": "HEATS"},
+    "heater_off": {"send": "COOL", "answer": "COOLS"},
+}
+
+
+def _line(usual: Mapping[str, Any], serial: bool) -> Make:
+    """The user's own templates, where the rig file gives some, on the same line."""
+
+    def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
+        clock = SimulatedClock()
+        asked = {"limits_K": [283.0, 873.0], **(settings if "set" in settings else usual)}
+        own = {name: value for name, value in asked.items() if name not in _ADDRESS}
+        known = check_settings(LineSettings, {**own, "host": "emulator"})
+        peer = stack.enter_context(LinePeer(known, clock=clock, serial=serial))
+        device = make_device("line_blackbody", clock, {}, own, answer_s, line_to(peer))
+        told = (f"at {where_is(peer)}", f"set point {hot_K(device):.1f} K", "front panel")
+        flag = (lambda: peer.stable) if known.stable is not None else (lambda: None)
+        side = BackgroundSide(lambda: peer.setpoint_K, peer.heater.now_K, flag)
+
+        def left_on() -> str:
+            warm = peer.setpoint_K > device.safe_setpoint_K + _WARM_K
+            return f"set point {peer.setpoint_K:.1f} K" if peer.heating and warm else ""
+
+        return Bed(device, background_steps(device, side), left_on, told, peer.replies)
+
+    return make
+
+
+def _fluke(serial: bool) -> Make:
+    def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
+        clock = SimulatedClock()
+        peer = stack.enter_context(FlukePeer(clock=clock, serial=serial, start_K=310.0))
+        device = make_device("fluke418x", clock, {}, settings, answer_s, line_to(peer))
+        told = (f"Fluke 418x at {where_is(peer)}", "heater on", "keypad")
+
+        def stable() -> bool:
+            return peer.heating and abs(peer.heater.now_K() - peer.setpoint_K) < _STABLE_K
+
+        side = BackgroundSide(
+            lambda: peer.setpoint_K, peer.heater.now_K, stable, lambda: {"heating": peer.heating}
+        )
+        return Bed(
+            device, background_steps(device, side), lambda: hot(peer, device), told, peer.replies
+        )
+
+    return make
+
+
+def _dg645(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
+    peer = stack.enter_context(Dg645Peer())
+    line = {"host": peer.host, "port": peer.port}
+    device = make_device("dg645", SystemClock(), {}, settings, answer_s, line)
+    camera, injector = settings.get("camera", "AB"), settings.get("injector", "CD")
+    level = f"LAMP {('AB', 'CD', 'EF', 'GH').index(injector) + 1}"
+
+    def left_on() -> str:
+        values = peer.values
+        on = [
+            text
+            for text, bad in (
+                ("a trigger injects", peer.injects(injector)),
+                (f"{injector} at {values[level]} V", peer.triggers > 0 and values[level] > 0.5),
+                ("burst mode", values["BURM"] != 0),
+                ("triggers by itself", values["TSRC"] != 5),
+            )
+            if bad
+        ]
+        return ", ".join(on)
+
+    def agrees(stored: Mapping[str, Any]) -> bool:
+        delays = stored["delays"].items()
+        return (
+            all(
+                tuple(round(got, 11) for got in value)
+                == tuple(round(right, 11) for right in peer.delays[int(name.split()[1])])
+                for name, value in delays
+            )
+            and stored["levels_V"][1] == peer.values[level]
+            and stored["trigger_source"] == peer.values["TSRC"]
+        )
+
+    def pulses(output: str) -> list[float]:
+        return [edge.time_s for edge in peer.pulses(camera if output == "camera" else injector)]
+
+    volts = settings.get("injector_V", 5.0)
+    told = (f"DG645 at {peer.host}:{peer.port}", f"{injector} {volts:g} V", f"output {injector}")
+    return Bed(device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses)
+
+
+def _pulse_generator(series: str, identity: str, serial: bool) -> Make:
+    def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
+        own = SERIES[series]
+        peer = stack.enter_context(
+            PulseGeneratorPeer(
+                identity=identity, system=own.system, trigger=own.trigger, outputs=8, serial=serial
+            )
+        )
+        asked = {**settings, "series": series}
+        device = make_device("pulse_generator", SystemClock(), {}, asked, answer_s, line_to(peer))
+        camera, injector = settings.get("camera", "A"), settings.get("injector", "B")
+        known = {
+            name: f"PULSE{'ABCDEFGH'.index(output) + 1}:"
+            for name, output in (("camera", camera), ("injector", injector))
+        }
+
+        def left_on() -> str:
+            injects = f"output {injector} would inject" if peer.injects(injector) else ""
+            return injects or ("running" if peer.running else "")
+
+        def agrees(stored: Mapping[str, Any]) -> bool:
+            return stored["running"] == peer.running and all(
+                stored["outputs"][name]["on"] == bool(peer.values[f"{channel}STAT"])
+                and abs(stored["outputs"][name]["delay_s"] - peer.values[f"{channel}DEL"]) < 1e-11
+                and abs(stored["outputs"][name]["width_s"] - peer.values[f"{channel}WIDT"]) < 1e-11
+                for name, channel in known.items()
+            )
+
+        def pulses(output: str) -> list[float]:
+            return [edge.time_s for edge in peer.pulses(camera if output == "camera" else injector)]
+
+        told = (f"{series} at {where_is(peer)}", f"{injector} on", f"output {injector}")
+        return Bed(device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses)
+
+    return make
+
+
+def _gige(driver: str, legacy: bool) -> Make:
+    def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
+        peer = stack.enter_context(GigePeer((64, 48), legacy=legacy))
+        usual = {"calibration": CALIBRATION}
+        # A session is short, and a camera is reached for as long as its heartbeat.
+        line = {"address": peer.host, "interface": "127.0.0.1", "heartbeat_s": 1.5}
+        device = make_device(driver, SystemClock(), usual, settings, None, line)
+        told = (f"camera at {peer.host}", "armed for 2 frames", "trigger cable")
+        steps = camera_steps(device, peer.line, lambda: peer.image(peer.taken))
+        return Bed(device, steps, lambda: "armed" if peer.armed else "", told, peer.replies)
+
+    return make
+
+
+DG645 = {"tcp": _dg645}
+FLUKE418X = {"tcp": _fluke(False), "serial": _fluke(True)}
+MODBUS_BLACKBODY = {
+    "eurotherm-tcp": _modbus({"model": "eurotherm-3200"}, False),
+    "ir2100-serial": _modbus({"model": "ir-2100"}, True),
+    "registers-tcp": _modbus({"registers": _OTHER}, False),
+}
+PULSE_GENERATOR = {
+    "bnc575-tcp": _pulse_generator("bnc-575", "BNC,575-8,31309,2.4.1-1.2.2", False),
+    "qc9510-serial": _pulse_generator("qc-9510", "QC,9518+,02345,1.32", True),
+}
+LINE_BLACKBODY = {"bare-tcp": _line(_BARE, False), "talks-serial": _line(_TALKS, True)}
+GIGE_CAMERA = {"gige": _gige("gige_camera", False), "genicam-1.0": _gige("gige_camera", True)}
+ARAVIS_CAMERA = {"gige": _gige("aravis_camera", False), "genicam-1.0": _gige("aravis_camera", True)}

@@ -1,0 +1,71 @@
+"""A black body that obeys the templates of a rig file, on a loopback socket or a terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..controller import KELVIN
+from ..line_blackbody import LineSettings
+from ..line_templates import Command, example, pattern
+from .blackbody import Peer
+from .line_server import LineServer
+from .terminal import Terminal
+
+_STABLE_K = 0.2
+
+
+class LinePeer(Peer):
+    """Obeys the commands of `settings`, whose address is not looked at."""
+
+    def __init__(self, settings: LineSettings, **options: Any) -> None:
+        super().__init__(**options)
+        self._settings = settings
+        self._offset_K = KELVIN if settings.unit == "celsius" else 0.0
+        self.heating = settings.heater_on is None
+        self._way: LineServer | Terminal | None = None
+
+    def __enter__(self) -> LinePeer:
+        if self._wants_serial:
+            self._way = Terminal(self._obey, self.replies)
+            self.serial = self._way.name
+        else:
+            self._way = LineServer(self.host, self.port, self._obey, self.replies)
+            self.port = self._way.port
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._way is not None:
+            self._way.close()
+
+    @property
+    def stable(self) -> bool:
+        return self.heating and abs(self.heater.now_K() - self.setpoint_K) < _STABLE_K
+
+    def _obey(self, line: bytes) -> bytes:
+        text, asked = line.decode("ascii", "replace").strip(), self._settings
+        values = {
+            asked.temperature: self.heater.now_K() - self._offset_K,
+            asked.setpoint: self.setpoint_K - self._offset_K,
+        }
+        if asked.stable is not None:
+            values[asked.stable] = float(self.stable)
+        for command, value in values.items():
+            if text == command.text():
+                return self._answer(command, value)
+        for switch, state in ((asked.heater_on, True), (asked.heater_off, False)):
+            if switch is not None and text == switch.text():
+                self.heating = state
+                return self._answer(switch)
+        if asked.identity is not None and text == asked.identity.text():
+            return self._answer(asked.identity)
+        found = pattern(asked.set.send).fullmatch(text)
+        if found is None:
+            return b"?\r\n"
+        self.writes += 1
+        self.heater.aim(float(found[1]) + self._offset_K)
+        return self._answer(asked.set, float(found[1]))
+
+    def _answer(self, command: Command, value: float = 0.0) -> bytes:
+        if command.answer is None:
+            return b""
+        return (example(command.answer, value) + "\r\n").encode()

@@ -1,0 +1,177 @@
+"""Black bodies with a line protocol over TCP or a serial line, whose commands the rig file gives.
+
+Nothing in here is of one instrument: its manual says what to write into the rig file, and
+`cldit check-driver line_blackbody rig.yaml` tries that on an emulator of the same templates.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from cldit.rig.checks import check_answer
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
+from cldit.rig.errors import NotConnected
+from cldit.rig.link import Linked, Told
+from cldit.rig.protocols import DeviceInfo
+from cldit.scene.checks import Within
+
+from .controller import KELVIN, BlackBody, ControllerSettings
+from .line_templates import Ask, Command, Tell, pattern
+from .scpi import ScpiLine
+
+ABOUT = DriverAbout(
+    "background",
+    "black bodies with a line protocol, TCP or serial, by templates in the rig file",
+    "untested on hardware; tested with a simulator, and with pyvisa-sim",
+    needs=("pyvisa", "pyvisa_py", "serial"),
+)
+
+
+class LineSettings(ControllerSettings):
+    maker: str = "unknown maker"
+    model: str = "black body"
+    unit: Literal["celsius", "kelvin"] = "celsius"  # of all its numbers
+    temperature: Ask
+    setpoint: Ask  # what it was set to
+    set: Tell  # sets it
+    identity: Command | None = None  # whose answer looks like no other: asked first on a line
+    stable: Ask | None = None  # 1 or 0
+    heater_on: Command | None = None  # where it has a switch (YAML takes `on` for true)
+    heater_off: Command | None = None
+    port: Annotated[int, Within(1, 65535)] = 5025
+    baudrate: Annotated[int, Within(300, 1_000_000)] = 9600
+    parity: Literal["none", "even", "odd"] = "none"
+    data_bits: Annotated[int, Within(7, 8)] = 8
+    write_end: str = "\r\n"  # of each line; "\r\n" in double quotes
+    read_end: str = "\n"
+    answer_s: Annotated[float, Within(0.01, 60.0)] = 2.0
+
+
+class LineBlackBody(Linked, BlackBody[LineSettings]):
+    """A `cldit.rig.protocols.Background`."""
+
+    def __init__(self, settings: LineSettings, context: RigContext) -> None:
+        where = settings.where
+        Linked.__init__(
+            self,
+            "background",
+            f"{settings.model} at {where}",
+            by_hand="lower its set point at its front panel, or switch its mains off",
+        )
+        BlackBody.__init__(self, settings, context.clock)
+        options: dict[str, Any] = {
+            "write_termination": settings.write_end,
+            "read_termination": settings.read_end,
+        }
+        if settings.host is not None:
+            resource = f"TCPIP::{settings.host}::{settings.port}::SOCKET"
+        else:
+            resource = f"ASRL{where}::INSTR"
+            options |= {"baud_rate": settings.baudrate, "data_bits": settings.data_bits}
+        # Where no answer looks like no other, one that is late must not be waited for in vain.
+        quiet = {} if settings.identity is not None else {"quiet_s": settings.answer_s}
+        self._line = ScpiLine("background", resource, self._asking, **quiet, **options)
+        self._offset_K = KELVIN if settings.unit == "celsius" else 0.0
+        self._heater = Told("heater")
+        self._said = ""
+
+    def _open(self, timeout_s: float) -> None:
+        from pyvisa.constants import Parity
+
+        if self._settings.serial is not None:
+            self._line.add_options(parity=Parity[self._settings.parity])
+        self._line.open(min(timeout_s, self._settings.answer_s))
+        identity = self._settings.identity
+        if identity is not None and identity.answer is not None:
+            fits = pattern(identity.answer).fullmatch
+            self._said = self._line.first(
+                identity.text(), lambda text: text if fits(text) else None, identity.answer
+            )
+        self.read_temperature()
+
+    def _drop(self) -> None:
+        self._line.close()
+
+    def _last_known(self) -> str:
+        return (
+            f"{self._setpoint}, {self._heater}" if self._settings.heater_on else str(self._setpoint)
+        )
+
+    def identify(self) -> DeviceInfo:
+        maker, model = self._settings.maker, self._settings.model
+        return DeviceInfo("background", maker, model, firmware=self._said, tested_on_hardware=False)
+
+    def read_configuration(self) -> dict[str, Any]:
+        return {
+            **self._settings.model_dump(mode="json"),
+            "setpoint_K": self._kelvin(self._settings.setpoint),
+        }
+
+    def _still(self) -> str:
+        """Off first, where it can be: that works by itself."""
+        off = self._settings.heater_off
+        if off is not None:
+            self._tell(off)
+            self._heater.confirmed("off")
+        got_K = self._write(self._settings.safe_setpoint_K)
+        return ("heater off, " if off is not None else "") + f"set point {got_K:.1f} K"
+
+    def _aim(self, temperature_K: float) -> float:
+        got_K = self._write(temperature_K)
+        if self._settings.heater_on is not None:
+            self._heater.written("on")
+            self._tell(self._settings.heater_on)
+        return got_K
+
+    def read_temperature(self) -> float:
+        return self._kelvin(self._settings.temperature)
+
+    def is_stable(self) -> bool | None:
+        if self._settings.stable is None:
+            return None
+        value = self._number(self._settings.stable)
+        if value not in (0.0, 1.0):
+            raise NotConnected(f"background: {value:g} came for stable, expected 0 or 1")
+        return value == 1.0
+
+    def _write(self, temperature_K: float) -> float:
+        self._setpoint.written(f"{temperature_K:.1f} K")
+        self._tell(self._settings.set, temperature_K - self._offset_K)
+        return self._confirmed(temperature_K, self._kelvin(self._settings.setpoint))
+
+    # Templates on the line
+
+    def _tell(self, command: Command, value: float = 0.0) -> None:
+        text, expected = command.text(value), command.answer
+        if expected is None:
+            self._line.write(text)
+            return
+
+        def parse(answer: str) -> None:
+            if not pattern(expected).fullmatch(answer):
+                raise NotConnected(f"background: {answer!r} came for {text}, expected {expected}")
+
+        self._line.ask(text, parse)
+
+    def _number(self, ask: Ask) -> float:
+        return self._line.ask(ask.text(), lambda answer: self._in(ask, answer))
+
+    def _kelvin(self, ask: Ask) -> float:
+        def parse(answer: str) -> float:
+            return self._plausible(ask.send, self._in(ask, answer) + self._offset_K)
+
+        return self._line.ask(ask.text(), parse)
+
+    def _in(self, ask: Ask, answer: str) -> float:
+        found = pattern(ask.answer).fullmatch(answer)
+        if found is None:
+            raise NotConnected(
+                f"background: {answer!r} came for {ask.send}, expected {ask.answer}; is another "
+                "program talking to it?"
+            )
+        return check_answer("background", ask.send, found[1])
+
+
+def open_line_blackbody(settings: dict[str, Any], context: RigContext) -> LineBlackBody:
+    """The driver `line_blackbody`."""
+    return LineBlackBody(check_settings(LineSettings, settings), context)

@@ -1,0 +1,110 @@
+"""Where a black body's controller keeps what, and how a register holds a number.
+
+Presets: Eurotherm 3200 engineering manual (HA028651), floats at 0x8000 + 2n; Infrared Systems
+IR-2100 manual.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from cldit.rig.checks import check_answer
+from cldit.rig.errors import ConfigRejected
+from cldit.scene.checks import Section, Within
+
+_CODES = {"int16": ">h", "uint16": ">H", "int32": ">i", "uint32": ">I", "float32": ">f"}
+_WORD = 2  # bytes
+
+
+class Register(Section):
+    """One number of the controller."""
+
+    address: Annotated[int, Within(0, 65535)]
+    """As it goes over the line, from 0."""
+    format: Literal["int16", "uint16", "int32", "uint32", "float32"]
+    """Of 32 bits: two registers."""
+    decimals: Annotated[int, Within(0, 4)] = 0
+    """1: the register holds tenths."""
+    low_word_first: bool = False
+    """Of two registers, the first one has the lower 16 bits."""
+    table: Literal["holding", "input"] = "holding"
+    """Function 3 or 4 reads it."""
+
+    @property
+    def words(self) -> int:
+        """Registers that it takes."""
+        return struct.calcsize(_CODES[self.format]) // _WORD
+
+    def encode(self, value: float) -> list[int]:
+        """Raises ConfigRejected where `value` does not fit."""
+        scaled = value * 10.0**self.decimals
+        try:
+            raw = struct.pack(
+                _CODES[self.format], scaled if self.format == "float32" else round(scaled)
+            )
+        except (struct.error, OverflowError) as error:
+            raise ConfigRejected(
+                f"background: {value:.1f} does not fit register {self.address}, {self.format}"
+            ) from error
+        words = [int.from_bytes(raw[at : at + _WORD], "big") for at in range(0, len(raw), _WORD)]
+        return words[::-1] if self.low_word_first else words
+
+    def decode(self, words: list[int]) -> float:
+        """Raises NotConnected where that is no finite number."""
+        ordered = words[::-1] if self.low_word_first else words
+        raw = b"".join(word.to_bytes(_WORD, "big") for word in ordered)
+        number = float(struct.unpack(_CODES[self.format], raw)[0])
+        return check_answer("background", f"register {self.address}", number) / 10.0**self.decimals
+
+
+class RegisterMap(Section):
+    """Of one model of controller."""
+
+    maker: str = "unknown maker"
+    model: str = "Modbus controller"
+    unit: Literal["celsius", "kelvin"] = "celsius"
+    """Of both registers."""
+    temperature: Register
+    """Process value."""
+    setpoint: Register
+    """The one that is written; one in a memory that wears out is written only when it changes."""
+    extra: dict[str, Annotated[int, Within(0, 65535)]] = Field(default_factory=dict)
+    """Further holding registers, plain integers, that are stored with every acquisition."""
+    baudrate: Annotated[int, Within(300, 1_000_000)] = 9600
+    """Of the serial line, where the settings give none."""
+
+    @model_validator(mode="after")
+    def _writable(self) -> RegisterMap:
+        if self.setpoint.table != "holding":
+            raise ValueError("setpoint.table: input registers cannot be written; allowed: holding")
+        return self
+
+
+def _eurotherm(parameter: int) -> Register:
+    return Register(address=0x8000 + 2 * parameter, format="float32")
+
+
+def _tenths(address: int) -> Register:
+    return Register(address=address, format="int16", decimals=1)
+
+
+MAPS = {
+    "eurotherm-3200": RegisterMap(
+        maker="Eurotherm",
+        model="eurotherm-3200",
+        temperature=_eurotherm(1),
+        setpoint=_eurotherm(24),
+        baudrate=9600,
+    ),
+    "ir-2100": RegisterMap(
+        maker="Infrared Systems",
+        model="ir-2100",
+        temperature=_tenths(100),
+        setpoint=_tenths(300),
+        extra={"model_code": 0, "error_code": 101},
+        baudrate=19200,
+    ),
+}

@@ -1,0 +1,273 @@
+"""Berkeley Nucleonics 505, 575, 577 and Quantum Composers 9200, 9510, 9520 pulse generators.
+
+Text commands over TCP or a serial line, as in the makers' manuals of the 575 and the 9520 series.
+Every command is answered: `ok`, a value, or `?n` where it is refused. One burst is what the
+instrument sends after its outputs are switched on: one pulse (SINGle), or n of them (BURSt), with
+its external trigger disabled. Nothing tells that a burst is over, so that its time is waited for.
+
+For a reference the injector's channel is switched off. Look at that output with an oscilloscope
+before the first acquisition: none of this was tried on an instrument.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal
+
+from pydantic import model_validator
+
+from cldit.rig.checks import check_burst, plain_burst
+from cldit.rig.drivers import DriverAbout, RigContext, check_settings
+from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, RigError
+from cldit.rig.link import Linked
+from cldit.rig.protocols import Burst, DeviceInfo
+from cldit.scene.checks import Section, Within
+
+from .scpi import ScpiLine
+
+ABOUT = DriverAbout(
+    "trigger",
+    "BNC 505/575/577, Quantum Composers 9200/9510/9520 pulse generators, TCP or serial",
+    "untested on hardware; tested with a simulator that QMI's driver of the 9530 agrees with",
+    needs=("pyvisa", "pyvisa_py", "serial"),
+)
+
+Output = Literal["A", "B", "C", "D", "E", "F", "G", "H"]
+
+_STEP_s = 1e-8  # how far a time may read back from what was written: the coarsest series' step
+_STEP_V = 0.05
+_LONGEST_BURST = 10**6
+_MARGIN_s = 0.02  # after the last pulse's time until the burst is taken for over
+
+
+@dataclass(frozen=True)
+class Series:
+    """How one series differs. model: as *IDN? begins it; system: the keyword of what all outputs
+    share; trigger: of the external trigger's mode; baudrate: as delivered."""
+
+    model: str
+    system: str
+    trigger: str
+    baudrate: int
+
+
+SERIES = {
+    "bnc-505": Series("505", "PULSE0", "TRIG:MOD", 38400),
+    "bnc-575": Series("575", "PULSE0", "TRIG:MOD", 115200),
+    "bnc-577": Series("577", "PULSE0", "TRIG:MOD", 115200),
+    "qc-9200": Series("92", "PULSE0", "TRIG:MOD", 38400),
+    "qc-9510": Series("951", "SPULSE", "EXT:MOD", 38400),
+    "qc-9520": Series("95", "PULSE0", "TRIG:MOD", 38400),
+}
+
+
+class PulseGeneratorSettings(Section):
+    series: Literal["bnc-505", "bnc-575", "bnc-577", "qc-9200", "qc-9510", "qc-9520"]
+    host: str | None = None
+    port: Annotated[int, Within(1, 65535)] = 2101
+    serial: str | None = None  # /dev/ttyUSB0, COM3
+    baudrate: Annotated[int, Within(300, 1_000_000)] | None = None  # the series' usual one
+    camera: Output = "A"  # the output at the camera's trigger input
+    injector: Output = "B"  # the output at the injector's driver
+    camera_V: Annotated[float, Within(2.0, 20.0)] | None = None  # left out: the TTL output
+    injector_V: Annotated[float, Within(2.0, 20.0)] | None = None
+    answer_s: Annotated[float, Within(0.01, 60.0)] = 2.0
+
+    @model_validator(mode="after")
+    def _apart(self) -> PulseGeneratorSettings:
+        if (self.host is None) == (self.serial is None):
+            raise ValueError("host, serial: allowed is one of the two")
+        if self.camera == self.injector:
+            raise ValueError(f"camera, injector: both are {self.camera}; allowed are two outputs")
+        return self
+
+    @property
+    def where(self) -> str:
+        """For messages, and the name of a serial line."""
+        return f"{self.host}:{self.port}" if self.host is not None else str(self.serial)
+
+
+class PulseGenerator(Linked):
+    """A `cldit.rig.protocols.TriggerGenerator`."""
+
+    def __init__(self, settings: PulseGeneratorSettings, context: RigContext) -> None:
+        super().__init__(
+            "trigger",
+            f"{settings.series} at {settings.where}",
+            by_hand=f"take the cable off the output {settings.injector}, or switch it off",
+        )
+        self._settings = settings
+        self._series = SERIES[settings.series]
+        self._clock = context.clock
+        options: dict[str, Any] = {"write_termination": "\r\n"}
+        resource = f"TCPIP::{settings.host}::{settings.port}::SOCKET"
+        if settings.serial is not None:
+            resource = f"ASRL{settings.serial}::INSTR"
+            options["baud_rate"] = settings.baudrate or self._series.baudrate
+        self._line = ScpiLine("trigger", resource, self._asking, **options)
+        self._info = DeviceInfo("trigger", "?", settings.series, tested_on_hardware=False)
+        self._camera, self._injector = (
+            f":PULSE{'ABCDEFGH'.index(output) + 1}:"
+            for output in (settings.camera, settings.injector)
+        )
+        self._system = f":{self._series.system}:"
+        self._burst: Burst | None = None
+        self._inhibited = True
+        self._over_s = 0.0  # when the last burst is
+        self._told = "only identified"
+
+    def _open(self, timeout_s: float) -> None:
+        self._line.open(min(timeout_s, self._settings.answer_s))
+        self._info = self._line.identity(self._series.model)
+        self._still()
+
+    def _drop(self) -> None:
+        self._line.close()
+        self._inhibited = True
+
+    def _last_known(self) -> str:
+        return self._told
+
+    def identify(self) -> DeviceInfo:
+        return self._info
+
+    def read_configuration(self) -> dict[str, Any]:
+        outputs = {"camera": self._camera, "injector": self._injector}
+        return {
+            **self._settings.model_dump(mode="json"),
+            "burst": plain_burst(self._burst),
+            "inhibited": self._inhibited,
+            "running": self._flag(f"{self._system}STAT"),
+            "outputs": {
+                name: {
+                    "on": self._flag(f"{channel}STAT"),
+                    "delay_s": self._number(f"{channel}DEL"),
+                    "width_s": self._number(f"{channel}WIDT"),
+                }
+                for name, channel in outputs.items()
+            },
+        }
+
+    def configure(self, burst: Burst) -> Burst:
+        self.inhibit()
+        check_burst(burst)
+        if burst.n > _LONGEST_BURST:
+            raise ConfigRejected(f"trigger: n: {burst.n}; allowed is up to {_LONGEST_BURST}")
+        state = "on" if burst.inject else "off"
+        self._told = (
+            f"a burst of {burst.n}, injector's output {self._settings.injector} {state}; switching "
+            "the outputs on sends it"
+        )
+        times_s: list[float] = []
+        for channel, delay_s, width_s in (
+            (self._camera, burst.camera_delay_s, burst.widths_s[0]),
+            (self._injector, burst.injector_delay_s, burst.widths_s[1]),
+        ):
+            times_s.append(self._set(f"{channel}DEL", f"{delay_s:.11f}", _STEP_s))
+            times_s.append(self._set(f"{channel}WIDT", f"{width_s:.11f}", _STEP_s))
+        period_s = float(f"{burst.period_s:.9f}")  # it takes no more digits
+        if burst.n > 1:
+            period_s = self._set(f"{self._system}PER", f"{burst.period_s:.9f}", _STEP_s)
+            self._set(f"{self._system}BCO", f"{burst.n}", 0.0)
+        self._choose(f"{self._system}MOD", "SING" if burst.n == 1 else "BURS")
+        self._switch(f"{self._camera}STAT", True)
+        self._switch(f"{self._injector}STAT", burst.inject)
+        self._burst = replace(
+            burst,
+            period_s=period_s,
+            camera_delay_s=times_s[0],
+            injector_delay_s=times_s[2],
+            widths_s=(times_s[1], times_s[3]),
+        )
+        self._inhibited = False
+        return self._burst
+
+    def fire(self) -> None:
+        burst = self._burst
+        if burst is None or self._inhibited:
+            self._flag(f"{self._system}STAT")  # a link that is dead says so first
+            raise ConfigRejected("trigger: is inhibited; configure a burst first")
+        if self._clock.now_s() < self._over_s:
+            raise ConfigRejected("trigger: the last burst is not over; call wait_done()")
+        # Off again first: what stays on after a burst sends nothing when it is switched on.
+        self._switch(f"{self._system}STAT", False)
+        last_s = max(
+            burst.camera_delay_s + burst.widths_s[0], burst.injector_delay_s + burst.widths_s[1]
+        )
+        try:
+            self._command(f"{self._system}STAT 1")
+        except RigError as error:
+            raise FireUncertain(
+                f"trigger: the outputs were to be switched on, and it does not say so ({error})"
+            ) from error
+        self._over_s = self._clock.now_s() + (burst.n - 1) * burst.period_s + last_s + _MARGIN_s
+
+    def wait_done(self, timeout_s: float) -> None:
+        end_s = self._clock.now_s() + timeout_s
+        while self._clock.now_s() < self._over_s:
+            if self._clock.now_s() >= end_s:
+                raise DeviceTimeout(f"trigger: the burst is not over after {timeout_s:g} s")
+            self._clock.sleep(1e-3)
+
+    def inhibit(self) -> None:
+        self._inhibited = True
+        self._still()
+
+    def abort(self) -> None:
+        self._switch(f"{self._system}STAT", False)
+        self._over_s = 0.0
+
+    def _still(self) -> str:
+        """Off, for all outputs; then what would send a pulse when they are switched on again."""
+        self._inhibited = True
+        output = self._settings.injector
+        self._switch(f"{self._system}STAT", False)
+        self._over_s = 0.0
+        self._switch(f"{self._injector}STAT", False)
+        self._choose(f"{self._system}{self._series.trigger}", "DIS")
+        self._choose(f"{self._system}MOD", "SING")
+        for channel, volts in (
+            (self._camera, self._settings.camera_V),
+            (self._injector, self._settings.injector_V),
+        ):
+            self._choose(f"{channel}CMOD", "NORM")
+            self._choose(f"{channel}POL", "NORM")
+            self._choose(f"{channel}OUTP:MODE", "TTL" if volts is None else "ADJ")
+            if volts is not None:
+                self._set(f"{channel}OUTP:AMPL", f"{volts:.3f}", _STEP_V)
+        self._told = f"outputs off, injector's output {output} off"
+        return f"inhibited: all outputs stopped, output {output} off"
+
+    # One command, one answer; what was written is read back
+
+    def _command(self, text: str) -> None:
+        self._line.acknowledged(text, "ok")
+
+    def _flag(self, keyword: str) -> bool:
+        return self._line.flag(f"{keyword}?")
+
+    def _number(self, keyword: str) -> float:
+        return self._line.number(f"{keyword}?")
+
+    def _switch(self, keyword: str, on: bool) -> None:
+        self._command(f"{keyword} {int(on)}")
+        if self._flag(keyword) is not on:
+            raise ConfigRejected(f"trigger: {keyword} does not switch {'on' if on else 'off'}")
+
+    def _choose(self, keyword: str, entry: str) -> None:
+        self._command(f"{keyword} {entry}")
+        got = self._line.word(f"{keyword}?")
+        if not got.startswith(entry):
+            raise ConfigRejected(f"trigger: {keyword} reads back {got} after {entry}")
+
+    def _set(self, keyword: str, value: str, step: float) -> float:
+        self._command(f"{keyword} {value}")
+        got = self._number(keyword)
+        if not abs(got - float(value)) <= step:
+            raise ConfigRejected(f"trigger: {keyword} reads back {got:g} after {value}")
+        return got
+
+
+def open_pulse_generator(settings: dict[str, Any], context: RigContext) -> PulseGenerator:
+    """The driver `pulse_generator`."""
+    return PulseGenerator(check_settings(PulseGeneratorSettings, settings), context)

@@ -1,0 +1,183 @@
+"""`cldit check-driver`: a good driver passes, a broken one fails, an instrument stays cold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+from click.testing import CliRunner, Result
+
+from cldit.cli import main
+from cldit.rig.contract import lost_replies
+from cldit.rig.contract.backgrounds import limits
+from cldit.rig.contract.bed import beds_of, opened
+from cldit.rig.contract.expect import EVERYTHING, Allowed, ContractBroken
+from cldit.rig.contract.pulses import references_do_not_inject
+from cldit.rig.contract.run import Verdict, on_instrument
+
+for _module in ("pyvisa_py", "pymodbus"):
+    pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
+
+if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
+    from drivers.controller import BlackBody
+    from drivers.dg645 import Dg645
+    from drivers.emulators.blackbody import ModbusPeer
+    from drivers.emulators.dg645 import Dg645Peer
+else:
+    from cldit.drivers.controller import BlackBody
+    from cldit.drivers.dg645 import Dg645
+    from cldit.drivers.emulators.blackbody import ModbusPeer
+    from cldit.drivers.emulators.dg645 import Dg645Peer
+
+DG645 = beds_of("dg645")["tcp"]
+EUROTHERM = beds_of("modbus_blackbody")["eurotherm-tcp"]
+
+
+# Broken drivers: each of these faults is one that somebody writes, and is found.
+
+
+def test_an_injector_that_is_not_held_still(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Dg645, "_still", lambda self: "inhibited")
+    with opened(DG645) as bed, pytest.raises(ContractBroken, match=r"injections|on after"):
+        bed.device.connect()
+        references_do_not_inject(bed, EVERYTHING)
+    with pytest.raises(ContractBroken, match="on after make_safe"):
+        lost_replies.check_states(DG645)
+
+
+def test_limits_that_are_not_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(BlackBody, "set_setpoint", lambda self, kelvin: kelvin)
+    with opened(EUROTHERM) as bed, pytest.raises(ContractBroken, match="expected OutOfLimits"):
+        bed.device.connect()
+        limits(bed.device, EVERYTHING)
+
+
+def test_a_lost_answer_that_is_taken_for_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """make_safe() of a link that is down does nothing, and says that all is well."""
+    plain = Dg645.make_safe
+
+    def trusting(self: Dg645) -> Any:
+        from cldit.rig.link import LinkState
+        from cldit.rig.protocols import Safety
+
+        return Safety(True, "nothing") if self._state is LinkState.LOST else plain(self)
+
+    monkeypatch.setattr(Dg645, "make_safe", trusting)
+    with pytest.raises(
+        ContractBroken, match=r"reply \d+ of \d+, drop: .*left on: a trigger injects"
+    ):
+        lost_replies.check_replies(DG645, lambda n: range(n - 7, n + 1), lost_replies.lost)
+
+
+# Instruments; here their emulators stand for them.
+
+
+@pytest.fixture
+def rig(tiny_rig: dict[str, Any], tmp_path: Path) -> Iterator[tuple[Path, ModbusPeer, Dg645Peer]]:
+    with ModbusPeer("eurotherm-3200", start_K=293.0) as body, Dg645Peer() as generator:
+        tiny_rig["background"] = {
+            "driver": "modbus_blackbody",
+            "settings": {
+                "model": "eurotherm-3200",
+                "host": body.host,
+                "port": body.port,
+                "limits_K": [290.0, 600.0],
+            },
+        }
+        tiny_rig["trigger"] = {
+            "driver": "dg645",
+            "settings": {"host": generator.host, "port": generator.port},
+        }
+        tiny_rig["clock"] = {"model": "system"}
+        path = tmp_path / "rig.yaml"
+        path.write_text(yaml.safe_dump(tiny_rig), encoding="utf-8")
+        yield path, body, generator
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cldit.cli.check_driver.on_instrument", partial(on_instrument, pause_s=0.0))
+
+
+def check(*arguments: str, answer: str = "") -> Result:
+    return CliRunner().invoke(main, ["check-driver", *arguments], input=answer)
+
+
+def test_an_instrument_is_never_heated(rig: tuple[Path, ModbusPeer, Dg645Peer]) -> None:
+    path, body, _ = rig
+    aimed: list[float] = []
+    plain = body.heater.aim
+
+    def watched(setpoint_K: float) -> None:
+        aimed.append(setpoint_K)
+        plain(setpoint_K)
+
+    body.heater.aim = watched  # type: ignore[method-assign]
+    got = check("modbus_blackbody", str(path), "--instrument", answer="y\n")
+    assert got.exit_code == 0, got.output
+    assert aimed and max(aimed) <= 295.0 + 1e-3
+    for text in ("no set point above 295.0 K", "3 passed, 0 failed, 1 skipped", "made safe: set"):
+        assert text in got.output, got.output
+
+
+def test_nothing_is_done_before_it_is_allowed(rig: tuple[Path, ModbusPeer, Dg645Peer]) -> None:
+    path, body, generator = rig
+    for name in ("modbus_blackbody", "dg645"):
+        got = check(name, str(path), "--instrument", answer="n\n")
+        assert got.exit_code == 1 and "Go on?" in got.output
+    assert body.replies.sent == generator.replies.sent == 0
+
+
+def test_an_instrument_never_injects(rig: tuple[Path, ModbusPeer, Dg645Peer]) -> None:
+    path, _, generator = rig
+    got = check("dg645", str(path), "--instrument", "--yes")
+    assert got.exit_code == 0, got.output
+    assert len(generator.pulses("AB")) == 1 and not generator.pulses("CD")
+    assert not generator.injects_on_trigger and "made safe: inhibited" in got.output
+
+
+def test_a_broken_one_ends_with_status_one(
+    rig: tuple[Path, ModbusPeer, Dg645Peer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, _, generator = rig
+    monkeypatch.setattr(Dg645, "inhibit", lambda self: None)
+    got = check("dg645", str(path), "--instrument", "--yes")
+    assert got.exit_code == 1 and "failed" in got.output and "after inhibit()" in got.output
+    assert not generator.injects_on_trigger and "made safe" in got.output
+
+
+def test_a_dead_one_is_said_to_be_unsafe(
+    rig: tuple[Path, ModbusPeer, Dg645Peer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It answers until its session, and never again: it may be on, so the status is 1."""
+    path, _, generator = rig
+
+    def dies(self: Dg645) -> None:
+        generator.deaf = True
+        self._line.integer("INSR?")
+
+    monkeypatch.setattr(Dg645, "fire", dies)
+    got = check("dg645", str(path), "--instrument", "--yes")
+    assert got.exit_code == 1 and "NOT SAFE: trigger: DG645 at" in got.output, got.output
+
+
+def test_what_cannot_be_checked(tmp_path: Path, rig: tuple[Path, ModbusPeer, Dg645Peer]) -> None:
+    for arguments, text in (
+        (["simulated_scene"], "is a bench"),
+        (["simulated_injector"], "has no emulator"),
+        (["dg645", "--instrument"], "needs a RIG file"),
+        (["fluke418x", str(rig[0])], "no device has the driver fluke418x"),
+    ):
+        got = check(*arguments)
+        assert got.exit_code == 1 and text in got.output + got.stderr, got.output
+
+
+def test_warmest_is_what_is_allowed() -> None:
+    with opened(EUROTHERM, {"limits_K": [300.0, 500.0]}) as bed:
+        results = list(on_instrument(bed.device, "background", Allowed(310.0, False), pause_s=0.0))
+        assert [result.verdict for result in results] == [Verdict.PASSED] * 4
+        assert bed.left_on() == "set point 310.0 K"

@@ -1,0 +1,201 @@
+"""Black bodies that the rig file describes: registers, and templates of a line protocol."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from cldit.errors import SceneError
+from cldit.plain_data import parse_yaml
+from cldit.rig.clock import SimulatedClock, SystemClock
+from cldit.rig.contract.replies import Replies
+from cldit.rig.drivers import RigContext, load_driver
+from cldit.rig.errors import ConfigRejected, NotConnected
+
+for _module in ("pyvisa_py", "pymodbus"):
+    pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
+
+if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
+    from drivers.emulators.blackbody import ModbusPeer
+    from drivers.emulators.line_server import LineServer
+    from drivers.line_templates import pattern
+    from drivers.modbus_registers import Register, RegisterMap
+else:
+    from cldit.drivers.emulators.blackbody import ModbusPeer
+    from cldit.drivers.emulators.line_server import LineServer
+    from cldit.drivers.line_templates import pattern
+    from cldit.drivers.modbus_registers import Register, RegisterMap
+
+CONTEXT = RigContext(SystemClock(), None, Path(), 1)
+
+
+@pytest.mark.parametrize(
+    ("register", "words"),
+    [  # written out by hand: two's complement, IEEE 754, high word first unless said
+        ({"format": "int16", "decimals": 1}, [0xFFF6]),
+        ({"format": "int32", "decimals": 2}, [0xFFFF, 0xFF9C]),
+        ({"format": "int32", "decimals": 2, "low_word_first": True}, [0xFF9C, 0xFFFF]),
+        ({"format": "float32"}, [0xBF80, 0x0000]),
+        ({"format": "float32", "low_word_first": True}, [0x0000, 0xBF80]),
+    ],
+)
+def test_how_registers_hold_minus_one(register: dict[str, Any], words: list[int]) -> None:
+    made = Register(address=1, **register)
+    assert made.encode(-1.0) == words and made.decode(words) == -1.0
+
+
+def test_numbers_that_do_not_fit() -> None:
+    for format in ("uint16", "uint32"):
+        with pytest.raises(ConfigRejected, match=f"does not fit register 3, {format}"):
+            Register(address=3, format=format).encode(-1.0)
+    with pytest.raises(ConfigRejected, match="does not fit"):
+        Register(address=3, format="int16", decimals=2).encode(400.0)
+    with pytest.raises(NotConnected, match="finite"):
+        Register(address=3, format="float32").decode([0x7FC0, 0])
+
+
+def test_other_registers_agree_with_minimalmodbus() -> None:
+    """Eurotherm's remote set point (26) in tenths, as its integer registers have it."""
+    minimal = pytest.importorskip("minimalmodbus", reason="minimalmodbus is missing")
+    registers = {
+        "maker": "Eurotherm",
+        "model": "eurotherm-3216, remote set point",
+        "temperature": {"address": 1, "format": "int16", "decimals": 1},
+        "setpoint": {"address": 26, "format": "int16", "decimals": 1},
+    }
+    clock = SimulatedClock()
+    known = RegisterMap.model_validate(registers)
+    with ModbusPeer(registers=known, clock=clock, serial=True) as peer:
+        device = load_driver("modbus_blackbody")(
+            {"registers": registers, "serial": peer.serial, "limits_K": [253.0, 873.0]},
+            RigContext(clock, None, Path(), 1),
+        )
+        device.connect()
+        assert device.identify().model == "eurotherm-3216, remote set point"
+        assert device.set_setpoint(440.35) == pytest.approx(440.35, abs=0.05)
+        device.close()
+        other = minimal.Instrument(peer.serial, 1)
+        other.serial.baudrate, other.serial.timeout = 19200, 1.0
+        try:
+            assert other.read_register(26, 1, signed=True) == pytest.approx(167.2)
+        finally:
+            other.serial.close()
+
+
+def test_templates() -> None:
+    assert pattern("T = {value} K").fullmatch(" t =  +4.2e2   K ")
+    assert not pattern("T = {value} K").fullmatch("S = 420 K")
+    assert not pattern("T.{value}").fullmatch("Tx420")  # no regular expression
+    assert pattern("{any}BODY {any}").fullmatch("BLACK BODY 12")
+
+
+BARE = {
+    "host": "x",
+    "limits_K": [283.0, 573.0],
+    "temperature": {"send": "T?", "answer": "{value}"},
+    "setpoint": {"send": "SP?", "answer": "{value}"},
+    "set": {"send": "SP {value:.2f}"},
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"set": {"send": "SP"}}, "allowed is one {value}"),
+        ({"set": {"send": "SP {kelvin}"}}, "allowed is {value}"),
+        ({"temperature": {"send": "T?", "answer": "{value} of {value}"}}, "one {value}"),
+        ({"temperature": {"send": "T?", "answer": "{value:.2f}"}}, "takes no format"),
+        ({"temperature": {"send": "T?", "answer": "{number}"}}, "{value} and {any}"),
+        ({"temperature": {"send": "T?"}}, "answer"),
+        ({"unit": "fahrenheit"}, "unit"),
+    ],
+)
+def test_templates_that_say_nothing(change: dict[str, Any], text: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        load_driver("line_blackbody")({**BARE, **change}, CONTEXT)
+    assert text in str(caught.value)
+
+
+def test_registers_that_say_nothing() -> None:
+    both = {"model": "ir-2100", "registers": {"temperature": {}, "setpoint": {}}}
+    good = {"address": 1, "format": "int16"}
+    line = {"host": "x", "limits_K": [283, 500]}
+    for settings, text in (
+        ({}, "model, registers: allowed is one of the two"),
+        (both, "registers.temperature.address"),
+        ({"registers": {"temperature": good, "setpoint": {**good, "table": "input"}}}, "holding"),
+    ):
+        with pytest.raises(SceneError) as caught:
+            load_driver("modbus_blackbody")({**line, **settings}, CONTEXT)
+        assert text in str(caught.value)
+
+
+SIM = """
+spec: "1.1"
+devices:
+  oven:
+    eom:
+      ASRL INSTR: {q: "\\r\\n", r: "\\n"}
+    error: ERROR
+    dialogues:
+      - {q: "T?", r: "21.70"}
+    properties:
+      setpoint:
+        default: 21.85
+        getter: {q: "SP?", r: "{:.2f}"}
+        setter: {q: "SP {:.2f}"}
+        specs: {min: 0, max: 400, type: float}
+resources:
+  ASRL1::INSTR: {device: oven}
+"""
+
+
+def test_templates_before_pyvisa_sim(tmp_path: Path) -> None:
+    """Another project's simulator has the instrument; here is only the socket to it."""
+    pytest.importorskip("pyvisa_sim", reason="pyvisa-sim is missing")
+    import pyvisa
+
+    path = tmp_path / "oven.yaml"
+    path.write_text(SIM, encoding="utf-8")
+    manager = pyvisa.ResourceManager(f"{path}@sim")
+    oven: Any = manager.open_resource(
+        "ASRL1::INSTR", read_termination="\n", write_termination="\r\n"
+    )
+
+    def answer(line: bytes) -> bytes:
+        text = line.decode().strip()
+        oven.write(text)
+        return f"{oven.read()}\r\n".encode() if text.endswith("?") else b""
+
+    server = LineServer("127.0.0.1", 0, answer, Replies())
+    try:
+        settings = {**BARE, "host": "127.0.0.1", "port": server.port}
+        device = load_driver("line_blackbody")(settings, CONTEXT)
+        device.connect()
+        assert device.read_temperature() == pytest.approx(294.85)
+        assert device.set_setpoint(420.0) == pytest.approx(420.0, abs=0.01)
+        assert oven.query("SP?").strip() == "146.85"
+        assert device.make_safe().did == "set point 295.0 K"
+        assert oven.query("SP?").strip() == "21.85"
+        device.close()
+    finally:
+        server.close()
+        oven.close()
+        manager.close()
+
+
+def test_the_rig_files_of_the_docs() -> None:
+    """Each block of docs/rig.md that names a driver here is one that this driver takes."""
+    page = (Path(__file__).parents[2] / "docs" / "rig.md").read_text(encoding="utf-8")
+    seen = []
+    for block in re.findall(r"^```yaml\n(.*?)^```", page, re.MULTILINE | re.DOTALL):
+        data = parse_yaml(block, source="docs/rig.md")
+        for part in ("background", "trigger"):
+            choice = data.get(part, {})
+            if choice.get("driver", "").startswith(("modbus", "fluke", "line", "dg", "pulse")):
+                load_driver(choice["driver"])(choice["settings"], CONTEXT)
+                seen.append(choice["driver"])
+    assert {"modbus_blackbody", "line_blackbody", "dg645", "pulse_generator"} <= set(seen)
