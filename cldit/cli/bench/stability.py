@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from cldit.bench.stability import bench_stability, cases, page
+from cldit.bench.stability import bench_stability, page
+from cldit.bench.stability_known import cases
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.cli.units import device_option
 from cldit.errors import TransportError
