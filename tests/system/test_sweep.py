@@ -32,7 +32,7 @@ def scene() -> Scene:
             "spray": {"model": "cone", "spacing_m": 0.004, "size_classes": 1},
             "camera": {"pixels": [12, 10], "field_m": [0.06, 0.05], "target_m": [0, 0, -0.02]},
             "background": {"temperatures_K": [440.0, 480.0], "radius_m": 0.08},
-            "transport": {"directions": 8},
+            "transport": {"directions": 8, "audit": False},
         }
     )
 

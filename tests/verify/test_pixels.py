@@ -38,6 +38,7 @@ def vessel(device: Device, rays: Any, **camera: Any) -> Run:
             **camera,
         },
         "background": {"radius_m": 0.0503},
+        "transport": {"audit": False},
     }
     return cldit.simulate(cldit.parse_scene(data), device=device)
 

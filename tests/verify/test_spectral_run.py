@@ -202,6 +202,7 @@ def test_kept_and_opened(device: Device, tmp_path: Path, tables: Path) -> None:
     data["camera"]["pixels"] = [40, 40]
     data["domain"]["leaf_edge_m"] = 2e-3
     data["spray"]["spacing_m"] = 2e-3
+    data["transport"]["audit"] = False
     run = cldit.simulate(parse_scene(data), tmp_path / "run", device=device, cache=tables)
     again = cldit.open_run(tmp_path / "run")
     assert again.quadrature == run.quadrature and again.info.spectral == run.info.spectral
@@ -225,6 +226,7 @@ def test_the_methane_jet_stays_translucent(device: Device, tables: Path) -> None
     data["camera"]["pixels"] = [40, 40]
     data["domain"]["leaf_edge_m"] = 2e-3
     data["spray"]["spacing_m"] = 2e-3
+    data["transport"]["audit"] = False
     run = cldit.simulate(parse_scene(data), device=device, cache=tables)
     assert 0.15 < float(np.nanmax(run.maps.emissivity)) <= 0.3
     data["optics"]["preset"] = "paper"
