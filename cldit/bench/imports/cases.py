@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.cfd.element_mesh import FACES
+from cldit.files import write_bytes
 
 Floats = NDArray[np.floating]
 Ints = NDArray[np.int64]
@@ -22,7 +23,13 @@ _HEAD = (
 
 
 def write_hexahedra(folder: Path, *, cells_a_side: int, parcels: int) -> None:
-    """foamToVTK's layout, raw float32: hexahedra in a .vtu, parcels in a .vtp."""
+    """foamToVTK's layout, raw float32: hexahedra in a .vtu, parcels in a .vtp.
+
+    Args:
+        folder: of the case.
+        cells_a_side: of the cube.
+        parcels: how many; without any there is no .vtp.
+    """
     grid = _grid(cells_a_side)
     from vtkmodules.vtkCommonDataModel import vtkCellArray
 
@@ -35,7 +42,13 @@ def write_hexahedra(folder: Path, *, cells_a_side: int, parcels: int) -> None:
 
 
 def write_polyhedra(folder: Path, *, cells_a_side: int, parcels: int) -> None:
-    """As `write_hexahedra`, each cell given by its faces."""
+    """As `write_hexahedra`, each cell given by its faces.
+
+    Args:
+        folder: of the case.
+        cells_a_side: of the cube.
+        parcels: how many; without any there is no .vtp.
+    """
     grid = _grid(cells_a_side)
     from vtkmodules.vtkCommonDataModel import vtkCellArray
 
@@ -53,7 +66,13 @@ def write_polyhedra(folder: Path, *, cells_a_side: int, parcels: int) -> None:
 
 
 def write_foam(folder: Path, *, cells_a_side: int, parcels: int) -> None:
-    """An OpenFOAM case, binary, of gas alone (`parcels` is 0)."""
+    """An OpenFOAM case, binary, of gas alone.
+
+    Args:
+        folder: of the case.
+        cells_a_side: of the cube.
+        parcels: is 0.
+    """
     n = cells_a_side
     point = np.arange((n + 1) ** 3).reshape((n + 1,) * 3)  # [z, y, x]
     cell = np.arange(n**3).reshape((n,) * 3)
@@ -196,4 +215,4 @@ def _list(values: NDArray[np.generic]) -> bytes:
 def _foam(file: Path, kind: str, body: bytes, *, form: str = "binary") -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     head = _HEAD.format(kind=kind, name=file.name).replace("binary", form)
-    file.write_bytes(head.encode() + body)
+    write_bytes(file, head.encode() + body, sync=False)

@@ -9,6 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from cldit.terminal import tell
+
 
 def _write(folder: str, writer: str, cells_a_side: str, parcels: str) -> None:
     from cldit.bench.imports import cases
@@ -47,4 +49,4 @@ if __name__ == "__main__":
     kept = work[sys.argv[1]](*sys.argv[2:])
     lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     peak = next(line.split()[1] for line in lines if line.startswith("VmHWM"))
-    print(json.dumps({"resident_bytes": int(peak) * 1024, "cpu_s": time.process_time()}))
+    tell(json.dumps({"resident_bytes": int(peak) * 1024, "cpu_s": time.process_time()}))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import tempfile
@@ -18,6 +17,7 @@ from cldit.bench.report import Part, Table
 from cldit.cfd.openfoam.size import foam_size
 from cldit.cfd.size import Size
 from cldit.cfd.vtk.head import vtk_size
+from cldit.plain_data import parse_json
 
 _FIELDS = 4
 _HEAD = (
@@ -142,5 +142,5 @@ def _apart(how: str, folder: Path, *more: str) -> Taken:
     )
     if done.returncode:
         raise BenchError(f"import: the measuring process failed:\n{done.stderr[-2000:]}")
-    found = json.loads(done.stdout.splitlines()[-1])
+    found = parse_json(done.stdout.splitlines()[-1])
     return Taken(found["resident_bytes"], time.perf_counter() - start, found["cpu_s"])
