@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.cfd.cell_mesh import AnyFloats, Labels, narrowed
+from cldit.cfd.inputs import regular
 from cldit.cfd.mesh import Mesh
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
@@ -30,7 +31,7 @@ def open_post(path: Path) -> Iterator[Any]:
             f'{path}: reading it needs h5py; install it with: pip install "cldit[cfd]"'
         ) from error
     try:
-        with h5py.File(path, "r") as file:
+        with h5py.File(regular(path), "r") as file:
             yield file
     except SprayError:
         raise
@@ -58,7 +59,17 @@ def time_of(path: Path) -> float | None:
 
 
 def array(path: Path, group: Any, name: str, count: int | None = None) -> Floats:
-    """A one-dimensional array, of a length if it is known."""
+    """(N,) numbers of an array, as doubles.
+
+    Args:
+        path: named by errors.
+        group: of the file.
+        name: of the array in it.
+        count: its length, if it is known.
+
+    Raises:
+        SprayError: it is missing, no list of numbers, or of another length.
+    """
     return _stored(path, group, name, count).astype(np.float64)
 
 
@@ -74,13 +85,33 @@ def _stored(path: Path, group: Any, name: str, count: int | None) -> NDArray[np.
 
 
 def field(path: Path, group: Any, name: str, count: int) -> AnyFloats:
-    """As `array`, as exact as it is stored."""
+    """As `array`, (N,), as exact as it is stored.
+
+    Args:
+        path: named by errors.
+        group: of the file.
+        name: of the array in it.
+        count: its length.
+
+    Raises:
+        SprayError: it is missing, no list of numbers, or of another length.
+    """
     values = _stored(path, group, name, count)
     return values.astype(values.dtype if values.dtype.kind == "f" else np.float64)
 
 
 def labels(path: Path, group: Any, name: str, count: int | None = None) -> Labels:
-    """As `array`, of whole numbers, four bytes each where that is enough."""
+    """As `array`, (N,), of whole numbers, four bytes each where that is enough.
+
+    Args:
+        path: named by errors.
+        group: of the file.
+        name: of the array in it.
+        count: its length, if it is known.
+
+    Raises:
+        SprayError: it is missing, no list of whole numbers, or of another length.
+    """
     values = _stored(path, group, name, count)
     if values.dtype.kind == "f" and not np.all(values == np.rint(values)):
         raise SprayError(f"{path}: {group.name}/{name}: holds a label that is no whole number")
@@ -89,6 +120,10 @@ def labels(path: Path, group: Any, name: str, count: int | None = None) -> Label
 
 def post_mesh(path: Path, stream: Any) -> Mesh:
     """The mesh of a stream.
+
+    Args:
+        path: named by errors.
+        stream: its group in the file.
 
     Raises:
         SprayError: an array is missing, or does not fit the others.

@@ -13,6 +13,7 @@ import numpy as np
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, complete_cloud
 from cldit.cfd.column_mapping import Source, cloud_columns, gas_columns
 from cldit.cfd.element_mesh import BoxMesh
+from cldit.cfd.inputs import regular
 from cldit.cfd.mapping_file import (
     CellColumns,
     ColumnMap,
@@ -25,6 +26,7 @@ from cldit.cfd.mapping_file import (
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
+from cldit.files import open_regular
 from cldit.spray.result import Floats
 
 
@@ -74,7 +76,7 @@ def read_tables(
 def _size(file: Path) -> Size:
     """By the mean length of the first lines; ten columns of numbers, and again as boxes."""
     try:
-        with file.open("rb") as stream:
+        with open_regular(file) as stream:
             head = stream.read(1 << 16)
         rows = file.stat().st_size * head.count(b"\n") // max(len(head), 1)
     except OSError:  # who reads the file says what is wrong with it
@@ -126,8 +128,10 @@ def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
 def _header(file: Path, wanted: CellColumns | ParcelColumns) -> tuple[list[str], str]:
     """Names and delimiter; names in quotes may hold the delimiter."""
     try:
-        with file.open(encoding="utf-8-sig") as stream:
+        with regular(file).open(encoding="utf-8-sig") as stream:
             lines = [stream.readline() for _ in range(wanted.header_line)]
+    except SprayError:
+        raise
     except (OSError, UnicodeDecodeError) as error:
         raise SprayError(f"{file}: cannot be read ({error})") from error
     header = lines[-1].strip("\r\n ").lstrip("#").lstrip()

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.data_streams import DataStream
-from cldit.errors import SprayError
+from cldit.errors import FileError, SprayError
 from cldit.files import open_regular, whole
 from cldit.progress import Watch, silent
 from cldit.provenance import FileRead
@@ -101,6 +101,8 @@ def write_spray(path: Path, spray: Spray, *, watch: Watch = silent) -> None:
                     for begin in range(0, len(raw), _AT_ONCE):
                         watch(f"writing {path.name}", done, size)
                         done += member.write(raw[begin : begin + _AT_ONCE])
+    except FileError as error:
+        raise SprayError(str(error)) from error
     except OSError as error:
         raise SprayError(f"{path}: cannot be written ({error})") from error
 

@@ -18,6 +18,7 @@ from cldit.cfd.point_data import with_point_fields
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
+from cldit.files import open_regular
 from cldit.progress import Watch, silent
 
 _NUMBERED = re.compile(r"c\d+(?=\D)")
@@ -137,7 +138,7 @@ def _file(case: CaseFile, item: Item, at: float | None) -> Path:
 def _size(geometry: Path, fields: list[Path]) -> Size:
     """By the files' sizes: a number takes four bytes, or a line in ascii, held as an object."""
     try:
-        with geometry.open("rb") as stream:
+        with open_regular(geometry) as stream:
             binary = b"C Binary" in stream.read(84)
         stored = geometry.stat().st_size
         largest = max((file.stat().st_size for file in fields), default=0)
@@ -151,6 +152,9 @@ def clouds(case: CaseFile) -> dict[str, tuple[Item, dict[str, Item]]]:
 
     The particles are one cloud, `measured`. foamToEnsight names a cloud by the folder of its
     files, and its fields by the cloud's number and the field: `c0d` in `lagrangian/sprayCloud`.
+
+    Raises:
+        SprayError: two clouds have one name.
     """
     found: dict[str, tuple[Item, dict[str, Item]]] = {}
     fields = [item for item in case.items if item.kind in _MEASURED]

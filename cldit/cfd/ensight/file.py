@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.cfd.cell_mesh import Labels, narrowed
-from cldit.errors import SprayError
+from cldit.cfd.inputs import regular, text_of
+from cldit.errors import FileError, SprayError
+from cldit.files import read_text
 from cldit.spray.result import Floats
 
 
@@ -69,10 +71,7 @@ def read_case_file(path: Path) -> CaseFile:
     Raises:
         SprayError: it cannot be read, is not of EnSight Gold, or keeps all times in one file.
     """
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise SprayError(f"{path}: cannot be read ({error})") from error
+    lines = text_of(path).splitlines()
     try:
         return _parsed(path, lines)
     except SprayError:
@@ -125,9 +124,9 @@ def _numbers_file(path: Path, name: str) -> str:
     if len(words) != 1:
         raise SprayError(f"{path}: TIME: {name.strip()!r}: one file is allowed")
     try:
-        return (path.parent / words[0]).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SprayError(f"{path}: TIME: {words[0]}: cannot be read ({error})") from error
+        return read_text(path.parent / words[0])
+    except FileError as error:
+        raise SprayError(f"{path}: TIME: {error}") from error
 
 
 def _item(path: Path, kind: str, text: str) -> Item:
@@ -166,7 +165,7 @@ class Reader:
     def __init__(self, path: Path, *, binary: bool | None = None, order: str = "<") -> None:
         """`binary` and byte `order` of a variable's file are those of the geometry's."""
         try:
-            self.body = path.read_bytes()
+            self.body = regular(path).read_bytes()
         except OSError as error:
             raise SprayError(f"{path}: cannot be read ({error})") from error
         self.path, self.at, self.order = path, 0, order

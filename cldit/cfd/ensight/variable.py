@@ -22,7 +22,7 @@ class Elements:
     """Elements of one type in a row, `many` of them.
 
     first: the cell of the mesh that the first is, None where they are no cells (flat, ghost). kept:
-    which of them are cells (the others are blanked), (many,); None for all.
+    which of them are cells (the others are blanked), of the shape (many,); None for all.
     """
 
     kind: str
@@ -38,7 +38,7 @@ class Elements:
         return self.many if self.kept is None else int(np.count_nonzero(self.kept))
 
     def of_cells(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Those of the values (many,) that belong to cells."""
+        """Those of the values, of the shape (many,), that belong to cells."""
         return values if self.kept is None else values[self.kept]
 
 
@@ -64,6 +64,12 @@ class Block:
 
 def per_element(file: Reader, parts: Parts, cells: int, label: str) -> Column:
     """A field (cells,) in the order of the mesh; values that the file leaves out are undefined.
+
+    Args:
+        file: of the variable.
+        parts: of the geometry.
+        cells: how many the mesh has.
+        label: names the field in errors.
 
     Raises:
         SprayError: the file is damaged, or does not fit the geometry.
@@ -94,7 +100,17 @@ def per_element(file: Reader, parts: Parts, cells: int, label: str) -> Column:
 
 
 def per_node(file: Reader, parts: Parts, points: int, label: str) -> Column:
-    """A field (points,) at the points of the mesh; what the file leaves out is undefined."""
+    """A field (points,) at the points of the mesh; what the file leaves out is undefined.
+
+    Args:
+        file: of the variable.
+        parts: of the geometry.
+        points: how many the mesh has.
+        label: names the field in errors.
+
+    Raises:
+        SprayError: as `per_element`.
+    """
     values, undefined = np.zeros(points), np.ones(points, dtype=bool)
     file.text()
     line = "" if file.done else file.text()
@@ -139,7 +155,12 @@ def _values(file: Reader, many: int, mode: str) -> tuple[AnyFloats, NDArray[np.b
 
 
 def corner_mean(blocks: Sequence[Block], values: AnyFloats) -> Floats:
-    """Mean of values at the points of all parts over the distinct corners of each cell, (N,)."""
+    """(N,) means of values at the points of all parts over the distinct corners of each cell.
+
+    Args:
+        blocks: the cells, in their order.
+        values: (P,) at the points of all parts.
+    """
     return np.concatenate([_mean(block.mesh, values[block.first_node :]) for block in blocks])
 
 

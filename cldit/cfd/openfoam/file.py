@@ -15,6 +15,7 @@ from typing import BinaryIO
 from cldit.cfd.case import only_claimant
 from cldit.cfd.openfoam.collated import COLLATED, block_of
 from cldit.errors import SprayError
+from cldit.files import open_regular
 
 _HEADER = re.compile(rb"FoamFile\s*\{(.*?)\}", re.DOTALL)
 _HEAD = 10_000  # bytes in which the header ends
@@ -69,7 +70,7 @@ def read_foam(path: Path, block: int | None = None) -> FoamFile:
     if found is None:
         raise SprayError(f"{path}: is missing (also as .gz)")
     try:
-        with gzip.open(found) if found.suffix == ".gz" else found.open("rb") as stream:
+        with gzip.open(found) if found.suffix == ".gz" else open_regular(found) as stream:
             entries, body = _content(stream, found, block)  # type: ignore[arg-type]
     except (OSError, EOFError, zlib.error) as error:
         raise SprayError(f"{found}: cannot be read ({error})") from error

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import Injector
+from cldit.cfd.inputs import regular
 from cldit.cfd.openfoam.file import find_foam
 from cldit.errors import SprayError
 
@@ -77,7 +78,7 @@ def case_injectors(
 
 def _content(path: Path) -> bytes:
     try:
-        content = path.read_bytes()
+        content = regular(path).read_bytes()
         return gzip.decompress(content) if path.suffix == ".gz" else content
     except (OSError, EOFError, zlib.error) as error:
         raise SprayError(f"{path}: cannot be read ({error})") from error

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
 from cldit.cfd.case import only_claimant
+from cldit.cfd.inputs import regular
 from cldit.errors import SprayError
+from cldit.plain_data import read_json
 
 DATA = (".vtu", ".vtp", ".vtk")
 COLLECTIONS = (".vtm", ".pvtu", ".pvtp")
@@ -53,6 +54,9 @@ def entries(file: Path, seen: tuple[Path, ...] = ()) -> list[Entry]:
         file: .vtu, .vtp, .vtk, or a collection of such.
         seen: the collections in which it lies.
 
+    Returns:
+        An entry for each data set.
+
     Raises:
         SprayError: a collection is damaged, names itself, names a file that is not there, or one
             of another kind.
@@ -84,7 +88,11 @@ def entries(file: Path, seen: tuple[Path, ...] = ()) -> list[Entry]:
 
 
 def pvd_steps(file: Path) -> dict[float, list[Entry]]:
-    """The data sets of each time that a .pvd file names."""
+    """The data sets of each time that a .pvd file names.
+
+    Raises:
+        SprayError: as `entries`; a time is no number, or one part of it has several files.
+    """
     found: dict[float, list[Entry]] = {}
     places: dict[tuple[object, ...], list[Path]] = {}
     for element in _elements(file, "DataSet"):
@@ -103,12 +111,16 @@ def pvd_steps(file: Path) -> dict[float, list[Entry]]:
 
 
 def series_times(file: Path) -> dict[str, float]:
-    """Times by step number, from one of the JSON files for ParaView."""
+    """Times by step number, from one of the JSON files for ParaView.
+
+    Raises:
+        SprayError: it cannot be read, or is no list of files and times.
+    """
     times: dict[str, float] = {}
     try:
-        for entry in json.loads(file.read_text(encoding="utf-8"))["files"]:
+        for entry in read_json(file, error=SprayError)["files"]:
             times[step_of(Path(entry["name"]))] = float(entry["time"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise SprayError(f"{file}: is no list of files and times ({error})") from error
     return times
 
@@ -121,7 +133,9 @@ def _must_be(file: Path, named_by: tuple[Path, ...]) -> None:
 
 def _elements(file: Path, tag: str) -> list[ElementTree.Element]:
     try:
-        root = ElementTree.parse(file).getroot()
+        root = ElementTree.parse(regular(file)).getroot()
+    except SprayError:
+        raise
     except (OSError, ElementTree.ParseError, ValueError) as error:
         raise SprayError(f"{file}: is damaged or truncated, no VTK collection ({error})") from error
     return list(root.iter(tag))

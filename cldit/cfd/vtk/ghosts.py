@@ -35,6 +35,10 @@ def unmarked(data: Any, marked: Marked) -> Any:
 
     Points of a mesh are kept: cells name them. The points of a set without cells of three
     dimensions are parcels.
+
+    Args:
+        data: vtk's.
+        marked: counts them.
     """
     if dimension(data) > 0:
         ghosts = data.GetCellData().GetArray(GHOSTS)

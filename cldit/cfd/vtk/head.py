@@ -37,8 +37,10 @@ def piece_counts(file: Path) -> tuple[int, int]:
 
 
 def vtk_size(file: Path, *, fields: int) -> Size:
-    """What a mesh or cloud of `fields` fields takes; files are taken for hexahedra where that is
-    not told."""
+    """What the mesh or cloud in `file` takes with `fields` fields.
+
+    Cells are taken for hexahedra where that is not told.
+    """
     stored = file.stat().st_size
     if file.suffix == ".vtk":  # binary: nine integers a cell that become nine of twice the size
         return Size(stored // 70, 0, 2.0 * stored)

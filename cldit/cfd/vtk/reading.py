@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cldit.cfd.inputs import regular
 from cldit.cfd.size import check_room
 from cldit.cfd.vtk.appended import check_appended
 from cldit.cfd.vtk.datasets import GHOSTS, dimension
@@ -55,7 +56,7 @@ def load_vtk(
             not fit into memory.
         KeyboardInterrupt: Ctrl-C was pressed; vtk stops where it is.
     """
-    reader = _reader(file)
+    reader = _reader(regular(file))
     if file.suffix == ".vtk":
         check_room(file, vtk_size(file, fields=0))
         with _messages(file, reader), _observed(file, reader, watch):

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, only_claimant
+from cldit.cfd.inputs import regular
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.cfd.vtk.collections import Entry, without_step
 from cldit.cfd.vtk.datasets import dimension, geometry_of, time_value, vtk_mesh
@@ -56,7 +57,7 @@ class Loader:
 
 
 def step_times(layout: Layout, loader: Loader) -> dict[str, float | None]:
-    """The time of each step that may hold a mesh."""
+    """The time of each step of `layout` that may hold a mesh, by its key; `loader` reads."""
     steps = {
         key: found
         for key, found in layout.steps.items()
@@ -194,7 +195,7 @@ def _all_different(parts: Sequence[Loaded]) -> None:
 def _own_time(found: Sequence[Entry], loader: Loader, *, only: bool) -> float | None:
     """The time that a file of a step states in its comment, or as the field `TimeValue`."""
     for file in (entry.pieces[0] for entry in found if not entry.cloud):
-        with file.open("rb") as stream:
+        with regular(file).open("rb") as stream:
             comment = _TIME.search(stream.read(2000))
         if comment is None:
             time = loader.time_in(file, only=only)
