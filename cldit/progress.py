@@ -9,4 +9,8 @@ Watch = Callable[[str, int, int], None]
 
 
 def silent(what: str, done: int, total: int) -> None:
-    """Tells nobody."""
+    """Tells nobody.
+
+    Args:
+        what, done, total: as for any `Watch`.
+    """

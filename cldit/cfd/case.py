@@ -83,6 +83,10 @@ class CfdCase:
 def only_claimant(what: str, claimants: Iterable[Path]) -> Path:
     """The one file (or folder) that claims to be `what`, such as "the mesh of step 10".
 
+    Args:
+        what: is claimed; named by the error.
+        claimants: one at least; the same path may come twice.
+
     Raises:
         SprayError: there are several; the message lists them.
     """

@@ -154,8 +154,11 @@ class CellMesh(ABC):
         box; for a cell that is a box along the axes it is that box.
 
         Args:
-            origin_m, rotation: as for `measure`.
+            origin_m, rotation: as for `measure`, (3,) and (3, 3).
             watch: told how far the work is.
+
+        Returns:
+            For each part in turn the range of its cells, and their boxes.
 
         Raises:
             SprayError: as for `measure`.
@@ -177,14 +180,21 @@ def slices(count: int) -> Iterator[slice]:
 
 
 def narrowed(numbers: NDArray[Any]) -> Labels:
-    """Whole numbers as integers of their own, four bytes each where that is enough."""
+    """Whole numbers of any shape as integers of their own, four bytes each where that is enough."""
     low, high = numbers.min(initial=0), numbers.max(initial=0)
     small = -(2**31) <= low and high < 2**31
     return numbers.astype(np.int32 if small else np.int64)
 
 
 def checked_points(source: str, points_m: AnyFloats) -> tuple[Floats, Floats]:
-    """Lower and upper corner of all points (P, 3).
+    """Lower and upper corner (3,) of all points.
+
+    Args:
+        source: named by errors.
+        points_m: (P, 3).
+
+    Returns:
+        The lower and the upper corner.
 
     Raises:
         SprayError: one is not finite, or farther than 1000 m; the message begins with `source`.
@@ -198,7 +208,16 @@ def checked_points(source: str, points_m: AnyFloats) -> tuple[Floats, Floats]:
 
 
 def check_labels(source: str, what: str, labels: Labels, *, low: int, end: int) -> None:
-    """Raises SprayError where one of `labels` is outside low..end - 1."""
+    """Refuses labels outside low..end - 1.
+
+    Args:
+        source, what: named by the error: the file or folder, and of what the labels are.
+        labels: of any shape.
+        low, end: the first that is allowed, and the first that no longer is.
+
+    Raises:
+        SprayError: one of `labels` is outside.
+    """
     if labels.size and (labels.min() < low or labels.max() >= end):
         raise SprayError(
             f"{source}: {what} labels {labels.min()} to {labels.max()} of the faces, "

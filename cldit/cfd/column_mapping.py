@@ -80,6 +80,9 @@ class Source:
             wanted: columns and unit.
             kind: of the unit.
             key: named by errors.
+
+        Raises:
+            SprayError: a column is missing, or they are of several units.
         """
         named = [self._column(name, key) for name in wanted.columns]
         units = {self._stated(name, wanted.unit, kind, key) for name, _ in named}

@@ -69,6 +69,10 @@ def find_format(spec: CfdSpray) -> str:
 def read_case(spec: CfdSpray, watch: Watch = silent) -> CfdCase:
     """One time of a case, in its own coordinates.
 
+    Args:
+        spec: the file, and what of it.
+        watch: told how far the work is.
+
     Raises:
         SprayError: files or fields are missing or damaged; a mapping is given where names are the
             format's own.

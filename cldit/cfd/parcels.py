@@ -132,7 +132,7 @@ def farthest_m(cloud: Cloud, share: float) -> float | None:
 
 
 def only(cloud: Cloud, kept: Mask) -> Cloud:
-    """The cloud of some of its parcels."""
+    """The parcels of `cloud` that are `kept` (N,), as a cloud."""
     if kept.all():
         return cloud
 

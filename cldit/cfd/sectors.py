@@ -22,7 +22,10 @@ _ANGLE_DEG = 0.5  # by which the mesh may differ from the sector that is said
 
 @dataclass(frozen=True)
 class Copy:
-    """A place x of the case becomes turn (x - origin_m), in the case's own coordinates."""
+    """A place x of the case becomes turn (x - origin_m), in the case's own coordinates.
+
+    turn (3, 3), origin_m (3,).
+    """
 
     turn: Floats
     origin_m: Floats
@@ -36,6 +39,14 @@ class Copy:
 
 def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
     """The copies of the case that make it whole, itself first, and what to say of them.
+
+    Args:
+        spec: says what completes it.
+        case: as it was read.
+        frame: nozzle and axis.
+
+    Returns:
+        The copies, and remarks.
 
     Raises:
         SprayError: the case is a part, and the scene does not say so; or it is not the part that
@@ -52,7 +63,13 @@ def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...
 
 
 def completed_parcels(parcels: Parcels, frame: Frame, every: Sequence[Copy]) -> Parcels:
-    """The parcels of all copies, in our frame; each copy has the masses of the case."""
+    """The parcels of all copies, in our frame; each copy has the masses of the case.
+
+    Args:
+        parcels: of the case, in its coordinates.
+        frame: nozzle and axis.
+        every: the copies.
+    """
     places = []
     for copy in every:
         origin, rotation = copy.into(frame)

@@ -51,7 +51,7 @@ def choose_time(source: str, times: Iterable[float], wanted: CaseTime | None) ->
 
 
 def time_remarks(taken: float | None, wanted: CaseTime | None) -> tuple[str, ...]:
-    """What to say where a time was chosen for the user: its distance from what was asked for."""
+    """What to say where a time was chosen for the user: how far `taken` is from `wanted`."""
     number, nearest = wanted_time(wanted)
     if not nearest or number is None or taken is None or taken == number:
         return ()

@@ -135,7 +135,7 @@ _FUEL = re.compile(r"(?:MASSFRAC_|Y_?)?(?:C\d+H\d+\w*|[NI]C\d+H\d+)$", re.IGNORE
 
 
 def other_fuels(available: Sequence[str], fuel_field: str) -> list[str]:
-    """The cell fields with the name of another hydrocarbon, of two carbon atoms or more."""
+    """Those of `available` with the name of a hydrocarbon other than `fuel_field`, from C2 on."""
     return sorted(
         name
         for name in available

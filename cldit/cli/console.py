@@ -89,7 +89,13 @@ class ProgressBar:
         self.count(progress.phase, progress.done, progress.total)
 
     def count(self, what: str, done: int, total: int) -> None:
-        """Shows how much of `what` is done."""
+        """Shows how much of a piece of work is done.
+
+        Args:
+            what: is in work.
+            done: parts of it that are done.
+            total: all parts.
+        """
         if self._task is None:
             self._task = self._bar.add_task(what, total=total)
             self._bar.start()

@@ -27,6 +27,9 @@ def cut_boundaries(
         meshes: of the case, or of each processor.
         region: "" is the case's own mesh.
 
+    Returns:
+        The patches, and the files.
+
     Raises:
         SprayError: a boundary file is damaged, or a patch has faces that the mesh does not have.
     """

@@ -207,6 +207,11 @@ def parcels_elsewhere(folder: Path) -> list[Path]:
 def check_parcels(step: Step, cloud: str | None, found: bool) -> None:
     """Refuses a case whose parcels lie where they are not read.
 
+    Args:
+        step: the time and its folders.
+        cloud: the one asked for, or none.
+        found: whether there is a cloud that is read.
+
     Raises:
         SprayError: there are such, and neither another cloud nor gas alone is asked for.
     """
