@@ -23,19 +23,22 @@ _CELL_BYTES, _PHASE_BYTES, _WAVELENGTH_BYTES, _BUFFER_BYTES = 500, 1200, 60, 96
 _SHARE = 0.7  # of the memory there is, which a run may take
 
 
-def cells_that_fit(device: Device, *, wavelengths: int, phase: bool) -> int:
+def cells_that_fit(device: Device, *, wavelengths: int, phase: bool, sweeps: bool = True) -> int:
     """How many stored cells fit the memory of device and host, at most `MOST_CELLS`.
 
     Args:
         device: that traces.
         wavelengths: whose trees are in memory together.
         phase: whether droplets scatter by a phase function.
+        sweeps: whether the method has gradients in cells, its largest buffers.
     """
     free = free_bytes()
     room = _SHARE * min(device.info.memory_bytes, *(() if free is None else (free,)))
     bytes_each = (_PHASE_BYTES if phase else _CELL_BYTES) + _WAVELENGTH_BYTES * (wavelengths - 1)
-    buffer = device.info.largest_buffer_bytes / _BUFFER_BYTES
-    return int(min(MOST_CELLS, room / bytes_each, buffer))
+    fits = min(MOST_CELLS, room / bytes_each)
+    if sweeps:
+        fits = min(fits, device.info.largest_buffer_bytes / _BUFFER_BYTES)
+    return int(fits)
 
 
 def chosen_frame(domain: Domain, sources: Sources, *, limit: int) -> tuple[Frame, tuple[str, ...]]:

@@ -232,7 +232,8 @@ def prepare(
         note.append(f"{count} wavelength{'s' if count > 1 else ''}")
         stages.remark(found.remarks)
     phase = any(one is not None for one in (*found.phases, found.paper_phase))
-    limit = cells_that_fit(device, wavelengths=len(found.sources), phase=phase)
+    sweeps = scene.transport.method == "source"
+    limit = cells_that_fit(device, wavelengths=len(found.sources), phase=phase, sweeps=sweeps)
     if lattice_of_m is not None:
         cube, frame = lattice_frames(
             scene.domain, found.sources[0], edge_m=lattice_of_m, spacing_m=_spacing_m(scene)

@@ -49,7 +49,7 @@ def test_all_methods_against_the_reference(case: Case, tmp_path: Path) -> None:
         samples=(128, 512),
         reference_samples=1024,
     )
-    rows += bench_orders(case, truth, phase="isotropic", lattice=every, say=lines.append, every=9)
+    rows += bench_orders(case, truth, phase="isotropic", lattice=every, say=lines.append, every=7)
     assert truth.noise_K > 0
     by = {row.label: row for row in rows}
     assert by["path, 512 samples"].rms_K < by["path, 128 samples"].rms_K

@@ -69,7 +69,7 @@ def test_text_that_cannot_be_read(text: str, says: str) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("wals.temperature_K=3", "wals: unknown key; allowed: name"),
+        ("wals.temperature_K=3", "wals: unknown key; did you mean walls"),
         ("walls.temperature_K.x=3", r"walls\.temperature_K"),
         ("walls.temperature_K=300,9000", r"walls\.temperature_K: 9000 is outside 0\.\.5000"),
         ("spray.plumes[9].azimuth_deg=3", r"\[9\] is not there; there are 8"),
