@@ -28,6 +28,9 @@ def read_temperatures(
         count: how many pictures there are.
         setpoint_K: near which the readings must be.
 
+    Returns:
+        One reading a picture [K].
+
     Raises:
         EvaluationError: unreadable, another number than pictures, or far from the set point.
     """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import struct
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from cldit.acquisition.pictures.source import Source
 from cldit.errors import EvaluationError
 from cldit.files import open_regular
+from cldit.plain_data import parse_json
 
 _ORIENTATION, _TIME = 274, 306
 
@@ -97,8 +97,8 @@ class Tiff:
 
     def _told_unit(self) -> str:
         try:
-            info = json.loads((self._file.imagej_metadata or {}).get("Info", "{}"))
-        except (json.JSONDecodeError, TypeError):
+            info = parse_json((self._file.imagej_metadata or {}).get("Info", "{}"))
+        except (ValueError, TypeError):
             return ""
         return str(info.get("unit", "")) if isinstance(info, dict) else ""
 
@@ -114,7 +114,12 @@ class Tiff:
         return self._pages if self._stack is None else len(self._stack)
 
     def read(self, number: int) -> NDArray[Any]:
-        """Picture `number`, (rows, columns)."""
+        """Picture `number`, (rows, columns).
+
+        Raises:
+            EvaluationError: its compression needs a package that is not installed.
+            ValueError: the file is cut off.
+        """
         if self._stack is not None:
             return turned(np.asarray(self._stack[number]), self._turn)
         page: Any = self._file.pages[number]
@@ -150,6 +155,9 @@ def turned(picture: NDArray[Any], orientation: int) -> NDArray[Any]:
     Args:
         picture: (rows, columns) as stored.
         orientation: 1 (as it is) to 8.
+
+    Returns:
+        (rows, columns) as they are looked at.
 
     Raises:
         ValueError: no such orientation.

@@ -57,7 +57,10 @@ def _set(*path: str, value: Any) -> Callable[[dict[str, Any]], None]:
     [
         (lambda d: d.pop("camera"), "camera: is missing"),
         (lambda d: d.pop("bench"), "camera.settings.bench: is missing; simulated devices need"),
-        (_set("cammera", value={}), "cammera: unknown key; did you mean camera?; allowed: name, clock"),
+        (
+            _set("cammera", value={}),
+            "cammera: unknown key; did you mean camera?; allowed: name, clock",
+        ),
         (_set("camera", "driver", value="simulated_camra"), "did you mean simulated_camera?"),
         (_set("trigger", "driver", value="zzz"), "trigger.driver: 'zzz' is not installed"),
         (
