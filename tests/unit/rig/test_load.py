@@ -59,7 +59,7 @@ def _set(*path: str, value: Any) -> Callable[[dict[str, Any]], None]:
         (lambda d: d.pop("bench"), "camera.settings.bench: is missing; simulated devices need"),
         (
             _set("cammera", value={}),
-            "cammera: unknown key; did you mean camera?; allowed: name, clock",
+            "cammera: unknown key; did you mean camera?",
         ),
         (_set("camera", "driver", value="simulated_camra"), "did you mean simulated_camera?"),
         (_set("trigger", "driver", value="zzz"), "trigger.driver: 'zzz' is not installed"),
