@@ -110,19 +110,41 @@ def pvd_steps(file: Path) -> dict[float, list[Entry]]:
     return found
 
 
-def series_times(file: Path) -> dict[str, float]:
-    """Times by step number, from one of the JSON files for ParaView.
+@dataclass(frozen=True)
+class Listed:
+    """A file that a `.series` lists."""
+
+    series: Path
+    step: str
+    time_s: float
+    file: Path
+
+    @property
+    def of_cloud(self) -> bool:
+        """Whether it holds parcels, by its place."""
+        return "lagrangian" in self.series.parts
+
+    @property
+    def text(self) -> str:
+        """Begin of an error."""
+        return f"{self.series}: lists step {self.step} ({self.time_s:g} s)"
+
+
+def series(file: Path) -> list[Listed]:
+    """What one of the JSON files for ParaView lists.
+
+    Returns:
+        A file and its time for each entry.
 
     Raises:
         SprayError: it cannot be read, or is no list of files and times.
     """
-    times: dict[str, float] = {}
+    data = read_json(file, error=SprayError)
     try:
-        for entry in read_json(file, error=SprayError)["files"]:
-            times[step_of(Path(entry["name"]))] = float(entry["time"])
+        names = [(Path(each["name"]), float(each["time"])) for each in data["files"]]
     except (ValueError, KeyError, TypeError) as error:
         raise SprayError(f"{file}: is no list of files and times ({error})") from error
-    return times
+    return [Listed(file, step_of(name), time, file.parent / name) for name, time in names]
 
 
 def _must_be(file: Path, named_by: tuple[Path, ...]) -> None:

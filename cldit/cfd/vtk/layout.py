@@ -10,9 +10,10 @@ from cldit.cfd.vtk.collections import (
     COLLECTIONS,
     DATA,
     Entry,
+    Listed,
     entries,
     pvd_steps,
-    series_times,
+    series,
     stem,
     step_of,
     without_step,
@@ -27,13 +28,14 @@ _CLOUDS = tuple(f"{place}.{kind}" for place in _PLACES for kind in ("vtp", "vtk"
 class Layout:
     """Data sets by step; times by step, where a list states them.
 
-    own: the step to which a named file belongs. read: files that were read to know this. left_out:
-    files that nothing is taken of. beside: files next to the one that is named, which it does not
-    include and which may be its parcels.
+    listed: what `.series` files list, there or not. own: the step to which a named file belongs.
+    read: files that were read to know this. left_out: files that nothing is taken of. beside: files
+    next to the one that is named, which it does not include and which may be its parcels.
     """
 
     steps: dict[str, list[Entry]]
     times: dict[str, float] = field(default_factory=dict)
+    listed: tuple[Listed, ...] = ()
     read: tuple[Path, ...] = ()
     left_out: tuple[Path, ...] = ()
     beside: tuple[Path, ...] = ()
@@ -100,9 +102,8 @@ def _foam(folder: Path, path: Path) -> Layout:
             entry = Entry(without_step(stem(after)), (file,), cloud=True)
             steps.setdefault(step_of(inside), []).append(entry)
     lists = [each for glob in ("*.series", "lagrangian/*/*.series") for each in folder.glob(glob)]
-    times: dict[str, float] = {}
-    for file in sorted(lists):
-        times |= series_times(file)
+    listed = tuple(each for file in sorted(lists) for each in series(file))
+    times = {each.step: each.time_s for each in listed}
     own = None
     if path != folder and path.suffix != ".series":
         own = step_of(path.relative_to(folder))
@@ -110,7 +111,7 @@ def _foam(folder: Path, path: Path) -> Layout:
         if named:  # no other file of its kind
             rest = [each for each in steps[own] if each.cloud != named[0].cloud]
             steps[own] = [*named, *rest]
-    return Layout(steps, times, read=tuple(sorted(lists)), own=own)
+    return Layout(steps, times, listed, read=tuple(sorted(lists)), own=own)
 
 
 def _folder(folder: Path) -> Layout:
@@ -138,10 +139,9 @@ def _folder(folder: Path) -> Layout:
         if file not in named:
             steps.setdefault(step_of(Path(file.name)), []).extend(each)
     lists = sorted(folder.glob("*.series"))
-    times: dict[str, float] = {}
-    for file in lists:
-        times |= series_times(file)
-    return Layout(steps, times, read=tuple(lists))
+    listed = tuple(each for file in lists for each in series(file))
+    times = {each.step: each.time_s for each in listed}
+    return Layout(steps, times, listed, read=tuple(lists))
 
 
 def _pvd(lists: list[Path]) -> Layout:

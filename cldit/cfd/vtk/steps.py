@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import numpy as np
 from cldit.cfd.case import NO_CLOUD, only_claimant
 from cldit.cfd.inputs import regular
 from cldit.cfd.times import CaseTime, choose_time
-from cldit.cfd.vtk.collections import Entry, without_step
+from cldit.cfd.vtk.collections import Entry, Listed, without_step
 from cldit.cfd.vtk.datasets import dimension, geometry_of, time_value, vtk_mesh
 from cldit.cfd.vtk.ghosts import Marked, unmarked
 from cldit.cfd.vtk.layout import Layout
@@ -101,8 +101,16 @@ def find_step(
             f"time {twice:g}", (entry.pieces[0] for key in both for entry in layout.steps[key])
         )
     if len(known) == len(times):
-        at: float | None = choose_time(str(path), known, time_s)
-        key = known[choose_time(str(path), known, time_s)]
+        absent = _absent(layout, times)
+        chosen = choose_time(str(path), [*known, *absent], time_s)
+        if chosen not in known:
+            there = ", ".join(f"{time:g}" for time in sorted(known)[-5:])
+            raise SprayError(
+                f"{absent[chosen].text}, and its mesh is missing; restore it, or ask for a time "
+                f"that is there: {there}"
+            )
+        at: float | None = chosen
+        key = known[chosen]
     elif len(times) == 1 and time_s in (None, "latest"):
         at, key = None, next(iter(times))
     else:
@@ -111,6 +119,9 @@ def find_step(
             "spray.time_s"
         )
     found = layout.steps[key]
+    for each in layout.listed if cloud != NO_CLOUD else ():
+        if each.step == key and each.of_cloud and not each.file.exists():
+            raise SprayError(f"{each.text}, whose file {each.file.name} is missing")
     elsewhere = {k for k, each in layout.steps.items() if any(map(_parcels_likely, each))}
     if cloud != NO_CLOUD and elsewhere and not any(map(_parcels_likely, found)):
         raise SprayError(
@@ -118,6 +129,13 @@ def find_step(
             f"{', '.join(sorted(elsewhere))} (spray.cloud: {NO_CLOUD} for gas alone)"
         )
     return _sorted(at, found, layout, loader)
+
+
+def _absent(layout: Layout, there: Container[str]) -> dict[float, Listed]:
+    """Listed files by time, of steps that are not `there`; none where one step is named."""
+    if layout.own is not None:
+        return {}
+    return {each.time_s: each for each in layout.listed if each.step not in there}
 
 
 def _parcels_likely(entry: Entry) -> bool:
