@@ -19,8 +19,7 @@ from cldit.rig.contract.replies import BINARY_NAN, INTEGER_NONE, Replies
 from ..controller import KELVIN
 from ..heater import Dynamics, Heater
 from ..modbus_registers import MAPS, RegisterMap
-from .line_server import LineServer
-from .terminal import Terminal
+from .line_peer import AtOneLine
 
 
 class Peer:
@@ -210,35 +209,13 @@ class ModbusPeer(Peer):
         self.heater.aim(setpoint_K)
 
 
-class FlukePeer(Peer):
+class FlukePeer(AtOneLine, Peer):
     """A Fluke 4181."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         self.heating = False
         self._limit_K = 0.5
-        self._server: LineServer | None = None
-        self._terminal: Terminal | None = None
-
-    def __enter__(self) -> FlukePeer:
-        if self._wants_serial:
-            self._terminal = Terminal(self._obey, self.replies)
-            self.serial = self._terminal.name
-            return self
-        self._server = LineServer(self.host, self.port, self._obey, self.replies)
-        self.port = self._server.port
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._server is not None:
-            self._server.close()
-        if self._terminal is not None:
-            self._terminal.close()
-
-    def unplug(self) -> None:
-        """Cuts every connection."""
-        if self._server is not None:
-            self._server.unplug()
 
     def _obey(self, line: bytes) -> bytes:
         """The answer as bytes, none for a command."""

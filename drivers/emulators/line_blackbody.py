@@ -8,13 +8,12 @@ from ..controller import KELVIN
 from ..line_blackbody import LineSettings
 from ..line_templates import Command, example, pattern
 from .blackbody import Peer
-from .line_server import LineServer
-from .terminal import Terminal
+from .line_peer import AtOneLine
 
 _STABLE_K = 0.2
 
 
-class LinePeer(Peer):
+class LinePeer(AtOneLine, Peer):
     """Obeys the commands of `settings`, whose address is not looked at."""
 
     def __init__(self, settings: LineSettings, **options: Any) -> None:
@@ -22,20 +21,6 @@ class LinePeer(Peer):
         self._settings = settings
         self._offset_K = KELVIN if settings.unit == "celsius" else 0.0
         self.heating = settings.heater_on is None
-        self._way: LineServer | Terminal | None = None
-
-    def __enter__(self) -> LinePeer:
-        if self._wants_serial:
-            self._way = Terminal(self._obey, self.replies)
-            self.serial = self._way.name
-        else:
-            self._way = LineServer(self.host, self.port, self._obey, self.replies)
-            self.port = self._way.port
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._way is not None:
-            self._way.close()
 
     @property
     def stable(self) -> bool:

@@ -14,8 +14,7 @@ from typing import Any
 from cldit.rig.contract.replies import Replies
 
 from .dg645 import Edge
-from .line_server import LineServer
-from .terminal import Terminal
+from .line_peer import AtOneLine
 
 _CHANNELS = "ABCDEFGH"
 _STEP_s = 250e-12
@@ -39,7 +38,7 @@ _CHANNEL: dict[str, Any] = {
 _TIMES = ("PER", "DEL", "WIDT")
 
 
-class PulseGeneratorPeer:
+class PulseGeneratorPeer(AtOneLine):
     """Listens at `host`:`port`, or at `serial`, once it is entered.
 
     Args:
@@ -84,22 +83,11 @@ class PulseGeneratorPeer:
             for name, allowed in self._known.items()
         }
         self._wants_serial = serial
-        self._way: LineServer | Terminal | None = None
-
-    def __enter__(self) -> PulseGeneratorPeer:
-        if self._wants_serial:
-            self._way = Terminal(self._obey, self.replies)
-            self.serial = self._way.name
-        else:
-            self._way = LineServer(self.host, self.port, self._obey, self.replies)
-            self.port = self._way.port
-        return self
 
     def __exit__(self, *_: object) -> None:
         with self._lock:
             self._cycle += 1
-        if self._way is not None:
-            self._way.close()
+        super().__exit__()
 
     def pulses(self, output: str) -> list[Edge]:
         """Pulses that went out there."""
