@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -171,6 +172,22 @@ class CellMesh(ABC):
             half = cell.upper_m - cell.lower_m
             half *= (np.cbrt(cell.volume_m3 / (half[:, 0] * half[:, 1] * half[:, 2])) / 2)[:, None]
             yield chosen, Boxes(cell.centroid_m - half, cell.centroid_m + half, cell.volume_m3)
+
+
+class PointMesh(CellMesh):
+    """A mesh whose points (P, 3) are in memory."""
+
+    points_m: AnyFloats
+
+    @cached_property
+    def extent_m(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner (3,) of the box that holds all points."""
+        return checked_points(self.source, self.points_m)
+
+    def points(self) -> Iterator[AnyFloats]:
+        """All points of the mesh, (P, 3) of some at a time."""
+        for some in slices(len(self.points_m)):
+            yield self.points_m[some]
 
 
 def slices(count: int) -> Iterator[slice]:

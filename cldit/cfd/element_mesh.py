@@ -13,6 +13,7 @@ from cldit.cfd.cell_mesh import (
     AnyFloats,
     CellMesh,
     Labels,
+    PointMesh,
     Polyhedra,
     check_labels,
     checked_points,
@@ -86,7 +87,7 @@ class PolyhedronFaces:
 
 
 @dataclass(frozen=True)
-class ElementMesh(CellMesh):
+class ElementMesh(PointMesh):
     """Cells by their corners.
 
     points_m (P, 3); cell c is of vtk's type `kinds[c]` and has the corners
@@ -141,16 +142,6 @@ class ElementMesh(CellMesh):
     def cells(self) -> int:  # type: ignore[override]
         """How many."""
         return len(self.kinds)
-
-    @cached_property
-    def extent_m(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner (3,) of the box that holds all points."""
-        return checked_points(self.source, self.points_m)
-
-    def points(self) -> Iterator[AnyFloats]:
-        """All points of the mesh, (P, 3) of some at a time."""
-        for some in slices(len(self.points_m)):
-            yield self.points_m[some]
 
     def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
         """The faces of `cells` (N,), one kind after the other."""

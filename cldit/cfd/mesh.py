@@ -13,17 +13,16 @@ from cldit.cfd.cell_mesh import (
     AnyFloats,
     CellMesh,
     Labels,
+    PointMesh,
     Polyhedra,
     check_labels,
-    checked_points,
-    slices,
 )
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 
 
 @dataclass(frozen=True)
-class Mesh(CellMesh):
+class Mesh(PointMesh):
     """Cells by their faces.
 
     points_m (P, 3); face f has the corners `corners[start[f]:start[f + 1]]`, ordered so that its
@@ -57,16 +56,6 @@ class Mesh(CellMesh):
         ):
             check_labels(self.source, what, labels, low=low, end=end)
         _ = self.extent_m
-
-    @cached_property
-    def extent_m(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner (3,) of the box that holds all points."""
-        return checked_points(self.source, self.points_m)
-
-    def points(self) -> Iterator[AnyFloats]:
-        """All points of the mesh, (P, 3) of some at a time."""
-        for some in slices(len(self.points_m)):
-            yield self.points_m[some]
 
     @cached_property
     def _sides(self) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
