@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from cldit.run.errors import Cause, Errors
 from cldit.run.evaluation import evaluated, sensor_of
 from cldit.run.medium import Medium, Prepared, prepare
 from cldit.run.model_spread import model_spread
-from cldit.run.pilot import Pilot, Step
+from cldit.run.pilot import Pilot, Probed, Step
 from cldit.run.plan import Plan, free_causes
 from cldit.run.record import traced_stages
 from cldit.run.spectral import (
@@ -40,7 +40,7 @@ from cldit.run.stages import Stages
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray, GridSpray
 from cldit.spray.result import Spray
-from cldit.transport.trace import settings_for, trace
+from cldit.transport.trace import Settings, settings_for, trace
 
 Found = list[tuple[Cause, Step | None]]
 
@@ -145,7 +145,7 @@ class Attempts:
         settings = node_settings(scene, quadrature, properties.phases)
         pilot = None
         if prepared.probed is not None:
-            pilot = self._piloted(scene, prepared, plan)
+            pilot = self._piloted(scene, prepared.probed, settings)
             if plan.depth is None:
                 settled = self._settled(plan, pilot)
                 if settled.scene(self.scene) != scene:
@@ -211,13 +211,10 @@ class Attempts:
             self._prepared, self._pilot, self._sources = (alike, prepared), None, None
             return plan, prepared
 
-    def _piloted(self, scene: Scene, prepared: Prepared, plan: Plan) -> Pilot:
+    def _piloted(self, scene: Scene, probed: Probed, settings: Sequence[Settings]) -> Pilot:
         """Coarse traces; kept where the plan does not change ordinates."""
         if self._pilot is None or self._pilot[0] != scene:
-            probed, properties = prepared.probed, prepared.properties
-            assert probed is not None
-            nodes = node_settings(scene, properties.chosen.quadrature, properties.phases)
-            self._pilot = scene, Pilot.of(scene, self.device, nodes[probed.number], probed)
+            self._pilot = scene, Pilot.of(scene, self.device, settings[probed.number], probed)
         return self._pilot[1]
 
     def _settled(self, plan: Plan, pilot: Pilot) -> Plan:
@@ -257,9 +254,9 @@ class Attempts:
 
     def _grown(self, prepared: Prepared, plan: Plan) -> tuple[Plan, Medium]:
         """The medium; on larger cells where those of the plan do not fit the memory."""
-        fixed = "cells" not in free_causes(self.scene) or plan.depth is None
         if plan.lattice_of_m is not None:  # cells and lattice were made together
             return plan, prepared.grown(self.stages)
+        fixed = "cells" not in free_causes(self.scene) or plan.depth is None
         while True:
             try:
                 return plan, prepared.grown(self.stages, plan.depth)

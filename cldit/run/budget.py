@@ -131,7 +131,10 @@ class Budget:
         out: dict[str, Sized] = {}
         given: Any = self.scene.spray
         if self.pilot.probed.on_lattice:
-            return self._classes(cone)
+            try:
+                return self._classes(self.pilot.cone_at(cone, self._coarse))
+            except SprayError:  # no cone has a lattice of cells twice as large
+                return {}
         self.say("errors: a lattice twice and four times as coarse")
         wider = [cone.model_copy(update={"spacing_m": up * cone.lattice_m}) for up in (2, 4)]
         try:
@@ -146,35 +149,21 @@ class Budget:
         fixed = "" if given.spacing_m is None else "spray.spacing_m"
         name = "gas grid"
         out[name] = Sized(name, found.step, found.order, cone.lattice_m, how, fixed)
-        if cone.droplets is not None and cone.classes > 1:
-            self.say("errors: half of the classes of size")
-            half = wider[0].model_copy(update={"size_classes": cone.classes // 2})
-            step = self.pilot.step(coarser, self._resprayed(half))
-            how = f"{half.size_classes} classes for {cone.classes}: error falls as 1 / number"
-            fixed = "" if given.size_classes is None else "spray.size_classes"
-            name = "size classes"
-            out[name] = Sized(name, step, 1.0, 1 / cone.classes, how, fixed)
-        return out
+        return out | self._classes(wider[0], coarser)
 
-    def _classes(self, cone: ConeSpray) -> dict[str, Sized]:
-        """Of the classes of size alone, where the lattice is that of the cells."""
+    def _classes(self, cone: ConeSpray, picture: Weights | None = None) -> dict[str, Sized]:
+        """Of the classes of size; `picture` is that of the `cone`, None: of the larger cells."""
         if cone.droplets is None or cone.classes < 2:
             return {}
         self.say("errors: half of the classes of size")
         half = cone.model_copy(update={"size_classes": cone.classes // 2})
-        coarse = self._coarse
-        try:
-            one = self.pilot.level(coarse)
-            other = self.pilot.traced(
-                self.pilot.probed.resprayed(self.pilot.cone_at(half, coarse)), coarse
-            )
-        except SprayError:
-            return {}
+        whole = self.pilot.level(self._coarse) if picture is None else picture
+        step = self.pilot.step(whole, self._resprayed(half))
         name, given = "size classes", self.scene.spray
         assert isinstance(given, ConeSpray)
         how = f"{half.size_classes} classes for {cone.classes}: error falls as 1 / number"
         fixed = "" if given.size_classes is None else "spray.size_classes"
-        return {name: Sized(name, self.pilot.step(one, other), 1.0, 1 / cone.classes, how, fixed)}
+        return {name: Sized(name, step, 1.0, 1 / cone.classes, how, fixed)}
 
     def unsized(self, known: Mapping[str, Sized]) -> list[tuple[Cause, Step | None]]:
         """Causes of the cone whose error is not known.

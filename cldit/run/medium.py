@@ -191,11 +191,7 @@ def make_medium(
     """The scene's medium, with its cells as the scene has them.
 
     Args:
-        scene: what is to be traced.
-        device: whose memory the cells must fit.
-        stages: take the time of each step.
-        cache: folder of tables and sprays.
-        spray: that of the scene, where it is there already.
+        scene, device, stages, cache, spray: as in `prepare`.
     """
     return prepare(scene, device, stages, cache, spray).grown(stages)
 
@@ -277,9 +273,7 @@ def _probed(
     phase = found.phases[number]
 
     def resprayed(other: ConeSpray) -> Sources:
-        another = make_spray(other, cache=cache)
-        points, cells = emitters(another, band)
-        return in_classes(points, another, phase), cells
+        return _sources(make_spray(other, cache=cache), band, phase)
 
     return Probed(
         frame=frame,
@@ -296,15 +290,16 @@ def _probed(
     )
 
 
+def _sources(spray: Spray, band: BandOptics, phase: ScatteringTable | None) -> Sources:
+    """What a spray is to light, its droplets in the classes of a phase function."""
+    points, cells = emitters(spray, band)
+    return in_classes(points, spray, phase), cells
+
+
 def _parcel_variants(
     made: Spray, spray: Spray, band: BandOptics, phase: ScatteringTable | None
 ) -> ParcelVariants | None:
     """Sources of the spray with other parcels; None where its droplets are no sample of two."""
-
-    def source(of: Spray) -> Sources:
-        points, cells = emitters(of, band)
-        return in_classes(points, of, phase), cells
-
     parcels = made.parcels
     if parcels is None or not parcels.sampled or np.count_nonzero(parcels.droplets) < 2:
         return None
@@ -312,8 +307,8 @@ def _parcel_variants(
     if not spread or parcels.extent is not None:
         assert spray.parcels is not None
         both = halves(spray.parcels, seed=_SEED)
-        one, other = (source(replace(spray, parcels=half)) for half in both)
+        one, other = (_sources(replace(spray, parcels=half), band, phase) for half in both)
         return ParcelVariants((one, other), None, 0.5)
     found = variants(made, kernel=Kernel(), seed=_SEED)
-    one, other = (source(half) for half in found.halves)
-    return ParcelVariants((one, other), source(found.narrower), SAMPLING)
+    one, other = (_sources(half, band, phase) for half in found.halves)
+    return ParcelVariants((one, other), _sources(found.narrower, band, phase), SAMPLING)
