@@ -208,13 +208,15 @@ class Attempts:
                     plan = replace(plan.on_lattice(coarser_m), limited=too_fine(coarser_m))
                 plan = replace(plan, spacing_m=coarser_m, finest_lattice=True)
                 continue
-            self._prepared, self._pilot, self._sources = (alike, prepared), None, None
+            self._prepared, self._sources = (alike, prepared), None
             return plan, prepared
 
     def _piloted(self, scene: Scene, probed: Probed, settings: Sequence[Settings]) -> Pilot:
         """Coarse traces; kept where the plan does not change ordinates."""
         if self._pilot is None or self._pilot[0] != scene:
-            self._pilot = scene, Pilot.of(scene, self.device, settings[probed.number], probed)
+            before = None if self._pilot is None else self._pilot[1]
+            mine = settings[probed.number]
+            self._pilot = scene, Pilot.of(scene, self.device, mine, probed, before)
         return self._pilot[1]
 
     def _settled(self, plan: Plan, pilot: Pilot) -> Plan:

@@ -77,13 +77,14 @@ class Budget:
             fixed = "domain.rule"
         if isinstance(self.scene.spray, GridSpray):
             return self._finer(fixed)
-        self.say("errors: cells twice and four times as large")
+        self.say("errors: larger cells")
         found = error_at(self.pilot, self.depth)
         frame = self.pilot.probed.frame
         if found is None:
             why = "too few halvings of the cube to compare" if self.depth < 2 else _NO_PIXEL
             return Cause("cells", None, why, fixed), None
-        sizes = [f"{1e3 * frame.edge_m / 2 ** (self.depth - up):.3g}" for up in (0, 1, 2)]
+        cell_mm = 1e3 * frame.edge_m / 2**self.depth
+        sizes = [f"{cell_mm * up:.3g}" for up in found.sizes]
         what = "cone and cells" if self.pilot.probed.on_lattice else "cells"
         how = f"{what} of {', '.join(sizes)} mm, extrapolated by order {found.order:.2g}"
         return Cause("cells", found.step.error_K, how, fixed), found.step

@@ -2,7 +2,8 @@
 
 From cells of edge h to the next of h / 2 the error falls by 2^p. With d(h) the difference of the
 pictures at 2 h and h, the order is p = log2(d(2 h) / d(h)), and the error at h is d(h) / (2^p - 1)
-(Roache, J. Fluids Eng. 116, 405, 1994). Orders are taken between 1, that of even cells, and 2.
+(Roache, J. Fluids Eng. 116, 405, 1994); other ratios of size likewise. Orders are taken between 1,
+that of even cells, and 2.
 """
 
 from __future__ import annotations
@@ -11,11 +12,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from scipy.optimize import brentq
+
 from cldit.errors import MediumError, SprayError, TransportError
 from cldit.run.pilot import Pilot, Step
 
+_ORDERS = (1.0, 2.0)
 _FINEST = 12  # 4096 cells along an edge
-_SAFE = 0.85  # of the wanted error, which what is foretold is aimed at
+_SAFE = 0.92  # of the wanted error, which what is foretold is aimed at
 _FORETOLD, _LEAST = 1.4, 0.35  # order, and how far cells are foretold
 _CLOSE = 1.1  # of the wanted error: a pilot of the picture's own cells costs as much as that
 _ACROSS = 32  # cells across the picture, of the coarsest pilot
@@ -53,26 +57,41 @@ def too_fine(spacing_m: float) -> str:
 
 @dataclass(frozen=True)
 class Refined:
-    """What two halvings of a size say of the error that is left.
+    """What two coarser pictures say of the error that is left.
 
-    order: p. step: error of the finest, with its map.
+    order: p. step: error of the finest, with its map. sizes: of the three pictures' cells over that
+    of the finest.
     """
 
     order: float
     step: Step
+    sizes: tuple[float, float, float] = (1.0, 2.0, 4.0)
 
     @classmethod
-    def of(cls, before: Step, last: Step) -> Refined:
-        """From two differences.
+    def of(cls, before: Step, last: Step, *, once: float = 2.0, twice: float = 4.0) -> Refined:
+        """From two differences of pictures on cells of h, `once` h and `twice` h.
+
+        With an error of C h^p, `before` is C h^p (twice^p - once^p), `last` C h^p (once^p - 1).
 
         Args:
-            before: of 4 h against 2 h.
-            last: of 2 h against h.
+            before: of `twice` h against `once` h.
+            last: of `once` h against h.
+            once, twice: above 1, and above `once`.
         """
-        order = 1.0
+        order = _ORDERS[0]
         if before.error_K and last.error_K:
-            order = min(max(math.log2(before.error_K / last.error_K), 1.0), 2.0)
-        return cls(order, last.times(1.0 / (2.0**order - 1.0)))
+            ratio = before.error_K / last.error_K
+
+            def above(p: float) -> float:
+                return (twice**p - once**p) / (once**p - 1.0) - ratio
+
+            low, high = _ORDERS
+            if above(high) <= 0.0:
+                order = high
+            elif above(low) < 0.0:
+                order = float(brentq(above, low, high, xtol=1e-6))
+        step = last.times(1.0 / (once**order - 1.0))
+        return cls(order, step, (1.0, once, twice))
 
 
 @dataclass(frozen=True)
@@ -101,11 +120,11 @@ def error_at(pilot: Pilot, depth: int) -> Refined | None:
         return None
     fine = pilot.level(depth)
     try:
-        coarsest, coarser = (pilot.level(depth - down) for down in (2, 1))
+        (once, coarser), (twice, coarsest) = pilot.coarser(depth)
     except (SprayError, TransportError):  # no cone has the lattice, or cells reach behind a patch
         return None
     before, last = pilot.step(coarser, coarsest), pilot.step(fine, coarser)
-    return None if last.error_K is None else Refined.of(before, last)
+    return None if last.error_K is None else Refined.of(before, last, once=once, twice=twice)
 
 
 def foretold_cells(pilot: Pilot, depth: int) -> Cells:

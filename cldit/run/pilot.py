@@ -6,7 +6,7 @@ every third, fifth, .. of the picture, whose lines of sight are those of the pic
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -29,6 +29,7 @@ from cldit.transport.view import View
 Floats = NDArray[np.float64]
 
 _FEWEST = 100  # pixels along an edge that a pilot keeps
+_LEAST, _MOST = 1.5, 3.0  # times as large, of cells that an error is extrapolated from
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,8 @@ class Pilot:
     """Traces variants of a medium.
 
     scene: with fewer pixels, every `stride`-th. kept: weights of the medium itself by how often
-    its cube is halved.
+    its cube is halved. earlier: weights of the same spray on other lattices and their cells, by the
+    cells' edge in m.
     """
 
     scene: Scene
@@ -115,9 +117,17 @@ class Pilot:
     stride: int
     temperature: NodeTemperature
     kept: dict[int, Weights] = field(default_factory=dict)
+    earlier: Mapping[float, Weights] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, scene: Scene, device: Device, settings: Settings, probed: Probed) -> Pilot:
+    def of(
+        cls,
+        scene: Scene,
+        device: Device,
+        settings: Settings,
+        probed: Probed,
+        before: Pilot | None = None,
+    ) -> Pilot:
         """A pilot of a scene.
 
         Args:
@@ -125,6 +135,7 @@ class Pilot:
             device: traces.
             settings: of the wavelength that is probed.
             probed: the medium.
+            before: another pilot; its traces serve where it differs by the cone's lattice alone.
         """
         # Several rays a pixel see its own edges: pixels are left out of none of those.
         stride = _stride(scene.camera.pixels) if scene.camera.rays_per_pixel == 1 else 1
@@ -138,7 +149,43 @@ class Pilot:
             probed=probed,
             stride=stride,
             temperature=temperature_of(few, probed),
+            earlier={} if before is None else before._serving(few),
         )
+
+    def _serving(self, scene: Scene) -> dict[float, Weights]:
+        """Its traces by the cells' edge in m, where they are a scene's but for the lattice."""
+        if not self.probed.on_lattice or _off_lattice(self.scene) != _off_lattice(scene):
+            return {}
+        edge_m = self.probed.frame.edge_m
+        return {**self.earlier, **{edge_m / 2**depth: one for depth, one in self.kept.items()}}
+
+    def coarser(self, depth: int) -> tuple[tuple[float, Weights], tuple[float, Weights]]:
+        """The medium on two coarser cells, by the ratio of their edge to that of the cells.
+
+        Args:
+            depth: how often the cube of the cells is halved, 2 at least.
+
+        Returns:
+            The finer and the coarser: traced earlier where these are some two and four times as
+            large, else traced on cells of just so many times.
+
+        Raises:
+            MediumError: that are more cells than memory holds.
+            SprayError: no cone has such a lattice.
+        """
+        cell_m = self.probed.frame.edge_m / 2**depth
+        sizes_m = []
+        for _ in range(2):
+            finer_m = sizes_m[-1] if sizes_m else cell_m
+            like = [one for one in self.earlier if _LEAST <= one / finer_m <= _MOST]
+            if not like:
+                break
+            sizes_m.append(min(like))
+        if len(sizes_m) == 2:
+            first, second = ((one / cell_m, self.earlier[one]) for one in sizes_m)
+            return first, second
+        second, first = ((2.0**up, self.level(depth - up)) for up in (2, 1))
+        return first, second
 
     def level(self, depth: int) -> Weights:
         """The medium itself, its cube halved `depth` times; traced once.
@@ -215,6 +262,14 @@ def temperature_of(scene: Scene, probed: Probed) -> NodeTemperature:
     nothing = build_octrees(replace(probed.frame, depth=0), [(None, [])], optical_depth_split=1.0)
     view = View.of(scene, OpticalCells.of(nothing[0], patches=names))
     return NodeTemperature.of(scene, probed.node, view.before_background)
+
+
+def _off_lattice(scene: Scene) -> Scene:
+    """The scene without the lattice of its cone."""
+    if not isinstance(scene.spray, ConeSpray):
+        return scene
+    spray = scene.spray.model_copy(update={"spacing_m": None})
+    return scene.model_copy(update={"spray": spray})
 
 
 def _stride(pixels: tuple[int, int]) -> int:

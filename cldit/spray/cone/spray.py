@@ -208,16 +208,16 @@ def _plume(
     for x in np.array_split(np.arange(low[0], high[0]), slabs):
         if not x.size:
             continue
-        ix, iy, iz = np.meshgrid(
-            x, np.arange(low[1], high[1]), np.arange(low[2], high[2]), indexing="ij"
-        )
-        index = np.stack([ix.ravel(), iy.ravel(), iz.ravel()], axis=1)
-        centre = (index + 0.5) * h
-        s = centre @ axis
-        r2 = np.einsum("ij,ij->i", centre, centre) - s * s
-        near = (s > 0) & (s < start + reach) & (r2 < wide[-1] ** 2)
+        # Most cells lie beside the plume: the three coordinates stay apart until it is known which.
+        ranges = (x, np.arange(low[1], high[1]), np.arange(low[2], high[2]))
+        centre = [(one + 0.5) * h for one in np.ix_(*ranges)]
+        s = sum(a * c for a, c in zip(axis, centre, strict=True))
+        r2 = sum(c * c for c in centre) - s * s
+        near = np.nonzero((s > 0) & (s < start + reach) & (r2 < wide[-1] ** 2))
+        index = np.stack([one[i] for one, i in zip(ranges, near, strict=True)], axis=1)
+        s, r2 = s[near], r2[near]
         # In the barrel the fuel is as it is where the jet begins: unmixed.
-        index, s, r2 = index[near], np.maximum(s[near] - start, along[0]), r2[near]
+        s = np.maximum(s - start, along[0])
         xi2 = np.maximum(r2, 0.0) / np.interp(s, along, wide) ** 2
         near = xi2 < 1
         index, s, xi2 = index[near], s[near], xi2[near]
