@@ -83,7 +83,7 @@ class Refined:
             ratio = before.error_K / last.error_K
 
             def above(p: float) -> float:
-                return (twice**p - once**p) / (once**p - 1.0) - ratio
+                return float((twice**p - once**p) / (once**p - 1.0)) - ratio
 
             low, high = _ORDERS
             if above(high) <= 0.0:

@@ -174,7 +174,7 @@ class Pilot:
             SprayError: no cone has such a lattice.
         """
         cell_m = self.probed.frame.edge_m / 2**depth
-        sizes_m = []
+        sizes_m: list[float] = []
         for _ in range(2):
             finer_m = sizes_m[-1] if sizes_m else cell_m
             like = [one for one in self.earlier if _LEAST <= one / finer_m <= _MOST]
