@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -26,7 +27,7 @@ full = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/ful
 
 def cldit(words: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
     """A line of the shell in which CLDIT is the command."""
-    line = words.replace("CLDIT", f"{sys.executable} -m cldit")
+    line = words.replace("CLDIT", f"{shlex.quote(sys.executable)} -m cldit")
     return subprocess.run(
         ["sh", "-c", line], env={**os.environ, **environment}, capture_output=True, check=False
     )
