@@ -6,7 +6,9 @@ import math
 
 import pytest
 
-from cldit.bench.stability import Case, bench_stability, cases, page
+from cldit.bench.stability import bench_stability, page
+from cldit.bench.stability_case import Case
+from cldit.bench.stability_known import cases
 from cldit.errors import TransportError
 from cldit.gpu.device import Device
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import click
 
-from cldit.bench.stability import bench_stability, cases, page
+from cldit.bench.stability import bench_stability, page
+from cldit.bench.stability_case import Bench
+from cldit.bench.stability_known import cases
+from cldit.bench.stability_slabs import bench_slabs, slab_table, slabs
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.cli.units import device_option
 from cldit.errors import TransportError
@@ -27,11 +31,15 @@ def bench_stability_command(out: Path | None, device: str | None) -> None:
     opened = open_device(device)
     outcomes = bench_stability(opened, cases(), say=say)
     text = page(outcomes, opened, command="cldit bench stability --out docs/stability.md")
+    with TemporaryDirectory(prefix="cldit-stability-") as place:
+        layers = bench_slabs(Bench(opened, Path(place)), slabs(), say=say)
+    text += f"\n## Slabs against discrete ordinates\n\n{slab_table(layers)}\n"
     if out is None:
         tell(text)
     else:
         write_text(out, text)
         OUT.print(str(out))
     missed = [outcome.case.name for outcome in outcomes if not outcome.holds]
+    missed += [str(outcome.slab) for outcome in layers if not outcome.holds]
     if missed:
         raise TransportError(f"the bound is missed in {len(missed)} cases: {'; '.join(missed)}")
