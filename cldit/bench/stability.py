@@ -62,11 +62,13 @@ def page(outcomes: list[Outcome], device: Device, *, command: str) -> str:
     """
     blocks = [
         "# Stability: stiff and extreme cases",
-        "Every case has an answer that is known without another solver: a cavity at one\n"
-        "temperature is flat, an absorbing medium follows Beer-Lambert, an isothermal spray that\n"
-        "does not scatter has its own temperature. The error is the largest over all pixels, in\n"
-        "weights (0 to 1) where no unit stands beside it; for `path` and `branching`, which have\n"
-        "noise, that of the mean. Nothing is normalised to reach it.",
+        "Every case but the slabs, which are the last table and are held against discrete\n"
+        "ordinates (PythonicDISORT), has an answer that is known without another solver: a\n"
+        "cavity at one temperature is flat, an absorbing medium follows Beer-Lambert, an\n"
+        "isothermal spray that does not scatter has its own temperature. But for the slabs, the\n"
+        "error is the largest over all pixels, in weights (0 to 1) where no unit stands beside\n"
+        "it; for `path` and `branching`, which have noise, that of the mean. Nothing is\n"
+        "normalised to reach it.",
         f"```sh\n{command}\n```",
         f"Made on {device.info.name} ({device.info.version}).",
     ]
