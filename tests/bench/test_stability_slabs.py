@@ -53,6 +53,12 @@ def test_a_false_row_is_marked() -> None:
     assert not replace(bad, reached=(np.nan,) * 3, message="refused").holds
 
 
+def test_a_slab_holds(device: Device, tmp_path: Path) -> None:
+    (outcome,) = bench_slabs(Bench(device, tmp_path), slabs(few=True)[:1])
+    assert outcome.holds
+
+
+@pytest.mark.slow
 def test_few_slabs_hold(device: Device, tmp_path: Path) -> None:
     outcomes = bench_slabs(Bench(device, tmp_path), slabs(few=True))
     assert all(outcome.holds for outcome in outcomes)
