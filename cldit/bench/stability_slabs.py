@@ -10,10 +10,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from itertools import pairwise, product
 
 import numpy as np
 
+from cldit.bench.case import BenchError
 from cldit.bench.report import Table
 from cldit.bench.stability_case import EDGE_M, Bench
 from cldit.errors import ClditError
@@ -91,6 +93,15 @@ def exact(slab: Slab, *, streams: int = _STREAMS) -> tuple[float, float, float]:
                 total += source * float(np.exp(-at)) * float(weight) * (high - low) / 2
         out.append(float(total))
     return 1.0 - out[0] - out[1], out[0], out[1]
+
+
+def need_discrete_ordinates() -> None:
+    """Raises BenchError where PythonicDISORT is not installed."""
+    if find_spec("PythonicDISORT") is None:
+        raise BenchError(
+            "the slabs need PythonicDISORT, which is not installed; get it with: "
+            "pip install PythonicDISORT"
+        )
 
 
 def slabs(*, few: bool = False) -> list[Slab]:

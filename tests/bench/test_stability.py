@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 
 import pytest
+from click.testing import CliRunner
 
 from cldit.bench.stability import bench_stability, page
 from cldit.bench.stability_case import Case
 from cldit.bench.stability_known import cases
+from cldit.cli.bench import stability as command
 from cldit.errors import TransportError
 from cldit.gpu.device import Device
 
@@ -35,6 +37,14 @@ def test_every_kind_is_among_the_few() -> None:
     assert few <= every
     assert every - few == {f"method {name}" for name in ("source and gather", "path", "branching")}
     assert "256 x 256 x 152 = 1.0e7 cells" in {case.name for case in cases()}
+
+
+def test_missing_solver_is_told_before_any_case(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cldit.bench.stability_slabs.find_spec", lambda name: None)
+    monkeypatch.setattr(command, "open_device", lambda name: pytest.fail("a case would run"))
+    result = CliRunner().invoke(command.bench_stability_command, [])
+    assert result.exit_code != 0
+    assert "pip install PythonicDISORT" in result.output
 
 
 def test_what_misses_is_told(device: Device) -> None:

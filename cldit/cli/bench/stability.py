@@ -10,7 +10,7 @@ import click
 from cldit.bench.stability import bench_stability, page
 from cldit.bench.stability_case import Bench
 from cldit.bench.stability_known import cases
-from cldit.bench.stability_slabs import bench_slabs, slab_table, slabs
+from cldit.bench.stability_slabs import bench_slabs, need_discrete_ordinates, slab_table, slabs
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.cli.units import device_option
 from cldit.errors import TransportError
@@ -26,8 +26,9 @@ from cldit.terminal import tell
 def bench_stability_command(out: Path | None, device: str | None) -> None:
     """Stiff and extreme cases of the transport, with the error that each reaches.
 
-    Takes some minutes, and 5 GB of memory for the case of 1e7 cells.
+    Takes some minutes, and 5 GB of memory for the case of 1e7 cells. Needs PythonicDISORT.
     """
+    need_discrete_ordinates()
     opened = open_device(device)
     outcomes = bench_stability(opened, cases(), say=say)
     text = page(outcomes, opened, command="cldit bench stability --out docs/stability.md")
