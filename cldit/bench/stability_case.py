@@ -14,6 +14,7 @@ from cldit.files import whole
 from cldit.gpu.device import Device
 from cldit.run import Run, simulate
 from cldit.scene import parse_scene
+from cldit.spray.result import Spray
 
 EDGE_M = 0.2
 CELLS = 16
@@ -45,11 +46,11 @@ class Bench:
         """
         full = {name: np.array(value, float, ndmin=3) for name, value in arrays.items()}
         file = self.folder / f"{sum(1 for _ in self.folder.iterdir())}.npz"
-        origin_m, spacing_m = -np.asarray(size_m) / 2, np.asarray(size_m)
+        shape = next(iter(full.values())).shape
+        origin_m, spacing_m = -np.asarray(size_m) / 2, np.asarray(size_m) / shape
         with whole(file, sync=False) as part, DataStream(part) as stream:
             np.savez(stream, origin_m=origin_m, spacing_m=spacing_m, **full)  # type: ignore[arg-type]
         data = {
-            "name": "stability",
             "spray": {"model": "grid", "file": str(file)},
             "domain": {"edge_m": EDGE_M, "leaf_edge_m": 1.01 * EDGE_M / cells},
             "camera": {"pixels": [21, 17], "field_m": [0.19, 0.19]},
@@ -57,7 +58,22 @@ class Bench:
             "background": {"temperatures_K": [T_K, T_K + 20]},
             **scene,
         }
-        return simulate(parse_scene(data), device=self.device, cache=self.folder / "cache")
+        return self._simulated(data, None)
+
+    def sprayed(self, spray: Spray, **scene: Any) -> Run:
+        """Traces a spray as if it had been imported.
+
+        Args:
+            spray: made by the case.
+            scene: other sections of the scene.
+        """
+        return self._simulated(
+            {"spray": {"model": "cfd", "file": "made-by-the-case"}, **scene}, spray
+        )
+
+    def _simulated(self, data: dict[str, Any], spray: Spray | None) -> Run:
+        scene = parse_scene({"name": "stability", **data})
+        return simulate(scene, device=self.device, cache=self.folder / "cache", spray=spray)
 
 
 @dataclass(frozen=True)

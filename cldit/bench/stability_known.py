@@ -14,9 +14,9 @@ import pyopencl as cl
 from numpy.typing import NDArray
 
 from cldit.bench.stability_case import CELLS, EDGE_M, T_K, Bench, Case
-from cldit.optics.planck import band_radiance, temperature_of_radiance
+from cldit.bench.stability_stated import apparent_K
+from cldit.optics.planck import band_radiance
 from cldit.optics.response import scene_filter
-from cldit.radiance.weights import compose
 from cldit.run import Run
 
 _POISON_BYTES = 64 << 20
@@ -89,11 +89,7 @@ def _temperature_error_K(spray_K: float, wall_K: float, background_K: list[float
             background={"temperatures_K": background_K, "radius_m": 99.0},
             transport={"cutoff": 0.0},
         )
-        filter_um = scene_filter(run.scene)
-        wall = float(band_radiance(wall_K, filter_um=filter_um))
-        added = compose(run.weights, background=0.0, wall=wall)
-        own = added / (1.0 - run.weights.background.astype(float))
-        return float(np.max(np.abs(temperature_of_radiance(own, filter_um=filter_um) - spray_K)))
+        return float(np.max(np.abs(apparent_K(run.weights, run.scene) - spray_K)))
 
     return measure
 

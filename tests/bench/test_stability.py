@@ -26,7 +26,7 @@ def test_bounds_hold(device: Device, long: bool) -> None:
     outcomes = bench_stability(device, chosen)
     assert not [(o.case.name, o.error, o.message) for o in outcomes if not o.holds]
     assert len({outcome.case.group for outcome in outcomes}) >= 6
-    text = page(outcomes, device, command="cldit bench stability")
+    text = page(outcomes, [], [], device, command="cldit bench stability")
     assert all(f"| {outcome.case.name} |" in text for outcome in outcomes)
     assert "missed" not in text
 
@@ -60,6 +60,6 @@ def test_what_misses_is_told(device: Device) -> None:
         ],
     )
     assert [outcome.holds for outcome in found] == [False] * 3
-    text = page(found, device, command="x")
+    text = page(found, [], [], device, command="x")
     assert text.count("**missed**") == 3
     assert "light is lost" in text
