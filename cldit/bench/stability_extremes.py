@@ -103,11 +103,12 @@ def _blocks() -> Iterator[Extreme]:
     core[4, 4, 4] = 9 * 100.0
     name = "one core of depth 100 in nothing, albedo 0.9"
     yield Extreme(name, _block(core, np.full(core.shape, 0.9)))
-    pair = (2, 1, 1)
-    name = "3000 K of depth 0.5 beside a scatterer of depth 0.5, albedo 0.99"
-    scatters = np.array([0.0, 0.99]).reshape(pair)
-    hot_K = np.array([3000.0, 300.0]).reshape(pair)
-    yield Extreme(name, _block(np.ones(pair), scatters, hot_K))
+    # Hotter by more, and the sensor saturates wherever that light comes to.
+    name = "3000 K of depth 1e-4 beside a scatterer of depth 0.5, albedo 0.9"
+    pair = np.array([2e-4, 1.0]).reshape(2, 1, 1)
+    scatters = np.array([0.0, 0.9]).reshape(2, 1, 1)
+    hot_K = np.array([3000.0, 300.0]).reshape(2, 1, 1)
+    yield Extreme(name, _block(pair, scatters, hot_K))
 
 
 def _block(
