@@ -126,7 +126,7 @@ def slabs(*, few: bool = False) -> list[Slab]:
 
 def _slab(depth: float, albedo: float, g: float) -> Slab:
     layers, across = (1, 64) if depth < 1 else (4, 64) if depth < 10 else (4, 32)
-    often = min(depth, 1 / (1 - albedo)) >= 100
+    often = min(depth, 1 / (1 - albedo)) > 50
     return Slab(depth, albedo, g, layers, across, _FEW_PIXELS if often else Slab.pixels)
 
 
