@@ -75,7 +75,8 @@ def _depths(*, few: bool) -> Iterator[Case]:
     albedos = (0.0, 0.5, 0.999, 0.999999, 1.0)
     for depth in (0.0, 1.0, 100.0, 1e6) if few else depths:
         for albedo in (0.5, 0.999999, 1.0) if few else albedos:
-            hard = depth > 100 or albedo > 0.999
+            # There the solver's error is that of a source that hardly changes from order to order.
+            hard = albedo > 0.999 or (albedo > 0.99 and depth >= 100)
             yield Case(
                 "optical depth of a cell and albedo",
                 f"{depth:g}, {albedo:g}",
