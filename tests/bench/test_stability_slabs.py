@@ -72,7 +72,7 @@ def test_slab_holds(device: Device, tmp_path: Path, slab: Slab) -> None:
     assert outcome.message == ""
     assert outcome.stated is not None and outcome.stated.true_K is not None
     assert outcome.holds
-    # Emission to 1 %, or where nine pixels have paths of a thousand segments, with their noise, 3 %.
+    # Emission to 1 %, or of nine pixels by long paths, with their noise, 3 %.
     allowed = 1e-2 if slab.pixels > 3 else 3e-2
     assert outcome.reached[0] == pytest.approx(outcome.true[0], rel=allowed)
     # What is emitted, reflected and let through is all.
