@@ -61,7 +61,16 @@ class ExtremeOutcome:
 def bench_extremes(
     bench: Bench, chosen: list[Extreme], *, say: Callable[[str], None] | None = None
 ) -> list[ExtremeOutcome]:
-    """Runs the cases, one after the other; `say` takes a line for each."""
+    """Runs the cases, one after the other.
+
+    Args:
+        bench: where they run.
+        chosen: the cases.
+        say: takes a line for each.
+
+    Returns:
+        An outcome for each case.
+    """
     outcomes = []
     for case in chosen:
         try:
@@ -77,7 +86,11 @@ def bench_extremes(
 
 
 def extremes_table(outcomes: list[ExtremeOutcome]) -> str:
-    """Markdown; a true error in bold is that of a row that does not hold."""
+    """Markdown; a true error in bold is that of a row that does not hold.
+
+    Args:
+        outcomes: of the cases.
+    """
     return Table.of(("case", "stated", "true", "stated / true", "s"),
                     [_row(outcome) for outcome in outcomes]).markdown()  # fmt: skip
 

@@ -66,8 +66,18 @@ class SlabOutcome:
 
 
 def exact(slab: Slab, *, streams: int = _STREAMS) -> tuple[float, float, float]:
-    """Emission, reflection, transmission along the normal, by the formal solution through what
-    PythonicDISORT gives at its quadrature nodes (Henyey-Greenstein)."""
+    """Emission, reflection, transmission along the normal.
+
+    By the formal solution through what PythonicDISORT gives at its quadrature nodes
+    (Henyey-Greenstein).
+
+    Args:
+        slab: to be solved.
+        streams: of discrete ordinates.
+
+    Returns:
+        Each as a share: their sum is 1.
+    """
     from PythonicDISORT.pydisort import pydisort  # type: ignore[import-untyped,unused-ignore]
 
     loss = np.sqrt(3 * (1 - slab.albedo) * (1 - slab.albedo * slab.g))
@@ -106,10 +116,13 @@ def need_discrete_ordinates() -> None:
 
 
 def slabs(*, few: bool = False) -> list[Slab]:
-    """All slabs; few: of each kind one, in a minute.
+    """The slabs of the page.
 
-    Thin slabs are wider, for light goes far along them. Where light is scattered thousands of times
-    the picture has few pixels.
+    Thin slabs are wider, for light goes far along them. Where light is scattered more than fifty
+    times the picture has few pixels.
+
+    Args:
+        few: of each kind one, in a minute.
     """
     if few:
         return [
@@ -131,7 +144,15 @@ def _slab(depth: float, albedo: float, g: float) -> Slab:
 
 
 def measure_slab(bench: Bench, slab: Slab) -> SlabOutcome:
-    """Traces a slab at 400 K between walls at 300 K, before a background behind all of it."""
+    """Traces a slab at 400 K between walls at 300 K, before a background behind all of it.
+
+    Args:
+        bench: where it runs.
+        slab: to be traced.
+
+    Returns:
+        What it reaches, and its stated and true error; or why there is no run.
+    """
     true = exact(slab)
     cell_m = EDGE_M / slab.across
     thickness_m = slab.layers * cell_m
@@ -182,7 +203,16 @@ def measure_slab(bench: Bench, slab: Slab) -> SlabOutcome:
 def bench_slabs(
     bench: Bench, chosen: list[Slab], *, say: Callable[[str], None] | None = None
 ) -> list[SlabOutcome]:
-    """Runs the slabs, one after the other; `say` takes a line for each."""
+    """Runs the slabs, one after the other.
+
+    Args:
+        bench: where they run.
+        chosen: the slabs.
+        say: takes a line for each.
+
+    Returns:
+        An outcome for each slab.
+    """
     outcomes = []
     for slab in chosen:
         outcomes.append(measure_slab(bench, slab))
@@ -209,7 +239,11 @@ def _row(outcome: SlabOutcome) -> list[str]:
 
 
 def slab_table(outcomes: list[SlabOutcome]) -> str:
-    """Markdown; a true error in bold is that of a row that does not hold."""
+    """Markdown; a true error in bold is that of a row that does not hold.
+
+    Args:
+        outcomes: of the slabs.
+    """
     head = ("depth", "of a cell", "albedo", "g", "emission (exact)", "reflection (exact)",
             "transmission (exact)", "stated", "true", "stated / true", "s")  # fmt: skip
     return Table.of(head, [_row(outcome) for outcome in outcomes]).markdown()

@@ -85,6 +85,9 @@ def apparent_K(weights: Weights, scene: Scene) -> Floats:
     Args:
         weights: of a scene of one wavelength without patches.
         scene: its walls and filter.
+
+    Returns:
+        K; NaN or infinite where nothing is in the way.
     """
     filter_um = scene_filter(scene)
     wall = float(band_radiance(scene.walls.temperature_K, filter_um=filter_um))
