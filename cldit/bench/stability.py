@@ -103,7 +103,8 @@ def page(
         "RMS of T_app over the pixels that have one; `transport.accuracy_K` is left at 1 K. The\n"
         "truth of voxels is `path` with nine rays a pixel, that of parcels the spray that they\n"
         "are drawn from. ± is the standard error of the truth, where it counts. A row in bold\n"
-        "states less than half of its error.",
+        "states less than half of its error. Seconds are of the whole run, with the measuring of\n"
+        "its error, on a machine that may have had other work.",
         extremes_table(extremes),
         "## Slabs against discrete ordinates",
         "Emission, reflection and transmission along the normal of a slab at 400 K between walls\n"
