@@ -179,10 +179,11 @@ def needed_edge_m(cube: Frame, sources: Sources, *, finest_m: float) -> float:
     """Edge of the coarsest cells that resolve a medium of boxes.
 
     Cells are at most the voxels of its grid, or half of the edge of boxes that lie on none. Where
-    boxes scatter they are halved further: while their optical depth is above `CELL_DEPTH` and their
-    edge above `finest_m`, and until there are `ACROSS` along the medium. Boxes that take less than
-    a hundredth of all that is taken out of light do not count: a box of optical depth t and
-    smallest face A takes A (1 - exp(-t)).
+    boxes scatter they are halved further: while their optical depth is above `CELL_DEPTH`, and
+    until there are `ACROSS` along the medium. Boxes that are deeper still in cells of `finest_m`
+    ask for none: they are gathered in cells of any size, as well in few as in many. Boxes that take
+    less than a hundredth of all that is taken out of light do not count: a box of optical depth t
+    and smallest face A takes A (1 - exp(-t)).
 
     Args:
         cube: in which it lies.
@@ -204,6 +205,7 @@ def needed_edge_m(cube: Frame, sources: Sources, *, finest_m: float) -> float:
     grid = on_grid(cube, sources)
     edge = _least_but_few(shortest, taken) / 2 if grid is None else grid.cell_m
     free = np.divide(CELL_DEPTH, extinction, out=np.full(len(edges), np.inf), where=scattering > 0)
+    free[free < finest_m / 2] = np.inf  # halving ends between the half and all of that
     wanted = max(_least_but_few(free, taken), finest_m)
     if np.any(scattering > 0):
         wanted = min(wanted, float((upper.max(axis=0) - lower.min(axis=0)).max()) / ACROSS)

@@ -312,9 +312,12 @@ class Attempts:
         return points is None and not boxes and not self.scene.patches
 
     def _orders(self, plan: Plan) -> dict[str, float]:
-        """In which errors fall with what makes them: lattice, classes, cells."""
+        """In which errors fall with what makes them: lattice, classes, cells that are the lattice.
+
+        Other cells are halved, whatever their order: none is traced for it.
+        """
         orders = {name: one.order for name, one in self._sized.items()}
-        if self._pilot is not None and plan.depth is not None:
+        if self._pilot is not None and plan.depth is not None and plan.lattice_of_m is not None:
             found = error_at(self._pilot[1], plan.depth)
             if found is not None:
                 orders["cells"] = found.order

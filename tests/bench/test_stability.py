@@ -5,8 +5,12 @@ from __future__ import annotations
 import math
 
 import pytest
+from click.testing import CliRunner
 
-from cldit.bench.stability import Case, bench_stability, cases, page
+from cldit.bench.stability import bench_stability, page
+from cldit.bench.stability_case import Case
+from cldit.bench.stability_known import cases
+from cldit.cli.bench import stability as command
 from cldit.errors import TransportError
 from cldit.gpu.device import Device
 
@@ -22,7 +26,7 @@ def test_bounds_hold(device: Device, long: bool) -> None:
     outcomes = bench_stability(device, chosen)
     assert not [(o.case.name, o.error, o.message) for o in outcomes if not o.holds]
     assert len({outcome.case.group for outcome in outcomes}) >= 6
-    text = page(outcomes, device, command="cldit bench stability")
+    text = page(outcomes, [], [], device, command="cldit bench stability")
     assert all(f"| {outcome.case.name} |" in text for outcome in outcomes)
     assert "missed" not in text
 
@@ -33,6 +37,14 @@ def test_every_kind_is_among_the_few() -> None:
     assert few <= every
     assert every - few == {f"method {name}" for name in ("source and gather", "path", "branching")}
     assert "256 x 256 x 152 = 1.0e7 cells" in {case.name for case in cases()}
+
+
+def test_missing_solver_is_told_before_any_case(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cldit.bench.stability_slabs.find_spec", lambda name: None)
+    monkeypatch.setattr(command, "open_device", lambda name: pytest.fail("a case would run"))
+    result = CliRunner().invoke(command.bench_stability_command, [])
+    assert result.exit_code != 0
+    assert "pip install PythonicDISORT" in result.output
 
 
 def test_what_misses_is_told(device: Device) -> None:
@@ -48,6 +60,6 @@ def test_what_misses_is_told(device: Device) -> None:
         ],
     )
     assert [outcome.holds for outcome in found] == [False] * 3
-    text = page(found, device, command="x")
+    text = page(found, [], [], device, command="x")
     assert text.count("**missed**") == 3
     assert "light is lost" in text

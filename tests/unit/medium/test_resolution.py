@@ -158,12 +158,13 @@ def test_boxes_on_no_grid_get_cells_of_half_their_edge() -> None:
 
 
 def test_thick_voxels_are_divided_until_thin_or_small() -> None:
-    """To half a mean free path, or as fine as a spray's cells; not where nothing scatters."""
+    """To half a mean free path where cells reach that; not where nothing scatters."""
     thick = voxels((4, 4, 4), (8e-3,) * 3, depth=4 * CELL_DEPTH)
     assert needed_edge_m(CUBE, thick, finest_m=5e-4) == pytest.approx(2e-3)
     assert needed_edge_m(CUBE, thick, finest_m=3e-3) == pytest.approx(2e-3)
     opaque = voxels((1, 1, 1), (8e-3,) * 3, depth=1e6)
-    assert needed_edge_m(CUBE, opaque, finest_m=5e-4) == pytest.approx(5e-4)
+    # Deeper still in the finest cells: gathered, and as well in the few that it has across.
+    assert needed_edge_m(CUBE, opaque, finest_m=5e-4) == pytest.approx(8e-3 / ACROSS)
     _, (grid,) = thick
     black = source(grid.lower_m, grid.upper_m, np.full(len(grid.lower_m), 1e4), albedo=0.0)
     assert needed_edge_m(CUBE, (None, [black]), finest_m=5e-4) == pytest.approx(8e-3)
