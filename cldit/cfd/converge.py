@@ -7,6 +7,7 @@ that reader takes sibling files for other times and does not notice arrays of th
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -92,6 +93,7 @@ def read_converge(
                     values = field(chosen, stream, f"CELL_CENTER_DATA/{name}", mesh.cells)
                     columns[name] = Column(f"{chosen}: cell field {name}", values)
             gas.append(gas_columns(Source(str(chosen), columns, mesh.cells), cells, fuel_field))
+        remarks = (*remarks, *_chosen_among(chosen, available, names.cells))
         return CfdCase(
             source=str(chosen),
             time_s=at,
@@ -151,6 +153,14 @@ def _gas_names(available: list[str], given: CellColumns, fuel_field: str) -> Cel
     default = {key: _first(available, names) for key, names in _GAS.items()}
     default["fuel"] = _first(available, (fuel_field, f"MASSFRAC_{fuel_field}"))
     return merged(given, CellColumns(**default))
+
+
+def _chosen_among(path: Path, available: list[str], given: CellColumns) -> Iterator[str]:
+    """Where several fields have a name of one quantity, which of them was taken."""
+    for key, known in _GAS.items():
+        there = [name for name in known if name in available]
+        if len(there) > 1 and key not in given.model_fields_set:
+            yield f"{path}: {' and '.join(there)} are there: {there[0]} was taken for the {key}."
 
 
 def _first(available: Any, names: tuple[str, ...]) -> Scalar | None:
