@@ -7,7 +7,7 @@ that reader takes sibling files for other times and does not notice arrays of th
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +82,7 @@ def read_converge(
         watch("reading the mesh", 0, 1)
         meshes = [post_mesh(chosen, stream) for stream in streams]
         available = sorted(set.intersection(*(set(s.get("CELL_CENTER_DATA", ())) for s in streams)))
-        cells = _gas_names(available, names.cells, fuel_field)
+        cells = gas_names(available, names.cells, fuel_field)
         gas: list[dict[str, Column]] = []
         for stream, mesh in zip(streams, meshes, strict=True):
             columns = {name: Column("", np.empty(0)) for name in available}
@@ -121,7 +121,7 @@ def _with_fuel(
     fuelled = [
         stream
         for stream in streams
-        if (fuel := _gas_names(list(stream.get("CELL_CENTER_DATA", ())), given, fuel_field).fuel)
+        if (fuel := gas_names(list(stream.get("CELL_CENTER_DATA", ())), given, fuel_field).fuel)
         and (fuel.column is None or fuel.column in stream["CELL_CENTER_DATA"])
     ]
     if not fuelled or len(fuelled) == len(streams):
@@ -149,7 +149,14 @@ def _size(streams: list[Any]) -> Size:
     return Size(cells, parcels, 12 * corners + 44 * faces + 48 * points + 40 * cells)
 
 
-def _gas_names(available: list[str], given: CellColumns, fuel_field: str) -> CellColumns:
+def gas_names(available: Container[str], given: CellColumns, fuel_field: str) -> CellColumns:
+    """The names of CONVERGE that there are, with what a mapping has `given` in their place.
+
+    Args:
+        available: fields of the cells.
+        given: of the mapping.
+        fuel_field: of the fuel's mass fraction, alone or behind MASSFRAC_.
+    """
     default = {key: _first(available, names) for key, names in _GAS.items()}
     default["fuel"] = _first(available, (fuel_field, f"MASSFRAC_{fuel_field}"))
     return merged(given, CellColumns(**default))
@@ -205,19 +212,24 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
 
     position = np.stack([column(f"PARCEL_{letter}").values for letter in "XYZ"], axis=1)
     columns = {name: column(name) for name in fields if not re.match("PARCEL_[XYZ]$", name)}
-    default: dict[str, Any] = {key: _first(columns, known) for key, known in _PARCEL.items()}
-    for name in _VELOCITY:
-        if all(f"{name}_{letter}" in columns for letter in "XYZ"):
-            default["velocity"] = Vector(columns=(f"{name}_X", f"{name}_Y", f"{name}_Z"))
-            break
     return mapped_cloud(
         chosen,
         label,
         Column(f"{label}/PARCEL_X, _Y, _Z", position),
         columns,
         names,
-        ParcelColumns(**default),
+        parcel_names(columns),
     )
+
+
+def parcel_names(columns: Container[str]) -> ParcelColumns:
+    """The names of CONVERGE that there are among the columns of parcels."""
+    default: dict[str, Any] = {key: _first(columns, known) for key, known in _PARCEL.items()}
+    for name in _VELOCITY:
+        if all(f"{name}_{letter}" in columns for letter in "XYZ"):
+            default["velocity"] = Vector(columns=(f"{name}_X", f"{name}_Y", f"{name}_Z"))
+            break
+    return ParcelColumns(**default)
 
 
 def list_converge(

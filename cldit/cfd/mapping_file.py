@@ -206,10 +206,11 @@ def gas_names(given: CellColumns, known: Container[str], fuel_field: str) -> Cel
     return merged(given, CellColumns(**{key: there.get(key) for key in GAS_KEYS}))
 
 
+def columns_of_value(value: object) -> set[str]:
+    """The names of the columns of one scalar or vector of a mapping."""
+    return ({getattr(value, "column", None) or ""} | set(getattr(value, "columns", ()))) - {""}
+
+
 def columns_of(wanted: CellColumns | ParcelColumns) -> set[str]:
     """The names of all columns that a part of a mapping uses."""
-    used: set[str] = set()
-    for key in type(wanted).model_fields:
-        value = getattr(wanted, key)
-        used |= {getattr(value, "column", None) or ""} | set(getattr(value, "columns", ()))
-    return used - {""}
+    return {name for _, value in wanted for name in columns_of_value(value)}

@@ -8,6 +8,10 @@ from cldit.errors import SprayError
 
 _PARAVIEW = "open it in ParaView and save the gas as .vtu and the parcels as .vtp"
 _TABLES = "export cells and parcels as text tables and describe them by a mapping file (.yaml)"
+_BEGIN = (
+    "`cldit import FILE --write-mapping case.yaml` begins a mapping file (.yaml) that says what "
+    "its columns are; then give case.yaml as the case"
+)
 _FLUENT = f"in Fluent, File > Export > EnSight Case Gold with the DPM particles; or {_TABLES}"
 _STAR = "in STAR-CCM+, File > Export > EnSight Gold with the Lagrangian phase; or " + _TABLES
 # ending: what it is, and the way out
@@ -44,9 +48,9 @@ _KINDS: dict[str, tuple[str, str]] = {
     ".flm": ("a mesh of AVL FIRE", _TABLES),
     ".fl3": ("a result of AVL FIRE", _TABLES),
     ".out": ("a map or restart of CONVERGE", "convert it with CONVERGE's post_convert to HDF5"),
-    ".csv": ("a table", f"say what its columns are: {_TABLES}"),
-    ".txt": ("a table", f"say what its columns are: {_TABLES}"),
-    ".tsv": ("a table", f"say what its columns are: {_TABLES}"),
+    ".csv": ("a table", _BEGIN),
+    ".txt": ("a table", _BEGIN),
+    ".tsv": ("a table", _BEGIN),
     ".xlsx": ("a spreadsheet", f"save it as CSV; {_TABLES}"),
     ".parquet": ("a Parquet table", f"save it as CSV; {_TABLES}"),
     ".json": ("JSON", _TABLES),
