@@ -15,7 +15,8 @@ import numpy as np
 
 from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined, only_claimant
 from cldit.cfd.column_mapping import Source, gas_columns, mapped_cloud
-from cldit.cfd.converge_file import array, field, open_post, post_files, post_mesh, time_of
+from cldit.cfd.converge_file import post_files, post_mesh, time_of
+from cldit.cfd.hdf import array, field, open_hdf
 from cldit.cfd.mapping_file import CellColumns, ColumnMap, ParcelColumns, Scalar, Vector, merged
 from cldit.cfd.mesh import join
 from cldit.cfd.size import Size, check_room
@@ -70,7 +71,7 @@ def read_converge(
         raise SprayError(f"{path}: a file without OUTPUT_TIME; give the path of one file")
     what = "the only one without OUTPUT_TIME" if at is None else f"time {at:g}"
     chosen = only_claimant(what, files[at])
-    with open_post(chosen) as post:
+    with open_hdf(chosen) as post:
         streams = [post[name] for name in sorted(post) if _STREAM.match(name)]
         if not streams:
             raise SprayError(
@@ -249,7 +250,7 @@ def list_converge(
     at = choose_time(str(path), known, time_s) if known else None
     fields: set[str] = set()
     clouds: dict[str, list[str]] = {}
-    with open_post(only_claimant(f"time {at}", files[at])) as post:
+    with open_hdf(only_claimant(f"time {at}", files[at])) as post:
         for name in post:
             if _STREAM.match(name):
                 fields |= set(post[name].get("CELL_CENTER_DATA", ()))

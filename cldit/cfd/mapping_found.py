@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cldit.cfd import converge, text_tables
+from cldit.cfd import converge, fluent, text_tables
 from cldit.cfd.case import NO_CLOUD, choose_cloud
 from cldit.cfd.formats import contents, find_format
 from cldit.cfd.known_names import GAS_NAMES, PARCEL_KEYS, guessed, guessed_vector
@@ -27,7 +27,7 @@ from cldit.errors import SprayError
 from cldit.files import write_text
 from cldit.scene.spray import CfdSpray
 
-TABLES = (".csv", ".txt", ".tsv", ".dat", ".parquet")
+TABLES = (".csv", ".txt", ".tsv", ".parquet", ".dpm")
 
 
 def write_mapping(spec: CfdSpray, out: Path) -> list[str]:
@@ -93,6 +93,8 @@ def _found(
     """The format's own names that there are, with what a mapping gives in their place."""
     if kind == "converge":
         cells = converge.gas_names(fields, given.cells, fuel_field)
+    elif kind == "fluent":
+        cells = fluent.fluent_names(list(fields), given.cells, fuel_field)
     else:
         # fields of a region are listed by its name and theirs
         cells = gas_names(given.cells, {each.rpartition("/")[2] for each in fields}, fuel_field)

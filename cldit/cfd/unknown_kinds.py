@@ -18,11 +18,9 @@ _STAR = "in STAR-CCM+, File > Export > EnSight Gold with the Lagrangian phase; o
 _KINDS: dict[str, tuple[str, str]] = {
     ".cas": ("a case of Fluent", _FLUENT),
     ".dat": ("a data file of Fluent or Tecplot", _FLUENT),
-    ".cas.h5": ("a case of Fluent in HDF5", _FLUENT),
-    ".dat.h5": ("a data file of Fluent in HDF5", _FLUENT),
     ".cas.gz": ("a packed case of Fluent", _FLUENT),
     ".dat.gz": ("a packed data file of Fluent", _FLUENT),
-    ".dpm": ("particles of Fluent", _FLUENT),
+    ".dpm": ("particles of Fluent, a table beside a case", _BEGIN),
     ".his": ("a particle history of Fluent", _FLUENT),
     ".msh": ("a mesh of Fluent or Gmsh without results", "give the results, as EnSight or .vtu"),
     ".sim": ("a session of STAR-CCM+", _STAR),
@@ -52,7 +50,7 @@ _KINDS: dict[str, tuple[str, str]] = {
     ".txt": ("a table", _BEGIN),
     ".tsv": ("a table", _BEGIN),
     ".xlsx": ("a spreadsheet", f"save it as CSV; {_TABLES}"),
-    ".parquet": ("a Parquet table", f"save it as CSV; {_TABLES}"),
+    ".parquet": ("a Parquet table", _BEGIN),
     ".json": ("JSON", _TABLES),
     ".tar": ("an archive", "unpack it and give the case inside"),
     ".tgz": ("an archive", "unpack it and give the case inside"),
@@ -61,7 +59,7 @@ _KINDS: dict[str, tuple[str, str]] = {
 }
 _READ = (
     "an OpenFOAM case (folder or .foam), VTK files (.vtu, .vtp, .vtk, .pvtu, .pvtp, .vtm, .pvd), "
-    "EnSight Gold (.case), CONVERGE (.h5), tables (a mapping file, .yaml), or cldit's own .npz"
+    "EnSight Gold (.case), CONVERGE (.h5), Fluent (.cas.h5), tables (a mapping file, .yaml), or cldit's own .npz"
 )
 
 
