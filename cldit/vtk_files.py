@@ -145,7 +145,9 @@ def _kind(group: Any, kind: str) -> None:
 
 def _put(group: Any, data: Grid | Points) -> None:
     def put(parent: Any, name: str, values: Array) -> None:
-        packed = {"compression": "gzip", "compression_opts": 1} if values.size > 1000 else {}
+        packed: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "fletcher32": True}
+        if not values.size:
+            packed = {}
         parent.create_dataset(name, data=values, **packed)
 
     def cells(parent: Any, nodes: Array, each: int) -> None:

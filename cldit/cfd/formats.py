@@ -17,6 +17,7 @@ from cldit.cfd.openfoam.regions import clouds_of, is_openfoam
 from cldit.cfd.times import CaseTime
 from cldit.cfd.unknown_kinds import refuse_folder, refuse_unknown
 from cldit.cfd.vtk import files as vtkfiles
+from cldit.cfd.vtk.collections import COLLECTIONS, DATA
 from cldit.cfd.vtk.layout import is_vtk
 from cldit.errors import SprayError
 from cldit.progress import Watch, silent
@@ -30,7 +31,7 @@ _SUFFIX = {
     ".yaml": "tables",
     ".yml": "tables",
     ".npz": "cldit",
-} | dict.fromkeys((".vtu", ".vtp", ".vtk", ".pvtu", ".pvtp", ".vtm", ".pvd", ".series"), "vtk")
+} | dict.fromkeys((*DATA, *COLLECTIONS, ".pvd", ".series"), "vtk")
 
 
 def find_format(spec: CfdSpray) -> str:

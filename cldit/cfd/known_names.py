@@ -16,8 +16,10 @@ GAS_NAMES: dict[str, tuple[str, ...]] = {
 PARCEL_KEYS: dict[str, tuple[str, ...]] = {
     "diameter": ("d", "diam", "diameter", "particlediameter", "dropletdiameter"),
     "radius": ("r", "rad", "radius", "particleradius", "parcelradius"),
-    "number": ("nparticle", "n", "num", "number", "numdrop", "ninparcel", "particlecount")
-    + ("parcelparticlecount", "numberofdroplets", "particlesperparcel", "numberinparcel"),
+    "number": (
+        *("nparticle", "n", "num", "number", "numdrop", "ninparcel", "particlecount"),
+        *("parcelparticlecount", "numberofdroplets", "particlesperparcel", "numberinparcel"),
+    ),
     "mass": ("parcelmass",),
     "temperature": ("t", "temp", "temperature", "particletemperature", "parceltemp"),
     "density": ("rho", "dens", "density", "particledensity"),

@@ -10,7 +10,6 @@ from typing import Any
 from cldit.cfd.assumed import similar
 from cldit.cfd.known_names import GAS_NAMES, PARCEL_KEYS, guessed
 from cldit.cfd.mapping_file import (
-    GAS_KEYS,
     UNITS,
     CellColumns,
     ColumnMap,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Container
+from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -192,17 +192,28 @@ PARCEL_NAMES = ParcelColumns(
 )
 
 
-def gas_names(given: CellColumns, known: Container[str], fuel_field: str) -> CellColumns:
-    """OpenFOAM's names of the cell fields, with what a mapping has `given` in their place.
+FOAM_NAMES = {"temperature": "T", "pressure": "p", "density": "rho"}
+# SIDS (CGNS Standard Interface Data Structures), annex A
+CGNS_NAMES = {"temperature": "Temperature", "pressure": "Pressure", "density": "Density"}
+
+
+def gas_names(
+    given: CellColumns,
+    known: Container[str],
+    fuel_field: str,
+    default: Mapping[str, str] = FOAM_NAMES,
+) -> CellColumns:
+    """The format's names of the cell fields, with what a mapping has `given` in their place.
 
     Args:
         given: of the mapping.
         known: the fields that there are. A default that is not there is left out: it is missed
             later, by who knows whether it is needed.
         fuel_field: default of the fuel's mass fraction.
+        default: names of the other quantities.
     """
-    default = {"temperature": "T", "pressure": "p", "density": "rho", "fuel": fuel_field}
-    there = {key: Scalar(column=name) for key, name in default.items() if name in known}
+    names = {**default, "fuel": fuel_field}
+    there = {key: Scalar(column=name) for key, name in names.items() if name in known}
     return merged(given, CellColumns(**{key: there.get(key) for key in GAS_KEYS}))
 
 

@@ -12,6 +12,8 @@ from cldit.cfd.formats import contents, find_format
 from cldit.cfd.known_names import GAS_NAMES, PARCEL_KEYS, guessed, guessed_vector
 from cldit.cfd.mapping_draft import mapping_text
 from cldit.cfd.mapping_file import (
+    CGNS_NAMES,
+    FOAM_NAMES,
     PARCEL_NAMES,
     CellColumns,
     ColumnMap,
@@ -72,6 +74,7 @@ def _of_case(spec: CfdSpray, folder: Path) -> str:
         chosen = choose_cloud(str(spec.file), clouds, spec.cloud)
         parcels = None if chosen is None else clouds[chosen]
         given = ColumnMap() if spec.mapping is None else read_column_map(spec.mapping)
+        kind = "cgns" if spec.file.suffix == ".cgns" else kind
         found = _found(kind, given, known.fields, parcels, spec.fuel_field)
     return mapping_text(
         f"Names of {spec.file} ({kind}) for `cldit import --mapping`",
@@ -97,7 +100,9 @@ def _found(
         cells = fluent.fluent_names(list(fields), given.cells, fuel_field)
     else:
         # fields of a region are listed by its name and theirs
-        cells = gas_names(given.cells, {each.rpartition("/")[2] for each in fields}, fuel_field)
+        default = CGNS_NAMES if kind == "cgns" else FOAM_NAMES
+        known = {each.rpartition("/")[2] for each in fields}
+        cells = gas_names(given.cells, known, fuel_field, default)
     if parcels is None:
         return ColumnMap(cells=cells)
     if kind == "converge":

@@ -27,9 +27,7 @@ _KINDS: dict[str, tuple[str, str]] = {
     ".ccm": ("a mesh of STAR-CCM+", _STAR),
     ".trk": ("particle tracks of STAR-CCM+", _STAR),
     ".res": ("a result of CFX", f"in CFD-Post, export EnSight or CSV; {_TABLES}"),
-    ".cgns": ("CGNS", _PARAVIEW),
-    ".vtkhdf": ("VTK's HDF format", _PARAVIEW),
-    ".hdf": ("VTK's HDF format", _PARAVIEW),
+    ".hdf": ("HDF, maybe VTK's", "give VTK's own the ending .vtkhdf"),
     ".vts": ("a structured grid of VTK", f"{_PARAVIEW}, after the filter Append Datasets"),
     ".vtr": ("a rectilinear grid of VTK", f"{_PARAVIEW}, after the filter Append Datasets"),
     ".vti": ("an image of VTK", f"{_PARAVIEW}, after the filter Append Datasets"),
@@ -58,8 +56,9 @@ _KINDS: dict[str, tuple[str, str]] = {
     ".zip": ("an archive", "unpack it and give the case inside"),
 }
 _READ = (
-    "an OpenFOAM case (folder or .foam), VTK files (.vtu, .vtp, .vtk, .pvtu, .pvtp, .vtm, .pvd), "
-    "EnSight Gold (.case), CONVERGE (.h5), Fluent (.cas.h5), tables (a mapping file, .yaml), or cldit's own .npz"
+    "an OpenFOAM case (folder or .foam), VTK files (.vtu, .vtp, .vtk, .pvtu, .pvtp, .vtm, .pvd, "
+    ".vtkhdf), CGNS in HDF5 (.cgns), EnSight Gold (.case), CONVERGE (.h5), Fluent (.cas.h5), "
+    "tables (a mapping file, .yaml), or cldit's own .npz"
 )
 
 

@@ -118,7 +118,7 @@ def test_pair_and_particles(tmp_path: Path, foam: Foam) -> None:
     gas_alone = read_cfd(CfdSpray(file=case, **PLACE))
     assert gas_alone.parcels is None
     assert contents(CfdSpray(file=case)).fields == ("C7H16", "SV_DENSITY", "SV_P", "SV_T")
-    with pytest.raises(SprayError, match="names the parcels, and spray.cloud is 'other'"):
+    with pytest.raises(SprayError, match=r"names the parcels, and spray\.cloud is 'other'"):
         read_cfd(CfdSpray(file=case, mapping=mapping, cloud="other", **PLACE))
 
 

@@ -113,5 +113,5 @@ def test_begun_from_a_table(tmp_path: Path) -> None:
 
 def test_own_file_needs_none(tmp_path: Path) -> None:
     (tmp_path / "a.npz").write_bytes(b"PK")
-    with pytest.raises(SprayError, match="needs? no mapping"):
+    with pytest.raises(SprayError, match="need no mapping"):
         write_mapping(CfdSpray(file=tmp_path / "a.npz"), tmp_path / "m.yaml")

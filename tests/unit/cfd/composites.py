@@ -1,0 +1,138 @@
+"""Files of several data sets: VTK's HDF by vtk's own writer, CGNS by h5py after its standard."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from tests.unit.cfd.test_vtk import block_grid, cloud_data
+
+
+def write_hdf(file: Path, blocks: dict[str, Any]) -> Path:
+    """By vtk's writer: one data set as it is, several as a collection; a list is partitions."""
+    from vtkmodules.vtkCommonDataModel import (
+        vtkCompositeDataSet,
+        vtkPartitionedDataSet,
+        vtkPartitionedDataSetCollection,
+    )
+    from vtkmodules.vtkIOHDF import vtkHDFWriter
+
+    data: Any = next(iter(blocks.values()))
+    if len(blocks) > 1 or isinstance(data, list):
+        data = vtkPartitionedDataSetCollection()
+        for number, (name, parts) in enumerate(blocks.items()):
+            own: Any = vtkPartitionedDataSet()
+            for place, part in enumerate(parts if isinstance(parts, list) else [parts]):
+                own.SetPartition(place, part)
+            data.SetPartitionedDataSet(number, own)
+            data.GetMetaData(number).Set(vtkCompositeDataSet.NAME(), name)
+    writer: Any = vtkHDFWriter()
+    writer.SetFileName(str(file))
+    writer.SetInputData(data)
+    writer.Write()
+    return file
+
+
+def write_hdf_steps(file: Path, sample: Any, times: list[float]) -> Path:
+    """A mesh that stays, and fields for each time, as "Temporal data" of VTK's documentation."""
+    block, gas, _ = sample
+    grid = block_grid(block, gas)
+    from vtkmodules.util import numpy_support
+
+    convert: Any = numpy_support.vtk_to_numpy
+    nodes = convert(grid.GetCells().GetConnectivityArray())
+    cells, points = block.cells, len(block.points)
+    with h5py.File(file, "w") as root:
+        held = root.create_group("VTKHDF")
+        held.attrs["Version"] = np.array([2, 0])
+        held.attrs.create("Type", b"UnstructuredGrid", dtype=h5py.string_dtype("ascii", 16))
+        for name, count in (("Points", points), ("Cells", cells), ("ConnectivityIds", len(nodes))):
+            held[f"NumberOf{name}"] = np.array([count])
+        held["Points"] = block.points
+        held["Connectivity"], held["Offsets"] = nodes, np.arange(0, 8 * cells + 1, 8)
+        held["Types"] = np.full(cells, 12, "u1")
+        steps = held.create_group("Steps")
+        steps.attrs["NSteps"] = len(times)
+        steps["Values"] = np.array(times)
+        nothing = np.zeros(len(times), int)
+        for name in ("PartOffsets", "PointOffsets"):
+            steps[name] = nothing
+        steps["NumberOfParts"] = nothing + 1
+        for name in ("CellOffsets", "ConnectivityIdOffsets"):
+            steps[name] = nothing[:, None]
+        for name, values in gas.items():
+            scale = np.arange(1, len(times) + 1) if name == "C7H16" else np.ones(len(times))
+            held[f"CellData/{name}"] = (
+                (values * scale[:, None] / len(times)).reshape(-1)
+                if (name == "C7H16")
+                else np.tile(values, len(times))
+            )
+            steps[f"CellDataOffsets/{name}"] = np.arange(len(times)) * cells
+    return file
+
+
+def write_cgns(file: Path, sample: Any, *, points: bool = False) -> Path:
+    """Hexahedra in one zone, fields in cells or at points, under the names of the standard."""
+    block, gas, _ = sample
+    from vtkmodules.util import numpy_support
+
+    convert: Any = numpy_support.vtk_to_numpy
+    nodes = convert(block_grid(block, {}).GetCells().GetConnectivityArray())
+    kinds = {"f8": "R8", "f4": "R4", "i4": "I4", "S1": "C1"}
+
+    def node(parent: Any, name: str, label: str, data: Any = None) -> Any:
+        made = parent.create_group(name, track_order=True)
+        values = None
+        if isinstance(data, str):
+            values = np.frombuffer(data.encode(), "i1")
+        elif data is not None:
+            values = np.asarray(data)
+        kind = (
+            "MT"
+            if values is None
+            else "C1"
+            if isinstance(data, str)
+            else kinds[values.dtype.str[1:]]
+        )
+        for key, text, size in (("name", name, 33), ("label", label, 33), ("type", kind, 3)):
+            made.attrs.create(key, np.bytes_(text.encode()), dtype=f"S{size}")
+        made.attrs["flags"] = np.array([1], "i4")
+        if values is not None:
+            made[" data"] = values
+        return made
+
+    with h5py.File(file, "w", track_order=True) as root:
+        for key, text, size in (
+            ("name", "HDF5 MotherNode", 33),
+            ("label", "Root Node of HDF5 File", 33),
+            ("type", "MT", 3),
+        ):
+            root.attrs.create(key, np.bytes_(text.encode()), dtype=f"S{size}")
+        root[" format"] = np.frombuffer(b"IEEE_LITTLE_32\0", "i1")
+        root[" hdf5version"] = np.frombuffer(b"HDF5 Version 1.8.17".ljust(33, b"\0"), "i1")
+        node(root, "CGNSLibraryVersion", "CGNSLibraryVersion_t", np.array([3.3], "f4"))
+        base = node(root, "Base", "CGNSBase_t", np.array([3, 3], "i4"))
+        sizes = np.array([[len(block.points)], [block.cells], [0]], "i4")
+        zone = node(base, "Zone", "Zone_t", sizes)
+        node(zone, "ZoneType", "ZoneType_t", "Unstructured")
+        place = node(zone, "GridCoordinates", "GridCoordinates_t")
+        for letter, column in zip("XYZ", block.points.T, strict=True):
+            node(place, f"Coordinate{letter}", "DataArray_t", column.copy())
+        part = node(zone, "Hexahedra", "Elements_t", np.array([17, 0], "i4"))
+        node(part, "ElementRange", "IndexRange_t", np.array([1, block.cells], "i4"))
+        node(part, "ElementConnectivity", "DataArray_t", (nodes + 1).astype("i4"))
+        solution = node(zone, "Solution", "FlowSolution_t")
+        node(solution, "GridLocation", "GridLocation_t", "Vertex" if points else "CellCenter")
+        names = {"T": "Temperature", "p": "Pressure", "rho": "Density"}
+        for name, values in gas.items():
+            even = np.full(len(block.points), values.mean()) if points else values
+            node(solution, names.get(name, name), "DataArray_t", even.astype("f8"))
+    return file
+
+
+def cloud_block(sample: Any) -> Any:
+    """The parcels as vtk's poly data."""
+    return cloud_data(sample[2])

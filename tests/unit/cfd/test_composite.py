@@ -1,0 +1,155 @@
+"""Several data sets or times in one file: VTK's HDF and CGNS."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from cldit.cfd.formats import contents
+from cldit.cfd.mapping_found import write_mapping
+from cldit.cfd.to_spray import read_cfd
+from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray
+from cldit.vtk_files import HEXAHEDRON, Grid, Points, write_vtkhdf
+from tests.unit.cfd.composites import cloud_block, write_cgns, write_hdf, write_hdf_steps
+from tests.unit.cfd.test_vtk import block_grid, vtk_array
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+
+PLACE: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
+
+
+def masses(path: Path, **keys: Any) -> tuple[float, float]:
+    notes = read_cfd(CfdSpray(file=path, **PLACE, **keys)).notes
+    return notes["vapour_mass_kg"], notes.get("liquid_mass_kg", 0.0)
+
+
+def expected(sample: Any) -> tuple[float, float]:
+    block, gas, cloud = sample
+    liquid = np.sum(cloud["nParticle"] * cloud["rho"] * np.pi / 6 * cloud["d"] ** 3)
+    return float(np.sum(gas["rho"] * gas["C7H16"] * block.volume)), float(liquid)
+
+
+def test_gas_and_parcels_of_a_collection(tmp_path: Path, foam: Foam) -> None:
+    """float32 of the writer, through d^3."""
+    sample = foam.sample()
+    block, gas, _ = sample
+    file = write_hdf(
+        tmp_path / "a.vtkhdf", {"internal": block_grid(block, gas), "drops": cloud_block(sample)}
+    )
+    assert masses(file) == pytest.approx(expected(sample), rel=5e-6)
+    assert masses(tmp_path) == masses(file)  # the folder of it
+    found = contents(CfdSpray(file=file))
+    assert set(found.fields) >= {"T", "p", "rho", "C7H16"}
+    assert set(found.clouds) == {"drops"}
+    assert masses(file, cloud="none")[1] == 0.0
+    with pytest.raises(SprayError, match=r"no cloud 'rain' .* available: drops"):
+        masses(file, cloud="rain")
+    files = read_cfd(CfdSpray(file=file, **PLACE)).files
+    assert [Path(each.path).name for each in files] == ["a.vtkhdf"]
+    write_mapping(CfdSpray(file=file), tmp_path / "names.yaml")
+    assert masses(file, mapping=tmp_path / "names.yaml") == masses(file)
+
+
+def test_partitions_and_ghosts(tmp_path: Path, foam: Foam) -> None:
+    """Two halves, each with the other's first cell as a ghost."""
+    sample = foam.sample()
+    block, gas, _ = sample
+    whole = block_grid(block, gas)
+    parts = []
+    count = block.cells
+    for own in (range(count // 2 + 1), range(count // 2 - 1, count)):
+        from vtkmodules.vtkFiltersCore import vtkExtractCells
+
+        cut: Any = vtkExtractCells()
+        cut.SetInputData(whole)
+        cut.AddCellRange(own[0], own[-1])
+        cut.Update()
+        part = cut.GetOutput()
+        ghost = np.zeros(len(own), np.uint8)
+        ghost[-1 if own[0] == 0 else 0] = 1
+        marks = vtk_array("vtkGhostType", ghost)
+        from vtkmodules.util import numpy_support
+
+        convert: Any = numpy_support.numpy_to_vtk
+        marks = convert(ghost, deep=1)
+        marks.SetName("vtkGhostType")
+        part.GetCellData().AddArray(marks)
+        parts.append(part)
+    file = write_hdf(tmp_path / "a.vtkhdf", {"gas": parts, "drops": cloud_block(sample)})
+    spray = read_cfd(CfdSpray(file=file, **PLACE))
+    assert spray.notes["gas_cells"] == count
+    assert spray.notes["vapour_mass_kg"] == pytest.approx(expected(sample)[0], rel=5e-6)
+    assert "left out: 2 cells" in " ".join(spray.remarks)
+
+
+def test_times_of_a_file(tmp_path: Path, foam: Foam) -> None:
+    sample = foam.sample()
+    file = write_hdf_steps(tmp_path / "a.vtkhdf", sample, [0.0005, 0.001])
+    whole = expected(sample)[0]
+    assert masses(file)[0] == pytest.approx(whole, rel=1e-12)
+    assert masses(file, time_s=0.0005)[0] == pytest.approx(whole / 2, rel=1e-12)
+    assert contents(CfdSpray(file=file)).times_s == (0.0005, 0.001)
+    with pytest.raises(SprayError, match=r"no time 0\.2 s"):
+        masses(file, time_s=0.2)
+    with pytest.raises(SprayError, match="holds several times itself"):
+        masses(tmp_path)
+
+
+def test_what_the_export_writes_is_read(tmp_path: Path, foam: Foam) -> None:
+    from vtkmodules.util import numpy_support
+
+    sample = foam.sample()
+    block, gas, cloud = sample
+    convert: Any = numpy_support.vtk_to_numpy
+    nodes = convert(block_grid(block, {}).GetCells().GetConnectivityArray()).reshape(-1, 8)
+    drops = {name: values for name, values in cloud.items() if name != "position"}
+    file = tmp_path / "a.vtkhdf"
+    write_vtkhdf(
+        file,
+        {
+            "gas": Grid(block.points, nodes, HEXAHEDRON, gas),
+            "parcels": Points(cloud["position"], drops),
+        },
+    )
+    assert masses(file) == pytest.approx(expected(sample), rel=1e-12)
+
+
+@pytest.mark.parametrize("points", [False, True])
+def test_cgns(tmp_path: Path, foam: Foam, points: bool) -> None:
+    sample = foam.sample()
+    block, gas, _ = sample
+    file = write_cgns(tmp_path / "a.cgns", sample, points=points)
+    vapour = expected(sample)[0]
+    if points:
+        vapour = gas["rho"].mean() * gas["C7H16"].mean() * block.volume.sum()
+    # vtk's reader makes coordinates float32: 1e-7 of the place, over the edge of a cell
+    assert masses(file)[0] == pytest.approx(vapour, rel=1e-5)
+    assert set(contents(CfdSpray(file=file)).fields) >= {"Temperature", "Density", "C7H16"}
+    write_mapping(CfdSpray(file=file), tmp_path / "names.yaml")
+    assert masses(file, mapping=tmp_path / "names.yaml") == masses(file)
+
+
+@pytest.mark.parametrize("name", ["a.cgns", "a.vtkhdf"])
+def test_no_such_file(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"ADF Database Version A02011" + bytes(100))
+    with pytest.raises(SprayError, match=r"is CGNS in ADF|cannot be read as HDF5"):
+        masses(tmp_path / name)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes with names")
+@pytest.mark.parametrize("name", ["a.cgns", "a.vtkhdf", "a.cas.h5", "a.parquet", "a.dpm"])
+def test_pipes_keep_nobody_waiting(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    (tmp_path / "a.dat.h5").write_bytes(b"")
+    case = tmp_path / name
+    if name.endswith((".parquet", ".dpm")):
+        case = tmp_path / "case.yaml"
+        case.write_text(f"cells: {{file: {name}, position: [x, y, z], volume: v}}")
+    with pytest.raises(SprayError, match="pipe"):
+        read_cfd(CfdSpray(file=case, **PLACE))
