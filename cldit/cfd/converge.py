@@ -75,8 +75,8 @@ def read_converge(
         streams = [post[name] for name in sorted(post) if _STREAM.match(name)]
         if not streams:
             raise SprayError(
-                f"{chosen}: holds no STREAM_00: it is no post file of CONVERGE (Fluent's .cas.h5 "
-                "and VTK's HDF are not read; export EnSight Gold or .vtu)"
+                f"{chosen}: holds no STREAM_00: it is no post file of CONVERGE (of Fluent's pair "
+                "the names end in .cas.h5 and .dat.h5, of VTK's HDF in .vtkhdf)"
             )
         streams, remarks = _with_fuel(chosen, streams, names.cells, fuel_field)
         check_room(chosen, _size(streams))

@@ -9,7 +9,7 @@ from typing import Any
 from cldit.cfd import converge, fluent, text_tables
 from cldit.cfd.case import NO_CLOUD, choose_cloud
 from cldit.cfd.formats import contents, find_format
-from cldit.cfd.known_names import GAS_NAMES, PARCEL_KEYS, guessed, guessed_vector
+from cldit.cfd.known_names import GAS_NAMES, PARCEL_KEYS, guessed, guessed_vector, normalised
 from cldit.cfd.mapping_draft import mapping_text
 from cldit.cfd.mapping_file import (
     CGNS_NAMES,
@@ -100,21 +100,20 @@ def _found(
         cells = fluent.fluent_names(list(fields), given.cells, fuel_field)
     else:
         # fields of a region are listed by its name and theirs
-        default = CGNS_NAMES if kind == "cgns" else FOAM_NAMES
         known = {each.rpartition("/")[2] for each in fields}
-        cells = gas_names(given.cells, known, fuel_field, default)
+        names = CGNS_NAMES if kind == "cgns" else FOAM_NAMES
+        cells = gas_names(given.cells, known, fuel_field, names)
     if parcels is None:
         return ColumnMap(cells=cells)
     if kind == "converge":
-        default = converge.parcel_names(parcels)
-    else:
-        parts = {*parcels, *(f"{name}_{letter}" for name in parcels for letter in "XYZ")}
-        absent = {
-            key: None
-            for key, value in PARCEL_NAMES
-            if isinstance(value, (Scalar, Vector)) and not columns_of_value(value) <= parts
-        }
-        default = PARCEL_NAMES.model_copy(update=absent)
+        return ColumnMap(cells=cells, parcels=merged(given.parcels, converge.parcel_names(parcels)))
+    parts = {*parcels, *(f"{name}_{letter}" for name in parcels for letter in "XYZ")}
+    absent = {
+        key: None
+        for key, value in PARCEL_NAMES
+        if isinstance(value, (Scalar, Vector)) and not columns_of_value(value) <= parts
+    }
+    default = PARCEL_NAMES.model_copy(update=absent)
     return ColumnMap(cells=cells, parcels=merged(given.parcels, default))
 
 
@@ -134,8 +133,9 @@ def _of_table(spec: CfdSpray, folder: Path) -> str:
     """A mapping for tables, begun from the names of one."""
     file = spec.file.resolve()
     names = text_tables.table_names(file, CellColumns())
-    fuel = (spec.fuel_field.lower(), f"y{spec.fuel_field.lower()}")
-    fuel = (*fuel, f"massfractionof{fuel[0]}", f"massfrac{fuel[0]}", *GAS_NAMES["fuel"])
+    own = normalised(spec.fuel_field)
+    begins = ("", "y", "massfractionof", "massfrac")
+    fuel = (*(f"{begin}{own}" for begin in begins), *GAS_NAMES["fuel"])
 
     def scalars(known: dict[str, tuple[str, ...]]) -> dict[str, Any]:
         found = {key: guessed(several, names) for key, several in known.items()}

@@ -7,7 +7,9 @@ from typing import Any
 
 import h5py
 import numpy as np
+import yaml
 
+from cldit.vtk_files import HEXAHEDRON, Grid, Points, write_vtkhdf
 from tests.unit.cfd.test_vtk import block_grid, cloud_data
 
 
@@ -136,3 +138,40 @@ def write_cgns(file: Path, sample: Any, *, points: bool = False) -> Path:
 def cloud_block(sample: Any) -> Any:
     """The parcels as vtk's poly data."""
     return cloud_data(sample[2])
+
+
+def write_own_hdf(file: Path, sample: Any) -> Path:
+    """As cldit's own export writes it: packed, each chunk with a checksum."""
+    from vtkmodules.util import numpy_support
+
+    block, gas, cloud = sample
+    convert: Any = numpy_support.vtk_to_numpy
+    nodes = convert(block_grid(block, {}).GetCells().GetConnectivityArray()).reshape(-1, 8)
+    drops = {name: values for name, values in cloud.items() if name != "position"}
+    blocks: dict[str, Grid | Points] = {
+        "gas": Grid(block.points, nodes, HEXAHEDRON, gas),
+        "parcels": Points(cloud["position"], drops),
+    }
+    write_vtkhdf(file, blocks)
+    return file
+
+
+def in_parquet(mapping: Path) -> Path:
+    """Both tables of `write_tables` as Parquet with checksums, and the mapping that names them."""
+    import pyarrow
+    from pyarrow import parquet
+
+    data = yaml.safe_load(mapping.read_text())
+    for part, mark in (("cells", ","), ("parcels", " ")):
+        text = mapping.parent / data[part]["file"]
+        _, head, *rows = text.read_text().splitlines()
+        columns = np.array([[float(each) for each in row.split(mark)] for row in rows]).T
+        table = pyarrow.table(dict(zip(head.split(mark), columns, strict=True)))
+        file = text.with_suffix(".parquet")
+        parquet.write_table(table, file, write_page_checksum=True)
+        text.unlink()
+        for key in ("header_line", "delimiter"):
+            data[part].pop(key, None)
+        data[part]["file"] = file.name
+    mapping.write_text(yaml.safe_dump(data))
+    return mapping

@@ -14,8 +14,14 @@ from cldit.cfd.mapping_found import write_mapping
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
-from cldit.vtk_files import HEXAHEDRON, Grid, Points, write_vtkhdf
-from tests.unit.cfd.composites import cloud_block, write_cgns, write_hdf, write_hdf_steps
+from tests.unit.cfd.composites import (
+    cloud_block,
+    in_parquet,
+    write_cgns,
+    write_hdf,
+    write_hdf_steps,
+    write_own_hdf,
+)
 from tests.unit.cfd.test_vtk import block_grid, vtk_array
 
 if TYPE_CHECKING:
@@ -102,21 +108,8 @@ def test_times_of_a_file(tmp_path: Path, foam: Foam) -> None:
 
 
 def test_what_the_export_writes_is_read(tmp_path: Path, foam: Foam) -> None:
-    from vtkmodules.util import numpy_support
-
     sample = foam.sample()
-    block, gas, cloud = sample
-    convert: Any = numpy_support.vtk_to_numpy
-    nodes = convert(block_grid(block, {}).GetCells().GetConnectivityArray()).reshape(-1, 8)
-    drops = {name: values for name, values in cloud.items() if name != "position"}
-    file = tmp_path / "a.vtkhdf"
-    write_vtkhdf(
-        file,
-        {
-            "gas": Grid(block.points, nodes, HEXAHEDRON, gas),
-            "parcels": Points(cloud["position"], drops),
-        },
-    )
+    file = write_own_hdf(tmp_path / "a.vtkhdf", sample)
     assert masses(file) == pytest.approx(expected(sample), rel=1e-12)
 
 
@@ -153,3 +146,36 @@ def test_pipes_keep_nobody_waiting(tmp_path: Path, name: str) -> None:
         case.write_text(f"cells: {{file: {name}, position: [x, y, z], volume: v}}")
     with pytest.raises(SprayError, match="pipe"):
         read_cfd(CfdSpray(file=case, **PLACE))
+
+
+def test_parquet_tables(tmp_path: Path, foam: Foam) -> None:
+    """The same doubles as the text; a missing value is undefined, and text is no number."""
+    import pyarrow
+    from pyarrow import parquet
+
+    from tests.unit.cfd.formats.conftest import write_tables
+
+    text = write_tables(tmp_path / "text", foam.sample())
+    other = in_parquet(write_tables(tmp_path / "parquet", foam.sample()))
+    assert masses(other) == masses(text)
+    file = other.with_name("drops.parquet")
+    columns = parquet.read_table(file).to_pydict()
+    columns["T"][3] = None
+    parquet.write_table(pyarrow.table(columns), file)
+    with pytest.raises(SprayError, match=r"column T: 1 of 17 values are marked as undefined"):
+        masses(other)
+    columns["T"] = ["hot"] * 17
+    parquet.write_table(pyarrow.table(columns), file)
+    with pytest.raises(SprayError, match="column T holds string; expected are numbers"):
+        masses(other)
+
+
+def test_without_pyarrow(tmp_path: Path, foam: Foam, monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    from tests.unit.cfd.formats.conftest import write_tables
+
+    other = in_parquet(write_tables(tmp_path, foam.sample()))
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    with pytest.raises(SprayError, match=r"needs pyarrow; .*\[parquet\].* save the table as CSV"):
+        masses(other)
