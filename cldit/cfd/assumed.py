@@ -15,11 +15,14 @@ _SLACK = 0.01  # of the molar mass: an isotope, or rounded
 
 
 def assumptions(spec: CfdSpray, case: CfdCase) -> tuple[str, ...]:
-    """A sentence for each figure that the case lacks, with what stands for it.
+    """What stands for figures that the case lacks.
 
     Args:
         spec: what of the case is wanted.
         case: as it was read.
+
+    Returns:
+        A sentence for each.
     """
     found = []
     if "rho" not in case.gas and "p" in case.gas:

@@ -54,7 +54,20 @@ def array(path: Path, group: Any, name: str, count: int | None = None) -> Floats
 
 
 def stored(path: Path, group: Any, name: str, count: int | None = None) -> NDArray[Any]:
-    """As `array`, (N,), of the type that the file has; raises as it."""
+    """As `array`, (N,), of the type that the file has.
+
+    Args:
+        path: named by errors.
+        group: of the file.
+        name: of the array in it.
+        count: its length, if it is known.
+
+    Returns:
+        The numbers.
+
+    Raises:
+        SprayError: it is missing, no list of numbers, or of another length.
+    """
     if name not in group:
         raise SprayError(f"{path}: {group.name}/{name} is missing")
     values = np.asarray(group[name][()])

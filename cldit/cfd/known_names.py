@@ -60,11 +60,14 @@ def normalised(name: str) -> str:
 
 
 def guessed(known: Iterable[str], names: Iterable[str]) -> list[str]:
-    """Those of `names` that some program gives to a quantity, the likeliest first.
+    """Names that some program gives to a quantity.
 
     Args:
         known: normalised names of the quantity.
         names: that there are.
+
+    Returns:
+        Those of `names`, the likeliest first.
     """
     by_name: dict[str, list[str]] = {}
     for each in names:
@@ -73,11 +76,14 @@ def guessed(known: Iterable[str], names: Iterable[str]) -> list[str]:
 
 
 def guessed_vector(key: str, names: Iterable[str]) -> tuple[str, str, str] | None:
-    """Three columns that some program gives to the vector `key`; None: there are none.
+    """Three columns that some program gives to a vector.
 
     Args:
         key: of a mapping file.
         names: that there are.
+
+    Returns:
+        The names of the columns; None: there are none.
     """
     listed = list(names)
     for letters in VECTORS[key]:

@@ -114,6 +114,9 @@ def load_composite(
         time_s: one of `times_in`; None where there is none.
         watch: told how far vtk is.
 
+    Returns:
+        The data sets, in the file's order.
+
     Raises:
         SprayError: vtk or h5py is not installed; the file is damaged, truncated, or does not fit
             into memory.
