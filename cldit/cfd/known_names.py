@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
+from cldit.cfd.mapping_file import without_unit
+
 # Normalised: lower case, letters and digits alone, without the unit.
 GAS_NAMES: dict[str, tuple[str, ...]] = {
     "temperature": ("t", "temp", "temperature", "statictemperature", "gastemperature", "svt"),
@@ -44,19 +46,11 @@ VECTORS: dict[str, tuple[tuple[str, str, str], ...]] = {
         ("xvelocity", "yvelocity", "zvelocity"),
     ),
 }
-_UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]$")
 
 
 def normalised(name: str) -> str:
     """A name by its letters and digits: `velocityi` of `Velocity[i] (m/s)`."""
-    match = _UNIT.search(name)
-    # a letter or digit in square brackets is a component
-    bare = (
-        name
-        if match is None or re.search(r"\[[ijkxyz012]\]$", name, re.I)
-        else name[: match.start()]
-    )
-    return re.sub(r"[^a-z0-9]", "", bare.lower())
+    return re.sub(r"[^a-z0-9]", "", without_unit(name).lower())
 
 
 def guessed(known: Iterable[str], names: Iterable[str]) -> list[str]:

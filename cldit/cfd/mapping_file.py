@@ -31,6 +31,7 @@ UNITS: dict[str, dict[str, tuple[float, float]]] = {
 
 
 _UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]$")  # at the end of a column's name
+_COMPONENT = re.compile(r"\[[ijkxyz0-2]\]$", re.IGNORECASE)  # of a vector, as STAR-CCM+ has it
 _SPELLED = (
     {"-": "1", "": "1", "C": "degC", "°C": "degC", "F": "degF", "°F": "degF"}
     | {"m^3": "m3", "mm^3": "mm3", "cm^3": "cm3", "m³": "m3", "mm³": "mm3", "cm³": "cm3"}
@@ -41,12 +42,12 @@ _SPELLED = (
 
 def without_unit(name: str) -> str:
     """A column's name without the unit at its end: `T` of `T [K]`."""
-    return _UNIT.sub("", name)
+    return name if _COMPONENT.search(name) else _UNIT.sub("", name)
 
 
 def unit_in(name: str) -> str | None:
     """The unit at the end of a column's name, as `UNITS` spells it; None where there is none."""
-    match = _UNIT.search(name)
+    match = None if _COMPONENT.search(name) else _UNIT.search(name)
     return None if match is None else _SPELLED.get(match[1].strip(), match[1].strip())
 
 

@@ -148,6 +148,33 @@ def test_pipes_keep_nobody_waiting(tmp_path: Path, name: str) -> None:
         read_cfd(CfdSpray(file=case, **PLACE))
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes with names")
+@pytest.mark.parametrize("place", ["constant/polyMesh/owner", "0.001/T"])
+@pytest.mark.parametrize("ending", ["", ".gz"])
+def test_pipes_in_a_case_of_openfoam(tmp_path: Path, foam: Foam, place: str, ending: str) -> None:
+    block, gas, cloud = foam.sample()
+    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    (case / place).unlink()
+    os.mkfifo(case / f"{place}{ending}")
+    with pytest.raises(SprayError, match="pipe"):
+        masses(case)
+
+
+def test_parcels_that_a_converter_left_out(tmp_path: Path, foam: Foam) -> None:
+    """An export with one of the case's two clouds, in the case's folder."""
+    sample = foam.sample()
+    block, gas, cloud = sample
+    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+    (case / "0.001/lagrangian/rain").mkdir()
+    (case / "VTK").mkdir()
+    blocks = {"gas": block_grid(block, gas), "sprayCloud": cloud_block(sample)}
+    file = write_hdf(case / "VTK/a.vtkhdf", blocks)
+    said = " ".join(read_cfd(CfdSpray(file=file, **PLACE)).remarks)
+    assert "has also the parcels of rain, which are not read" in said
+    with pytest.raises(SprayError, match=r"cloud 'rain' has neither positions nor coordinates"):
+        masses(case, cloud="rain")
+
+
 def test_parquet_tables(tmp_path: Path, foam: Foam) -> None:
     """The same doubles as the text; a missing value is undefined, and text is no number."""
     import pyarrow

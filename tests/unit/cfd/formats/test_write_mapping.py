@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from click.testing import CliRunner
 
+from cldit.cfd.formats import read_case
 from cldit.cfd.mapping_file import read_column_map
 from cldit.cfd.mapping_found import write_mapping
 from cldit.cfd.to_spray import read_cfd
@@ -109,6 +110,25 @@ def test_begun_from_a_table(tmp_path: Path) -> None:
     assert spray.parcels.temperature_K[0] == 363.15
     mass = 1000 * 684 * 3.141592653589793 / 6 * 1e-15
     assert spray.notes["liquid_mass_kg"] == pytest.approx(mass, rel=1e-12)
+
+
+def test_components_in_brackets_are_no_unit(tmp_path: Path) -> None:
+    """`[i]` as STAR-CCM+ writes it, where the unit is left out."""
+    (tmp_path / "c.csv").write_text("x,y,z,V,T,rho,C7H16\n0,0,0,1e-9,500,8,0.1\n")
+    (tmp_path / "p.csv").write_text(
+        "X [mm],Y [mm],Z [mm],d,n,T,Velocity[i],Velocity[j],Velocity[k]\n"
+        "0.1,0.2,0,1e-5,1000,350,0,-20,1\n"
+    )
+    (tmp_path / "m.yaml").write_text(
+        "cells: {file: c.csv, position: [x, y, z], volume: V, temperature: T, density: rho,\n"
+        "  fuel: C7H16}\n"
+        "parcels: {file: p.csv, position: ['X [mm]', 'Y [mm]', 'Z [mm]'], diameter: d, number: n,\n"
+        "  velocity: ['Velocity[i]', 'Velocity[j]', 'Velocity[k]'], temperature: T, density: 684}\n"
+    )
+    cloud = read_case(CfdSpray(file=tmp_path / "m.yaml")).cloud
+    assert cloud is not None
+    assert cloud.fields["U"].values.tolist() == [[0.0, -20.0, 1.0]]
+    assert cloud.position_m.values[0] == pytest.approx([1e-4, 2e-4, 0.0])
 
 
 def test_own_file_needs_none(tmp_path: Path) -> None:
