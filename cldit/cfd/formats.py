@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypedDict
 
-from cldit.cfd import converge, fluent, text_tables
+from cldit.cfd import cgns, converge, fluent, text_tables
 from cldit.cfd.case import NO_CLOUD, CfdCase
 from cldit.cfd.ensight import case as ensight
 from cldit.cfd.ensight.file import read_case_file
@@ -28,6 +28,7 @@ _SUFFIX = {
     ".case": "ensight",
     ".encas": "ensight",
     ".h5": "converge",
+    ".cgns": "cgns",
     ".yaml": "tables",
     ".yml": "tables",
     ".npz": "cldit",
@@ -103,6 +104,8 @@ def read_case(spec: CfdSpray, watch: Watch = silent) -> CfdCase:
             found = ensight.read_ensight(spec.file, **common)
         case "converge":
             found = converge.read_converge(spec.file, **common)
+        case "cgns":
+            found = cgns.read_cgns(spec.file, **common)
         case "fluent":
             found = fluent.read_fluent(spec.file, **common)
         case "openfoam":
@@ -209,6 +212,8 @@ def contents(spec: CfdSpray) -> Contents:
             found = ensight.times(case), cells, {key: list(clouds[key][1]) for key in clouds}
         case "converge":
             found = converge.list_converge(spec.file, spec.time_s)
+        case "cgns":
+            found = (*cgns.list_cgns(spec.file), {})
         case "fluent":
             found = [], fluent.list_fluent(spec.file), {}
         case "tables":

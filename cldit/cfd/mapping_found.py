@@ -74,7 +74,6 @@ def _of_case(spec: CfdSpray, folder: Path) -> str:
         chosen = choose_cloud(str(spec.file), clouds, spec.cloud)
         parcels = None if chosen is None else clouds[chosen]
         given = ColumnMap() if spec.mapping is None else read_column_map(spec.mapping)
-        kind = "cgns" if spec.file.suffix == ".cgns" else kind
         found = _found(kind, given, known.fields, parcels, spec.fuel_field)
     return mapping_text(
         f"Names of {spec.file} ({kind}) for `cldit import --mapping`",

@@ -216,7 +216,8 @@ class CfdSpray(Section):
     file: Path
     """Case folder or file, relative to the scene (docs/importing.md)."""
     format: (
-        Literal["openfoam", "vtk", "ensight", "converge", "fluent", "tables", "cldit"] | None
+        Literal["openfoam", "vtk", "ensight", "converge", "fluent", "cgns", "tables", "cldit"]
+        | None
     ) = None
     """Of the case; left out: told by the file's name and content."""
     mapping: Path | None = None

@@ -1,6 +1,6 @@
-"""Files that hold several data sets, or several times: .vtkhdf, and CGNS, by vtk's readers.
+"""Files that hold several data sets, or several times: .vtkhdf, by vtk's reader.
 
-vtk reads both through HDF5. Whether they are whole, and how large, h5py tells before.
+vtk reads them through HDF5. Whether they are whole, and how large, h5py tells before.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from cldit.cfd.inputs import regular
 from cldit.cfd.size import Size
 from cldit.errors import SprayError
 
-COMPOSITE = (".vtkhdf", ".cgns")
+COMPOSITE = (".vtkhdf",)
 _WHILE_READING = 2.0  # bytes that vtk takes at its peak for one that is stored
 
 
@@ -27,32 +27,20 @@ def composite_reader(file: Path) -> Any:
     _check(regular(file))
     try:
         from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline  # noqa: F401
-
-        if file.suffix == ".cgns":
-            from vtkmodules.vtkIOCGNSReader import vtkCGNSReader
-
-            reader: Any = vtkCGNSReader()
-        else:
-            from vtkmodules.vtkIOHDF import vtkHDFReader
-
-            reader = vtkHDFReader()
+        from vtkmodules.vtkIOHDF import vtkHDFReader
     except ImportError as error:
         raise SprayError(
             f'{file}: reading it needs vtk; install it with: pip install "cldit[cfd]"'
         ) from error
+    reader: Any = vtkHDFReader()
     reader.SetFileName(str(file))
     return reader
 
 
 def _check(file: Path) -> None:
     """Reads every array once, so that a checksum which does not fit is found, and a file's end."""
-    with file.open("rb") as stream:
-        if file.suffix == ".cgns" and stream.read(8) != b"\x89HDF\r\n\x1a\n":
-            raise SprayError(
-                f"{file}: is CGNS in ADF, or damaged; CGNS in HDF5 is read: convert it with adf2hdf"
-            )
     with open_hdf(file) as root:
-        if file.suffix == ".vtkhdf" and "VTKHDF" not in root:
+        if "VTKHDF" not in root:
             raise SprayError(f"{file}: holds no group VTKHDF: it is no file of VTK's HDF format")
         for array in _arrays(root):
             for start in range(0, max(array.size, 1), _AT_ONCE):
@@ -94,8 +82,8 @@ def inner_times(reader: Any) -> tuple[float, ...]:
 
 
 def leaves(data: Any) -> list[tuple[str, Any]]:
-    """The data sets of vtk's composite `data` by name; structured ones as cells of their own."""
-    return [(name, _unstructured(each)) for name, each in _named(data, "")]
+    """The data sets of vtk's composite `data` by name."""
+    return list(_named(data, ""))
 
 
 def _named(data: Any, name: str) -> Iterator[tuple[str, Any]]:
@@ -118,14 +106,3 @@ def _named(data: Any, name: str) -> Iterator[tuple[str, Any]]:
         about = data.GetMetaData(number) if data.HasMetaData(number) else None
         own = about.Get(vtkCompositeDataSet.NAME()) if about is not None else None
         yield from _named(part(number), own or name)
-
-
-def _unstructured(data: Any) -> Any:
-    if not data.IsA("vtkStructuredGrid"):
-        return data
-    from vtkmodules.vtkFiltersCore import vtkAppendFilter
-
-    together: Any = vtkAppendFilter()
-    together.AddInputData(data)
-    together.Update()
-    return together.GetOutput()

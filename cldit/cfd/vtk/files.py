@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Sequence, Set
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +10,6 @@ import numpy as np
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, choose_cloud, joined
 from cldit.cfd.column_mapping import Source, gas_columns, mapped_cloud, with_components
 from cldit.cfd.mapping_file import (
-    CGNS_NAMES,
-    FOAM_NAMES,
     PARCEL_NAMES,
     ColumnMap,
     columns_of,
@@ -56,8 +54,7 @@ def read_vtk(
             fit into memory.
     """
     layout = find_layout(_existing(path))
-    default = CGNS_NAMES if path.suffix == ".cgns" else FOAM_NAMES
-    loader = Loader(_gas_alone(names, fuel_field, default), watch)
+    loader = Loader(_gas_alone(names, fuel_field), watch)
     step = find_step(path, layout, loader, time_s=time_s, cloud=cloud)
     chosen = choose_cloud(str(path), step.clouds, cloud)
     if chosen is None and cloud != NO_CLOUD and layout.beside:
@@ -73,7 +70,7 @@ def read_vtk(
     filled = [each for each in step.meshes if each.data.GetNumberOfCells()]
     for loaded in filled or step.meshes[:1]:  # a processor may have no cell
         file, grid = loaded.file, loaded.data
-        wanted = gas_names(names.cells, loaded.cell_names | loaded.point_names, fuel_field, default)
+        wanted = gas_names(names.cells, loaded.cell_names | loaded.point_names, fuel_field)
         # those that were not read are named only
         cells = {name: Column("", np.empty(0)) for name in sorted(loaded.cell_names)}
         cells |= cell_columns(file, grid)
@@ -142,11 +139,11 @@ def _existing(path: Path) -> Path:
     return path.resolve()
 
 
-def _gas_alone(names: ColumnMap, fuel_field: str, default: Mapping[str, str]) -> Choose:
+def _gas_alone(names: ColumnMap, fuel_field: str) -> Choose:
     """Chooses the fields of the gas: at points only where some are not given for cells."""
 
     def choose(cells: Set[str], points: Set[str]) -> tuple[Set[str], Set[str]]:
-        wanted = columns_of(gas_names(names.cells, cells | points, fuel_field, default))
+        wanted = columns_of(gas_names(names.cells, cells | points, fuel_field))
 
         def among(known: Set[str]) -> set[str]:
             return {name for name in known if {name, without_unit(name)} & wanted}

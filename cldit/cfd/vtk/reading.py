@@ -109,7 +109,7 @@ def load_composite(
     """The data sets in a file of `COMPOSITE`.
 
     Args:
-        file: .vtkhdf or .cgns.
+        file: .vtkhdf.
         choose: which fields are read; None is all. Of points alone all are read.
         time_s: one of `times_in`; None where there is none.
         watch: told how far vtk is.

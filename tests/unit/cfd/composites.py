@@ -83,23 +83,35 @@ def write_cgns(file: Path, sample: Any, *, points: bool = False) -> Path:
 
     convert: Any = numpy_support.vtk_to_numpy
     nodes = convert(block_grid(block, {}).GetCells().GetConnectivityArray())
-    kinds = {"f8": "R8", "f4": "R4", "i4": "I4", "S1": "C1"}
+    names = {"T": "Temperature", "p": "Pressure", "rho": "Density"}
+    fields = {
+        names.get(name, name): np.full(len(block.points), values.mean()) if points else values
+        for name, values in gas.items()
+    }
+    return _zone(file, 17, block.points, nodes, block.cells, fields, points=points)
+
+
+def write_elements(file: Path, kind: int, corners: Any) -> Path:
+    """One element of a CGNS type by its corners in order."""
+    fields = {"Temperature": np.array([500.0]), "Density": np.array([8.0])}
+    fields["C7H16"] = np.array([0.1])
+    return _zone(file, kind, corners, np.arange(len(corners)), 1, fields, points=False)
+
+
+def _zone(
+    file: Path, kind: int, places: Any, nodes: Any, cells: int, fields: Any, *, points: bool
+) -> Path:
+    kinds = {"f8": "R8", "f4": "R4", "i4": "I4"}
 
     def node(parent: Any, name: str, label: str, data: Any = None) -> Any:
         made = parent.create_group(name, track_order=True)
-        values = None
+        form, values = "MT", None
         if isinstance(data, str):
-            values = np.frombuffer(data.encode(), "i1")
+            form, values = "C1", np.frombuffer(data.encode(), "i1")
         elif data is not None:
             values = np.asarray(data)
-        kind = (
-            "MT"
-            if values is None
-            else "C1"
-            if isinstance(data, str)
-            else kinds[values.dtype.str[1:]]
-        )
-        for key, text, size in (("name", name, 33), ("label", label, 33), ("type", kind, 3)):
+            form = kinds[values.dtype.str[1:]]
+        for key, text, size in (("name", name, 33), ("label", label, 33), ("type", form, 3)):
             made.attrs.create(key, np.bytes_(text.encode()), dtype=f"S{size}")
         made.attrs["flags"] = np.array([1], "i4")
         if values is not None:
@@ -117,21 +129,18 @@ def write_cgns(file: Path, sample: Any, *, points: bool = False) -> Path:
         root[" hdf5version"] = np.frombuffer(b"HDF5 Version 1.8.17".ljust(33, b"\0"), "i1")
         node(root, "CGNSLibraryVersion", "CGNSLibraryVersion_t", np.array([3.3], "f4"))
         base = node(root, "Base", "CGNSBase_t", np.array([3, 3], "i4"))
-        sizes = np.array([[len(block.points)], [block.cells], [0]], "i4")
-        zone = node(base, "Zone", "Zone_t", sizes)
+        zone = node(base, "Zone", "Zone_t", np.array([[len(places)], [cells], [0]], "i4"))
         node(zone, "ZoneType", "ZoneType_t", "Unstructured")
-        place = node(zone, "GridCoordinates", "GridCoordinates_t")
-        for letter, column in zip("XYZ", block.points.T, strict=True):
-            node(place, f"Coordinate{letter}", "DataArray_t", column.copy())
-        part = node(zone, "Hexahedra", "Elements_t", np.array([17, 0], "i4"))
-        node(part, "ElementRange", "IndexRange_t", np.array([1, block.cells], "i4"))
+        held = node(zone, "GridCoordinates", "GridCoordinates_t")
+        for letter, column in zip("XYZ", places.T, strict=True):
+            node(held, f"Coordinate{letter}", "DataArray_t", column.astype("f8"))
+        part = node(zone, "Hexahedra", "Elements_t", np.array([kind, 0], "i4"))
+        node(part, "ElementRange", "IndexRange_t", np.array([1, cells], "i4"))
         node(part, "ElementConnectivity", "DataArray_t", (nodes + 1).astype("i4"))
         solution = node(zone, "Solution", "FlowSolution_t")
         node(solution, "GridLocation", "GridLocation_t", "Vertex" if points else "CellCenter")
-        names = {"T": "Temperature", "p": "Pressure", "rho": "Density"}
-        for name, values in gas.items():
-            even = np.full(len(block.points), values.mean()) if points else values
-            node(solution, names.get(name, name), "DataArray_t", even.astype("f8"))
+        for name, values in fields.items():
+            node(solution, name, "DataArray_t", np.asarray(values, "f8"))
     return file
 
 
