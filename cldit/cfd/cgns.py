@@ -76,7 +76,7 @@ def read_cgns(
     with open_cgns(path) as root:
         check_units(path, root)
         at = _time(path, root, time_s)
-        check_room(path, _size(root))
+        check_room(path, _size(path, root))
         watch("reading the zones", 0, 1)
         zones = [_zone(path, zone) for _, zone in _zones(path, root)]
     remarks, parts, skipped = [], [], []
@@ -156,15 +156,17 @@ def _time(path: Path, root: Any, wanted: CaseTime | None) -> float | None:
     return choose_time(str(path), times, wanted) if times else None
 
 
-def _size(root: Any) -> Size:
+def _size(path: Path, root: Any) -> Size:
+    """By the sizes of the zones, and the shapes of all arrays."""
     stored: list[int] = []
     root.visititems(
         lambda _, each: (
             stored.append(int(each.size) * each.dtype.itemsize) if hasattr(each, "dtype") else None
         )
     )
-    # eight corners, coordinates and some fields: 100 bytes a cell at least
-    return Size(sum(stored) // 100, 0, 2.0 * sum(stored))
+    sizes = [data_of(path, zone) for _, zone in _zones(path, root)]
+    cells = sum(int(np.prod(each[1], dtype=np.int64)) for each in sizes if len(each) == 3)
+    return Size(cells, 0, 2.0 * sum(stored))
 
 
 def _zone(path: Path, zone: Any) -> _Zone:

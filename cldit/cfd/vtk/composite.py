@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cldit.cfd.hdf import open_hdf
 from cldit.cfd.inputs import regular
 from cldit.cfd.size import Size
@@ -67,18 +69,33 @@ def composite_size(file: Path) -> Size:
         SprayError: it is damaged.
     """
     with open_hdf(file) as root:
-        stored = sum(int(array.size) * array.dtype.itemsize for array in _arrays(root))
-    # eight corners and their coordinates, some fields: 100 bytes a cell at least
-    return Size(stored // 100, 0, _WHILE_READING * stored)
+        arrays = list(_arrays(root))
+        stored = sum(int(array.size) * array.dtype.itemsize for array in arrays)
+        # of grids; poly data count their cells by kind, a level deeper
+        counts = [each for each in arrays if each.name.endswith("/NumberOfCells")]
+        cells = sum(int(np.sum(each[()])) for each in counts if "Types" in each.parent)
+        points = sum(
+            int(np.sum(each[()]))
+            for each in arrays
+            if each.name.endswith("/NumberOfPoints") and "Types" not in each.parent
+        )
+    return Size(cells, points, _WHILE_READING * stored)
 
 
-def inner_times(reader: Any) -> tuple[float, ...]:
-    """The times that a file holds, once the reader has looked into it; empty: it has no steps."""
-    from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline as Pipeline
+def times_in(file: Path) -> tuple[float, ...]:
+    """The times that a file holds itself; none where it has one state alone.
 
-    key = Pipeline.TIME_STEPS()
-    about = reader.GetOutputInformation(0)
-    return tuple(about.Get(key)) if about.Has(key) else ()
+    Raises:
+        SprayError: h5py is not installed; the file is damaged, cut off, or no HDF5.
+    """
+    found: set[float] = set()
+    with open_hdf(file) as root:
+        groups: list[Any] = []
+        root.visititems(lambda name, each: groups.append(each) if name.endswith("Steps") else None)
+        for each in groups:
+            if "Values" in each:
+                found |= {float(value) for value in np.asarray(each["Values"][()]).reshape(-1)}
+    return tuple(sorted(found))
 
 
 def leaves(data: Any) -> list[tuple[str, Any]]:

@@ -18,8 +18,7 @@ from cldit.cfd.vtk.collections import (
     step_of,
     without_step,
 )
-from cldit.cfd.vtk.composite import COMPOSITE
-from cldit.cfd.vtk.reading import times_in
+from cldit.cfd.vtk.composite import COMPOSITE, times_in
 from cldit.errors import SprayError
 
 _PLACES = ("lagrangian/*/*", "lagrangian/*", "*/lagrangian/*/*", "*/lagrangian/*")

@@ -14,7 +14,7 @@ from typing import Any
 from cldit.cfd.inputs import regular
 from cldit.cfd.size import check_room
 from cldit.cfd.vtk.appended import check_appended
-from cldit.cfd.vtk.composite import composite_reader, composite_size, inner_times, leaves
+from cldit.cfd.vtk.composite import composite_reader, composite_size, leaves
 from cldit.cfd.vtk.datasets import GHOSTS, dimension
 from cldit.cfd.vtk.head import vtk_size
 from cldit.errors import SprayError
@@ -91,18 +91,6 @@ def load_vtk(
     return Loaded(file, data, *known)
 
 
-def times_in(file: Path) -> tuple[float, ...]:
-    """The times that a file of `COMPOSITE` holds itself; none where it has one state alone.
-
-    Raises:
-        SprayError: as `load_composite`.
-    """
-    reader = composite_reader(file)
-    with _messages(file, reader):
-        reader.UpdateInformation()
-    return inner_times(reader)
-
-
 def load_composite(
     file: Path, *, choose: Choose | None = None, time_s: float | None, watch: Watch = silent
 ) -> list[Loaded]:
@@ -122,8 +110,8 @@ def load_composite(
             into memory.
         KeyboardInterrupt: Ctrl-C was pressed; vtk stops where it is.
     """
-    reader = composite_reader(file)
     check_room(file, composite_size(file))
+    reader = composite_reader(file)
     with _messages(file, reader):
         reader.UpdateInformation()
     cells, points = reader.GetCellDataArraySelection(), reader.GetPointDataArraySelection()
