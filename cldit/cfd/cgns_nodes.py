@@ -34,7 +34,15 @@ def open_cgns(path: Path) -> Iterator[Any]:
 
 
 def children(group: Any, label: str) -> list[tuple[str, Any]]:
-    """Names and groups of the nodes of a label, in the order of their names."""
+    """Nodes of a label.
+
+    Args:
+        group: in which they are.
+        label: of CGNS, as `Zone_t`.
+
+    Returns:
+        Names and groups, in the order of the names.
+    """
     return [(name, each) for name, each in sorted(group.items()) if _label(each) == label]
 
 
@@ -51,7 +59,7 @@ def data_of(path: Path, node: Any) -> NDArray[Any]:
         node: a group.
 
     Returns:
-        The array as it is stored: the last index of CGNS comes first.
+        The array (any shape) as it is stored: the last index of CGNS comes first.
 
     Raises:
         SprayError: it holds nothing.
@@ -62,12 +70,24 @@ def data_of(path: Path, node: Any) -> NDArray[Any]:
 
 
 def text_of_node(path: Path, node: Any) -> str:
-    """What a node of characters says; raises as `data_of`."""
+    """What a node of characters says.
+
+    Args:
+        path: named by errors.
+        node: a group.
+
+    Raises:
+        SprayError: it holds nothing.
+    """
     return data_of(path, node).astype(np.uint8).tobytes().decode("latin-1").strip("\0 ")
 
 
 def check_units(path: Path, root: Any) -> None:
     """Refuses a file that says that it is not in SI.
+
+    Args:
+        path: named by errors.
+        root: of the file.
 
     Raises:
         SprayError: a node names another unit, or data without a dimension.
