@@ -7,6 +7,7 @@ that reader takes sibling files for other times and does not notice arrays of th
 from __future__ import annotations
 
 import re
+from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ import numpy as np
 
 from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined, only_claimant
 from cldit.cfd.column_mapping import Source, gas_columns, mapped_cloud
-from cldit.cfd.converge_file import array, field, open_post, post_files, post_mesh, time_of
+from cldit.cfd.converge_file import post_files, post_mesh, time_of
+from cldit.cfd.hdf import array, field, open_hdf
 from cldit.cfd.mapping_file import CellColumns, ColumnMap, ParcelColumns, Scalar, Vector, merged
 from cldit.cfd.mesh import join
 from cldit.cfd.size import Size, check_room
@@ -69,19 +71,19 @@ def read_converge(
         raise SprayError(f"{path}: a file without OUTPUT_TIME; give the path of one file")
     what = "the only one without OUTPUT_TIME" if at is None else f"time {at:g}"
     chosen = only_claimant(what, files[at])
-    with open_post(chosen) as post:
+    with open_hdf(chosen) as post:
         streams = [post[name] for name in sorted(post) if _STREAM.match(name)]
         if not streams:
             raise SprayError(
-                f"{chosen}: holds no STREAM_00: it is no post file of CONVERGE (Fluent's .cas.h5 "
-                "and VTK's HDF are not read; export EnSight Gold or .vtu)"
+                f"{chosen}: holds no STREAM_00: it is no post file of CONVERGE (of Fluent's pair "
+                "the names end in .cas.h5 and .dat.h5, of VTK's HDF in .vtkhdf)"
             )
         streams, remarks = _with_fuel(chosen, streams, names.cells, fuel_field)
         check_room(chosen, _size(streams))
         watch("reading the mesh", 0, 1)
         meshes = [post_mesh(chosen, stream) for stream in streams]
         available = sorted(set.intersection(*(set(s.get("CELL_CENTER_DATA", ())) for s in streams)))
-        cells = _gas_names(available, names.cells, fuel_field)
+        cells = gas_names(available, names.cells, fuel_field)
         gas: list[dict[str, Column]] = []
         for stream, mesh in zip(streams, meshes, strict=True):
             columns = {name: Column("", np.empty(0)) for name in available}
@@ -92,6 +94,7 @@ def read_converge(
                     values = field(chosen, stream, f"CELL_CENTER_DATA/{name}", mesh.cells)
                     columns[name] = Column(f"{chosen}: cell field {name}", values)
             gas.append(gas_columns(Source(str(chosen), columns, mesh.cells), cells, fuel_field))
+        remarks = (*remarks, *_chosen_among(chosen, available, names.cells))
         return CfdCase(
             source=str(chosen),
             time_s=at,
@@ -119,7 +122,7 @@ def _with_fuel(
     fuelled = [
         stream
         for stream in streams
-        if (fuel := _gas_names(list(stream.get("CELL_CENTER_DATA", ())), given, fuel_field).fuel)
+        if (fuel := gas_names(list(stream.get("CELL_CENTER_DATA", ())), given, fuel_field).fuel)
         and (fuel.column is None or fuel.column in stream["CELL_CENTER_DATA"])
     ]
     if not fuelled or len(fuelled) == len(streams):
@@ -147,10 +150,25 @@ def _size(streams: list[Any]) -> Size:
     return Size(cells, parcels, 12 * corners + 44 * faces + 48 * points + 40 * cells)
 
 
-def _gas_names(available: list[str], given: CellColumns, fuel_field: str) -> CellColumns:
+def gas_names(available: Container[str], given: CellColumns, fuel_field: str) -> CellColumns:
+    """The names of CONVERGE that there are, with what a mapping has `given` in their place.
+
+    Args:
+        available: fields of the cells.
+        given: of the mapping.
+        fuel_field: of the fuel's mass fraction, alone or behind MASSFRAC_.
+    """
     default = {key: _first(available, names) for key, names in _GAS.items()}
     default["fuel"] = _first(available, (fuel_field, f"MASSFRAC_{fuel_field}"))
     return merged(given, CellColumns(**default))
+
+
+def _chosen_among(path: Path, available: list[str], given: CellColumns) -> Iterator[str]:
+    """Where several fields have a name of one quantity, which of them was taken."""
+    for key, known in _GAS.items():
+        there = [name for name in known if name in available]
+        if len(there) > 1 and key not in given.model_fields_set:
+            yield f"{path}: {' and '.join(there)} are there: {there[0]} was taken for the {key}."
 
 
 def _first(available: Any, names: tuple[str, ...]) -> Scalar | None:
@@ -195,19 +213,24 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
 
     position = np.stack([column(f"PARCEL_{letter}").values for letter in "XYZ"], axis=1)
     columns = {name: column(name) for name in fields if not re.match("PARCEL_[XYZ]$", name)}
-    default: dict[str, Any] = {key: _first(columns, known) for key, known in _PARCEL.items()}
-    for name in _VELOCITY:
-        if all(f"{name}_{letter}" in columns for letter in "XYZ"):
-            default["velocity"] = Vector(columns=(f"{name}_X", f"{name}_Y", f"{name}_Z"))
-            break
     return mapped_cloud(
         chosen,
         label,
         Column(f"{label}/PARCEL_X, _Y, _Z", position),
         columns,
         names,
-        ParcelColumns(**default),
+        parcel_names(columns),
     )
+
+
+def parcel_names(columns: Container[str]) -> ParcelColumns:
+    """The names of CONVERGE that there are among the columns of parcels."""
+    default: dict[str, Any] = {key: _first(columns, known) for key, known in _PARCEL.items()}
+    for name in _VELOCITY:
+        if all(f"{name}_{letter}" in columns for letter in "XYZ"):
+            default["velocity"] = Vector(columns=(f"{name}_X", f"{name}_Y", f"{name}_Z"))
+            break
+    return ParcelColumns(**default)
 
 
 def list_converge(
@@ -227,7 +250,7 @@ def list_converge(
     at = choose_time(str(path), known, time_s) if known else None
     fields: set[str] = set()
     clouds: dict[str, list[str]] = {}
-    with open_post(only_claimant(f"time {at}", files[at])) as post:
+    with open_hdf(only_claimant(f"time {at}", files[at])) as post:
         for name in post:
             if _STREAM.match(name):
                 fields |= set(post[name].get("CELL_CENTER_DATA", ()))

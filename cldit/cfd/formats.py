@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TypedDict
 
-from cldit.cfd import converge, text_tables
+from cldit.cfd import cgns, converge, fluent, text_tables
 from cldit.cfd.case import NO_CLOUD, CfdCase
 from cldit.cfd.ensight import case as ensight
 from cldit.cfd.ensight.file import read_case_file
@@ -16,6 +17,7 @@ from cldit.cfd.openfoam.regions import clouds_of, is_openfoam
 from cldit.cfd.times import CaseTime
 from cldit.cfd.unknown_kinds import refuse_folder, refuse_unknown
 from cldit.cfd.vtk import files as vtkfiles
+from cldit.cfd.vtk.collections import COLLECTIONS, DATA
 from cldit.cfd.vtk.layout import is_vtk
 from cldit.errors import SprayError
 from cldit.progress import Watch, silent
@@ -26,10 +28,11 @@ _SUFFIX = {
     ".case": "ensight",
     ".encas": "ensight",
     ".h5": "converge",
+    ".cgns": "cgns",
     ".yaml": "tables",
     ".yml": "tables",
     ".npz": "cldit",
-} | dict.fromkeys((".vtu", ".vtp", ".vtk", ".pvtu", ".pvtp", ".vtm", ".pvd", ".series"), "vtk")
+} | dict.fromkeys((*DATA, *COLLECTIONS, ".pvd", ".series"), "vtk")
 
 
 def find_format(spec: CfdSpray) -> str:
@@ -45,8 +48,9 @@ def find_format(spec: CfdSpray) -> str:
     if is_openfoam(spec.file):
         return "openfoam"
     if not spec.file.is_dir():
-        name = spec.file.name.lower()
-        if spec.file.suffix not in _SUFFIX or name.endswith((".cas.h5", ".dat.h5")):
+        if fluent.is_fluent(spec.file):
+            return "fluent"
+        if spec.file.suffix not in _SUFFIX:
             refuse_unknown(spec.file)
         return _SUFFIX[spec.file.suffix]
     found = {
@@ -83,10 +87,11 @@ def read_case(spec: CfdSpray, watch: Watch = silent) -> CfdCase:
     names = ColumnMap() if spec.mapping is None else read_column_map(spec.mapping)
     if spec.region is not None and kind != "openfoam":
         raise SprayError(f"{spec.file}: spray.region is for openfoam; this is {kind}")
+    table = kind != "tables" and names.parcels is not None and names.parcels.file is not None
     common: _Common = {
         "time_s": spec.time_s,
         "fuel_field": spec.fuel_field,
-        "cloud": spec.cloud,
+        "cloud": NO_CLOUD if table else spec.cloud,
         "names": names,
         "watch": watch,
     }
@@ -99,14 +104,38 @@ def read_case(spec: CfdSpray, watch: Watch = silent) -> CfdCase:
             found = ensight.read_ensight(spec.file, **common)
         case "converge":
             found = converge.read_converge(spec.file, **common)
+        case "cgns":
+            found = cgns.read_cgns(spec.file, **common)
+        case "fluent":
+            found = fluent.read_fluent(spec.file, **common)
         case "openfoam":
             found = openfoam.read_openfoam(spec.file, **common, region=spec.region)
         case _:
             found = vtkfiles.read_vtk(spec.file, **common)
-    if kind != "openfoam":
+    if table:
+        assert spec.mapping is not None
+        found = _with_table(spec, spec.mapping, names, found)
+    elif kind != "openfoam":
         found = _in_its_case(spec, found)
     mapped = () if spec.mapping is None else (spec.mapping,)
     return replace(found, files=(*mapped, *found.files))
+
+
+def _with_table(spec: CfdSpray, path: Path, names: ColumnMap, found: CfdCase) -> CfdCase:
+    """The gas of a case with the parcels of the table that the mapping file `path` names.
+
+    Raises:
+        SprayError: another cloud is asked for, or the table is missing or damaged.
+    """
+    if spec.cloud not in (None, "parcels"):
+        raise SprayError(
+            f"{path}: parcels.file names the parcels, and spray.cloud is {spec.cloud!r}; leave one "
+            "of them out"
+        )
+    assert names.parcels is not None and names.parcels.file is not None
+    cloud = text_tables.table_cloud(path, names)
+    file = path.parent / names.parcels.file
+    return replace(found, cloud=cloud, files=(*found.files, file))
 
 
 def _in_its_case(spec: CfdSpray, found: CfdCase) -> CfdCase:
@@ -121,7 +150,17 @@ def _in_its_case(spec: CfdSpray, found: CfdCase) -> CfdCase:
         return found
     if found.cloud is not None:
         injectors, dictionaries = case_injectors(case, found.cloud.name)
-        return replace(found, injectors=injectors, files=(*found.files, *dictionaries))
+        others = {each.name for each in clouds_of(case)} - {found.cloud.name}
+        said = (
+            f"{found.source}: the case that it lies in has also the parcels of "
+            f"{', '.join(sorted(others))}, which are not read.",
+        )
+        return replace(
+            found,
+            injectors=injectors,
+            files=(*found.files, *dictionaries),
+            remarks=(*found.remarks, *(said if others else ())),
+        )
     if spec.cloud is None and (folders := clouds_of(case)):
         raise SprayError(
             f"{found.source}: holds no parcels, but the case that it lies in does: "
@@ -173,6 +212,10 @@ def contents(spec: CfdSpray) -> Contents:
             found = ensight.times(case), cells, {key: list(clouds[key][1]) for key in clouds}
         case "converge":
             found = converge.list_converge(spec.file, spec.time_s)
+        case "cgns":
+            found = (*cgns.list_cgns(spec.file), {})
+        case "fluent":
+            found = [], fluent.list_fluent(spec.file), {}
         case "tables":
             mapping = read_column_map(spec.file)
             folder = spec.file.parent

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Container
+from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -31,6 +31,7 @@ UNITS: dict[str, dict[str, tuple[float, float]]] = {
 
 
 _UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]$")  # at the end of a column's name
+_COMPONENT = re.compile(r"\[[ijkxyz0-2]\]$", re.IGNORECASE)  # of a vector, as STAR-CCM+ has it
 _SPELLED = (
     {"-": "1", "": "1", "C": "degC", "°C": "degC", "F": "degF", "°F": "degF"}
     | {"m^3": "m3", "mm^3": "mm3", "cm^3": "cm3", "m³": "m3", "mm³": "mm3", "cm³": "cm3"}
@@ -41,12 +42,12 @@ _SPELLED = (
 
 def without_unit(name: str) -> str:
     """A column's name without the unit at its end: `T` of `T [K]`."""
-    return _UNIT.sub("", name)
+    return name if _COMPONENT.search(name) else _UNIT.sub("", name)
 
 
 def unit_in(name: str) -> str | None:
     """The unit at the end of a column's name, as `UNITS` spells it; None where there is none."""
-    match = _UNIT.search(name)
+    match = None if _COMPONENT.search(name) else _UNIT.search(name)
     return None if match is None else _SPELLED.get(match[1].strip(), match[1].strip())
 
 
@@ -192,24 +193,36 @@ PARCEL_NAMES = ParcelColumns(
 )
 
 
-def gas_names(given: CellColumns, known: Container[str], fuel_field: str) -> CellColumns:
-    """OpenFOAM's names of the cell fields, with what a mapping has `given` in their place.
+FOAM_NAMES = {"temperature": "T", "pressure": "p", "density": "rho"}
+# SIDS (CGNS Standard Interface Data Structures), annex A
+CGNS_NAMES = {"temperature": "Temperature", "pressure": "Pressure", "density": "Density"}
+
+
+def gas_names(
+    given: CellColumns,
+    known: Container[str],
+    fuel_field: str,
+    default: Mapping[str, str] = FOAM_NAMES,
+) -> CellColumns:
+    """The format's names of the cell fields, with what a mapping has `given` in their place.
 
     Args:
         given: of the mapping.
         known: the fields that there are. A default that is not there is left out: it is missed
             later, by who knows whether it is needed.
         fuel_field: default of the fuel's mass fraction.
+        default: names of the other quantities.
     """
-    default = {"temperature": "T", "pressure": "p", "density": "rho", "fuel": fuel_field}
-    there = {key: Scalar(column=name) for key, name in default.items() if name in known}
+    names = {**default, "fuel": fuel_field}
+    there = {key: Scalar(column=name) for key, name in names.items() if name in known}
     return merged(given, CellColumns(**{key: there.get(key) for key in GAS_KEYS}))
+
+
+def columns_of_value(value: object) -> set[str]:
+    """The names of the columns of one scalar or vector of a mapping."""
+    return ({getattr(value, "column", None) or ""} | set(getattr(value, "columns", ()))) - {""}
 
 
 def columns_of(wanted: CellColumns | ParcelColumns) -> set[str]:
     """The names of all columns that a part of a mapping uses."""
-    used: set[str] = set()
-    for key in type(wanted).model_fields:
-        value = getattr(wanted, key)
-        used |= {getattr(value, "column", None) or ""} | set(getattr(value, "columns", ()))
-    return used - {""}
+    return {name for _, value in wanted for name in columns_of_value(value)}

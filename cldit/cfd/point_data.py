@@ -33,7 +33,8 @@ def with_point_fields(
         mean: of values (P,) over the corners of each cell, (N,).
 
     Returns:
-        Fields of cells, and the names of those that came from points.
+        Fields of cells, and the names of those that came from points, with what they were weighted
+        by where that is not the density.
 
     Raises:
         SprayError: an intensive field is at points, and nothing to weight it by.
@@ -66,7 +67,12 @@ def with_point_fields(
         else:
             values = mean(values)
         found[wanted[key]] = Column(f"{column.label} (mean over the corners of a cell)", values)
-    return found, tuple(wanted[key] for key in moved)
+    instead = " (weighted by p/T, as there is no density at points)"
+    by_density = wanted.get("density", "") in points
+    return found, tuple(
+        wanted[key] + (instead if key in ("temperature", "fuel") and not by_density else "")
+        for key in moved
+    )
 
 
 def _weight(points: Mapping[str, Column], wanted: Mapping[str, str]) -> Floats | None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, complete_cloud
 from cldit.cfd.column_mapping import Source, cloud_columns, gas_columns
+from cldit.cfd.dpm import dpm_columns, dpm_names
 from cldit.cfd.element_mesh import BoxMesh
 from cldit.cfd.inputs import regular
 from cldit.cfd.mapping_file import (
@@ -23,6 +24,7 @@ from cldit.cfd.mapping_file import (
     read_column_map,
     without_unit,
 )
+from cldit.cfd.parquet import parquet_columns, parquet_names, parquet_rows
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
@@ -68,13 +70,16 @@ def read_tables(
         mesh=BoxMesh(position.values - edges / 2, position.values + edges / 2, position.label),
         gas=gas_columns(source, mapping.cells, fuel_field),
         available=tuple(source.columns),
-        cloud=None if cloud == NO_CLOUD else _cloud(path, mapping),
+        cloud=None if cloud == NO_CLOUD else table_cloud(path, mapping),
         files=(path, file, *parcels),
     )
 
 
 def _size(file: Path) -> Size:
     """By the mean length of the first lines; ten columns of numbers, and again as boxes."""
+    if file.suffix == ".parquet":
+        rows = parquet_rows(file)
+        return Size(rows, 0, 200.0 * rows)
     try:
         with open_regular(file) as stream:
             head = stream.read(1 << 16)
@@ -104,7 +109,16 @@ def _boxes(source: Source, wanted: CellColumns) -> tuple[Column, Floats]:
     return position, np.asarray(size.values, np.float64)
 
 
-def _cloud(path: Path, mapping: ColumnMap) -> Cloud | None:
+def table_cloud(path: Path, mapping: ColumnMap) -> Cloud | None:
+    """The parcels of the table that a mapping file names; None: it names none.
+
+    Args:
+        path: of the mapping file, to which the table's is relative.
+        mapping: read from it.
+
+    Raises:
+        SprayError: as `load_table`; or a key is missing.
+    """
     wanted = mapping.parcels
     if wanted is None:
         return None
@@ -122,6 +136,10 @@ def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
     Raises:
         SprayError: the file cannot be read, or names a column twice.
     """
+    if file.suffix == ".parquet":
+        return parquet_names(file)
+    if file.suffix == ".dpm":
+        return dpm_names(file)
     return _header(file, wanted)[0]
 
 
@@ -186,6 +204,8 @@ def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
     Raises:
         SprayError: the file cannot be read, is cut off, or holds text where a number is expected.
     """
+    if file.suffix in (".parquet", ".dpm"):
+        return _of_program(file, wanted)
     names, delimiter = _header(file, wanted)
     if delimiter == wanted.decimal:
         raise SprayError(
@@ -193,7 +213,7 @@ def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
             "; tab or space as the delimiter"
         )
     use = _used(names, wanted)
-    with file.open("rb") as stream:
+    with open_regular(file) as stream:
         stream.seek(0, 2)
         stream.seek(max(stream.tell() - 1, 0))
         if stream.read() not in (b"\n", b"\r"):
@@ -224,6 +244,20 @@ def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
     for place, index in enumerate(use):
         columns[names[index]] = Column(f"{file}: column {names[index]}", rows[:, place])
     return Source(str(file), columns, len(rows))
+
+
+def _of_program(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
+    """As `load_table`, of files that are no text with a delimiter."""
+    names = table_names(file, wanted)
+    columns = {name: Column(f"{file}: column {name}", np.empty(0)) for name in names}
+    use = [names[place] for place in _used(names, wanted)]
+    if not use:
+        raise SprayError(f"{file}: none of the mapped columns; it has: {', '.join(names)}")
+    read = parquet_columns(file, use) if file.suffix == ".parquet" else dpm_columns(file)
+    rows = len(read[use[0]].values)
+    if not rows:
+        raise SprayError(f"{file}: holds no row")
+    return Source(str(file), columns | {name: read[name] for name in use}, rows)
 
 
 def _used(names: list[str], wanted: CellColumns | ParcelColumns) -> list[int]:

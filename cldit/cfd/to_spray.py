@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cldit.cfd.assumed import assumptions
 from cldit.cfd.case import NO_CLOUD, CfdCase, Column
 from cldit.cfd.cell_mesh import AnyFloats, Boxes, Labels
 from cldit.cfd.formats import find_format, read_case
@@ -115,6 +116,7 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     alone = checked is None and spec.cloud != NO_CLOUD
     remarks = (
         *case.remarks,
+        *assumptions(spec, case),
         *((f"{case.source}: no parcels in it: gas alone.",) if alone else ()),
         *((f"Other fuels, not read: {', '.join(others)}.",) if others else ()),
         *(() if checked is None else checked.remarks),

@@ -8,26 +8,26 @@ from cldit.errors import SprayError
 
 _PARAVIEW = "open it in ParaView and save the gas as .vtu and the parcels as .vtp"
 _TABLES = "export cells and parcels as text tables and describe them by a mapping file (.yaml)"
+_BEGIN = (
+    "`cldit import FILE --write-mapping case.yaml` begins a mapping file (.yaml) that says what "
+    "its columns are; then give case.yaml as the case"
+)
 _FLUENT = f"in Fluent, File > Export > EnSight Case Gold with the DPM particles; or {_TABLES}"
 _STAR = "in STAR-CCM+, File > Export > EnSight Gold with the Lagrangian phase; or " + _TABLES
 # ending: what it is, and the way out
 _KINDS: dict[str, tuple[str, str]] = {
     ".cas": ("a case of Fluent", _FLUENT),
     ".dat": ("a data file of Fluent or Tecplot", _FLUENT),
-    ".cas.h5": ("a case of Fluent in HDF5", _FLUENT),
-    ".dat.h5": ("a data file of Fluent in HDF5", _FLUENT),
     ".cas.gz": ("a packed case of Fluent", _FLUENT),
     ".dat.gz": ("a packed data file of Fluent", _FLUENT),
-    ".dpm": ("particles of Fluent", _FLUENT),
+    ".dpm": ("particles of Fluent, a table beside a case", _BEGIN),
     ".his": ("a particle history of Fluent", _FLUENT),
     ".msh": ("a mesh of Fluent or Gmsh without results", "give the results, as EnSight or .vtu"),
     ".sim": ("a session of STAR-CCM+", _STAR),
     ".ccm": ("a mesh of STAR-CCM+", _STAR),
     ".trk": ("particle tracks of STAR-CCM+", _STAR),
     ".res": ("a result of CFX", f"in CFD-Post, export EnSight or CSV; {_TABLES}"),
-    ".cgns": ("CGNS", _PARAVIEW),
-    ".vtkhdf": ("VTK's HDF format", _PARAVIEW),
-    ".hdf": ("VTK's HDF format", _PARAVIEW),
+    ".hdf": ("HDF, maybe VTK's", "give VTK's own the ending .vtkhdf"),
     ".vts": ("a structured grid of VTK", f"{_PARAVIEW}, after the filter Append Datasets"),
     ".vtr": ("a rectilinear grid of VTK", f"{_PARAVIEW}, after the filter Append Datasets"),
     ".vti": ("an image of VTK", f"{_PARAVIEW}, after the filter Append Datasets"),
@@ -44,11 +44,11 @@ _KINDS: dict[str, tuple[str, str]] = {
     ".flm": ("a mesh of AVL FIRE", _TABLES),
     ".fl3": ("a result of AVL FIRE", _TABLES),
     ".out": ("a map or restart of CONVERGE", "convert it with CONVERGE's post_convert to HDF5"),
-    ".csv": ("a table", f"say what its columns are: {_TABLES}"),
-    ".txt": ("a table", f"say what its columns are: {_TABLES}"),
-    ".tsv": ("a table", f"say what its columns are: {_TABLES}"),
+    ".csv": ("a table", _BEGIN),
+    ".txt": ("a table", _BEGIN),
+    ".tsv": ("a table", _BEGIN),
     ".xlsx": ("a spreadsheet", f"save it as CSV; {_TABLES}"),
-    ".parquet": ("a Parquet table", f"save it as CSV; {_TABLES}"),
+    ".parquet": ("a Parquet table", _BEGIN),
     ".json": ("JSON", _TABLES),
     ".tar": ("an archive", "unpack it and give the case inside"),
     ".tgz": ("an archive", "unpack it and give the case inside"),
@@ -56,8 +56,9 @@ _KINDS: dict[str, tuple[str, str]] = {
     ".zip": ("an archive", "unpack it and give the case inside"),
 }
 _READ = (
-    "an OpenFOAM case (folder or .foam), VTK files (.vtu, .vtp, .vtk, .pvtu, .pvtp, .vtm, .pvd), "
-    "EnSight Gold (.case), CONVERGE (.h5), tables (a mapping file, .yaml), or cldit's own .npz"
+    "an OpenFOAM case (folder or .foam), VTK files (.vtu, .vtp, .vtk, .pvtu, .pvtp, .vtm, .pvd, "
+    ".vtkhdf), CGNS in HDF5 (.cgns), EnSight Gold (.case), CONVERGE (.h5), Fluent (.cas.h5), "
+    "tables (a mapping file, .yaml), or cldit's own .npz"
 )
 
 

@@ -11,7 +11,7 @@ import click
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 _OPTIONS = (
-    click.option("--format", help="openfoam, vtk, ensight, converge or tables; else told."),
+    click.option("--format", help="openfoam, vtk, ensight, converge, fluent, cgns or tables."),
     click.option(
         "--mapping", type=click.Path(path_type=Path), help="Names and units of fields, YAML."
     ),

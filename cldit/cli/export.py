@@ -1,4 +1,4 @@
-"""`cldit export`: an acquisition's raw pictures in one file."""
+"""`cldit export`: raw pictures of an acquisition, or the octree of a run, for other programs."""
 
 from __future__ import annotations
 
@@ -6,23 +6,64 @@ from pathlib import Path
 
 import click
 
-from cldit.acquisition.export import FORMATS, export
+from cldit.acquisition.export import FORMATS, ExportError, export
 from cldit.acquisition.record import open_acquisition
-from cldit.cli.console import OUT, plain_errors
+from cldit.cli.console import OUT, plain_errors, say
+
+_OCTREE = ("vtkhdf", "vtu")
 
 
 @click.command("export")
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--to", "form", type=click.Choice(list(FORMATS)), required=True)
+@click.option("--to", "form", type=click.Choice([*FORMATS, *_OCTREE]), required=True)
 @click.option("--out", type=click.Path(path_type=Path), help="The file; in FOLDER if left out.")
+@click.option("--node", type=int, help="Octree: wavelength by number; that with most light.")
+@click.option("--own-frame", is_flag=True, help="Octree: cldit's coordinates, not the CFD case's.")
+@click.option("--device", help="Octree: OpenCL device, as for `cldit run`.")
 @plain_errors
-def export_command(folder: Path, form: str, out: Path | None) -> None:
-    """Write the raw pictures of an acquisition FOLDER (or that of a run) into one file."""
+def export_command(
+    folder: Path, form: str, out: Path | None, node: int | None, own_frame: bool, device: str | None
+) -> None:
+    """Write an acquisition FOLDER's raw pictures, or a run's octree, for other programs."""
+    if form in _OCTREE:
+        _octree(folder, form, out, node=node, own_frame=own_frame, device=device)
+        return
+    if node is not None or own_frame or device is not None:
+        raise ExportError(f"--node, --own-frame and --device are for {' and '.join(_OCTREE)}")
     acquisition = open_acquisition(_acquisition_in(folder))
     path = export(acquisition, form, out)
     if acquisition.missing:
         OUT.print(f"[yellow]{len(acquisition.missing)} shots are still to be taken[/]")
     OUT.print(f"{path}: {len(acquisition.shots)} shots, {path.stat().st_size / 1e6:.1f} MB")
+
+
+def _octree(
+    folder: Path,
+    form: str,
+    out: Path | None,
+    *,
+    node: int | None,
+    own_frame: bool,
+    device: str | None,
+) -> None:
+    # bring OpenCL, which who exports pictures does not need
+    from cldit.caches import default_cache
+    from cldit.gpu.device import open_device
+    from cldit.run.folder import open_run
+    from cldit.run.octree_export import export_octree
+
+    written = export_octree(
+        open_run(folder),
+        form,
+        out,
+        device=open_device(device),
+        cache=default_cache(),
+        node=node,
+        own_frame=own_frame,
+        say=say,
+    )
+    for path in written:
+        OUT.print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
 
 
 def _acquisition_in(folder: Path) -> Path:

@@ -59,11 +59,24 @@ def spray_command(scene: str, out: Path | None) -> None:
 @click.argument("file", metavar="CASE", type=click.Path(path_type=Path))
 @click.option("--list", "listed", is_flag=True, help="Only list times, fields and clouds.")
 @click.option("--out", type=click.Path(path_type=Path), help="cldit's own file, .npz.")
+@click.option(
+    "--write-mapping",
+    type=click.Path(path_type=Path),
+    help="Write the names found, to edit for --mapping, and stop.",
+)
 @case_options
 @plain_errors
-def import_command(listed: bool, out: Path | None, file: Path, **options: Any) -> None:
+def import_command(
+    listed: bool, out: Path | None, write_mapping: Path | None, file: Path, **options: Any
+) -> None:
     """Check a CFD result CASE, print its figures, and keep it as cldit's own file."""
     spec = cfd_spray({"file": file, **spray_keys(options)})
+    if write_mapping is not None:
+        from cldit.cfd import mapping_found
+
+        for line in mapping_found.write_mapping(spec, write_mapping):
+            OUT.print(escaped(line))
+        return
     with ProgressBar() as bar:
         lines = list_case(spec) if listed else import_case(spec, out, watch=bar.count)
     for line in lines:

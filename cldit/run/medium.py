@@ -27,6 +27,7 @@ from cldit.spray.result import Spray
 from cldit.transport.phase import ScatteringTable
 
 _SEED = 1  # of the halves of the parcels
+_INTEGRATED = ("vapour_absorption", "droplet_absorption", "droplet_scattering")
 # Why the error of a gas's own grid is not known.
 _GAS = {
     "cfd": "the gas comes on one grid alone; compare with a run from a finer one",
@@ -165,7 +166,10 @@ class Prepared:
             note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
         paper = trees.pop() if found.paper is not None else None
         bare = replace(found, sources=(), paper=None)
-        return Medium(trees, paper, bare, self.notes, self.files, self.probed)
+        integrals = tuple(
+            {f"{name}_m2": tree.integral(name) for name in _INTEGRATED} for tree in trees
+        )
+        return Medium(trees, paper, bare, self.notes, self.files, self.probed, integrals)
 
 
 @dataclass(frozen=True)
@@ -174,7 +178,7 @@ class Medium:
 
     properties: without `sources` and `paper`, which are in the trees. files: that the spray was
     read from. probed: what the errors of cells and parcels are measured on; None where the scene
-    wants no audit.
+    wants no audit. integrals: over each tree's cube, m2, of what it absorbs and scatters.
     """
 
     trees: list[Octree]
@@ -183,6 +187,7 @@ class Medium:
     notes: dict[str, float]
     files: tuple[FileRead, ...] = ()
     probed: Probed | None = None
+    integrals: tuple[dict[str, float], ...] = ()
 
 
 def make_medium(

@@ -59,6 +59,7 @@ def run_info(
     stated: StatedError | None,
     notes: dict[str, float],
     files: tuple[FileRead, ...],
+    integrals: tuple[dict[str, float], ...],
     phase: str,
     integration_time_s: float,
     spectral: SpectralInfo,
@@ -72,6 +73,7 @@ def run_info(
         stated: error of the trace.
         notes: figures of the spray.
         files: what the spray was read from.
+        integrals: of each node's medium.
         phase: how droplets scatter, in words.
         integration_time_s: of the sensor.
         spectral: how the filter was resolved.
@@ -89,6 +91,7 @@ def run_info(
         accuracy_K=None if stated is None else stated.error_K,
         spray=notes,
         files=files,
+        integrals=integrals,
         phase=phase,
         counts=result.counts,
         defines={program.name: dict(program.defines) for program in last.programs},

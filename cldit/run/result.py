@@ -58,6 +58,7 @@ class RunInfo:
     phase: str = ""  # how droplets were taken to scatter
     files: tuple[FileRead, ...] = ()  # that the spray was read from
     errors: Errors | None = None  # of T_app, by cause; None where nothing was asked for
+    integrals: tuple[dict[str, float], ...] = ()  # over each node's octree, m2, to know it again
     plan: dict[str, Any] | None = None  # what was chosen for the wanted error; `Plan.to_dict`
 
     def to_json(self) -> str:
@@ -83,6 +84,7 @@ class RunInfo:
                 **data,
                 "stages": stages,
                 "remarks": tuple(data["remarks"]),
+                "integrals": tuple(data.get("integrals", ())),
                 "files": tuple(FileRead.from_dict(each) for each in data.get("files", [])),
                 "spectral": None if spectral is None else SpectralInfo.from_dict(spectral),
                 "closure": None if closure is None else EnergyBalance.from_dict(closure),

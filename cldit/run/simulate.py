@@ -72,6 +72,7 @@ def simulate(
             stated=last.stated,
             notes=last.medium.notes,
             files=last.medium.files,
+            integrals=last.medium.integrals,
             phase=last.medium.properties.phase,
             integration_time_s=last.sensor.integration_time_s,
             spectral=last.spectral(from_paper),

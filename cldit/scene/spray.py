@@ -215,7 +215,10 @@ class CfdSpray(Section):
     """The result of a CFD code."""
     file: Path
     """Case folder or file, relative to the scene (docs/importing.md)."""
-    format: Literal["openfoam", "vtk", "ensight", "converge", "tables", "cldit"] | None = None
+    format: (
+        Literal["openfoam", "vtk", "ensight", "converge", "fluent", "cgns", "tables", "cldit"]
+        | None
+    ) = None
     """Of the case; left out: told by the file's name and content."""
     mapping: Path | None = None
     """YAML file of names and units of fields that are not the format's own."""

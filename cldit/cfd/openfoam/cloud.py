@@ -53,7 +53,11 @@ def read_cloud(
     names = ("positions", "coordinates")
     found = next((folder / name for name in names if find_foam(folder / name)), None)
     if found is None:
-        raise SprayError(f"{folder}: a cloud without parcels: neither positions nor coordinates")
+        held = ", ".join(sorted(each.name for each in folder.iterdir())[:8]) or "nothing"
+        raise SprayError(
+            f"{folder}: the cloud {folder.name!r} has neither positions nor coordinates (but: "
+            f"{held}); restore them, choose another (spray.cloud), or spray.cloud: none"
+        )
     file = read_foam(found, block)
     rows = particles(file)
     position = rows[:, :3] if rows.shape[1] == 4 else decode(file, rows, mesh)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from cldit.cfd.case import only_claimant
+from cldit.cfd.inputs import regular
 from cldit.cfd.openfoam.collated import COLLATED, block_of
 from cldit.errors import SprayError
 from cldit.files import open_regular
@@ -70,6 +71,7 @@ def read_foam(path: Path, block: int | None = None) -> FoamFile:
     if found is None:
         raise SprayError(f"{path}: is missing (also as .gz)")
     try:
+        regular(found)
         with gzip.open(found) if found.suffix == ".gz" else open_regular(found) as stream:
             entries, body = _content(stream, found, block)  # type: ignore[arg-type]
     except (OSError, EOFError, zlib.error) as error:

@@ -8,8 +8,10 @@ import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
+from cldit.cfd.inputs import regular
 from cldit.cfd.openfoam.file import find_foam
 from cldit.cfd.size import Size
+from cldit.errors import SprayError
 
 _HEAD = 10_000
 _NOTE = re.compile(rb"nPoints:\s*(\d+)\s+nCells:\s*(\d+)\s+nFaces:\s*(\d+)")
@@ -45,9 +47,15 @@ def _counts(owner: Path) -> tuple[int, int, int]:
     if found is None:
         return 0, 0, 0
     try:
-        with gzip.open(found) if found != owner else found.open("rb") as stream:
+        plain = regular(found)
+        with gzip.open(plain) if found != owner else plain.open("rb") as stream:
             head = stream.read(_HEAD)
-    except (OSError, EOFError, zlib.error):  # who reads the file says what is wrong with it
+    except (
+        SprayError,
+        OSError,
+        EOFError,
+        zlib.error,
+    ):  # who reads the file says what is wrong with it
         return 0, 0, 0
     note = _NOTE.search(head)
     if note is not None:

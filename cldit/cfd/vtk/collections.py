@@ -9,10 +9,11 @@ from xml.etree import ElementTree
 
 from cldit.cfd.case import only_claimant
 from cldit.cfd.inputs import regular
+from cldit.cfd.vtk.composite import COMPOSITE
 from cldit.errors import SprayError
 from cldit.plain_data import read_json
 
-DATA = (".vtu", ".vtp", ".vtk")
+DATA = (".vtu", ".vtp", ".vtk", *COMPOSITE)
 COLLECTIONS = (".vtm", ".pvtu", ".pvtp")
 _STEP = re.compile(r"[_.-](\d+)$")
 
@@ -21,13 +22,15 @@ _STEP = re.compile(r"[_.-](\d+)$")
 class Entry:
     """One data set: its name, the files of its pieces, and whether its place tells a cloud.
 
-    cloud: None where only the content tells. names: the files that name the pieces.
+    cloud: None where only the content tells. named_by: the files that name the pieces. time_s: of
+    several that the file itself holds.
     """
 
     name: str
     pieces: tuple[Path, ...]
     cloud: bool | None = None
     named_by: tuple[Path, ...] = ()
+    time_s: float | None = None
 
 
 def stem(path: Path) -> str:

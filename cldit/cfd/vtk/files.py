@@ -9,7 +9,13 @@ import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, choose_cloud, joined
 from cldit.cfd.column_mapping import Source, gas_columns, mapped_cloud, with_components
-from cldit.cfd.mapping_file import PARCEL_NAMES, ColumnMap, columns_of, gas_names, without_unit
+from cldit.cfd.mapping_file import (
+    PARCEL_NAMES,
+    ColumnMap,
+    columns_of,
+    gas_names,
+    without_unit,
+)
 from cldit.cfd.mesh import join
 from cldit.cfd.point_data import with_point_fields
 from cldit.cfd.times import CaseTime

@@ -18,6 +18,7 @@ from cldit.cfd.vtk.collections import (
     step_of,
     without_step,
 )
+from cldit.cfd.vtk.composite import COMPOSITE, times_in
 from cldit.errors import SprayError
 
 _PLACES = ("lagrangian/*/*", "lagrangian/*", "*/lagrangian/*/*", "*/lagrangian/*")
@@ -62,6 +63,9 @@ def find_layout(path: Path) -> Layout:
         return _pvd([path])
     if path.suffix == ".series":
         return _folder(path.parent)
+    if path.suffix in COMPOSITE and (times := times_in(path)):
+        steps = {repr(t): [Entry(stem(path), (path,), time_s=t)] for t in times}
+        return Layout(steps, {repr(time): time for time in times})
     found = entries(path)
     near = [each for each in _files(path.parent) if each.suffix in (".vtp", ".pvtp")]
     ours = {piece for entry in found for piece in (*entry.pieces, *entry.named_by)} | {path}
@@ -117,6 +121,9 @@ def _foam(folder: Path, path: Path) -> Layout:
 def _folder(folder: Path) -> Layout:
     """A folder of files: every .pvd together, else all files that no collection names."""
     files = _files(folder)
+    for file in files:
+        if file.suffix in COMPOSITE and times_in(file):
+            raise SprayError(f"{file}: holds several times itself; give this file as the case")
     if lists := [each for each in files if each.suffix == ".pvd"]:
         layout = _pvd(lists)
         taken = {

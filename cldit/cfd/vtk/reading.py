@@ -14,6 +14,7 @@ from typing import Any
 from cldit.cfd.inputs import regular
 from cldit.cfd.size import check_room
 from cldit.cfd.vtk.appended import check_appended
+from cldit.cfd.vtk.composite import composite_reader, composite_size, leaves
 from cldit.cfd.vtk.datasets import GHOSTS, dimension
 from cldit.cfd.vtk.head import vtk_size
 from cldit.errors import SprayError
@@ -27,12 +28,16 @@ _BAD_NAME = re.compile(rb"Name=[\"']([^\"'\n]*<[^\"'\n]*)[\"']")
 
 @dataclass(frozen=True)
 class Loaded:
-    """A file's data set (of vtk's), and the names of all its fields, whether read or not."""
+    """A file's data set (of vtk's), and the names of all its fields, whether read or not.
+
+    name: of the data set, where the file holds several.
+    """
 
     file: Path
     data: Any
     cell_names: frozenset[str]
     point_names: frozenset[str]
+    name: str = ""
 
 
 def load_vtk(
@@ -84,6 +89,61 @@ def load_vtk(
     if file.suffix == ".vtk":
         known = _array_names(data.GetCellData()), _array_names(data.GetPointData())
     return Loaded(file, data, *known)
+
+
+def load_composite(
+    file: Path, *, choose: Choose | None = None, time_s: float | None, watch: Watch = silent
+) -> list[Loaded]:
+    """The data sets in a file of `COMPOSITE`.
+
+    Args:
+        file: .vtkhdf.
+        choose: which fields are read; None is all. Of points alone all are read.
+        time_s: one of `times_in`; None where there is none.
+        watch: told how far vtk is.
+
+    Returns:
+        The data sets, in the file's order.
+
+    Raises:
+        SprayError: vtk or h5py is not installed; the file is damaged, truncated, or does not fit
+            into memory.
+        KeyboardInterrupt: Ctrl-C was pressed; vtk stops where it is.
+    """
+    check_room(file, composite_size(file))
+    reader = composite_reader(file)
+    with _messages(file, reader):
+        reader.UpdateInformation()
+    cells, points = reader.GetCellDataArraySelection(), reader.GetPointDataArraySelection()
+    known = _names(cells), _names(points)
+    cells.EnableAllArrays()
+    # parcels have all of theirs, and may lie in the same file
+    points.EnableAllArrays()
+    if choose is not None:
+        _select(cells, choose(*known)[0])
+    with _messages(file, reader), _observed(file, reader, watch):
+        if time_s is None:
+            reader.Update()
+        else:
+            reader.UpdateTimeStep(time_s)
+    found = leaves(reader.GetOutputDataObject(0))
+    if not found:
+        raise SprayError(f"{file}: holds no data set")
+    return [
+        Loaded(
+            file,
+            data,
+            _array_names(data.GetCellData()) | _unread(known[0], data),
+            _array_names(data.GetPointData()),
+            name,
+        )
+        for name, data in found
+    ]
+
+
+def _unread(known: frozenset[str], data: Any) -> frozenset[str]:
+    """Cell fields that were not read: which data set has them is not told, a mesh may."""
+    return known if dimension(data) == 3 else frozenset()
 
 
 def nothing(cells: Set[str], points: Set[str]) -> tuple[Set[str], Set[str]]:

@@ -14,10 +14,11 @@ from cldit.cfd.case import NO_CLOUD, only_claimant
 from cldit.cfd.inputs import regular
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.cfd.vtk.collections import Entry, Listed, without_step
+from cldit.cfd.vtk.composite import COMPOSITE
 from cldit.cfd.vtk.datasets import dimension, geometry_of, time_value, vtk_mesh
 from cldit.cfd.vtk.ghosts import Marked, unmarked
 from cldit.cfd.vtk.layout import Layout
-from cldit.cfd.vtk.reading import Choose, Loaded, load_vtk, nothing
+from cldit.cfd.vtk.reading import Choose, Loaded, load_composite, load_vtk, nothing
 from cldit.errors import SprayError
 from cldit.progress import Watch, silent
 
@@ -48,8 +49,26 @@ class Loader:
         kept = self._kept.pop(file, None)
         return kept or load_vtk(file, choose=None if whole else self._choose, watch=self._watch)
 
+    def parts(self, entry: Entry) -> dict[Entry, list[Loaded]]:
+        """The data sets of an entry with their pieces: several where its file holds such."""
+        file = entry.pieces[0]
+        if file.suffix not in COMPOSITE:
+            whole = entry.cloud is True
+            return {entry: [self.load(each, whole=whole) for each in entry.pieces]}
+        found: dict[Entry, list[Loaded]] = {}
+        for part in load_composite(
+            file, choose=self._choose, time_s=entry.time_s, watch=self._watch
+        ):
+            named_by = entry.named_by or (file,)  # the blocks of a file belong together
+            own = replace(entry, name=part.name or entry.name, named_by=named_by)
+            found.setdefault(own, []).append(part)
+        return found
+
     def time_in(self, file: Path, *, only: bool) -> float | None:
         """The field `TimeValue` in a file; `only`: which is read in any case."""
+        if file.suffix in COMPOSITE:
+            parts = load_composite(file, choose=nothing, time_s=None)
+            return next((t for part in parts if (t := time_value(part.data)) is not None), None)
         if not only:
             return time_value(load_vtk(file, choose=nothing).data)
         self._kept[file] = self.load(file)
@@ -150,12 +169,9 @@ def _sorted(at: float | None, found: Sequence[Entry], layout: Layout, loader: Lo
     marked = Marked()
     files = list(layout.read)
     surfaces = list(layout.left_out)
-    for entry in found:
-        pieces = [
-            replace(each, data=unmarked(each.data, marked))
-            for file in entry.pieces
-            for each in [loader.load(file, whole=entry.cloud is True)]
-        ]
+    read = [pair for each in found for pair in loader.parts(each).items()]
+    for entry, loaded in read:
+        pieces = [replace(each, data=unmarked(each.data, marked)) for each in loaded]
         files += [*entry.named_by, *entry.pieces]
         high = max(dimension(piece.data) for piece in pieces)
         if entry.cloud or (entry.cloud is None and high == 0):
@@ -176,6 +192,8 @@ def _sorted(at: float | None, found: Sequence[Entry], layout: Layout, loader: Lo
     _all_different([piece for pieces in meshes.values() for piece in pieces])
     if not meshes:
         first = found[0].pieces[0]
+        if first.suffix in COMPOSITE:
+            raise SprayError(f"{first}: holds no gas: no data set of cells with a volume")
         data = load_vtk(first, "vtkUnstructuredGrid").data
         vtk_mesh(first, data)  # says which cells it has instead
         raise SprayError(f"{first}: holds parcels alone; name the gas, or the folder of both")

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from tests.unit.cfd.conftest import Foam
 
 SET: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
-CHECKED = ("vtk", "openfoam-gz")
-KINDS = (*CHECKED, "converge", "tables")
+CHECKED = ("vtk", "openfoam-gz", "vtkhdf", "parquet")
+KINDS = (*CHECKED, "converge", "tables", "fluent", "cgns", "vtkhdf-by-vtk")
 SLOW_KINDS = (*KINDS, "openfoam", "openfoam-binary", "ensight", "ensight-ascii")
 QUICK, MANY = 20, 200
 
@@ -39,12 +39,35 @@ def write(kind: str, folder: Path, foam: Foam) -> Path:
         save(folder / "gas.vtu", block_grid(block, gas))
         save(folder / "drops.vtp", cloud_data(cloud))
         return folder
+    if kind in ("vtkhdf", "cgns", "fluent", "vtkhdf-by-vtk", "parquet"):
+        return _other_binary(kind, folder, (block, gas, cloud), foam)
     if kind.startswith("openfoam"):
         form = foam.form(binary=kind.endswith("binary"), gz=kind.endswith("gz"))
         return foam.write(folder, block, gas=gas, cloud=cloud, form=form)
     from tests.unit.cfd.formats.conftest import WRITERS
 
     return WRITERS[kind][0](folder, foam.sample())
+
+
+def _other_binary(kind: str, folder: Path, sample: Any, foam: Foam) -> Path:
+    """Without a mapping file where none is needed: what is left of one may be another."""
+    from tests.unit.cfd import composites
+    from tests.unit.cfd.formats.conftest import write_tables
+    from tests.unit.cfd.formats.test_fluent import write_fluent
+    from tests.unit.cfd.test_vtk import block_grid
+
+    folder.mkdir(parents=True, exist_ok=True)
+    block, gas, _ = sample
+    if kind == "fluent":
+        return write_fluent(folder, sample)
+    if kind == "cgns":
+        return composites.write_cgns(folder / "a.cgns", sample)
+    if kind == "vtkhdf":
+        return composites.write_own_hdf(folder / "a.vtkhdf", sample)
+    if kind == "vtkhdf-by-vtk":
+        blocks = {"gas": block_grid(block, gas), "drops": composites.cloud_block(sample)}
+        return composites.write_hdf(folder / "a.vtkhdf", blocks)
+    return composites.in_parquet(write_tables(folder, foam.sample()))
 
 
 def figures(spec: CfdSpray) -> tuple[object, ...]:

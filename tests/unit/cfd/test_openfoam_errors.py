@@ -47,7 +47,7 @@ MISSING: list[tuple[str, str]] = [
     (f"{CLOUD}/d", "sprayCloud: cloud 'sprayCloud' has no field 'd'; it has: T, U, nParticle, rho"),
     (f"{CLOUD}/nParticle", "has no field 'nParticle'"),
     (f"{CLOUD}/rho", "has no field 'rho'"),
-    (f"{CLOUD}/positions", "sprayCloud: a cloud without parcels: neither positions nor"),
+    (f"{CLOUD}/positions", "sprayCloud: the cloud 'sprayCloud' has neither positions nor coord"),
 ]
 
 

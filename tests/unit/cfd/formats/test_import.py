@@ -190,6 +190,7 @@ def test_page_of_the_docs(tmp_path: Path) -> None:
     known = CliRunner().invoke(main, ["import", "--help"]).output
     known += CliRunner().invoke(main, ["run", "--help"]).output
     known += CliRunner().invoke(main, ["bench", "--help"]).output
+    known += CliRunner().invoke(main, ["export", "--help"]).output
     named = set(re.findall(r"--[a-z][a-z-]+", page)) - {"--help"}
     assert len(named) > 8
     assert not {option for option in named if option not in known}

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tests.unit.cfd.formats.conftest import Writers
 
 KINDS = ["openfoam", "vtk", "tables", "ensight", "ensight-ascii", "converge"]
+KINDS += ["vtkhdf", "cgns", "fluent", "parquet"]
 
 
 def written(kind: str, folder: Path, foam: Foam, writers: Writers) -> CfdSpray:
@@ -37,6 +38,10 @@ def written(kind: str, folder: Path, foam: Foam, writers: Writers) -> CfdSpray:
         case = folder
         save(folder / "case_1" / "internal.vtu", block_grid(block, gas))
         save(folder / "lagrangian" / "rain" / "rain_1.vtp", cloud_data(cloud))
+    elif kind in ("vtkhdf", "cgns", "fluent", "parquet"):
+        from tests.unit.cfd import test_damage
+
+        case = test_damage.write(kind, folder, foam)
     else:
         case = writers.every[kind][0](folder, sample)
     return CfdSpray(file=case, **writers.place)

@@ -11,10 +11,6 @@ from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 
 KINDS = [
-    ("run.cas.h5", "is a case of Fluent in HDF5, which is not read; in Fluent, File > Export"),
-    ("run.dat.h5", "is a data file of Fluent in HDF5"),
-    ("spray.vtkhdf", "is VTK's HDF format, .*ParaView"),
-    ("spray.cgns", "is CGNS, .*save the gas as .vtu and the parcels as .vtp"),
     ("engine.sim", r"is a session of STAR-CCM\+, .*EnSight Gold"),
     ("cells.csv", r"is a table, .*mapping file \(\.yaml\)"),
     ("parcels.XLSX", "is a spreadsheet, .*save it as CSV"),

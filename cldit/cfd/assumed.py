@@ -1,0 +1,69 @@
+"""What is taken for granted where a case does not say it: each is told, and kept in the run."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+from cldit.cfd.case import CfdCase
+from cldit.scene.spray import CfdSpray
+
+_ATOMIC_KG_MOL = {"C": 12.011e-3, "H": 1.008e-3, "O": 15.999e-3, "N": 14.007e-3}
+_FORMULA = re.compile(r"(?:MASSFRAC_|Y_)?(?:[NI](?=C\d))?((?:[CHON]\d*)+)$", re.IGNORECASE)
+_SLACK = 0.01  # of the molar mass: an isotope, or rounded
+
+
+def assumptions(spec: CfdSpray, case: CfdCase) -> tuple[str, ...]:
+    """What stands for figures that the case lacks.
+
+    Args:
+        spec: what of the case is wanted.
+        case: as it was read.
+
+    Returns:
+        A sentence for each.
+    """
+    found = []
+    if "rho" not in case.gas and "p" in case.gas:
+        close = ", ".join(map(repr, similar("rho", set(case.available) - set(case.gas))))
+        hint = f" (if {close} is it, a mapping file says so)" if close else ""
+        found.append(
+            f"{case.source}: no density 'rho' among the cell fields{hint}: that of an ideal gas of "
+            "air and fuel at p and T stands for it."
+        )
+    if "rho" in case.gas and "p" not in case.gas:
+        found.append(
+            f"{case.source}: no pressure among the cell fields: the density was not compared with "
+            "that of an ideal gas."
+        )
+    if case.time_s is None:
+        found.append(f"{case.source}: does not say its time.")
+    stated = molar_mass_kg_mol(spec.fuel_field)
+    if stated is not None and abs(stated / spec.fuel_molar_mass_kg_mol - 1.0) > _SLACK:
+        given = "as given" if "fuel_molar_mass_kg_mol" in spec.model_fields_set else "n-heptane's"
+        found.append(
+            f"Molar mass of {spec.fuel_field}: {spec.fuel_molar_mass_kg_mol:g} kg/mol, {given}; by "
+            f"its formula it is {stated:.6g} (spray.fuel_molar_mass_kg_mol)."
+        )
+    return tuple(found)
+
+
+def similar(name: str, known: Iterable[str]) -> list[str]:
+    """Those of the `known` names that `name` may stand for, misspelt; three at most."""
+    by_lower = {each.lower(): each for each in known}
+    close = get_close_matches(name.lower(), by_lower, n=3, cutoff=0.6)
+    return [by_lower[each] for each in close]
+
+
+def molar_mass_kg_mol(name: str) -> float | None:
+    """By a formula of C, H, O and N as the name of a species, as C7H16; None: it is none.
+
+    Args:
+        name: of the field; what codes put before it is left out.
+    """
+    match = _FORMULA.match(name)
+    if match is None or not re.search(r"\d", name):
+        return None
+    atoms = re.findall(r"([CHON])(\d*)", match[1].upper())
+    return sum(_ATOMIC_KG_MOL[atom] * int(count or 1) for atom, count in atoms)

@@ -1,0 +1,270 @@
+"""CGNS in HDF5: zones, their cells, and fields in cells or at vertices.
+
+Layout after the CGNS standard (SIDS and its HDF5 mapping), read through h5py: vtk's reader of CGNS
+makes coordinates single precision, and ends the process on a damaged file. Parcels are not in it: a
+mapping file names their table (`parcels.file`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.cfd.case import NO_CLOUD, CfdCase, Column, joined
+from cldit.cfd.cell_mesh import Labels
+from cldit.cfd.cgns_nodes import check_units, children, data_of, open_cgns, text_of_node
+from cldit.cfd.column_mapping import Source, gas_columns
+from cldit.cfd.element_mesh import ElementMesh
+from cldit.cfd.mapping_file import CGNS_NAMES, ColumnMap, gas_names
+from cldit.cfd.mesh import join
+from cldit.cfd.point_data import with_point_fields
+from cldit.cfd.size import Size, check_room
+from cldit.cfd.times import CaseTime, choose_time
+from cldit.errors import SprayError
+from cldit.progress import Watch, silent
+
+# ElementType_t: vtk's type, and the order of its corners; surfaces and lines are left out
+_WEDGE = (0, 2, 1, 3, 5, 4)  # whose first triangle points inwards in CGNS, outwards in vtk
+_CELLS = {10: (10, range(4)), 12: (14, range(5)), 14: (13, _WEDGE), 17: (12, range(8))}
+_SURFACES = range(2, 10)
+_WAY = "open it in ParaView and save the gas as .vtu"
+
+
+@dataclass(frozen=True)
+class _Zone:
+    """Mesh of a zone; fields of its cells (N,) and vertices (P,) by name."""
+
+    name: str
+    mesh: ElementMesh
+    cells: Mapping[str, Column]
+    points: Mapping[str, Column]
+
+
+def read_cgns(
+    path: Path,
+    *,
+    time_s: CaseTime | None,
+    fuel_field: str,
+    cloud: str | None,
+    names: ColumnMap,
+    watch: Watch = silent,
+) -> CfdCase:
+    """Reads a file of one time.
+
+    Args:
+        path: the file.
+        time_s: must be that of the file; None takes it.
+        fuel_field: name of the fuel's mass fraction.
+        cloud: must be left out, or `none`.
+        names: names of fields where they are not the standard's.
+        watch: told how far the work is.
+
+    Raises:
+        SprayError: the file is damaged, in ADF, in other units than SI, or has cells that are not
+            read; there is no such time or cloud; or it does not fit into memory.
+    """
+    if cloud not in (None, NO_CLOUD):
+        raise SprayError(
+            f"{path}: no cloud {cloud!r} (spray.cloud): CGNS holds none; a mapping file names "
+            "their table (parcels.file)"
+        )
+    with open_cgns(path) as root:
+        check_units(path, root)
+        at = _time(path, root, time_s)
+        check_room(path, _size(path, root))
+        watch("reading the zones", 0, 1)
+        zones = [_zone(path, zone) for _, zone in _zones(path, root)]
+    remarks, parts, skipped = [], [], []
+    available: set[str] = set()
+    for zone in zones:
+        known = {**zone.cells, **zone.points}
+        available |= set(known)
+        wanted = gas_names(names.cells, known, fuel_field, CGNS_NAMES)
+        if wanted.fuel is None and len(zones) > 1:
+            skipped.append(zone.name)
+            continue
+        cells, moved = with_point_fields(zone.cells, zone.points, wanted, _mean(zone.mesh))
+        if moved:
+            remarks.append(f"{path}: {', '.join(moved)} at vertices became means over cells.")
+        source = Source(f"{path}: {zone.name}", cells, zone.mesh.cells)
+        parts.append((zone.mesh, gas_columns(source, wanted, fuel_field)))
+    if not parts:
+        raise SprayError(f"{path}: no zone has the field {fuel_field!r} (spray.fuel_field)")
+    if skipped:
+        remarks.append(f"Zones without {fuel_field} are left out: {', '.join(skipped)}.")
+    for _, gas in parts:
+        if odd := set(parts[0][1]) ^ set(gas):
+            raise SprayError(f"{path}: only some of its zones have the field {min(odd)!r}")
+    return CfdCase(
+        source=str(path),
+        time_s=at,
+        mesh=join([mesh for mesh, _ in parts]),
+        gas={name: joined([gas[name] for _, gas in parts]) for name in parts[0][1]},
+        available=tuple(sorted(available)),
+        cloud=None,
+        files=(path,),
+        remarks=tuple(remarks),
+    )
+
+
+def list_cgns(path: Path) -> tuple[list[float], list[str]]:
+    """Times [s] and fields of a file.
+
+    Raises:
+        SprayError: it is damaged, or in ADF.
+    """
+    with open_cgns(path) as root:
+        at = _time(path, root, None)
+        fields = {
+            name
+            for _, zone in _zones(path, root)
+            for _, solution in children(zone, "FlowSolution_t")
+            for name, _ in children(solution, "DataArray_t")
+        }
+    return ([] if at is None else [at]), sorted(fields)
+
+
+def _zones(path: Path, root: Any) -> list[tuple[str, Any]]:
+    found = []
+    for name, base in children(root, "CGNSBase_t"):
+        if data_of(path, base).tolist() != [3, 3]:
+            raise SprayError(f"{path}: {name}: is not of three dimensions")
+        found += children(base, "Zone_t")
+    if not found:
+        raise SprayError(f"{path}: holds no zone")
+    return found
+
+
+def _time(path: Path, root: Any, wanted: CaseTime | None) -> float | None:
+    times = [
+        float(value)
+        for _, base in children(root, "CGNSBase_t")
+        for _, steps in children(base, "BaseIterativeData_t")
+        for name, array in children(steps, "DataArray_t")
+        if name == "TimeValues"
+        for value in data_of(path, array).reshape(-1)
+    ]
+    if len(set(times)) > 1:
+        raise SprayError(f"{path}: holds {len(set(times))} times; export one: {_WAY}")
+    if not times and wanted not in (None, "latest"):
+        raise SprayError(f"{path}: does not say its time; leave spray.time_s out")
+    return choose_time(str(path), times, wanted) if times else None
+
+
+def _size(path: Path, root: Any) -> Size:
+    """By the sizes of the zones, and the shapes of all arrays."""
+    stored: list[int] = []
+    root.visititems(
+        lambda _, each: (
+            stored.append(int(each.size) * each.dtype.itemsize) if hasattr(each, "dtype") else None
+        )
+    )
+    sizes = [data_of(path, zone) for _, zone in _zones(path, root)]
+    cells = sum(int(np.prod(each[1], dtype=np.int64)) for each in sizes if len(each) == 3)
+    return Size(cells, 0, 2.0 * sum(stored))
+
+
+def _zone(path: Path, zone: Any) -> _Zone:
+    name = zone.name.rpartition("/")[2]
+    sizes = data_of(path, zone)
+    if sizes.ndim != 2 or sizes.shape[0] != 3 or sizes.dtype.kind not in "iu" or sizes.min() < 0:
+        raise SprayError(f"{path}: {name}: sizes of shape {sizes.shape}, expected three rows")
+    kinds = [text_of_node(path, each) for _, each in children(zone, "ZoneType_t")]
+    structured = kinds == ["Structured"]
+    vertices, cells = (int(np.prod(row, dtype=np.int64)) for row in sizes[:2])
+    grids = children(zone, "GridCoordinates_t")
+    if not grids:
+        raise SprayError(f"{path}: {name}: holds no coordinates")
+    arrays = dict(_arrays(path, grids[0][1], vertices))
+    if missing := {"CoordinateX", "CoordinateY", "CoordinateZ"} - set(arrays):
+        raise SprayError(f"{path}: {name}: {min(missing)} is missing; Cartesian ones are read")
+    points = np.stack([arrays[f"Coordinate{letter}"] for letter in "XYZ"], axis=1)
+    if structured:
+        kind, nodes, ends = _blocks(path, name, sizes)
+    else:
+        kind, nodes, ends = _elements(path, zone)
+    if len(kind) != cells:
+        raise SprayError(f"{path}: {name}: {len(kind)} cells of a volume, expected {cells}")
+    mesh = ElementMesh(points.astype(np.float64), kind, ends, nodes, f"{path}: {name}")
+    fields: tuple[dict[str, Column], dict[str, Column]] = ({}, {})
+    for _, solution in children(zone, "FlowSolution_t"):
+        where = [text_of_node(path, each) for _, each in children(solution, "GridLocation_t")]
+        place = {"CellCenter": 0, "Vertex": 1}.get(where[0] if where else "Vertex")
+        if place is None:
+            raise SprayError(f"{path}: {solution.name}: fields at {where[0]} are not read; {_WAY}")
+        for key, values in _arrays(path, solution, (cells, vertices)[place]):
+            if key in fields[place]:
+                raise SprayError(f"{path}: {name}: holds {key} twice, of several times; {_WAY}")
+            fields[place][key] = Column(f"{path}: {name}: field {key}", values)
+    return _Zone(name, mesh, *fields)
+
+
+def _arrays(path: Path, group: Any, count: int) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Names and values (N,) of the arrays in a group, without rind."""
+    for _, rind in children(group, "Rind_t"):
+        if np.any(data_of(path, rind)):
+            raise SprayError(f"{path}: {group.name}: has ghost cells (Rind), not read; {_WAY}")
+    for name, array in children(group, "DataArray_t"):
+        values = data_of(path, array).reshape(-1)
+        if values.dtype.kind not in "fiu" or len(values) != count:
+            raise SprayError(f"{path}: {array.name}: {len(values)} values, expected {count}")
+        yield name, values
+
+
+def _blocks(path: Path, name: str, sizes: NDArray[Any]) -> tuple[NDArray[np.uint8], Labels, Labels]:
+    """Type, corners and their ends of the cells of a structured zone."""
+    if sizes.shape != (3, 3) or sizes[0].min() < 2 or np.any(sizes[1] != sizes[0] - 1):
+        raise SprayError(f"{path}: {name}: sizes {sizes.tolist()} are those of no block")
+    corner = np.arange(int(np.prod(sizes[0]))).reshape(sizes[0][::-1])
+    low, high = slice(None, -1), slice(1, None)
+    ring = [(low, low), (low, high), (high, high), (high, low)]
+    layers = [layer[:, y, x] for layer in (corner[:-1], corner[1:]) for y, x in ring]
+    nodes = np.stack(layers, axis=-1).reshape(-1, 8)
+    return np.full(len(nodes), 12, np.uint8), nodes.reshape(-1), np.arange(0, nodes.size + 1, 8)
+
+
+def _elements(path: Path, zone: Any) -> tuple[NDArray[np.uint8], Labels, Labels]:
+    """Type, corners and their ends of the cells of an unstructured zone, in their order."""
+    found: list[tuple[int, NDArray[np.uint8], Labels, Labels]] = []
+    for name, part in children(zone, "Elements_t"):
+        kind = int(data_of(path, part).reshape(-1)[0])
+        if kind in _SURFACES:
+            continue
+        known = {key: data_of(path, each).reshape(-1) for key, each in [
+            *children(part, "DataArray_t"), *children(part, "IndexRange_t")]}  # fmt: skip
+        if kind not in _CELLS or not {"ElementConnectivity", "ElementRange"} <= set(known):
+            raise SprayError(
+                f"{path}: {name}: elements of type {kind}; read are tetrahedra, pyramids, wedges "
+                f"and hexahedra, each kind in a section of its own; {_WAY}"
+            )
+        first, last = known["ElementRange"].tolist()
+        vtk, order = _CELLS[kind]
+        nodes = known["ElementConnectivity"]
+        if nodes.dtype.kind not in "iu" or len(nodes) != (last - first + 1) * len(order):
+            raise SprayError(
+                f"{path}: {name}: {len(nodes)} corners for elements {first} to {last} of "
+                f"{len(order)}"
+            )
+        turned = nodes.reshape(-1, len(order))[:, list(order)].astype(np.int64) - 1
+        count = len(turned)
+        found.append(
+            (first, np.full(count, vtk, np.uint8), turned.reshape(-1), np.full(count, len(order)))
+        )
+    found.sort(key=lambda each: each[0])
+    if not found:
+        raise SprayError(f"{path}: {zone.name}: has no cells")
+    kinds, nodes, counts = (np.concatenate([each[k] for each in found]) for k in (1, 2, 3))
+    return kinds.astype(np.uint8), nodes, np.concatenate([[0], np.cumsum(counts)])
+
+
+def _mean(mesh: ElementMesh) -> Any:
+    def mean(values: Any) -> Any:
+        sums = np.add.reduceat(values[mesh.nodes], mesh.offsets[:-1], dtype=np.float64)
+        return sums / np.diff(mesh.offsets)
+
+    return mean

@@ -1,0 +1,267 @@
+"""Fluent's case and data in HDF5 (.cas.h5, .dat.h5): polyhedral mesh and cell fields.
+
+Layout as vtk's reader of such files has it (vtkFLUENTCFFReader), read through h5py. Particles are
+not in these files: a mapping file names their table (`parcels.file`).
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.cfd.case import NO_CLOUD, CfdCase, Column
+from cldit.cfd.column_mapping import Source, gas_columns
+from cldit.cfd.hdf import field, labels, open_hdf, stored
+from cldit.cfd.mapping_file import CellColumns, ColumnMap, Scalar, columns_of, merged
+from cldit.cfd.mesh import Mesh
+from cldit.cfd.size import Size, check_room
+from cldit.cfd.times import CaseTime
+from cldit.errors import SprayError
+from cldit.progress import Watch, silent
+
+ENDINGS = (".cas.h5", ".dat.h5")
+# SV_P is over the operating pressure, which is no field: a mapping may say what it is.
+_NAMES = {"temperature": "SV_T", "density": "SV_DENSITY"}
+_UNREAD = {
+    "special/Overset_DCI": "an overset mesh",
+    "meshes/1/cells/tree": "an adapted mesh with hanging nodes",
+    "meshes/1/faces/interface": "a mesh with interfaces",
+}
+_OTHER_PHASES = {f"phase-{number}" for number in range(2, 100)}
+_WAY = "in Fluent, File > Export > EnSight Case Gold"
+_MESH, _CELLS = "meshes/1", "results/1/phase-1/cells"
+
+
+def is_fluent(path: Path) -> bool:
+    """Whether a file is one of Fluent's pair, by its name."""
+    return path.name.lower().endswith(ENDINGS)
+
+
+def read_fluent(
+    path: Path,
+    *,
+    time_s: CaseTime | None,
+    fuel_field: str,
+    cloud: str | None,
+    names: ColumnMap,
+    watch: Watch = silent,
+) -> CfdCase:
+    """Reads a case and the data beside it.
+
+    Args:
+        path: one of the pair NAME.cas.h5 and NAME.dat.h5.
+        time_s: must be left out: the files do not say theirs in a documented place.
+        fuel_field: name of the fuel's mass fraction.
+        cloud: must be left out, or `none`.
+        names: names of fields where they are not Fluent's.
+        watch: told how far the work is.
+
+    Raises:
+        SprayError: one of the pair is missing, damaged, or does not fit the other; there is no such
+            time or cloud; or the case does not fit into memory.
+    """
+    if time_s not in (None, "latest"):
+        raise SprayError(f"{path}: does not say its time; leave spray.time_s out")
+    if cloud not in (None, NO_CLOUD):
+        raise SprayError(
+            f"{path}: no cloud {cloud!r} (spray.cloud): particles are in a file of their own, "
+            "which a mapping file names (parcels.file)"
+        )
+    case, data = pair(path)
+    with open_hdf(case) as file:
+        mesh_group = _group(case, file, _MESH)
+        for name, what in _UNREAD.items():
+            if name in file:
+                raise SprayError(f"{case}: {what} ({name}), which is not read; {_WAY}")
+        cells = _count(case, mesh_group, "cellCount")
+        check_room(case, _size(case, mesh_group, cells))
+        watch("reading the mesh", 0, 1)
+        mesh = _mesh(case, mesh_group, cells)
+    with open_hdf(data) as file:
+        if others := sorted(set(_group(data, file, "results/1")) & _OTHER_PHASES):
+            raise SprayError(f"{data}: holds {', '.join(others)} beside phase-1; {_WAY}")
+        held = _group(data, file, _CELLS)
+        known = _fields(held)
+        wanted = fluent_names(known, names.cells, fuel_field)
+        columns = {name: Column("", np.empty(0)) for name in known}
+        for name in sorted(columns_of(wanted) & set(known)):
+            watch(f"reading {name}", 0, 1)
+            columns[name] = Column(f"{data}: cell field {name}", _field(data, held[name], cells))
+        gas = gas_columns(Source(str(data), columns, cells), wanted, fuel_field)
+    return CfdCase(
+        source=str(data),
+        time_s=None,
+        mesh=mesh,
+        gas=gas,
+        available=tuple(known),
+        cloud=None,
+        files=(case, data),
+    )
+
+
+def list_fluent(path: Path) -> list[str]:
+    """The cell fields of a pair.
+
+    Raises:
+        SprayError: as `read_fluent`.
+    """
+    _, data = pair(path)
+    with open_hdf(data) as file:
+        return _fields(_group(data, file, _CELLS))
+
+
+def pair(path: Path) -> tuple[Path, Path]:
+    """The case and the data of which `path` is one.
+
+    Raises:
+        SprayError: one of them is missing.
+    """
+    stem = re.sub(r"\.(cas|dat)\.h5$", "", path.name, flags=re.IGNORECASE)
+    known = {each.name.lower(): each for each in path.parent.iterdir()}
+    found = [known.get(f"{stem.lower()}{ending}") for ending in ENDINGS]
+    for ending, file in zip(ENDINGS, found, strict=True):
+        if file is None:
+            raise SprayError(
+                f"{path}: {stem}{ending} is not beside it; Fluent's case and data are read together"
+            )
+    case, data = found
+    assert case is not None and data is not None
+    return case, data
+
+
+def fluent_names(known: list[str], given: CellColumns, fuel_field: str) -> CellColumns:
+    """Fluent's names that there are, with what a mapping has `given` in their place.
+
+    Args:
+        known: the fields of the cells.
+        given: of the mapping.
+        fuel_field: of the fuel's mass fraction.
+    """
+    default = {key: Scalar(column=name) for key, name in _NAMES.items() if name in known}
+    if fuel_field in known:
+        default["fuel"] = Scalar(column=fuel_field)
+    return merged(given, CellColumns(**default))
+
+
+def _fields(cells: Any) -> list[str]:
+    """Fields are groups of sections; beside them lies a text with their names."""
+    return sorted(name for name in cells if hasattr(cells[name], "keys"))
+
+
+def _group(path: Path, file: Any, name: str) -> Any:
+    if name not in file:
+        raise SprayError(f"{path}: holds no {name}: it is no such file of Fluent, or of two phases")
+    return file[name]
+
+
+def _count(path: Path, group: Any, name: str) -> int:
+    count = int(np.asarray(group.attrs[name]).reshape(-1)[0]) if name in group.attrs else 0
+    if count < 1:
+        raise SprayError(f"{path}: {group.name}: {name} is {count}, expected a number above 0")
+    return count
+
+
+def _size(path: Path, mesh: Any, cells: int) -> Size:
+    faces, nodes = (_count(path, mesh, name) for name in ("faceCount", "nodeCount"))
+    return Size(cells, 0, (4 * 12 + 44) * faces + 24 * nodes + 40 * cells)
+
+
+def _sections(path: Path, group: Any, count: int) -> list[tuple[int, int, Any]]:
+    """First and last index (from 1) of each section of ids, and what is in it.
+
+    Raises:
+        SprayError: sections overlap, leave a gap, or go beyond `count`.
+    """
+    found = []
+    for name in sorted(each for each in group if each.isdigit()):
+        part = group[name]
+        low, high = (_count(path, part, key) for key in ("minId", "maxId"))
+        found.append((low, high, part))
+    return sorted(found, key=lambda each: each[:2])
+
+
+def _in_order(path: Path, group: Any, count: int) -> list[tuple[int, int, Any]]:
+    found = _sections(path, group, count)
+    ends = [0, *(high for _, high, _ in found)]
+    if ends[-1] != count or any(
+        low != end + 1 for (low, _, _), end in zip(found, ends[:-1], strict=True)
+    ):
+        raise SprayError(f"{path}: {group.name}: its sections do not cover 1..{count} once")
+    return found
+
+
+def _field(path: Path, group: Any, count: int) -> NDArray[Any]:
+    parts = [
+        field(path, group, part.name.rpartition("/")[2], high - low + 1)
+        for low, high, part in _in_order(path, group, count)
+    ]
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _mesh(path: Path, group: Any, cells: int) -> Mesh:
+    """Faces between cells c0 and c1, from 1; 0 is none. A section of c1 that is left out is 0."""
+    faces, nodes = (_count(path, group, name) for name in ("faceCount", "nodeCount"))
+    held = _group(path, group, "nodes/coords")
+    points = []
+    for low, high, part in _in_order(path, held, nodes):
+        values = np.asarray(part[()])
+        if values.shape != (high - low + 1, 3) or values.dtype.kind != "f":
+            raise SprayError(f"{path}: {part.name}: shape {values.shape}, expected (N, 3): 3D only")
+        points.append(values)
+    sizes, corners = [], []
+    held = _group(path, group, "faces/nodes")
+    for low, high, part in _in_order(path, held, faces):
+        sizes.append(labels(path, part, "nnodes", high - low + 1))
+        corners.append(labels(path, part, "nodes", int(sizes[-1].sum())))
+    start = np.concatenate([[0], np.cumsum(np.concatenate(sizes))])
+    corner = np.concatenate(corners) - 1
+    sides = np.zeros((2, faces), np.int64)
+    for number, name in enumerate(("c0", "c1")):
+        held = _group(path, group, f"faces/{name}")
+        for low, high, part in _sections(path, held, faces):
+            key = part.name.rpartition("/")[2]
+            if high > faces:
+                raise SprayError(f"{path}: {part.name}: goes to face {high} of {faces}")
+            sides[number, low - 1 : high] = stored(path, held, key, high - low + 1)
+    point = np.concatenate(points).astype(np.float64)
+    if np.any(sides < 0) or np.any(sides > cells) or np.any(sides.sum(axis=0) == 0):
+        raise SprayError(
+            f"{path}: {group.name}/faces: a face lies between cells that are not there"
+        )
+    owner = np.where(sides[0] > 0, sides[0], sides[1]) - 1
+    neighbour = np.where((sides > 0).all(axis=0), sides[1], 0) - 1
+    mesh = Mesh(point, corner, start, owner, neighbour, cells, str(path))
+    return Mesh(point, _outwards(mesh), start, owner, neighbour, cells, str(path))
+
+
+def _outwards(mesh: Mesh) -> NDArray[Any]:
+    """The corners, turned where a face's normal does not point out of its owner.
+
+    Told by geometry, face by face: out of the mean of the owner's faces, which lies in a cell that
+    is not dented.
+    """
+    count = np.diff(mesh.start)
+    face = np.repeat(np.arange(len(count)), count)
+    centre = np.stack(
+        [np.bincount(face, mesh.points_m[mesh.corners, axis]) / count for axis in range(3)], axis=1
+    )
+    here = mesh.points_m[mesh.corners] - centre[face]
+    follow = np.arange(len(mesh.corners)) + 1
+    follow[mesh.start[1:] - 1] = mesh.start[:-1]
+    area = np.cross(here, here[follow])
+    normal = np.stack([np.bincount(face, area[:, axis]) for axis in range(3)], axis=1)
+    inner = mesh.neighbour >= 0
+    cell = np.concatenate([mesh.owner, mesh.neighbour[inner]])
+    of = np.concatenate([np.arange(len(count)), np.flatnonzero(inner)])
+    sides = np.maximum(np.bincount(cell, minlength=mesh.cells), 1)
+    middle = np.stack(
+        [np.bincount(cell, centre[of, axis], mesh.cells) / sides for axis in range(3)], axis=1
+    )
+    turned = np.einsum("ij,ij->i", normal, centre - middle[mesh.owner]) < 0
+    place = np.arange(len(mesh.corners))
+    mirrored = (mesh.start[:-1] + mesh.start[1:] - 1)[face] - place
+    return np.asarray(mesh.corners[np.where(turned[face], mirrored, place)])

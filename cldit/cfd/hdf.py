@@ -1,0 +1,112 @@
+"""HDF5 files as CFD codes write them: opened, and their arrays checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.cfd.cell_mesh import AnyFloats, Labels, narrowed
+from cldit.cfd.inputs import regular
+from cldit.errors import SprayError
+from cldit.spray.result import Floats
+
+
+@contextmanager
+def open_hdf(path: Path) -> Iterator[Any]:
+    """The HDF5 file.
+
+    Raises:
+        SprayError: h5py is not installed; the file is missing, damaged, or cut off.
+    """
+    try:
+        import h5py
+    except ImportError as error:
+        raise SprayError(
+            f'{path}: reading it needs h5py; install it with: pip install "cldit[cfd]"'
+        ) from error
+    try:
+        with h5py.File(regular(path), "r") as file:
+            yield file
+    except SprayError:
+        raise
+    except (OSError, RuntimeError, KeyError, TypeError, AttributeError, ValueError) as error:
+        raise SprayError(f"{path}: cannot be read as HDF5: damaged or cut off ({error})") from error
+
+
+def array(path: Path, group: Any, name: str, count: int | None = None) -> Floats:
+    """(N,) numbers of an array, as doubles.
+
+    Args:
+        path: named by errors.
+        group: of the file.
+        name: of the array in it.
+        count: its length, if it is known.
+
+    Raises:
+        SprayError: it is missing, no list of numbers, or of another length.
+    """
+    return stored(path, group, name, count).astype(np.float64)
+
+
+def stored(path: Path, group: Any, name: str, count: int | None = None) -> NDArray[Any]:
+    """As `array`, (N,), of the type that the file has.
+
+    Args:
+        path: named by errors.
+        group: of the file.
+        name: of the array in it.
+        count: its length, if it is known.
+
+    Returns:
+        The numbers.
+
+    Raises:
+        SprayError: it is missing, no list of numbers, or of another length.
+    """
+    if name not in group:
+        raise SprayError(f"{path}: {group.name}/{name} is missing")
+    values = np.asarray(group[name][()])
+    if values.ndim != 1 or values.dtype.kind not in "fiu":
+        raise SprayError(f"{path}: {group.name}/{name}: no list of numbers (shape {values.shape})")
+    if count is not None and len(values) != count:
+        raise SprayError(f"{path}: {group.name}/{name}: {len(values)} values, expected {count}")
+    return values
+
+
+def field(path: Path, group: Any, name: str, count: int) -> AnyFloats:
+    """As `array`, (N,), as exact as it is stored.
+
+    Args:
+        path: named by errors.
+        group: of the file.
+        name: of the array in it.
+        count: its length.
+
+    Raises:
+        SprayError: it is missing, no list of numbers, or of another length.
+    """
+    values = stored(path, group, name, count)
+    return values.astype(values.dtype if values.dtype.kind == "f" else np.float64)
+
+
+def labels(path: Path, group: Any, name: str, count: int | None = None) -> Labels:
+    """As `array`, (N,), of whole numbers, four bytes each where that is enough.
+
+    Args:
+        path: named by errors.
+        group: of the file.
+        name: of the array in it.
+        count: its length, if it is known.
+
+    Raises:
+        SprayError: it is missing, no list of whole numbers, or of another length.
+    """
+    values = stored(path, group, name, count)
+    if values.dtype.kind == "f" and not np.all(values == np.rint(values)):
+        raise SprayError(f"{path}: {group.name}/{name}: holds a label that is no whole number")
+    return narrowed(values)

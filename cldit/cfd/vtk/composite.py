@@ -1,0 +1,125 @@
+"""Files that hold several data sets, or several times: .vtkhdf, by vtk's reader.
+
+vtk reads them through HDF5. Whether they are whole, and how large, h5py tells before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cldit.cfd.hdf import open_hdf
+from cldit.cfd.inputs import regular
+from cldit.cfd.size import Size
+from cldit.errors import SprayError
+
+COMPOSITE = (".vtkhdf",)
+_WHILE_READING = 2.0  # bytes that vtk takes at its peak for one that is stored
+
+
+def composite_reader(file: Path) -> Any:
+    """vtk's reader of a file, which has looked into it.
+
+    Raises:
+        SprayError: vtk or h5py is not installed; the file is damaged, cut off, or no HDF5.
+    """
+    _check(regular(file))
+    try:
+        from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline  # noqa: F401
+        from vtkmodules.vtkIOHDF import vtkHDFReader
+    except ImportError as error:
+        raise SprayError(
+            f'{file}: reading it needs vtk; install it with: pip install "cldit[cfd]"'
+        ) from error
+    reader: Any = vtkHDFReader()
+    reader.SetFileName(str(file))
+    return reader
+
+
+def _check(file: Path) -> None:
+    """Reads every array once, so that a checksum which does not fit is found, and a file's end."""
+    with open_hdf(file) as root:
+        if "VTKHDF" not in root:
+            raise SprayError(f"{file}: holds no group VTKHDF: it is no file of VTK's HDF format")
+        for array in _arrays(root):
+            for start in range(0, max(array.size, 1), _AT_ONCE):
+                if not array.shape:
+                    array[()]
+                elif start < len(array):
+                    array[start : start + _AT_ONCE]
+
+
+_AT_ONCE = 1 << 20
+
+
+def _arrays(root: Any) -> Iterator[Any]:
+    """All arrays; a link to one that is there is not followed again."""
+    found: list[Any] = []
+    root.visititems(lambda _, each: found.append(each) if hasattr(each, "dtype") else None)
+    yield from found
+
+
+def composite_size(file: Path) -> Size:
+    """What the data sets in a file take, by the shapes of its arrays.
+
+    Raises:
+        SprayError: it is damaged.
+    """
+    with open_hdf(file) as root:
+        arrays = list(_arrays(root))
+        stored = sum(int(array.size) * array.dtype.itemsize for array in arrays)
+        # of grids; poly data count their cells by kind, a level deeper
+        counts = [each for each in arrays if each.name.endswith("/NumberOfCells")]
+        cells = sum(int(np.sum(each[()])) for each in counts if "Types" in each.parent)
+        points = sum(
+            int(np.sum(each[()]))
+            for each in arrays
+            if each.name.endswith("/NumberOfPoints") and "Types" not in each.parent
+        )
+    return Size(cells, points, _WHILE_READING * stored)
+
+
+def times_in(file: Path) -> tuple[float, ...]:
+    """The times that a file holds itself; none where it has one state alone.
+
+    Raises:
+        SprayError: h5py is not installed; the file is damaged, cut off, or no HDF5.
+    """
+    found: set[float] = set()
+    with open_hdf(file) as root:
+        groups: list[Any] = []
+        root.visititems(lambda name, each: groups.append(each) if name.endswith("Steps") else None)
+        for each in groups:
+            if "Values" in each:
+                found |= {float(value) for value in np.asarray(each["Values"][()]).reshape(-1)}
+    return tuple(sorted(found))
+
+
+def leaves(data: Any) -> list[tuple[str, Any]]:
+    """The data sets of vtk's composite `data` by name."""
+    return list(_named(data, ""))
+
+
+def _named(data: Any, name: str) -> Iterator[tuple[str, Any]]:
+    if data is None:
+        return
+    if data.IsA("vtkPartitionedDataSet"):
+        for number in range(data.GetNumberOfPartitions()):
+            yield from _named(data.GetPartitionAsDataObject(number), name)
+        return
+    if data.IsA("vtkPartitionedDataSetCollection"):
+        count, part = data.GetNumberOfPartitionedDataSets(), data.GetPartitionedDataSet
+    elif data.IsA("vtkMultiBlockDataSet"):
+        count, part = data.GetNumberOfBlocks(), data.GetBlock
+    else:
+        yield name, data
+        return
+    from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet
+
+    for number in range(count):
+        about = data.GetMetaData(number) if data.HasMetaData(number) else None
+        own = about.Get(vtkCompositeDataSet.NAME()) if about is not None else None
+        yield from _named(part(number), own or name)

@@ -1,0 +1,170 @@
+"""The medium of a stored run, made again from its scene and checked against what it recorded.
+
+A run folder holds weights, not cells: these are as large as memory, and most are never asked for.
+Scene and plan (`run.json`) say all that the cells depend on. Whether they came out the same is told
+by what the run recorded: checksums of its files, figures of its spray, nodes, leaves, and what all
+of the medium absorbs and scatters.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from cldit.errors import RunFolderError
+from cldit.gpu.device import Device
+from cldit.medium.octree import Octree
+from cldit.provenance import FileRead
+from cldit.run.medium import prepare
+from cldit.run.plan import Plan
+from cldit.run.result import Run
+from cldit.run.spectral import SpectralInfo, node_settings
+from cldit.run.spray_factory import make_spray
+from cldit.run.stages import Say, Stages
+from cldit.scene import Scene
+from cldit.spray.result import Spray
+from cldit.transport.trace import Settings
+
+_ALIKE = 1e-5  # of sums in double precision over float32 fields, in another order on other machines
+
+
+@dataclass(frozen=True)
+class Rebuilt:
+    """The medium of one node.
+
+    scene: with what the run's plan chose. number: of the node. tree: its octree; settings: of its
+    trace. spray: before its parcels are spread. remarks: what could not be checked.
+    """
+
+    scene: Scene
+    number: int
+    tree: Octree
+    settings: Settings
+    spray: Spray
+    remarks: tuple[str, ...]
+
+
+def rebuilt(
+    run: Run, device: Device, cache: Path, *, node: int | None = None, say: Say | None = None
+) -> Rebuilt:
+    """The medium of a run at one of its nodes.
+
+    Args:
+        run: as `open_run` reads it.
+        device: whose memory the cells must fit.
+        cache: folder of tables and sprays.
+        node: number of the node; None: the one with most of the light.
+        say: takes lines of progress.
+
+    Raises:
+        RunFolderError: there is no such node; files have changed since; or what is made is not what
+            the run recorded.
+        ClditError: as `simulate`.
+    """
+    number = _node(run, node)
+    if run.info.plan is None:
+        raise RunFolderError(f"{_name(run)}: run.json holds no plan; run the scene again")
+    try:
+        plan = Plan(**run.info.plan)
+    except TypeError as error:
+        raise RunFolderError(f"{_name(run)}: run.json: plan is damaged ({error})") from error
+    chosen = plan.scene(run.scene)
+    # what is made to measure errors only is not wanted
+    bare = chosen.with_(**{"transport.audit": False, "optics.compare_paper": False})
+    _check_files(run)
+    stages = Stages(say)
+    spray = make_spray(bare.spray, cache=cache)
+    _check_figures(run, "spray", run.info.spray, spray.notes)
+    prepared = prepare(bare, device, stages, cache, spray, lattice_of_m=plan.lattice_of_m)
+    medium = prepared.grown(stages, None if plan.lattice_of_m is not None else plan.depth)
+    quadrature = medium.properties.chosen.quadrature
+    nodes = SpectralInfo.of(quadrature, (), None).nodes
+    for number_, (kept, made) in enumerate(zip(_nodes(run), nodes, strict=False)):
+        pairs = [{"wavelength_um": um, "share": share} for um, share in (kept, made)]
+        _check_figures(run, f"node {number_}", pairs[0], pairs[1])
+    if len(_nodes(run)) != len(nodes):
+        raise _other(run, "nodes", len(_nodes(run)), len(nodes))
+    remarks = tuple(_check_octree(run, medium.integrals, stages))
+    settings = node_settings(chosen, quadrature, medium.properties.phases)[number]
+    precision: Literal["float32", "float64"] = (
+        "float64" if run.info.precision == "float64" else "float32"
+    )
+    return Rebuilt(
+        scene=chosen,
+        number=number,
+        tree=medium.trees[number],
+        settings=replace(settings, precision=precision),
+        spray=spray,
+        remarks=remarks,
+    )
+
+
+def _name(run: Run) -> str:
+    return run.scene.name if run.folder is None else str(run.folder)
+
+
+def _nodes(run: Run) -> tuple[tuple[float, float], ...]:
+    return () if run.info.spectral is None else run.info.spectral.nodes
+
+
+def _node(run: Run, wanted: int | None) -> int:
+    nodes = _nodes(run)
+    if not nodes:
+        raise RunFolderError(f"{_name(run)}: run.json names no wavelengths; run the scene again")
+    if wanted is None:
+        return max(range(len(nodes)), key=lambda number: nodes[number][1])
+    if not 0 <= wanted < len(nodes):
+        raise RunFolderError(f"{_name(run)}: has no node {wanted}; allowed is 0..{len(nodes) - 1}")
+    return wanted
+
+
+def _check_files(run: Run) -> None:
+    """Raises RunFolderError where a file that the spray was read from is not what it was."""
+    for kept in run.info.files:
+        try:
+            now = FileRead.of(Path(kept.path))
+        except OSError as error:
+            raise RunFolderError(
+                f"{_name(run)}: its spray was read from {kept.path}, which is gone "
+                f"({error.strerror}); restore it, and export again"
+            ) from error
+        if now.sha256 != kept.sha256:
+            raise RunFolderError(
+                f"{_name(run)}: its spray was read from {kept.path}, which has changed since "
+                f"(sha256 {kept.sha256[:12]}, now {now.sha256[:12]}); restore it, or run the scene "
+                "again"
+            )
+
+
+def _check_figures(
+    run: Run, what: str, kept: Mapping[str, float], made: Mapping[str, float]
+) -> None:
+    for name, value in kept.items():
+        found = made.get(name, math.nan)
+        if not math.isclose(found, value, rel_tol=_ALIKE):
+            raise _other(run, f"{what}: {name}", value, found)
+
+
+def _other(run: Run, what: str, kept: object, made: object) -> RunFolderError:
+    return RunFolderError(
+        f"{_name(run)}: cannot be made again as it was ({what}: {kept} in run.json, now {made}): "
+        "it was run by another version of cldit, or from a spray that was given in Python; run "
+        "the scene again, and export that run"
+    )
+
+
+def _check_octree(run: Run, made: tuple[Mapping[str, float], ...], stages: Stages) -> Iterator[str]:
+    """What the octree recorded; yields what could not be checked."""
+    kept, now = (
+        [each.note for each in done if each.name == "octree"]
+        for done in (run.info.stages, stages.done)
+    )
+    if kept and kept[-1] != now[-1]:
+        raise _other(run, "octree", kept[-1], now[-1])
+    if not run.info.integrals:
+        yield "the run was made before integrals of its medium were kept: they are not checked"
+    for number, (before, after) in enumerate(zip(run.info.integrals, made, strict=False)):
+        _check_figures(run, f"octree of node {number}", before, after)

@@ -1,0 +1,186 @@
+"""Files of several data sets: VTK's HDF by vtk's own writer, CGNS by h5py after its standard."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import yaml
+
+from cldit.vtk_files import HEXAHEDRON, Grid, Points, write_vtkhdf
+from tests.unit.cfd.test_vtk import block_grid, cloud_data
+
+
+def write_hdf(file: Path, blocks: dict[str, Any]) -> Path:
+    """By vtk's writer: one data set as it is, several as a collection; a list is partitions."""
+    from vtkmodules.vtkCommonDataModel import (
+        vtkCompositeDataSet,
+        vtkPartitionedDataSet,
+        vtkPartitionedDataSetCollection,
+    )
+    from vtkmodules.vtkIOHDF import vtkHDFWriter
+
+    data: Any = next(iter(blocks.values()))
+    if len(blocks) > 1 or isinstance(data, list):
+        data = vtkPartitionedDataSetCollection()
+        for number, (name, parts) in enumerate(blocks.items()):
+            own: Any = vtkPartitionedDataSet()
+            for place, part in enumerate(parts if isinstance(parts, list) else [parts]):
+                own.SetPartition(place, part)
+            data.SetPartitionedDataSet(number, own)
+            data.GetMetaData(number).Set(vtkCompositeDataSet.NAME(), name)
+    writer: Any = vtkHDFWriter()
+    writer.SetFileName(str(file))
+    writer.SetInputData(data)
+    writer.Write()
+    return file
+
+
+def write_hdf_steps(file: Path, sample: Any, times: list[float]) -> Path:
+    """A mesh that stays, and fields for each time, as "Temporal data" of VTK's documentation."""
+    block, gas, _ = sample
+    grid = block_grid(block, gas)
+    from vtkmodules.util import numpy_support
+
+    convert: Any = numpy_support.vtk_to_numpy
+    nodes = convert(grid.GetCells().GetConnectivityArray())
+    cells, points = block.cells, len(block.points)
+    with h5py.File(file, "w") as root:
+        held = root.create_group("VTKHDF")
+        held.attrs["Version"] = np.array([2, 0])
+        held.attrs.create("Type", b"UnstructuredGrid", dtype=h5py.string_dtype("ascii", 16))
+        for name, count in (("Points", points), ("Cells", cells), ("ConnectivityIds", len(nodes))):
+            held[f"NumberOf{name}"] = np.array([count])
+        held["Points"] = block.points
+        held["Connectivity"], held["Offsets"] = nodes, np.arange(0, 8 * cells + 1, 8)
+        held["Types"] = np.full(cells, 12, "u1")
+        steps = held.create_group("Steps")
+        steps.attrs["NSteps"] = len(times)
+        steps["Values"] = np.array(times)
+        nothing = np.zeros(len(times), int)
+        for name in ("PartOffsets", "PointOffsets"):
+            steps[name] = nothing
+        steps["NumberOfParts"] = nothing + 1
+        for name in ("CellOffsets", "ConnectivityIdOffsets"):
+            steps[name] = nothing[:, None]
+        for name, values in gas.items():
+            scale = np.arange(1, len(times) + 1) if name == "C7H16" else np.ones(len(times))
+            held[f"CellData/{name}"] = (
+                (values * scale[:, None] / len(times)).reshape(-1)
+                if (name == "C7H16")
+                else np.tile(values, len(times))
+            )
+            steps[f"CellDataOffsets/{name}"] = np.arange(len(times)) * cells
+    return file
+
+
+def write_cgns(file: Path, sample: Any, *, points: bool = False) -> Path:
+    """Hexahedra in one zone, fields in cells or at points, under the names of the standard."""
+    block, gas, _ = sample
+    from vtkmodules.util import numpy_support
+
+    convert: Any = numpy_support.vtk_to_numpy
+    nodes = convert(block_grid(block, {}).GetCells().GetConnectivityArray())
+    names = {"T": "Temperature", "p": "Pressure", "rho": "Density"}
+    fields = {
+        names.get(name, name): np.full(len(block.points), values.mean()) if points else values
+        for name, values in gas.items()
+    }
+    return _zone(file, 17, block.points, nodes, block.cells, fields, points=points)
+
+
+def write_elements(file: Path, kind: int, corners: Any) -> Path:
+    """One element of a CGNS type by its corners in order."""
+    fields = {"Temperature": np.array([500.0]), "Density": np.array([8.0])}
+    fields["C7H16"] = np.array([0.1])
+    return _zone(file, kind, corners, np.arange(len(corners)), 1, fields, points=False)
+
+
+def _zone(
+    file: Path, kind: int, places: Any, nodes: Any, cells: int, fields: Any, *, points: bool
+) -> Path:
+    kinds = {"f8": "R8", "f4": "R4", "i4": "I4"}
+
+    def node(parent: Any, name: str, label: str, data: Any = None) -> Any:
+        made = parent.create_group(name, track_order=True)
+        form, values = "MT", None
+        if isinstance(data, str):
+            form, values = "C1", np.frombuffer(data.encode(), "i1")
+        elif data is not None:
+            values = np.asarray(data)
+            form = kinds[values.dtype.str[1:]]
+        for key, text, size in (("name", name, 33), ("label", label, 33), ("type", form, 3)):
+            made.attrs.create(key, np.bytes_(text.encode()), dtype=f"S{size}")
+        made.attrs["flags"] = np.array([1], "i4")
+        if values is not None:
+            made[" data"] = values
+        return made
+
+    with h5py.File(file, "w", track_order=True) as root:
+        for key, text, size in (
+            ("name", "HDF5 MotherNode", 33),
+            ("label", "Root Node of HDF5 File", 33),
+            ("type", "MT", 3),
+        ):
+            root.attrs.create(key, np.bytes_(text.encode()), dtype=f"S{size}")
+        root[" format"] = np.frombuffer(b"IEEE_LITTLE_32\0", "i1")
+        root[" hdf5version"] = np.frombuffer(b"HDF5 Version 1.8.17".ljust(33, b"\0"), "i1")
+        node(root, "CGNSLibraryVersion", "CGNSLibraryVersion_t", np.array([3.3], "f4"))
+        base = node(root, "Base", "CGNSBase_t", np.array([3, 3], "i4"))
+        zone = node(base, "Zone", "Zone_t", np.array([[len(places)], [cells], [0]], "i4"))
+        node(zone, "ZoneType", "ZoneType_t", "Unstructured")
+        held = node(zone, "GridCoordinates", "GridCoordinates_t")
+        for letter, column in zip("XYZ", places.T, strict=True):
+            node(held, f"Coordinate{letter}", "DataArray_t", column.astype("f8"))
+        part = node(zone, "Hexahedra", "Elements_t", np.array([kind, 0], "i4"))
+        node(part, "ElementRange", "IndexRange_t", np.array([1, cells], "i4"))
+        node(part, "ElementConnectivity", "DataArray_t", (nodes + 1).astype("i4"))
+        solution = node(zone, "Solution", "FlowSolution_t")
+        node(solution, "GridLocation", "GridLocation_t", "Vertex" if points else "CellCenter")
+        for name, values in fields.items():
+            node(solution, name, "DataArray_t", np.asarray(values, "f8"))
+    return file
+
+
+def cloud_block(sample: Any) -> Any:
+    """The parcels as vtk's poly data."""
+    return cloud_data(sample[2])
+
+
+def write_own_hdf(file: Path, sample: Any) -> Path:
+    """As cldit's own export writes it: packed, each chunk with a checksum."""
+    from vtkmodules.util import numpy_support
+
+    block, gas, cloud = sample
+    convert: Any = numpy_support.vtk_to_numpy
+    nodes = convert(block_grid(block, {}).GetCells().GetConnectivityArray()).reshape(-1, 8)
+    drops = {name: values for name, values in cloud.items() if name != "position"}
+    blocks: dict[str, Grid | Points] = {
+        "gas": Grid(block.points, nodes, HEXAHEDRON, gas),
+        "parcels": Points(cloud["position"], drops),
+    }
+    write_vtkhdf(file, blocks)
+    return file
+
+
+def in_parquet(mapping: Path) -> Path:
+    """Both tables of `write_tables` as Parquet with checksums, and the mapping that names them."""
+    import pyarrow
+    from pyarrow import parquet
+
+    data = yaml.safe_load(mapping.read_text())
+    for part, mark in (("cells", ","), ("parcels", " ")):
+        text = mapping.parent / data[part]["file"]
+        _, head, *rows = text.read_text().splitlines()
+        columns = np.array([[float(each) for each in row.split(mark)] for row in rows]).T
+        table = pyarrow.table(dict(zip(head.split(mark), columns, strict=True)))
+        file = text.with_suffix(".parquet")
+        parquet.write_table(table, file, write_page_checksum=True)
+        text.unlink()
+        for key in ("header_line", "delimiter"):
+            data[part].pop(key, None)
+        data[part]["file"] = file.name
+    mapping.write_text(yaml.safe_dump(data))
+    return mapping

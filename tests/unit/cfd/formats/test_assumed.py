@@ -1,0 +1,110 @@
+"""What a case does not say, and what stands for it, is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from cldit.cfd.assumed import molar_mass_kg_mol, similar
+from cldit.cfd.to_spray import read_cfd
+from cldit.cli import main
+from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.test_vtk import block_grid, save, vtk_array
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+    from tests.unit.cfd.formats.conftest import Writers
+
+PLACE: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
+
+
+def told(path: Path, **keys: Any) -> str:
+    return " ".join(read_cfd(CfdSpray(file=path, **PLACE, **keys)).remarks)
+
+
+@pytest.mark.parametrize("name", ["Rho", "rhoo", "rho_", "rhO"])
+def test_misspelt_density(tmp_path: Path, foam: Foam, name: str) -> None:
+    block, gas, cloud = foam.sample()
+    density = gas.pop("rho")
+    case = foam.write(tmp_path / "case", block, gas=gas | {name: density}, cloud=cloud)
+    said = told(case)
+    assert "no density 'rho' among the cell fields" in said
+    assert f"if '{name}' is it, a mapping file says so" in said
+    assert "that of an ideal gas of air and fuel at p and T stands for it" in said
+    options = ["--nozzle", "0.0005", "0.009", "0.0001", "--axis", "-y"]
+    done = CliRunner().invoke(main, ["import", str(case), *options])
+    assert "ideal gas" in done.output
+    mapping = tmp_path / "names.yaml"
+    mapping.write_text(f"cells: {{density: {name}}}")
+    assert "ideal gas" not in told(case, mapping=mapping)
+
+
+def test_whole_case_says_nothing(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    said = told(foam.write(tmp_path, block, gas=gas, cloud=cloud))
+    assert "ideal" not in said and "Molar mass" not in said and "its time" not in said
+
+
+def test_density_alone_and_no_time(tmp_path: Path, foam: Foam) -> None:
+    block, gas, _ = foam.sample()
+    del gas["p"]
+    said = told(save(tmp_path / "gas.vtu", block_grid(block, gas)), cloud="none")
+    assert "no pressure among the cell fields" in said
+    assert "does not say its time" in said
+
+
+def test_another_fuel_with_the_molar_mass_of_heptane(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    gas["C8H18"] = gas.pop("C7H16")
+    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    said = told(case, fuel_field="C8H18")
+    assert "Molar mass of C8H18: 0.100204 kg/mol, n-heptane's; by its formula it is 0.1142" in said
+    assert "Molar mass" not in told(case, fuel_field="C8H18", fuel_molar_mass_kg_mol=0.11423)
+
+
+@pytest.mark.parametrize(
+    ("name", "kg_mol"),
+    [
+        ("C7H16", 0.100205),
+        ("NC7H16", 0.100205),
+        ("MASSFRAC_IC8H18", 0.114232),
+        ("Y_C2H5OH", 0.046069),
+        ("fuel", None),
+        ("OH", None),
+        ("T", None),
+    ],
+)
+def test_molar_mass_of_a_formula(name: str, kg_mol: float | None) -> None:
+    assert molar_mass_kg_mol(name) == (None if kg_mol is None else pytest.approx(kg_mol, rel=1e-4))
+
+
+def test_similar_names() -> None:
+    assert similar("rho", ["U", "rhoMean", "T", "p", "RHO"]) == ["RHO", "rhoMean"]
+    assert similar("rho", ["U", "T", "alphat"]) == []
+
+
+def test_two_names_of_one_quantity(tmp_path: Path, foam: Foam, writers: Writers) -> None:
+    import h5py
+
+    folder = writers.converge(tmp_path, foam.sample(), new=True)
+    for path in folder.glob("*.h5"):
+        with h5py.File(path, "r+") as file:
+            cells = file["STREAM_00/CELL_CENTER_DATA"]
+            cells["TEMP"] = np.full_like(cells["TEMPERATURE"][()], 300)
+    assert "TEMPERATURE and TEMP are there: TEMPERATURE was taken for the temperature" in told(
+        folder
+    )
+
+
+def test_weight_of_means_over_corners(tmp_path: Path, foam: Foam) -> None:
+    block, gas, _ = foam.sample()
+    grid = block_grid(block, {name: gas[name] for name in ("p", "T", "rho")})
+    count = grid.GetNumberOfPoints()
+    for name, value in (("C7H16", 0.1), ("p", 5e5), ("T", 500.0)):
+        grid.GetPointData().AddArray(vtk_array(name, np.full(count, value)))
+    said = told(save(tmp_path / "gas.vtu", grid), cloud="none")
+    assert "C7H16 (weighted by p/T, as there is no density at points) at points became" in said

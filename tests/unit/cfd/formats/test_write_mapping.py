@@ -1,0 +1,137 @@
+"""cldit import --write-mapping: what it writes reads as the case without it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from click.testing import CliRunner
+
+from cldit.cfd.formats import read_case
+from cldit.cfd.mapping_file import read_column_map
+from cldit.cfd.mapping_found import write_mapping
+from cldit.cfd.to_spray import read_cfd
+from cldit.cli import main
+from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.formats.test_formats import KINDS
+from tests.unit.cfd.formats.test_import import same
+from tests.unit.cfd.test_vtk import block_grid, save
+from tests.unit.cfd.vtkfiles import gas_file, parcels_file
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+    from tests.unit.cfd.formats.conftest import Writers
+
+PLACE: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
+
+
+def round_trip(case: Path, out: Path) -> str:
+    """The text written, once it has read as the case itself."""
+    lines = write_mapping(CfdSpray(file=case), out)
+    assert lines[0] == str(out)
+    keys = {"file": out} if case.suffix == ".yaml" else {"file": case, "mapping": out}
+    assert same(read_cfd(CfdSpray(**keys, **PLACE)), read_cfd(CfdSpray(file=case, **PLACE)))
+    again = out.with_name("again.yaml")
+    write_mapping(CfdSpray(**keys), again)
+    assert read_column_map(again).parcels == read_column_map(out).parcels
+    return out.read_text()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_round_trip(tmp_path: Path, foam: Foam, writers: Writers, kind: str) -> None:
+    write, _ = writers.every[kind]
+    text = round_trip(write(tmp_path / "case", foam.sample()), tmp_path / "names.yaml")
+    assert "# there are: " in text
+
+
+def test_round_trip_of_openfoam_and_vtk(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+    text = round_trip(case, tmp_path / "foam.yaml")
+    assert "  diameter: {column: d, unit: m}" in text
+    assert "  velocity: {columns: [U_X, U_Y, U_Z], unit: m/s}" in text
+    assert "  # age: {column: NAME, unit: s}  # not found; without it spray.nozzle_m is" in text
+    (tmp_path / "vtk").mkdir()
+    gas_file(tmp_path / "vtk/gas.vtu", foam)
+    parcels_file(tmp_path / "vtk/drops.vtp", foam)
+    (tmp_path / "again.yaml").unlink()
+    round_trip(tmp_path / "vtk", tmp_path / "vtk.yaml")
+
+
+def test_what_is_missing_is_proposed(tmp_path: Path, foam: Foam) -> None:
+    """The line without its # makes the case read."""
+    block, gas, _ = foam.sample()
+    names = {"Temperature [K]": gas["T"], "dens": gas["rho"], "C7H16": gas["C7H16"]}
+    case, out = save(tmp_path / "gas.vtu", block_grid(block, names)), tmp_path / "names.yaml"
+    done = CliRunner().invoke(main, ["import", str(case), "--write-mapping", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "not found: temperature" in done.output
+    text = out.read_text()
+    assert "# temperature: {column: 'Temperature [K]', unit: K}  # not found; needed" in text
+    assert "# parcels" not in text
+    out.write_text(text.replace("# temperature", "temperature").replace("# density", "density"))
+    spray = read_cfd(CfdSpray(file=case, mapping=out, cloud="none", **PLACE))
+    assert spray.notes["gas_temperature_max_K"] == pytest.approx(gas["T"].max())
+    assert "stands for it" not in " ".join(spray.remarks)
+    before = out.read_text()
+    done = CliRunner().invoke(main, ["import", str(case), "--write-mapping", str(out)])
+    assert done.exit_code == 1 and "is there already" in done.output
+    assert out.read_text() == before
+
+
+def test_begun_from_a_table(tmp_path: Path) -> None:
+    """Both tables of STAR-CCM+'s kind of header; the units are in the names."""
+    cells = tmp_path / "cells.csv"
+    cells.write_text(
+        '"Temperature (K)","Density (kg/m^3)","Mass Fraction of C7H16","Volume (m^3)",'
+        '"Velocity: Magnitude (m/s)","X (m)","Y (m)","Z (m)"\n'
+        "500,8,0.1,1e-9,3,0,0.0,0\n510,8,0.0,1e-9,3,0,0.001,0\n"
+    )
+    drops = tmp_path / "drops.csv"
+    drops.write_text(
+        '"Particle Diameter (m)","Particle Count","Temperature (C)","Density (kg/m^3)",'
+        '"Velocity[i] (m/s)","Velocity[j] (m/s)","Velocity[k] (m/s)","X (mm)","Y (mm)","Z (mm)"\n'
+        "1e-5,1000,90,684,0,-20,1,0.1,0.2,0\n"
+    )
+    for file in (cells, drops):
+        done = CliRunner().invoke(main, ["import", str(file)])
+        assert done.exit_code == 1 and "--write-mapping" in done.output
+        out = file.with_suffix(".yaml")
+        done = CliRunner().invoke(main, ["import", str(file), "--write-mapping", str(out)])
+        assert done.exit_code == 0, done.output
+    both = tmp_path / "case.yaml"
+    first, second = (file.with_suffix(".yaml").read_text() for file in (cells, drops))
+    both.write_text(first[: first.index("# parcels:")] + second[second.index("\nparcels:") :])
+    spray = read_cfd(CfdSpray(file=both, nozzle_m=(0, 0, 0), axis=(0, 1, 0)))
+    assert spray.notes["vapour_mass_kg"] == pytest.approx(0.1 * 8 * 1e-9)
+    assert spray.parcels is not None
+    assert spray.parcels.temperature_K[0] == 363.15
+    mass = 1000 * 684 * 3.141592653589793 / 6 * 1e-15
+    assert spray.notes["liquid_mass_kg"] == pytest.approx(mass, rel=1e-12)
+
+
+def test_components_in_brackets_are_no_unit(tmp_path: Path) -> None:
+    """`[i]` as STAR-CCM+ writes it, where the unit is left out."""
+    (tmp_path / "c.csv").write_text("x,y,z,V,T,rho,C7H16\n0,0,0,1e-9,500,8,0.1\n")
+    (tmp_path / "p.csv").write_text(
+        "X [mm],Y [mm],Z [mm],d,n,T,Velocity[i],Velocity[j],Velocity[k]\n"
+        "0.1,0.2,0,1e-5,1000,350,0,-20,1\n"
+    )
+    (tmp_path / "m.yaml").write_text(
+        "cells: {file: c.csv, position: [x, y, z], volume: V, temperature: T, density: rho,\n"
+        "  fuel: C7H16}\n"
+        "parcels: {file: p.csv, position: ['X [mm]', 'Y [mm]', 'Z [mm]'], diameter: d, number: n,\n"
+        "  velocity: ['Velocity[i]', 'Velocity[j]', 'Velocity[k]'], temperature: T, density: 684}\n"
+    )
+    cloud = read_case(CfdSpray(file=tmp_path / "m.yaml")).cloud
+    assert cloud is not None
+    assert cloud.fields["U"].values.tolist() == [[0.0, -20.0, 1.0]]
+    assert cloud.position_m.values[0] == pytest.approx([1e-4, 2e-4, 0.0])
+
+
+def test_own_file_needs_none(tmp_path: Path) -> None:
+    (tmp_path / "a.npz").write_bytes(b"PK")
+    with pytest.raises(SprayError, match="need no mapping"):
+        write_mapping(CfdSpray(file=tmp_path / "a.npz"), tmp_path / "m.yaml")

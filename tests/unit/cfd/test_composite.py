@@ -1,0 +1,292 @@
+"""Several data sets or times in one file: VTK's HDF and CGNS."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import h5py
+import numpy as np
+import pytest
+
+from cldit.cfd.formats import contents, read_case
+from cldit.cfd.mapping_found import write_mapping
+from cldit.cfd.to_spray import read_cfd
+from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.composites import (
+    cloud_block,
+    in_parquet,
+    write_cgns,
+    write_elements,
+    write_hdf,
+    write_hdf_steps,
+    write_own_hdf,
+)
+from tests.unit.cfd.test_vtk import block_grid, vtk_array
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+
+PLACE: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
+
+
+def masses(path: Path, **keys: Any) -> tuple[float, float]:
+    notes = read_cfd(CfdSpray(file=path, **PLACE, **keys)).notes
+    return notes["vapour_mass_kg"], notes.get("liquid_mass_kg", 0.0)
+
+
+def expected(sample: Any) -> tuple[float, float]:
+    block, gas, cloud = sample
+    liquid = np.sum(cloud["nParticle"] * cloud["rho"] * np.pi / 6 * cloud["d"] ** 3)
+    return float(np.sum(gas["rho"] * gas["C7H16"] * block.volume)), float(liquid)
+
+
+def test_gas_and_parcels_of_a_collection(tmp_path: Path, foam: Foam) -> None:
+    """float32 of the writer, through d^3."""
+    sample = foam.sample()
+    block, gas, _ = sample
+    file = write_hdf(
+        tmp_path / "a.vtkhdf", {"internal": block_grid(block, gas), "drops": cloud_block(sample)}
+    )
+    assert masses(file) == pytest.approx(expected(sample), rel=5e-6)
+    assert masses(tmp_path) == masses(file)  # the folder of it
+    found = contents(CfdSpray(file=file))
+    assert set(found.fields) >= {"T", "p", "rho", "C7H16"}
+    assert set(found.clouds) == {"drops"}
+    assert masses(file, cloud="none")[1] == 0.0
+    with pytest.raises(SprayError, match=r"no cloud 'rain' .* available: drops"):
+        masses(file, cloud="rain")
+    files = read_cfd(CfdSpray(file=file, **PLACE)).files
+    assert [Path(each.path).name for each in files] == ["a.vtkhdf"]
+    write_mapping(CfdSpray(file=file), tmp_path / "names.yaml")
+    assert masses(file, mapping=tmp_path / "names.yaml") == masses(file)
+
+
+def test_partitions_and_ghosts(tmp_path: Path, foam: Foam) -> None:
+    """Two halves, each with the other's first cell as a ghost."""
+    sample = foam.sample()
+    block, gas, _ = sample
+    whole = block_grid(block, gas)
+    parts = []
+    count = block.cells
+    for own in (range(count // 2 + 1), range(count // 2 - 1, count)):
+        from vtkmodules.vtkFiltersCore import vtkExtractCells
+
+        cut: Any = vtkExtractCells()
+        cut.SetInputData(whole)
+        cut.AddCellRange(own[0], own[-1])
+        cut.Update()
+        part = cut.GetOutput()
+        ghost = np.zeros(len(own), np.uint8)
+        ghost[-1 if own[0] == 0 else 0] = 1
+        marks = vtk_array("vtkGhostType", ghost)
+        from vtkmodules.util import numpy_support
+
+        convert: Any = numpy_support.numpy_to_vtk
+        marks = convert(ghost, deep=1)
+        marks.SetName("vtkGhostType")
+        part.GetCellData().AddArray(marks)
+        parts.append(part)
+    file = write_hdf(tmp_path / "a.vtkhdf", {"gas": parts, "drops": cloud_block(sample)})
+    spray = read_cfd(CfdSpray(file=file, **PLACE))
+    assert spray.notes["gas_cells"] == count
+    assert spray.notes["vapour_mass_kg"] == pytest.approx(expected(sample)[0], rel=5e-6)
+    assert "left out: 2 cells" in " ".join(spray.remarks)
+
+
+def test_times_of_a_file(tmp_path: Path, foam: Foam) -> None:
+    sample = foam.sample()
+    file = write_hdf_steps(tmp_path / "a.vtkhdf", sample, [0.0005, 0.001])
+    whole = expected(sample)[0]
+    assert masses(file)[0] == pytest.approx(whole, rel=1e-12)
+    assert masses(file, time_s=0.0005)[0] == pytest.approx(whole / 2, rel=1e-12)
+    assert contents(CfdSpray(file=file)).times_s == (0.0005, 0.001)
+    with pytest.raises(SprayError, match=r"no time 0\.2 s"):
+        masses(file, time_s=0.2)
+    with pytest.raises(SprayError, match="holds several times itself"):
+        masses(tmp_path)
+
+
+def test_what_the_export_writes_is_read(tmp_path: Path, foam: Foam) -> None:
+    sample = foam.sample()
+    file = write_own_hdf(tmp_path / "a.vtkhdf", sample)
+    assert masses(file) == pytest.approx(expected(sample), rel=1e-12)
+
+
+@pytest.mark.parametrize("points", [False, True])
+def test_cgns(tmp_path: Path, foam: Foam, points: bool) -> None:
+    sample = foam.sample()
+    block, gas, _ = sample
+    file = write_cgns(tmp_path / "a.cgns", sample, points=points)
+    vapour = expected(sample)[0]
+    if points:
+        vapour = gas["rho"].mean() * gas["C7H16"].mean() * block.volume.sum()
+    assert masses(file)[0] == pytest.approx(vapour, rel=1e-12)
+    assert set(contents(CfdSpray(file=file)).fields) >= {"Temperature", "Density", "C7H16"}
+    write_mapping(CfdSpray(file=file), tmp_path / "names.yaml")
+    assert masses(file, mapping=tmp_path / "names.yaml") == masses(file)
+
+
+def test_vtk_reads_the_same_cgns(tmp_path: Path, foam: Foam) -> None:
+    """Single precision of that reader's points: 1e-7 of a place over the edge of a cell."""
+    from vtkmodules.util import numpy_support
+    from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
+    from vtkmodules.vtkIOCGNSReader import vtkCGNSReader
+
+    block, gas, _ = sample = foam.sample()
+    file = write_cgns(tmp_path / "a.cgns", sample)
+    reader: Any = vtkCGNSReader()
+    reader.SetFileName(str(file))
+    reader.UpdateInformation()
+    reader.EnableAllCellArrays()
+    reader.Update()
+    sizes: Any = vtkCellSizeFilter()
+    sizes.SetInputData(reader.GetOutput().GetBlock(0).GetBlock(0))
+    sizes.Update()
+    found = sizes.GetOutput().GetCellData()
+    convert: Any = numpy_support.vtk_to_numpy
+    told = {name: convert(found.GetArray(name)) for name in ("Volume", "C7H16", "Density")}
+    assert told["Volume"] == pytest.approx(block.volume, rel=1e-4, abs=0)
+    assert told["C7H16"] == pytest.approx(gas["C7H16"], rel=1e-7)
+    assert told["Density"] == pytest.approx(gas["rho"], rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("kind", "corners", "volume"),
+    [
+        (10, [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], 1 / 6),
+        (12, [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 0.5, 1)], 1 / 3),
+        (14, [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)], 1 / 2),
+    ],
+)
+def test_corners_of_cgns(
+    tmp_path: Path, kind: int, corners: list[tuple[float, ...]], volume: float
+) -> None:
+    """Orders of the standard's figures: the first face counts inwards."""
+    file = write_elements(tmp_path / "a.cgns", kind, np.array(corners) * 0.01)
+    mesh = read_case(CfdSpray(file=file)).mesh
+    assert mesh.measure().volume_m3 == pytest.approx([volume * 1e-6], rel=1e-12, abs=0)
+
+
+def test_structured_zone_of_cgns(tmp_path: Path, foam: Foam) -> None:
+    block, _, _ = sample = foam.sample()
+    file = write_cgns(tmp_path / "a.cgns", sample)
+    with h5py.File(file, "r+") as root:
+        zone = root["Base/Zone"]
+        nodes = np.array(block.shape) + 1
+        del zone["Hexahedra"], zone[" data"], zone["ZoneType/ data"]
+        zone[" data"] = np.array([nodes, nodes - 1, [0, 0, 0]], "i4")
+        zone["ZoneType/ data"] = np.frombuffer(b"Structured", "i1")
+    assert masses(file)[0] == pytest.approx(expected(sample)[0], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "label", "data", "match"),
+    [
+        ("Units", "DimensionalUnits_t", b"Kilogram".ljust(32) + b"Foot".ljust(32), "is in Foot"),
+        ("DataClass", "DataClass_t", b"NondimensionalParameter", "expected are dimensional data"),
+        ("Solution/Rind", "Rind_t", b"\0\1", "has ghost cells"),
+        ("More", "Elements_t", b"\x16\0", "elements of type 22; read are"),
+        ("Times", "BaseIterativeData_t", b"", "holds 2 times"),
+        ("Solution/GridLocation", "GridLocation_t", b"FaceCenter", "fields at FaceCenter"),
+    ],
+)
+def test_refusals_of_cgns(
+    tmp_path: Path, foam: Foam, name: str, label: str, data: bytes, match: str
+) -> None:
+    file = write_cgns(tmp_path / "a.cgns", foam.sample())
+    with h5py.File(file, "r+") as root:
+        parent = root["Base"] if name == "Times" else root["Base/Zone"]
+        node = parent.require_group(name)
+        node.attrs.create("label", np.bytes_(label.encode()), dtype="S33")
+        if " data" in node:
+            del node[" data"]
+        node[" data"] = np.frombuffer(data, "i1")
+        if name == "Times":
+            values = node.create_group("TimeValues")
+            values.attrs.create("label", np.bytes_(b"DataArray_t"), dtype="S33")
+            values[" data"] = np.array([0.1, 0.2])
+    with pytest.raises(SprayError, match=match):
+        masses(file)
+
+
+@pytest.mark.parametrize("name", ["a.cgns", "a.vtkhdf"])
+def test_no_such_file(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"ADF Database Version A02011" + bytes(100))
+    with pytest.raises(SprayError, match=r"is CGNS in ADF|cannot be read as HDF5"):
+        masses(tmp_path / name)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes with names")
+@pytest.mark.parametrize("name", ["a.cgns", "a.vtkhdf", "a.cas.h5", "a.parquet", "a.dpm"])
+def test_pipes_keep_nobody_waiting(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    (tmp_path / "a.dat.h5").write_bytes(b"")
+    case = tmp_path / name
+    if name.endswith((".parquet", ".dpm")):
+        case = tmp_path / "case.yaml"
+        case.write_text(f"cells: {{file: {name}, position: [x, y, z], volume: v}}")
+    with pytest.raises(SprayError, match="pipe"):
+        read_cfd(CfdSpray(file=case, **PLACE))
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes with names")
+@pytest.mark.parametrize("place", ["constant/polyMesh/owner", "0.001/T"])
+@pytest.mark.parametrize("ending", ["", ".gz"])
+def test_pipes_in_a_case_of_openfoam(tmp_path: Path, foam: Foam, place: str, ending: str) -> None:
+    block, gas, cloud = foam.sample()
+    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    (case / place).unlink()
+    os.mkfifo(case / f"{place}{ending}")
+    with pytest.raises(SprayError, match="pipe"):
+        masses(case)
+
+
+def test_parcels_that_a_converter_left_out(tmp_path: Path, foam: Foam) -> None:
+    """An export with one of the case's two clouds, in the case's folder."""
+    sample = foam.sample()
+    block, gas, cloud = sample
+    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+    (case / "0.001/lagrangian/rain").mkdir()
+    (case / "VTK").mkdir()
+    blocks = {"gas": block_grid(block, gas), "sprayCloud": cloud_block(sample)}
+    file = write_hdf(case / "VTK/a.vtkhdf", blocks)
+    said = " ".join(read_cfd(CfdSpray(file=file, **PLACE)).remarks)
+    assert "has also the parcels of rain, which are not read" in said
+    with pytest.raises(SprayError, match=r"cloud 'rain' has neither positions nor coordinates"):
+        masses(case, cloud="rain")
+
+
+def test_parquet_tables(tmp_path: Path, foam: Foam) -> None:
+    """The same doubles as the text; a missing value is undefined, and text is no number."""
+    import pyarrow
+    from pyarrow import parquet
+
+    from tests.unit.cfd.formats.conftest import write_tables
+
+    text = write_tables(tmp_path / "text", foam.sample())
+    other = in_parquet(write_tables(tmp_path / "parquet", foam.sample()))
+    assert masses(other) == masses(text)
+    file = other.with_name("drops.parquet")
+    columns = parquet.read_table(file).to_pydict()
+    columns["T"][3] = None
+    parquet.write_table(pyarrow.table(columns), file)
+    with pytest.raises(SprayError, match=r"column T: 1 of 17 values are marked as undefined"):
+        masses(other)
+    columns["T"] = ["hot"] * 17
+    parquet.write_table(pyarrow.table(columns), file)
+    with pytest.raises(SprayError, match="column T holds string; expected are numbers"):
+        masses(other)
+
+
+def test_without_pyarrow(tmp_path: Path, foam: Foam, monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    from tests.unit.cfd.formats.conftest import write_tables
+
+    other = in_parquet(write_tables(tmp_path, foam.sample()))
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    with pytest.raises(SprayError, match=r"needs pyarrow; .*\[parquet\].* save the table as CSV"):
+        masses(other)
