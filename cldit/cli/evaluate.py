@@ -20,6 +20,7 @@ from cldit.experiment import (
     evaluate_delays,
     evaluate_scattering,
 )
+from cldit.report.run_report import write_pages
 from cldit.run import Run, open_run
 from cldit.scene.delays import SAME_s, delay_text, spray_time_s
 
@@ -57,8 +58,8 @@ def evaluate(
 ) -> None:
     """Evaluate an acquisition, a run, or measured data (a FOLDER with measured.yaml).
 
-    The maps go into `maps` beside the pictures; of several delays, each into a folder within, with
-    a table over them.
+    The maps go into `maps` beside the pictures, with a page, report.html; of several delays, each
+    into a folder within, with a table over them.
     """
     target = acquisition_in(folder)
     with ProgressBar() as bar:
@@ -86,6 +87,8 @@ def evaluate(
         for row in delay_rows(found):
             OUT.print(row.text)
         OUT.print(f"{target / 'maps' / 'delays.csv'}")
+    for page in write_pages(target):
+        OUT.print(f"{page}")
     if delay_problems(found):
         raise EvaluationError(delay_problems(found))
 

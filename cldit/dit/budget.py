@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from cldit.camera.calibration import Calibration
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Maps, Reason
+from cldit.files import make_folder
 from cldit.images import write_image
 from cldit.optics.response import edges_um
 from cldit.optics.spectral import reference_temperature_K
@@ -35,6 +36,7 @@ from cldit.scene.vessel import Window
 
 Floats = NDArray[np.float64]
 
+PARTS = "budget"  # folder of the parts, in that of the maps
 _SHARES = np.linspace(0.0, 1.0, 11)  # emissivities for which the backgrounds are weighed
 
 
@@ -115,15 +117,36 @@ class Budget:
         }
 
     def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
-        """Writes systematic and total errors as TIFF into `folder`, with pixels of `pixel_m`."""
-        for name, (image, unit) in self.images.items():
+        """Writes the errors as TIFF into `folder`, and those of each part into `budget` within.
+
+        Args:
+            folder: of the maps.
+            pixel_m: size of a pixel.
+        """
+        images = dict(self.images)
+        for part in self.parts:
+            images[part_file(part.name, "K")] = (part.kelvin, "K")
+            images[part_file(part.name, "emissivity")] = (part.emissivity, "1")
+        make_folder(folder / PARTS)
+        for name, (image, unit) in images.items():
             write_image(
                 folder / f"{name}.tif",
                 image.astype(np.float32),
-                name=name.removesuffix("_K").replace("_", " "),
+                name=Path(name).name.removesuffix("_K").replace("_", " "),
                 unit=unit,
                 pixel_m=pixel_m,
             )
+
+
+def part_file(name: str, of: str) -> str:
+    """Where the map of a part is, below the maps and without its ending.
+
+    Args:
+        name: of the part.
+        of: `K` or `emissivity`.
+    """
+    words = "".join(one if one.isalnum() or one == "." else "_" for one in name)
+    return f"{PARTS}/{words.replace('__', '_')}_{of}"
 
 
 def _median(image: Floats) -> float | None:

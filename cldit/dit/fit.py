@@ -22,6 +22,18 @@ and (g, c_ref, s, c_inj) is the generalised least squares estimate over all back
 1935), whose covariance is the inverse of the normal matrix. Where the spray is transparent (s = g)
 a common error drops out. An offset drops out everywhere: where its variance is large beside the
 noise, only I_inj - I_ref counts, as in the paper.
+
+A steady error is one number a before all backgrounds: it adds a u to the 2 K means, u known, a of
+variance 1. With V the covariance above, X the design, b0 and C0 the estimate without it,
+
+    P = C0 X' V^-1 u            what the lines take of it
+    S = 1 + u' (V^-1 - V^-1 X C0 X' V^-1) u      q = u' V^-1 (y - X b0)
+    b = b0 - P q / S            C = C0 + P P' / S            chi2 = chi2_0 - q^2 / S
+
+which is the same estimate with V + u u' (Woodbury), for each of several a after the other. If u is
+what really happened, a = 1, then the squares of b about the truth are C in the mean: with r the
+precision S - 1 that the data give of a, (1 / S)^2 by the prior and r / S^2 by the noise add to
+1 / S.
 """
 
 from __future__ import annotations
@@ -43,6 +55,17 @@ class CommonError:
     """
 
     variance: Floats
+    reference: Floats
+    injection: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteadyError:
+    """One error of variance 1 before all backgrounds.
+
+    reference, injection: (K, N), change of either mean by an error of 1.
+    """
+
     reference: Floats
     injection: Floats
 
@@ -76,6 +99,7 @@ def fit_pair(
     variance: tuple[Floats, Floats],
     usable: NDArray[np.bool_],
     common: Sequence[CommonError] = (),
+    steady: Sequence[SteadyError] = (),
 ) -> Pair:
     """Generalised least squares over the backgrounds; see the module.
 
@@ -84,7 +108,8 @@ def fit_pair(
         mean, variance: (K, N) of either kind; finite. Variances that are all 0 stand for no noise:
             every background then counts alike, and the covariance is 0.
         usable: (K, N) False leaves a background out.
-        common: errors that both kinds share.
+        common: errors that both kinds share, another one before each background.
+        steady: errors that are one number before all backgrounds; without noise they are left out.
     """
     unit = float(np.max(np.abs(source)))
     x_ref, x_inj = (one[:, None] / unit for one in source)
@@ -136,6 +161,27 @@ def fit_pair(
     if together:
         squares += 2.0 * p_both * off_ref * off_inj
     chi2 = squares.sum(axis=0)
+    if noisy and steady:
+        columns = [
+            (
+                np.where(usable, one.reference, 0.0) / unit,
+                np.where(usable, one.injection, 0.0) / unit,
+            )
+            for one in steady
+        ]
+
+        def weighed(ref: Floats, inj: Floats) -> tuple[Floats, Floats]:
+            if together:
+                return p_ref * ref + p_both * inj, p_inj * inj + p_both * ref
+            return p_ref * ref, p_inj * inj
+
+        values, covariance, chi2 = _with_steady(
+            columns,
+            [weighed(*one) for one in columns],
+            lines=(x_ref, x_inj),
+            off=(off_ref, off_inj),
+            found=(values, covariance, chi2),
+        )
     units = np.array([1.0, unit, 1.0, unit])[:, None]
     if not noisy:
         covariance = np.where(known, np.zeros((4, 4, 1)), np.nan)
@@ -145,6 +191,50 @@ def fit_pair(
         covariance=(covariance * units[:, None] * units).transpose(2, 0, 1),
         chi2=np.where(known, chi2, np.nan),
     )
+
+
+def _with_steady(
+    columns: Sequence[tuple[Floats, Floats]],
+    weighed: Sequence[tuple[Floats, Floats]],
+    *,
+    lines: tuple[Floats, Floats],
+    off: tuple[Floats, Floats],
+    found: tuple[Floats, Floats, Floats],
+) -> tuple[Floats, Floats, Floats]:
+    """The estimate with steady errors; see the module.
+
+    Args:
+        columns: u of each, (K, N) of either kind.
+        weighed: V^-1 u of each.
+        lines: (K, 1) radiance of the background with either kind.
+        off: (K, N) means less the lines of the estimate without.
+        found: (4, N), (4, 4, N), (N,) values, covariance and chi2 without.
+
+    Returns:
+        The three with them.
+    """
+    values, covariance, chi2 = found
+    in_design = [  # X' V^-1 u
+        np.stack([(lines[0] * r).sum(0), r.sum(0), (lines[1] * i).sum(0), i.sum(0)])
+        for r, i in weighed
+    ]
+    taken = np.array([np.einsum("ijn,jn->in", covariance, one) for one in in_design])
+    q = np.array([(r * off[0] + i * off[1]).sum(axis=0) for r, i in weighed])
+    size = np.empty((len(columns), *q.shape))
+    for row, (r, i) in enumerate(weighed):
+        for column, (u_r, u_i) in enumerate(columns):
+            whole = (r * u_r + i * u_i).sum(axis=0)
+            size[row, column] = whole - np.sum(in_design[row] * taken[column], axis=0)
+    for k in range(len(columns)):  # those that follow see what the earlier ones explain
+        alone = 1.0 + np.maximum(size[k, k], 0.0)
+        values = values - taken[k] * (q[k] / alone)
+        covariance = covariance + taken[k] * taken[k][:, None] / alone
+        chi2 = chi2 - q[k] ** 2 / alone
+        share = size[:, k] / alone
+        taken = taken - share[:, None] * taken[k]
+        q = q - share * q[k]
+        size = size - share[:, None] * size[k]
+    return values, covariance, np.maximum(chi2, 0.0)
 
 
 def _moments(weight: Floats, one: Floats, other: Floats) -> Floats:

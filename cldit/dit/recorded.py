@@ -21,6 +21,7 @@ from cldit.dit.shots import Acquisition, Sums, accumulate, check_shots
 from cldit.dit.solve import Signals, solve
 from cldit.dit.witness.examine import Examined, examine, examine_pictures
 from cldit.dit.witness.finding import Witness, refuse
+from cldit.dit.witness.terms import DriftTerm
 from cldit.errors import EvaluationError
 from cldit.optics.response import from_plain
 from cldit.optics.spectral import reference_temperature_K
@@ -44,7 +45,8 @@ class Evaluation:
 
     remarks: one line each. outliers: shots unlike the others. fitted: the calibration curve, where
     it was fitted to the references. calibration: as used, with what the pictures gave. witnesses:
-    what the shots say of the measurement (`cldit.dit.witness`). budget: what no shot shows.
+    what the shots say of the measurement (`cldit.dit.witness`). drifts: the terms of the covariance
+    that both kinds share. budget: what no shot shows.
     """
 
     maps: Maps
@@ -53,6 +55,7 @@ class Evaluation:
     fitted: CurveFit | None
     calibration: Calibration
     witnesses: tuple[Witness, ...] = ()
+    drifts: tuple[DriftTerm, ...] = ()
     budget: Budget | None = None
 
     @property
@@ -82,7 +85,8 @@ class Evaluation:
             "odd_shots": [asdict(shot) for shot in self.outliers],
             "pixels": {reason.text: count for reason, count in self.maps.count().items()},
             "calibration": self.calibration.to_dict(),
-            "witnesses": [asdict(one) for one in self.witnesses],
+            "witnesses": [one.to_dict() for one in self.witnesses],
+            "drifts": [one.to_dict() for one in self.drifts],
             "improbable_share": self.improbable,
             "budget": None if self.budget is None else self.budget.to_dict(),
             "curve": None
@@ -205,6 +209,7 @@ def evaluate_shots(
         fitted=fitted,
         calibration=calibration,
         witnesses=tuple(witnesses),
+        drifts=examined.terms,
         budget=budget(
             maps,
             around,
@@ -300,6 +305,9 @@ def _solved(
 ) -> Maps:
     """Offsets of the camera and what a front window adds are in the lines' intercepts."""
     scale = calibration.counts_per_radiance * transmission
+    steady = any(drift.modes.any() for drift in examined.drifts) and all(
+        group.spare(steady=True) > 1.0 for group in sums.values()
+    )
 
     def signals(kind: str, rows: slice) -> Signals:
         found = [sums[setpoint, kind] for setpoint in setpoints]
@@ -314,7 +322,8 @@ def _solved(
             / scale,
             camera=camera,
             exposures=np.array([item.exposures for item in found]),
-            observed=np.stack([item.variance(rows) for item in found]) / scale**2,
+            observed=np.stack([item.variance(rows, steady=steady) for item in found]) / scale**2,
+            spare=np.array([item.spare(steady=steady) for item in found]),
         )
 
     full = {k: sums[k, "reference"].full | sums[k, "injection"].full for k in setpoints}

@@ -68,14 +68,16 @@ class Acquisition(Protocol):
 class Sums:
     """Sums of the pictures (h, w) of one kind before one background.
 
-    total, squares: (h, w) weighted sums of counts and of their squares. largest: (h, w) of any
-    exposure. Lists hold an entry a shot: digests of the pictures' bytes, numbers in the order of
-    the acquisition's shots.
+    total, squares, course: (h, w) weighted sums of counts, of their squares, and of counts times
+    the shot's number, that of the first taken as 0. largest: (h, w) of any exposure.
+    Lists hold an entry a shot: digests of the pictures' bytes, numbers in the order of the
+    acquisition's shots.
     """
 
     temperatures_K: list[float]
     total: Floats
     squares: Floats
+    course: Floats
     largest: NDArray[np.float32]
     saturation_counts: float
     weights: list[float]
@@ -89,7 +91,7 @@ class Sums:
         """No shots yet, of pictures of this `shape`, full at and above `saturation_counts`."""
         zero = np.zeros(shape)
         low = np.full(shape, -np.inf, np.float32)
-        return cls([], zero, zero.copy(), low, saturation_counts, [], [], [], [], [])
+        return cls([], zero, zero.copy(), zero.copy(), low, saturation_counts, [], [], [], [], [])
 
     @property
     def full(self) -> NDArray[np.bool_]:
@@ -105,7 +107,7 @@ class Sums:
             number: of the shot among all, in their order.
         """
         self.numbers.append(number)
-        counts = self._weigh(image, 1.0)
+        counts = self._weigh(image, 1.0, number)
         np.maximum(self.largest, image, out=self.largest, casting="unsafe")
         self.digests.append(blake2b(np.ascontiguousarray(image).data, digest_size=16).digest())
         self.temperatures_K.append(shot.background_K)
@@ -121,11 +123,13 @@ class Sums:
             number: of the picture, in the order of adding.
             weight: the new one.
         """
-        self._weigh(image, weight - self.weights[number])
+        self._weigh(image, weight - self.weights[number], self.numbers[number])
         self.weights[number] = weight
 
-    def _weigh(self, image: NDArray[Any], weight: float) -> Floats:
+    def _weigh(self, image: NDArray[Any], weight: float, number: int) -> Floats:
         counts = image.astype(np.float64)
+        if place := weight * (number - self.numbers[0]):
+            self.course += place * counts
         self.total += counts if weight == 1.0 else weight * counts
         self.squares += counts**2 if weight == 1.0 else weight * counts**2
         return counts
@@ -155,14 +159,40 @@ class Sums:
         """Weighted mean (R, w) of the counts in `rows`."""
         return np.asarray(self.total[rows] / np.sum(self.weights))
 
-    def variance(self, rows: slice) -> Floats:
-        """Sample variance of one exposure; 0 of a single one."""
+    def variance(self, rows: slice, *, steady: bool = False) -> Floats:
+        """Sample variance of one exposure; 0 of a single one.
+
+        Args:
+            rows: which.
+            steady: about each pixel's straight line over the shots' numbers: a steady drift is no
+                scatter.
+
+        Returns:
+            (R, w) counts^2.
+        """
         weights = np.array(self.weights)
-        left = weights.sum() - np.sum(weights**2) / weights.sum()
-        if len(weights) < 2 or left <= 0.0:
+        if not self.spare(steady=steady) > 0.0:
             return np.zeros_like(self.total[rows])
         spread = self.squares[rows] - self.total[rows] ** 2 / weights.sum()
-        return np.asarray(np.maximum(spread, 0.0) / left)
+        if steady:
+            places = np.array(self.numbers, float) - self.numbers[0]
+            middle = float(np.average(places, weights=weights))
+            along = self.course[rows] - middle * self.total[rows]
+            spread = spread - along**2 / float(weights @ (places - middle) ** 2)
+        return np.asarray(np.maximum(spread, 0.0) / self.spare(steady=steady))
+
+    def spare(self, *, steady: bool = False) -> float:
+        """Degrees of freedom of `variance`; 0 where there are none.
+
+        Args:
+            steady: as there.
+
+        Returns:
+            How many, by the shots' weights.
+        """
+        weights = np.array(self.weights)
+        left = weights.sum() - np.sum(weights**2) / weights.sum()
+        return max(float(left) - steady, 0.0) if len(weights) > 1 else 0.0
 
 
 def thumbnail(counts: Floats) -> NDArray[np.float32]:

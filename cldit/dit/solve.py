@@ -11,13 +11,21 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from cldit.camera.curve import Curve
-from cldit.dit.fit import CommonError, Pair, apparent_radiance, emissivity, fit_pair, shot_scatter
+from cldit.dit.fit import (
+    CommonError,
+    Pair,
+    SteadyError,
+    apparent_radiance,
+    emissivity,
+    fit_pair,
+    shot_scatter,
+)
 from cldit.dit.maps import Maps, Reason
 
 Floats = NDArray[np.float64]
 
 VISIBLE = 0.5  # share of the disc's radiance that a pixel must see without spray
-_THIN = 0.05  # emissivity below which its own radiance is not looked for
+_AGAIN = 2  # of a drifting gain: each brings a factor of the drift itself
 DETECTION = 3.0  # an emissivity of fewer standard errors is not told from zero ...
 LEAST_EMISSIVITY = 1e-4  # ... nor is one below the accuracy of a trace
 
@@ -30,13 +38,18 @@ class Drift:
     """An error that both kinds share before one background, and by what it reaches the means.
 
     cause: black body, by the lines' slopes; offset of the camera, by 1; its gain, by the signals.
-    variance: (K,) of the mean before each background: radiance^2, for the gain relative.
+    variance: (K,) of the mean before each background: radiance^2, for the gain relative. Another
+        one before each.
+    modes: (M, K) of a steady drift, in the root of these units: each is one number of variance 1
+        before all backgrounds, the same for all causes. course: (K,) of that drift as found.
     each: (K,) of one exposure about that mean. jitter: (K,) of it, what differs from one exposure
         to the next; the rest is slow, and drops out of kinds that alternate.
     """
 
     cause: Cause
     variance: Floats
+    modes: Floats
+    course: Floats
     each: Floats
     jitter: Floats
 
@@ -51,47 +64,20 @@ class Drift:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Absorbed:
-    """What the lines of both kinds take of a steady drift for their own.
-
-    offset: slope and start of the line through the drift of the offset, over the radiance of the
-    background. gain: slope of that through the relative drift of the gain.
-    """
-
-    offset: tuple[float, float] = (0.0, 0.0)
-    gain: float = 0.0
-
-    def moved(self, lines: Pair) -> tuple[Floats, Floats]:
-        """(N, 4) change of both lines by the offset, and by the gain.
-
-        A gain that rises with the background makes the spray's own radiance, e I(T_app), part of
-        the slope: the emissivity loses gain e I(T_app). The same change of both slopes says so, and
-        leaves T_app to the variance of the gain.
-        """
-        g, c_ref, s, c_inj = lines.values.T
-        offset = np.broadcast_to(np.array([*self.offset, *self.offset]), lines.values.shape)
-        share = np.maximum(1.0 - s / g, _THIN)
-        tilt = self.gain * (c_inj - c_ref) / share
-        nothing = np.zeros_like(tilt)
-        return np.asarray(offset), np.stack([tilt, nothing, tilt, nothing], axis=1)
-
-
-@dataclass(frozen=True, kw_only=True)
 class Systematic:
-    """Errors that are the same before all backgrounds, or of one picture.
+    """Errors of the injections alone, the same before all backgrounds, or of one picture.
 
     The first four: how far injections may stand off references for another reason than the spray.
 
     offset: radiance, in every pixel. kelvin: of the black body. slope, start: of the line through
-    its radiance per kelvin, over the radiance of the background. absorbed: drift that both kinds
-    share. extra: (K, ...) variance of the injections' means of each pixel.
+    its radiance per kelvin, over the radiance of the background. extra: (K, ...) variance of the
+    injections' means of each pixel.
     """
 
     offset: float = 0.0
     kelvin: float = 0.0
     slope: float = 0.0
     start: float = 0.0
-    absorbed: Absorbed = Absorbed()
     extra: Floats | None = None
 
     def rows(self, rows: slice) -> Systematic:
@@ -100,17 +86,13 @@ class Systematic:
 
     def widened(self, lines: Pair) -> Pair:
         """The lines with that error in their covariance, the same before all backgrounds."""
-        if not (self.offset or self.kelvin or self.absorbed != Absorbed()):
+        if not (self.offset or self.kelvin):
             return lines
         s = lines.values[:, 2]
         apart = np.zeros_like(lines.values)
         apart[:, 2] = self.kelvin * self.slope * s
         apart[:, 3] = self.offset + self.kelvin * self.start * s
-        with np.errstate(divide="ignore", invalid="ignore"):
-            both = self.absorbed.moved(lines)
-        covariance = lines.covariance + sum(
-            moved[:, :, None] * moved[:, None, :] for moved in (apart, *both)
-        )
+        covariance = lines.covariance + apart[:, :, None] * apart[:, None, :]
         return Pair(lines.values, covariance, lines.chi2)
 
 
@@ -122,7 +104,8 @@ class Signals:
     mean: (K, ...) mean over the exposures.
     camera: variance of one exposure by the camera's noise, of any signals.
     exposures: (K,) how many; less where some count less than others.
-    observed: (K, ...) sample variance of one exposure; 0 where there is only one.
+    observed: (K, ...) sample variance of one exposure; 0 where there is only one. spare: (K,) its
+        degrees of freedom; None: one less than the exposures.
     """
 
     source: Floats
@@ -130,6 +113,7 @@ class Signals:
     camera: Callable[[Floats], Floats]
     exposures: Floats
     observed: Floats | None = None
+    spare: Floats | None = None
 
 
 def solve(
@@ -148,7 +132,8 @@ def solve(
     below the camera's own noise). References are taken to scatter by the camera's noise alone.
 
     The lines are fitted twice: the second time with the camera's noise at the fitted signals, since
-    noise taken from noisy counts would favour those that came out low.
+    noise taken from noisy counts would favour those that came out low. Where the gain drifts they
+    are fitted again, at the signals without that drift.
 
     Args:
         reference, injection: means (K, ...) before each background, without and with spray.
@@ -173,47 +158,96 @@ def solve(
     if systematic is not None and systematic.extra is not None:
         more = flat(systematic.extra)
 
-    def fit(
-        signals: tuple[Floats, Floats],
-        extra: tuple[Floats, Floats],
-        common: Sequence[CommonError],
-    ) -> Pair:
-        calm = reference.camera(signals[0]) + extra[0]
-        varied = injection.camera(signals[1]) + extra[1]
+    spare = exposures[1] - 1.0 if injection.spare is None else injection.spare[:, None]
+    bright = np.ones((len(usable), 1))
+    for drift in drifts:
+        if drift.cause == "gain":
+            bright = bright + drift.course[:, None]
+
+    def again(lines: Pair) -> Pair:
+        """The fit with all errors at the signals of `lines`.
+
+        A gain that drifts, relative course z, shows (1 + a z) times the lines, with a near to 1. So
+        the pictures are divided by 1 + z, and what that took of the lines is given back: what is
+        left is linear in a about 1, and still lets a be 0.
+        """
+        before, during = lines.at(source)
+        line = (np.nan_to_num(before), np.nan_to_num(during))
+        factors = []
+        for drift in drifts:
+            p, q = drift.factors(lines, line)
+            factors.append((p / bright, q / bright))
+        noise = [
+            kind.camera(one * bright) / bright**2
+            for kind, one in zip((reference, injection), line, strict=True)
+        ]
+        jitter = [still, still]
+        if injection.observed is not None and np.any(injection.exposures > 1):
+            observed = flat(injection.observed) / bright**2
+            for drift, (_, factor) in zip(drifts, factors, strict=True):
+                observed = observed - drift.each[:, None] * factor**2
+            jitter[1] = shot_scatter(
+                line[1] - line[0],
+                observed,
+                camera=noise[1],
+                degrees=np.where(usable, spare, 0.0),
+            )
+        for drift, both in zip(drifts, factors, strict=True):
+            for kind, factor in enumerate(both):
+                jitter[kind] = jitter[kind] + drift.jitter[:, None] * factor**2
         return fit_pair(
             source,
-            mean,
-            variance=(calm / exposures[0], varied / exposures[1] + more),
+            (
+                mean[0] / bright + (1.0 - 1.0 / bright) * line[0],
+                mean[1] / bright + (1.0 - 1.0 / bright) * line[1],
+            ),
+            variance=(
+                (noise[0] + jitter[0]) / exposures[0],
+                (noise[1] + jitter[1]) / exposures[1] + more,
+            ),
             usable=usable,
-            common=common,
+            common=[
+                CommonError(variance=drift.variance, reference=p, injection=q)
+                for drift, (p, q) in zip(drifts, factors, strict=True)
+            ],
+            steady=[
+                SteadyError(
+                    reference=np.sum([mode[:, None] * p for mode, (p, _) in parts], axis=0),
+                    injection=np.sum([mode[:, None] * q for mode, (_, q) in parts], axis=0),
+                )
+                for parts in _modes(drifts, factors)
+            ],
         )
 
-    lines = fit(mean, (still, still), ())
-    before, during = (np.nan_to_num(one) for one in lines.at(source))
-    factors = [drift.factors(lines, (before, during)) for drift in drifts]
-    extra = still
-    if injection.observed is not None and np.any(injection.exposures > 1):
-        observed = flat(injection.observed)
-        for drift, (_, factor) in zip(drifts, factors, strict=True):
-            observed = observed - drift.each[:, None] * factor**2
-        extra = shot_scatter(
-            during - before,
-            observed,
-            camera=injection.camera(during),
-            degrees=np.where(usable, exposures[1] - 1.0, 0.0),
+    lines = again(
+        fit_pair(
+            source,
+            mean,
+            variance=(
+                reference.camera(mean[0]) / exposures[0],
+                injection.camera(mean[1]) / exposures[1] + more,
+            ),
+            usable=usable,
         )
-    common = [
-        CommonError(variance=drift.variance, reference=p, injection=q)
-        for drift, (p, q) in zip(drifts, factors, strict=True)
-    ]
-    jitter = [still, extra]
-    for drift, both in zip(drifts, factors, strict=True):
-        for kind, factor in enumerate(both):
-            jitter[kind] = jitter[kind] + drift.jitter[:, None] * factor**2
-    lines = fit((before, during), (jitter[0], jitter[1]), common)
+    )
+    for _ in range(_AGAIN if np.any(bright != 1.0) else 0):
+        lines = again(lines)
     if systematic is not None:
         lines = systematic.widened(lines)
     return _maps(lines, backgrounds=usable.sum(axis=0), curve=curve, shape=shape)
+
+
+def _modes(
+    drifts: Sequence[Drift], factors: Sequence[tuple[Floats, Floats]]
+) -> list[list[tuple[Floats, tuple[Floats, Floats]]]]:
+    """By mode, the courses (K,) of all causes that have it, and their factors."""
+    steady = [
+        (drift.modes, both)
+        for drift, both in zip(drifts, factors, strict=True)
+        if drift.modes.any()
+    ]
+    most = max((len(modes) for modes, _ in steady), default=0)
+    return [[(modes[m], both) for modes, both in steady if m < len(modes)] for m in range(most)]
 
 
 def _maps(

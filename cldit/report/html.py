@@ -42,6 +42,27 @@ class Picture:
         return b64encode(self.png).decode("ascii")
 
 
+Table = tuple[list[str], list[list[str]]]  # titles, lines
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationContent:
+    """What a page shows of an evaluation.
+
+    remarks: a line each. findings: what witnesses name, a line each. witnesses, drifts: in kelvin
+    by background. others: witnesses without kelvin. budget: medians by part. pictures: its maps.
+    """
+
+    remarks: tuple[str, ...] = ()
+    findings: tuple[str, ...] = ()
+    witnesses: Table = ([], [])
+    others: tuple[str, ...] = ()
+    improbable: str = ""
+    drifts: Table = ([], [])
+    budget: Table = ([], [])
+    pictures: tuple[Picture, ...] = ()
+
+
 @dataclass(frozen=True, kw_only=True)
 class ReportContent:
     """Everything that the report shows; text is plain and gets escaped.
@@ -49,6 +70,7 @@ class ReportContent:
     maps: stand first.
     camera: (background in K, picture of what the camera saw), for the slider.
     shares: mean share of the signal by origin, 0 to 1; share_pictures go with it.
+    evaluation: witnesses, drift terms and budget of the shots.
     reasons: number of pixels by why they have no value.
     figures: of the spray, name -> value with unit; trace: of the trace.
     stages: (name, seconds) in the order they ran.
@@ -63,6 +85,7 @@ class ReportContent:
     shares: Mapping[str, float] = field(default_factory=dict)
     share_pictures: tuple[Picture, ...] = ()
     more_pictures: tuple[Picture, ...] = ()
+    evaluation: EvaluationContent = EvaluationContent()
     reasons: Mapping[str, int] = field(default_factory=dict)
     figures: Mapping[str, str] = field(default_factory=dict)
     trace: Mapping[str, str] = field(default_factory=dict)

@@ -15,8 +15,9 @@ from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
 from cldit.files import make_folder, write_bytes
 from cldit.radiance.boundary import Boundary, Surroundings
+from cldit.report.evaluation import evaluation_content, write_evaluation_page
 from cldit.report.figures import human_figures
-from cldit.report.html import Picture, ReportContent, write_report
+from cldit.report.html import EvaluationContent, Picture, ReportContent, write_report
 from cldit.report.pictures import (
     Frame,
     camera_pictures,
@@ -127,6 +128,21 @@ def _of_run(run: Run, acquisition: Acquisition) -> Acquisition:
     if time_s is None or len(delays) == 1:
         return acquisition
     return acquisition.at_delay(min(range(len(delays)), key=lambda at: abs(delays[at] - time_s)))
+
+
+def _evaluation(run: Run) -> EvaluationContent:
+    """Of the shots of the time that the run itself shows."""
+    if run.measured is None:
+        return EvaluationContent()
+    delays, time_s = run.scene.plan.delays_s, spray_time_s(run.scene)
+    number = 0
+    if time_s is not None and delays:
+        number = min(range(len(delays)), key=lambda at: abs(delays[at] - time_s))
+    return evaluation_content(
+        maps_folder(_folder(run) / "acquisition", delays, number),
+        _frame(run, SensorView.from_scene(run.scene).pixel_m),
+        title=run.scene.name,
+    )
 
 
 def _shares(run: Run) -> Shares:
@@ -247,6 +263,7 @@ def write_run_report(run: Run) -> Path:
             for name in ("simulation_errors", "errors", "weights", "wavelengths")
             if name in pictures
         ),
+        evaluation=_evaluation(run),
         reasons={reason.text: count for reason, count in maps.count().items()},
         figures=_spray(run),
         trace=_trace(run),
@@ -260,6 +277,31 @@ def write_run_report(run: Run) -> Path:
     path = folder / "report.html"
     write_report(path, content)
     return path
+
+
+def write_pages(folder: str | Path) -> tuple[Path, ...]:
+    """Writes a page beside the maps of an acquisition or of measured data, one for each delay.
+
+    Args:
+        folder: of an acquisition, or with measured.yaml, or such a file itself; evaluated.
+
+    Returns:
+        The pages' paths.
+
+    Raises:
+        RunFolderError: a file is missing or damaged.
+    """
+    found = open_measured(folder) if is_measured(folder) else open_acquisition(folder)
+    frame = Frame(pixel_m=found.pixel_m, centre_m=found.centre_m)
+    title = f"{found.folder.resolve().name}: DIT of the shots"
+    if isinstance(found, Acquisition) and len(found.plan.delays) > 1:
+        delays = found.plan.delays
+        return tuple(
+            write_evaluation_page(place, frame, title=f"{title} at {delay_text(delay_s)}")
+            for number, delay_s in enumerate(delays)
+            if (place := maps_folder(found.folder, delays, number)).is_dir()
+        )
+    return (write_evaluation_page(found.folder / "maps", frame, title=title),)
 
 
 def show_folder(folder: str | Path) -> Path:

@@ -70,17 +70,28 @@ def _chi2(seeds: Iterable[int], drifts: Drifts) -> tuple[float, float]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "drifts", [Drifts(), CREEP, Drifts(blackbody_K=0.1), Drifts(offset_counts=1.0, blackbody_K=0.1)]
+    "drifts",
+    [
+        Drifts(),
+        CREEP,
+        Drifts(blackbody_K=0.1),
+        Drifts(offset_counts=1.0, blackbody_K=0.1),
+        Drifts(gain=0.001),
+        Drifts(gain=-0.0005),
+        Drifts(offset_counts=-3.0),
+        Drifts(offset_counts=1.0, gain=0.001),
+        Drifts(offset_counts=1.0, gain=0.001, blackbody_K=0.1),
+    ],
 )
 def test_errors_with_noise_scatter_and_drift(drifts: Drifts) -> None:
-    kelvin, emissivity = _chi2(range(12), drifts)
+    kelvin, emissivity = _chi2(range(500, 512), drifts)
     assert kelvin == pytest.approx(1.0, abs=0.1)
     assert emissivity == pytest.approx(1.0, abs=0.1)
 
 
 def test_errors_with_noise_scatter_and_drift_of_two_seeds() -> None:
     """As the slow test; two seeds tell chi2 to 8 %."""
-    kelvin, emissivity = _chi2(range(2), Drifts(offset_counts=1.0, blackbody_K=0.1))
+    kelvin, emissivity = _chi2(range(2), Drifts(offset_counts=1.0, gain=0.001, blackbody_K=0.1))
     assert kelvin == pytest.approx(1.0, abs=0.2)
     assert emissivity == pytest.approx(1.0, abs=0.3)
 
@@ -129,20 +140,23 @@ def test_an_offset_that_creeps_drops_out(seed: int) -> None:
 
 
 def test_the_emissivity_states_what_the_creep_does() -> None:
-    """What an offset adds in proportion to the background is gain to a line: in the error."""
+    """What an offset adds in proportion to the background is gain to a line: 64 counts creep over
+    the set points, 1 % of the lines' slope. How far their curvature tells the creep from a slope is
+    in the error, which grows by less than that."""
     made = laboratory(4, drifts=CREEP, scatter=0.0)
     squares = _squares(_evaluated(made), made)
     assert np.all(squares[:, 2] < 1.5 * squares[:, 3])
     still = _squares(_evaluated(same := laboratory(4, scatter=0.0)), same)
-    assert squares[-1, 3] > 4.0 * still[-1, 3]
+    assert 1.5 * still[-1, 3] < squares[-1, 3] < 0.01**2
 
 
 def test_a_gain_that_creeps_is_in_the_errors() -> None:
-    """0.1 % a shot come to 6 %: no fit gets rid of it, but chi2 of T_app stays below 2."""
+    """0.1 % a shot come to 6 %; a picture of this size tells chi2 to 20 %."""
     made = laboratory(5, drifts=Drifts(gain=0.001))
     found = _evaluated(made)
     squares = _squares(found, made)
-    assert np.all(squares[:, 0] < 2.0 * squares[:, 1])
+    assert np.all(squares[:, 0] < 1.5 * squares[:, 1])
+    assert np.all(squares[:, 2] < 1.5 * squares[:, 3])
     assert any("as if the camera's gain changed" in one.text for one in found.witnesses)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.dit.witness.evidence import Evidence
-from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Acceptable, Witness, by_background, sure
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Acceptable, Witness, sure
 from cldit.dit.witness.lines import OffLine, off_line, squares
 
 Floats = NDArray[np.float64]
@@ -79,7 +79,7 @@ def fitted_over(
         return lined
     return replace(
         other,
-        text=f"{other.text}; no other filter explains that: use --calibration planck",
+        says=f"{other.says}; no other filter explains that: use --calibration planck",
         severe=True,
     )
 
@@ -108,8 +108,11 @@ def _judge(
     of = f"{kind}s against each other"
     name: Acceptable = "backgrounds" if kind == "reference" else "injections"
     if len(evidence.setpoints) < 3:
-        text = f"{of}: two backgrounds lie on any line; a third one would tell"
-        return Witness(name=name, text=text), None
+        return Witness(
+            name=name,
+            compared=of,
+            says="two backgrounds lie on any line; a third one would tell",
+        ), None
     x, y = evidence.source[kind], evidence.mean(kind)[:, chosen].mean(axis=1)
     variance = evidence.variance(kind, chosen)
     if kind == "injection":  # the noise of the blocks that were chosen for how they look
@@ -119,14 +122,13 @@ def _judge(
     off = off_line(x, y, rise=evidence.rise, variance=variance)
     beyond = off.beyond(sure(evidence.degrees(kind)))
     worst_K = float(np.max(np.abs(off.kelvin)))
-    text = f"{of}: {by_background(evidence.setpoints, off.kelvin, off.noise_K)}"
     stands_out = beyond and worst_K > WORTH_K
-    if stands_out:
-        text += "; " + _cause(evidence, kind, off, y)
     return (
         Witness(
             name=name,
-            text=text,
+            compared=of,
+            says=_cause(evidence, kind, off, y) if stands_out else "",
+            setpoints=evidence.setpoints,
             kelvin=tuple(off.kelvin.tolist()),
             noise_K=tuple(off.noise_K.tolist()),
             stands_out=stands_out,
@@ -187,7 +189,7 @@ def celsius(named_K: dict[str, float]) -> Witness | None:
     listed = ", ".join(f"{name} {kelvin:g} K" for name, kelvin in cold.items())
     return Witness(
         name="celsius",
-        text=f"temperatures that look like degrees Celsius: {listed}; add 273.15",
+        says=f"temperatures that look like degrees Celsius: {listed}; add 273.15",
         stands_out=True,
         severe=True,
     )

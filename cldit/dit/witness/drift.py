@@ -1,13 +1,14 @@
 """What all pixels share before one background: black body, offset or gain of the camera.
 
-Where references lie off their line, the pixels say why. An error z_k before background k moves
-references and injections of a pixel by
+An error z_k before background k moves references and injections of a pixel by
 
     black body  g z, s z        offset  z, z        gain  I_ref z, I_inj z
 
-What is left of both kinds about their lines is fitted by each of the three over all blocks, and
-that which leaves the least is the cause. Where the spray tells nothing of it, it is the offset, of
-which Delta I knows nothing.
+A steady drift has a course over the backgrounds that is known but for some numbers
+(`cldit.dit.witness.trend`). Where references, without that, lie off their line, the pixels say why:
+what is left of both kinds about their lines is fitted by each of the three causes over all blocks,
+and that which leaves the least is the cause. Where the spray tells nothing of it, it is the offset,
+of which Delta I knows nothing.
 """
 
 from __future__ import annotations
@@ -17,137 +18,71 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.dit.solve import Absorbed, Cause, Drift
-from cldit.dit.witness.backgrounds import slopes
+from cldit.dit.solve import Cause, Drift
+from cldit.dit.witness.backgrounds import references, slopes
 from cldit.dit.witness.evidence import KINDS, Evidence
 from cldit.dit.witness.finding import sure
-from cldit.dit.witness.lines import OffLine, squares
+from cldit.dit.witness.lines import OffLine
+from cldit.dit.witness.trend import Trends, steady, unit, without
 
 Floats = NDArray[np.float64]
 
 _BETTER = 1.1  # ratio of what is left, from which a less likely cause is believed
 _TOLD = 1e-4  # of the best determined direction: below it nothing is told
-_LEFT = 0.5  # of what a gain does to the emissivity, where its variance is in the fit: measured
 _SAME = 1e-12  # variance of parts of Delta I where all shots are alike
 _LONE = 0.1  # share of what is explained, that one background alone may leave
 
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """drifts: for the fit. absorbed: of a steady drift, what lines take for their own. cause: in
-    words; empty where none stands out."""
+    """drifts: for the fit. cause: in words; empty where references lie on their line."""
 
     drifts: tuple[Drift, ...]
-    absorbed: Absorbed
     cause: str
 
 
-def find(evidence: Evidence, off: OffLine | None) -> Found:
+def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Found:
     """The common errors of an acquisition.
 
     Args:
         evidence: of K backgrounds.
         off: of the references; None with two backgrounds.
+        stated_K: (K,) standard deviation of each background that the user has stated.
     """
-    steady = trend(evidence)
-    beyond = off is not None and off.beyond(sure(evidence.degrees("reference")))
     none = np.zeros(len(evidence.setpoints))
-    cause: Cause = "offset"
-    variances: dict[Cause, Floats] = {"offset": none}
+    beyond = off is not None and _beyond(evidence, off)
+    trends = steady(evidence, beyond=beyond)
+    cause: Cause = _largest(evidence, trends)
+    says = _SAYS[cause] if beyond else ""
+    variance = none
     if beyond:
-        cause, variance = _cause(evidence, steady)
-        variances = {cause: variance}
-    way = steady.places - steady.places.mean()
-    x = evidence.source["reference"]
-    absorbed = Absorbed()
-    if steady.offset:
-        absorbed = Absorbed(offset=_line(x, steady.offset * way))
-    if steady.gain and (len(x) == 2 or (beyond and _continues(evidence, steady, way))):
-        # It is one vector over the backgrounds, not one number each: its whole square is the
-        # variance that covers it whichever way the fit looks.
-        whole = float(np.sum((steady.gain * way) ** 2))
-        variances["gain"] = np.maximum(variances.get("gain", none), whole)
-        absorbed = replace(absorbed, gain=_LEFT * _line(x, steady.gain * way)[0])
-    each, jitter = _wander(evidence, cause)
-    drifts = [
-        Drift(
-            cause=of,
-            variance=variance,
-            each=each if of == cause else none,
-            jitter=jitter if of == cause else none,
-        )
-        for of, variance in variances.items()
-    ]
-    return Found(drifts=tuple(drifts), absorbed=absorbed, cause=_SAYS[cause] if beyond else "")
-
-
-def _continues(evidence: Evidence, steady: Trend, way: Floats) -> bool:
-    """Whether a gain that drifts goes on from one background to the next.
-
-    A black body drifts as a gain does, but starts anew before each background: then references are
-    nearer to their line without what such a gain would make of them.
-    """
-    x, y = evidence.source["reference"], evidence.mean("reference").mean(axis=1)
-    still = y - steady.offset * way
-    without, within = (
-        squares(x, one, evidence.rise) for one in (still, still / (1.0 + steady.gain * way))
+        rest = without(evidence, trends, fitted=True)
+        left = references(rest, stated_K=stated_K)[1]
+        if left is not None and _beyond(rest, left):
+            cause, variance = _cause(rest)
+            says = _SAYS[cause]
+    each, jitter = _wander(evidence, cause, trends)
+    plain = Drift(
+        cause=cause, variance=none, modes=none[None, :], course=none, each=none, jitter=none
     )
-    return within < without
+    drifts = {cause: replace(plain, variance=variance, each=each, jitter=jitter)}
+    for of, one in trends.items():
+        known = drifts.get(of, replace(plain, cause=of))
+        drifts[of] = replace(known, modes=one.modes, course=one.course)
+    return Found(drifts=tuple(drifts.values()), cause=says)
 
 
-def _line(x: Floats, values: Floats) -> tuple[float, float]:
-    """Slope and start of the line through `values` (K,) over `x` (K,)."""
-    slope, start = np.polyfit(x / x.max(), values, 1)
-    return float(slope / x.max()), float(start)
+def _beyond(evidence: Evidence, off: OffLine) -> bool:
+    return off.beyond(sure(evidence.degrees("reference")))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Trend:
-    """How references change from shot to shot, the same way before all backgrounds.
-
-    offset: radiance a shot; gain: relative, a shot; 0 where it may be chance. places: (K,) where
-    the middle of the references lies among all shots. mostly_offset: it explains more than a gain.
-    """
-
-    offset: float
-    gain: float
-    places: Floats
-    mostly_offset: bool
-
-
-def trend(evidence: Evidence) -> Trend:
-    """The steady change of the references' mean over all blocks: rate = offset + gain signal."""
-    every = np.ones(evidence.blocks, bool)
-    series = evidence.picture("reference", every)
-    variance = evidence.variance("reference", every) * evidence.number("reference")
-    rate, weight = np.zeros(len(series)), np.zeros(len(series))
-    for k, (places, one) in enumerate(zip(evidence.numbers["reference"], series, strict=True)):
-        away = places - places.mean()
-        if len(one) > 2:
-            rate[k] = away @ one / (away @ away)
-            weight[k] = (away @ away) / variance[k]
-    middle = np.array([places.mean() for places in evidence.numbers["reference"]])
-    signal = np.array([one.mean() for one in series])
-    unit = float(np.max(np.abs(signal)))
-    design = np.stack([np.ones_like(rate), signal / unit], axis=1)
-    both = np.linalg.pinv((design.T * weight) @ design, hermitian=True)
-    best = both @ ((design.T * weight) @ (rate / unit))
-    noise = np.sqrt(np.diag(both)) / unit
-    found = np.where(np.abs(best) > sure(evidence.degrees("reference")) * noise, best, 0.0)
-    alone = [_left(rate / unit, column, weight) for column in design.T]
-    return Trend(
-        offset=float(found[0]) * unit,
-        gain=float(found[1]),
-        places=middle,
-        mostly_offset=alone[0] <= alone[1],
-    )
-
-
-def _left(values: Floats, column: Floats, weight: Floats) -> float:
-    """Weighted squares of `values` (K,) that no multiple of `column` (K,) explains."""
-    most = float(weight @ column**2)
-    share = float(weight @ (values * column)) / most if most > 0.0 else 0.0
-    return float(weight @ (values - share * column) ** 2)
+def _largest(evidence: Evidence, trends: Trends) -> Cause:
+    """The cause of the largest course; the offset where there is none."""
+    size = {
+        cause: float(np.max(np.abs(one.course * unit(evidence, cause))))
+        for cause, one in trends.items()
+    }
+    return max(size, key=lambda cause: size[cause], default="offset")
 
 
 _SAYS = {
@@ -176,20 +111,15 @@ def _on_line(evidence: Evidence, kind: str) -> Floats:
     return np.asarray(design @ np.linalg.pinv(design) @ evidence.mean(kind))
 
 
-def _cause(evidence: Evidence, steady: Trend) -> tuple[Cause, Floats]:
+def _cause(evidence: Evidence) -> tuple[Cause, Floats]:
     """The cause, and its variance (K,): radiance^2, of the gain relative."""
     found = {cause: _fitted(evidence, factors) for cause, factors in _factors(evidence).items()}
-    if steady.offset or steady.gain:  # says whether it is the offset, whatever the spray does
-        blackbody = _BETTER * found["black body"][0] < found["gain"][0]
-        best: Cause = "black body" if blackbody else "gain"
-        best = "offset" if steady.mostly_offset else best
-    else:
-        # One background that is off has another temperature; all of them, another offset. How a
-        # spray scatters is much alike in blocks that are near, so a little is no proof.
-        lone = np.count_nonzero(found["black body"][1]) == 1
-        likely: Cause = "black body" if lone else "offset"
-        best = min(found, key=lambda cause: found[cause][0])
-        best = likely if found[likely][0] < _BETTER * found[best][0] else best
+    # One background that is off has another temperature; all of them, another offset. How a spray
+    # scatters is much alike in blocks that are near, so a little is no proof.
+    lone = np.count_nonzero(found["black body"][1]) == 1
+    likely: Cause = "black body" if lone else "offset"
+    best = min(found, key=lambda cause: found[cause][0])
+    best = likely if found[likely][0] < _BETTER * found[best][0] else best
     variance = found[best][1]
     return best, variance * evidence.rise**2 if best == "black body" else variance
 
@@ -260,19 +190,31 @@ def _about_lines(x: Floats, variance: Floats) -> Floats:
     return np.asarray(whole - np.einsum("bki,bij,blj->bkl", half, inner, half))
 
 
-def _wander(evidence: Evidence, cause: Cause) -> tuple[Floats, Floats]:
+def _wander(evidence: Evidence, cause: Cause, trends: Trends) -> tuple[Floats, Floats]:
     """(K,) variances of one exposure, in the units of the cause: in all, and from one to the next.
 
-    Both beyond the camera's noise, from the references' mean over all blocks. A slow drift is in
-    the first and not in the second (von Neumann's mean square of successive differences).
+    Both beyond the camera's noise and the steady drift, from the references' mean over all blocks.
+    What is slow is in the first and not in the second.
     """
     every = np.ones(evidence.blocks, bool)
     noise = evidence.camera["reference"].mean(axis=1) / evidence.blocks
-    series = evidence.picture("reference", every)
+    rate = sum(
+        (one.rate * unit(evidence, of) for of, one in trends.items()),
+        np.zeros(len(evidence.setpoints)),
+    )
+    series = [
+        one - slope * (places - places.mean())
+        for one, slope, places in zip(
+            evidence.picture("reference", every),
+            rate,
+            evidence.numbers["reference"],
+            strict=True,
+        )
+    ]
     whole = np.array([np.var(one, ddof=1) if len(one) > 1 else 0.0 for one in series])
-    factor = np.array([np.mean(one) for one in series]) if cause == "gain" else np.ones(len(series))
+    moved = unit(evidence, cause)
     each, jitter = (
-        np.maximum(one - noise, 0.0) / factor**2
+        np.maximum(one - noise, 0.0) / moved**2
         for one in (whole, evidence.jitter("reference", every))
     )
     return each, np.minimum(jitter, each)

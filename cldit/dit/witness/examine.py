@@ -17,6 +17,7 @@ from cldit.dit.witness.finding import Witness
 from cldit.dit.witness.kinds import kinds
 from cldit.dit.witness.orientation import orientation
 from cldit.dit.witness.shift import shift
+from cldit.dit.witness.terms import DriftTerm, terms
 from cldit.radiance.boundary import Boundary, Surroundings
 
 Floats = NDArray[np.float64]
@@ -25,11 +26,12 @@ AllSums = Mapping[tuple[float, str], Sums]
 
 @dataclass(frozen=True, kw_only=True)
 class Examined:
-    """What the witnesses say, and what of it goes into the fit."""
+    """What the witnesses say, and what of it goes into the fit. terms: the drifts in kelvin."""
 
     witnesses: tuple[Witness, ...]
     drifts: tuple[Drift, ...]
     systematic: Systematic
+    terms: tuple[DriftTerm, ...] = ()
 
 
 def examine_pictures(
@@ -102,9 +104,9 @@ def examine(
     scale = calibration.counts_per_radiance * whole.front.transmission
     stated_K = np.sqrt(_stated_K2(given, evidence))
     lined, off = backgrounds.references(evidence, stated_K=stated_K)
-    common = drift.find(evidence, off)
+    common = drift.find(evidence, off, stated_K=stated_K)
     if common.cause and lined.stands_out and not lined.severe:
-        lined = replace(lined, text=f"{lined.text}, {common.cause}")
+        lined = replace(lined, says=f"{lined.says}, {common.cause}")
     if unfitted is not None:
         as_stated = Evidence.of(
             sums,
@@ -134,7 +136,8 @@ def examine(
             moved,
         ),
         drifts=(*given, *common.drifts),
-        systematic=replace(between.systematic, absorbed=common.absorbed, extra=extra),
+        systematic=replace(between.systematic, extra=extra),
+        terms=terms(evidence, given=given, found=common.drifts),
     )
 
 
@@ -167,7 +170,9 @@ def stated(
         "gain": none + around.camera_gain_error**2,
     }
     return tuple(
-        Drift(cause=cause, variance=variance, each=none, jitter=none)
+        Drift(
+            cause=cause, variance=variance, modes=none[None, :], course=none, each=none, jitter=none
+        )
         for cause, variance in variances.items()
         if variance.any()
     )

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Literal, get_args
 
-import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm, t
 
 from cldit.errors import EvaluationError
-
-Floats = NDArray[np.float64]
 
 Acceptable = Literal[
     "backgrounds", "injections", "kinds", "shift", "repeats", "saturation", "orientation", "celsius"
@@ -28,17 +24,31 @@ _CHANCE = 3e-7  # one side of five standard deviations
 class Witness:
     """What one comparison found.
 
-    name: by which `accept` lets it pass. text: a line for the reader. kelvin, noise_K: by
-    background, of the black body's temperature; empty where nothing is in kelvin. stands_out: far
-    beyond its noise. severe: the evaluation ends unless the name is accepted.
+    name: by which `accept` lets it pass. compared: with what. says: what it names; empty where
+    nothing stands out. setpoints, kelvin, noise_K: by background, of the black body's temperature;
+    empty where nothing is in kelvin. stands_out: far beyond its noise. severe: the evaluation ends
+    unless the name is accepted.
     """
 
     name: Acceptable
-    text: str
+    compared: str = ""
+    says: str = ""
+    setpoints: tuple[float, ...] = ()
     kelvin: tuple[float, ...] = ()
     noise_K: tuple[float, ...] = ()
     stands_out: bool = False
     severe: bool = False
+
+    @property
+    def text(self) -> str:
+        """A line for the reader: `compared: 423 K +0.01 ± 0.02 K, ..; says`."""
+        found = by_background(self.setpoints, self.kelvin, self.noise_K)
+        said = "; ".join(one for one in (found, self.says) if one)
+        return f"{self.compared}: {said}" if self.compared else said
+
+    def to_dict(self) -> dict[str, object]:
+        """All of it, `text` included."""
+        return {**asdict(self), "text": self.text}
 
 
 def sure(degrees: int) -> float:
@@ -46,12 +56,14 @@ def sure(degrees: int) -> float:
     return float(t.isf(_CHANCE, degrees) if degrees > 0 else norm.isf(_CHANCE))
 
 
-def by_background(setpoints: Sequence[float], kelvin: Floats, noise_K: Floats) -> str:
+def by_background(
+    setpoints: Sequence[float], kelvin: Sequence[float], noise_K: Sequence[float]
+) -> str:
     """`423 K +0.01 ± 0.02 K, ...`.
 
     Args:
         setpoints: K of them.
-        kelvin, noise_K: (K,) values and their noise.
+        kelvin, noise_K: K values and their noise.
     """
     return ", ".join(
         f"{setpoint:g} K {value:+.2f} ± {noise:.2f} K"

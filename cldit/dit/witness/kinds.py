@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 from cldit.dit.solve import Systematic
 from cldit.dit.witness.backgrounds import CHOSEN, FLOOR_K, clearest, slopes
 from cldit.dit.witness.evidence import KINDS, Evidence
-from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, by_background, sure
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
 
 Floats = NDArray[np.float64]
 
@@ -64,22 +64,19 @@ def kinds(evidence: Evidence) -> Kinds:
     shown_K = (best.beside if beyond else unexplained) / evidence.rise
     noise_K = noise / evidence.rise
     worst_K = float(np.max(np.abs(shown_K)))
-    text = (
-        "injections against references where there is the least spray: "
-        f"{by_background(evidence.setpoints, shown_K, noise_K)}"
-    )
     stands_out = beyond and worst_K > WORTH_K
+    says = ""
     if stands_out:
         if best.left > _EXPLAINED * float(np.sum((best.beside / noise) ** 2)):
-            text += "; neither the camera's offset nor the black body alone does that"
+            says = "neither the camera's offset nor the black body alone does that"
         elif best.column == "offset":
-            text += "; as if the camera's offset changed between the kinds"
+            says = "as if the camera's offset changed between the kinds"
         else:
-            text += f"; as if the black body differed by {best.size:+.2f} K between the kinds"
-        text += ", or there is spray in all of the picture"
+            says = f"as if the black body differed by {best.size:+.2f} K between the kinds"
+        says += ", or there is spray in all of the picture"
         slope = slopes(evidence)
         if np.count_nonzero(slope > 1.0 + _MORE) > np.count_nonzero(slope < 1.0 - _MORE):
-            text += "; injections see more of the background: are the two kinds swapped?"
+            says += "; injections see more of the background: are the two kinds swapped?"
     systematic = Systematic()
     if beyond:
         slope, start = np.polyfit(x / x.max(), evidence.rise, 1)
@@ -93,7 +90,9 @@ def kinds(evidence: Evidence) -> Kinds:
     return Kinds(
         witness=Witness(
             name="kinds",
-            text=text,
+            compared="injections against references where there is the least spray",
+            says=says,
+            setpoints=evidence.setpoints,
             kelvin=tuple(shown_K.tolist()),
             noise_K=tuple(noise_K.tolist()),
             stands_out=stands_out,

@@ -65,7 +65,7 @@ def orientation(
         return None
     return Witness(
         name="orientation",
-        text="pictures do not lie alike: " + "; ".join(wrong) + ", against the others",
+        says="pictures do not lie alike: " + "; ".join(wrong) + ", against the others",
         stands_out=True,
         severe=True,
     )

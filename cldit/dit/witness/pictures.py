@@ -35,7 +35,7 @@ def repeats(sums: AllSums) -> Witness | None:
     listed = ", ".join(same[:_NAMED]) + (", .." if len(same) > _NAMED else "")
     return Witness(
         name="repeats",
-        text=f"{len(same)} of {count} pictures repeat another one, pixel by pixel ({listed}): "
+        says=f"{len(same)} of {count} pictures repeat another one, pixel by pixel ({listed}): "
         "a frozen camera, or files that were copied",
         stands_out=True,
         severe=True,
@@ -68,7 +68,7 @@ def plateau(sums: AllSums, saturation_counts: float) -> tuple[Witness | None, fl
         return None, saturation_counts
     return Witness(
         name="saturation",
-        text=f"{', '.join(ending)} end at {top:g} counts, where up to {100 * share:.0f} % of the "
+        says=f"{', '.join(ending)} end at {top:g} counts, where up to {100 * share:.0f} % of the "
         f"pixels stand still; taken as saturated from there on, not from {saturation_counts:g}",
         stands_out=True,
     ), top
@@ -104,7 +104,7 @@ def axes(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
         return None
     return Witness(
         name="orientation",
-        text="references differ more from picture to picture than along their "
+        says="references differ more from picture to picture than along their "
         f"{' and '.join(sorted(wrong))}: are frames stored along that axis? "
         "measured.yaml names another order as `axes: [rows, columns, frames]`",
         stands_out=True,

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.dit.shots import Sums
-from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, by_background, sure
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
 
 Floats = NDArray[np.float64]
 
 _TILES = 4  # along either axis: their scatter is the noise of the shift
 _WORTH_PIXELS = 0.1
+_COMPARED = "pictures against the gradient of each"
 
 
 def shift(
@@ -40,10 +41,9 @@ def shift(
     Returns:
         The witness, and by set point the (h, w) counts^2 by which the shift widens the errors.
     """
-    text = "pictures against the gradient of each: "
     count = len(setpoints)
     if count < 3 or min(sees.shape) < 3 * _TILES:
-        return Witness(name="shift", text=text + "too few backgrounds or pixels"), {}
+        return Witness(name="shift", compared=_COMPARED, says="too few backgrounds or pixels"), {}
     every = slice(None)
     delta = np.array(
         [sums[k, "injection"].mean(every) - sums[k, "reference"].mean(every) for k in setpoints]
@@ -53,7 +53,8 @@ def shift(
     left = np.einsum("kl,lhw->khw", keep, delta / counts_per_kelvin[:, None, None])
     inner = _inside(sees)
     if not inner.any():
-        return Witness(name="shift", text=text + "too few pixels see the background"), {}
+        says = "too few pixels see the background"
+        return Witness(name="shift", compared=_COMPARED, says=says), {}
     moved, noise, gained = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count)
     for k in range(count):
         slope = np.array(np.gradient(delta[k])) / counts_per_kelvin[k]
@@ -70,12 +71,12 @@ def shift(
         [_kelvin(delta[k], noise[k], inner) / counts_per_kelvin[k] for k in range(count)]
     )
     beyond = bool(np.any(np.abs(moved[at]) > sure(degrees) * noise[at])) and size > _WORTH_PIXELS
-    text += by_background(setpoints, kelvin, noise_K)
     stands_out = beyond and bool(kelvin[at] > WORTH_K)
     widened: dict[float, Floats] = {}
+    says = ""
     if stands_out:
-        text += (
-            f"; background {setpoints[at]:g} K: the spray is shifted by {moved[at, 1]:+.1f} "
+        says = (
+            f"background {setpoints[at]:g} K: the spray is shifted by {moved[at, 1]:+.1f} "
             f"columns and {moved[at, 0]:+.1f} rows"
         )
         rows, columns = np.gradient(delta[at])
@@ -83,7 +84,9 @@ def shift(
     return (
         Witness(
             name="shift",
-            text=text,
+            compared=_COMPARED,
+            says=says,
+            setpoints=tuple(setpoints),
             kelvin=tuple(kelvin.tolist()),
             noise_K=tuple(noise_K.tolist()),
             stands_out=stands_out,

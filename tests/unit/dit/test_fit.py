@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, inv, lstsq, solve_triangular
 from scipy.optimize import curve_fit
 
-from cldit.dit.fit import CommonError, Pair, apparent_radiance, emissivity, fit_pair, shot_scatter
+from cldit.dit.fit import (
+    CommonError,
+    Pair,
+    SteadyError,
+    apparent_radiance,
+    emissivity,
+    fit_pair,
+    shot_scatter,
+)
 
 X = np.array([1.0, 2.5, 6.0, 11.0, 20.0])
 
@@ -118,6 +126,73 @@ def test_several_common_errors_are_generalised_least_squares() -> None:
     np.testing.assert_allclose(lines.values[0], best, rtol=1e-7)
     np.testing.assert_allclose(lines.covariance[0], inv(white.T @ white), rtol=1e-6)
     assert lines.chi2[0] == pytest.approx(misfit, rel=1e-6)
+
+
+def _steady(pixels: int) -> list[SteadyError]:
+    """Two errors with a course over the backgrounds: an offset, and a gain that goes with it."""
+    way = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])[:, None] * np.ones(pixels)
+    line = X[:, None]
+    return [
+        SteadyError(
+            reference=way * (0.3 + 0.1 * (line + 0.5)), injection=way * (0.3 + 0.1 * (0.3 * line))
+        ),
+        SteadyError(reference=0.05 * way, injection=0.05 * way),
+    ]
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_steady_errors_are_generalised_least_squares(together: bool) -> None:
+    """Against scipy, with u u' of either steady error in the whole 10 x 10 covariance."""
+    before, during, variance = _noisy()
+    shared = CommonError(variance=np.full(5, 0.03), reference=np.ones(7), injection=np.ones(7))
+    lines = fit_pair(
+        (X, X),
+        (before, during),
+        variance=variance,
+        usable=np.ones((5, 7), bool),
+        common=[shared] if together else [],
+        steady=_steady(7),
+    )
+    design = np.zeros((10, 4))
+    design[:5, 0] = design[5:, 2] = X
+    design[:5, 1] = design[5:, 3] = 1.0
+    for pixel in range(7):
+        whole = np.diag(np.concatenate(variance)[:, pixel])
+        if together:
+            whole += 0.03 * np.kron(np.ones((2, 2)), np.eye(5))
+        for one in _steady(7):
+            u = np.concatenate([one.reference, one.injection])[:, pixel]
+            whole += np.outer(u, u)
+        factor = cholesky(whole, lower=True)
+        white = solve_triangular(factor, design, lower=True)
+        seen = np.concatenate([before[:, pixel], during[:, pixel]])
+        best, misfit, *_ = lstsq(white, solve_triangular(factor, seen, lower=True))
+        np.testing.assert_allclose(lines.values[pixel], best, rtol=1e-8)
+        np.testing.assert_allclose(lines.covariance[pixel], inv(white.T @ white), rtol=1e-8)
+        assert lines.chi2[pixel] == pytest.approx(misfit, rel=1e-8)
+
+
+def test_a_steady_error_of_size_one_has_the_stated_mean_squares() -> None:
+    """20000 pixels with the same drift: chi2 of all four numbers is 1 within 5 of its errors."""
+    rng = np.random.default_rng(8)
+    pixels = 20_000
+    variance = np.full((5, pixels), 0.02)
+    drift = _steady(pixels)[0]
+    truth = np.array([1.0, 0.5, 0.3, 4.0])
+    noise = np.sqrt(variance) * rng.standard_normal((2, 5, pixels))
+    lines = fit_pair(
+        (X, X),
+        (
+            X[:, None] + 0.5 + drift.reference + noise[0],
+            0.3 * X[:, None] + 4.0 + drift.injection + noise[1],
+        ),
+        variance=(variance, variance),
+        usable=np.ones((5, pixels), bool),
+        steady=[drift],
+    )
+    stated = np.diagonal(lines.covariance, axis1=1, axis2=2).mean(axis=0)
+    found = np.mean((lines.values - truth) ** 2, axis=0)
+    np.testing.assert_allclose(found / stated, 1.0, atol=5.0 * np.sqrt(2.0 / pixels))
 
 
 def test_an_offset_of_the_camera_leaves_the_fit_of_the_difference() -> None:
