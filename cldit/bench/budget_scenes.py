@@ -38,8 +38,6 @@ def budget_scene(name: str, *, pixels: int, folder: Path) -> Scene:
     scene["optics"]["compare_paper"] = False
     if name == "droplets-only":
         scene["optics"]["preset"] = "spectral"
-    if name == "gdi-flow":
-        scene["spray"]["droplets_per_parcel"] = 1e3
     return parse_scene(scene)
 
 

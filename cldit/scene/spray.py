@@ -165,7 +165,7 @@ class LagrangianSpray(Section):
     droplets: Droplets = NukiyamaTanasawa()
     """Sizes at the hole; breakup is not computed."""
     droplets_per_parcel: Annotated[float, Within(1.0, 1e9)] = 1e4
-    """Droplets that a parcel stands for."""
+    """Droplets of mean mass that a parcel stands for; all parcels start with the same mass."""
     evaporation: Literal[
         "abramzon-sirignano", "spalding", "dukowicz", "dukowicz-log", "frolov-type", "none"
     ] = "abramzon-sirignano"

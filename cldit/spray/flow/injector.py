@@ -19,7 +19,6 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MOST_PARCELS = 2_000_000
-HEAVIEST = 2.0  # parcel, over their mean mass
 
 
 @dataclass(frozen=True)
@@ -151,26 +150,22 @@ def _hole(
     random: np.random.Generator,
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Times, diameters, droplets and the hole's index of one hole's parcels: one from each of as
-    many equal parts of the droplets, in random order."""
+    many equal parts of the mass, in random order.
+
+    By number, most parcels would be of droplets that are gone at once and hold next to nothing, and
+    a few heavy ones would carry what acts on the gas.
+    """
     count = max(1, round(wanted))
     level = (random.permutation(count) + random.random(count)) / count
-    diameter = quantile_m(spec.droplets, level, by="number")
+    diameter = quantile_m(spec.droplets, level, by="mass")
     if not diameter.max() < 1e-3:
         raise SprayError(
             f"spray.droplets: these sizes reach {diameter.max():.3g} m, allowed is less than 1e-3"
         )
     each = fuel.mass_kg(diameter, spec.fuel_temperature_K)
-    whole = share * spec.injected_mass_kg / each.sum()
-    # A heavy parcel is made several: one would carry its gas along and run ahead of the plume.
-    pieces = np.ceil(each / (HEAVIEST * each.mean())).astype(np.int64)
-    order = random.permutation(int(pieces.sum()))
-    diameter = np.repeat(diameter, pieces)[order]
-    droplets = np.repeat(whole / pieces, pieces)[order]
-    # By mass, so that the flow follows its curve whatever sizes come one after the other.
-    weight = np.repeat(each / pieces, pieces)[order]
-    middle = (np.cumsum(weight) - 0.5 * weight) / weight.sum()
-    time = np.interp(middle, release[1], release[0])
-    return time, diameter, droplets, np.full(len(time), float(index))
+    droplets = share * spec.injected_mass_kg / count / each
+    time = np.interp((np.arange(count) + 0.5) / count, release[1], release[0])
+    return time, diameter, droplets, np.full(count, float(index))
 
 
 def _axis(inclination_deg: float, azimuth_deg: float) -> Floats:

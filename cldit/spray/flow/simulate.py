@@ -31,7 +31,7 @@ NEGLIGIBLE = (
     1e-6  # cells with less vapour than this, as a mass fraction, are left out of the result
 )
 _AVOGADRO = 6.02214076e23
-_RECORDS = 200
+_RECORDS = 100
 
 
 Watch = Callable[[float, float, int], None]  # time reached, time of the end, parcels
