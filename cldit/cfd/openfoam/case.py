@@ -23,6 +23,7 @@ from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.openfoam.lists import faces, internal_field, labels, vectors
 from cldit.cfd.openfoam.regions import (
     case_folder,
+    check_cloud,
     check_parcels,
     find_step,
     regions,
@@ -67,6 +68,7 @@ def read_openfoam(
     folder = step.folder
     clouds = {name for root in step.roots for name in cloud_names(root.path / folder)}
     check_parcels(step, cloud, bool(clouds))
+    check_cloud(step, cloud, bool(clouds))
     chosen = choose_cloud(str(step.place), clouds, cloud)
     available = sorted({name for root in step.roots for name in _file_names(root.path / folder)})
     wanted = gas_names(names.cells, available, fuel_field)
