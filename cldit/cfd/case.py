@@ -64,6 +64,7 @@ class Boundary:
 class CfdCase:
     """One time of a case: mesh, cell fields by name (N,), cloud, injectors; time_s if known.
 
+    wall_K: temperature that its walls are held at, where the case says so.
     gas: those of the fields asked for that there are; available: the names of all. boundaries: at
     which the case is cut. files: all that were read; remarks: what was chosen or left out.
     """
@@ -76,6 +77,7 @@ class CfdCase:
     cloud: Cloud | None
     injectors: tuple[Injector, ...] = ()
     boundaries: tuple[Boundary, ...] = ()
+    wall_K: float | None = None
     files: tuple[Path, ...] = ()
     remarks: tuple[str, ...] = ()
 

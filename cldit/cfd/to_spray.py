@@ -265,6 +265,8 @@ def _notes(
 ) -> dict[str, float]:
     """The figures by which a user sees that the case came over right."""
     notes = {} if case.time_s is None else {"time_s": case.time_s}
+    if case.wall_K is not None:
+        notes["wall_temperature_K"] = case.wall_K
     if parcels is not None:
         notes |= {
             "parcels": float(len(parcels.diameter_m)),

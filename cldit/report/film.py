@@ -48,13 +48,12 @@ def write_film(stem: Path, pictures: Sequence[bytes], times: Sequence[float]) ->
     Raises:
         DiskFull, FileError: as `cldit.files.whole`.
     """
-    frames = [Image.open(io.BytesIO(png)).convert("RGB") for png in pictures]
     stand_s = durations_s(times)
     made = [stem.with_name(f"{stem.name}.gif")]
-    write_bytes(made[0], gif_of(frames, stand_s))
+    write_bytes(made[0], gif_of(pictures, stand_s))
     if mp4_possible():
         made.append(stem.with_name(f"{stem.name}.mp4"))
-        _write_mp4(made[1], frames, stand_s)
+        _write_mp4(made[1], pictures, stand_s)
     return made
 
 
@@ -63,16 +62,21 @@ def mp4_possible() -> bool:
     return find_spec("imageio_ffmpeg") is not None
 
 
-def gif_of(frames: Sequence[Image.Image], stand_s: Sequence[float]) -> bytes:
+def _rgb(png: bytes) -> NDArray[np.uint8]:
+    """(H, W, 3)."""
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+
+
+def gif_of(pictures: Sequence[bytes], stand_s: Sequence[float]) -> bytes:
     """An animated GIF that repeats itself for ever.
 
     All pictures share one table of 256 colours, so that what does not change does not flicker.
 
     Args:
-        frames: RGB, of one size.
+        pictures: PNGs of one size.
         stand_s: how long each stands.
     """
-    shown = _in_one_table(frames)
+    shown = _in_one_table(pictures)
     stream = io.BytesIO()
     shown[0].save(
         stream,
@@ -86,32 +90,34 @@ def gif_of(frames: Sequence[Image.Image], stand_s: Sequence[float]) -> bytes:
     return stream.getvalue()
 
 
-def _in_one_table(frames: Sequence[Image.Image]) -> list[Image.Image]:
+def _in_one_table(pictures: Sequence[bytes]) -> list[Image.Image]:
     """Pictures with a table of 256 colours: black, white, and those that stand best for all others
     that occur, each of which counts once: by area, white paper would take most of the table.
 
     The nearest colour is looked for here, since Pillow takes one that is only near: white paper
     gets a tint.
     """
-    codes = [np.asarray(frame).astype(np.uint32) @ _PLACES for frame in frames]
+    # pictures are unpacked one at a time: all of a long series would not fit the memory
+    codes = (_rgb(png).astype(np.uint32) @ _PLACES for png in pictures)
     known = np.unique(np.concatenate([np.unique(each) for each in codes]))
     seen = np.stack([known >> 16, known >> 8 & 255, known & 255], axis=1).astype(np.uint8)
     found = Image.fromarray(seen[None]).quantize(254, kmeans=4).getpalette() or []
     table = [0, 0, 0, 255, 255, 255, *found[: 3 * 254]]
     _, nearest = cKDTree(np.array(table).reshape(-1, 3)).query(seen)
     shown = []
-    for each in codes:
-        frame = Image.fromarray(nearest[np.searchsorted(known, each)].astype(np.uint8))
+    for png in pictures:
+        number = np.searchsorted(known, _rgb(png).astype(np.uint32) @ _PLACES)
+        frame = Image.fromarray(nearest.astype(np.uint8)[number])
         frame.putpalette(table)
         shown.append(frame)
     return shown
 
 
-def _write_mp4(path: Path, frames: Sequence[Image.Image], stand_s: Sequence[float]) -> None:
+def _write_mp4(path: Path, pictures: Sequence[bytes], stand_s: Sequence[float]) -> None:
     """H.264 at a constant rate, in which pictures are repeated."""
     from imageio_ffmpeg import write_frames
 
-    first = _even(np.asarray(frames[0]))
+    first = _even(_rgb(pictures[0]))
     rows, columns = first.shape[:2]
     with whole(path) as part:
         writer = write_frames(
@@ -123,8 +129,8 @@ def _write_mp4(path: Path, frames: Sequence[Image.Image], stand_s: Sequence[floa
             output_params=["-f", "mp4"],  # the file's name does not end as one yet
         )
         writer.send(None)
-        for frame, each_s in zip(frames, stand_s, strict=True):
-            pixels = np.ascontiguousarray(_even(np.asarray(frame)))
+        for png, each_s in zip(pictures, stand_s, strict=True):
+            pixels = np.ascontiguousarray(_even(_rgb(png)))
             for _ in range(max(1, round(each_s * _FRAMES_PER_S))):
                 writer.send(pixels)
         writer.close()

@@ -117,15 +117,13 @@ def write_series(
     write_text(out / "pictures" / "scale.yaml", dump_yaml(shared))
     pictures: list[bytes] = []
     for each in done:
-        png = _picture(plan, scene, each, scale, widest=max(len(plan.text(t.time)) for t in done))
+        png = _picture(plan, scene, each, scale)
         pictures.append(png)
         write_bytes(out / "pictures" / f"{plan.folder(each.time)}.png", png)
     return [*made, out / "pictures", *write_film(out / "film", pictures, [t.time for t in done])]
 
 
-def _picture(
-    plan: SeriesPlan, scene: Scene, time: SeriesTime, scale: Scale, *, widest: int
-) -> bytes:
+def _picture(plan: SeriesPlan, scene: Scene, time: SeriesTime, scale: Scale) -> bytes:
     place = maps_of(time)
     acquired = place.parent.name == "acquisition"
     width, height = scene.camera.field_m
@@ -140,7 +138,7 @@ def _picture(
         range_K=scale.range_K,
         scale=scale.emissivity,
         note=_NOTE,
-        stamp=plan.text(time.time).rjust(widest),
+        stamp=plan.stamp(time.time),
     )
 
 

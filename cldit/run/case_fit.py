@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cldit.camera.view import SensorView
 from cldit.scene import Scene
 from cldit.spray.result import Floats, Spray
 
@@ -89,19 +90,21 @@ def misfits(scene: Scene, spray: Spray) -> tuple[str, ...]:
 
 def _field(scene: Scene, fuel: Fuel) -> list[str]:
     """Whether the picture cuts the spray, or is far larger."""
-    half = np.array(scene.camera.field_m) / 2
+    view = SensorView.from_scene(scene)  # the pictures that the rig takes
+    half = np.array(view.pixel_m) * np.array(view.pixels) / 2
     inside = np.all(np.abs(seen_m(scene, fuel.position_m)) <= half, axis=1)
     cut = float(fuel.mass_kg[~inside].sum() / fuel.mass_kg.sum())
-    width, height = (f"{1e3 * edge:.3g}" for edge in scene.camera.field_m)
+    width, height = (f"{2e3 * edge:.3g}" for edge in half)
     if cut > _CUT:
         return [
-            f"camera.field_m, {width} mm x {height} mm, leaves {100 * cut:.2g} % of the fuel out"
+            f"the sensor's field, {width} mm x {height} mm, leaves {100 * cut:.2g} % of the fuel "
+            "out"
         ]
     low, high = fuel.extent_m()
     size = np.maximum(high, 0.0) - np.minimum(low, 0.0)  # with the nozzle
     if np.all(size[[0, 2]] < 2 * _SMALL * half):
         return [
-            f"camera.field_m is {width} mm x {height} mm, the spray {1e3 * size[0]:.2g} mm x "
+            f"the sensor's field is {width} mm x {height} mm, the spray {1e3 * size[0]:.2g} mm x "
             f"{1e3 * size[2]:.2g} mm"
         ]
     return []

@@ -116,6 +116,15 @@ class SeriesPlan:
         """A time as people name it: `0.5 ms`, or `-12.5`."""
         return f"{1e3 * time:.9g} ms" if self.in_seconds else f"{time:.9g}"
 
+    def stamp(self, time: float) -> str:
+        """A time as long as all others: `0.50 ms` beside `0.25 ms`."""
+        factor = 1e3 if self.in_seconds else 1.0
+        shown = [self.text(each).removesuffix(" ms") for each in self.scenes]
+        digits = max(len(each.partition(".")[2]) for each in shown)
+        texts = {each: f"{factor * each:.{digits}f}" for each in self.scenes}
+        unit = " ms" if self.in_seconds else ""
+        return texts[time].rjust(max(map(len, texts.values()))) + unit
+
     def folder(self, time: float) -> str:
         """The name of the run folder of a time."""
         return f"time_{self.text(time).replace(' ', '')}"

@@ -30,6 +30,7 @@ from cldit.cfd.openfoam.regions import (
     time_folders,
 )
 from cldit.cfd.openfoam.size import foam_size
+from cldit.cfd.openfoam.walls import wall_temperature_K
 from cldit.cfd.size import check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
@@ -107,6 +108,7 @@ def read_openfoam(
         cloud=parcels,
         injectors=injectors,
         boundaries=boundaries,
+        wall_K=wall_temperature_K(meshes[0][0], step.region, folder),
         files=(*files, *lists, *dictionaries),
         remarks=step.remarks,
     )
