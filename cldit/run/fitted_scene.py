@@ -167,8 +167,8 @@ def _background(
     radius_m = _up(1.02 * (0.5 * math.hypot(*field_m) * seen + aside_m), 1e-3)
     coldest_K, what = _coldest(spray)
     hottest_K = spray.notes.get("ambient_temperature_K", coldest_K)
-    low_K = max(10.0 * math.floor(coldest_K / 10.0), _COLDEST_K)
-    high_K = max(10.0 * math.ceil(hottest_K / 10.0), low_K + _SPAN_K)
+    low_K = max(10.0 * math.floor(coldest_K / 10.0 + 1e-6), _COLDEST_K)
+    high_K = max(10.0 * math.ceil(hottest_K / 10.0 - 1e-6), low_K + _SPAN_K)
     temperatures = np.round(np.linspace(low_K, high_K, _BACKGROUNDS)).tolist()
     return _section(
         {"radius_m": radius_m, "temperatures_K": temperatures},
