@@ -61,6 +61,9 @@ def choose_times(
         wanted: `all`; some by their numbers in order, as Python's slices (`::5`, `10:`, `-3:`); or
             single ones, each as for `choose_time`.
 
+    Returns:
+        Some of `times`.
+
     Raises:
         SprayError: there is none, or none within `TIME_TOLERANCE` of a number; or a slice is none.
     """

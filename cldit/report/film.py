@@ -103,11 +103,11 @@ def _in_one_table(pictures: Sequence[bytes]) -> list[Image.Image]:
     seen = np.stack([known >> 16, known >> 8 & 255, known & 255], axis=1).astype(np.uint8)
     found = Image.fromarray(seen[None]).quantize(254, kmeans=4).getpalette() or []
     table = [0, 0, 0, 255, 255, 255, *found[: 3 * 254]]
-    _, nearest = cKDTree(np.array(table).reshape(-1, 3)).query(seen)
+    nearest = np.asarray(cKDTree(np.array(table).reshape(-1, 3)).query(seen)[1], np.uint8)
     shown = []
     for png in pictures:
         number = np.searchsorted(known, _rgb(png).astype(np.uint32) @ _PLACES)
-        frame = Image.fromarray(nearest.astype(np.uint8)[number])
+        frame = Image.fromarray(nearest[number])
         frame.putpalette(table)
         shown.append(frame)
     return shown

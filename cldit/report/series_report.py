@@ -190,5 +190,5 @@ def _finish(axes: Axes, label: str) -> None:
     axes.grid(alpha=0.3)
     for line in axes.get_lines():
         line.set_markersize(3.5)
-    if axes.get_lines()[0].get_label()[:1] != "_":
+    if len(axes.get_lines()) > 1:
         axes.legend(fontsize=8)

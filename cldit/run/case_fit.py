@@ -48,11 +48,14 @@ class Fuel:
 
 
 def seen_m(scene: Scene, position_m: Floats) -> Floats:
-    """Where places appear in the plane of the camera's target: x and z from its middle, (N, 2).
+    """Where places appear in the plane of the camera's target.
 
     Args:
         scene: has the camera.
         position_m: (N, 3).
+
+    Returns:
+        x and z from the middle of the picture, m (N, 2).
     """
     away = position_m - np.array(scene.target_m)
     if scene.camera.model == "orthographic":
@@ -62,11 +65,14 @@ def seen_m(scene: Scene, position_m: Floats) -> Floats:
 
 
 def misfits(scene: Scene, spray: Spray) -> tuple[str, ...]:
-    """One line on what of a scene does not fit the case that it shows; none where all does.
+    """What of a scene does not fit the case that it shows.
 
     Args:
         scene: with its camera and walls.
         spray: of a CFD case, in the project's frame.
+
+    Returns:
+        One line; none where all fits.
     """
     fuel = Fuel.of(spray)
     if not fuel.mass_kg.sum():

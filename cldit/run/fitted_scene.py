@@ -85,7 +85,7 @@ def _section(values: dict[str, Any], why: dict[str, str], *, indent: str = "") -
 
 def _spray(spec: CfdSpray, spray: Spray, time: float | None) -> list[str]:
     """The section `spray`: the keys that were given, with nozzle and axis as they were found."""
-    given = {"model": "cfd", "file": str(spec.file.resolve())}
+    given: dict[str, Any] = {"model": "cfd", "file": str(spec.file.resolve())}
     given |= spec.model_dump(mode="json", exclude_unset=True, exclude={"model", "file"})
     if spec.mapping is not None:
         given["mapping"] = str(spec.mapping.resolve())

@@ -40,6 +40,7 @@ _OF_ONE_TIME = (
     EvaluationError,
     RunFolderError,
 )
+_GAS_ALONE = "_gas_alone"  # ends the name of a folder, as its scene is another
 _UNIT_s = 1.0  # times of a case that reach so far are no seconds, but degrees of crank angle
 
 
@@ -188,9 +189,9 @@ def run_times(
     found: dict[float, SeriesTime] = {}
     lacking: dict[float, SprayError] = {}
 
-    def once(time: float, scene: Scene) -> SeriesTime:
+    def once(time: float, scene: Scene, ending: str = "") -> SeriesTime:
         try:
-            return SeriesTime.of(time, run(scene, out / plan.folder(time)))
+            return SeriesTime.of(time, run(scene, out / f"{plan.folder(time)}{ending}"))
         except Stopped:
             raise
         except NoFuel as error:
@@ -218,7 +219,8 @@ def run_times(
         say(f"{plan.text(time)}: gas alone")
         spray = plan.scenes[time].spray.model_copy(update={"cloud": "none"})
         try:
-            found[time] = once(time, plan.scenes[time].model_copy(update={"spray": spray}))
+            alone = plan.scenes[time].model_copy(update={"spray": spray})
+            found[time] = once(time, alone, _GAS_ALONE)
         except NotAtThisTime as error:
             say(f"no spray at {plan.text(time)}: {error}")
             found[time] = SeriesTime(time, "no spray", problem=str(error))

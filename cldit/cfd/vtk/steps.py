@@ -84,6 +84,7 @@ def find_step(
         cloud: `none` where parcels are not wanted.
 
     Raises:
+        NotAtThisTime: the step has no cloud, but others have.
         SprayError: there is no mesh, no such time, or several files claim to be the same.
     """
     times = step_times(layout, loader)

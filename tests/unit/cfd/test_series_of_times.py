@@ -97,7 +97,7 @@ def test_a_time_without_fuel_is_told_from_one_that_lacks_something(tmp_path: Pat
     case = write_times(tmp_path / "case", times)
 
     def read(time: float, **keys: object) -> None:
-        read_cfd(CfdSpray(file=case, time_s=time, nozzle_m=NOZZLE, axis="-y", **keys))  # type: ignore[arg-type]
+        read_cfd(CfdSpray(file=case, time_s=time, nozzle_m=NOZZLE, axis="-y", **keys))
 
     with pytest.raises(NotAtThisTime, match=r"no parcels at this time, but at others: 0\.0001"):
         read(0.0)
