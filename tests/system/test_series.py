@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,14 @@ def run(*arguments: object, fails: bool = False) -> Result:
     done = CliRunner().invoke(main, ["run", *map(str, arguments)], catch_exceptions=False)
     assert done.exit_code == int(fails), done.output
     return done
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _gif_alone() -> Iterator[None]:
+    """Packing an MP4 takes seconds; tests/unit/report/test_film.py does it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cldit.report.film.mp4_possible", lambda: False)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -176,6 +185,7 @@ def test_a_fit_does_not_overwrite(scene: Path, case: Path) -> None:
     assert scene.read_text() == before
 
 
+@pytest.mark.slow
 def test_a_series_of_acquisitions_keeps_what_is_done(scene: Path, tmp_path: Path) -> None:
     """With the rig; the whole of a time is kept, its report too."""
     one = cldit.load_scene(scene).with_(
