@@ -13,7 +13,8 @@ from cldit.gpu.device import Device, open_device
 from cldit.report.series_report import write_series
 from cldit.run import Run, Say, simulate
 from cldit.run.folder import stored_run
-from cldit.run.series import SeriesPlan, SeriesTime, Times, run_times
+from cldit.run.series import SeriesTime, run_times
+from cldit.run.series_plan import SeriesPlan, Times
 from cldit.scene import Scene, dump_scene, load_scene
 
 _SCENE = "series.yaml"
@@ -57,7 +58,7 @@ def run_series(
     Args:
         scene: what is simulated; its own time does not count.
         out: folder of the series.
-        times: as in `cldit.run.series.SeriesPlan.of`.
+        times: as in `cldit.run.series_plan.SeriesPlan.of`.
         trace_only: without the rig: traces and noise-free maps.
         device: to trace on; None chooses. Programs are built once for all times.
         progress: called with lines of text.

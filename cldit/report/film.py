@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -128,12 +129,12 @@ def _write_mp4(path: Path, pictures: Sequence[bytes], stand_s: Sequence[float]) 
             quality=8,
             output_params=["-f", "mp4"],  # the file's name does not end as one yet
         )
-        writer.send(None)
-        for png, each_s in zip(pictures, stand_s, strict=True):
-            pixels = np.ascontiguousarray(_even(_rgb(png)))
-            for _ in range(max(1, round(each_s * _FRAMES_PER_S))):
-                writer.send(pixels)
-        writer.close()
+        with closing(writer):
+            writer.send(None)
+            for png, each_s in zip(pictures, stand_s, strict=True):
+                pixels = np.ascontiguousarray(_even(_rgb(png)))
+                for _ in range(max(1, round(each_s * _FRAMES_PER_S))):
+                    writer.send(pixels)
 
 
 def _even(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:

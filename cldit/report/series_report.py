@@ -20,7 +20,8 @@ from cldit.report.colours import emissivity_scale, temperature_range_K
 from cldit.report.film import write_film
 from cldit.report.pictures import Frame, map_picture
 from cldit.report.sheet import figure_of, plain, png_of
-from cldit.run.series import SeriesPlan, SeriesTime
+from cldit.run.series import SeriesTime
+from cldit.run.series_plan import SeriesPlan
 from cldit.scene import Scene
 
 # Notes of a spray that become columns.

@@ -20,7 +20,8 @@ from cldit.errors import (
 )
 from cldit.run.folder import open_run
 from cldit.run.result import Run
-from cldit.run.series import SeriesPlan, run_times
+from cldit.run.series import run_times
+from cldit.run.series_plan import SeriesPlan
 from cldit.scene import Scene, load_scene
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.seriescases import NOZZLE, write_times
@@ -117,6 +118,9 @@ def test_degrees_of_crank_angle_stay_numbers(tmp_path: Path) -> None:
     assert list(plan.scenes) == [-12.5, 0.5]
     assert [plan.stamp(time) for time in plan.scenes] == ["-12.5", "  0.5"]
     assert plan.folder(-12.5) == "time_-12.5"
+    near = SeriesPlan.of(scene, ["nearest 1.5"])
+    assert list(near.scenes) == [0.5]
+    assert "Time 0.5 is the nearest to 1.5: 1 away." in near.remarks
     for time, one in plan.scenes.items():
         assert isinstance(one.spray, CfdSpray)
         assert one.spray.time_s == time
