@@ -10,12 +10,13 @@ from cldit.errors import RunFolderError, SprayError
 from cldit.experiment import Watch, run_experiment
 from cldit.files import make_folder, write_text
 from cldit.gpu.device import Device, open_device
+from cldit.plain_data import read_mapping
 from cldit.report.series_report import write_series
 from cldit.run import Run, Say, simulate
 from cldit.run.folder import stored_run
 from cldit.run.series import SeriesTime, run_times
 from cldit.run.series_plan import SeriesPlan, Times
-from cldit.scene import Scene, dump_scene, load_scene
+from cldit.scene import Scene, dump_scene, parse_scene
 
 _SCENE = "series.yaml"
 
@@ -110,7 +111,8 @@ def _check_folder(folder: Path, scene: Scene) -> None:
         return
     if not (folder / _SCENE).is_file():
         raise RunFolderError(f"{folder}: is not empty and holds no series; give another folder")
-    if load_scene(folder / _SCENE) != scene:
+    known = parse_scene(read_mapping(folder / _SCENE), source=str(folder / _SCENE), finished=True)
+    if known != scene:
         raise RunFolderError(
             f"{folder}: holds a series of another scene, or with other settings; give another "
             "folder, or remove this one"

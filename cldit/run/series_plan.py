@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from pydantic import TypeAdapter, ValidationError
+
 from cldit.errors import SceneError
 from cldit.progress import Watch, silent
 from cldit.scene import Scene
 from cldit.scene.spray import CfdSpray
-from cldit.scene.values import time_of
+from cldit.scene.values import CaseTime
 
 Times = str | Sequence[float | str]
 
+_ALLOWED = "`all`, times as 0.5ms,1ms, or numbers in order as ::5"
+_TIMES = TypeAdapter(list[CaseTime])
 _UNIT_s = 1.0  # times of a case that reach so far are no seconds, but degrees of crank angle
 
 
@@ -84,20 +88,19 @@ class SeriesPlan:
 
 
 def _wanted(times: Times) -> str | list[float | str]:
-    """A list of times, or the text that stands for some."""
-    if not isinstance(times, str):
-        return list(times)
-    text = times.strip()
-    if text == "all" or ":" in text:
-        return text
-    parts = [part.strip() for part in text.split(",") if part.strip()]
+    """A list of times as `choose_time` takes them, or the text that stands for some."""
+    if isinstance(times, str):
+        text = times.strip()
+        if text == "all" or ":" in text:
+            return text
+        times = [part.strip() for part in text.split(",") if part.strip()]
+    if not times:
+        raise SceneError(f"times: none is named; {_ALLOWED}")
     try:
-        return [part if part[:1].isalpha() else time_of(part) for part in parts]
-    except ValueError as error:
-        raise SceneError(
-            f"times {times!r}: {error}; allowed is `all`, times as 0.5ms,1ms, or numbers in order "
-            "as ::5"
-        ) from error
+        return _TIMES.validate_python(list(times))
+    except ValidationError as error:
+        text = error.errors()[0]["msg"].removeprefix("Value error, ")
+        raise SceneError(f"times: {text}; or {_ALLOWED}") from error
 
 
 def _computed(scene: Scene, wanted: str | list[float | str]) -> tuple[float, ...]:

@@ -118,6 +118,7 @@ def test_degrees_of_crank_angle_stay_numbers(tmp_path: Path) -> None:
     assert list(plan.scenes) == [-12.5, 0.5]
     assert [plan.stamp(time) for time in plan.scenes] == ["-12.5", "  0.5"]
     assert plan.folder(-12.5) == "time_-12.5"
+    assert list(SeriesPlan.of(scene, "latest, nearest -12000ms").scenes) == [-12.5, 0.5]
     near = SeriesPlan.of(scene, ["nearest 1.5"])
     assert list(near.scenes) == [0.5]
     assert "Time 0.5 is the nearest to 1.5: 1 away." in near.remarks
@@ -142,6 +143,8 @@ def test_times_of_a_model() -> None:
         SeriesPlan.of(scene, [5.0])
     with pytest.raises(SceneError, match="3 of them"):
         SeriesPlan.of(scene, "1ms, 3 of them")
+    with pytest.raises(SceneError, match="none is named"):
+        SeriesPlan.of(scene, [])
     with pytest.raises(SceneError, match="one time only"):
         SeriesPlan.of(scene.with_(spray={"model": "none"}), "1ms")
 
