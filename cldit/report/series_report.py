@@ -153,7 +153,7 @@ def curves(plan: SeriesPlan, times: Sequence[SeriesTime], *, title: str) -> byte
     """
     known = [each for each in times if each.state != "failed"]
     at = np.array([each.time for each in known]) * (1e3 if plan.in_seconds else 1.0)
-    figure = figure_of(6.4, 9.0)
+    figure = figure_of(8.2, 9.0)
     reach, mass, size, warm = figure.subplots(4, 1, sharex=True)
 
     def values(name: str, factor: float) -> NDArray[np.float64]:
@@ -192,4 +192,4 @@ def _finish(axes: Axes, label: str) -> None:
     for line in axes.get_lines():
         line.set_markersize(3.5)
     if len(axes.get_lines()) > 1:
-        axes.legend(fontsize=8)
+        axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
