@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cldit.scene import parse_scene as parse_scene
     from cldit.scene import shipped_scenes as shipped_scenes
     from cldit.scripting import open_rig as open_rig
+    from cldit.series import run_series as run_series
     from cldit.study.dataset import open_study as open_study
 
 __version__ = version("cldit")
@@ -32,6 +33,7 @@ _HOMES = {
     "cldit.run": ("Run", "open_run", "simulate"),
     "cldit.scene": ("Scene", "dump_scene", "load_scene", "parse_scene", "shipped_scenes"),
     "cldit.scripting": ("open_rig",),
+    "cldit.series": ("run_series",),
     "cldit.study.dataset": ("open_study",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -21,6 +21,18 @@ class SprayError(ClditError, ValueError):
     """A spray source (grid file, CFD case) is missing something or holds impossible values."""
 
 
+class NoFuel(SprayError):
+    """A time of a case says that there is no fuel in it: neither liquid nor vapour."""
+
+
+class EmptyCloud(SprayError):
+    """A time of a case says that its cloud holds no parcel."""
+
+
+class NotAtThisTime(SprayError):
+    """A time of a case lacks a field or a cloud; other times may have it."""
+
+
 class MediumError(ClditError, ValueError):
     """The octree cannot hold the spray as asked."""
 
@@ -47,6 +59,10 @@ class EvaluationError(ClditError, ValueError):
 
 class RunFolderError(ClditError, ValueError):
     """A run or acquisition folder is incomplete, damaged, or belongs to something else."""
+
+
+class Stopped(RunFolderError):
+    """The user has stopped an acquisition; the same call goes on."""
 
 
 class OpticsError(ClditError, ValueError):

@@ -21,7 +21,7 @@ from cldit.dit.delay_table import DelayRow, table_csv
 from cldit.dit.maps import Maps
 from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
 from cldit.dit.scattering import Medium, enclosure, medium_temperature, scattered_by
-from cldit.errors import EvaluationError, RunFolderError
+from cldit.errors import EvaluationError, RunFolderError, Stopped
 from cldit.files import write_text
 from cldit.gpu.device import Device
 from cldit.images import write_image
@@ -31,7 +31,7 @@ from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import Run, Say, Stage, simulate, with_stages
 from cldit.scene import Scene
-from cldit.scene.delays import SAME_s, delay_folder, delay_text, scene_at, spray_time_s
+from cldit.scene.delays import SAME_s, alone, delay_folder, delay_text, scene_at, spray_time_s
 
 Watch = Callable[[Progress], None]
 
@@ -53,10 +53,10 @@ def run_experiment(
         out: the run's folder; the acquisition goes into its folder `acquisition`.
         device: to trace on; None chooses.
         progress: called with a line of text as things happen.
-        watch: called with the rig's progress.
+        watch: called with the progress of reading a CFD case, and of the rig.
 
     Raises:
-        RunFolderError: the acquisition was interrupted; the same call resumes it.
+        Stopped: the acquisition was interrupted; the same call resumes it.
         ClditError: a subclass that says what is wrong and what to do.
         EvaluationError: the scene has one background temperature only.
     """
@@ -67,7 +67,12 @@ def run_experiment(
             "temperature; DIT needs at least two that differ"
         )
     at_delays = {delay_s: scene_at(scene, delay_s) for delay_s in scene.plan.delays_s}
-    run = simulate(scene, folder, device=device, progress=progress)
+
+    def reading(what: str, done: int, total: int) -> None:
+        if watch is not None:
+            watch(Progress(what, done, total, None))
+
+    run = simulate(scene, folder, device=device, progress=progress, watch=reading)
     traced: list[Path] = []
     shown_s = spray_time_s(scene)
     for delay_s, later in at_delays.items():
@@ -77,7 +82,7 @@ def run_experiment(
         if progress is not None:
             progress(f"the spray at {delay_text(delay_s)}")
         traced.append(folder / delay_folder(delay_s))
-        simulate(_alone(later), traced[-1], device=device, progress=progress)
+        simulate(alone(later), traced[-1], device=device, progress=progress, watch=reading)
     start = time.perf_counter()
     plan = plan_from_scene(scene, integration_time_s=run.info.integration_time_s)
     rig_file = folder / "rig.yaml"
@@ -108,11 +113,6 @@ def run_experiment(
     return run
 
 
-def _alone(scene: Scene) -> Scene:
-    """A scene at one delay, without the others."""
-    return scene.model_copy(update={"plan": scene.plan.model_copy(update={"delays_s": ()})})
-
-
 def _of_run(found: tuple[DelayEvaluation, ...], shown_s: float | None) -> Maps | None:
     """The maps of the time that the run itself shows, if that was recorded."""
     for one in found:
@@ -127,7 +127,7 @@ def _same(one_s: float | None, other_s: float | None) -> bool:
 
 def _complete(record: Record) -> None:
     if not record.complete:
-        raise RunFolderError(
+        raise Stopped(
             f"{record.folder}: stopped after {record.saved} of {record.total} shots; "
             "run the same command again to go on"
         )

@@ -47,6 +47,15 @@ class FileRead:
         return asdict(self)
 
     @property
+    def unchanged(self) -> bool:
+        """Whether the file is there as it was read."""
+        path = Path(self.path)
+        try:
+            return path.stat().st_size == self.bytes and FileRead.of(path).sha256 == self.sha256
+        except OSError:
+            return False
+
+    @property
     def text(self) -> str:
         """One line for the terminal."""
         size = f"{self.bytes} bytes, {self.modified}, sha256 {self.sha256[:12]}"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.cfd.cell_mesh import AnyFloats, CellMesh
-from cldit.errors import SprayError
+from cldit.errors import EmptyCloud, SprayError
 from cldit.spray.result import Floats
 
 CLOUD_FIELDS = ("d", "nParticle", "T", "rho")
@@ -64,6 +64,7 @@ class Boundary:
 class CfdCase:
     """One time of a case: mesh, cell fields by name (N,), cloud, injectors; time_s if known.
 
+    wall_K: temperature that its walls are held at, where the case says so.
     gas: those of the fields asked for that there are; available: the names of all. boundaries: at
     which the case is cut. files: all that were read; remarks: what was chosen or left out.
     """
@@ -76,6 +77,7 @@ class CfdCase:
     cloud: Cloud | None
     injectors: tuple[Injector, ...] = ()
     boundaries: tuple[Boundary, ...] = ()
+    wall_K: float | None = None
     files: tuple[Path, ...] = ()
     remarks: tuple[str, ...] = ()
 
@@ -147,11 +149,12 @@ def complete_cloud(
         available: the names of all fields of the file, for errors; None: those of `fields`.
 
     Raises:
-        SprayError: no parcel, a field is missing, or has another length than the positions.
+        EmptyCloud: there is no parcel.
+        SprayError: a field is missing, or has another length than the positions.
     """
     count = len(position_m.values)
     if count == 0:
-        raise SprayError(
+        raise EmptyCloud(
             f"{position_m.label}: cloud {name!r} holds no parcel; choose another time "
             f"(spray.time_s), or spray.cloud: {NO_CLOUD} for gas alone"
         )

@@ -21,7 +21,7 @@ from cldit.cfd.mapping_file import CellColumns, ColumnMap, ParcelColumns, Scalar
 from cldit.cfd.mesh import join
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
-from cldit.errors import SprayError
+from cldit.errors import EmptyCloud, SprayError
 from cldit.progress import Watch, silent
 
 _STREAM = re.compile(r"STREAM_\d+$")
@@ -196,7 +196,7 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
     }
     present = {name for each in groups for name in each}
     if present and not filled and wanted is None:
-        raise SprayError(f"{path}: {', '.join(sorted(present))} hold no parcel")
+        raise EmptyCloud(f"{path}: {', '.join(sorted(present))} hold no parcel")
     chosen = choose_cloud(str(path), filled, wanted)
     if chosen is None:
         return None

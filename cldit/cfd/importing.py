@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -13,6 +13,7 @@ from cldit.errors import SprayError
 from cldit.progress import Watch, silent
 from cldit.scene.checks import describe
 from cldit.scene.spray import CfdSpray
+from cldit.spray.result import Spray
 from cldit.spray.spray_file import write_spray
 
 # name in the notes: text, unit shown, factor
@@ -23,12 +24,16 @@ _SHOWN = {
     "liquid_mass_kg": ("liquid mass", "mg", 1e6),
     "vapour_mass_kg": ("vapour mass", "mg", 1e6),
     "sauter_mean_diameter_m": ("Sauter mean diameter", "um", 1e6),
-    "liquid_penetration_m": ("liquid penetration (95 % of mass)", "mm", 1e3),
+    "liquid_penetration_90_m": ("liquid penetration (90 % of mass)", "mm", 1e3),
+    "liquid_penetration_95_m": ("liquid penetration (95 % of mass)", "mm", 1e3),
+    "liquid_penetration_99_m": ("liquid penetration (99 % of mass)", "mm", 1e3),
     "liquid_path_m": ("as OpenFOAM's log states it", "mm", 1e3),
     "vapour_penetration_m": ("vapour penetration (0.1 % fuel)", "mm", 1e3),
     "vapour_mass_fraction_max": ("largest mass fraction of fuel", "", 1.0),
     "gas_temperature_min_K": ("gas, coldest cell", "K", 1.0),
     "gas_temperature_max_K": ("gas, hottest cell", "K", 1.0),
+    "wall_temperature_K": ("walls of the case", "K", 1.0),
+    "ambient_temperature_K": ("gas outside the jet, median", "K", 1.0),
     "gas_cells": ("cells", "", 1.0),
     "vapour_cells": ("cells with vapour", "", 1.0),
     "parcels_left_out": ("parcels left out", "", 1.0),
@@ -72,13 +77,20 @@ def _quoted(name: str) -> str:
     return f'"{name}"' if "," in name else name
 
 
-def import_case(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> list[str]:
+def import_case(
+    spec: CfdSpray,
+    out: Path | None,
+    *,
+    watch: Watch = silent,
+    also: Callable[[Spray], Path] | None = None,
+) -> list[str]:
     """Reads and checks the case of `spec`, and writes cldit's own file of it if `out` names one.
 
     Args:
         spec: the case.
         out: of the file, which appears whole or not at all; None writes none.
         watch: told how far the work is.
+        also: writes another file of the spray, and gives its path.
 
     Returns:
         Lines on what came over: masses, sizes, penetration, and what was inferred.
@@ -102,4 +114,6 @@ def import_case(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> l
     if out is not None:
         write_spray(out, spray, watch=watch)
         lines.append(str(out))
+    if also is not None:
+        lines.append(str(also(spray)))
     return lines

@@ -23,11 +23,15 @@ _FEWEST = 8  # for a parabola through them
 
 @dataclass(frozen=True)
 class Frame:
-    """nozzle_m (3,) and unit axis (3,) in the case's coordinates; remarks on their origin."""
+    """nozzle_m (3,) and unit axis (3,) in the case's coordinates; remarks on their origin.
+
+    error_m: of the nozzle, where it was inferred from parcels; else 0.
+    """
 
     nozzle_m: Floats
     axis: Floats
     remarks: tuple[str, ...]
+    error_m: float = 0.0
 
     @property
     def rotation(self) -> Floats:
@@ -50,12 +54,13 @@ def find_frame(spec: CfdSpray, case: CfdCase) -> Frame:
     remarks: list[str] = []
     axis = np.array(spec.axis) if spec.axis is not None else _axis(case, remarks)
     axis = axis / np.linalg.norm(axis)
+    error_m = 0.0
     if spec.nozzle_m is not None:
         nozzle = np.array(spec.nozzle_m)
         _check_place(case, nozzle)
     else:
-        nozzle = _nozzle(case, axis, remarks)
-    return Frame(nozzle, axis, tuple(remarks))
+        nozzle, error_m = _nozzle(case, axis, remarks)
+    return Frame(nozzle, axis, tuple(remarks), error_m)
 
 
 def _unknown(case: CfdCase, why: str) -> SprayError:
@@ -94,14 +99,14 @@ def _axis(case: CfdCase, remarks: list[str]) -> Floats:
     return axis
 
 
-def _nozzle(case: CfdCase, axis: Floats, remarks: list[str]) -> Floats:
+def _nozzle(case: CfdCase, axis: Floats, remarks: list[str]) -> tuple[Floats, float]:
     if case.injectors:
         positions = np.array([each.position_m for each in case.injectors])
         nozzle = positions.mean(axis=0)
         if np.linalg.norm(positions - nozzle, axis=1).max() > _ONE_NOZZLE_M:
             raise _unknown(case, f"{case.injectors[0].source} has injectors in several places")
         remarks.append(f"Nozzle at {_text(nozzle)} m, from {case.injectors[0].source}.")
-        return np.asarray(nozzle)
+        return np.asarray(nozzle), 0.0
     cloud = _cloud_or_fail(case)
     if "U" not in cloud.fields or "age" not in cloud.fields:
         missing = "U" if "U" not in cloud.fields else "age"
@@ -116,7 +121,7 @@ def _nozzle(case: CfdCase, axis: Floats, remarks: list[str]) -> Floats:
         f"parcels in {cloud.position_m.label}, extrapolated to age zero; spray.nozzle_m sets it "
         "exactly."
     )
-    return np.asarray(nozzle)
+    return np.asarray(nozzle), error_m
 
 
 def extrapolated(

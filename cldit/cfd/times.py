@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from cldit.errors import SprayError
 
@@ -48,6 +48,48 @@ def choose_time(source: str, times: Iterable[float], wanted: CaseTime | None) ->
             f"{abs(best - number):.3g} away: `nearest {number:g}` takes it"
         )
     return best
+
+
+def choose_times(
+    source: str, times: Iterable[float], wanted: str | Sequence[CaseTime]
+) -> tuple[float, ...]:
+    """Several of a case's times, rising, each once.
+
+    Args:
+        source: named by errors.
+        times: those that there are, in the case's own unit.
+        wanted: `all`; some by their numbers in order, as Python's slices (`::5`, `10:`, `-3:`); or
+            single ones, each as for `choose_time`.
+
+    Returns:
+        Some of `times`.
+
+    Raises:
+        SprayError: there is none, or none within `TIME_TOLERANCE` of a number; or a slice is none.
+    """
+    known = sorted(set(times))
+    if isinstance(wanted, str):
+        some = slice(None) if wanted == "all" else _slice(source, wanted)
+        chosen = known[some]
+    else:
+        chosen = sorted({choose_time(source, known, each) for each in wanted})
+    if not chosen:
+        raise SprayError(f"{source}: {wanted}: chooses none of its {len(known)} times")
+    return tuple(chosen)
+
+
+def _slice(source: str, text: str) -> slice:
+    parts = text.split(":")
+    try:
+        numbers = [int(part) if part.strip() else None for part in parts]
+        if len(parts) not in (2, 3) or numbers[2:] == [0]:
+            raise ValueError
+    except ValueError as error:
+        raise SprayError(
+            f"{source}: times {text!r}: allowed is `all`, a list of times, or numbers in order as "
+            "`::5` (every fifth), `10:` or `-3:`"
+        ) from error
+    return slice(*numbers)
 
 
 def time_remarks(taken: float | None, wanted: CaseTime | None) -> tuple[str, ...]:

@@ -17,10 +17,11 @@ from cldit.cfd.parcel_spreading import spread_parcels
 from cldit.cfd.parcels import check_parcels, farthest_m, only
 from cldit.cfd.sectors import Copy, completed_parcels, copies
 from cldit.cfd.times import choose_time, time_remarks
-from cldit.errors import SprayError
+from cldit.errors import NoFuel, NotAtThisTime, SprayError
 from cldit.progress import Watch, silent
 from cldit.provenance import files_read
 from cldit.scene.spray import CfdSpray
+from cldit.spray.penetration import liquid_figures
 from cldit.spray.result import Cells, Floats, Parcels, Spray, Vapour
 from cldit.spray.spray_file import read_spray
 
@@ -112,6 +113,8 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     if np.isfinite(jet_m):
         notes["vapour_penetration_m"] = jet_m
     some = vapour if len(vapour.temperature_K) else None
+    if some is None and not notes.get("liquid_mass_kg"):
+        raise NoFuel(f"{case.source}: holds no fuel: no liquid, and no {spec.fuel_field} as vapour")
     others = other_fuels(case.available, spec.fuel_field)
     alone = checked is None and spec.cloud != NO_CLOUD
     remarks = (
@@ -175,7 +178,8 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
     for name, key in ((spec.fuel_field, " (spray.fuel_field)"), ("T", "")):
         if name not in case.gas:
             known = ", ".join(case.available) or "none"
-            raise SprayError(f"{case.source}: no cell field {name!r}{key}; it has: {known}")
+            kind = NotAtThisTime if name == spec.fuel_field else SprayError
+            raise kind(f"{case.source}: no cell field {name!r}{key}; it has: {known}")
     for column in case.gas.values():
         if len(column.values) != case.mesh.cells:
             raise SprayError(
@@ -263,18 +267,13 @@ def _notes(
 ) -> dict[str, float]:
     """The figures by which a user sees that the case came over right."""
     notes = {} if case.time_s is None else {"time_s": case.time_s}
+    if case.wall_K is not None:
+        notes["wall_temperature_K"] = case.wall_K
     if parcels is not None:
-        depth = -parcels.position_m[:, 2]
-        mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
-        order = np.argsort(depth)
-        reached = np.cumsum(mass[order]) >= 0.95 * mass.sum()
         notes |= {
-            "parcels": float(len(depth)),
+            "parcels": float(len(parcels.diameter_m)),
             "droplets": float(parcels.droplets.sum()),
-            "liquid_mass_kg": parcels.mass_kg,
-            "sauter_mean_diameter_m": parcels.sauter_mean_diameter_m,
-            # 95 % of the liquid is nearer to the nozzle along the axis (ECN)
-            "liquid_penetration_m": float(depth[order][int(np.argmax(reached))]),
+            **liquid_figures(parcels),
         }
     notes |= {
         "gas_cells": float(case.mesh.cells),
@@ -283,7 +282,16 @@ def _notes(
         "vapour_mass_fraction_max": float(gas.mass_fraction.max()),
         "gas_temperature_min_K": float(gas.temperature_K.min()),
         "gas_temperature_max_K": float(gas.temperature_K.max()),
+        "ambient_temperature_K": _ambient_K(gas),
     }
     for name, place, along in zip("xyz", frame.nozzle_m, frame.axis, strict=True):
         notes |= {f"nozzle_{name}_m": float(place), f"axis_{name}": float(along)}
     return notes
+
+
+def _ambient_K(gas: _Gas) -> float:
+    """Median temperature of the cells outside the jet; the hottest where it fills all of them."""
+    outside = gas.mass_fraction <= _EDGE_OF_JET
+    if not outside.any():
+        return float(gas.temperature_K.max())
+    return float(np.median(gas.temperature_K[outside]))

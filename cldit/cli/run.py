@@ -10,7 +10,8 @@ import click
 from rich.table import Table
 
 from cldit.cli.case_options import case_options, spray_keys
-from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
+from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors
+from cldit.cli.series import print_series
 from cldit.cli.units import KELVIN
 from cldit.errors import SceneError
 from cldit.experiment import run_experiment
@@ -20,6 +21,7 @@ from cldit.run import Run, simulate
 from cldit.run.errors import Errors
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.change import parse_change
+from cldit.series import run_series
 
 _QUICK_PIXELS = (128, 128)
 _QUICK_K = 4.0
@@ -67,6 +69,11 @@ _QUICK_K = 4.0
 )
 @click.option("--pixels", metavar="N|NxM", help="Columns and rows of the picture.")
 @click.option("--field", "field_mm", metavar="MM|MMxMM", help="Width and height of the field, mm.")
+@click.option(
+    "--times",
+    metavar="all|A,B,..|::N",
+    help="A series: all times of the case, some (0.5ms,1ms), or every Nth; one folder a time.",
+)
 @click.option("--quick", is_flag=True, help="A first look: 128 x 128 pixels, 4 K.")
 @click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
 @plain_errors
@@ -83,6 +90,7 @@ def run(
     changes: tuple[str, ...],
     pixels: str | None,
     field_mm: str | None,
+    times: str | None,
     quick: bool,
     trace_only: bool,
     **options: Any,
@@ -95,6 +103,8 @@ def run(
         "accuracy_K": accuracy_K,
     }
     keys = spray_keys(options)
+    if times is not None and "time_s" in keys:
+        raise SceneError(f"--times {times} and --time {keys['time_s']}: allowed is one of them")
     if "mapping" in keys:
         keys["mapping"] = str(keys["mapping"].resolve())
     chosen = _changed(load_scene(scene), cfd=cfd, keys=keys, preset=preset, transport=transport)
@@ -104,14 +114,27 @@ def run(
     opened = open_device(device)
     OUT.print(f"{chosen.name}: {chosen.description}")
     OUT.print(f"OpenCL device {opened.info.index} {opened.info.name}: {opened.reason}")
-    if trace_only:
-        result = simulate(chosen, folder, device=opened, progress=say)
-    else:
-        with ProgressBar() as bar:
+    with ProgressBar() as bar:
+        if times is not None:
+            series = run_series(
+                chosen,
+                folder,
+                times=times,
+                trace_only=trace_only,
+                device=opened,
+                progress=bar.say,
+                watch=bar.watch,
+            )
+        elif trace_only:
+            result = simulate(chosen, folder, device=opened, progress=bar.say, watch=bar.count)
+        else:
             result = run_experiment(
                 chosen, folder, device=opened, progress=bar.say, watch=bar.watch
             )
-    _summary(result)
+    if times is None:
+        _summary(result)
+    else:
+        print_series(series)
 
 
 def _picture(

@@ -12,11 +12,13 @@ from cldit.acquisition.progress import Progress
 from cldit.cfd.importing import cfd_spray, import_case, list_case
 from cldit.cli.case_options import case_options, spray_keys
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
+from cldit.errors import SceneError
 from cldit.files import write_bytes, write_text
 from cldit.report.droplets import life_picture
 from cldit.report.figures import human_figures
 from cldit.report.spray_report import write_spray
 from cldit.run import default_cache
+from cldit.run.fitted_scene import fitted_scene
 from cldit.run.spray_factory import make_spray
 from cldit.scene import load_scene
 from cldit.scene.spray import LagrangianSpray
@@ -24,6 +26,7 @@ from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow
 from cldit.spray.flow.measures import History
 from cldit.spray.flow.simulate import simulate_spray
+from cldit.spray.result import Spray
 from cldit.terminal import tell
 
 
@@ -64,21 +67,52 @@ def spray_command(scene: str, out: Path | None) -> None:
     type=click.Path(path_type=Path),
     help="Write the names found, to edit for --mapping, and stop.",
 )
+@click.option(
+    "--fit",
+    is_flag=False,
+    flag_value="",
+    metavar="[SCENE.yaml]",
+    help="Write a scene that fits the case; CASE.yaml here, if it has no name.",
+)
 @case_options
 @plain_errors
 def import_command(
-    listed: bool, out: Path | None, write_mapping: Path | None, file: Path, **options: Any
+    listed: bool,
+    out: Path | None,
+    write_mapping: Path | None,
+    fit: str | None,
+    file: Path,
+    **options: Any,
 ) -> None:
     """Check a CFD result CASE, print its figures, and keep it as cldit's own file."""
     spec = cfd_spray({"file": file, **spray_keys(options)})
     if write_mapping is not None:
+        if listed or out is not None or fit is not None:
+            raise SceneError(
+                "--write-mapping: writes the names alone; give --list, --out and --fit without it"
+            )
         from cldit.cfd import mapping_found
 
         for line in mapping_found.write_mapping(spec, write_mapping):
             OUT.print(escaped(line))
         return
+    scene = None if fit is None else Path(fit or f"{file.resolve().stem}.yaml")
+    if listed and (out is not None or scene is not None):
+        raise SceneError("--list: writes nothing; give --out or --fit without it")
+    if scene is not None and scene.exists():
+        raise SceneError(f"{scene}: is there already; --fit OTHER.yaml writes another")
+
+    def fitted(spray: Spray) -> Path:
+        assert scene is not None
+        write_text(scene, fitted_scene(spec, spray, name=scene.stem))
+        return scene
+
     with ProgressBar() as bar:
-        lines = list_case(spec) if listed else import_case(spec, out, watch=bar.count)
+        if listed:
+            lines = list_case(spec)
+        else:
+            also = None if scene is None else fitted
+            lines = import_case(spec, out, watch=bar.count, also=also)
     for line in lines:
         OUT.print(escaped(line))
 

@@ -104,6 +104,8 @@ def map_picture(
     title: str,
     range_K: tuple[float, float] | None = None,
     scale: float | None = None,
+    note: str | None = None,
+    stamp: str = "",
 ) -> bytes:
     """PNG of both maps in one: hue = apparent temperature, saturation = emissivity, value = 1.
 
@@ -116,6 +118,8 @@ def map_picture(
         title: above the picture.
         range_K: temperatures of blue and red; None: percentiles, see `temperature_range_K`.
         scale: emissivity of full saturation; None: see `emissivity_scale`.
+        note: small print; None: what white and grey mean in these maps, in one line or more.
+        stamp: in the upper left corner of the picture, such as its time.
     """
     chosen_K = temperature_range_K(maps) if range_K is None else range_K
     full = emissivity_scale(maps) if scale is None else scale
@@ -127,7 +131,7 @@ def map_picture(
         width_in=5.4,
         gap_in=0.3,
         key_in=0.85,
-        note=_explained(maps),
+        note=_explained(maps) if note is None else note,
     )
     axes, key = place.picture, place.key
     axes.imshow(
@@ -137,6 +141,18 @@ def map_picture(
         aspect="auto",
     )
     _axes_mm(axes, frame, shape)
+    if stamp:
+        axes.text(
+            0.03,
+            0.97,
+            plain(stamp),
+            transform=axes.transAxes,
+            ha="left",
+            va="top",
+            fontsize=13,
+            family="monospace",
+            bbox={"boxstyle": "round,pad=0.25", "facecolor": "white", "alpha": 0.85, "lw": 0.5},
+        )
     low, high = chosen_K
     if high > low:
         warm, there = np.meshgrid(np.linspace(high, low, 240), np.linspace(0, full, 60))

@@ -27,6 +27,7 @@ from cldit.run.spectral import (
 )
 from cldit.scene import Scene, dump_scene, parse_scene
 from cldit.scene.delays import delay_folder, spray_time_s
+from cldit.scene.spray import CfdSpray
 
 
 def save_run(run: Run, folder: Path) -> None:
@@ -58,14 +59,29 @@ def stored_run(folder: Path, scene: Scene) -> Run | None:
             f"{folder}: holds a run of another scene ({before.name}, or other settings); give "
             "another folder, or remove this one"
         )
-    if getattr(scene.spray, "file", None) is not None or not (folder / "run.json").is_file():
+    if not (folder / "run.json").is_file():
         return None
     run = _traced(folder)
+    if getattr(scene.spray, "file", None) is not None and not _as_read(scene, run):
+        return None
     if run.info.versions.get("cldit") != version("cldit"):
         return None
     with suppress(RunFolderError):  # of a full disk, say: whoever goes on makes them anew
         run = replace(run, measured=_measured(folder, run.scene))
     return run
+
+
+def _as_read(scene: Scene, run: Run) -> bool:
+    """Whether a spray from files would be read again from the very same: where the scene leaves
+    nothing to be found (time, nozzle, axis), and no file has changed."""
+    spray, files = scene.spray, run.info.files
+    if not isinstance(spray, CfdSpray):
+        return False
+    if spray.file.suffix == ".npz":
+        files = files[:1]  # the others are those that it was made from
+    elif spray.nozzle_m is None or spray.axis is None or not isinstance(spray.time_s, float):
+        return False
+    return bool(files) and all(file.unchanged for file in files)
 
 
 def open_run(path: str | Path) -> Run:

@@ -15,6 +15,7 @@ from cldit.optics.band import BandOptics
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.provenance import FileRead
+from cldit.run.case_fit import misfits
 from cldit.run.cell_choice import cells_that_fit, chosen_frame, lattice_frames
 from cldit.run.phases import droplets_content, in_classes, mean_phase, phase_choice, sizes_left
 from cldit.run.pilot import ParcelVariants, Probed
@@ -22,7 +23,7 @@ from cldit.run.spray_factory import make_spray
 from cldit.run.stages import Stages
 from cldit.scene import Scene
 from cldit.scene.optics import MOST_WAVELENGTHS, Optics
-from cldit.scene.spray import ConeSpray
+from cldit.scene.spray import CfdSpray, ConeSpray
 from cldit.spray.result import Spray
 from cldit.transport.phase import ScatteringTable
 
@@ -223,10 +224,12 @@ def prepare(
     """
     with stages.stage("spray") as note:
         note.append(scene.spray.model if spray is None else "given")
-        made = spray or make_spray(scene.spray, cache=cache)
+        made = spray or make_spray(scene.spray, cache=cache, watch=stages.watch)
         spray = deposited(scene, made)
         stages.remark(spray.remarks)
         notes, files = dict(spray.notes), made.files
+    if isinstance(scene.spray, CfdSpray):
+        stages.remark(misfits(scene, spray))
     with stages.stage("optics") as note:
         found = properties_of(scene, spray, cache=cache)
         count = len(found.sources)

@@ -14,6 +14,7 @@ from cldit.caches import default_cache
 from cldit.errors import EvaluationError
 from cldit.gpu.device import Device, open_device
 from cldit.optics.spectral import reference_temperature_K
+from cldit.progress import Watch, silent
 from cldit.radiance.effective import effective_weights
 from cldit.run.attempt import Attempts
 from cldit.run.content import trace_content
@@ -34,6 +35,7 @@ def simulate(
     cache: Path | None = None,
     spray: Spray | None = None,
     progress: Say | None = None,
+    watch: Watch = silent,
 ) -> Run:
     """Traces a scene and evaluates it without noise.
 
@@ -44,6 +46,7 @@ def simulate(
         cache: folder for tables and computed sprays; None is `default_cache()`.
         spray: the scene's spray, where it is there already; None makes it.
         progress: called with a line of text as things happen.
+        watch: told how far the reading of a CFD case is.
 
     Raises:
         ClditError: a subclass that says what is wrong and what to do.
@@ -56,7 +59,7 @@ def simulate(
                 progress(f"{folder} holds this scene already: read, not traced again")
             return stored
     device = device or open_device()
-    stages = Stages(progress)
+    stages = Stages(progress, watch)
     attempts = Attempts(scene, device, stages, cache or default_cache(), spray)
     last = attempts.best()
     from_paper = attempts.against_paper(last)

@@ -5,24 +5,37 @@ from __future__ import annotations
 from pathlib import Path
 from typing import assert_never
 
+from cldit.progress import Watch, silent
 from cldit.scene.spray import CfdSpray, ConeSpray, EmptySpray, GridSpray, LagrangianSpray
+from cldit.spray.penetration import with_figures
 from cldit.spray.result import Spray
+
+AnySpray = ConeSpray | LagrangianSpray | GridSpray | CfdSpray | EmptySpray
 
 
 def make_spray(
-    spec: ConeSpray | LagrangianSpray | GridSpray | CfdSpray | EmptySpray,
+    spec: AnySpray,
     *,
     cache: Path | None = None,
+    watch: Watch = silent,
 ) -> Spray:
     """Runs the model or reads the file.
 
     Args:
         spec: the scene's spray.
         cache: folder for tables of fuel properties and computed sprays; None keeps nothing.
+        watch: told how far the reading of a CFD case is.
+
+    Returns:
+        The spray, with the figures of `cldit.spray.penetration` among its notes.
 
     Raises:
         SprayError: the source is missing something or holds impossible values.
     """
+    return with_figures(_made(spec, cache, watch))
+
+
+def _made(spec: AnySpray, cache: Path | None, watch: Watch) -> Spray:
     # Each model is imported when a scene names it: flow brings a compiler, CFD brings VTK.
     match spec:
         case ConeSpray():
@@ -41,7 +54,7 @@ def make_spray(
         case CfdSpray():
             from cldit.cfd.to_spray import read_cfd
 
-            return read_cfd(spec)
+            return read_cfd(spec, watch=watch)
         case EmptySpray():
             return Spray()
         case _ as unreachable:

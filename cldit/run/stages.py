@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
+from cldit.progress import Watch, silent
 from cldit.run.result import Stage
 
 Say = Callable[[str], None]
@@ -14,10 +15,12 @@ Say = Callable[[str], None]
 class Stages:
     """Times the stages of a run and tells the user which one is under way."""
 
-    def __init__(self, say: Say | None) -> None:
+    def __init__(self, say: Say | None, watch: Watch = silent) -> None:
+        """`watch` is told how far long pieces of work are."""
         self.done: list[Stage] = []
         self.remarks: list[str] = []
         self.say = say
+        self.watch = watch
 
     def remark(self, remarks: Sequence[str]) -> None:
         """What a stage inferred and the user should know; kept for the report."""

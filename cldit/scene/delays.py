@@ -38,3 +38,8 @@ def scene_at(scene: Scene, delay_s: float) -> Scene:
         )
     spray = scene.spray.model_copy(update={"time_s": delay_s})
     return scene.model_copy(update={"spray": spray})
+
+
+def alone(scene: Scene) -> Scene:
+    """A scene at its spray's own time, without the plan's delays."""
+    return scene.model_copy(update={"plan": scene.plan.model_copy(update={"delays_s": ()})})

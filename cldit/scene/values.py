@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -58,19 +59,33 @@ Direction = Annotated[
 ]
 
 
+def time_of(text: str) -> float:
+    """A number in a case's own unit, or in s, ms or us where that stands behind it.
+
+    Raises:
+        ValueError: it is none.
+    """
+    unit = next((unit for unit in ("ms", "us", "s") if text.endswith(unit)), "")
+    try:
+        # shifted as text, so that 0.95ms is the number that is written 0.95e-3
+        return float(Decimal(text.removesuffix(unit).strip()).scaleb(_SHIFT[unit]))
+    except ArithmeticError as error:
+        raise ValueError(f"{text!r} is no number") from error
+
+
+_SHIFT = {"": 0, "s": 0, "ms": -3, "us": -6}
+
+
 def _case_time(value: object) -> object:
-    """A finite number, `latest`, or `nearest` and a number."""
+    """A finite number, with s, ms or us behind it or not; `latest`; `nearest` and a number."""
     text = str(value).strip()
     if isinstance(value, bool):
         raise ValueError(f"{text} is no time; {_TIMES}")
     if text == "latest":
         return text
-    nearest, number = (
-        text.startswith("nearest"),
-        text.removeprefix("nearest").strip(" :").removesuffix("s"),
-    )
+    nearest = text.startswith("nearest")
     try:
-        time = float(number)
+        time = time_of(text.removeprefix("nearest").strip(" :"))
     except ValueError as error:
         raise ValueError(f"{text!r} is no time; {_TIMES}") from error
     if not math.isfinite(time) or abs(time) > 1e6:

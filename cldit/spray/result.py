@@ -224,6 +224,12 @@ class Vapour:
             _checked(f"vapour.{name}", values, low=0.0, high=high)
 
     @property
+    def masses_kg(self) -> Floats:
+        """Vapour of each cell (N,)."""
+        molecule_kg = self.molar_mass_kg_mol / 6.02214076e23
+        return np.asarray(self.number_density_m3 * self.cells.volume_m3 * molecule_kg)
+
+    @property
     def mass_kg(self) -> float:
         """Mass of all vapour."""
         molecule_kg = self.molar_mass_kg_mol / 6.02214076e23

@@ -20,7 +20,10 @@ import pytest
 
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
+from cldit.run.fitted_scene import fitted_scene
+from cldit.scene import load_scene
 from cldit.scene.spray import CfdSpray
+from cldit.series import run_series
 
 TUTORIAL = Path("/usr/share/doc/openfoam-examples/examples/lagrangian/sprayFoam/aachenBomb")
 SETTINGS = Path("/usr/share/openfoam/etc/bashrc")
@@ -64,6 +67,7 @@ class Solved:
     vapour_kg: float
     sauter_m: float
     path_m: float
+    log: str
 
 
 def _changed(file: Path, *pairs: tuple[str, str]) -> None:
@@ -108,6 +112,7 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> Solved:
         last(r"weightedVolIntegrate\(\w+\) of C7H16 ="),
         last(r"D10, D32, Dmax \(mu\) *= [^,]+,") * 1e-6,
         last(r"Liquid penetration 95% mass \(m\) ="),
+        log,
     )
 
 
@@ -294,3 +299,26 @@ def test_reconstructed_after_a_newer_run(tmp_path: Path, solved: Solved) -> None
     shutil.copytree(tmp_path / "kept", case / "0.0002")  # with its old dates
     with pytest.raises(SprayError, match=r"2 claim to be time 0\.0002.*processor0"):
         read_cfd(CfdSpray(file=case))
+
+
+def test_a_series_of_all_its_times_says_what_the_log_says(tmp_path: Path, solved: Solved) -> None:
+    """Liquid, vapour and sizes of each time, in the scene that is written for the case."""
+    spec = CfdSpray(file=solved.case)
+    scene = tmp_path / "bomb.yaml"
+    scene.write_text(fitted_scene(spec, read_cfd(spec), name="bomb"))
+    small = {"camera.pixels": [16, 20], "domain.leaf_edge_m": 2e-3, "transport.audit": False}
+    series = run_series(load_scene(scene).with_(**small), tmp_path / "out", trace_only=True)
+    assert [each.state for each in series.times] == ["no spray", "done", "done"]
+    for each in series.times[1:]:
+        step = re.split(r"^Time = ", solved.log, flags=re.MULTILINE)
+        (at,) = [text for text in step if text.startswith(f"{each.time:g}\n")]
+
+        def said(pattern: str, text: str = at) -> float:
+            return float(re.findall(pattern + r"\s*([-+.\deE]+)", text)[-1])
+
+        liquid, vapour = said("Current mass in system *="), said(r"\(\w+\) of C7H16 =")
+        assert each.spray["liquid_mass_kg"] == pytest.approx(liquid, rel=1e-11)
+        assert each.spray["vapour_mass_kg"] == pytest.approx(vapour, rel=1e-9)
+        sauter_m = said(r"D10, D32, Dmax \(mu\) *= [^,]+,") * 1e-6
+        assert each.spray["sauter_mean_diameter_m"] == pytest.approx(sauter_m, rel=1e-11)
+    assert [path.name for path in series.files if path.suffix == ".gif"] == ["film.gif"]

@@ -23,12 +23,14 @@ from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.openfoam.lists import faces, internal_field, labels, vectors
 from cldit.cfd.openfoam.regions import (
     case_folder,
+    check_cloud,
     check_parcels,
     find_step,
     regions,
     time_folders,
 )
 from cldit.cfd.openfoam.size import foam_size
+from cldit.cfd.openfoam.walls import wall_temperature_K
 from cldit.cfd.size import check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
@@ -67,6 +69,7 @@ def read_openfoam(
     folder = step.folder
     clouds = {name for root in step.roots for name in cloud_names(root.path / folder)}
     check_parcels(step, cloud, bool(clouds))
+    check_cloud(step, cloud, bool(clouds))
     chosen = choose_cloud(str(step.place), clouds, cloud)
     available = sorted({name for root in step.roots for name in _file_names(root.path / folder)})
     wanted = gas_names(names.cells, available, fuel_field)
@@ -105,6 +108,7 @@ def read_openfoam(
         cloud=parcels,
         injectors=injectors,
         boundaries=boundaries,
+        wall_K=wall_temperature_K(meshes[0][0], step.region, folder),
         files=(*files, *lists, *dictionaries),
         remarks=step.remarks,
     )

@@ -30,11 +30,8 @@ def read_injectors(path: Path) -> tuple[Injector, ...]:
         SprayError: the file cannot be read, or its brackets do not match.
     """
     text = _content(path).decode("latin-1")
-    tokens = _TOKEN.findall(_SKIP.sub(" ", text))
     try:
-        content, end = _entries(tokens, 0)
-        if end != len(tokens):
-            raise IndexError
+        content = dictionary(text)
     except IndexError as error:
         raise SprayError(
             f"{path}: its brackets do not match; set spray.nozzle_m and spray.axis instead"
@@ -115,6 +112,19 @@ def dictionary_blocks(path: Path, body: bytes) -> dict[str, dict[str, str]]:
         for name, block in blocks.items()
         if isinstance(block, dict)
     }
+
+
+def dictionary(text: str) -> dict[str, object]:
+    """Entries of a dictionary without its own braces, words in lists, inner ones as mappings.
+
+    Raises:
+        IndexError: brackets do not match.
+    """
+    tokens = _TOKEN.findall(_SKIP.sub(" ", text))
+    content, end = _entries(tokens, 0)
+    if end != len(tokens):
+        raise IndexError
+    return content
 
 
 def _entries(tokens: list[str], at: int) -> tuple[dict[str, object], int]:

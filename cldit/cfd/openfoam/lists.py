@@ -174,7 +174,8 @@ def internal_field(file: FoamFile, cells: int) -> AnyFloats:
     if begin < 0:
         raise file.fail("has no internalField")
     entry = begin + len(b"internalField")
-    nonuniform = _NONUNIFORM.search(file.body, entry, entry + 200)
+    stop = file.body.find(b";", entry, entry + 200)  # behind it are the boundary's values
+    nonuniform = _NONUNIFORM.search(file.body, entry, entry + 200 if stop < 0 else stop)
     if nonuniform is None:
         uniform = _UNIFORM.search(file.body, entry, entry + 200)
         value = _parsed(file, *uniform.span(1)) if uniform else np.empty(0)

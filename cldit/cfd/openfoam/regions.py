@@ -11,9 +11,10 @@ from cldit.cfd.case import NO_CLOUD, only_claimant
 from cldit.cfd.openfoam.collated import Root, split_roots
 from cldit.cfd.openfoam.file import find_foam
 from cldit.cfd.times import CaseTime, choose_time
-from cldit.errors import SprayError
+from cldit.errors import NotAtThisTime, SprayError
 
 _TIME = re.compile(r"-?\d+(\.\d*)?([eE][+-]?\d+)?$")
+_MORE = ("", ", ...")
 _DEFAULT = "region0"  # OpenFOAM's own name of the mesh in constant/polyMesh
 
 
@@ -224,3 +225,30 @@ def check_parcels(step: Step, cloud: str | None, found: bool) -> None:
                 "them are not read; export them with foamToVTK and give its folder, or set "
                 f"spray.cloud: {NO_CLOUD} for gas alone"
             )
+
+
+def check_cloud(step: Step, cloud: str | None, found: bool) -> None:
+    """Refuses a time without parcels where other times of the region have some.
+
+    Args:
+        step: the time and its folders.
+        cloud: the one asked for, or none.
+        found: whether there is a cloud at this time.
+
+    Raises:
+        NotAtThisTime: there are such, and gas alone is not asked for.
+    """
+    if found or cloud == NO_CLOUD:
+        return
+    homes = {each.parent.parent for each in clouds_of(step.case)}
+    times = {
+        home.parent.name if step.region else home.name
+        for home in homes
+        if (home.name == step.region if step.region else _TIME.match(home.name))
+    }
+    if times:
+        shown = ", ".join(sorted(times, key=float)[:5])
+        raise NotAtThisTime(
+            f"{step.place}: no parcels at this time, but at others: {shown}{_MORE[len(times) > 5]} "
+            f"(spray.cloud: {NO_CLOUD} for gas alone)"
+        )

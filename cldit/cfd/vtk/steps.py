@@ -19,7 +19,7 @@ from cldit.cfd.vtk.datasets import dimension, geometry_of, time_value, vtk_mesh
 from cldit.cfd.vtk.ghosts import Marked, unmarked
 from cldit.cfd.vtk.layout import Layout
 from cldit.cfd.vtk.reading import Choose, Loaded, load_composite, load_vtk, nothing
-from cldit.errors import SprayError
+from cldit.errors import NotAtThisTime, SprayError
 from cldit.progress import Watch, silent
 
 _TIME = re.compile(rb"\btime='([^']+)'")
@@ -103,6 +103,7 @@ def find_step(
         cloud: `none` where parcels are not wanted.
 
     Raises:
+        NotAtThisTime: the step has no cloud, but others have.
         SprayError: there is no mesh, no such time, or several files claim to be the same.
     """
     times = step_times(layout, loader)
@@ -143,7 +144,7 @@ def find_step(
             raise SprayError(f"{each.text}, whose file {each.file.name} is missing")
     elsewhere = {k for k, each in layout.steps.items() if any(map(_parcels_likely, each))}
     if cloud != NO_CLOUD and elsewhere and not any(map(_parcels_likely, found)):
-        raise SprayError(
+        raise NotAtThisTime(
             f"{found[0].pieces[0]}: no cloud file of the same step {key!r}, but other steps have: "
             f"{', '.join(sorted(elsewhere))} (spray.cloud: {NO_CLOUD} for gas alone)"
         )

@@ -175,7 +175,7 @@ def test_from_the_parcels(tmp_path: Path, foam: Foam, tilt_deg: float, age: bool
     assert nozzle == pytest.approx([-1e-3, 6.5e-3, 0.5e-3], abs=1e-12)
     assert "mean velocity" in spray.remarks[0]
     assert not age or "spray.nozzle_m sets it exactly" in spray.remarks[1]
-    assert spray.notes["liquid_penetration_m"] == pytest.approx(0.95 * 3.2e-3, rel=0.05)
+    assert spray.notes["liquid_penetration_95_m"] == pytest.approx(0.95 * 3.2e-3, rel=0.05)
 
 
 def test_tilted_axis_keeps_the_mass(tmp_path: Path, foam: Foam) -> None:

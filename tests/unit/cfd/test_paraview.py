@@ -29,7 +29,7 @@ from tests.unit.cfd.vtkfiles import (
     vertices,
 )
 
-FIGURES = ("liquid_mass_kg", "vapour_mass_kg", "sauter_mean_diameter_m", "liquid_penetration_m")
+FIGURES = ("liquid_mass_kg", "vapour_mass_kg", "sauter_mean_diameter_m", "liquid_penetration_95_m")
 
 
 def notes(path: Path, **keys: Any) -> dict[str, float]:

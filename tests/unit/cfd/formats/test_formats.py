@@ -31,7 +31,7 @@ FIGURES = (
     "liquid_mass_kg",
     "vapour_mass_kg",
     "sauter_mean_diameter_m",
-    "liquid_penetration_m",
+    "liquid_penetration_95_m",
     "vapour_penetration_m",
     "droplets",
     "gas_temperature_max_K",

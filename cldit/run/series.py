@@ -1,0 +1,123 @@
+"""Several times of a scene's spray, each in a run folder of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from cldit.dit.delay_table import DelayRow
+from cldit.errors import (
+    EmptyCloud,
+    EvaluationError,
+    MediumError,
+    NoFuel,
+    NotAtThisTime,
+    OpticsError,
+    RunFolderError,
+    SprayError,
+    Stopped,
+    TransportError,
+)
+from cldit.run.result import Run
+from cldit.run.series_plan import SeriesPlan
+from cldit.run.stages import Say
+from cldit.scene import Scene
+
+State = Literal["done", "no spray", "failed"]
+
+# What concerns one time; a full disk, say, or a missing device concerns all.
+_OF_ONE_TIME = (
+    SprayError,
+    MediumError,
+    OpticsError,
+    TransportError,
+    EvaluationError,
+    RunFolderError,
+)
+_GAS_ALONE = "_gas_alone"  # ends the name of a folder, as its scene is another
+
+
+@dataclass(frozen=True)
+class SeriesTime:
+    """What came of one time.
+
+    time: s, or the case's own unit. folder: of the run; None unless `done`. spray: its notes. dit:
+    medians over the maps, of the acquisition where there is one. problem: why there is no run.
+    """
+
+    time: float
+    state: State
+    folder: Path | None = None
+    spray: Mapping[str, float] = field(default_factory=dict)
+    dit: DelayRow | None = None
+    problem: str = ""
+
+    @classmethod
+    def of(cls, time: float, run: Run) -> SeriesTime:
+        """What is kept of the `run` of a time: its pictures stay in its folder."""
+        maps = run.maps if run.measured is None else run.measured
+        return cls(time, "done", run.folder, run.info.spray, DelayRow.of(time, maps))
+
+
+def run_times(
+    plan: SeriesPlan, out: Path, run: Callable[[Scene, Path], Run], say: Say
+) -> tuple[SeriesTime, ...]:
+    """Runs every time of a series; one that is bad does not keep the others.
+
+    A time without a cloud or fuel is one before the injection or after all has evaporated, if it is
+    not between times with liquid: then its gas alone is run, or there is no spray. Where the
+    files themselves say that a cloud is empty, the gas is run in any case.
+
+    Args:
+        plan: the times.
+        out: folder of their folders.
+        run: runs a scene into a folder.
+        say: takes lines of text.
+
+    Returns:
+        One for each time, rising.
+
+    Raises:
+        ClditError: what concerns all times, such as a full disk; Stopped: by the user.
+    """
+    found: dict[float, SeriesTime] = {}
+    lacking: dict[float, SprayError] = {}
+
+    def once(time: float, scene: Scene, ending: str = "") -> SeriesTime:
+        try:
+            return SeriesTime.of(time, run(scene, out / f"{plan.folder(time)}{ending}"))
+        except Stopped:
+            raise
+        except NoFuel as error:
+            say(f"no spray at {plan.text(time)}: {error}")
+            return SeriesTime(time, "no spray", problem=str(error))
+        except (EmptyCloud, NotAtThisTime):
+            raise
+        except _OF_ONE_TIME as error:
+            say(f"{plan.text(time)} failed: {error}")
+            return SeriesTime(time, "failed", problem=str(error))
+
+    for number, (time, scene) in enumerate(plan.scenes.items(), start=1):
+        say(f"{plan.text(time)}, time {number} of {len(plan.scenes)}")
+        try:
+            found[time] = once(time, scene)
+        except (EmptyCloud, NotAtThisTime) as error:
+            say(f"not as at other times: {error}")
+            lacking[time] = error
+    liquid = [time for time, one in found.items() if one.spray.get("liquid_mass_kg", 0.0) > 0.0]
+    for time, problem in lacking.items():
+        outside = liquid and not min(liquid) < time < max(liquid)
+        if isinstance(problem, NotAtThisTime) and not outside:
+            found[time] = SeriesTime(time, "failed", problem=str(problem))
+            continue
+        say(f"{plan.text(time)}: gas alone")
+        spray = plan.scenes[time].spray.model_copy(update={"cloud": "none"})
+        try:
+            alone = plan.scenes[time].model_copy(update={"spray": spray})
+            found[time] = once(time, alone, _GAS_ALONE)
+        except NotAtThisTime as error:
+            say(f"no spray at {plan.text(time)}: {error}")
+            found[time] = SeriesTime(time, "no spray", problem=str(error))
+    return tuple(found[time] for time in plan.scenes)
