@@ -70,6 +70,7 @@ def page_html(items: Sequence[Item]) -> str:
     data = {
         "items": heads,
         "reasons": {int(reason): reason.text for reason in Reason},
+        "thin": int(Reason.EMISSIVITY_TOO_LOW),
         "colours": {name: _colours(name) for name in (*_SEQUENTIAL, *_DIVERGING)},
         "sequential": list(_SEQUENTIAL.items()),
         "diverging": list(_DIVERGING.items()),

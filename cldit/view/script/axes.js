@@ -52,6 +52,6 @@ function frame(group, box, x, y) {
 
 // The rules that a saved SVG carries with it; on the page, page.css has them with its own colours.
 const PRINT = `text{font:12px sans-serif;fill:#111}.frame{fill:none;stroke:#111}.tick{stroke:#111}
-.title{font-size:13px;font-weight:bold}.cursor{stroke:#111;fill:none}.line{stroke:#111;stroke-width:1.5}
+.note{font-size:11px}.title{font-size:13px;font-weight:bold}.cursor{stroke:#111;fill:none}.line{stroke:#111;stroke-width:1.5}
 .halo{stroke:#fff;stroke-width:4}.curve{fill:none;stroke-width:1.6}.band{opacity:.25;stroke:none}
 .one{stroke:#00429d;fill:#00429d}.other{stroke:#c0560d;fill:#c0560d;stroke-dasharray:6 3}`;

@@ -13,7 +13,7 @@ function limitsOf(values, diverging) {
     low = -high;
   }
   if (!(high > low)) high = low + Math.max(1e-6 * Math.abs(low), 1e-9);
-  const unit = 10 ** Math.floor(Math.log10(high - low) - 1);
+  const unit = 10 ** Math.floor(Math.log10(high - low) - 2);
   const shown = (number) => Number(number.toPrecision(12));
   return [shown(Math.floor(low / unit) * unit), shown(Math.ceil(high / unit) * unit)];
 }
@@ -25,7 +25,7 @@ function painted(values, reason, [low, high], colours) {
   for (let c = 0; c < 256; c++) {
     word[c] = colours[3 * c] | (colours[3 * c + 1] << 8) | (colours[3 * c + 2] << 16) | 0xff000000;
   }
-  const scale = 256 / (high - low), grey = 0xff9a9a9a;
+  const scale = 256 / (high - low), grey = 0x50808080; // a veil over the paper, light or dark
   for (let p = 0; p < values.length; p++) {
     const value = values[p];
     if (value === value) out[p] = word[Math.max(0, Math.min(255, ((value - low) * scale) | 0))];

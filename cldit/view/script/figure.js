@@ -1,6 +1,6 @@
 // One map: pixels on a canvas; axes in mm, colour bar, cursor and line as SVG above it.
 
-const WIDE = 600, LEFT = 62, TOP = 30, BAR = 16, PLOT = 430, BOTTOM = 46;
+const WIDE = 600, LEFT = 62, TOP = 30, BAR = 16, PLOT = 430, BOTTOM = 46, NOTE = 15;
 
 class Figure {
   constructor(host, name) {
@@ -16,14 +16,15 @@ class Figure {
     this.grid = null;
   }
 
-  // drawn: {grid, pixels, limits} of the worker; title and label are texts; bar: URL of a picture.
-  show({ grid, pixels, limits }, title, label, bar) {
+  // drawn: {grid, pixels, limits} of the worker; title, label and notes are texts; bar: URL of a
+  // picture.
+  show({ grid, pixels, limits }, title, label, bar, notes) {
     this.grid = grid;
     this.host.classList.remove("empty");
     const [wide, high] = [grid.columns * grid.pixel_mm[0], grid.rows * grid.pixel_mm[1]];
     const scale = Math.min(PLOT / wide, 620 / high);
     const box = { left: LEFT, top: TOP, width: wide * scale, height: high * scale };
-    const tall = TOP + box.height + BOTTOM;
+    const tall = TOP + box.height + BOTTOM + notes.length * NOTE;
     this.box = box;
     this.x = { low: grid.centre_mm[0] - wide / 2, high: grid.centre_mm[0] + wide / 2, label: "x / mm" };
     this.z = { low: grid.centre_mm[1] - high / 2, high: grid.centre_mm[1] + high / 2, label: "z / mm" };
@@ -42,6 +43,10 @@ class Figure {
     this.svg.append(node("text", { x: box.left, y: 18, class: "title" }, title));
     this.at = frame(this.svg, box, this.x, this.z);
     this.colourBar(limits, label, bar);
+    notes.forEach((text, n) => {
+      const y = TOP + box.height + BOTTOM + n * NOTE + 6;
+      this.svg.append(node("text", { x: box.left, y, class: "note" }, text));
+    });
     this.marks = node("g");
     this.svg.append(this.marks);
   }

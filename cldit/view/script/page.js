@@ -77,7 +77,8 @@ async function drawOnce() {
     const apart = panels[number].items.length > 1;
     state.limits[apart ? `${state.quantity} apart` : state.quantity] ??= drawn.limits;
     const label = `${apart ? "difference" : QUANTITIES[state.quantity].short}${unit ? ` / ${unit}` : ""}`;
-    figures[number].show(drawn, `${names[number]}: ${apart ? "difference" : text}`, label, barOf(panels[number].colours));
+    figures[number].show(drawn, `${names[number]}: ${apart ? "difference" : text}`, label,
+      barOf(panels[number].colours), notesOf(drawn.empty));
     figures[number].mark(state.cursor, state.line);
   });
   showSummary(found.drawn.at(-1), panels);
@@ -86,6 +87,14 @@ async function drawOnce() {
   await Promise.all([probe(), along()]);
   document.body.dataset.drawn = String(Number(document.body.dataset.drawn ?? 0) + 1);
   state.ms = { worker: found.ms, all: performance.now() - start };
+}
+
+// What clear and grey pixels of a map are.
+function notesOf(empty) {
+  return Object.entries(empty).map(([reason, count]) => {
+    const how = Number(reason) === DATA.thin ? "clear" : "grey";
+    return `${how}: ${DATA.reasons[reason]} (${count} pixels)`;
+  });
 }
 
 function makeFigures(count) {

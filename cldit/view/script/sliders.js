@@ -48,7 +48,7 @@ class Sliders {
       row.querySelector("label").textContent = one.text + unit;
       const [range, number] = row.querySelectorAll("input");
       number.setAttribute("aria-label", `${one.text}${unit}, as a number`);
-      for (const input of [range, number]) input.setAttribute("aria-describedby", `why-${name}`);
+      for (const input of [range, number]) input.setAttribute("aria-describedby", `why-all why-${name}`);
       range.addEventListener("input", () => this.set(name, range.valueAsNumber));
       number.addEventListener("change", () => this.set(name, number.valueAsNumber));
       host.append(row);
@@ -85,17 +85,21 @@ class Sliders {
     this.heads = heads;
     const runs = heads.filter((one) => one.kind === "run");
     this.scene = runs.length ? runs[0].scene : null;
+    let all = "";
+    if (!runs.length) all = "Held: a measurement has no weights; only a trace can be evaluated anew.";
+    else if (runs.length < heads.length) all = `Changes ${runs[0].name} alone; a measurement has no weights.`;
+    document.getElementById("why-all").textContent = all;
     for (const [name, one] of Object.entries(SLIDERS)) {
       const { row, range, number, why } = this.rows[name];
       const free = runs.filter((head) => !(one.needs in head.locked));
-      let reason = "";
-      if (!runs.length) reason = "A measurement has no weights: only a trace can be evaluated anew.";
-      else if (!free.length) reason = `Held: ${runs[0].locked[one.needs]}.`;
-      else if (free.length < heads.length) reason = `Changes ${free.map((head) => head.name).join(", ")} alone.`;
-      else if (one.needs === "background" && new Set(this.scene.backgrounds_K).size < 2) {
-        reason = "Held: the run has one background, and DIT needs two.";
+      let held = "";
+      if (runs.length && !free.length) held = runs[0].locked[one.needs];
+      else if (one.needs === "background" && this.scene && new Set(this.scene.backgrounds_K).size < 2) {
+        held = "the run has one background, and DIT needs two";
       }
-      range.disabled = number.disabled = !free.length || reason.startsWith("Held");
+      const reason = held ? `Held: ${held}.`
+        : free.length < runs.length ? `Changes ${free.map((head) => head.name).join(", ")} alone.` : "";
+      range.disabled = number.disabled = !free.length || held !== "";
       why.textContent = reason;
       if (!this.scene) continue;
       const own = one.own(this.scene), value = this.value(name);

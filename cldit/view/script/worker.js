@@ -35,7 +35,7 @@ const answers = {
       transfer.push(pixels);
       const { columns, rows, pixel_mm, centre_mm } = made.grid;
       const summary = diverging ? { ...summaryOf(made), states: made.states } : null;
-      return { grid: { columns, rows, pixel_mm, centre_mm }, limits, pixels, summary };
+      return { grid: { columns, rows, pixel_mm, centre_mm }, limits, pixels, summary, empty: emptyOf(made) };
     });
     const scenes = items.map((item) => (item && item.scene) ?? null);
     return { drawn, scenes, transfer };
@@ -121,6 +121,16 @@ function single(item, name) {
     },
     reason: plain ? null : item.image("reason"),
   };
+}
+
+// How many pixels are clear and grey, by the reason why they have no value.
+function emptyOf({ value, reason }) {
+  const count = {};
+  if (!reason) return count;
+  for (let p = 0; p < value.length; p++) {
+    if (Number.isNaN(value[p])) count[reason[p]] = (count[reason[p]] ?? 0) + 1;
+  }
+  return count;
 }
 
 function pixelAt(grid, x_mm, z_mm) {
