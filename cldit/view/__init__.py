@@ -1,4 +1,4 @@
-"""`cldit view`: runs and measurements as one page for the browser, without a server or a network."""
+"""`cldit view`: runs and measurements as one page for the browser, without server or network."""
 
 from cldit.view.folders import view_items
 from cldit.view.item import Item

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,8 @@ def place(
     }
 
 
-def planck_tables(filter_um: Filter) -> dict[str, NDArray[np.float64]]:
+@lru_cache(maxsize=8)
+def planck_tables(filter_um: Filter) -> Mapping[str, NDArray[np.float64]]:
     """Black-body radiance in a filter and its inverse, for cubic Hermite interpolation.
 
     Args:
@@ -77,6 +79,7 @@ def planck_ends(filter_um: Filter) -> dict[str, list[float]]:
     }
 
 
+@lru_cache(maxsize=8)
 def _curve(
     filter_um: Filter,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

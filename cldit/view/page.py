@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 from cldit.dit.maps import Reason
 from cldit.files import write_text
+from cldit.scene.delays import delay_text
 from cldit.view.item import Item
 from cldit.view.packing import packed
 
@@ -67,6 +68,8 @@ def page_html(items: Sequence[Item]) -> str:
         arrays = {name: packed(array) for name, array in item.arrays.items()}
         heads.append({**item.head, "arrays": {name: one.head for name, one in arrays.items()}})
         blobs += [(number, name, one.text) for name, one in arrays.items()]
+    for head, name in zip(heads, _apart(heads), strict=True):
+        head["name"] = name
     data = {
         "items": heads,
         "reasons": {int(reason): reason.text for reason in Reason},
@@ -75,7 +78,7 @@ def page_html(items: Sequence[Item]) -> str:
         "sequential": list(_SEQUENTIAL.items()),
         "diverging": list(_DIVERGING.items()),
     }
-    names = list(dict.fromkeys(str(head["name"]) for head in heads))
+    names = list(dict.fromkeys(str(item.head["name"]) for item in items))
     title = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
     return _pages().get_template("page.html").render(
         title=title,
@@ -96,6 +99,20 @@ def save_page(path: Path, items: Sequence[Item]) -> None:
         DiskFull, FileError: as `cldit.files.written`.
     """
     write_text(path, page_html(items))
+
+
+def _apart(heads: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Names that differ: with the time where it tells items apart, and else with a number."""
+    names = [str(head["name"]) for head in heads]
+    times = [head["time_s"] for head in heads]
+    for number, (name, time_s) in enumerate(zip(list(names), times, strict=True)):
+        alike = [at for at, head in enumerate(heads) if head["name"] == name]
+        if len(alike) == 1:
+            continue
+        told = time_s is not None and [times[at] for at in alike].count(time_s) == 1
+        more = delay_text(time_s) if told else f"{alike.index(number) + 1} of {len(alike)}"
+        names[number] = f"{name}, {more}"
+    return names
 
 
 def _source(name: str) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.camera.sensor import SensorModel
-from cldit.optics.windows import Pane, band_pane
+from cldit.optics.windows import Pane, band_panes
 from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.run import Run
 from cldit.run.content import trace_content
@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 _NOTHING = 1e-7  # change of a weight, or emission in backgrounds, that is none
 _LEFT = 1e-7  # of the light, that a projection may lose
-_PANES_K = np.geomspace(100.0, 5000.0, 96)  # of light that windows' means are taken for
+_PANES_K = np.geomspace(100.0, 5000.0, 64)  # of light that windows' means are taken for
 _SHARE_KNOTS_K = np.geomspace(50.0, 5000.0, 256)  # those of `Quadrature.shares`
 
 
@@ -100,9 +100,7 @@ def traced_item(run: Run, *, source: str) -> Item:
         at = np.log(_SHARE_KNOTS_K)
         arrays["shares"] = np.stack([spline(at).T, spline(at, 1).T])  # (2, nodes, knots)
     for window in scene.windows:
-        means = [
-            band_pane(window, run.quadrature.filter_um, reference_K=float(one)) for one in _PANES_K
-        ]
+        means = band_panes(window, run.quadrature.filter_um, reference_K=_PANES_K)
         arrays[f"pane_{window.side}"] = np.array([_plain(one) for one in means]).T
     total = run.error_maps.get(TOTAL)
     if total is not None:
@@ -195,9 +193,7 @@ class _Stack:
         self.arrays["palette"] = np.stack([one.reshape(-1)[first] for one in columns], axis=1)
 
 
-def _lights(
-    scene: Scene, bands: Sequence[Boundary], passes: Sequence[float]
-) -> dict[str, Floats]:
+def _lights(scene: Scene, bands: Sequence[Boundary], passes: Sequence[float]) -> dict[str, Floats]:
     """(nodes, N) light of each source in every node, for all that the page may ask for.
 
     Several nodes hold for the run's own temperatures alone (`_locked`), and any emissivity.

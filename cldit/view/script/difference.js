@@ -34,7 +34,8 @@ function differenceOf(one, other, name) {
   const value = a.value.map((number, p) => number - b.value[p]);
   let error = null;
   if (a.error || b.error) {
-    error = value.map((_, p) => Math.hypot(a.error ? a.error[p] : 0, b.error ? b.error[p] : 0));
+    error = value.map((d, p) => (Number.isNaN(d) ? NaN
+      : Math.hypot(a.error ? a.error[p] : 0, b.error ? b.error[p] : 0)));
   }
   return { grid, value, error, states: [a.error !== null, b.error !== null] };
 }

@@ -268,7 +268,7 @@ function showSummary(drawn, panels) {
     text += `; stated errors together ${of(stated)} RMS, ${Math.round(100 * within)} % of the pixels within twice theirs`;
   }
   const silent = shownItems().filter((_, n) => !states[n]).map((index) => HEADS[index].name);
-  if (silent.length) text += `; ${silent.join(" and ")} states no error of it`;
+  if (silent.length) text += `; no error of it is stated by ${silent.join(" and ")}`;
   place.textContent = `${text}.`;
 }
 
@@ -282,8 +282,8 @@ function showCommand() {
   const command = sliders.command(HEADS[state.one], scenes[state.one]);
   $("command-box").hidden = command === null;
   $("command").textContent = command ?? "";
-  const head = HEADS[state.one], at = head.time_s === null ? "" : `, ${Number((1e3 * head.time_s).toPrecision(6))} ms`;
-  $("frame-name").textContent = `${head.name}${at}`;
+  const head = HEADS[state.one];
+  $("frame-name").textContent = head.name;
   $("stated").textContent = head.stated_error
     ? `Error of T_app by the simulation, for the run's own temperatures: ${head.stated_error}.` : "";
 }
@@ -399,6 +399,9 @@ window.cldit = {
   set: (name, value) => {
     sliders.set(name, value);
     return redraw();
+  },
+  drawn: async () => {
+    while (busy) await busy;
   },
   scene: (index) => scenes[index],
   async numbers(given) {
