@@ -18,18 +18,27 @@ function limitsOf(values, diverging) {
   return [shown(Math.floor(low / unit) * unit), shown(Math.ceil(high / unit) * unit)];
 }
 
-// RGBA of a picture; `colours`: 256 RGB triples. Pixels without a value are clear, where the spray
-// is too thin, or grey.
+// RGBA of a picture, and how many pixels have no value, by the reason; `colours`: 256 RGB triples.
+// Such pixels are clear, where the spray is too thin, or grey.
 function painted(values, reason, [low, high], colours) {
   const word = new Uint32Array(256), out = new Uint32Array(values.length);
   for (let c = 0; c < 256; c++) {
     word[c] = colours[3 * c] | (colours[3 * c + 1] << 8) | (colours[3 * c + 2] << 16) | 0xff000000;
   }
   const scale = 256 / (high - low), grey = 0x50808080; // a veil over the paper, light or dark
+  const count = new Uint32Array(256);
   for (let p = 0; p < values.length; p++) {
     const value = values[p];
     if (value === value) out[p] = word[Math.max(0, Math.min(255, ((value - low) * scale) | 0))];
-    else if (reason && reason[p] !== REASON.thin) out[p] = grey;
+    else if (reason) {
+      const why = reason(p);
+      count[why] += 1;
+      if (why !== REASON.thin) out[p] = grey;
+    }
   }
-  return out.buffer;
+  const empty = {};
+  count.forEach((number, why) => {
+    if (number) empty[why] = number;
+  });
+  return { pixels: out.buffer, empty };
 }

@@ -28,8 +28,10 @@ class Figure {
     this.box = box;
     this.x = { low: grid.centre_mm[0] - wide / 2, high: grid.centre_mm[0] + wide / 2, label: "x / mm" };
     this.z = { low: grid.centre_mm[1] - high / 2, high: grid.centre_mm[1] + high / 2, label: "z / mm" };
-    this.canvas.width = grid.columns;
-    this.canvas.height = grid.rows;
+    if (this.canvas.width !== grid.columns || this.canvas.height !== grid.rows) {
+      this.canvas.width = grid.columns;
+      this.canvas.height = grid.rows;
+    }
     const image = new ImageData(new Uint8ClampedArray(pixels), grid.columns, grid.rows);
     this.canvas.getContext("2d").putImageData(image, 0, 0);
     const share = (part, of) => `${100 * part / of}%`;

@@ -17,24 +17,37 @@ const QUANTITIES = {
   signal: { text: "What the camera sees, as temperature", short: "signal", unit: "K", digits: 2 },
 };
 
-// (H, W) of a quantity; null where the item does not know it.
-function imageOf(item, name) {
-  if (name !== "depth") return item.has(name) ? item.image(name) : null;
-  const depth = item.image("emissivity").slice();
-  for (let p = 0; p < depth.length; p++) depth[p] = depth[p] < 1 ? -Math.log1p(-depth[p]) : NaN;
-  return depth;
+// What pixel p shows of a quantity, and (H, W) of it; NaN and null where the item does not know it.
+function valueAt(item, name, p) {
+  if (name === "depth") return depthOf(item.pixel("emissivity", p));
+  return item.has(name) ? item.pixel(name, p) : NaN;
 }
 
-// (H, W) standard error that the sensor, or the measurement, gives a quantity; null: none known.
-function errorOf(item, name) {
-  if (name === "signal") return item.has("signal_error") ? item.image("signal_error") : null;
+function imageOf(item, name) {
+  if (name === "depth") return item.image("emissivity").map(depthOf);
+  return item.has(name) ? item.image(name) : null;
+}
+
+function depthOf(emissivity) {
+  return emissivity < 1 ? -Math.log1p(-emissivity) : NaN;
+}
+
+// Standard error of one pixel that the sensor, or the measurement, gives a quantity; NaN: none.
+function errorAt(item, name, p) {
+  if (name === "signal") return item.has("signal_error") ? item.pixel("signal_error", p) : NaN;
   if (name === "temperature" || name === "emissivity") {
     const total = `${name}_total_error`;
-    return item.image(item.has(total) ? total : `${name}_error`);
+    return item.pixel(item.has(total) ? total : `${name}_error`, p);
   }
-  if (name !== "depth") return null;
-  const error = item.image("emissivity").slice(), of = errorOf(item, "emissivity");
-  for (let p = 0; p < error.length; p++) error[p] = error[p] < 1 ? of[p] / (1 - error[p]) : NaN;
+  return name === "depth" ? errorAt(item, "emissivity", p) / (1 - item.pixel("emissivity", p)) : NaN;
+}
+
+// (H, W) of these; null where none is known.
+function errorOf(item, name) {
+  if (!["signal", "temperature", "emissivity", "depth"].includes(name)) return null;
+  if (name === "signal" && !item.has("signal_error")) return null;
+  const error = new Float32Array(item.head.rows * item.head.columns);
+  for (let p = 0; p < error.length; p++) error[p] = errorAt(item, name, p);
   return error;
 }
 

@@ -22,8 +22,9 @@ class TracedRun {
     this.colours = arrays.palette.length / this.width;
     const n = this.kind.length + this.colours; // covered pixels first, then the palette
     this.maps = { reason: new Uint8Array(n) };
-    for (const name of ["temperature", "temperature_error", "emissivity", "emissivity_error",
-      "signal", "signal_error"]) this.maps[name] = new Float32Array(n);
+    for (const name of ["temperature", "temperature_error", "emissivity", "emissivity_error"]) {
+      this.maps[name] = new Float32Array(n);
+    }
     this.known = "";
   }
 
@@ -161,7 +162,7 @@ class TracedRun {
       if (single) this.solveExact(before, after, rest);
       else this.solveFitted(before, after, rest, scene.backgrounds_K.map((one) => this.shown(at(one))));
     }
-    this.signals(rest, this.shown(at(scene.signal_K)), whole, noise);
+    this.signal = this.signalOf(rest, this.shown(at(scene.signal_K)), whole, noise);
     this.scene = { ...scene, integration_time_s: sensor.integration_time_s };
     this.known = key;
   }
@@ -234,23 +235,23 @@ class TracedRun {
     return { ...sensor, integration_time_s: Number(time.toPrecision(3)) };
   }
 
-  // What the camera shows before one background, as the temperature of a black body.
-  signals(rest, shown, whole, noise) {
-    const { signal, signal_error } = this.maps;
-    for (let i = 0; i < signal.length; i++) {
-      const inside = rest[i] + shown[i], seen = whole.seen(inside);
-      const kelvin = this.planck.temperature(seen);
-      const variance = (seen > 0 ? noise.photons * seen : 0) + noise.constant;
-      signal[i] = kelvin;
-      signal_error[i] = Math.sqrt(variance) * whole.front.transmission
-        * this.planck.rise(seen, kelvin);
-    }
+  // What the camera shows before one background, as the temperature of a black body, and its error
+  // in one exposure: functions of a pixel of the maps, since a slider seldom needs them.
+  signalOf(rest, shown, whole, noise) {
+    const seen = (i) => whole.seen(rest[i] + shown[i]);
+    const signal = (i) => this.planck.temperature(seen(i));
+    const signal_error = (i) => {
+      const variance = (seen(i) > 0 ? noise.photons * seen(i) : 0) + noise.constant;
+      return Math.sqrt(variance) * whole.front.transmission * this.planck.rise(seen(i), signal(i));
+    };
+    return { signal, signal_error };
   }
 
   // What pixel p shows of one quantity.
   pixel(name, p) {
-    const at = this.place[p], map = at < 0 ? this.kind.length - 1 - at : at;
-    if (name !== "simulation_error") return this.maps[name][map];
+    const at = this.place[p], own = at < 0 ? this.kind.length - 1 - at : at;
+    if (name in this.maps) return this.maps[name][own];
+    if (name in this.signal) return this.signal[name](own);
     if (at < 0 || Number.isNaN(this.maps.temperature[at])) return NaN;
     return this.arrays.simulation_error ? this.arrays.simulation_error[at] : this.head.stated_error_K;
   }
@@ -258,21 +259,17 @@ class TracedRun {
   // (H, W) of one quantity.
   image(name) {
     const n = this.kind.length, place = this.place, out = new Float32Array(place.length);
-    if (name === "simulation_error") {
-      for (let p = 0; p < out.length; p++) out[p] = this.pixel(name, p);
-      return out;
-    }
     const map = this.maps[name];
     for (let p = 0; p < out.length; p++) {
       const at = place[p];
-      out[p] = map[at < 0 ? n - 1 - at : at];
+      out[p] = map ? map[at < 0 ? n - 1 - at : at] : this.pixel(name, p);
     }
     return out;
   }
 
   has(name) {
     if (name === "simulation_error") return "simulation_error" in this.arrays || this.head.stated_error_K !== null;
-    return name in this.maps;
+    return name in this.maps || name.startsWith("signal");
   }
 }
 

@@ -26,16 +26,16 @@ const answers = {
       const shown = panel.items.map((index) => items[index]);
       for (const item of shown) item.compute(asked);
       const made = shown.length === 1 ? single(shown[0], panel.quantity)
-        : differenceOf(shown[0], shown[1], panel.quantity);
+        : compared(shown[0], shown[1], panel.quantity);
       if (made === null) return { nothing: true };
       images.set(number, made);
       const diverging = shown.length === 2;
       const limits = panel.limits ?? limitsOf(made.value, diverging);
-      const pixels = painted(made.value, made.reason, limits, colourTables[panel.colours]);
+      const { pixels, empty } = painted(made.value, made.reason, limits, colourTables[panel.colours]);
       transfer.push(pixels);
       const { columns, rows, pixel_mm, centre_mm } = made.grid;
       const summary = diverging ? { ...summaryOf(made), states: made.states } : null;
-      return { grid: { columns, rows, pixel_mm, centre_mm }, limits, pixels, summary, empty: emptyOf(made) };
+      return { grid: { columns, rows, pixel_mm, centre_mm }, limits, pixels, summary, empty };
     });
     const scenes = items.map((item) => (item && item.scene) ?? null);
     return { drawn, scenes, transfer };
@@ -46,20 +46,19 @@ const answers = {
     const values = shown.map((index) => {
       const item = items[index], p = pixelAt(item.head, x_mm, z_mm);
       if (p === null) return null;
-      const found = { reason: item.pixel("reason", p) };
+      const found = { reason: item.pixel("reason", p), depth: valueAt(item, "depth", p) };
       for (const name of Object.keys(QUANTITIES)) {
         if (name !== "depth" && item.has(name)) found[name] = item.pixel(name, p);
       }
       for (const name of ["temperature_total_error", "emissivity_total_error", "signal_error"]) {
         if (item.has(name)) found[name] = item.pixel(name, p);
       }
-      found.depth = found.emissivity < 1 ? -Math.log1p(-found.emissivity) : NaN;
-      found.depth_error = found.emissivity_error / (1 - found.emissivity);
+      found.depth_error = errorAt(item, "depth", p);
       return found;
     });
     const panels = [...images.values()].map((image) => {
       const p = pixelAt(image.grid, x_mm, z_mm);
-      return p === null ? null : { value: image.value[p], error: image.error ? image.error[p] : NaN };
+      return p === null ? null : { value: image.value[p], error: image.errorAt(p) };
     });
     return { values, panels };
   },
@@ -79,7 +78,7 @@ const answers = {
         rows.x_mm.push(x);
         rows.z_mm.push(z);
         rows.value.push(p === null ? NaN : image.value[p]);
-        rows.error.push(p === null || !image.error ? NaN : image.error[p]);
+        rows.error.push(p === null ? NaN : image.errorAt(p));
       }
       return rows;
     });
@@ -90,18 +89,19 @@ const answers = {
   numbers({ panel, item, name }) {
     const values = panel === undefined ? imageOf(items[item], name) : images.get(panel).value;
     const grid = panel === undefined ? items[item].head : images.get(panel).grid;
-    const error = panel === undefined ? null : images.get(panel).error;
+    const error = panel === undefined ? null : images.get(panel).errors();
     return { values: values.slice(), error: error && error.slice(), columns: grid.columns, rows: grid.rows };
   },
 
   // CSV of one panel: a line a pixel that has a value.
   csv({ panel, heading }) {
-    const { grid, value, error } = images.get(panel);
+    const { grid, value, errorAt: errorOfPixel } = images.get(panel);
     const lines = [heading];
     for (let p = 0; p < value.length; p++) {
       if (Number.isNaN(value[p])) continue;
       const [x, z] = placeOf(grid, p).map((one) => Number(one.toFixed(5)));
-      lines.push(`${x},${z},${value[p].toPrecision(8)},${error ? error[p].toPrecision(4) : ""}`);
+      const error = errorOfPixel(p);
+      lines.push(`${x},${z},${value[p].toPrecision(8)},${Number.isNaN(error) ? "" : error.toPrecision(4)}`);
     }
     return { text: `${lines.join("\n")}\n` };
   },
@@ -112,25 +112,21 @@ function single(item, name) {
   const value = imageOf(item, name);
   if (value === null) return null;
   const plain = name.endsWith("error") || name === "signal";
-  let error; // made when it is asked for: a slider does not
   return {
     grid: item.head,
     value,
-    get error() {
-      return (error ??= errorOf(item, name) ?? false) || null;
-    },
-    reason: plain ? null : item.image("reason"),
+    errorAt: (p) => errorAt(item, name, p),
+    errors: () => errorOf(item, name),
+    reason: plain ? null : (p) => item.pixel("reason", p),
   };
 }
 
-// How many pixels are clear and grey, by the reason why they have no value.
-function emptyOf({ value, reason }) {
-  const count = {};
-  if (!reason) return count;
-  for (let p = 0; p < value.length; p++) {
-    if (Number.isNaN(value[p])) count[reason[p]] = (count[reason[p]] ?? 0) + 1;
-  }
-  return count;
+// The difference of two.
+function compared(one, other, name) {
+  const found = differenceOf(one, other, name);
+  if (found === null) return null;
+  const { error } = found;
+  return { ...found, errorAt: (p) => (error ? error[p] : NaN), errors: () => error };
 }
 
 function pixelAt(grid, x_mm, z_mm) {
