@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import shutil
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -187,3 +188,38 @@ class Viewer:
     def _image(self, found: Mapping[str, Any], name: str) -> NDArray[np.float32]:
         flat = np.frombuffer(base64.b64decode(found[name]), np.float32)
         return flat.reshape(found["rows"], found["columns"])
+
+
+def screenshot(page: Path, picture: Path) -> None:
+    """The picture of docs/view.md: warmer walls, and a profile across the spray.
+
+    Args:
+        page: that `cldit view` wrote of gdi.
+        picture: the PNG.
+    """
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=chromium())
+        viewer = Viewer(browser.new_page(viewport={"width": 1180, "height": 1140}))
+        viewer.open(page)
+        viewer.set({"wall_K": 500.0})
+        box = viewer.page.locator(".map canvas").first.bounding_box()
+        assert box is not None
+        at_x, at_y = (
+            lambda share: box["x"] + share * box["width"],
+            lambda share: box["y"] + share * box["height"],
+        )
+        viewer.page.mouse.move(at_x(0.22), at_y(0.36))
+        viewer.page.mouse.down()
+        viewer.page.mouse.move(at_x(0.62), at_y(0.36), steps=5)
+        viewer.page.mouse.up()
+        viewer.page.wait_for_selector("#profile path.curve")
+        viewer.run("document.activeElement.blur()")
+        viewer.page.wait_for_timeout(300)
+        viewer.page.screenshot(path=picture)
+        browser.close()
+
+
+if __name__ == "__main__":  # python -m tests.viewed runs/gdi/view.html docs/view.png
+    screenshot(Path(sys.argv[1]), Path(sys.argv[2]))

@@ -10,11 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.optics.planck import band_radiance, band_radiance_slope
+from cldit.optics.planck import (
+    band_radiance,
+    band_radiance_slope,
+    temperature_of_radiance,
+    temperature_slope_of_radiance,
+)
 from cldit.optics.response import Filter
 
 _KNOTS_K = np.geomspace(6.5, 6000.0, 2048)  # colder, the radiance at 3.4 um leaves float64
-_INVERSE = 4096  # steps of 0.16 in ln B: cubic Hermite, 1e-9 of T
+_INVERSE = 4096  # steps of 0.16 in ln B: cubic Hermite, 5e-9 of T
 
 
 @dataclass(frozen=True)
@@ -56,18 +61,14 @@ def planck_tables(filter_um: Filter) -> Mapping[str, NDArray[np.float64]]:
 
     Returns:
         By name, (2, N) each, values and slopes at even steps: `planck`, ln B over ln T;
-        `inverse`, ln T over ln B. The steps begin and end as `planck_ends` says.
+        `inverse`, T over ln B. The steps begin and end as `planck_ends` says.
     """
-    log_T, log_B, power = _curve(filter_um)
+    _, log_B, power = _curve(filter_um)
     knots = np.linspace(log_B[0], log_B[-1], _INVERSE)
-    # A cubic through values and slopes of a fine table; then exact slopes at what it gives.
-    from scipy.interpolate import CubicHermiteSpline
-
-    at = CubicHermiteSpline(log_B, log_T, 1.0 / power)(knots)
-    warm = np.exp(at)
-    radiance = band_radiance(warm, filter_um=filter_um)
-    slope = radiance / (warm * band_radiance_slope(warm, filter_um=filter_um))
-    return {"planck": np.stack([log_B, power]), "inverse": np.stack([at, slope])}
+    radiance = np.exp(knots)
+    kelvin = temperature_of_radiance(radiance, filter_um=filter_um)
+    slope = radiance * temperature_slope_of_radiance(radiance, filter_um=filter_um)
+    return {"planck": np.stack([log_B, power]), "inverse": np.stack([kelvin, slope])}
 
 
 def planck_ends(filter_um: Filter) -> dict[str, list[float]]:

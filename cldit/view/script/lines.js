@@ -10,7 +10,7 @@ const LEAST = 1e-4; // ... nor is one below the accuracy of a trace
 // `photons` times what the camera sees, plus `constant`.
 class Line {
   constructor(x, noise, exposures) {
-    this.x = x;
+    this.x = Float64Array.from(x);
     this.unit = Math.max(...x.map(Math.abs));
     this.scaled = Float64Array.from(x, (one) => one / this.unit);
     this.noise = noise;
@@ -27,20 +27,23 @@ class Line {
 
   // Of means that lie on a line exactly: (co)variances of slope and start.
   exact(slope, start) {
-    const x = this.x, scaled = this.scaled;
+    const { x, scaled, per, unit } = this;
+    const { transmission, photons, added, constant } = this.noise;
     let s = 0, sx = 0, sxx = 0;
     for (let k = 0; k < x.length; k++) {
-      const p = this.per / this.variance(slope * x[k] + start);
+      const seen = transmission * (slope * x[k] + start) + added;
+      const p = per / ((seen > 0 ? photons * seen : 0) + constant);
+      const px = p * scaled[k];
       s += p;
-      sx += p * scaled[k];
-      sxx += p * scaled[k] * scaled[k];
+      sx += px;
+      sxx += px * scaled[k];
     }
-    const determinant = s * sxx - sx * sx;
+    const inverse = 1 / (s * sxx - sx * sx);
     this.slope = slope;
     this.start = start;
-    this.slopes = s / determinant;
-    this.both = -sx / determinant * this.unit;
-    this.starts = sxx / determinant * this.unit * this.unit;
+    this.slopes = s * inverse;
+    this.both = -sx * inverse * unit;
+    this.starts = sxx * inverse * unit * unit;
   }
 
   // Of any means: fitted twice, the second time with the noise at the fitted signals.
@@ -71,28 +74,35 @@ class Line {
   }
 }
 
-// Writes pixel i of the maps from the lines without and with spray.
+// Writes pixel i of the maps from the lines `before`, without spray, and `after`. It takes no numbers
+// and no powers: either would cost more than all that it computes.
 function solvePixel(maps, i, before, after, planck) {
-  const g = before.slope, s = after.slope;
-  const emissivity = 1 - s / g;
-  const error = Math.sqrt((s / (g * g)) ** 2 * before.slopes + after.slopes / (g * g));
-  const depth = g - s;
+  const g = before.slope, s = after.slope, depth = g - s;
+  const emissivity = 1 - s / g, per = 1 / (g * g);
+  const error = Math.sqrt(per * (s * s * per * before.slopes + after.slopes));
   const radiance = (after.start - before.start) / depth;
+  const clear = DETECTION * error;
   let reason = REASON.ok;
   if (!(radiance >= 0)) reason = REASON.negative;
-  if (!(emissivity > Math.max(DETECTION * error, LEAST))) reason = REASON.thin;
+  if (!(emissivity > (clear > LEAST ? clear : LEAST))) reason = REASON.thin;
   if (!(g >= VISIBLE)) reason = REASON.hidden;
-  const seen = reason !== REASON.hidden;
   maps.reason[i] = reason;
-  maps.emissivity[i] = seen ? emissivity : NaN;
-  maps.emissivity_error[i] = seen ? error : NaN;
+  maps.emissivity[i] = reason !== REASON.hidden ? emissivity : NaN;
+  maps.emissivity_error[i] = reason !== REASON.hidden ? error : NaN;
   if (reason !== REASON.ok) {
-    maps.temperature[i] = maps.temperature_error[i] = NaN;
+    maps.temperature[i] = NaN;
+    maps.temperature_error[i] = NaN;
     return;
   }
-  const variance = (radiance * radiance * (before.slopes + after.slopes)
-    + 2 * radiance * (before.both + after.both) + before.starts + after.starts) / (depth * depth);
-  const kelvin = planck.temperature(radiance);
-  maps.temperature[i] = kelvin;
-  maps.temperature_error[i] = Math.sqrt(variance) * planck.rise(radiance, kelvin);
+  const variance = (radiance * (radiance * (before.slopes + after.slopes)
+    + 2 * (before.both + after.both)) + before.starts + after.starts) / (depth * depth);
+  if (radiance === 0) {
+    maps.temperature[i] = 0;
+    maps.temperature_error[i] = variance > 0 ? Infinity : NaN;
+    return;
+  }
+  const inverse = planck.inverse;
+  inverse.look(Math.log(radiance));
+  maps.temperature[i] = inverse.value;
+  maps.temperature_error[i] = Math.sqrt(variance) * inverse.slope / radiance;
 }

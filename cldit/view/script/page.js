@@ -295,6 +295,7 @@ function showControls() {
   for (const option of $("quantity").options) option.disabled = known ? !known.includes(option.value) : false;
   if (known && !known.includes(state.quantity)) state.quantity = $("quantity").value = "temperature";
   $("diverging-box").hidden = state.other === null;
+  $("save-csv").textContent = `CSV of the ${state.other === null ? "map" : "difference"}`;
 }
 
 function problem(error) {
@@ -356,7 +357,8 @@ function wire() {
     .then((data) => saveFile(`${file()}.png`, data, "image/png")).catch(problem));
   on("save-csv", "click", () => {
     const { unit } = QUANTITIES[state.quantity], suffix = unit ? `_${unit}` : "";
-    const heading = `x_mm,z_mm,${state.quantity}${suffix},standard_error${suffix}`;
+    const what = state.other === null ? state.quantity : `difference_of_${state.quantity}`;
+    const heading = `x_mm,z_mm,${what}${suffix},standard_error${suffix}`;
     const last = figures.length - 1;
     ask("csv", { panel: last, heading }).then(({ text }) => saveFile(`${file()}.csv`, text, "text/csv")).catch(problem);
   });
@@ -396,11 +398,11 @@ begin().catch(problem);
 // For scripts that drive the page: set, draw, read.
 window.cldit = {
   state,
-  set: (name, value) => {
+  set(name, value) {
     sliders.set(name, value);
-    return redraw();
+    return this.drawn();
   },
-  drawn: async () => {
+  async drawn() {
     while (busy) await busy;
   },
   scene: (index) => scenes[index],

@@ -1,47 +1,52 @@
-// Tables over even steps, between which cubic Hermite polynomials run.
+// Tables over even steps, between which cubic Hermite polynomials run; beyond them straight lines.
 
 class Table {
-  // numbers: values, then slopes, `count` each from `begin`; ends: first and last abscissa.
+  // numbers: `count` values from `begin`, and slopes from `slopes`; ends: first and last abscissa.
   constructor(numbers, ends, begin = 0, count = numbers.length / 2, slopes = begin + count) {
-    this.value = numbers.subarray(begin, begin + count);
-    this.slope = numbers.subarray(slopes, slopes + count);
+    const last = count - 1;
     this.first = ends[0];
     this.last = ends[1];
-    this.step = (ends[1] - ends[0]) / (count - 1);
-    this.count = count;
+    this.perStep = last / (ends[1] - ends[0]);
+    this.top = last - 1;
+    // Four coefficients of powers of the way through each step.
+    this.powers = new Float64Array(4 * last);
+    for (let i = 0; i < last; i++) {
+      const [v, w] = [numbers[begin + i], numbers[begin + i + 1]];
+      const [p, q] = [numbers[slopes + i] / this.perStep, numbers[slopes + i + 1] / this.perStep];
+      this.powers.set([v, p, 3 * (w - v) - 2 * p - q, 2 * (v - w) + p + q], 4 * i);
+    }
+    this.low = [numbers[begin], numbers[slopes]];
+    this.high = [numbers[begin + last], numbers[slopes + last]];
+    this.value = this.slope = 0;
+  }
+
+  // Leaves value and slope at x in the table: both are needed for a million pixels.
+  look(x) {
+    if (!(x > this.first && x < this.last)) {
+      const [at, end] = x >= this.last ? [this.last, this.high] : [this.first, this.low];
+      this.value = end[0] + (x - at) * end[1];
+      this.slope = end[1];
+      return;
+    }
+    const place = (x - this.first) * this.perStep;
+    const i = Math.min(place | 0, this.top), t = place - i;
+    const powers = this.powers, n = 4 * i;
+    const b = powers[n + 1], c = powers[n + 2], d = powers[n + 3];
+    this.value = powers[n] + t * (b + t * (c + t * d));
+    this.slope = (b + t * (2 * c + t * 3 * d)) * this.perStep;
   }
 
   at(x) {
-    // Beyond its ends the table goes on straight.
-    if (x <= this.first) return this.value[0] + (x - this.first) * this.slope[0];
-    const end = this.count - 1;
-    if (x >= this.last) return this.value[end] + (x - this.last) * this.slope[end];
-    const place = (x - this.first) / this.step;
-    const i = Math.min(Math.floor(place), end - 1);
-    const t = place - i, u = 1 - t;
-    return u * u * (1 + 2 * t) * this.value[i] + t * t * (3 - 2 * t) * this.value[i + 1]
-      + this.step * t * u * (u * this.slope[i] - t * this.slope[i + 1]);
-  }
-
-  // First derivative; for the tables here a straight line between their slopes is not exact, so
-  // it is that of the same cubic.
-  rise(x) {
-    if (x <= this.first) return this.slope[0];
-    const end = this.count - 1;
-    if (x >= this.last) return this.slope[end];
-    const place = (x - this.first) / this.step;
-    const i = Math.min(Math.floor(place), end - 1);
-    const t = place - i, u = 1 - t;
-    return 6 * t * u * (this.value[i + 1] - this.value[i]) / this.step
-      + u * (1 - 3 * t) * this.slope[i] + t * (3 * t - 2) * this.slope[i + 1];
+    this.look(x);
+    return this.value;
   }
 }
 
 // Black-body photon radiance in the camera's filter, and its inverse.
 class Planck {
   constructor(head, arrays) {
-    this.table = new Table(arrays.planck, head.ends.planck);
-    this.inverse = new Table(arrays.inverse, head.ends.inverse);
+    this.table = new Table(arrays.planck, head.ends.planck); // ln B over ln T
+    this.inverse = new Table(arrays.inverse, head.ends.inverse); // T over ln B
   }
 
   radiance(kelvin) {
@@ -49,11 +54,13 @@ class Planck {
   }
 
   temperature(radiance) {
-    return radiance > 0 ? Math.exp(this.inverse.at(Math.log(radiance))) : radiance === 0 ? 0 : NaN;
+    return radiance > 0 ? this.inverse.at(Math.log(radiance)) : radiance === 0 ? 0 : NaN;
   }
 
-  // d T / d radiance, where the temperature is known already.
-  rise(radiance, kelvin) {
-    return radiance > 0 ? kelvin * this.inverse.rise(Math.log(radiance)) / radiance : Infinity;
+  // d T / d radiance.
+  rise(radiance) {
+    if (!(radiance > 0)) return Infinity;
+    this.inverse.look(Math.log(radiance));
+    return this.inverse.slope / radiance;
   }
 }

@@ -153,7 +153,7 @@ class TracedRun {
         / whole.front.transmission;
     const at = (kelvin) => this.lights(bands, passes, (band) => band.leaving(kelvin));
     const rest = this.fixed(at(scene.backgrounds_K[0]), added);
-    const sensor = this.exposed(scene, nodes, whole, rest, added);
+    const sensor = this.exposed(scene, nodes, whole, rest);
     const noise = noiseOf(sensor, scene, whole.front);
     if (new Set(scene.backgrounds_K).size < 2) this.unevaluated();
     else {
@@ -162,7 +162,7 @@ class TracedRun {
       if (single) this.solveExact(before, after, rest);
       else this.solveFitted(before, after, rest, scene.backgrounds_K.map((one) => this.shown(at(one))));
     }
-    this.signal = this.signalOf(rest, this.shown(at(scene.signal_K)), whole, noise);
+    this.signal = this.signalOf(rest, at(scene.signal_K), whole, noise);
     this.scene = { ...scene, integration_time_s: sensor.integration_time_s };
     this.known = key;
   }
@@ -211,21 +211,20 @@ class TracedRun {
   }
 
   // The sensor, its time so short that the hottest background does not saturate it.
-  exposed(scene, nodes, whole, rest, added) {
+  exposed(scene, nodes, whole, rest) {
     const sensor = this.head.sensor;
     if (sensor.fixed_time) return sensor;
-    const hottest = Math.max(...scene.backgrounds_K);
-    const single = nodes.length === 1;
+    const hottest = Math.max(...scene.backgrounds_K), single = nodes.length === 1;
     // One node looks through its own pane here, at its middle wavelength.
     const band = single ? nodes[0] : whole;
-    const light = single
-      ? this.lights(nodes, [1], (one) => one.leaving(hottest))
-      : this.lights(nodes, nodes.map((one) => one.front.transmission / whole.front.transmission),
-        (one) => one.leaving(hottest));
-    const before = single ? this.fixed(light, 0) : rest;
-    const shown = this.shown(light);
+    const passes = single ? [1]
+      : nodes.map((one) => one.front.transmission / whole.front.transmission);
+    const shown = this.shown(this.lights(nodes, passes, (one) => one.leaving(hottest)));
     let most = -Infinity;
-    for (let i = 0; i < shown.length; i++) most = Math.max(most, shown[i] + before[i]);
+    for (let i = 0; i < shown.length; i++) {
+      const inside = shown[i] + rest[i];
+      if (inside > most) most = inside;
+    }
     const brightest = band.seen(most);
     const range = sensor.saturation_counts - sensor.offset_counts;
     const counts = brightest * sensor.electrons_per_radiance_s * sensor.integration_time_s
@@ -237,12 +236,16 @@ class TracedRun {
 
   // What the camera shows before one background, as the temperature of a black body, and its error
   // in one exposure: functions of a pixel of the maps, since a slider seldom needs them.
-  signalOf(rest, shown, whole, noise) {
-    const seen = (i) => whole.seen(rest[i] + shown[i]);
+  signalOf(rest, light, whole, noise) {
+    let shown = null;
+    const seen = (i) => {
+      shown ??= this.shown(light);
+      return whole.seen(rest[i] + shown[i]);
+    };
     const signal = (i) => this.planck.temperature(seen(i));
     const signal_error = (i) => {
       const variance = (seen(i) > 0 ? noise.photons * seen(i) : 0) + noise.constant;
-      return Math.sqrt(variance) * whole.front.transmission * this.planck.rise(seen(i), signal(i));
+      return Math.sqrt(variance) * whole.front.transmission * this.planck.rise(seen(i));
     };
     return { signal, signal_error };
   }
