@@ -188,6 +188,9 @@ def band_panes(window: Window, filter_um: Filter, *, reference_K: Floats) -> tup
         filter_um: edges of the filter, or a `Response`.
         reference_K: (N,) of the light.
 
+    Returns:
+        N panes.
+
     Raises:
         SceneError: the filter reaches beyond the material's data.
     """

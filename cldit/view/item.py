@@ -43,6 +43,9 @@ def place(
         shape: rows and columns.
         pixel_m: width and height of a pixel on the object.
         centre_m: x and z of the picture's middle.
+
+    Returns:
+        Rows and columns, and both sizes in mm.
     """
     return {
         "rows": int(shape[0]),

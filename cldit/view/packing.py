@@ -41,13 +41,15 @@ class Packed:
 
 
 def rounded(values: NDArray[Any], bits: int) -> NDArray[np.float32]:
-    """Numbers of any shape with a mantissa of so many bits, rounded to the nearest; NaN stays.
+    """Numbers with a shorter mantissa, rounded to the nearest; NaN stays.
 
     Args:
         values: any shape, within the range of float32.
-        bits: 0 to 23.
+        bits: of the mantissa, 0 to 23.
+
+    Returns:
+        Of the same shape.
     """
-    # Rounding the double first and then its bits would round twice; half a unit is added below.
     plain = np.asarray(values, np.float32)
     drop = _WHOLE_BITS - bits
     if drop == 0:
