@@ -14,6 +14,7 @@ from cldit.content import digest
 from cldit.errors import FileError
 from cldit.files import make_folder
 from cldit.view import Item, save_page, view_items
+from cldit.view.folders import unfinished
 
 
 @click.command("view")
@@ -32,6 +33,9 @@ def view_command(folders: tuple[Path, ...], save: Path | None, no_open: bool) ->
     written into cldit's cache.
     """
     items = view_items(folders)
+    for folder in folders:
+        for left in unfinished(folder):
+            OUT.print(escaped(f"{left}: is not finished, and left out"))
     if save is not None:
         save_page(save, items)
         OUT.print(escaped(f"{save} ({save.stat().st_size / 1e6:.1f} MB)"))

@@ -51,11 +51,22 @@ def is_run(folder: Path) -> bool:
 
 
 def series(folder: Path) -> tuple[Path, ...]:
-    """The run folders in a folder, by the time of their sprays; those without one by name."""
-    if not folder.is_dir():
-        return ()
-    runs = [each for each in sorted(folder.iterdir()) if is_run(each)]
+    """The finished runs in a folder, by the time of their sprays; those without one by name."""
+    runs = [each for each in _runs_in(folder) if (each / "run.json").is_file()]
     return tuple(sorted(runs, key=_time_s))
+
+
+def unfinished(folder: Path) -> tuple[Path, ...]:
+    """The runs of a series that are left out, since they were not finished."""
+    if is_run(folder):
+        return ()
+    return tuple(each for each in _runs_in(folder) if not (each / "run.json").is_file())
+
+
+def _runs_in(folder: Path) -> list[Path]:
+    if not folder.is_dir():
+        return []
+    return [each for each in sorted(folder.iterdir()) if is_run(each)]
 
 
 def _time_s(run: Path) -> float:

@@ -33,7 +33,20 @@ _WORKER = (
     "colour",
     "worker",
 )
-_PAGE = ("quantities", "axes", "figure", "profile", "saving", "middle", "sliders", "page")
+_PAGE = (
+    "data",
+    "quantities",
+    "axes",
+    "figure",
+    "profile",
+    "saving",
+    "middle",
+    "sliders",
+    "jobs",
+    "cursor",
+    "readout",
+    "page",
+)
 # Even in lightness, or told apart without red and green; in matplotlib's names.
 _SEQUENTIAL = {
     "cividis": "cividis (same for the colour-blind)",

@@ -1,28 +1,18 @@
 // The page: what is shown, and what happens when something is moved.
 
-const DATA = JSON.parse(document.getElementById("data").textContent);
-const HEADS = DATA.items;
-const $ = (id) => document.getElementById(id);
-
-// The worker answers jobs in turn.
-const worker = new Worker(URL.createObjectURL(
-  new Blob([$("worker").textContent], { type: "text/javascript" })));
-const waiting = new Map();
-let jobs = 0;
-worker.onmessage = ({ data }) => {
-  const { done, failed } = waiting.get(data.job);
-  waiting.delete(data.job);
-  if (data.problem) failed(new Error(data.problem));
-  else done({ ...data.answer, ms: data.ms });
+// one, other: items by their number. limits: of the scales, by quantity. cursor [x, z] and line
+// [from, to] in mm; lineOpen: the keys move its end.
+const state = {
+  one: 0,
+  other: null,
+  quantity: "temperature",
+  colours: "cividis",
+  diverging: "RdBu_r",
+  limits: {},
+  cursor: null,
+  line: null,
+  lineOpen: false,
 };
-function ask(what, given = {}) {
-  return new Promise((done, failed) => {
-    waiting.set(++jobs, { done, failed });
-    worker.postMessage({ what, job: jobs, ...given });
-  });
-}
-
-const state = { one: 0, other: null, quantity: "temperature", colours: "cividis", diverging: "RdBu_r", limits: {}, cursor: null, line: null };
 const knows = []; // names of what each item can show
 let figures = [], names = [], scenes = [];
 const profile = new Profile($("profile"));
@@ -89,14 +79,6 @@ async function drawOnce() {
   state.ms = { worker: found.ms, all: performance.now() - start };
 }
 
-// What clear and grey pixels of a map are.
-function notesOf(empty) {
-  return Object.entries(empty).map(([reason, count]) => {
-    const how = Number(reason) === DATA.thin ? "clear" : "grey";
-    return `${how}: ${DATA.reasons[reason]} (${count} pixels)`;
-  });
-}
-
 function makeFigures(count) {
   while (figures.length > count) figures.pop().host.remove();
   while (figures.length < count) {
@@ -121,155 +103,6 @@ function barOf(name) {
     bars[name] = canvas.toDataURL();
   }
   return bars[name];
-}
-
-// Pointer and keys on a map: cursor, and the line of a profile.
-function follow(figure) {
-  let from = null;
-  figure.host.addEventListener("pointerdown", (event) => {
-    if (!figure.grid || event.button !== 0) return;
-    const { inside, x, z } = figure.place(event);
-    if (!inside) return;
-    from = [x, z];
-    figure.host.setPointerCapture(event.pointerId);
-    event.preventDefault();
-    figure.host.focus({ preventScroll: true });
-  });
-  figure.host.addEventListener("pointermove", (event) => {
-    if (!figure.grid) return;
-    const { inside, x, z } = figure.place(event);
-    if (from) state.line = [from, [x, z]];
-    state.cursor = inside || from ? [x, z] : null;
-    moved();
-  });
-  figure.host.addEventListener("pointerup", () => {
-    from = null;
-  });
-  figure.host.addEventListener("keydown", (event) => {
-    if (!figure.grid) return;
-    const step = event.shiftKey ? 10 : 1, [w, h] = figure.grid.pixel_mm;
-    const ways = { ArrowLeft: [-w, 0], ArrowRight: [w, 0], ArrowUp: [0, h], ArrowDown: [0, -h] };
-    if (event.key in ways) {
-      const now = state.cursor ?? figure.grid.centre_mm, ahead = ways[event.key];
-      const ends = [figure.x, figure.z];
-      state.cursor = now.map((one, axis) => Math.min(Math.max(one + step * ahead[axis], ends[axis].low), ends[axis].high));
-      if (state.line && state.lineOpen) state.line = [state.line[0], state.cursor];
-    } else if (event.key === " ") {
-      state.cursor ??= [...figure.grid.centre_mm];
-      state.lineOpen = !state.lineOpen;
-      if (state.lineOpen) state.line = [state.cursor, state.cursor];
-    } else if (event.key === "Escape") {
-      state.line = null;
-      state.lineOpen = false;
-      profile.clear();
-    } else return;
-    event.preventDefault();
-    moved();
-  });
-}
-
-function moved() {
-  for (const figure of figures) figure.mark(state.cursor, state.line);
-  probe().catch(problem);
-  along().catch(problem);
-}
-
-let probing = false, probeAgain = false;
-async function probe() {
-  if (probing) {
-    probeAgain = true;
-    return;
-  }
-  probing = true;
-  try {
-    do {
-      probeAgain = false;
-      if (!state.cursor) continue;
-      const [x_mm, z_mm] = state.cursor, shown = shownItems();
-      const found = await ask("probe", { x_mm, z_mm, shown });
-      showReadout(x_mm, z_mm, shown, found);
-    } while (probeAgain);
-  } finally {
-    probing = false;
-  }
-}
-
-let lining = false, lineAgain = false;
-async function along() {
-  if (lining) {
-    lineAgain = true;
-    return;
-  }
-  lining = true;
-  try {
-    do {
-      lineAgain = false;
-      if (!state.line || state.line[0].every((one, axis) => one === state.line[1][axis])) continue;
-      const [from, to] = state.line;
-      const { lines } = await ask("profile", { from, to });
-      const { short, unit } = QUANTITIES[state.quantity];
-      if (lines.length) profile.show(lines, names, state.other === null ? 1 : 2, `${short}${unit ? ` / ${unit}` : ""}`);
-    } while (lineAgain);
-  } finally {
-    lining = false;
-  }
-}
-
-function number(value, digits) {
-  return Number.isFinite(value) ? value.toFixed(digits).replace("-", "−") : "–";
-}
-
-function withError(value, error, digits) {
-  if (!Number.isFinite(value)) return "–";
-  return Number.isFinite(error) ? `${number(value, digits)} ± ${error.toPrecision(2)}` : number(value, digits);
-}
-
-function showReadout(x, z, shown, { values, panels }) {
-  $("where").textContent = `x ${number(x, 2)} mm, z ${number(z, 2)} mm`;
-  const head = ["", "T_app / K", "emissivity", "optical depth", "by the simulation / K", "camera sees / K", ""];
-  const rows = values.map((one, n) => {
-    const name = HEADS[shown[n]].name;
-    if (!one) return [name, "outside its picture", "", "", "", "", ""];
-    return [
-      name,
-      withError(one.temperature, one.temperature_total_error ?? one.temperature_error, 2),
-      withError(one.emissivity, one.emissivity_total_error ?? one.emissivity_error, 5),
-      withError(one.depth, one.depth_error, 5),
-      number(one.simulation_error, 2),
-      withError(one.signal, one.signal_error, 2),
-      one.reason ? DATA.reasons[one.reason] : "",
-    ];
-  });
-  if (values.length > 1 && panels[2]) {
-    const { short, unit, digits } = QUANTITIES[state.quantity];
-    rows.push([`difference of ${short}${unit ? ` / ${unit}` : ""}`, withError(panels[2].value, panels[2].error, digits)]);
-  }
-  const table = $("readout");
-  table.replaceChildren();
-  for (const [n, row] of [head, ...rows].entries()) {
-    const line = table.insertRow();
-    for (const text of row) line.appendChild(document.createElement(n ? "td" : "th")).textContent = text;
-  }
-}
-
-function showSummary(drawn, panels) {
-  const place = $("summary");
-  place.textContent = "";
-  if (panels.length < 3 || !drawn.summary) return;
-  const { count, mean, rms, stated, within, states } = drawn.summary;
-  const { unit, short } = QUANTITIES[state.quantity];
-  if (!count) {
-    place.textContent = `No pixel has ${short} in both.`;
-    return;
-  }
-  const of = (value) => `${value.toPrecision(3).replace("-", "−")}${unit ? ` ${unit}` : ""}`;
-  let text = `${names[2]}, ${short}: mean ${of(mean)}, RMS ${of(rms)} over ${count} pixels`;
-  if (stated !== undefined) {
-    text += `; stated errors together ${of(stated)} RMS, ${Math.round(100 * within)} % of the pixels within twice theirs`;
-  }
-  const silent = shownItems().filter((_, n) => !states[n]).map((index) => HEADS[index].name);
-  if (silent.length) text += `; no error of it is stated by ${silent.join(" and ")}`;
-  place.textContent = `${text}.`;
 }
 
 function showLimits() {
@@ -365,21 +198,6 @@ function wire() {
   on("save-profile", "click", () => {
     if (profile.lines) saveFile(`${file()}-profile.csv`, profile.csv(), "text/csv");
   });
-}
-
-// The arrays of an item go to the worker once; the page keeps no copy.
-const loading = [];
-function loaded(index) {
-  loading[index] ??= (async () => {
-    const arrays = {};
-    for (const element of document.querySelectorAll(`script[data-item="${index}"]`)) {
-      const { name } = element.dataset;
-      arrays[name] = { head: HEADS[index].arrays[name], text: element.textContent };
-      element.remove();
-    }
-    knows[index] = (await ask("load", { index, head: HEADS[index], arrays })).has;
-  })();
-  return loading[index];
 }
 
 async function begin() {

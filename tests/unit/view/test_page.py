@@ -63,6 +63,14 @@ def test_a_series_is_sorted_by_the_time_of_its_sprays(tmp_path: Path) -> None:
         save_run(made_run(scene), tmp_path / name)
     items = view_items([tmp_path])
     assert [item.head["time_s"] for item in items] == [0.5e-3, 1.0e-3, 1.5e-3]
+    text = page_html(items)  # all have one name, so the time tells them apart
+    assert all(f'"name": "made, {time}"' in text for time in ("0.5 ms", "1 ms", "1.5 ms"))
+    (tmp_path / "c" / "run.json").unlink()
+    words = ["view", str(tmp_path), "--save", str(tmp_path / "page.html")]
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == 0
+    assert f"{tmp_path / 'c'}: is not finished, and left out" in done.output
+    assert len(view_items([tmp_path])) == 2
 
 
 def test_a_run_and_its_recording() -> None:
