@@ -55,7 +55,7 @@ _SEQUENTIAL = {
     "gray_r": "grey, dark is high",
     "inferno": "inferno",
 }
-_DIVERGING = {"RdBu_r": "blue to red", "PuOr_r": "orange to purple"}
+_DIVERGING = {"RdBu_r": "blue to red", "PuOr_r": "purple to orange"}
 
 
 @lru_cache(maxsize=1)

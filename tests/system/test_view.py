@@ -282,6 +282,27 @@ def test_everything_by_keyboard(viewer: Viewer, tmp_path: Path) -> None:
     assert "Drag across a map" in (viewer.page.text_content("#profile") or "")
 
 
+def test_what_is_changed_while_the_worker_works(viewer: Viewer, tmp_path: Path) -> None:
+    """A slider moves on, and another map is chosen, before the first picture is there."""
+    opened(viewer, tmp_path, made_run(scene_for()), made_run(scene_for(name="other")))
+    viewer.page.select_option("#other", "1")
+    viewer.run(
+        """() => {
+             const choice = document.getElementById("quantity");
+             for (const kelvin of [450, 500, 550]) cldit.set("wall_K", kelvin);
+             choice.value = "emissivity";
+             choice.dispatchEvent(new Event("change"));
+             cldit.set("wall_K", 480);
+           }"""
+    )
+    viewer.drawn()
+    assert viewer.run("cldit.scene(0)")["wall_K"] == 480.0
+    low, high = viewer.run("cldit.state.limits.emissivity")
+    assert -0.1 < low < high <= 1.0
+    assert 300.0 < viewer.run("cldit.state.limits.temperature")[0] < 600.0
+    assert "Emissivity" in (viewer.page.get_attribute(".map svg", "aria-label") or "")
+
+
 def test_hover_tells_all_that_is_known(viewer: Viewer, tmp_path: Path) -> None:
     run = made_run(scene_for())
     opened(viewer, tmp_path, run)

@@ -48,25 +48,30 @@ function redraw() {
 
 async function drawOnce() {
   const start = performance.now();
-  const panels = panelsOf();
+  // What is wished for may change while the worker works: all below is of this moment.
+  const panels = panelsOf(), { quantity } = state;
   let found = await ask("draw", { panels, asked: sliders.asked });
   if (panels.length > 1 && !panels[0].limits) {
     // Both maps have one scale: that of the first, or of the other where the first has none.
-    state.limits[state.quantity] = (found.drawn.find((one) => !one.nothing) ?? { limits: [0, 1] }).limits;
-    found = await ask("draw", { panels: panelsOf(), asked: sliders.asked });
+    state.limits[quantity] = (found.drawn.find((one) => !one.nothing) ?? { limits: [0, 1] }).limits;
+    const { limits } = state;
+    panels.forEach((panel) => {
+      if (panel.items.length === 1) panel.limits = limits[quantity];
+    });
+    found = await ask("draw", { panels, asked: sliders.asked });
   }
   scenes = found.scenes;
-  const { text, unit } = QUANTITIES[state.quantity];
+  const { text, unit } = QUANTITIES[quantity];
   names = panels.map(({ items }) => items.map((index) => HEADS[index].name).join(" − "));
   makeFigures(panels.length);
   found.drawn.forEach((drawn, number) => {
     if (drawn.nothing) {
-      figures[number].nothing(`${QUANTITIES[state.quantity].text}: not known of ${names[number]}`);
+      figures[number].nothing(`${QUANTITIES[quantity].text}: not known of ${names[number]}`);
       return;
     }
     const apart = panels[number].items.length > 1;
-    state.limits[apart ? `${state.quantity} apart` : state.quantity] ??= drawn.limits;
-    const label = `${apart ? "difference" : QUANTITIES[state.quantity].short}${unit ? ` / ${unit}` : ""}`;
+    state.limits[apart ? `${quantity} apart` : quantity] ??= drawn.limits;
+    const label = `${apart ? "difference" : QUANTITIES[quantity].short}${unit ? ` / ${unit}` : ""}`;
     figures[number].show(drawn, `${names[number]}: ${apart ? "difference" : text}`, label,
       barOf(panels[number].colours), notesOf(drawn.empty));
     figures[number].mark(state.cursor, state.line);
