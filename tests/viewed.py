@@ -206,13 +206,11 @@ def screenshot(page: Path, picture: Path) -> None:
         viewer.set({"wall_K": 500.0})
         box = viewer.page.locator(".map canvas").first.bounding_box()
         assert box is not None
-        at_x, at_y = (
-            lambda share: box["x"] + share * box["width"],
-            lambda share: box["y"] + share * box["height"],
-        )
-        viewer.page.mouse.move(at_x(0.22), at_y(0.36))
+        left, right = (box["x"] + share * box["width"] for share in (0.22, 0.62))
+        height = box["y"] + 0.36 * box["height"]
+        viewer.page.mouse.move(left, height)
         viewer.page.mouse.down()
-        viewer.page.mouse.move(at_x(0.62), at_y(0.36), steps=5)
+        viewer.page.mouse.move(right, height, steps=5)
         viewer.page.mouse.up()
         viewer.page.wait_for_selector("#profile path.curve")
         viewer.run("document.activeElement.blur()")
