@@ -141,6 +141,16 @@ def test_what_the_camera_sees(viewer: Viewer, tmp_path: Path) -> None:
     assert off(viewer.numbers(item=0, name="signal"), expected, share=True) < 1e-6
 
 
+def test_one_background_gives_no_maps_but_a_picture(viewer: Viewer, tmp_path: Path) -> None:
+    run = made_run(scene_for(background={"temperatures_K": [450.0], "radius_m": 0.05}))
+    opened(viewer, tmp_path, run)
+    assert np.array_equal(viewer.numbers(item=0, name="reason"), run.maps.reason)
+    assert np.isnan(viewer.numbers(item=0, name="temperature")).all()
+    assert np.isfinite(viewer.numbers(item=0, name="signal")).all()
+    assert "fewer than two backgrounds" in viewer.page.inner_text(".map")
+    assert "DIT needs two" in viewer.page.inner_text("#why-lowest_K")
+
+
 def test_a_measurement_has_maps_and_no_sliders(viewer: Viewer, tmp_path: Path) -> None:
     save_page(tmp_path / "page.html", view_items([OLD / "acquisition"]))
     viewer.open(tmp_path / "page.html")
