@@ -23,6 +23,7 @@ _COMMANDS = {
     "export": "cldit.cli.export:export_command",
     "scattering": "cldit.cli.scattering:scattering_command",
     "show": "cldit.cli.show:show",
+    "view": "cldit.cli.view:view_command",
     "study": "cldit.cli.study:study",
     "bench": "cldit.cli.bench:bench",
 }

@@ -177,18 +177,34 @@ def band_pane(window: Window, filter_um: Filter, *, reference_K: float) -> Pane:
     Raises:
         SceneError: the filter reaches beyond the material's data.
     """
+    return band_panes(window, filter_um, reference_K=np.array([reference_K]))[0]
+
+
+def band_panes(window: Window, filter_um: Filter, *, reference_K: Floats) -> tuple[Pane, ...]:
+    """Means as `band_pane` gives them, for light of each of several black bodies.
+
+    Args:
+        window: the pane.
+        filter_um: edges of the filter, or a `Response`.
+        reference_K: (N,) of the light.
+
+    Returns:
+        N panes.
+
+    Raises:
+        SceneError: the filter reaches beyond the material's data.
+    """
     low, high = edges_um(filter_um)
     edges = np.linspace(low, high, _PARTS + 1)
     middles = (edges[1:] + edges[:-1]) / 2.0
-    at = np.array([reference_K])
     light = np.array(
         [
-            float(part_radiance(at, filter_um=filter_um, low_um=float(a), high_um=float(b))[0])
+            part_radiance(reference_K, filter_um=filter_um, low_um=float(a), high_um=float(b))
             for a, b in pairwise(edges)
         ]
     )
     window_shares(window, edges)  # refuses a filter that reaches too far
-    return mean_pane(window, middles, light)
+    return tuple(mean_pane(window, middles, one) for one in light.T)
 
 
 def mean_pane(window: Window, wavelength_um: Floats, light: Floats) -> Pane:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import sys
 import tomllib
 from pathlib import Path
@@ -137,9 +138,17 @@ def test_errors() -> None:
     assert {cause.name for cause in names["run"].errors.causes} >= {"trace", "cells"}
 
 
+@pytest.mark.usefixtures("here")
+def test_view() -> None:
+    shutil.copytree(_ROOT / "tests" / "data" / "run-0.1.0", "runs/gdi")
+    run("docs/view.md")
+    assert Path("gdi.html").stat().st_size > 10_000
+
+
 def test_no_page_is_forgotten() -> None:
     found = [*(_ROOT / "docs").rglob("*.md"), _ROOT / "README.md", _ROOT / "CONTRIBUTING.md"]
     pages = [str(page.relative_to(_ROOT)) for page in found]
     run_here = {"README.md", "docs/dit.md", "docs/errors.md", "docs/extending.md", "docs/rig.md"}
+    run_here.add("docs/view.md")
     run_here.add("docs/studies.md")  # after its sweep: test_documented_commands_run.py
     assert {p for p in pages if any(language == "python" for language, _ in blocks(p))} == run_here

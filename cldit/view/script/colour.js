@@ -1,0 +1,44 @@
+// Numbers to colours.
+
+// Percentiles 1 and 99 of what is known, of at most some 10,000 pixels; round numbers.
+function limitsOf(values, diverging) {
+  const known = [], step = Math.max(1, Math.floor(values.length / 200000));
+  for (let p = 0; p < values.length; p += step) if (Number.isFinite(values[p])) known.push(values[p]);
+  if (!known.length) return [0, 1];
+  known.sort((one, other) => one - other);
+  let low = known[Math.floor(0.01 * (known.length - 1))];
+  let high = known[Math.ceil(0.99 * (known.length - 1))];
+  if (diverging) {
+    high = Math.max(Math.abs(low), Math.abs(high)) || 1;
+    low = -high;
+  }
+  if (!(high > low)) high = low + Math.max(1e-6 * Math.abs(low), 1e-9);
+  const unit = 10 ** Math.floor(Math.log10(high - low) - 2);
+  const shown = (number) => Number(number.toPrecision(12));
+  return [shown(Math.floor(low / unit) * unit), shown(Math.ceil(high / unit) * unit)];
+}
+
+// RGBA of a picture, and how many pixels have no value, by the reason; `colours`: 256 RGB triples.
+// Such pixels are clear, where the spray is too thin, or grey.
+function painted(values, reason, [low, high], colours) {
+  const word = new Uint32Array(256), out = new Uint32Array(values.length);
+  for (let c = 0; c < 256; c++) {
+    word[c] = colours[3 * c] | (colours[3 * c + 1] << 8) | (colours[3 * c + 2] << 16) | 0xff000000;
+  }
+  const scale = 256 / (high - low), grey = 0x50808080; // a veil over the paper, light or dark
+  const count = new Uint32Array(256);
+  for (let p = 0; p < values.length; p++) {
+    const value = values[p];
+    if (value === value) out[p] = word[Math.max(0, Math.min(255, ((value - low) * scale) | 0))];
+    else if (reason) {
+      const why = reason(p);
+      count[why] += 1;
+      if (why !== REASON.thin) out[p] = grey;
+    }
+  }
+  const empty = {};
+  count.forEach((number, why) => {
+    if (number) empty[why] = number;
+  });
+  return { pixels: out.buffer, empty };
+}

@@ -1,0 +1,95 @@
+// Cursor and line on the maps, by pointer and keys, and what is asked for at them.
+
+// Pointer and keys on a map: cursor, and the line of a profile.
+function follow(figure) {
+  let from = null;
+  figure.host.addEventListener("pointerdown", (event) => {
+    if (!figure.grid || event.button !== 0) return;
+    const { inside, x, z } = figure.place(event);
+    if (!inside) return;
+    from = [x, z];
+    figure.host.setPointerCapture(event.pointerId);
+    event.preventDefault();
+    figure.host.focus({ preventScroll: true });
+  });
+  figure.host.addEventListener("pointermove", (event) => {
+    if (!figure.grid) return;
+    const { inside, x, z } = figure.place(event);
+    if (from) state.line = [from, [x, z]];
+    state.cursor = inside || from ? [x, z] : null;
+    moved();
+  });
+  for (const end of ["pointerup", "pointercancel"]) {
+    figure.host.addEventListener(end, () => {
+      from = null;
+    });
+  }
+  figure.host.addEventListener("keydown", (event) => {
+    if (!figure.grid) return;
+    const step = event.shiftKey ? 10 : 1, [w, h] = figure.grid.pixel_mm;
+    const ways = { ArrowLeft: [-w, 0], ArrowRight: [w, 0], ArrowUp: [0, h], ArrowDown: [0, -h] };
+    if (event.key in ways) {
+      const now = state.cursor ?? figure.grid.centre_mm, ahead = ways[event.key];
+      const ends = [figure.x, figure.z];
+      state.cursor = now.map((one, axis) => Math.min(Math.max(one + step * ahead[axis], ends[axis].low), ends[axis].high));
+      if (state.line && state.lineOpen) state.line = [state.line[0], state.cursor];
+    } else if (event.key === " ") {
+      state.cursor ??= [...figure.grid.centre_mm];
+      state.lineOpen = !state.lineOpen;
+      if (state.lineOpen) state.line = [state.cursor, state.cursor];
+    } else if (event.key === "Escape") {
+      state.line = null;
+      state.lineOpen = false;
+      profile.clear();
+    } else return;
+    event.preventDefault();
+    moved();
+  });
+}
+
+function moved() {
+  for (const figure of figures) figure.mark(state.cursor, state.line);
+  probe().catch(problem);
+  along().catch(problem);
+}
+
+let probing = false, probeAgain = false;
+async function probe() {
+  if (probing) {
+    probeAgain = true;
+    return;
+  }
+  probing = true;
+  try {
+    do {
+      probeAgain = false;
+      if (!state.cursor) continue;
+      const [x_mm, z_mm] = state.cursor, shown = shownItems();
+      const found = await ask("probe", { x_mm, z_mm, shown });
+      showReadout(x_mm, z_mm, shown, found);
+    } while (probeAgain);
+  } finally {
+    probing = false;
+  }
+}
+
+let lining = false, lineAgain = false;
+async function along() {
+  if (lining) {
+    lineAgain = true;
+    return;
+  }
+  lining = true;
+  try {
+    do {
+      lineAgain = false;
+      if (!state.line || state.line[0].every((one, axis) => one === state.line[1][axis])) continue;
+      const [from, to] = state.line;
+      const { lines } = await ask("profile", { from, to });
+      const { short, unit } = QUANTITIES[state.quantity];
+      if (lines.length) profile.show(lines, names, state.other === null ? 1 : 2, `${short}${unit ? ` / ${unit}` : ""}`);
+    } while (lineAgain);
+  } finally {
+    lining = false;
+  }
+}

@@ -1,0 +1,242 @@
+// The page: what is shown, and what happens when something is moved.
+
+// one, other: items by their number. limits: of the scales, by quantity. cursor [x, z] and line
+// [from, to] in mm; lineOpen: the keys move its end.
+const state = {
+  one: 0,
+  other: null,
+  quantity: "temperature",
+  colours: "cividis",
+  diverging: "RdBu_r",
+  limits: {},
+  cursor: null,
+  line: null,
+  lineOpen: false,
+};
+const knows = []; // names of what each item can show
+let figures = [], names = [], scenes = [];
+const profile = new Profile($("profile"));
+const sliders = new Sliders($("sliders"), () => redraw());
+
+function shownItems() {
+  return state.other === null ? [state.one] : [state.one, state.other];
+}
+
+function panelsOf() {
+  const { one, other, quantity, colours, diverging } = state;
+  const plain = { quantity, colours, limits: state.limits[quantity] ?? null };
+  if (other === null) return [{ ...plain, items: [one] }];
+  const apart = { quantity, colours: diverging, limits: state.limits[`${quantity} apart`] ?? null };
+  return [{ ...plain, items: [one] }, { ...plain, items: [other] }, { ...apart, items: [one, other] }];
+}
+
+// Draws the newest state; while the worker is busy, only the last wish is kept.
+let busy = null, again = false;
+function redraw() {
+  if (busy) {
+    again = true;
+    return busy;
+  }
+  busy = drawOnce().catch(problem).then(() => {
+    busy = null;
+    if (!again) return null;
+    again = false;
+    return redraw();
+  });
+  return busy;
+}
+
+async function drawOnce() {
+  const start = performance.now();
+  // What is wished for may change while the worker works: all below is of this moment.
+  const panels = panelsOf(), { quantity } = state;
+  let found = await ask("draw", { panels, asked: sliders.asked });
+  if (panels.length > 1 && !panels[0].limits) {
+    // Both maps have one scale: that of the first, or of the other where the first has none.
+    state.limits[quantity] = (found.drawn.find((one) => !one.nothing) ?? { limits: [0, 1] }).limits;
+    const { limits } = state;
+    panels.forEach((panel) => {
+      if (panel.items.length === 1) panel.limits = limits[quantity];
+    });
+    found = await ask("draw", { panels, asked: sliders.asked });
+  }
+  scenes = found.scenes;
+  const { text, unit } = QUANTITIES[quantity];
+  names = panels.map(({ items }) => items.map((index) => HEADS[index].name).join(" − "));
+  makeFigures(panels.length);
+  found.drawn.forEach((drawn, number) => {
+    if (drawn.nothing) {
+      figures[number].nothing(`${QUANTITIES[quantity].text}: not known of ${names[number]}`);
+      return;
+    }
+    const apart = panels[number].items.length > 1;
+    state.limits[apart ? `${quantity} apart` : quantity] ??= drawn.limits;
+    const label = `${apart ? "difference" : QUANTITIES[quantity].short}${unit ? ` / ${unit}` : ""}`;
+    figures[number].show(drawn, `${names[number]}: ${apart ? "difference" : text}`, label,
+      barOf(panels[number].colours), notesOf(drawn.empty));
+    figures[number].mark(state.cursor, state.line);
+  });
+  showSummary(found.drawn.at(-1), panels);
+  showLimits();
+  showCommand();
+  await Promise.all([probe(), along()]);
+  document.body.dataset.drawn = String(Number(document.body.dataset.drawn ?? 0) + 1);
+  state.ms = { worker: found.ms, all: performance.now() - start };
+}
+
+function makeFigures(count) {
+  while (figures.length > count) figures.pop().host.remove();
+  while (figures.length < count) {
+    const figure = new Figure($("maps"), `Map ${figures.length + 1}`);
+    figures.push(figure);
+    follow(figure);
+  }
+  $("maps").classList.toggle("several", count > 1);
+}
+
+const bars = {};
+function barOf(name) {
+  if (!bars[name]) {
+    const canvas = document.createElement("canvas");
+    canvas.width = 1;
+    canvas.height = 256;
+    const context = canvas.getContext("2d"), colours = DATA.colours[name];
+    for (let c = 0; c < 256; c++) {
+      context.fillStyle = `rgb(${colours.slice(3 * c, 3 * c + 3).join(",")})`;
+      context.fillRect(0, 255 - c, 1, 1);
+    }
+    bars[name] = canvas.toDataURL();
+  }
+  return bars[name];
+}
+
+function showLimits() {
+  const limits = state.limits[state.quantity] ?? [0, 1];
+  $("low").value = limits[0];
+  $("high").value = limits[1];
+}
+
+function showCommand() {
+  const command = sliders.command(HEADS[state.one], scenes[state.one]);
+  $("command-box").hidden = command === null;
+  $("command").textContent = command ?? "";
+  const head = HEADS[state.one];
+  $("frame-name").textContent = head.name;
+  $("stated").textContent = head.stated_error
+    ? `Error of T_app by the simulation, for the run's own temperatures: ${head.stated_error}.` : "";
+}
+
+function showControls() {
+  const heads = shownItems().map((index) => HEADS[index]);
+  sliders.show(heads);
+  const known = knows[state.one];
+  for (const option of $("quantity").options) option.disabled = known ? !known.includes(option.value) : false;
+  if (known && !known.includes(state.quantity)) state.quantity = $("quantity").value = "temperature";
+  $("diverging-box").hidden = state.other === null;
+  $("save-csv").textContent = `CSV of the ${state.other === null ? "map" : "difference"}`;
+}
+
+function problem(error) {
+  $("problem").hidden = false;
+  $("problem").textContent = `Something went wrong: ${error.message}`;
+}
+
+function optionsOf(select, pairs, chosen) {
+  for (const [value, text] of pairs) select.add(new Option(text, value, false, value === chosen));
+}
+
+function wire() {
+  optionsOf($("quantity"), Object.entries(QUANTITIES).map(([name, one]) => [name, one.text]), state.quantity);
+  optionsOf($("colours"), DATA.sequential, state.colours);
+  optionsOf($("diverging"), DATA.diverging, state.diverging);
+  optionsOf($("other"), [["", "nothing"], ...HEADS.map((one, n) => [String(n), one.name])], "");
+  $("frames").hidden = $("beside").hidden = HEADS.length < 2;
+  $("frame").max = HEADS.length - 1;
+  const on = (id, kind, act) => $(id).addEventListener(kind, act);
+  for (const name of ["quantity", "colours", "diverging"]) {
+    on(name, "change", () => {
+      state[name] = $(name).value;
+      showControls();
+      redraw();
+    });
+  }
+  on("frame", "input", () => {
+    state.one = $("frame").valueAsNumber;
+    $("frame").setAttribute("aria-valuetext", HEADS[state.one].name);
+    loaded(state.one).then(() => {
+      showControls();
+      redraw();
+    }).catch(problem);
+  });
+  on("other", "change", () => {
+    state.other = $("other").value === "" ? null : Number($("other").value);
+    loaded(state.other ?? state.one).then(() => {
+      showControls();
+      redraw();
+    }).catch(problem);
+  });
+  for (const [n, id] of ["low", "high"].entries()) {
+    on(id, "change", () => {
+      const limits = [...(state.limits[state.quantity] ?? [0, 1])];
+      limits[n] = $(id).valueAsNumber;
+      if (limits[1] > limits[0]) state.limits[state.quantity] = limits;
+      redraw();
+    });
+  }
+  on("fit", "click", () => {
+    delete state.limits[state.quantity];
+    delete state.limits[`${state.quantity} apart`];
+    redraw();
+  });
+  on("reset", "click", () => sliders.reset());
+  const file = () => `${HEADS[state.one].name}-${state.quantity}`.replace(/[^\w.-]+/g, "-");
+  on("save-svg", "click", () => saveFile(`${file()}.svg`, wholeSvg(figures, profile).text, "image/svg+xml"));
+  on("save-png", "click", () => pngOf(wholeSvg(figures, profile))
+    .then((data) => saveFile(`${file()}.png`, data, "image/png")).catch(problem));
+  on("save-csv", "click", () => {
+    const { unit } = QUANTITIES[state.quantity], suffix = unit ? `_${unit}` : "";
+    const what = state.other === null ? state.quantity : `difference_of_${state.quantity}`;
+    const heading = `x_mm,z_mm,${what}${suffix},standard_error${suffix}`;
+    const last = figures.length - 1;
+    ask("csv", { panel: last, heading }).then(({ text }) => saveFile(`${file()}.csv`, text, "text/csv")).catch(problem);
+  });
+  on("save-profile", "click", () => {
+    if (profile.lines) saveFile(`${file()}-profile.csv`, profile.csv(), "text/csv");
+  });
+}
+
+async function begin() {
+  wire();
+  await ask("colours", { tables: DATA.colours });
+  await loaded(0);
+  showControls();
+  await redraw();
+  document.body.dataset.ready = "yes";
+  for (const index of HEADS.keys()) await loaded(index);
+  document.body.dataset.all = "yes";
+}
+
+begin().catch(problem);
+
+// For scripts that drive the page: set, draw, read.
+window.cldit = {
+  state,
+  set(name, value) {
+    sliders.set(name, value);
+    return this.drawn();
+  },
+  async drawn() {
+    while (busy) await busy;
+  },
+  scene: (index) => scenes[index],
+  async numbers(given) {
+    const found = await ask("numbers", given);
+    const text = (values) => {
+      const bytes = new Uint8Array(values.buffer);
+      let letters = "";
+      for (let i = 0; i < bytes.length; i += 32768) letters += String.fromCharCode(...bytes.subarray(i, i + 32768));
+      return btoa(letters);
+    };
+    return { ...found, values: text(found.values), error: found.error && text(found.error) };
+  },
+};

@@ -1,0 +1,136 @@
+// What the reader may change: a slider and a number for each, with the run's own value to go back to.
+
+const SLIDERS = {
+  lowest_K: {
+    text: "Coldest background", unit: "K", low: 250, high: 1500, step: 1, needs: "background",
+    own: (scene) => Math.min(...scene.backgrounds_K),
+  },
+  highest_K: {
+    text: "Hottest background", unit: "K", low: 250, high: 1500, step: 1, needs: "background",
+    own: (scene) => Math.max(...scene.backgrounds_K),
+  },
+  wall_K: {
+    text: "Walls", unit: "K", low: 250, high: 1500, step: 1, needs: "wall",
+    own: (scene) => scene.wall_K,
+  },
+  emissivity: {
+    text: "Emissivity of the background", unit: "", low: 0.3, high: 1, step: 0.01,
+    own: (scene) => scene.emissivity,
+  },
+  read_noise_electrons: {
+    text: "Read noise of the sensor", unit: "electrons", low: 0, high: 2000, step: 10,
+    own: (scene) => scene.read_noise_electrons,
+  },
+  shots: {
+    text: "Shots before each background", unit: "", low: 1, high: 200, step: 1,
+    own: (scene) => scene.shots,
+  },
+  signal_K: {
+    text: "Background of “what the camera sees”", unit: "K", low: 250, high: 1500, step: 1,
+    own: (scene) => middleOf(scene.backgrounds_K),
+  },
+};
+const LEAST_APART_K = 5; // of coldest and hottest background
+
+class Sliders {
+  constructor(host, changed) {
+    this.asked = {};
+    this.changed = changed;
+    this.rows = {};
+    for (const [name, one] of Object.entries(SLIDERS)) {
+      const row = document.createElement("div");
+      row.className = "slider";
+      const unit = one.unit ? ` / ${one.unit}` : "";
+      row.innerHTML = `<label for="range-${name}"></label>
+        <input type="range" id="range-${name}" min="${one.low}" max="${one.high}" step="${one.step}">
+        <input type="number" id="number-${name}" min="${one.low}" max="${one.high}" step="any">
+        <p class="why" id="why-${name}"></p>`;
+      row.querySelector("label").textContent = one.text + unit;
+      const [range, number] = row.querySelectorAll("input");
+      number.setAttribute("aria-label", `${one.text}${unit}, as a number`);
+      for (const input of [range, number]) input.setAttribute("aria-describedby", `why-all why-${name}`);
+      range.addEventListener("input", () => this.set(name, range.valueAsNumber));
+      number.addEventListener("change", () => this.set(name, number.valueAsNumber));
+      host.append(row);
+      this.rows[name] = { row, range, number, why: row.querySelector(".why") };
+    }
+  }
+
+  // Asks for another value; what is out of range is held at its end.
+  set(name, value) {
+    const row = this.rows[name];
+    if (!Number.isFinite(value) || row.range.disabled) return this.show(this.heads);
+    const [low, high] = [Number(row.range.min), Number(row.range.max)];
+    let held = Math.min(Math.max(value, low), high);
+    if (name === "lowest_K") held = Math.min(held, this.value("highest_K") - LEAST_APART_K);
+    if (name === "highest_K") held = Math.max(held, this.value("lowest_K") + LEAST_APART_K);
+    if (name === "shots") held = Math.round(held);
+    this.asked[name] = held;
+    this.show(this.heads);
+    this.changed();
+  }
+
+  value(name) {
+    return this.asked[name] ?? SLIDERS[name].own(this.scene);
+  }
+
+  reset() {
+    this.asked = {};
+    this.show(this.heads);
+    this.changed();
+  }
+
+  // heads: of the items that are shown; sliders serve runs, as far as these are not bound.
+  show(heads) {
+    this.heads = heads;
+    const runs = heads.filter((one) => one.kind === "run");
+    this.scene = runs.length ? runs[0].scene : null;
+    let all = "";
+    if (!runs.length) all = "Held: a measurement has no weights; only a trace can be evaluated anew.";
+    else if (runs.length < heads.length) all = `Changes ${runs[0].name} alone; a measurement has no weights.`;
+    document.getElementById("why-all").textContent = all;
+    for (const [name, one] of Object.entries(SLIDERS)) {
+      const { row, range, number, why } = this.rows[name];
+      const free = runs.filter((head) => !(one.needs in head.locked));
+      let held = "";
+      if (runs.length && !free.length) held = runs[0].locked[one.needs];
+      else if (one.needs === "background" && this.scene && new Set(this.scene.backgrounds_K).size < 2) {
+        held = "the run has one background, and DIT needs two";
+      }
+      const reason = held ? `Held: ${held}.`
+        : free.length < runs.length ? `Changes ${free.map((head) => head.name).join(", ")} alone.` : "";
+      range.disabled = number.disabled = !free.length || held !== "";
+      why.textContent = reason;
+      if (!this.scene) continue;
+      const own = one.own(this.scene), value = this.value(name);
+      range.min = Math.min(one.low, own);
+      range.max = Math.max(one.high, own);
+      range.value = value;
+      number.value = Number(value.toPrecision(7));
+      range.setAttribute("aria-valuetext", `${number.value} ${one.unit}`);
+      row.classList.toggle("changed", name in this.asked && value !== own);
+    }
+  }
+
+  // The command that traces what is asked for; null where nothing is changed.
+  command(head, scene) {
+    if (head.kind !== "run" || !scene) return null;
+    const keys = {
+      wall_K: ["walls.temperature_K", () => scene.wall_K],
+      emissivity: ["background.emissivity", () => scene.emissivity],
+      read_noise_electrons: ["camera.sensor.read_noise_electrons", () => scene.read_noise_electrons],
+      shots: ["plan.shots", () => scene.shots],
+    };
+    const parts = [];
+    if (("lowest_K" in this.asked || "highest_K" in this.asked) && !("background" in head.locked)) {
+      const rounded = scene.backgrounds_K.map((one) => Number(one.toPrecision(7)));
+      parts.push(`background.temperatures_K=[${rounded.join(",")}]`);
+    }
+    for (const [name, [key, value]] of Object.entries(keys)) {
+      if (name in this.asked && !(SLIDERS[name].needs in head.locked)) parts.push(`${key}=${value()}`);
+    }
+    if (!parts.length) return null;
+    const quoted = (text) => (/^[\w.\/=-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
+    return `cldit run ${quoted(head.source)} ${parts.map((one) => `--set ${quoted(one)}`).join(" ")}`;
+  }
+}
