@@ -25,7 +25,9 @@ from cldit.errors import EvaluationError, RunFolderError
 from cldit.files import write_text
 from cldit.gpu.device import Device
 from cldit.images import write_image
+from cldit.origin import Origin
 from cldit.plain_data import dump_yaml
+from cldit.provenance import files_read
 from cldit.report.run_report import write_run_report
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
@@ -304,6 +306,8 @@ def evaluate_folder(
         line = f"{len(missing)} shots of the plan are missing ({', '.join(missing[:5])}"
         line += ", ..)" if len(missing) > 5 else ")"
         evaluation = replace(evaluation, remarks=(line, *evaluation.remarks))
+    origin = Origin.now(inputs=files_read(acquisition.inputs))
+    evaluation = replace(evaluation, origin=origin)
     evaluation.maps.save(place, pixel_m=acquisition.pixel_m)
     if evaluation.budget is not None:
         evaluation.budget.save(place, pixel_m=acquisition.pixel_m)

@@ -13,6 +13,7 @@ from cldit.errors import SprayError
 from cldit.progress import Watch, silent
 from cldit.scene.checks import describe
 from cldit.scene.spray import CfdSpray
+from cldit.spray.result import Spray
 from cldit.spray.spray_file import write_spray
 
 # name in the notes: text, unit shown, factor
@@ -86,9 +87,29 @@ def import_case(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> l
     Raises:
         SprayError: as for `read_cfd` and `write_spray`; no file is written then.
     """
+    spray = imported(spec, out, watch=watch)
+    return [*case_lines(spec, spray), *([] if out is None else [str(out)])]
+
+
+def imported(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> Spray:
+    """The spray of a case, checked; written as `import_case` does.
+
+    Args:
+        spec, out, watch: as for `import_case`.
+
+    Raises:
+        SprayError: as for `import_case`.
+    """
     if spec.spread_m is not None:
         raise SprayError("spray.spread_m: parcels are spread when a scene reads the file, not here")
     spray = read_cfd(spec, watch=watch)
+    if out is not None:
+        write_spray(out, spray, watch=watch)
+    return spray
+
+
+def case_lines(spec: CfdSpray, spray: Spray) -> list[str]:
+    """What came over of the case `spec` into its `spray`, a line each."""
     lines = [f"{spec.file}: {find_format(spec)}"]
     for name, (text, unit, factor) in _SHOWN.items():
         if name in spray.notes:
@@ -98,8 +119,4 @@ def import_case(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> l
             shown = f"{value:.0f}" if name in _COUNTS else f"{value:.5g}"
             lines.append(f"  {text:34s}{shown:>12s} {unit}".rstrip())
     lines += [f"  {remark}" for remark in spray.remarks]
-    lines += [f"  {file.text}" for file in spray.files]
-    if out is not None:
-        write_spray(out, spray, watch=watch)
-        lines.append(str(out))
-    return lines
+    return lines + [f"  {file.text}" for file in spray.files]

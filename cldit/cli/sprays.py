@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.table import Table
 
 from cldit.acquisition.progress import Progress
-from cldit.cfd.importing import cfd_spray, import_case, list_case
+from cldit.cfd.formats import contents
+from cldit.cfd.importing import case_lines, cfd_spray, imported, list_case
+from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.case_options import case_options, spray_keys
-from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
+from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_errors, say
 from cldit.files import write_bytes, write_text
 from cldit.report.droplets import life_picture
 from cldit.report.figures import human_figures
@@ -60,14 +62,27 @@ def spray_command(scene: str, out: Path | None) -> None:
 @click.option("--list", "listed", is_flag=True, help="Only list times, fields and clouds.")
 @click.option("--out", type=click.Path(path_type=Path), help="cldit's own file, .npz.")
 @case_options
+@json_option
 @plain_errors
-def import_command(listed: bool, out: Path | None, file: Path, **options: Any) -> None:
+def import_command(listed: bool, out: Path | None, file: Path, **options: Any) -> Outcome:
     """Check a CFD result CASE, print its figures, and keep it as cldit's own file."""
     spec = cfd_spray({"file": file, **spray_keys(options)})
     with ProgressBar() as bar:
-        lines = list_case(spec) if listed else import_case(spec, out, watch=bar.count)
+        if listed:
+            lines, data = list_case(spec), asdict(contents(spec))
+        else:
+            spray = imported(spec, out, watch=bar.count)
+            lines = [*case_lines(spec, spray), *([] if out is None else [str(out)])]
+            data = {
+                "case": spec.file,
+                "figures": spray.notes,
+                "remarks": spray.remarks,
+                "files": [one.to_dict() for one in spray.files],
+                "out": out,
+            }
     for line in lines:
         OUT.print(escaped(line))
+    return Outcome(data)
 
 
 @click.command()
@@ -114,7 +129,7 @@ def droplet(
 
 
 def _life_table(life: Life) -> None:
-    table = Table(*COLUMNS, box=None)
+    table = folded_table(*COLUMNS)
     for row in list(life.rows())[:: max(1, life.time_s.size // 10)]:
         table.add_row(*(f"{value:.5g}" for value in row))
     OUT.print(table)

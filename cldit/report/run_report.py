@@ -253,7 +253,7 @@ def write_run_report(run: Run) -> Path:
         stages=tuple((stage.name, stage.seconds) for stage in run.info.stages),
         notes={stage.name: stage.note for stage in run.info.stages if stage.note},
         device=f"{run.info.device}: {run.info.device_reason}",
-        versions=run.info.versions,
+        versions=run.info.versions | ({} if run.info.origin is None else run.info.origin.text),
         commands=_commands(run),
         scene_yaml=dump_scene(run.scene),
     )

@@ -15,6 +15,7 @@ from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
 from cldit.optics.spectral import Quadrature
+from cldit.origin import Origin
 from cldit.provenance import FileRead
 from cldit.radiance.weights import Weights
 from cldit.run.errors import Errors
@@ -59,25 +60,33 @@ class RunInfo:
     files: tuple[FileRead, ...] = ()  # that the spray was read from
     errors: Errors | None = None  # of T_app, by cause; None where nothing was asked for
     plan: dict[str, Any] | None = None  # what was chosen for the wanted error; `Plan.to_dict`
+    origin: Origin | None = None  # when, by which command, on what; None in runs of 0.1.0
 
     def to_json(self) -> str:
         """JSON; `from_dict` takes what is in it."""
+        return json.dumps(self.to_dict(), indent=2)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
         data = {**self.__dict__, "stages": [stage.__dict__ for stage in self.stages]}
         data["files"] = [file.to_dict() for file in self.files]
         for name, part in (
             ("spectral", self.spectral),
             ("closure", self.closure),
             ("errors", self.errors),
+            ("origin", self.origin),
         ):
             data[name] = None if part is None else part.to_dict()
-        return json.dumps(data, indent=2)
+        return data
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> RunInfo:
-        """What `to_json` wrote, as plain `data`."""
-        stages = tuple(Stage(**stage) for stage in data["stages"])
+        """What `to_dict` gave, as plain `data`."""
+        stages = tuple(  # 0.1.0 wrote differences of times, some of which are below 0
+            Stage(**{**one, "seconds": max(one["seconds"], 0.0)}) for one in data["stages"]
+        )
         spectral, closure = data.get("spectral"), data.get("closure")
-        errors = data.get("errors")
+        errors, origin = data.get("errors"), data.get("origin")
         return cls(
             **{
                 **data,
@@ -87,6 +96,7 @@ class RunInfo:
                 "spectral": None if spectral is None else SpectralInfo.from_dict(spectral),
                 "closure": None if closure is None else EnergyBalance.from_dict(closure),
                 "errors": None if errors is None else Errors.from_dict(errors),
+                "origin": None if origin is None else Origin.from_dict(origin),
             }
         )
 

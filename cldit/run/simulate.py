@@ -77,6 +77,7 @@ def simulate(
             spectral=last.spectral(from_paper),
             errors=last.with_model(from_paper),
             plan=last.plan,
+            scene=scene,
         ),
         quadrature=last.quadrature,
         spectral=last.result.spectral,
