@@ -12,8 +12,9 @@ from cldit.acquisition.measured import Measured, is_measured, open_measured
 from cldit.acquisition.record import open_acquisition
 from cldit.dit.recorded import CurveSource
 from cldit.experiment import acquisition_in, evaluate_folder, evaluate_scattering
+from cldit.labels import xarray_module
 from cldit.run import Run, Say
-from cldit.run.labelled import labelled_maps, xarray_module
+from cldit.run.labelled import labelled_maps
 
 if TYPE_CHECKING:
     import xarray

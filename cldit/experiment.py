@@ -32,14 +32,14 @@ from cldit.report.run_report import write_run_report
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import Run, Say, Stage, simulate, with_stages
-from cldit.scene import Scene
+from cldit.scene import Scene, load_scene
 from cldit.scene.delays import SAME_s, delay_folder, delay_text, scene_at, spray_time_s
 
 Watch = Callable[[Progress], None]
 
 
 def run_experiment(
-    scene: Scene,
+    scene: Scene | str | Path,
     out: str | Path,
     *,
     device: Device | None = None,
@@ -51,7 +51,7 @@ def run_experiment(
     Whatever ended it before, the same call goes on where it stopped.
 
     Args:
-        scene: what is simulated.
+        scene: what is simulated; or a shipped name, or a YAML file.
         out: the run's folder; the acquisition goes into its folder `acquisition`.
         device: to trace on; None chooses.
         progress: called with a line of text as things happen.
@@ -62,6 +62,7 @@ def run_experiment(
         ClditError: a subclass that says what is wrong and what to do.
         EvaluationError: the scene has one background temperature only.
     """
+    scene = scene if isinstance(scene, Scene) else load_scene(scene)
     folder = Path(out)
     if len(set(scene.background.temperatures_K)) < 2:
         raise EvaluationError(

@@ -53,7 +53,7 @@ def print_difference(found: Difference) -> None:
             f"{one.rms:.3g}{unit}",
             f"{one.mean:+.3g}{unit}",
             f"{one.worst:+.3g}{unit}",
-            f"{one.worst_mm[0]:.2f}, {one.worst_mm[1]:.2f}",
+            f"{one.worst_mm[0]:.2f}, {one.worst_mm[1]:.2f}" if one.worst else "",
             str(one.pixels),
         )
     OUT.print(table)

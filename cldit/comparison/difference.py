@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from cldit.comparison.keys import KeyDifference, key_differences
 from cldit.comparison.pixels import together
 from cldit.comparison.shown import Shown, open_shown
-from cldit.dit.maps import Maps
 from cldit.run import Run
 
 Image = NDArray[np.float64]
@@ -139,7 +138,7 @@ def compare(
     maps = (
         _of("apparent_temperature_K", "K", t_one, t_other, second),
         _of("emissivity", "1", first.maps.emissivity, second.maps.emissivity, second),
-        _of("optical_depth", "1", optical_depth(first.maps), optical_depth(second.maps), second),
+        _of("optical_depth", "1", first.maps.optical_depth, second.maps.optical_depth, second),
     )
     return Difference(
         one=first.name,
@@ -153,13 +152,6 @@ def compare(
         averaged=averaged,
         keys=key_differences(first.scene, second.scene) if first.scene and second.scene else (),
     )
-
-
-def optical_depth(maps: Maps) -> Image:
-    """-ln(1 - emissivity), (H, W): of extinction along the line of sight, as the background tells
-    it; NaN where nothing of the background comes through."""
-    through = 1.0 - maps.emissivity.astype(np.float64)
-    return np.asarray(-np.log(through, out=np.full(through.shape, np.nan), where=through > 0.0))
 
 
 def _of(

@@ -6,11 +6,12 @@ import hashlib
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from cldit.comparison.difference import Difference, compare
+from cldit.comparison.shown import open_shown
 from cldit.errors import RunFolderError
 from cldit.experiment import run_experiment
 from cldit.gpu.device import Device
@@ -120,11 +121,20 @@ def repeat(
         else:
             again = simulate(run.scene, place, device=device, progress=progress)
         return Repeated(
-            trace=compare(run, again, within_K=within_K),
-            recorded=compare(run, again, acquired=True, within_K=within_K) if recorded else None,
+            trace=_compared(run, again, acquired=False, within_K=within_K),
+            recorded=_compared(run, again, acquired=True, within_K=within_K) if recorded else None,
             inputs=inputs,
             changed=_changed(run, again),
         )
+
+
+def _compared(run: Run, again: Run, *, acquired: bool, within_K: float | None) -> Difference:
+    first, second = (open_shown(each, acquired=acquired) for each in (run, again))
+    return compare(
+        replace(first, name=str(run.folder)),
+        replace(second, name="the repetition"),
+        within_K=within_K,
+    )
 
 
 @contextmanager

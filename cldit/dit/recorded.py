@@ -58,6 +58,9 @@ class Evaluation:
     budget: Budget | None = None
     origin: Origin | None = None
 
+    def __repr__(self) -> str:
+        return f"<Evaluation: {self.maps!r}, {len(self.lines)} lines of remarks>"
+
     @property
     def improbable(self) -> float:
         """Share of the pixels with a goodness of fit that chance leaves to one in a thousand."""
