@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import wraps
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec
+from typing import Any, ParamSpec
 
 import click
 import numpy as np
@@ -28,7 +28,7 @@ class Outcome:
     code: int = 0
 
 
-def json_option(command: Callable[P, Outcome]) -> Callable[Concatenate[bool, P], None]:
+def json_option(command: Callable[P, Outcome]) -> Callable[..., None]:
     """Adds `--json` to a command that returns an `Outcome`; its status is that of the program.
 
     With `--json` the standard output holds one JSON text and nothing else: what people read goes

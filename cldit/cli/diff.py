@@ -17,7 +17,7 @@ from cldit.comparison.difference import Difference, compare
 @click.argument("one", type=click.Path(path_type=Path))
 @click.argument("other", type=click.Path(path_type=Path))
 @click.option("--acquired", is_flag=True, help="Of runs, what their rig recorded.")
-@click.option("--resample", is_flag=True, help="Average the finer trace onto the coarser pixels.")
+@click.option("--resample", is_flag=True, help="Average a trace onto the other's pixels.")
 @click.option(
     "--within",
     "within_K",

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from cldit.cli.console import OUT, escaped, folded_table, plain_errors
+from cldit.cli.scene_name import SCENE
 from cldit.files import make_folder, write_bytes
 from cldit.report.optics_figures import optics_picture
 from cldit.report.optics_summary import scene_optics
@@ -15,7 +16,7 @@ from cldit.scene import load_scene
 
 
 @click.command()
-@click.argument("scene")
+@click.argument("scene", type=SCENE)
 @click.option("--out", type=click.Path(path_type=Path), help="The picture; SCENE-optics.png.")
 @plain_errors
 def optics(scene: str, out: Path | None) -> None:

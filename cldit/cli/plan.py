@@ -11,6 +11,7 @@ import numpy as np
 from cldit.acquisition.plan import StabilitySection
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import OUT, folded_table, plain_errors, say
+from cldit.cli.scene_name import SCENE
 from cldit.cli.units import KELVIN, device_option
 from cldit.dit.design import (
     BlackBody,
@@ -35,7 +36,7 @@ _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
 
 
 @click.command("plan")
-@click.argument("scene")
+@click.argument("scene", type=SCENE)
 @click.option("--error", "error_K", type=KELVIN, required=True, help="Wanted in T_app: 2K.")
 @click.option(
     "--emissivity-error",

@@ -11,6 +11,7 @@ import click
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.case_options import case_options, spray_keys
 from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_errors, say
+from cldit.cli.scene_name import SCENE
 from cldit.cli.units import KELVIN
 from cldit.errors import SceneError
 from cldit.experiment import run_experiment
@@ -26,7 +27,7 @@ _QUICK_K = 4.0
 
 
 @click.command()
-@click.argument("scene")
+@click.argument("scene", type=SCENE)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the run; runs/SCENE.")
 @click.option(
     "--cfd",

@@ -14,6 +14,7 @@ from cldit.cfd.importing import case_lines, cfd_spray, imported, list_case
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.case_options import case_options, spray_keys
 from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_errors, say
+from cldit.cli.scene_name import SCENE
 from cldit.files import write_bytes, write_text
 from cldit.report.droplets import life_picture
 from cldit.report.figures import human_figures
@@ -30,7 +31,7 @@ from cldit.terminal import tell
 
 
 @click.command("spray")
-@click.argument("scene")
+@click.argument("scene", type=SCENE)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder; sprays/SCENE.")
 @plain_errors
 def spray_command(scene: str, out: Path | None) -> None:

@@ -122,7 +122,8 @@ def compare(
     Args:
         one, other: runs, or folders of runs, acquisitions or measured data that were evaluated.
         acquired: of runs, what their rig recorded, not the trace.
-        resample: where pixels differ, average the finer trace onto the coarser ones.
+        resample: where pixels differ, average a trace onto those of what was recorded, or of the
+            coarser trace.
         within_K: RMS allowed in T_app; None: what both stated errors explain.
 
     Raises:

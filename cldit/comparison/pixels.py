@@ -47,7 +47,8 @@ def together(one: Shown, other: Shown, *, resample: bool) -> tuple[Shown, Shown,
 
     Args:
         one, other: what is compared.
-        resample: average the finer of them, a trace, onto the pixels of the coarser one.
+        resample: average a trace onto the pixels of what was recorded, as a rig does it; of two
+            traces the finer onto the pixels of the coarser one.
 
     Returns:
         Both, and what was averaged, in words; empty: nothing was.
@@ -61,28 +62,30 @@ def together(one: Shown, other: Shown, *, resample: bool) -> tuple[Shown, Shown,
     if not resample:
         raise EvaluationError(
             f"{what}; allowed are the same pixels, or --resample (resample=True), which averages "
-            "the finer trace onto the coarser pixels"
+            "a trace onto the other's pixels"
         )
-    swap = np.prod(one.pixel_m) > np.prod(other.pixel_m)
-    fine, coarse = (other, one) if swap else (one, other)
-    averaged = _averaged(fine, coarse, what)
-    first, second = (coarse, averaged) if swap else (averaged, coarse)
-    return first, second, f"{fine.name} averaged onto {coarse.grid}"
+    swap = one.run is None or (
+        other.run is not None and np.prod(one.pixel_m) > np.prod(other.pixel_m)
+    )
+    trace, onto = (other, one) if swap else (one, other)
+    averaged = _averaged(trace, onto, what)
+    first, second = (onto, averaged) if swap else (averaged, onto)
+    return first, second, f"{trace.name} averaged onto {onto.grid}"
 
 
-def _averaged(fine: Shown, coarse: Shown, what: str) -> Shown:
-    if fine.run is None:
-        raise EvaluationError(f"{what}; the finer one was recorded: only a trace can be averaged")
-    if max(_offsets(fine, coarse)) > _SAME:
+def _averaged(trace: Shown, onto: Shown, what: str) -> Shown:
+    if trace.run is None:
+        raise EvaluationError(f"{what}; both were recorded: only a trace can be averaged")
+    if max(_offsets(trace, onto)) > _SAME:
         raise EvaluationError(f"{what}; the middles must be the same")
-    rows, columns = coarse.maps.emissivity.shape
-    high, wide = fine.maps.emissivity.shape
+    rows, columns = onto.maps.emissivity.shape
+    high, wide = trace.maps.emissivity.shape
     shares = (
-        columns * coarse.pixel_m[0] / (wide * fine.pixel_m[0]),
-        rows * coarse.pixel_m[1] / (high * fine.pixel_m[1]),
+        columns * onto.pixel_m[0] / (wide * trace.pixel_m[0]),
+        rows * onto.pixel_m[1] / (high * trace.pixel_m[1]),
     )
     if max(shares) > 1.0 + 1e-6:
-        raise EvaluationError(f"{what}; the coarser picture must lie within the finer one")
+        raise EvaluationError(f"{what}; the trace must reach as far as the other picture")
     across = overlap_matrix(wide, columns, min(shares[0], 1.0))
     along = overlap_matrix(high, rows, min(shares[1], 1.0))
 
@@ -92,15 +95,15 @@ def _averaged(fine: Shown, coarse: Shown, what: str) -> Shown:
     def means(weights: Weights) -> Weights:
         return weights.map(lambda image: mean(image).astype(np.float32))
 
-    run = fine.run
+    run = trace.run
     spectral = tuple(means(one) for one in run.spectral)
     reference = means(run.reference)
     sensor = sensor_of(run.scene, run.quadrature, (spectral, reference))
     maps = evaluated(run.scene, run.quadrature, spectral, reference, sensor)
-    error_map_K = None if fine.error_map_K is None else _mean_known(fine.error_map_K, mean)
-    pixel_m, centre_m = coarse.pixel_m, coarse.centre_m
+    error_map_K = None if trace.error_map_K is None else _mean_known(trace.error_map_K, mean)
+    pixel_m, centre_m = onto.pixel_m, onto.centre_m
     return replace(
-        fine, maps=maps, pixel_m=pixel_m, centre_m=centre_m, error_map_K=error_map_K, run=None
+        trace, maps=maps, pixel_m=pixel_m, centre_m=centre_m, error_map_K=error_map_K, run=None
     )
 
 

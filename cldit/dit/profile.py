@@ -121,13 +121,13 @@ def _places(
     rows, columns = shape
     step_m = min(pixel_m)
     count = 2 + int(math.hypot(columns * pixel_m[0], rows * pixel_m[1]) / step_m)
-    distance_m = np.arange(count) * step_m
+    distance_m: Floats = np.arange(count, dtype=np.float64) * step_m
     angle = math.radians(angle_deg)
     x_m = start_m[0] + distance_m * math.sin(angle)
     z_m = start_m[1] - distance_m * math.cos(angle)
-    column = np.floor((x_m - centre_m[0]) / pixel_m[0] + columns / 2).astype(np.int64)
-    row = np.floor((centre_m[1] - z_m) / pixel_m[1] + rows / 2).astype(np.int64)
+    column = np.asarray(np.floor((x_m - centre_m[0]) / pixel_m[0] + columns / 2), np.int64)
+    row = np.asarray(np.floor((centre_m[1] - z_m) / pixel_m[1] + rows / 2), np.int64)
     inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
     end = count if inside.all() else int(np.argmin(inside))
-    here = slice(0, end)
-    return distance_m[here], x_m[here], z_m[here], row[here], column[here]
+    x_m, z_m = np.asarray(x_m[:end], np.float64), np.asarray(z_m[:end], np.float64)
+    return distance_m[:end], x_m, z_m, row[:end], column[:end]

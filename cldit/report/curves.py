@@ -39,7 +39,7 @@ def budget_figure(
     axes.set_xlabel("error of apparent temperature / K")
     if total_K is not None:
         axes.axvline(total_K, color="C3", lw=1.2, label=f"all together: {total_K:.2g} K")
-        axes.legend(fontsize=8)
+        axes.legend(fontsize=8, loc="lower right")
     axes.set_title(plain(title), fontsize="medium")
     return figure
 
@@ -71,7 +71,7 @@ def spectrum_figure(run: Run, *, title: str) -> Figure:
     axes.stairs(light / light.max(), edges, fill=True, color="0.88",
                 label=f"light of a black body at {quadrature.reference_K:g} K")  # fmt: skip
     members = np.array(quadrature.members)
-    axes.stairs(members.T @ mean, edges, color="C3", lw=1.4,
+    axes.stairs(members.T @ mean, edges, baseline=None, color="C3", lw=1.4,
                 label=f"emissivity, mean of {int(spray.sum())} pixels")  # fmt: skip
     axes.set_xlabel("wavelength / µm")
     axes.set_ylabel("share")

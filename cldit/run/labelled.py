@@ -124,8 +124,8 @@ def labelled_maps(
     variables: dict[str, Any] = {
         name: (("z", "x"), getattr(maps, name), _attributes(name, beside)) for name in UNITS
     }
-    about = {"units": "1", "long_name": "optical depth of the line of sight, -ln(1 - emissivity)"}
-    variables["optical_depth"] = (("z", "x"), maps.optical_depth, about)
+    depth = {"units": "1", "long_name": "optical depth of the line of sight, -ln(1 - emissivity)"}
+    variables["optical_depth"] = (("z", "x"), maps.optical_depth, depth)
     for name, (image, unit, about) in (more or {}).items():
         variables[name] = (("z", "x"), image, {"units": unit, "long_name": about})
     every = {"Conventions": "CF-1.11", "title": f"cldit: {title}", **(attrs or {})}

@@ -209,9 +209,8 @@ class Run:
             ClditError: xarray is not installed.
         """
         attrs = {}
-        if (
-            origin := self.info.origin
-        ) is not None:  # an attribute of HDF5 holds 64 kB, so no files
+        if (origin := self.info.origin) is not None:
+            # Without files: an attribute of HDF5 holds 64 kB.
             attrs["origin"] = json.dumps(replace(origin, inputs=()).to_dict())
         if self.errors is not None:
             attrs["errors"] = json.dumps(self.errors.to_dict())
