@@ -18,8 +18,15 @@ class SceneName(Text):
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        """Names that begin with `incomplete`, and the shell's own files; `ctx` and `param` are
-        click's."""
+        """What a shell offers.
+
+        Args:
+            ctx, param: click's.
+            incomplete: what stands there.
+
+        Returns:
+            Shipped names that begin so; where none does, the shell's own files.
+        """
         files = resources.files("cldit.scene.library").iterdir()
         names = sorted(one.name.removesuffix(".yaml") for one in files if one.name[-5:] == ".yaml")
         found = [CompletionItem(name) for name in names if name.startswith(incomplete)]

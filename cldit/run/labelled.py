@@ -142,8 +142,8 @@ def _attributes(name: str, beside: Sequence[str]) -> Mapping[str, Any]:
         made["units"] = UNITS[name]
     for value, error in _ERROR_OF.items():
         if name == value:
-            warm = value == "apparent_temperature_K"
-            more = [each for each in beside if each.startswith("emissivity") != warm]
+            of = ("emissivity",) if value == "emissivity" else ("apparent_temp", "simulation")
+            more = [each for each in beside if each.startswith(of)]
             made["ancillary_variables"] = " ".join([error, "reason", *more])
         if name == error:
             made["long_name"] = f"standard error of the {value.removesuffix('_K')}".replace(
