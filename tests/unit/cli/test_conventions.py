@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -22,6 +23,8 @@ from cldit.cli.as_json import Outcome, json_option, plain
 from cldit.cli.console import OUT, plain_errors
 from cldit.cli.exit_codes import Exit
 from cldit.errors import SceneError
+from cldit.spray.result import Parcels, Spray
+from cldit.spray.spray_file import write_spray
 
 WRITTEN = Path(__file__).parents[2] / "data" / "run-0.1.0"
 
@@ -53,6 +56,37 @@ def test_json_of_scenes_and_devices() -> None:
     devices = json.loads(runner.invoke(main, ["devices", "--json"]).stdout)
     assert sum(one["used"] for one in devices["devices"]) == 1
     assert devices["drivers"]["dg645"]["kind"] == "trigger"
+
+
+def found(*words: object) -> Any:
+    done = CliRunner().invoke(main, [*map(str, words), "--json"], catch_exceptions=False)
+    assert done.exit_code == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_json_of_an_evaluation(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(WRITTEN / "acquisition", tmp_path / "shots"))
+    (one,) = found("evaluate", folder)["delays"]
+    assert one["folder"] == str(folder / "maps") and one["problem"] == ""
+    stored = json.loads((folder / "maps" / "evaluation.json").read_text())
+    assert one["evaluation"] == stored
+
+
+def test_json_of_an_import(tmp_path: Path) -> None:
+    """Figures in SI, as the spray has them."""
+    one = np.ones(2)
+    places_m = np.array([[0.0, 0.0, -1e-3], [0.0, 0.0, -2e-3]])
+    parcels = Parcels(places_m, 1e-5 * one, 1e6 * one, 350 * one, 700 * one)
+    write_spray(tmp_path / "own.npz", Spray(parcels, notes={"liquid_mass_kg": parcels.mass_kg}))
+    data = found("import", tmp_path / "own.npz")
+    assert data["case"] == str(tmp_path / "own.npz") and data["out"] is None
+    assert data["figures"]["liquid_mass_kg"] == pytest.approx(parcels.mass_kg)
+
+
+def test_json_of_a_difference() -> None:
+    data = found("diff", WRITTEN, WRITTEN)
+    assert data["within"] and data["maps"][0]["name"] == "apparent_temperature_K"
+    assert data["maps"][0]["rms"] == 0.0
 
 
 @pytest.mark.parametrize("name", ["run", "repeat", "diff", "scenes", "devices", "plan", "import",

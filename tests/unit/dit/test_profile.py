@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ def plume(angle_deg: float) -> Maps:
 
 
 # The tip, (0, 0), is the middle of the top row.
-WHERE = {"pixel_m": PIXEL_M, "centre_m": (0.0, -30e-3)}
+WHERE: dict[str, Any] = {"pixel_m": PIXEL_M, "centre_m": (0.0, -30e-3)}
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 30.0, -45.0])
