@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -152,7 +153,7 @@ def _command(words: Sequence[str]) -> tuple[str, ...]:
 
 def _without_home(word: str) -> str:
     home = os.path.expanduser("~")
-    return word.replace(home, "~") if len(home) > 1 else word
+    return re.sub(re.escape(home) + r"(?=[/\\]|$)", "~", word) if len(home) > 1 else word
 
 
 def _seeds(data: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, int]]:

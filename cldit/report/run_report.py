@@ -203,8 +203,9 @@ def _cause(cause: Cause) -> str:
 def _commands(run: Run) -> tuple[str, ...]:
     """What does the run again, from its folder."""
     if run.measured is None:
-        return ("cldit run scene.yaml --trace-only --out again",)
+        return ("cldit repeat .  # anew, and what differs",)
     return (
+        "cldit repeat .                               # anew, and what differs",
         "cldit run scene.yaml --out again             # all of it",
         "cldit acquire rig.yaml plan.yaml --out shots # the shots alone",
         "cldit evaluate shots",

@@ -17,13 +17,13 @@ from cldit.origin import Origin, versions
 def test_it_reads_back_and_names_nobody(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     home = tmp_path / "home of somebody"
     monkeypatch.setenv("HOME", str(home))
-    monkeypatch.setattr("sys.argv", ["/opt/x/bin/cldit", "run", f"--out={home}/runs", "gdi"])
+    monkeypatch.setattr("sys.argv", ["/opt/x/bin/cldit", "run", f"--out={home}/runs", f"{home}s"])
     made = Origin.now(scene={"rig": {"seed": 3}, "spray": {"seed": None}})
-    assert made.command == ("cldit", "run", "--out=~/runs", "gdi")
+    assert made.command == ("cldit", "run", "--out=~/runs", f"{home}s")
     assert made.seeds == {"rig.seed": 3}
     text = json.dumps(made.to_dict())
     assert Origin.from_dict(json.loads(text)) == made
-    assert platform.node() not in text and "somebody" not in text
+    assert platform.node() not in text and f"{home}/" not in text
     user = getpass.getuser()
     assert user not in {part for word in made.command for part in word.split("/")}
 
