@@ -203,7 +203,10 @@ def _cause(cause: Cause) -> str:
 def _commands(run: Run) -> tuple[str, ...]:
     """What does the run again, from its folder."""
     if run.measured is None:
-        return ("cldit repeat .  # anew, and what differs",)
+        return (
+            "cldit repeat .  # anew, and what differs",
+            "cldit run scene.yaml --trace-only --out again",
+        )
     return (
         "cldit repeat .                               # anew, and what differs",
         "cldit run scene.yaml --out again             # all of it",
