@@ -42,8 +42,9 @@ def evaluate(
         say: called with lines of text: what the files hold, before anything is fitted.
 
     Returns:
-        Variables named as the maps' files are, over z and x in mm. The attribute `evaluation` is
-        the JSON of maps/evaluation.json without the list of inputs; `remarks` has a line a remark, witness and budget's part.
+        Variables named as the maps' files are, over z and x in mm; `cldit.plot` draws them. The
+        attribute `evaluation` is the JSON of maps/evaluation.json without its list of inputs;
+        `remarks` has a line a remark, witness and budget's part.
 
     Raises:
         ClditError: xarray is not installed; before anything is evaluated.
