@@ -81,8 +81,8 @@ def test_a_labelled_run_has_the_same_pictures(run: Run) -> None:
     data = run.to_xarray()
     ours, theirs = cldit.plot(run, "profile"), cldit.plot(data, "profile")
     for one, other in zip(ours.axes, theirs.axes, strict=True):
-        drawn = (np.asarray(each.lines[0].get_ydata(), np.float64) for each in (one, other))
-        np.testing.assert_allclose(*drawn)
+        a, b = (np.asarray(each.lines[0].get_ydata(), np.float64) for each in (one, other))
+        np.testing.assert_allclose(a, b)
     assert cldit.plot(data).axes[0].get_xlabel() == "x / mm"
     with pytest.raises(EvaluationError, match="has no budget"):
         cldit.plot(data, "budget")
