@@ -7,10 +7,14 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from cldit.comparison import compare as compare
+    from cldit.comparison.repeat import repeat as repeat
     from cldit.evaluated import evaluate as evaluate
     from cldit.experiment import run_experiment as run_experiment
     from cldit.gpu.device import list_devices as list_devices
     from cldit.gpu.device import open_device as open_device
+    from cldit.progress_bar import progress_bar as progress_bar
+    from cldit.report.plot import plot as plot
     from cldit.run import Run as Run
     from cldit.run import open_run as open_run
     from cldit.run import simulate as simulate
@@ -27,9 +31,13 @@ __version__ = version("cldit")
 
 # Loaded when asked for: a script that opens a rig needs neither OpenCL nor matplotlib.
 _HOMES = {
+    "cldit.comparison": ("compare",),
+    "cldit.comparison.repeat": ("repeat",),
     "cldit.evaluated": ("evaluate",),
     "cldit.experiment": ("run_experiment",),
     "cldit.gpu.device": ("list_devices", "open_device"),
+    "cldit.progress_bar": ("progress_bar",),
+    "cldit.report.plot": ("plot",),
     "cldit.run": ("Run", "open_run", "simulate"),
     "cldit.scene": ("Scene", "dump_scene", "load_scene", "parse_scene", "shipped_scenes"),
     "cldit.scripting": ("open_rig",),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,10 +11,11 @@ import numpy as np
 
 from cldit.acquisition.measured import Measured, is_measured, open_measured
 from cldit.acquisition.record import open_acquisition
-from cldit.dit.recorded import CurveSource
+from cldit.dit.recorded import CurveSource, Evaluation
 from cldit.experiment import acquisition_in, evaluate_folder, evaluate_scattering
+from cldit.labels import xarray_module
 from cldit.run import Run, Say
-from cldit.run.labelled import labelled_maps, xarray_module
+from cldit.run.labelled import labelled_maps
 
 if TYPE_CHECKING:
     import xarray
@@ -40,8 +42,9 @@ def evaluate(
         say: called with lines of text: what the files hold, before anything is fitted.
 
     Returns:
-        Variables named as the maps' files are, over z and x in mm. The attribute `evaluation` is
-        the JSON of maps/evaluation.json; `remarks` has a line a remark, witness and budget's part.
+        Variables named as the maps' files are, over z and x in mm; `cldit.plot` draws them. The
+        attribute `evaluation` is the JSON of maps/evaluation.json without its list of inputs;
+        `remarks` has a line a remark, witness and budget's part.
 
     Raises:
         ClditError: xarray is not installed; before anything is evaluated.
@@ -79,5 +82,12 @@ def evaluate(
         pixel_m=opened.pixel_m,
         centre_m=opened.centre_m,
         more=more,
-        attrs={"evaluation": found.to_json(), "remarks": "\n".join(found.lines)},
+        attrs={"evaluation": _without_inputs(found).to_json(), "remarks": "\n".join(found.lines)},
     )
+
+
+def _without_inputs(found: Evaluation) -> Evaluation:
+    """An attribute of HDF5 holds 64 kB: the list of pictures may be longer."""
+    if found.origin is None:
+        return found
+    return replace(found, origin=replace(found.origin, inputs=()))

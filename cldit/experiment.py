@@ -25,19 +25,21 @@ from cldit.errors import EvaluationError, RunFolderError, Stopped
 from cldit.files import write_text
 from cldit.gpu.device import Device
 from cldit.images import write_image
+from cldit.origin import Origin
 from cldit.plain_data import dump_yaml
+from cldit.provenance import files_read
 from cldit.report.run_report import write_run_report
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import Run, Say, Stage, simulate, with_stages
-from cldit.scene import Scene
+from cldit.scene import Scene, load_scene
 from cldit.scene.delays import SAME_s, alone, delay_folder, delay_text, scene_at, spray_time_s
 
 Watch = Callable[[Progress], None]
 
 
 def run_experiment(
-    scene: Scene,
+    scene: Scene | str | Path,
     out: str | Path,
     *,
     device: Device | None = None,
@@ -49,7 +51,7 @@ def run_experiment(
     Whatever ended it before, the same call goes on where it stopped.
 
     Args:
-        scene: what is simulated.
+        scene: what is simulated; or a shipped name, or a YAML file.
         out: the run's folder; the acquisition goes into its folder `acquisition`.
         device: to trace on; None chooses.
         progress: called with a line of text as things happen.
@@ -60,6 +62,7 @@ def run_experiment(
         ClditError: a subclass that says what is wrong and what to do.
         EvaluationError: the scene has one background temperature only.
     """
+    scene = scene if isinstance(scene, Scene) else load_scene(scene)
     folder = Path(out)
     if len(set(scene.background.temperatures_K)) < 2:
         raise EvaluationError(
@@ -304,6 +307,8 @@ def evaluate_folder(
         line = f"{len(missing)} shots of the plan are missing ({', '.join(missing[:5])}"
         line += ", ..)" if len(missing) > 5 else ")"
         evaluation = replace(evaluation, remarks=(line, *evaluation.remarks))
+    origin = Origin.now(inputs=files_read(acquisition.inputs))
+    evaluation = replace(evaluation, origin=origin)
     evaluation.maps.save(place, pixel_m=acquisition.pixel_m)
     if evaluation.budget is not None:
         evaluation.budget.save(place, pixel_m=acquisition.pixel_m)

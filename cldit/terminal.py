@@ -7,7 +7,8 @@ import io
 import os
 import sys
 import unicodedata
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
 from typing import Any, TextIO
 
 _PLAIN = {"µ": "u", "μ": "u", "×": "x", "·": "*", "°": " deg ", "→": "->", "±": "+-", "≤": "<=",
@@ -97,6 +98,13 @@ def tell(text: str, *, end: str = "\n") -> None:
     if sys.stdout is not None:
         sys.stdout.write(f"{text}{end}")
         sys.stdout.flush()
+
+
+@contextmanager
+def aside() -> Iterator[None]:
+    """What is printed within goes to the standard error, so that the output holds data alone."""
+    with redirect_stdout(sys.stderr):
+        yield
 
 
 def warn(text: str) -> None:

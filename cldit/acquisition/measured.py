@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -117,7 +118,7 @@ class Measured:
     """Measured data, as the evaluation wants it (`cldit.dit.shots.Acquisition`).
 
     bad_pixels: (rows, columns) True where a pixel is not used. accept: names of witnesses that do
-    not end the evaluation.
+    not end the evaluation. inputs: measured.yaml, and every file that it names.
     """
 
     folder: Path
@@ -129,6 +130,7 @@ class Measured:
     bad_pixels: NDArray[np.bool_] | None
     shots: tuple[MeasuredShot, ...]
     accept: tuple[str, ...] = ()
+    inputs: tuple[Path, ...] = ()
     reader: FrameReader = field(default_factory=FrameReader, repr=False, compare=False)
 
     def load(self, shot: MeasuredShot) -> NDArray[Any]:
@@ -269,8 +271,17 @@ def open_measured(path: str | Path) -> Measured:
         bad_pixels=bad_pixels,
         shots=tuple(shots),
         accept=given.accept,
+        inputs=(file, *_files(folder, given), *(source.path for source in owners)),
         reader=reader,
     )
+
+
+def _files(folder: Path, given: MeasuredFile) -> Iterator[Path]:
+    """Logs of temperatures, and the picture of defective pixels."""
+    logs = (one for each in given.backgrounds for one in (each.references_K, each.injections_K))
+    for text in (*logs, given.bad_pixels):
+        if isinstance(text, str):
+            yield folder / parse_source(text)[0]
 
 
 def _sources(

@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from cldit.acquisition.plan import Kind, Plan, load_plan
-from cldit.acquisition.storage import CONFIGURATION, PLAN, Found, load_shot, shot_path, survey
+from cldit.acquisition.storage import (
+    CONFIGURATION,
+    JOURNAL,
+    PLAN,
+    Found,
+    load_shot,
+    shot_path,
+    survey,
+)
 from cldit.camera.calibration import Calibration
 from cldit.errors import ClditError, RunFolderError
 from cldit.optics.response import Filter, from_plain
@@ -62,6 +70,12 @@ class Acquisition:
     missing: tuple[str, ...]
     frame: int = 0
     damage: tuple[str, ...] = ()
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """Files that say what was recorded; the journal has a checksum of every picture."""
+        named = (self.folder / name for name in (PLAN, CONFIGURATION, JOURNAL))
+        return tuple(path for path in named if path.is_file())
 
     @property
     def complete(self) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -82,7 +82,6 @@ def import_case(
     out: Path | None,
     *,
     watch: Watch = silent,
-    also: Callable[[Spray], Path] | None = None,
 ) -> list[str]:
     """Reads and checks the case of `spec`, and writes cldit's own file of it if `out` names one.
 
@@ -90,7 +89,6 @@ def import_case(
         spec: the case.
         out: of the file, which appears whole or not at all; None writes none.
         watch: told how far the work is.
-        also: writes another file of the spray, and gives its path.
 
     Returns:
         Lines on what came over: masses, sizes, penetration, and what was inferred.
@@ -98,9 +96,29 @@ def import_case(
     Raises:
         SprayError: as for `read_cfd` and `write_spray`; no file is written then.
     """
+    spray = imported(spec, out, watch=watch)
+    return [*case_lines(spec, spray), *([] if out is None else [str(out)])]
+
+
+def imported(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> Spray:
+    """The spray of a case, checked; written as `import_case` does.
+
+    Args:
+        spec, out, watch: as for `import_case`.
+
+    Raises:
+        SprayError: as for `import_case`.
+    """
     if spec.spread_m is not None:
         raise SprayError("spray.spread_m: parcels are spread when a scene reads the file, not here")
     spray = read_cfd(spec, watch=watch)
+    if out is not None:
+        write_spray(out, spray, watch=watch)
+    return spray
+
+
+def case_lines(spec: CfdSpray, spray: Spray) -> list[str]:
+    """What came over of the case `spec` into its `spray`, a line each."""
     lines = [f"{spec.file}: {find_format(spec)}"]
     for name, (text, unit, factor) in _SHOWN.items():
         if name in spray.notes:
@@ -110,10 +128,4 @@ def import_case(
             shown = f"{value:.0f}" if name in _COUNTS else f"{value:.5g}"
             lines.append(f"  {text:34s}{shown:>12s} {unit}".rstrip())
     lines += [f"  {remark}" for remark in spray.remarks]
-    lines += [f"  {file.text}" for file in spray.files]
-    if out is not None:
-        write_spray(out, spray, watch=watch)
-        lines.append(str(out))
-    if also is not None:
-        lines.append(str(also(spray)))
-    return lines
+    return lines + [f"  {file.text}" for file in spray.files]

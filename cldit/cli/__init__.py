@@ -5,10 +5,13 @@ from __future__ import annotations
 import click
 
 from cldit import __version__
+from cldit.cli.exit_codes import epilog
 from cldit.cli.program import Program
 
 _COMMANDS = {
     "run": "cldit.cli.run:run",
+    "repeat": "cldit.cli.repeat:repeat_command",
+    "diff": "cldit.cli.diff:diff",
     "scenes": "cldit.cli.scenes:scenes",
     "devices": "cldit.cli.devices:devices",
     "check-driver": "cldit.cli.check_driver:check_driver",
@@ -32,6 +35,7 @@ _COMMANDS = {
 @click.group(
     cls=Program,
     commands_at=_COMMANDS,
+    epilog=epilog(),
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 @click.version_option(__version__)

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.table import Table
 
-from cldit.cli.console import OUT, escaped, plain_errors
+from cldit.cli.console import OUT, escaped, folded_table, plain_errors
 from cldit.errors import SceneError
 from cldit.rig.contract.expect import Allowed
 from cldit.rig.contract.run import OF_KIND, Result, Verdict, on_emulators, on_instrument
@@ -113,7 +112,7 @@ def _show(results: Iterable[Result]) -> bool:
     """A table of the results, each as it comes; whether nothing is broken."""
     tally = dict.fromkeys(Verdict, 0)
     broken: list[Result] = []
-    table = Table("where", "check", "result", "seconds", "", box=None)
+    table = folded_table("where", "check", "result", "seconds", "")
     with OUT.status("checking") as status:
         for result in results:
             tally[result.verdict] += 1

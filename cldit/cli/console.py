@@ -5,44 +5,52 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
+from rich.table import Column, Table
 
+from cldit.cli.exit_codes import Exit
 from cldit.errors import ClditError
 
 if TYPE_CHECKING:  # every command is here, and few acquire
     from cldit.acquisition.progress import Progress
 
 P = ParamSpec("P")
+R = TypeVar("R")
 OUT = Console(highlight=False, soft_wrap=True)
 ERR = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
-def plain_errors(command: Callable[P, None]) -> Callable[P, None]:
+def plain_errors(command: Callable[P, R]) -> Callable[P, R]:
     """Errors that cldit raises on purpose are messages, and so is a path that the system refuses;
     everything else keeps its traceback."""
 
     @wraps(command)
-    def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
+    def guarded(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
-            command(*args, **kwargs)
+            return command(*args, **kwargs)
         except ClditError as error:
             ERR.print(f"[bold red]error:[/] {escaped(str(error))}")
-            sys.exit(1)
+            sys.exit(Exit.FAILED)
         except OSError as error:
             if error.filename is None:
                 raise
             reason = f"{error.filename}: {error.strerror}"
             ERR.print(f"[bold red]error:[/] {escaped(reason)}")
-            sys.exit(1)
+            sys.exit(Exit.FAILED)
         except KeyboardInterrupt:
             ERR.print("stopped; run the same command again to go on")
-            sys.exit(130)
+            sys.exit(Exit.STOPPED)
 
     return guarded
+
+
+def folded_table(*heads: str) -> Table:
+    """An empty table with these heads; in a narrow terminal cells are folded, and never cut."""
+    return Table(*(Column(head, overflow="fold") for head in heads), box=None)
 
 
 def escaped(text: str) -> str:

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import click
-from rich.table import Table
 from rich.text import Text
 
-from cldit.cli.console import OUT, plain_errors
+from cldit.cli.as_json import Outcome, json_option
+from cldit.cli.console import OUT, folded_table, plain_errors
 from cldit.gpu.device import choose, list_devices
 from cldit.rig.drivers import describe_drivers
 
 
 @click.command()
 @click.option("--device", help="Show which device this choice means.")
+@json_option
 @plain_errors
-def devices(device: str | None) -> None:
+def devices(device: str | None) -> Outcome:
     """OpenCL devices: which there are, which is used, and why; and the drivers of instruments."""
     found = list_devices()
     used, reason = choose(found, device)
-    table = Table("", "device", "kind", "name", "memory", "float64", "platform", box=None)
+    table = folded_table("", "device", "kind", "name", "memory", "float64", "platform")
     for number, info in enumerate(found):
         table.add_row(
             "*" if number == used else "",
@@ -31,11 +34,24 @@ def devices(device: str | None) -> None:
         )
     OUT.print(table)
     OUT.print(f"* is used: {reason}")
-    drivers = Table("driver", "kind", "instrument", "tested", box=None)
-    for name, about in describe_drivers().items():
+    drivers = folded_table("driver", "kind", "instrument", "tested")
+    described = describe_drivers()
+    for name, about in described.items():
         missing = about.missing()
         lacks = f"needs {', '.join(missing)} ({about.install}); " if missing else ""
         tested = Text.assemble((lacks, "yellow"), about.tested)
         drivers.add_row(name, about.kind, about.instrument, tested)
     OUT.print()
     OUT.print(drivers)
+    return Outcome(
+        {
+            "devices": [
+                {**asdict(info), "used": number == used} for number, info in enumerate(found)
+            ],
+            "reason": reason,
+            "drivers": {
+                name: {**asdict(about), "missing": about.missing()}
+                for name, about in described.items()
+            },
+        }
+    )

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
 
 from cldit.acquisition.progress import Progress
-from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors
+from cldit.cli.as_json import Outcome, json_option
+from cldit.cli.console import ERR, OUT, ProgressBar, escaped, plain_errors
+from cldit.cli.exit_codes import Exit
 from cldit.dit.recorded import CurveSource, Evaluation
 from cldit.dit.witness.finding import ACCEPTABLE
 from cldit.errors import EvaluationError
@@ -47,6 +50,7 @@ from cldit.scene.delays import SAME_s, delay_text, spray_time_s
     type=click.Path(path_type=Path),
     help="Folder of a run that models the spray: also the temperature of what emits.",
 )
+@json_option
 @plain_errors
 def evaluate(
     folder: Path,
@@ -55,7 +59,7 @@ def evaluate(
     frame: int,
     accept: tuple[str, ...],
     model: Path | None,
-) -> None:
+) -> Outcome:
     """Evaluate an acquisition, a run, or measured data (a FOLDER with measured.yaml).
 
     The maps go into `maps` beside the pictures, with a page, report.html; of several delays, each
@@ -89,8 +93,20 @@ def evaluate(
         OUT.print(f"{target / 'maps' / 'delays.csv'}")
     for page in write_pages(target):
         OUT.print(f"{page}")
-    if delay_problems(found):
-        raise EvaluationError(delay_problems(found))
+    if problems := delay_problems(found):
+        ERR.print(f"[bold red]error:[/] {escaped(problems)}")
+    return Outcome(
+        {"delays": [_data(one) for one in found]}, Exit.FAILED if problems else Exit.DONE
+    )
+
+
+def _data(one: DelayEvaluation) -> dict[str, Any]:
+    return {
+        "delay_s": one.delay_s,
+        "folder": one.folder,
+        "problem": one.problem,
+        "evaluation": None if one.evaluation is None else one.evaluation.to_dict(),
+    }
 
 
 def _print(evaluation: Evaluation) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 
 class LazyGroup(click.Group):
@@ -34,15 +35,19 @@ class LazyGroup(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Writes commands from `ctx` to `formatter`, by docstrings in the sources: importing all
-        of them takes seconds."""
-        room = formatter.width - 6 - max(map(len, self.commands_at))
+        of them takes seconds. Sentences are wrapped, where click would cut them."""
         with formatter.section("Commands"):
-            formatter.write_dl(
-                [
-                    (name, click.Command(name, help=_docstring(at)).get_short_help_str(room))
-                    for name, at in self.commands_at.items()
-                ]
-            )
+            formatter.write_dl([(name, self._sentence(name)) for name in self.commands_at])
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Commands and options of `ctx` that begin with `incomplete`, no command imported."""
+        names = [name for name in self.commands_at if name.startswith(incomplete)]
+        found = [CompletionItem(name, help=self._sentence(name)) for name in names]
+        return found + click.Command.shell_complete(self, ctx, incomplete)
+
+    def _sentence(self, name: str) -> str:
+        """The first of a command's help."""
+        return click.Command(name, help=_docstring(self.commands_at[name])).get_short_help_str(999)
 
 
 def _docstring(at: str) -> str:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from rich.table import Table
 
-from cldit.cli.console import OUT, escaped, plain_errors
+from cldit.cli.console import OUT, escaped, folded_table, plain_errors
+from cldit.cli.scene_name import SCENE
 from cldit.files import make_folder, write_bytes
 from cldit.report.optics_figures import optics_picture
 from cldit.report.optics_summary import scene_optics
@@ -16,14 +16,14 @@ from cldit.scene import load_scene
 
 
 @click.command()
-@click.argument("scene")
+@click.argument("scene", type=SCENE)
 @click.option("--out", type=click.Path(path_type=Path), help="The picture; SCENE-optics.png.")
 @plain_errors
 def optics(scene: str, out: Path | None) -> None:
     """What SCENE's liquid, droplets, vapour and camera do to light: printed, and as a picture."""
     chosen = load_scene(scene)
     found = scene_optics(chosen, cache=default_cache())
-    table = Table("", "scene", "data", "paper", "", box=None)
+    table = folded_table("", "scene", "data", "paper", "")
     for row in found.rows:
         table.add_row(row.quantity, row.scene, row.data, row.paper, f"[dim]{escaped(row.note)}[/]")
     OUT.print(table)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 import click
 import numpy as np
-from rich.table import Table
 
 from cldit.acquisition.plan import StabilitySection
-from cldit.cli.console import OUT, plain_errors, say
+from cldit.cli.as_json import Outcome, json_option
+from cldit.cli.console import OUT, folded_table, plain_errors, say
+from cldit.cli.scene_name import SCENE
 from cldit.cli.units import KELVIN, device_option
 from cldit.dit.design import (
     BlackBody,
@@ -34,7 +36,7 @@ _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
 
 
 @click.command("plan")
-@click.argument("scene")
+@click.argument("scene", type=SCENE)
 @click.option("--error", "error_K", type=KELVIN, required=True, help="Wanted in T_app: 2K.")
 @click.option(
     "--emissivity-error",
@@ -66,6 +68,7 @@ _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder; runs/SCENE-plan.")
 @device_option
+@json_option
 @plain_errors
 def plan_command(
     scene: str,
@@ -76,7 +79,7 @@ def plan_command(
     limits_K: tuple[float, float] | None,
     out: Path | None,
     device: str | None,
-) -> None:
+) -> Outcome:
     """Design the measurement of SCENE: backgrounds, shots and references for a wanted error.
 
     Writes plan.yaml, rig.yaml (simulated) and design.png into the folder of a traced run.
@@ -126,6 +129,14 @@ def plan_command(
     picture = design_picture(lines, best, goal, title=f"{loaded.name}: error against time")
     write_bytes(folder / "design.png", picture)
     OUT.print(f"{folder / 'plan.yaml'}\n{folder / 'rig.yaml'}\n{folder / 'design.png'}")
+    return Outcome(
+        {
+            "folder": folder,
+            "goal": asdict(goal),
+            "designs": [{**asdict(one), "chosen": one is best} for one in found],
+            "coldest_opaque_K": coldest,
+        }
+    )
 
 
 def _print(found: list[Design], best: Design, goal: Goal, least_emissivity: float) -> None:
@@ -133,9 +144,9 @@ def _print(found: list[Design], best: Design, goal: Goal, least_emissivity: floa
         f"{100 * goal.quantile:g} % of the pixels of emissivity {least_emissivity:g} and more "
         f"within {goal.error_K:g} K and {goal.emissivity_error:g}:"
     )
-    table = Table(box=None)
-    for head in ("", "backgrounds / K", "shots", "refs", "T_app / K", "eps", "min", "waiting"):
-        table.add_column(head, no_wrap=True)
+    table = folded_table(
+        "", "backgrounds / K", "shots", "refs", "T_app / K", "eps", "min", "waiting"
+    )
     for one in found:
         table.add_row(
             "->" if one is best else "",

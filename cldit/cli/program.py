@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
+from cldit.cli.exit_codes import Exit
 from cldit.cli.lazy import LazyGroup
 from cldit.errors import ClditError
 from cldit.terminal import cannot_take, prepare_streams, silence, warn
@@ -30,7 +31,7 @@ class Program(LazyGroup):
                     sys.stdout.flush()
         except ClditError as error:  # of a command that could not even be loaded
             warn(f"error: {error}")
-            sys.exit(1)
+            sys.exit(Exit.FAILED)
         except OSError as error:
             problem = cannot_take(sys.stdout) or cannot_take(sys.stderr)
             if problem is None or error.filename is not None:
@@ -39,4 +40,4 @@ class Program(LazyGroup):
             if stream is not None and cannot_take(stream):
                 silence(stream)
         warn(f"error: the output cannot be written ({problem.strerror}); what is computed stays")
-        sys.exit(1)
+        sys.exit(Exit.FAILED)

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.table import Table
 
+from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.case_options import case_options, spray_keys
-from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors
-from cldit.cli.series import print_series
+from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_errors
+from cldit.cli.scene_name import SCENE
+from cldit.cli.series import series_outcome
 from cldit.cli.units import KELVIN
 from cldit.errors import SceneError
 from cldit.experiment import run_experiment
@@ -28,7 +29,7 @@ _QUICK_K = 4.0
 
 
 @click.command()
-@click.argument("scene")
+@click.argument("scene", type=SCENE)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the run; runs/SCENE.")
 @click.option(
     "--cfd",
@@ -76,6 +77,7 @@ _QUICK_K = 4.0
 )
 @click.option("--quick", is_flag=True, help="A first look: 128 x 128 pixels, 4 K.")
 @click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
+@json_option
 @plain_errors
 def run(
     scene: str,
@@ -94,7 +96,7 @@ def run(
     quick: bool,
     trace_only: bool,
     **options: Any,
-) -> None:
+) -> Outcome:
     """Simulate SCENE (a shipped name or a YAML file), record it with the rig, evaluate."""
     transport = {
         "order": order,
@@ -131,10 +133,22 @@ def run(
             result = run_experiment(
                 chosen, folder, device=opened, progress=bar.say, watch=bar.watch
             )
-    if times is None:
-        _summary(result)
-    else:
-        print_series(series)
+    if times is not None:
+        return series_outcome(series)
+    _summary(result)
+    return Outcome(_data(result))
+
+
+def _data(result: Run) -> dict[str, Any]:
+    """What scripts want to know of a run."""
+    maps = {"trace": result.maps, "acquired": result.measured}
+    pixels = {
+        name: {reason.name.lower(): count for reason, count in one.count().items()}
+        for name, one in maps.items()
+        if one is not None
+    }
+    return {"name": result.scene.name, "folder": result.folder, "pixels": pixels,
+            **result.info.to_dict()}  # fmt: skip
 
 
 def _picture(
@@ -195,7 +209,7 @@ def _changed(
 def _print_errors(errors: Errors) -> None:
     """Prints the error of T_app, and what each cause adds."""
     OUT.print(f"error of T_app, RMS over the pixels that have one: {errors.text}")
-    table = Table("cause", "K", "held by", "how it is known", box=None)
+    table = folded_table("cause", "K", "held by", "how it is known")
     for cause in errors.causes:
         table.add_row(cause.name, cause.text.removesuffix(" K"), cause.fixed, cause.how)
     OUT.print(table)
@@ -206,7 +220,7 @@ def _print_errors(errors: Errors) -> None:
 
 
 def _summary(result: Run) -> None:
-    table = Table("stage", "s", "", box=None)
+    table = folded_table("stage", "s", "")
     for stage in result.info.stages:
         table.add_row(stage.name, f"{stage.seconds:.2f}", stage.note)
     OUT.print(table)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 
 import click
-from rich.table import Table
 
-from cldit.cli.console import OUT, plain_errors
+from cldit.cli.as_json import Outcome, json_option
+from cldit.cli.console import OUT, folded_table, plain_errors
 from cldit.scene import Scene, load_scene, shipped_scenes
 from cldit.scene.commented import commented
 from cldit.terminal import tell
@@ -17,21 +17,27 @@ from cldit.terminal import tell
 @click.option("--show", metavar="SCENE", help="A scene as commented YAML, to save and edit.")
 @click.option("--reference", is_flag=True, help="Every key of all files, as Markdown.")
 @click.option("--schema", is_flag=True, help="JSON schema of scenes, for editors.")
+@json_option
 @plain_errors
-def scenes(show: str | None, reference: bool, schema: bool) -> None:
+def scenes(show: str | None, reference: bool, schema: bool) -> Outcome:
     """The scenes that are shipped."""
     if show is not None:
-        tell(commented(load_scene(show)), end="")
-        return
+        scene = load_scene(show)
+        tell(commented(scene), end="")
+        return Outcome(scene.model_dump(mode="json"))
     if reference:
         from cldit.report.keys import reference_page  # imports what reads rigs and pictures
 
         tell(reference_page(), end="")
-        return
+        return Outcome(Scene.model_json_schema())
     if schema:
         tell(json.dumps(Scene.model_json_schema(), indent=2))
-        return
-    table = Table("scene", "", box=None)
-    for name, description in shipped_scenes().items():
+        return Outcome(Scene.model_json_schema())
+    table = folded_table("scene", "")
+    found = shipped_scenes()
+    for name, description in found.items():
         table.add_row(name, description)
     OUT.print(table)
+    return Outcome(
+        [{"name": name, "description": description} for name, description in found.items()]
+    )

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import sys
-
 from rich.table import Table
 
+from cldit.cli.as_json import Outcome
 from cldit.cli.console import ERR, OUT, escaped
+from cldit.cli.exit_codes import Exit
 from cldit.report.film import mp4_possible
 from cldit.series import Series
 
@@ -18,9 +18,9 @@ _SHOWN = (
 )
 
 
-def print_series(series: Series) -> None:
-    """Prints a line a time and the files; ends the program with 1 where a time of the `series` is
-    bad, and names it."""
+def series_outcome(series: Series) -> Outcome:
+    """Prints a line a time and the files; the status says whether a time of the `series` is bad,
+    which is named."""
     table = Table("time", *(text for _, text, _ in _SHOWN), "T_app, K", "", box=None)
     for each in series.times:
         row = [_number(each.spray.get(name), factor) for name, _, factor in _SHOWN]
@@ -35,8 +35,18 @@ def print_series(series: Series) -> None:
     for each in series.failed:
         text = f"{series.plan.text(each.time)}: {each.problem}"
         ERR.print(f"[bold red]error:[/] {escaped(text)}")
-    if series.failed:
-        sys.exit(1)
+    times = [
+        {
+            "time": series.plan.text(each.time),
+            "state": each.state,
+            "folder": each.folder,
+            "problem": each.problem,
+            "spray": each.spray,
+        }
+        for each in series.times
+    ]
+    code = Exit.FAILED if series.failed else Exit.DONE
+    return Outcome({"times": times, "files": series.files}, code)
 
 
 def _number(value: float | None, factor: float) -> str:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.table import Table
 
 from cldit.acquisition.progress import Progress
-from cldit.cfd.importing import cfd_spray, import_case, list_case
+from cldit.cfd.formats import contents
+from cldit.cfd.importing import case_lines, cfd_spray, imported, list_case
+from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.case_options import case_options, spray_keys
-from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
+from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_errors, say
+from cldit.cli.scene_name import SCENE
 from cldit.errors import SceneError
 from cldit.files import write_bytes, write_text
 from cldit.report.droplets import life_picture
@@ -26,12 +29,11 @@ from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow
 from cldit.spray.flow.measures import History
 from cldit.spray.flow.simulate import simulate_spray
-from cldit.spray.result import Spray
 from cldit.terminal import tell
 
 
 @click.command("spray")
-@click.argument("scene")
+@click.argument("scene", type=SCENE)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder; sprays/SCENE.")
 @plain_errors
 def spray_command(scene: str, out: Path | None) -> None:
@@ -75,6 +77,7 @@ def spray_command(scene: str, out: Path | None) -> None:
     help="Write a scene that fits the case; CASE.yaml here, if it has no name.",
 )
 @case_options
+@json_option
 @plain_errors
 def import_command(
     listed: bool,
@@ -83,7 +86,7 @@ def import_command(
     fit: str | None,
     file: Path,
     **options: Any,
-) -> None:
+) -> Outcome:
     """Check a CFD result CASE, print its figures, and keep it as cldit's own file."""
     spec = cfd_spray({"file": file, **spray_keys(options)})
     if write_mapping is not None:
@@ -95,26 +98,34 @@ def import_command(
 
         for line in mapping_found.write_mapping(spec, write_mapping):
             OUT.print(escaped(line))
-        return
+        return Outcome({"mapping": write_mapping})
     scene = None if fit is None else Path(fit or f"{file.resolve().stem}.yaml")
     if listed and (out is not None or scene is not None):
         raise SceneError("--list: writes nothing; give --out or --fit without it")
     if scene is not None and scene.exists():
         raise SceneError(f"{scene}: is there already; --fit OTHER.yaml writes another")
 
-    def fitted(spray: Spray) -> Path:
-        assert scene is not None
-        write_text(scene, fitted_scene(spec, spray, name=scene.stem))
-        return scene
-
     with ProgressBar() as bar:
         if listed:
-            lines = list_case(spec)
+            lines, data = list_case(spec), asdict(contents(spec))
         else:
-            also = None if scene is None else fitted
-            lines = import_case(spec, out, watch=bar.count, also=also)
+            spray = imported(spec, out, watch=bar.count)
+            written = [] if out is None else [out]
+            if scene is not None:
+                write_text(scene, fitted_scene(spec, spray, name=scene.stem))
+                written.append(scene)
+            lines = [*case_lines(spec, spray), *(str(path) for path in written)]
+            data = {
+                "case": spec.file,
+                "figures": spray.notes,
+                "remarks": spray.remarks,
+                "files": [one.to_dict() for one in spray.files],
+                "out": out,
+                "scene": scene,
+            }
     for line in lines:
         OUT.print(escaped(line))
+    return Outcome(data)
 
 
 @click.command()
@@ -161,7 +172,7 @@ def droplet(
 
 
 def _life_table(life: Life) -> None:
-    table = Table(*COLUMNS, box=None)
+    table = folded_table(*COLUMNS)
     for row in list(life.rows())[:: max(1, life.time_s.size // 10)]:
         table.add_row(*(f"{value:.5g}" for value in row))
     OUT.print(table)

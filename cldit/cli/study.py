@@ -6,10 +6,9 @@ import time
 from pathlib import Path
 
 import click
-from rich.table import Table
 
 from cldit.acquisition.progress import Progress
-from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, say
+from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_errors, say
 from cldit.cli.units import device_option
 from cldit.errors import StudyError
 from cldit.gpu.device import open_device
@@ -80,7 +79,7 @@ def study(
 
 
 def _verdicts(pages: list[Page]) -> None:
-    table = Table("study", "the paper", "found", "agrees if", "", box=None)
+    table = folded_table("study", "the paper", "found", "agrees if", "")
     for page in pages:
         for each in page.verdicts:
             colour = "green" if each.agrees else "yellow"

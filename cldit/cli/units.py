@@ -8,8 +8,9 @@ import click
 
 if TYPE_CHECKING:
     _Float = click.ParamType[float]
+    Text = click.ParamType[str]
 else:
-    _Float = click.ParamType  # generic from click 8.5 on
+    _Float = Text = click.ParamType  # generic from click 8.5 on
 
 
 class Quantity(_Float):

@@ -80,6 +80,21 @@ class Maps:
         codes = np.full(shape, int(reason), np.uint8)
         return cls(nothing, nothing, nothing, nothing, codes, nothing, nothing)
 
+    @property
+    def optical_depth(self) -> Image:
+        """-ln(1 - emissivity), (H, W): of extinction along the line of sight, as the background
+        tells it; NaN where nothing of the background comes through."""
+        through = 1.0 - self.emissivity
+        return np.asarray(
+            -np.log(through, out=np.full(through.shape, np.nan, np.float32), where=through > 0.0)
+        )
+
+    def __repr__(self) -> str:
+        rows, columns = self.emissivity.shape
+        known = self.apparent_temperature_K[np.isfinite(self.apparent_temperature_K)]
+        warm = f", {known.min():.4g} to {known.max():.4g} K" if known.size else ""
+        return f"<Maps: {columns} x {rows} pixels, {known.size} with T_app{warm}>"
+
     def count(self) -> dict[Reason, int]:
         """Number of pixels for each reason that occurs, OK first."""
         return {reason: n for reason in Reason if (n := int(np.sum(self.reason == reason)))}

@@ -26,6 +26,7 @@ from cldit.errors import EvaluationError
 from cldit.optics.response import from_plain
 from cldit.optics.spectral import reference_temperature_K
 from cldit.optics.windows import band_pane
+from cldit.origin import Origin, versions
 from cldit.radiance.boundary import Boundary
 
 Floats = NDArray[np.float64]
@@ -47,6 +48,7 @@ class Evaluation:
     it was fitted to the references. calibration: as used, with what the pictures gave. witnesses:
     what the shots say of the measurement (`cldit.dit.witness`). drifts: the terms of the covariance
     that both kinds share. budget: what no shot shows.
+    origin: when, by which command and from which files; None where no folder was evaluated.
     """
 
     maps: Maps
@@ -57,6 +59,10 @@ class Evaluation:
     witnesses: tuple[Witness, ...] = ()
     drifts: tuple[DriftTerm, ...] = ()
     budget: Budget | None = None
+    origin: Origin | None = None
+
+    def __repr__(self) -> str:
+        return f"<Evaluation: {self.maps!r}, {len(self.lines)} lines of remarks>"
 
     @property
     def improbable(self) -> float:
@@ -79,8 +85,12 @@ class Evaluation:
         return tuple(found)
 
     def to_json(self) -> str:
-        """Everything but the maps."""
-        plain = {
+        """Everything but the maps, as JSON."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the maps, as plain data."""
+        return {
             "remarks": self.remarks,
             "odd_shots": [asdict(shot) for shot in self.outliers],
             "pixels": {reason.text: count for reason, count in self.maps.count().items()},
@@ -96,8 +106,9 @@ class Evaluation:
                 "stretch_error": self.fitted.stretch_error,
                 "residual_K": self.fitted.residual_K,
             },
+            "versions": versions(),
+            "origin": None if self.origin is None else self.origin.to_dict(),
         }
-        return json.dumps(plain, indent=2, allow_nan=False)
 
 
 def evaluate_acquisition(acquisition: Acquisition, *, progress: Watch | None = None) -> Maps:

@@ -45,6 +45,10 @@ class Weights:
     liquid: Image
     patches: Mapping[str, Image] = field(default_factory=lambda: _NONE, kw_only=True)
 
+    def __repr__(self) -> str:
+        rows, columns = self.background.shape
+        return f"<Weights: {columns} x {rows} pixels of {', '.join(self.images)}>"
+
     @property
     def images(self) -> dict[str, Image]:
         """All weights by name, patches last."""

@@ -48,6 +48,8 @@ def human(key: str, value: float) -> tuple[str, str]:
         unit, factor = "µm", 1e6
     shown = value * factor
     text = f"{shown:.0f}" if float(shown).is_integer() and abs(shown) < 1e15 else f"{shown:.4g}"
+    if unit == "K" and quantity == "temperature":
+        return extreme + _NAMES.get(name, name), f"{text} K ({value - 273.15:.0f} °C)"
     return extreme + _NAMES.get(name, name), f"{text} {unit}".rstrip()
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
@@ -107,7 +108,28 @@ def map_picture(
     note: str | None = None,
     stamp: str = "",
 ) -> bytes:
-    """PNG of both maps in one: hue = apparent temperature, saturation = emissivity, value = 1.
+    """PNG of `map_figure`.
+
+    Args:
+        maps, frame, title, range_K, scale, note, stamp: as for `map_figure`; maps (H, W).
+    """
+    figure = map_figure(
+        maps, frame, title=title, range_K=range_K, scale=scale, note=note, stamp=stamp
+    )
+    return png_of(figure)
+
+
+def map_figure(
+    maps: Maps,
+    frame: Frame,
+    *,
+    title: str,
+    range_K: tuple[float, float] | None = None,
+    scale: float | None = None,
+    note: str | None = None,
+    stamp: str = "",
+) -> Figure:
+    """Both maps in one: hue = apparent temperature, saturation = emissivity, value = 1.
 
     The colouring of the paper (Section 3). Where there is no temperature since the spray is
     transparent, white; where there is none for another reason, light grey.
@@ -169,11 +191,20 @@ def map_picture(
     else:
         key.set_axis_off()
         key.text(0.5, 0.5, "no apparent\ntemperature", ha="center", va="center", fontsize=9)
-    return png_of(figure)
+    return figure
 
 
 def panels_picture(panels: Sequence[Panel], frame: Frame, *, title: str) -> bytes:
-    """PNG of one or more pictures with a colour bar each, at most two side by side.
+    """PNG of `panels_figure`.
+
+    Args:
+        panels, frame, title: as for `panels_figure`.
+    """
+    return png_of(panels_figure(panels, frame, title=title))
+
+
+def panels_figure(panels: Sequence[Panel], frame: Frame, *, title: str) -> Figure:
+    """One or more pictures with a colour bar each, at most two side by side.
 
     Args:
         panels: the pictures.
@@ -194,7 +225,7 @@ def panels_picture(panels: Sequence[Panel], frame: Frame, *, title: str) -> byte
         norm = LogNorm(low, high) if panel.logarithmic else Normalize(low, high)
         drawn = _draw(place, values, frame, norm=norm, colours=panel.colours)
         _key(place, drawn, panel.label, below=np.any(values < low), above=np.any(values > high))
-    return png_of(figure)
+    return figure
 
 
 def _draw(
@@ -239,21 +270,22 @@ def weights_picture(weights: Weights, frame: Frame, *, title: str) -> bytes:
         frame: axes.
         title: above all.
     """
+    return panels_picture(weights_panels(weights), frame, title=title)
+
+
+def weights_panels(weights: Weights) -> list[Panel]:
+    """The four weights (H, W) and those of patches, a panel each."""
     patches = [
         Panel(image, f"seen of {name}", "share", colours="gray")
         for name, image in weights.patches.items()
     ]
-    return panels_picture(
-        [
-            Panel(weights.background, "seen of the background", "share", (0.0, 1.0), "gray"),
-            Panel(weights.wall, "seen of the walls", "share", colours="gray"),
-            *patches,
-            Panel(weights.vapour, "emitted by vapour", "photons s$^{-1}$ m$^{-2}$ sr$^{-1}$"),
-            Panel(weights.liquid, "emitted by droplets", "photons s$^{-1}$ m$^{-2}$ sr$^{-1}$"),
-        ],
-        frame,
-        title=title,
-    )
+    return [
+        Panel(weights.background, "seen of the background", "share", (0.0, 1.0), "gray"),
+        Panel(weights.wall, "seen of the walls", "share", colours="gray"),
+        *patches,
+        Panel(weights.vapour, "emitted by vapour", "photons s$^{-1}$ m$^{-2}$ sr$^{-1}$"),
+        Panel(weights.liquid, "emitted by droplets", "photons s$^{-1}$ m$^{-2}$ sr$^{-1}$"),
+    ]
 
 
 def camera_pictures(
@@ -296,31 +328,32 @@ def errors_picture(maps: Maps, frame: Frame, *, title: str) -> bytes:
         frame: axes.
         title: above all.
     """
+    return panels_picture(errors_panels(maps), frame, title=title)
+
+
+def errors_panels(maps: Maps) -> list[Panel]:
+    """Both standard errors (H, W), a panel each."""
     error_K = maps.apparent_temperature_standard_error_K
     positive = error_K[np.isfinite(error_K) & (error_K > 0)].astype(np.float64)
     known = maps.emissivity_standard_error
     limits = robust_limits(positive, cut=1.0) if positive.size else (0.0, 1.0)
-    return panels_picture(
-        [
-            Panel(
-                known,
-                "standard error of emissivity",
-                "",
-                (0.0, robust_limits(known)[1]),
-                "viridis",
-            ),
-            Panel(
-                error_K,
-                "standard error of apparent temperature",
-                "K",
-                limits,
-                "viridis",
-                logarithmic=bool(positive.size),
-            ),
-        ],
-        frame,
-        title=title,
-    )
+    return [
+        Panel(
+            known,
+            "standard error of emissivity",
+            "",
+            (0.0, robust_limits(known)[1]),
+            "viridis",
+        ),
+        Panel(
+            error_K,
+            "standard error of apparent temperature",
+            "K",
+            limits,
+            "viridis",
+            logarithmic=bool(positive.size),
+        ),
+    ]
 
 
 def error_maps_picture(
@@ -333,6 +366,11 @@ def error_maps_picture(
         frame: axes.
         title: above all.
     """
+    return panels_picture(error_maps_panels(images), frame, title=title)
+
+
+def error_maps_panels(images: Mapping[str, NDArray[np.float32]]) -> list[Panel]:
+    """The standard error of T_app, `images` (H, W) by cause: all together, and the largest."""
 
     def mean(name: str) -> float:
         return float(np.nanmean(images[name]))
@@ -340,7 +378,7 @@ def error_maps_picture(
     largest = max((name for name in images if name != "total"), key=mean, default=None)
     shown = ["total", *([] if largest is None else [largest])]
     limits = (0.0, robust_limits(images["total"])[1])
-    panels = [
+    return [
         Panel(
             images[name],
             "all causes together" if name == "total" else f"of it by {name}",
@@ -350,7 +388,6 @@ def error_maps_picture(
         )
         for name in shown
     ]
-    return panels_picture(panels, frame, title=title)
 
 
 def nodes_picture(errors_K: Sequence[float], *, chosen: int, title: str) -> bytes:

@@ -219,8 +219,12 @@ def _cause(cause: Cause) -> str:
 def _commands(run: Run) -> tuple[str, ...]:
     """What does the run again, from its folder."""
     if run.measured is None:
-        return ("cldit run scene.yaml --trace-only --out again",)
+        return (
+            "cldit repeat .  # anew, and what differs",
+            "cldit run scene.yaml --trace-only --out again",
+        )
     return (
+        "cldit repeat .                               # anew, and what differs",
         "cldit run scene.yaml --out again             # all of it",
         "cldit acquire rig.yaml plan.yaml --out shots # the shots alone",
         "cldit evaluate shots",
@@ -270,7 +274,7 @@ def write_run_report(run: Run) -> Path:
         stages=tuple((stage.name, stage.seconds) for stage in run.info.stages),
         notes={stage.name: stage.note for stage in run.info.stages if stage.note},
         device=f"{run.info.device}: {run.info.device_reason}",
-        versions=run.info.versions,
+        versions=run.info.versions | ({} if run.info.origin is None else run.info.origin.text),
         commands=_commands(run),
         scene_yaml=dump_scene(run.scene),
     )

@@ -36,9 +36,16 @@ def plain(text: str) -> str:
     return text.replace("$", r"\$")
 
 
+class Sheet(Figure):
+    """A figure that a notebook shows, also where nobody has loaded pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        return png_of(self)
+
+
 def figure_of(width_in: float, height_in: float) -> Figure:
     """A figure of `width_in` x `height_in` for curves; `png_of` crops it to what is drawn."""
-    figure = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
+    figure = Sheet(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
@@ -86,7 +93,7 @@ def sheet(
     each_high = _BOTTOM + high + _TOP + (_TITLE if any(titles) else 0.0)
     foot = _NOTE_LINE * (1 + note.count("\n")) if note else 0.0
     width, height = columns * each_wide, _HEADING + rows * each_high + foot
-    figure = Figure(figsize=(width, height), dpi=_DPI)
+    figure = Sheet(figsize=(width, height), dpi=_DPI)
     FigureCanvasAgg(figure)
     figure.suptitle(plain(heading), y=1.0 - 0.5 * _HEADING / height, va="center", fontsize=11)
     if note:

@@ -52,10 +52,15 @@ def trace_content(scene: Scene) -> dict[str, Any]:
     return data
 
 
-def trace_key(scene: Scene) -> str:
-    """Digest of `trace_content`, of the files that the scene names, and of the code."""
+def named_files(scene: Scene) -> list[Path]:
+    """Files and folders that a scene names: of its spray, and tables of its substances."""
     named = [getattr(scene.spray, key, None) for key in ("file", "mapping")]
     substances = [scene.optics.liquid, scene.optics.vapour]
     named += [each for each in substances if each is not None and Path(each).suffix]  # tables
-    files = file_content([Path(each) for each in named if each is not None])
+    return [Path(each) for each in named if each is not None]
+
+
+def trace_key(scene: Scene) -> str:
+    """Digest of `trace_content`, of the files that the scene names, and of the code."""
+    files = file_content(named_files(scene))
     return digest(trace_content(scene), files, code_digest(*_TRACED_BY))

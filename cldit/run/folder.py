@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import is_dataclass, replace
@@ -14,7 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError, SceneError
-from cldit.files import make_folder, write_text
+from cldit.files import make_folder, write_text, written
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.plain_data import read_json, read_mapping
@@ -40,6 +41,22 @@ def save_run(run: Run, folder: Path) -> None:
     run.maps.save(folder / "maps", pixel_m=run.pixel_m)
     save_maps(run.error_maps, folder / "errors", pixel_m=run.pixel_m)
     write_text(folder / "run.json", run.info.to_json())
+
+
+def store_run(run: Run, folder: Path) -> Path:
+    """Writes the `run` into `folder`, with the acquisition that lies in the run's own folder.
+
+    Raises:
+        RunFolderError: the folder is not empty.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise RunFolderError(f"{folder}: is not empty; allowed is an empty folder, or a new one")
+    make_folder(folder)
+    if run.measured is not None and run.folder is not None:
+        with written(folder):
+            shutil.copytree(run.folder / "acquisition", folder / "acquisition")
+    save_run(run, folder)
+    return folder
 
 
 def stored_run(folder: Path, scene: Scene) -> Run | None:

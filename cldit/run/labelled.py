@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from importlib import import_module
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cldit.dit.maps import UNITS, Maps, Reason
-from cldit.errors import ClditError
+from cldit.labels import xarray_module
 from cldit.radiance.weights import EMITTED, Weights
+from cldit.run.error_maps import TOTAL
 from cldit.scene import Scene
 
 if TYPE_CHECKING:
@@ -24,25 +25,15 @@ _LONG = {
     "reduced_chi2": "of the lines over the backgrounds",
     "fit_probability": "that chance alone makes the residuals as large",
 }
-_STANDARD = {"apparent_temperature_K": "brightness_temperature"}
+_STANDARD = {
+    "apparent_temperature_K": "brightness_temperature",
+    "apparent_temperature_standard_error_K": "brightness_temperature standard_error",
+    "reason": "brightness_temperature status_flag",
+}
 _ERROR_OF = {
     "emissivity": "emissivity_standard_error",
     "apparent_temperature_K": "apparent_temperature_standard_error_K",
 }
-
-
-def xarray_module() -> Any:
-    """The module `xarray`.
-
-    Raises:
-        ClditError: it is not installed.
-    """
-    try:
-        return import_module("xarray")
-    except ImportError as error:
-        raise ClditError(
-            'labelled data sets need xarray, which is not installed: pip install "cldit[studies]"'
-        ) from error
 
 
 def labelled(
@@ -51,7 +42,8 @@ def labelled(
     *,
     pixel_m: tuple[float, float],
     weights: Weights | None = None,
-    errors_json: str = "",
+    error_maps: Mapping[str, NDArray[np.float32]] | None = None,
+    attrs: Mapping[str, str] | None = None,
 ) -> xarray.Dataset:
     """Maps, and weights where they are given, over x and z of the plane of the target.
 
@@ -60,7 +52,8 @@ def labelled(
         maps: (H, W) on the traced or the sensor's pixels.
         pixel_m: width and height of their pixels in the plane of the target.
         weights: (H, W) of the trace; None leaves them out.
-        errors_json: the picture's errors by cause, for the attribute `errors`.
+        error_maps: (H, W) standard error of the simulation's T_app by cause, and `total`.
+        attrs: of the data set, beside the scene.
 
     Returns:
         Variables named as the maps' files are, dimensions z (downwards) and x in mm.
@@ -73,9 +66,10 @@ def labelled(
         for name, image in weights.images.items():
             unit = "photons s-1 m-2 sr-1" if name in EMITTED else "1"
             variables[f"weight_{name}"] = (image, unit, f"weight of {name}")
-    attrs = {"scene": json.dumps(scene.model_dump(mode="json"))}
-    if errors_json:
-        attrs["errors"] = errors_json
+    for name, image in (error_maps or {}).items():
+        cause = "all causes together" if name == TOTAL else name
+        key = "simulation_error_K" if name == TOTAL else f"simulation_error_{_key(name)}_K"
+        variables[key] = (image, "K", f"standard error of the simulated T_app by {cause}")
     target = scene.target_m
     return labelled_maps(
         maps,
@@ -83,8 +77,12 @@ def labelled(
         pixel_m=pixel_m,
         centre_m=(target[0], target[2]),
         more=variables,
-        attrs=attrs,
+        attrs={"scene": json.dumps(scene.model_dump(mode="json")), **(attrs or {})},
     )
+
+
+def _key(name: str) -> str:
+    return name.replace(" ", "_")
 
 
 def labelled_maps(
@@ -122,16 +120,20 @@ def labelled_maps(
         "x": ("x", x, {"units": "mm", "long_name": "across, from the injector's tip"}),
         "z": ("z", z, {"units": "mm", "long_name": "upwards, from the injector's tip"}),
     }
+    beside = [name for name in more or {} if "error" in name]
     variables: dict[str, Any] = {
-        name: (("z", "x"), getattr(maps, name), _attributes(name)) for name in UNITS
+        name: (("z", "x"), getattr(maps, name), _attributes(name, beside)) for name in UNITS
     }
+    depth = {"units": "1", "long_name": "optical depth of the line of sight, -ln(1 - emissivity)"}
+    variables["optical_depth"] = (("z", "x"), maps.optical_depth, depth)
     for name, (image, unit, about) in (more or {}).items():
         variables[name] = (("z", "x"), image, {"units": unit, "long_name": about})
     every = {"Conventions": "CF-1.11", "title": f"cldit: {title}", **(attrs or {})}
     return xr.Dataset(variables, coords, every)  # type: ignore[no-any-return]
 
 
-def _attributes(name: str) -> Mapping[str, Any]:
+def _attributes(name: str, beside: Sequence[str]) -> Mapping[str, Any]:
+    """beside: names of further errors, which belong to the temperature or the emissivity."""
     made: dict[str, Any] = {}
     if name == "reason":
         made["flag_values"] = np.array([int(reason) for reason in Reason], np.uint8)
@@ -140,7 +142,9 @@ def _attributes(name: str) -> Mapping[str, Any]:
         made["units"] = UNITS[name]
     for value, error in _ERROR_OF.items():
         if name == value:
-            made["ancillary_variables"] = f"{error} reason"
+            of = ("emissivity",) if value == "emissivity" else ("apparent_temp", "simulation")
+            more = [each for each in beside if each.startswith(of)]
+            made["ancillary_variables"] = " ".join([error, "reason", *more])
         if name == error:
             made["long_name"] = f"standard error of the {value.removesuffix('_K')}".replace(
                 "_", " "

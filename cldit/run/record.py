@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import platform
-from importlib.metadata import version
+import hashlib
 
 from cldit.gpu.device import Device
-from cldit.provenance import FileRead
+from cldit.origin import Origin, versions
+from cldit.provenance import FileRead, files_read
 from cldit.run.accuracy import StatedError
+from cldit.run.content import named_files
 from cldit.run.errors import Errors
 from cldit.run.plan import Plan
 from cldit.run.result import RunInfo, Stage
 from cldit.run.spectral import NodeTraces, SpectralInfo
 from cldit.run.stages import Stages
-
-_VERSIONS = ("cldit", "numpy", "scipy", "pyopencl")
+from cldit.scene import Scene, dump_scene
 
 
 def traced_stages(result: NodeTraces, order: int | None) -> list[Stage]:
@@ -65,6 +65,7 @@ def run_info(
     spectral: SpectralInfo,
     errors: Errors | None,
     plan: Plan,
+    scene: Scene,
 ) -> RunInfo:
     """How a run came about.
 
@@ -79,11 +80,9 @@ def run_info(
         spectral: how the filter was resolved.
         errors: of the picture, by cause.
         plan: what was chosen.
+        scene: as the user wrote it.
     """
     last = result.traces[-1]  # all are compiled alike
-    versions = {name: version(name) for name in _VERSIONS}
-    versions["python"] = platform.python_version()
-    versions["opencl"] = f"{device.info.version}, driver {device.info.driver}"
     return RunInfo(
         device=f"{device.info.index} {device.info.name} ({device.info.platform})",
         device_reason=device.reason,
@@ -100,7 +99,31 @@ def run_info(
         remarks=tuple(stages.remarks),
         integration_time_s=integration_time_s,
         spectral=spectral,
-        versions=versions,
+        versions={
+            **versions(),
+            "opencl": f"{device.info.version}, driver {device.info.driver}",
+        },
         errors=errors,
         plan=plan.to_dict(),
+        origin=origin_of(scene, files),
+    )
+
+
+def origin_of(scene: Scene, files: tuple[FileRead, ...]) -> Origin:
+    """Where the results of a scene come from.
+
+    Args:
+        scene: as the user wrote it.
+        files: that its spray was read from. Those that cldit's own file (.npz) names were read by
+            an import; here the .npz itself is the input.
+    """
+    named = [path for path in named_files(scene) if path.is_file()]
+    own = any(path.suffix == ".npz" for path in named)
+    known = () if own else files
+    before = {one.path for one in known}
+    more = files_read(path for path in named if str(path.resolve()) not in before)
+    return Origin.now(
+        inputs=(*known, *more),
+        scene=scene.model_dump(mode="json"),
+        scene_sha256=hashlib.sha256(dump_scene(scene).encode()).hexdigest(),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 
 from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
+from cldit.dit.profile import Profile, profile_of
 from cldit.errors import RunFolderError
 from cldit.optics.spectral import Quadrature
+from cldit.origin import Origin
 from cldit.provenance import FileRead
 from cldit.radiance.weights import Weights
+from cldit.run.error_maps import TOTAL
 from cldit.run.errors import Errors
 from cldit.run.labelled import labelled
 from cldit.run.spectral import (
@@ -27,6 +30,7 @@ from cldit.transport.energy_balance import EnergyBalance
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -60,25 +64,33 @@ class RunInfo:
     errors: Errors | None = None  # of T_app, by cause; None where nothing was asked for
     integrals: tuple[dict[str, float], ...] = ()  # over each node's octree, m2, to know it again
     plan: dict[str, Any] | None = None  # what was chosen for the wanted error; `Plan.to_dict`
+    origin: Origin | None = None  # when, by which command, on what; None in runs of 0.1.0
 
     def to_json(self) -> str:
         """JSON; `from_dict` takes what is in it."""
+        return json.dumps(self.to_dict(), indent=2)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
         data = {**self.__dict__, "stages": [stage.__dict__ for stage in self.stages]}
         data["files"] = [file.to_dict() for file in self.files]
         for name, part in (
             ("spectral", self.spectral),
             ("closure", self.closure),
             ("errors", self.errors),
+            ("origin", self.origin),
         ):
             data[name] = None if part is None else part.to_dict()
-        return json.dumps(data, indent=2)
+        return data
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> RunInfo:
-        """What `to_json` wrote, as plain `data`."""
-        stages = tuple(Stage(**stage) for stage in data["stages"])
+        """What `to_dict` gave, as plain `data`."""
+        stages = tuple(  # 0.1.0 wrote differences of times, some of which are below 0
+            Stage(**{**one, "seconds": max(one["seconds"], 0.0)}) for one in data["stages"]
+        )
         spectral, closure = data.get("spectral"), data.get("closure")
-        errors = data.get("errors")
+        errors, origin = data.get("errors"), data.get("origin")
         return cls(
             **{
                 **data,
@@ -89,6 +101,7 @@ class RunInfo:
                 "spectral": None if spectral is None else SpectralInfo.from_dict(spectral),
                 "closure": None if closure is None else EnergyBalance.from_dict(closure),
                 "errors": None if errors is None else Errors.from_dict(errors),
+                "origin": None if origin is None else Origin.from_dict(origin),
             }
         )
 
@@ -121,6 +134,64 @@ class Run:
     measured: Maps | None = None
     folder: Path | None = None
 
+    def __repr__(self) -> str:
+        error = "" if self.errors is None else f", error {self.errors.text}"
+        place = "in memory" if self.folder is None else f"in {self.folder}"
+        return f"<Run {self.scene.name!r}: {self.maps!r}{error}, {place}>"
+
+    def _repr_html_(self) -> str:
+        from cldit.report.notebook import run_html  # the report stands above: pictures for people
+
+        return run_html(self)
+
+    def plot(self, what: str = "maps", **options: Any) -> Figure:
+        """A figure of the run.
+
+        Args:
+            what: `maps`, `acquired`, `errors`, `weights`, `budget`, `spectrum` or `profile`.
+            options: as for `cldit.plot`.
+
+        Raises:
+            EvaluationError: the run has no such picture.
+        """
+        from cldit.report.plot import plot
+
+        return plot(self, what, **options)
+
+    def profile(self, **options: Any) -> Profile:
+        """T_app and emissivity along a plume, with the errors that the run states; `csv()` of it.
+
+        Args:
+            options: of `cldit.dit.profile.profile_of`: start_m and angle_deg.
+
+        Raises:
+            EvaluationError: the line does not begin in the picture.
+        """
+        x, _, z = self.scene.target_m
+        given = {
+            "pixel_m": self.pixel_m,
+            "centre_m": (x, z),
+            "temperature_error_K": self.error_maps.get(TOTAL),
+        }
+        return profile_of(self.maps, **{**given, **options})
+
+    def save(self, folder: str | Path) -> Path:
+        """Writes the run into a folder, with what its rig recorded, if it did.
+
+        Args:
+            folder: new or empty; `cldit.open_run` reads it.
+
+        Returns:
+            The folder.
+
+        Raises:
+            RunFolderError: the folder is not empty.
+            FileError: it cannot be written.
+        """
+        from cldit.run.folder import store_run  # which makes runs
+
+        return store_run(self, Path(folder))
+
     @property
     def errors(self) -> Errors | None:
         """What each cause adds to the error of T_app; None where the scene asked for no audit."""
@@ -139,21 +210,27 @@ class Run:
             RunFolderError: the run has no acquisition.
             ClditError: xarray is not installed.
         """
-        errors = "" if self.errors is None else json.dumps(self.errors.to_dict())
+        attrs = {}
+        if (origin := self.info.origin) is not None:
+            # Without files: an attribute of HDF5 holds 64 kB.
+            attrs["origin"] = json.dumps(replace(origin, inputs=()).to_dict())
+        if self.errors is not None:
+            attrs["errors"] = json.dumps(self.errors.to_dict())
         if not measured:
             return labelled(
                 self.scene,
                 self.maps,
                 pixel_m=self.pixel_m,
                 weights=self.weights,
-                errors_json=errors,
+                error_maps=self.error_maps,
+                attrs=attrs,
             )
         if self.measured is None:
             raise RunFolderError(
                 f"{self.scene.name}: has no acquisition; run it without --trace-only"
             )
         pixel_m = SensorView.from_scene(self.scene).pixel_m
-        return labelled(self.scene, self.measured, pixel_m=pixel_m, errors_json=errors)
+        return labelled(self.scene, self.measured, pixel_m=pixel_m, attrs=attrs)
 
     @property
     def pixel_m(self) -> tuple[float, float]:

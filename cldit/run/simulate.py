@@ -1,7 +1,6 @@
 """One scene through spray, optics, octree, trace and noise-free evaluation.
 
-scene = cldit.load_scene("gdi")
-run = cldit.simulate(scene, out="runs/gdi")
+run = cldit.simulate("gdi", out="runs/gdi")
 run.maps.apparent_temperature_K
 """
 
@@ -23,12 +22,12 @@ from cldit.run.folder import save_run, stored_run
 from cldit.run.record import run_info
 from cldit.run.result import Run
 from cldit.run.stages import Say, Stages
-from cldit.scene import Scene
+from cldit.scene import Scene, load_scene
 from cldit.spray.result import Spray
 
 
 def simulate(
-    scene: Scene,
+    scene: Scene | str | Path,
     out: str | Path | None = None,
     *,
     device: Device | None = None,
@@ -40,6 +39,7 @@ def simulate(
     """Traces a scene and evaluates it without noise.
 
     Args:
+        scene: or the name of a shipped one (`gdi`), or the path of a YAML file.
         out: folder to store the run in; None keeps it in memory. A folder that holds the same
             scene, finished, is read instead of traced again.
         device: OpenCL device; None lets `open_device` choose (the run says which and why).
@@ -51,6 +51,7 @@ def simulate(
     Raises:
         ClditError: a subclass that says what is wrong and what to do.
     """
+    scene = scene if isinstance(scene, Scene) else load_scene(scene)
     folder = None if out is None else Path(out)
     if folder is not None:
         stored = stored_run(folder, scene)
@@ -81,6 +82,7 @@ def simulate(
             spectral=last.spectral(from_paper),
             errors=last.with_model(from_paper),
             plan=last.plan,
+            scene=scene,
         ),
         quadrature=last.quadrature,
         spectral=last.result.spectral,

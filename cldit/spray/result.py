@@ -6,6 +6,7 @@ Positions are in the project's frame: injector tip at the origin, injector axis 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,10 @@ from numpy.typing import NDArray
 from cldit.errors import SprayError
 from cldit.provenance import FileRead
 from cldit.spray.extent import Box, Cloud, Extent
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
 
@@ -278,3 +283,36 @@ class Spray:
     notes: dict[str, float] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     files: tuple[FileRead, ...] = ()
+
+    def __repr__(self) -> str:
+        parts = []
+        if self.parcels is not None:
+            count = len(self.parcels.position_m)
+            parts.append(f"{count} parcels of {1e6 * self.parcels.mass_kg:.4g} mg")
+        if self.vapour is not None:
+            cells = len(self.vapour.temperature_K)
+            parts.append(f"{cells} cells with {1e6 * self.vapour.mass_kg:.4g} mg of vapour")
+        if self.prescribed is not None:
+            parts.append(f"coefficients in {len(self.prescribed.vapour_temperature_K)} cells")
+        return f"<Spray: {'; '.join(parts) or 'nothing'}>"
+
+    def _repr_html_(self) -> str:
+        from cldit.report.notebook import spray_html  # the report stands above: pictures for people
+
+        return spray_html(self)
+
+    def plot(self, **options: Any) -> Figure:
+        """Masses from the side and from below; `options` as for `cldit.plot`."""
+        from cldit.report.plot import plot
+
+        return plot(self, **options)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Parcels over `parcel`, gas over `cell`; `to_netcdf`, `to_zarr` write them.
+
+        Raises:
+            ClditError: xarray is not installed.
+        """
+        from cldit.spray.labelled import labelled_spray
+
+        return labelled_spray(self)

@@ -77,7 +77,8 @@ def trace_source(
             camera = final_sweeps(problem, final)  # 3
             del solved, final  # with the device memory of their sweepers
         builds = sum(program.build_s for program in camera.programs)
-        seconds["scattering"] = time.perf_counter() - start - builds
+        # Devices build side by side: the sum may be more than what passed.
+        seconds["scattering"] = max(time.perf_counter() - start - builds, 0.0)
     image = formal_solution(cells, region, scene, view, device, settings)
     if region is not None and camera is not None and camera.cell_sources is not None:
         gather = Gather(image, cells.box(), region, camera.cell_sources, settings)
@@ -105,7 +106,9 @@ def trace_source(
         programs += gather.programs
         counts["samples"] = gather.samples
         seconds["gather"] = gather.seconds
-        seconds["image"] -= gather.seconds
+        seconds["image"] = max(
+            seconds["image"] - gather.seconds, 0.0
+        )  # devices gather side by side
     seconds["compile"] = sum(program.build_s for program in programs)
     difference = None if len(halves) < 2 else (halves[0] - halves[1]) / 2
     return Trace(

@@ -145,10 +145,20 @@ def test_view() -> None:
     assert Path("gdi.html").stat().st_size > 10_000
 
 
+def test_sharing(here: Path) -> None:
+    for module in ("xarray", "h5netcdf"):
+        pytest.importorskip(module, reason="the extra studies is not installed")
+    shutil.copytree(_ROOT / "tests" / "data" / "run-0.1.0", here / "runs" / "gdi")
+    names = run("docs/sharing.md")
+    assert names["cut"].distance_m.size > 3 and (here / "gdi.nc").stat().st_size > 10_000
+    assert (here / "runs" / "copy" / "acquisition" / "journal.jsonl").is_file()
+
+
 def test_no_page_is_forgotten() -> None:
     found = [*(_ROOT / "docs").rglob("*.md"), _ROOT / "README.md", _ROOT / "CONTRIBUTING.md"]
     pages = [str(page.relative_to(_ROOT)) for page in found]
     run_here = {"README.md", "docs/dit.md", "docs/errors.md", "docs/extending.md", "docs/rig.md"}
     run_here.add("docs/view.md")
+    run_here.add("docs/sharing.md")
     run_here.add("docs/studies.md")  # after its sweep: test_documented_commands_run.py
     assert {p for p in pages if any(language == "python" for language, _ in blocks(p))} == run_here

@@ -6,11 +6,10 @@ import tempfile
 from pathlib import Path
 
 import click
-from rich.table import Table
 
 from cldit.bench.evaluation import bench_evaluation
 from cldit.bench.evaluation_bias import evaluation_bias
-from cldit.cli.console import OUT, plain_errors
+from cldit.cli.console import OUT, folded_table, plain_errors
 
 
 @click.command("evaluate")
@@ -24,9 +23,7 @@ from cldit.cli.console import OUT, plain_errors
 @plain_errors
 def bench_evaluate_command(shots: int, folder: Path | None) -> None:
     """Bias and errors against known sprays; time and memory of SHOTS full frames (640 x 512)."""
-    table = Table(box=None)
-    for head in ("eps", "T bias / K", "T error / K", "T chi2", "eps bias", "eps chi2"):
-        table.add_column(head)
+    table = folded_table("eps", "T bias / K", "T error / K", "T chi2", "eps bias", "eps chi2")
     last = ""
     for row in evaluation_bias():
         if row.surroundings != last:

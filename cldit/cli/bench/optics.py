@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from rich.table import Table
 
 from cldit.bench.optics import ABSORPTIONS, check_table, compare_solvers, table_use, with_preset
-from cldit.cli.console import OUT, plain_errors
+from cldit.cli.console import OUT, folded_table, plain_errors
 from cldit.files import make_folder, write_bytes
 from cldit.optics.wavelengths import wavelengths
 from cldit.report.pictures import nodes_picture
@@ -25,7 +24,7 @@ def bench_optics_command(scene: str, out: Path | None) -> None:
     """Errors of droplet tables for k from 0 to 10; cost of SCENE's tables, and its wavelengths."""
     chosen = load_scene(scene)
     at = {"wavelength_um": chosen.optics.wavelength_um, "n": chosen.optics.n}
-    table = Table("k", "Q_sca", "Q_abs", "g", "10 % wide", "miepython", box=None)
+    table = folded_table("k", "Q_sca", "Q_abs", "g", "10 % wide", "miepython")
     worst = 0.0
     for k in ABSORPTIONS:
         found = check_table(k=k, cache=default_cache(), **at)
@@ -34,7 +33,7 @@ def bench_optics_command(scene: str, out: Path | None) -> None:
         table.add_row(f"{k:g}", *(f"{value:.1e}" for value in (*single, found.narrow, found.other)))
     OUT.print(table)
     OUT.print(f"largest error of a table of droplets: {100 * worst:.2g} %")
-    solvers = Table("k", "mean Q_abs: cldit", "miepython", "CPU s: cldit", "miepython", box=None)
+    solvers = folded_table("k", "mean Q_abs: cldit", "miepython", "CPU s: cldit", "miepython")
     for k in (1e-4, 1e-5, 1e-6):
         one = compare_solvers(n=chosen.optics.n, k=k)
         times = (f"{seconds:.3f}" for seconds in (one.own_s, one.other_s))
@@ -48,7 +47,7 @@ def bench_optics_command(scene: str, out: Path | None) -> None:
             f"of all parcels and cells: {use.rest_s:.2f} CPU s"
         )
     resolved = wavelengths(spectral, spray, cache=default_cache())
-    rows = Table("wavelengths", "error of T_app, K RMS", box=None)
+    rows = folded_table("wavelengths", "error of T_app, K RMS")
     for number, error_K in enumerate(resolved.errors_K, start=1):
         mark = " (chosen)" if number == len(resolved.nodes) else ""
         rows.add_row(f"{number}{mark}", f"{error_K:.3f}")

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import click
-from rich.table import Table
 
 from cldit.bench.presets import CAUSES, compare_presets
-from cldit.cli.console import OUT, plain_errors, say
+from cldit.cli.console import OUT, folded_table, plain_errors, say
 from cldit.cli.units import KELVIN, device_option
 from cldit.gpu.device import open_device
 from cldit.run import default_cache
@@ -29,7 +28,7 @@ def bench_presets_command(scene: str, pixels: int, accuracy_K: float, device: st
         cache=default_cache(),
         say=say,
     )
-    table = Table(*CAUSES, "wavelengths", "T_app, mean K", "RMS K", "emissivity", box=None)
+    table = folded_table(*CAUSES, "wavelengths", "T_app, mean K", "RMS K", "emissivity")
     for step in steps:
         marks = ("x" if cause in step.taken else "" for cause in CAUSES)
         d = step.difference

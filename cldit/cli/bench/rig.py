@@ -6,10 +6,9 @@ from pathlib import Path
 from statistics import median
 
 import click
-from rich.table import Table
 
 from cldit.bench.rig import bench_rig
-from cldit.cli.console import OUT, plain_errors
+from cldit.cli.console import OUT, folded_table, plain_errors
 from cldit.rig.errors import RigError
 
 FRAMES_PER_SHOT = (1, 4, 16)
@@ -28,10 +27,8 @@ FRAMES_PER_SHOT = (1, 4, 16)
 @plain_errors
 def bench_rig_command(folder: Path, frames: int, repeats: int, rate_Hz: float) -> None:
     """Full frames (640 x 512) that the runner saves per second, every guarantee kept."""
-    table = Table(
-        "frames a shot", "best/s", "median/s", "worst/s", "lost", "CPU ms",
-        "syncs/s", "shots a sync", box=None,
-    )  # fmt: skip
+    table = folded_table("frames a shot", "best/s", "median/s", "worst/s", "lost", "CPU ms",
+        "syncs/s", "shots a sync")  # fmt: skip
     lost = 0
     for count in FRAMES_PER_SHOT:
         result = bench_rig(folder, frames=frames, frames_per_shot=count, repeats=repeats)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.table import Table
-
 from cldit.bench.case import Lattice
 from cldit.bench.report import Part, write_part
 from cldit.bench.suite import MEASUREMENTS, USUAL, Bench
-from cldit.cli.console import OUT, escaped, say
+from cldit.cli.console import OUT, escaped, folded_table, say
 from cldit.gpu.device import open_device
 from cldit.run import default_cache
 from cldit.scene import load_scene
@@ -70,7 +68,7 @@ def bench_transport(asked: Asked) -> None:
 def _show(part: Part) -> None:
     OUT.print(part.title, style="bold")
     for table in part.tables:
-        shown = Table(*table.head, box=None)
+        shown = folded_table(*table.head)
         for row in table.rows:
             shown.add_row(*row)
         OUT.print(shown)

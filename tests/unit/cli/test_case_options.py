@@ -36,7 +36,7 @@ def test_run_and_import_mean_the_same(tmp_path: Path, monkeypatch: pytest.Monkey
         raise Reached
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sprays, "import_case", imported)
+    monkeypatch.setattr(sprays, "imported", imported)
     monkeypatch.setattr(run_module, "simulate", ran)
     for command, arguments in (
         (sprays.import_command, ["case"]),

@@ -41,10 +41,13 @@ def test_only_what_a_command_uses(words: list[str], allowed: set[str]) -> None:
 
 
 def test_help_says_what_click_would() -> None:
-    """Texts that are read from the sources are those of the commands, here of those soon loaded."""
+    """Texts that are read from the sources are those of the commands, here of those soon loaded.
+
+    On wide lines, where click cuts nothing.
+    """
     quick = {name: main.commands_at[name] for name in ("scenes", "devices", "export", "bench")}
     group = LazyGroup(commands_at=quick)
-    context = click.Context(group, info_name="cldit")
+    context = click.Context(group, info_name="cldit", terminal_width=400, max_content_width=400)
     ours, theirs = (context.make_formatter() for _ in range(2))
     group.format_commands(context, ours)
     click.Group.format_commands(group, context, theirs)

@@ -52,6 +52,17 @@ def test_maps_name_their_errors_and_codes() -> None:
     for name in data.apparent_temperature_K.ancillary_variables.split():
         assert name in data
     assert data.apparent_temperature_K.units == "K"
+    assert data.apparent_temperature_K.standard_name == "brightness_temperature"
+    assert data.optical_depth.units == "1"
+    every = {"total": np.ones(SHAPE, np.float32), "size classes": np.ones(SHAPE, np.float32)}
+    more = labelled(scene(), maps(), pixel_m=PIXEL_M, error_maps=every)
+    assert set(more.apparent_temperature_K.ancillary_variables.split()) == {
+        "apparent_temperature_standard_error_K",
+        "reason",
+        "simulation_error_K",
+        "simulation_error_size_classes_K",
+    }
+    assert "simulation" not in more.emissivity.ancillary_variables
     assert data.reason.flag_meanings.split()[Reason.SATURATED] == "saturated"
     assert "weight_background" not in data
 
@@ -67,7 +78,12 @@ def plain(attributes: dict[Any, Any]) -> dict[Any, Any]:
 def test_files_of_it_read_back(tmp_path: Path, engine: Engine) -> None:
     pytest.importorskip(engine, reason="the extra studies is not installed")
     data = labelled(
-        scene(), maps(), pixel_m=PIXEL_M, weights=weights(), errors_json=json.dumps({"total_K": 1})
+        scene(),
+        maps(),
+        pixel_m=PIXEL_M,
+        weights=weights(),
+        error_maps={"total": np.full(SHAPE, 2.0, np.float32), "cells": np.ones(SHAPE, np.float32)},
+        attrs={"errors": json.dumps({"total_K": 1})},
     )
     path = tmp_path / f"run.{engine}"
     if engine == "zarr":
@@ -80,4 +96,5 @@ def test_files_of_it_read_back(tmp_path: Path, engine: Engine) -> None:
         kept = {key: back[name].attrs[key] for key in data[name].attrs}  # a file adds _FillValue
         assert plain(kept) == plain(data[name].attrs)
     assert json.loads(back.attrs["errors"]) == {"total_K": 1}
+    assert float(back.simulation_error_K.max()) == 2.0
     assert back.weight_liquid.values == pytest.approx(weights().liquid)

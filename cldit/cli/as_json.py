@@ -1,0 +1,67 @@
+"""`--json`: what a command found, for scripts."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec
+
+import click
+import numpy as np
+
+from cldit.terminal import aside, tell
+
+P = ParamSpec("P")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command found (mappings, lists, numbers, texts), and its exit status."""
+
+    data: Any
+    code: int = 0
+
+
+def json_option(command: Callable[P, Outcome]) -> Callable[..., None]:
+    """Adds `--json` to a command that returns an `Outcome`; its status is that of the program.
+
+    With `--json` the standard output holds one JSON text and nothing else: what people read goes
+    to the standard error.
+    """
+
+    @click.option("--json", "as_json", is_flag=True, help="Print what was found as JSON.")
+    @wraps(command)
+    def told(as_json: bool, *args: P.args, **kwargs: P.kwargs) -> None:
+        if as_json:
+            with aside():
+                found = command(*args, **kwargs)
+            tell(json.dumps(plain(found.data), indent=2, allow_nan=False))
+        else:
+            found = command(*args, **kwargs)
+        if found.code:
+            sys.exit(found.code)
+
+    return told
+
+
+def plain(value: Any) -> Any:
+    """The value as JSON has it: paths and enums as texts, NaN and infinity as null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain(part) for part in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain(value.tolist())
+    if isinstance(value, Enum):
+        return plain(value.value)
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

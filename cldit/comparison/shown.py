@@ -1,0 +1,129 @@
+"""What can be compared: the maps of a run or of a measurement, with where they lie and their
+errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.acquisition.measured import Measured, is_measured, open_measured
+from cldit.acquisition.record import open_acquisition
+from cldit.camera.view import SensorView
+from cldit.dit.maps import Maps
+from cldit.errors import RunFolderError
+from cldit.run import Run, open_run
+from cldit.run.error_maps import TOTAL
+from cldit.scene import Scene
+
+Image = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """Maps to be compared.
+
+    maps: (H, W). pixel_m: width and height of a pixel on the object. centre_m: (x, z) of the
+    picture's middle. error_K: stated standard error of T_app, RMS over its pixels; None: none is
+    stated. at_least: a cause of it is unknown. error_map_K: (H, W), that of each pixel; None: as
+    error_K. run: whose trace the maps are of; None for what was recorded.
+    """
+
+    name: str
+    maps: Maps
+    pixel_m: tuple[float, float]
+    centre_m: tuple[float, float]
+    error_K: float | None = None
+    at_least: bool = False
+    error_map_K: Image | None = None
+    scene: Scene | None = None
+    run: Run | None = None
+
+    @property
+    def grid(self) -> str:
+        """Its pixels, in words."""
+        rows, columns = self.maps.emissivity.shape
+        width, height = (1e3 * n * p for n, p in zip((columns, rows), self.pixel_m, strict=True))
+        x, z = (1e3 * one for one in self.centre_m)
+        return (
+            f"{columns} x {rows} pixels over {width:.4g} x {height:.4g} mm around x {x:.4g}, "
+            f"z {z:.4g} mm"
+        )
+
+
+def open_shown(of: str | Path | Run | Shown, *, acquired: bool = False) -> Shown:
+    """The maps of a run, or of an acquisition or measured data that were evaluated.
+
+    Args:
+        of: a run, or a folder of either (of measured data, also its YAML file).
+        acquired: of a run, what its rig recorded, not the trace.
+
+    Raises:
+        RunFolderError: there are no such maps.
+    """
+    if isinstance(of, Shown):
+        return of
+    if isinstance(of, Run):
+        return _recorded_by(of, of.scene.name) if acquired else _traced(of, of.scene.name)
+    place = Path(of)
+    if (place / "scene.yaml").is_file():
+        run = open_run(place)
+        return _recorded_by(run, str(place)) if acquired else _traced(run, str(place))
+    opened = open_measured(place) if is_measured(place) else open_acquisition(place)
+    if not isinstance(opened, Measured) and len(opened.plan.delays) > 1:
+        raise RunFolderError(
+            f"{place}: holds {len(opened.plan.delays)} delays; allowed is an acquisition of one"
+        )
+    folder = opened.folder / "maps"
+    if not folder.is_dir():
+        raise RunFolderError(f"{place}: is not evaluated yet; run `cldit evaluate {place}` first")
+    return _recorded(str(place), Maps.load(folder), opened.pixel_m, opened.centre_m)
+
+
+def _traced(run: Run, name: str) -> Shown:
+    x, _, z = run.scene.target_m
+    known = run.error_maps.get(TOTAL)
+    errors = run.errors
+    return Shown(
+        name=name,
+        maps=run.maps,
+        pixel_m=run.pixel_m,
+        centre_m=(x, z),
+        error_K=run.info.accuracy_K if errors is None else errors.total_K,
+        at_least=errors is not None and bool(errors.unknown),
+        error_map_K=None if known is None else known.astype(np.float64),
+        scene=run.scene,
+        run=run,
+    )
+
+
+def _recorded_by(run: Run, name: str) -> Shown:
+    if run.measured is None:
+        raise RunFolderError(f"{name}: has no acquisition; allowed is its trace")
+    x, _, z = run.scene.target_m
+    return _recorded(
+        name, run.measured, SensorView.from_scene(run.scene).pixel_m, (x, z), scene=run.scene
+    )
+
+
+def _recorded(
+    name: str,
+    maps: Maps,
+    pixel_m: tuple[float, float],
+    centre_m: tuple[float, float],
+    *,
+    scene: Scene | None = None,
+) -> Shown:
+    error_K = maps.apparent_temperature_standard_error_K.astype(np.float64)
+    known = np.isfinite(error_K) & np.isfinite(maps.apparent_temperature_K)
+    return Shown(
+        name=name,
+        maps=maps,
+        pixel_m=pixel_m,
+        centre_m=centre_m,
+        error_K=float(np.sqrt(np.mean(error_K[known] ** 2))) if known.any() else None,
+        error_map_K=error_K,
+        scene=scene,
+    )

@@ -1,0 +1,133 @@
+"""Maps along a line, such as the axis of a plume."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.dit.maps import Maps
+from cldit.errors import EvaluationError
+
+Floats = NDArray[np.float64]
+
+_ANGLES = 721  # directions tried for the plume: a quarter of a degree apart
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Values of the pixels under a line, (N,) each, NaN where there is none.
+
+    distance_m: from the line's start. x_m, z_m: of the places. Values are those of the pixel in
+    which a place lies, with their standard errors.
+    """
+
+    distance_m: Floats
+    x_m: Floats
+    z_m: Floats
+    apparent_temperature_K: Floats
+    apparent_temperature_standard_error_K: Floats
+    emissivity: Floats
+    emissivity_standard_error: Floats
+
+    def csv(self) -> str:
+        """A head with names and units, and a row for each place."""
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        names = [each.name for each in fields(self)]
+        writer.writerow(names)
+        rows = np.stack([getattr(self, name) for name in names], axis=1)
+        writer.writerows([f"{value:.7g}" for value in row] for row in rows)
+        return stream.getvalue()
+
+
+def profile_of(
+    maps: Maps,
+    *,
+    pixel_m: tuple[float, float],
+    centre_m: tuple[float, float],
+    start_m: tuple[float, float] = (0.0, 0.0),
+    angle_deg: float | None = None,
+    temperature_error_K: NDArray[np.floating] | None = None,
+) -> Profile:
+    """The maps from a point to the picture's edge, a place each pixel.
+
+    Args:
+        maps: (H, W).
+        pixel_m: width and height of a pixel.
+        centre_m: (x, z) of the picture's middle.
+        start_m: (x, z) where the line begins: the injector's tip.
+        angle_deg: of the line, from downwards (-z) towards +x; None: along the plume, the direction
+            in which the emissivities add up to most.
+        temperature_error_K: (H, W) standard error of T_app; None: the maps' own.
+
+    Raises:
+        EvaluationError: the line does not begin in the picture.
+    """
+    shape = maps.emissivity.shape
+    if angle_deg is None:
+        angle_deg = _plume_deg(maps.emissivity, pixel_m, centre_m, start_m)
+    distance_m, x_m, z_m, row, column = _places(shape, pixel_m, centre_m, start_m, angle_deg)
+    if not distance_m.size:
+        raise EvaluationError(
+            f"profile: x {1e3 * start_m[0]:g}, z {1e3 * start_m[1]:g} mm is outside the picture"
+        )
+    error_K = (
+        maps.apparent_temperature_standard_error_K
+        if temperature_error_K is None
+        else temperature_error_K
+    )
+    values = [
+        np.asarray(image[row, column], np.float64)
+        for image in (
+            maps.apparent_temperature_K,
+            error_K,
+            maps.emissivity,
+            maps.emissivity_standard_error,
+        )
+    ]
+    return Profile(distance_m, x_m, z_m, *values)
+
+
+def _plume_deg(
+    emissivity: NDArray[np.float32],
+    pixel_m: tuple[float, float],
+    centre_m: tuple[float, float],
+    start_m: tuple[float, float],
+) -> float:
+    known = np.nan_to_num(emissivity)
+
+    def total(angle_deg: float) -> float:
+        _, _, _, row, column = _places(known.shape, pixel_m, centre_m, start_m, angle_deg)
+        return float(known[row, column].sum())
+
+    # The nearest to straight down among those that are alike.
+    angles = sorted(np.linspace(-90.0, 90.0, _ANGLES), key=abs)
+    return float(max(angles, key=total))
+
+
+def _places(
+    shape: tuple[int, ...],
+    pixel_m: tuple[float, float],
+    centre_m: tuple[float, float],
+    start_m: tuple[float, float],
+    angle_deg: float,
+) -> tuple[Floats, Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
+    """Distance, x, z, row and column of each place in the picture, up to its edge."""
+    rows, columns = shape
+    step_m = min(pixel_m)
+    count = 2 + int(math.hypot(columns * pixel_m[0], rows * pixel_m[1]) / step_m)
+    distance_m: Floats = np.arange(count, dtype=np.float64) * step_m
+    angle = math.radians(angle_deg)
+    x_m = start_m[0] + distance_m * math.sin(angle)
+    z_m = start_m[1] - distance_m * math.cos(angle)
+    column = np.asarray(np.floor((x_m - centre_m[0]) / pixel_m[0] + columns / 2), np.int64)
+    row = np.asarray(np.floor((centre_m[1] - z_m) / pixel_m[1] + rows / 2), np.int64)
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    end = count if inside.all() else int(np.argmin(inside))
+    x_m, z_m = np.asarray(x_m[:end], np.float64), np.asarray(z_m[:end], np.float64)
+    return distance_m[:end], x_m, z_m, row[:end], column[:end]

@@ -1,0 +1,225 @@
+"""What scripts and shells rely on: `--json`, exit status, completion, width, colour, imports."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import pytest
+from click.shell_completion import ShellComplete
+from click.testing import CliRunner
+
+from cldit.cli import main
+from cldit.cli.as_json import Outcome, json_option, plain
+from cldit.cli.console import OUT, plain_errors
+from cldit.cli.exit_codes import Exit
+from cldit.errors import SceneError
+from cldit.spray.result import Parcels, Spray
+from cldit.spray.spray_file import write_spray
+
+WRITTEN = Path(__file__).parents[2] / "data" / "run-0.1.0"
+
+
+def cldit(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "cldit", *map(str, words)],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("words", [["scenes"], ["devices"], ["diff", WRITTEN, WRITTEN]])
+def test_json_is_all_of_the_output(words: list[Any]) -> None:
+    done = CliRunner().invoke(main, [*map(str, words), "--json"], catch_exceptions=False)
+    assert done.exit_code == 0
+    data = json.loads(done.stdout)
+    assert data and done.stderr  # what people read is beside it
+
+
+def test_json_of_scenes_and_devices() -> None:
+    runner = CliRunner()
+    scenes = json.loads(runner.invoke(main, ["scenes", "--json"]).stdout)
+    assert {"gdi", "empty"} <= {one["name"] for one in scenes}
+    scene = json.loads(runner.invoke(main, ["scenes", "--show", "gdi", "--json"]).stdout)
+    assert scene["name"] == "gdi" and "walls" in scene
+    devices = json.loads(runner.invoke(main, ["devices", "--json"]).stdout)
+    assert sum(one["used"] for one in devices["devices"]) == 1
+    assert devices["drivers"]["dg645"]["kind"] == "trigger"
+
+
+def found(*words: object) -> Any:
+    done = CliRunner().invoke(main, [*map(str, words), "--json"], catch_exceptions=False)
+    assert done.exit_code == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_json_of_an_evaluation(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(WRITTEN / "acquisition", tmp_path / "shots"))
+    (one,) = found("evaluate", folder)["delays"]
+    assert one["folder"] == str(folder / "maps") and one["problem"] == ""
+    stored = json.loads((folder / "maps" / "evaluation.json").read_text())
+    assert one["evaluation"] == stored
+
+
+def test_json_of_an_import(tmp_path: Path) -> None:
+    """Figures in SI, as the spray has them."""
+    one = np.ones(2)
+    places_m = np.array([[0.0, 0.0, -1e-3], [0.0, 0.0, -2e-3]])
+    parcels = Parcels(places_m, 1e-5 * one, 1e6 * one, 350 * one, 700 * one)
+    write_spray(tmp_path / "own.npz", Spray(parcels, notes={"liquid_mass_kg": parcels.mass_kg}))
+    data = found("import", tmp_path / "own.npz")
+    assert data["case"] == str(tmp_path / "own.npz") and data["out"] is None
+    assert data["figures"]["liquid_mass_kg"] == pytest.approx(parcels.mass_kg)
+
+
+def test_json_of_a_difference() -> None:
+    data = found("diff", WRITTEN, WRITTEN)
+    assert data["within"] and data["maps"][0]["name"] == "apparent_temperature_K"
+    assert data["maps"][0]["rms"] == 0.0
+
+
+@pytest.mark.parametrize("name", ["run", "repeat", "diff", "scenes", "devices", "plan", "import",
+                                  "evaluate"])  # fmt: skip
+def test_commands_for_scripts_have_it(name: str) -> None:
+    command = main.get_command(click.Context(main), name)
+    assert command is not None and "--json" in {o for p in command.params for o in p.opts}
+
+
+def test_plain_values() -> None:
+    value = {"a": (Path("x"), np.float32(1.5), float("nan")), 1: np.arange(2), "e": Exit.DIFFERS}
+    assert plain(value) == {"a": ["x", 1.5, None], "1": [0, 1], "e": 3}
+
+
+def ending(what: Callable[[], Outcome]) -> Any:
+    @click.command()
+    @json_option
+    @plain_errors
+    def command() -> Outcome:
+        OUT.print("for people")
+        return what()
+
+    return CliRunner().invoke(command, ["--json"])
+
+
+def test_exit_status_of_results_errors_and_stops() -> None:
+    assert (done := ending(lambda: Outcome({"a": 1}, Exit.DIFFERS))).exit_code == 3
+    assert json.loads(done.stdout) == {"a": 1} and "for people" in done.stderr
+
+    def fails() -> Outcome:
+        raise SceneError("x: is no scene")
+
+    assert (done := ending(fails)).exit_code == 1
+    assert done.stdout == "" and "error: x: is no scene" in done.stderr
+
+    def stops() -> Outcome:
+        raise KeyboardInterrupt
+
+    assert ending(stops).exit_code == 130
+
+
+def test_exit_status_of_the_program() -> None:
+    runner = CliRunner()
+    assert runner.invoke(main, ["run", "nothing-like-it"]).exit_code == Exit.FAILED
+    assert runner.invoke(main, ["run", "--no-such-option"]).exit_code == Exit.USAGE
+    assert runner.invoke(main, ["diff", str(WRITTEN), str(WRITTEN)]).exit_code == Exit.DONE
+    shown = runner.invoke(main, ["--help"]).stdout
+    for code in Exit:
+        assert f"  {code.value:<4d}{code.text}\n" in shown
+
+
+@pytest.mark.parametrize("columns", [60, 80])
+@pytest.mark.parametrize("words", [["devices"], ["scenes"], ["--help"], ["diff", WRITTEN, WRITTEN]])
+def test_narrow_terminals_cut_nothing(
+    words: list[Any], columns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All letters are there, whatever the width."""
+
+    def printed(width: int) -> str:
+        monkeypatch.setattr(OUT, "_width", width)
+        monkeypatch.setenv("COLUMNS", str(width))
+        return CliRunner().invoke(main, [*map(str, words)], catch_exceptions=False).stdout
+
+    narrow, wide = printed(columns), printed(400)
+    assert "…" not in narrow and "..." not in narrow.replace("ARGS]...", "")
+    tables = [line for line in narrow.splitlines() if not line.startswith(("*", "  "))]
+    assert all(len(line.rstrip()) <= columns or " " not in line[columns:] for line in tables)
+
+    def letters(text: str) -> list[str]:
+        return sorted(re.sub(r"\s", "", text))
+
+    assert letters(narrow) == letters(wide)
+
+
+def test_no_color() -> None:
+    colour = re.compile(r"\x1b\[[0-9;]*3[0-7]")
+    words = ["scenes", "--show", "nothing-like-it"]
+    assert colour.search(cldit(*words, FORCE_COLOR="1", TERM="xterm").stderr)
+    assert not colour.search(cldit(*words, FORCE_COLOR="1", TERM="xterm", NO_COLOR="1").stderr)
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("cldit sc", {"scenes", "scattering"}),
+        ("cldit run gdi-", {"gdi-cold", "gdi-flow"}),
+        ("cldit diff --re", {"--resample"}),
+        ("cldit bench ri", {"rig"}),
+    ],
+)
+def test_completion(line: str, expected: set[str]) -> None:
+    *words, last = line.split()[1:]
+    shell = ShellComplete(main, {}, "cldit", "_CLDIT_COMPLETE")
+    assert {one.value for one in shell.get_completions(words, last)} == expected
+
+
+def test_completion_as_bash_asks_for_it() -> None:
+    done = cldit(_CLDIT_COMPLETE="bash_complete", COMP_WORDS="cldit scenes --re", COMP_CWORD="2")
+    assert done.stdout == "plain,--reference\n"
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_scripts(shell: str) -> None:
+    """Bash's script asks bash for its version."""
+    if shell == "bash" and not Path("/bin/bash").exists():
+        pytest.skip("needs bash")
+    assert "_CLDIT_COMPLETE" in cldit(_CLDIT_COMPLETE=f"{shell}_source").stdout
+
+
+def loaded_by(words: list[str], **environment: str) -> set[str]:
+    code = (
+        "import sys; from cldit.cli import main\n"
+        "try: main(prog_name='cldit')\n"
+        "finally: print(*sys.modules, file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return set(done.stderr.split())
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [{}, {"_CLDIT_COMPLETE": "bash_complete", "COMP_WORDS": "cldit s", "COMP_CWORD": "1"}],
+    ids=["help", "completion"],
+)
+def test_help_and_completion_load_no_command(environment: dict[str, str]) -> None:
+    modules = loaded_by([] if environment else ["--help"], **environment)
+    ours = {name for name in modules if name.partition(".")[0] == "cldit"}
+    assert ours == {"cldit", "cldit.cli", "cldit.cli.exit_codes", "cldit.cli.lazy",
+                    "cldit.cli.program", "cldit.errors", "cldit.terminal"}  # fmt: skip
+    assert not modules & {"numpy", "rich", "yaml", "pydantic", "matplotlib", "pyopencl"}
