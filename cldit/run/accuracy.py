@@ -89,8 +89,8 @@ class StatedError:
 
     @property
     def can_shrink(self) -> bool:
-        """Whether ordinates and samples make it: not what only the audit sees."""
-        return self.halves_K is not None and 2 * self.halves_K > (self.error_K or 0.0)
+        """Whether ordinates and samples make most of its square: not what only the audit sees."""
+        return self.halves_K is not None and 2 * self.halves_K**2 > (self.error_K or 0.0) ** 2
 
     @property
     def unknown_remarks(self) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ from cldit.optics.spectral import Quadrature
 from cldit.radiance.weights import Weights
 from cldit.run.accuracy import StatedError
 from cldit.run.budget import Budget, Sized
+from cldit.run.cell_choice import finest_lattice_m
 from cldit.run.cells import Cells, choose_cells, error_at, foretold_cells, too_fine, too_many
 from cldit.run.error_maps import error_maps
 from cldit.run.errors import Cause, Errors
@@ -183,6 +184,7 @@ class Attempts:
         for the cone becomes as fine as it may be."""
         given_m = self.scene.spray.lattice_m if isinstance(self.scene.spray, ConeSpray) else 0.0
         while True:
+            plan = self._in_memory(plan)
             scene = plan.scene(self.scene)
             alike = scene.model_copy(update={"transport": self.scene.transport})
             if self._prepared is not None and self._prepared[0] == alike:
@@ -210,6 +212,24 @@ class Attempts:
                 continue
             self._prepared, self._sources = (alike, prepared), None
             return plan, prepared
+
+    def _in_memory(self, plan: Plan) -> Plan:
+        """The plan with a lattice whose parcels fit the memory, by those of the last one."""
+        if plan.lattice_of_m is None or plan.spacing_m is None or self._prepared is None:
+            return plan
+        scene, prepared = self._prepared
+        sources, cone = prepared.properties.sources, scene.spray
+        if not isinstance(cone, ConeSpray) or sources[0][0] is None:
+            return plan
+        classes = (plan.size_classes or cone.classes) / cone.classes
+        finest_m = finest_lattice_m(
+            cone.lattice_m,
+            parcels=classes * len(sources[0][0].position_m),
+            wavelengths=len(sources),
+        )
+        if plan.spacing_m >= finest_m:
+            return plan
+        return replace(plan.on_lattice(finest_m), limited=too_many(plan.spacing_m))
 
     def _piloted(self, scene: Scene, probed: Probed, settings: Sequence[Settings]) -> Pilot:
         """Coarse traces; kept where the plan does not change ordinates."""

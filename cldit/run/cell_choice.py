@@ -20,6 +20,9 @@ from cldit.scene.vessel import Domain
 # where they scatter evenly, 1090 with a phase function. Trees hold 60 for each further wavelength;
 # three gradients of four components in double precision are a device's largest buffer.
 _CELL_BYTES, _PHASE_BYTES, _WAVELENGTH_BYTES, _BUFFER_BYTES = 500, 1200, 60, 96
+# Of a droplet parcel in a box, at the peak of its making (370 for one wavelength, 1170 for 16),
+# with its cross sections at each wavelength.
+_PARCEL_BYTES, _PARCEL_WAVELENGTH_BYTES = 320, 55
 _SHARE = 0.7  # of the memory there is, which a run may take
 
 
@@ -39,6 +42,21 @@ def cells_that_fit(device: Device, *, wavelengths: int, phase: bool, sweeps: boo
     if sweeps:
         fits = min(fits, device.info.largest_buffer_bytes / _BUFFER_BYTES)
     return int(fits)
+
+
+def finest_lattice_m(spacing_m: float, *, parcels: float, wavelengths: int) -> float:
+    """The finest lattice whose parcels fit the memory; 0 where nobody says how much there is.
+
+    Args:
+        spacing_m: of a lattice that was made.
+        parcels: on it, in the classes of size of the one that is wanted.
+        wavelengths: whose sources are in memory together.
+    """
+    free = free_bytes()
+    if free is None:
+        return 0.0
+    most = _SHARE * free / (_PARCEL_BYTES + _PARCEL_WAVELENGTH_BYTES * wavelengths)
+    return float(spacing_m * (parcels / most) ** (1 / 3))
 
 
 def chosen_frame(domain: Domain, sources: Sources, *, limit: int) -> tuple[Frame, tuple[str, ...]]:

@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.dit.accuracy import VISIBLE_EMISSIVITY
+from cldit.errors import MediumError
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources, build_octrees
 from cldit.medium.resolution import on_grid
 from cldit.optics.spectral import SpectralNode
 from cldit.radiance.weights import Weights
+from cldit.run.cell_choice import finest_lattice_m
 from cldit.run.node_temperature import NodeTemperature
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray
@@ -199,9 +201,22 @@ class Pilot:
             sources = probed.sources
             if probed.on_lattice:
                 assert probed.cone is not None
-                sources = probed.resprayed(self.cone_at(probed.cone, depth))
+                cone = self.cone_at(probed.cone, depth)
+                self._refuse_large(probed.cone, cone)
+                sources = probed.resprayed(cone)
             self.kept[depth] = self.traced(sources, depth)
         return self.kept[depth]
+
+    def _refuse_large(self, known: ConeSpray, wanted: ConeSpray) -> None:
+        points = self.probed.sources[0]
+        if points is None:
+            return
+        finest_m = finest_lattice_m(known.lattice_m, parcels=len(points.position_m), wavelengths=1)
+        if wanted.lattice_m < finest_m:
+            raise MediumError(
+                f"spray.spacing_m: {wanted.lattice_m:.3g}; memory holds the parcels of a lattice "
+                f"of {finest_m:.3g} at least"
+            )
 
     def cone_at(self, cone: ConeSpray, depth: int) -> ConeSpray:
         """A cone on the lattice of the cells.
