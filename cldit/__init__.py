@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from cldit.experiment import run_experiment as run_experiment
     from cldit.gpu.device import list_devices as list_devices
     from cldit.gpu.device import open_device as open_device
-    from cldit.progress_bar import progress_bar as progress_bar
+    from cldit.progress_bars import progress_bar as progress_bar
     from cldit.report.plot import plot as plot
     from cldit.run import Run as Run
     from cldit.run import open_run as open_run
@@ -36,7 +36,7 @@ _HOMES = {
     "cldit.evaluated": ("evaluate",),
     "cldit.experiment": ("run_experiment",),
     "cldit.gpu.device": ("list_devices", "open_device"),
-    "cldit.progress_bar": ("progress_bar",),
+    "cldit.progress_bars": ("progress_bar",),
     "cldit.report.plot": ("plot",),
     "cldit.run": ("Run", "open_run", "simulate"),
     "cldit.scene": ("Scene", "dump_scene", "load_scene", "parse_scene", "shipped_scenes"),

@@ -96,3 +96,9 @@ def test_no_import_hook_stands_before_the_package() -> None:
         for line in str(file.read_text()).splitlines()
     ]
     assert not any(line.startswith("import ") for line in lines), lines
+
+
+def test_no_public_name_is_that_of_a_module() -> None:
+    """Else `cldit.NAME` is the module, once anyone has loaded it."""
+    modules = {path.stem for path in Path(cldit.__file__).parent.iterdir()}
+    assert modules.isdisjoint(cldit.__all__)

@@ -10,7 +10,7 @@ import pytest
 
 from cldit.acquisition.progress import Progress
 from cldit.cli.console import ProgressBar
-from cldit.progress_bar import NotebookBar, progress_bar
+from cldit.progress_bars import NotebookBar, progress_bar
 
 
 @pytest.fixture
