@@ -11,6 +11,8 @@ import pytest
 import yaml
 from mypy.modulefinder import FindModuleCache, SearchPaths, get_search_dirs
 
+import cldit
+
 ROOT = Path(__file__).parents[2]
 
 pytestmark = pytest.mark.skipif(
