@@ -1,7 +1,9 @@
-"""The last picture of an acquisition: in the terminal, and in a window where there is a screen.
+"""A recording while it goes on: in the terminal, in a window where there is a screen, as a page.
 
 The window belongs to a process of its own, which gets pictures through a pipe: a window must be
-served by the main thread of its process, and that of the acquisition has better to do.
+served by the main thread of its process, and that of the acquisition has better to do. So has the
+page, `cldit.cli.live_page`. The terminal is drawn in a thread: one that stands still (Ctrl-S) keeps
+up its own picture only.
 """
 
 from __future__ import annotations
@@ -11,7 +13,9 @@ import subprocess
 import sys
 import threading
 from collections import deque
+from collections.abc import Iterable
 from contextlib import suppress
+from pathlib import Path
 from typing import IO
 
 import matplotlib
@@ -20,16 +24,20 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from rich.console import Group
 from rich.live import Live
-from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 from rich.text import Text
 
+from cldit.acquisition.exposure import exposure
 from cldit.acquisition.preview import Preview
-from cldit.acquisition.progress import Progress
+from cldit.acquisition.progress import Progress, left_text
 from cldit.acquisition.sequence import SavedShot
-from cldit.cli.console import OUT
+from cldit.cli.console import OUT, say
+from cldit.cli.live_page import PageWriter
+from cldit.cli.sparkline import sparkline
 
 _COLUMNS = 72  # characters of the picture in the terminal
+_BINS = 48  # of the histogram in the terminal
 _MAP = "inferno"
 _SIZES = struct.Struct("=3I")  # rows, columns, bytes of the label: before these in the pipe
 _LOOK_ms = 50  # how often the window looks for a new picture
@@ -67,20 +75,29 @@ def half_blocks(image: NDArray[np.uint16], columns: int = _COLUMNS) -> Text:
 
 class LiveView:
     """Progress and the last picture while it is entered. `watch` is for the acquisition's
-    progress, `show` for its preview; both may be called from different threads."""
+    progress, `show` for its preview; both may be called from different threads.
 
-    def __init__(self, *, window: bool = True) -> None:
+    Args:
+        window: whether one is opened, where there is a screen.
+        folder: of the acquisition, for the page; None: no page.
+    """
+
+    def __init__(self, *, window: bool = True, folder: Path | None = None) -> None:
         self._bar = Bar(
             TextColumn("{task.description}"),
             BarColumn(),
             TextColumn("{task.completed:.0f}/{task.total:.0f}"),
-            TimeRemainingColumn(),
             console=OUT,
         )
         self._task = self._bar.add_task("", total=1)
         self._picture = Text()
+        self._state = Text()
+        self._distances_K: deque[float] = deque(maxlen=_COLUMNS)  # from the set point
+        self._setpoint_K: float | None = None
         self._lock = threading.Lock()
         self._live = Live(console=OUT, refresh_per_second=4, transient=True)
+        self._terminal: Preview[Group] = Preview(self._live.update)
+        self.page = None if folder is None else PageWriter(folder)
         self._window: subprocess.Popen[bytes] | None = None
         self._feed: Preview[Labelled] | None = None
         self._wants_window = window
@@ -96,12 +113,21 @@ class LiveView:
             # A window may hang, with its screen: in a thread of its own it keeps up nobody.
             self._feed = Preview(self._send)
             self._feed.__enter__()
+        if self.page is not None:
+            self.page.__enter__()
+            say(f"page: {self.page.path}")
+        self._terminal.__enter__()
         self._live.start()
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._terminal.__exit__()
         self._live.stop()
         self._close_window()
+        if self.page is not None:
+            self.page.__exit__()
+            if self.page.problem:
+                say(self.page.problem)
 
     def watch(self, progress: Progress) -> None:
         """Shows how far the acquisition is."""
@@ -112,7 +138,22 @@ class LiveView:
                 completed=progress.done,
                 total=progress.total,
             )
-            self._live.update(Group(self._picture, self._bar))
+            self._state = Text(left_text(progress.done, progress.total, progress.eta_s) + "\n")
+            approach = progress.approach
+            if approach is not None:
+                if approach.setpoint_K != self._setpoint_K:
+                    self._distances_K.clear()
+                    self._setpoint_K = approach.setpoint_K
+                self._distances_K.append(abs(approach.reading_K - approach.setpoint_K))
+                self._state.append(f"{approach}\n")
+                self._state.append(f"distance {self._spark(self._distances_K)}\n")
+            self._offer()
+
+    def _offer(self) -> None:
+        self._terminal.offer(Group(self._picture, self._state, self._bar))
+
+    def _spark(self, values: Iterable[float]) -> str:
+        return sparkline(list(values), encoding=OUT.encoding, columns=min(_COLUMNS, OUT.width) - 9)
 
     def show(self, saved: SavedShot) -> None:
         """Shows the last picture."""
@@ -123,10 +164,13 @@ class LiveView:
             f"{saved.shot.id}  {saved.shot.background_K:g} K {saved.shot.kind}  "
             f"{low}..{high} counts  {saved.meta['saturated_percent']:.2g} % saturated"
         )
-        picture.append(label)
+        full = int(saved.meta["saturation_counts"])
+        found = exposure(saved.image, saturation_counts=full, bins=_BINS)
+        # Logarithmic: a few pixels at saturation are what one looks for.
+        picture.append(f"{label}\n0 {self._spark(np.log1p(found.pixels))} {full} counts")
         with self._lock:
             self._picture = picture
-            self._live.update(Group(self._picture, self._bar))
+            self._offer()
         if self._feed is not None:
             self._feed.offer((label, frame))
 

@@ -167,8 +167,9 @@ def _shot(seen: Seen, shot: LastShot) -> dict[str, Any]:
         "high": f"{high:.0f}",
         "id": shot.meta["shot"],
         "time": shot.meta["time"],
-        "what": "" if seen.last is None else f"{shot.meta['background_setpoint_K']:g} K, "
-        f"{shot.meta['kind']}",
+        "what": ""
+        if seen.last is None
+        else f"{shot.meta['background_setpoint_K']:g} K, {shot.meta['kind']}",
         "frames": len(frames),
         "shape": frame.shape,
         "bars": [round(float(np.log1p(count) / most), 4) for count in found.pixels],

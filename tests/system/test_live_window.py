@@ -80,7 +80,7 @@ def ramp() -> NDArray[np.uint16]:
 
 def picture(image: NDArray[np.uint16]) -> SavedShot:
     shot = Shot("b00_ref_00", 0, 440.0, "reference", 0)
-    return SavedShot(shot, image, {"saturated_percent": 0.0})
+    return SavedShot(shot, image, {"saturated_percent": 0.0, "saturation_counts": 16383})
 
 
 def wait_for(what: Callable[[], Any]) -> Any:
