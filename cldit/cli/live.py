@@ -12,6 +12,7 @@ import struct
 import subprocess
 import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Iterable
 from contextlib import suppress
@@ -37,6 +38,8 @@ from cldit.cli.live_page import PageWriter
 from cldit.cli.sparkline import sparkline
 
 _COLUMNS = 72  # characters of the picture in the terminal
+_PAUSE_s = 0.25  # between two pictures in the terminal, at least
+_REST = 19.0  # times what a picture took: a twentieth of a core at most
 _BINS = 48  # of the histogram in the terminal
 _MAP = "inferno"
 _SIZES = struct.Struct("=3I")  # rows, columns, bytes of the label: before these in the pipe
@@ -73,6 +76,19 @@ def half_blocks(image: NDArray[np.uint16], columns: int = _COLUMNS) -> Text:
     return text
 
 
+def _first(saved: SavedShot) -> NDArray[np.uint16]:
+    frame: NDArray[np.uint16] = saved.image.reshape(-1, *saved.image.shape[-2:])[0]
+    return frame
+
+
+def _label(saved: SavedShot) -> str:
+    frame = _first(saved)
+    return (
+        f"{saved.shot.id}  {saved.shot.background_K:g} K {saved.shot.kind}  "
+        f"{frame.min()}..{frame.max()} counts  {saved.meta['saturated_percent']:.2g} % saturated"
+    )
+
+
 class LiveView:
     """Progress and the last picture while it is entered. `watch` is for the acquisition's
     progress, `show` for its preview; both may be called from different threads.
@@ -91,12 +107,14 @@ class LiveView:
         )
         self._task = self._bar.add_task("", total=1)
         self._picture = Text()
-        self._state = Text()
+        self._newest: SavedShot | None = None  # that is not drawn yet
+        self._progress: Progress | None = None
         self._distances_K: deque[float] = deque(maxlen=_COLUMNS)  # from the set point
         self._setpoint_K: float | None = None
         self._lock = threading.Lock()
-        self._live = Live(console=OUT, refresh_per_second=4, transient=True)
-        self._terminal: Preview[Group] = Preview(self._live.update)
+        self._live = Live(console=OUT, auto_refresh=False, transient=True)
+        self._terminal: Preview[None] = Preview(self._draw)
+        self._closing = threading.Event()
         self.page = None if folder is None else PageWriter(folder)
         self._window: subprocess.Popen[bytes] | None = None
         self._feed: Preview[Labelled] | None = None
@@ -121,6 +139,7 @@ class LiveView:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._closing.set()
         self._terminal.__exit__()
         self._live.stop()
         self._close_window()
@@ -132,47 +151,55 @@ class LiveView:
     def watch(self, progress: Progress) -> None:
         """Shows how far the acquisition is."""
         with self._lock:
-            self._bar.update(
-                self._task,
-                description=progress.phase,
-                completed=progress.done,
-                total=progress.total,
-            )
-            self._state = Text(left_text(progress.done, progress.total, progress.eta_s) + "\n")
+            self._progress = progress
             approach = progress.approach
             if approach is not None:
                 if approach.setpoint_K != self._setpoint_K:
                     self._distances_K.clear()
                     self._setpoint_K = approach.setpoint_K
                 self._distances_K.append(abs(approach.reading_K - approach.setpoint_K))
-                self._state.append(f"{approach}\n")
-                self._state.append(f"distance {self._spark(self._distances_K)}\n")
-            self._offer()
-
-    def _offer(self) -> None:
-        self._terminal.offer(Group(self._picture, self._state, self._bar))
-
-    def _spark(self, values: Iterable[float]) -> str:
-        return sparkline(list(values), encoding=OUT.encoding, columns=min(_COLUMNS, OUT.width) - 9)
+        self._terminal.offer(None)
 
     def show(self, saved: SavedShot) -> None:
         """Shows the last picture."""
-        frame = saved.image.reshape(-1, *saved.image.shape[-2:])[0]
-        low, high = int(frame.min()), int(frame.max())
-        picture = half_blocks(frame, min(_COLUMNS, OUT.width))
-        label = (
-            f"{saved.shot.id}  {saved.shot.background_K:g} K {saved.shot.kind}  "
-            f"{low}..{high} counts  {saved.meta['saturated_percent']:.2g} % saturated"
-        )
+        with self._lock:
+            self._newest = saved
+        self._terminal.offer(None)
+        if self._feed is not None:
+            self._feed.offer((_label(saved), _first(saved)))
+
+    def _draw(self, _: None) -> None:
+        """Draws what is new, and rests: what it takes of Python's lock, shots wait for."""
+        begin_s = time.monotonic()
+        with self._lock:
+            newest, self._newest = self._newest, None
+            progress, distances_K = self._progress, list(self._distances_K)
+        if newest is not None:
+            self._picture = self._drawn(newest)
+        state = Text(no_wrap=True)
+        if progress is not None:
+            self._bar.update(
+                self._task,
+                description=progress.phase,
+                completed=progress.done,
+                total=progress.total,
+            )
+            state.append(left_text(progress.done, progress.total, progress.eta_s) + "\n")
+            if progress.approach is not None:
+                state.append(f"{progress.approach}\ndistance {self._spark(distances_K)}\n")
+        self._live.update(Group(self._picture, state, self._bar), refresh=True)
+        self._closing.wait(max(_PAUSE_s, _REST * (time.monotonic() - begin_s)))
+
+    def _drawn(self, saved: SavedShot) -> Text:
+        picture = half_blocks(_first(saved), min(_COLUMNS, OUT.width))
         full = int(saved.meta["saturation_counts"])
         found = exposure(saved.image, saturation_counts=full, bins=_BINS)
         # Logarithmic: a few pixels at saturation are what one looks for.
-        picture.append(f"{label}\n0 {self._spark(np.log1p(found.pixels))} {full} counts")
-        with self._lock:
-            self._picture = picture
-            self._offer()
-        if self._feed is not None:
-            self._feed.offer((label, frame))
+        picture.append(f"{_label(saved)}\n0 {self._spark(np.log1p(found.pixels))} {full} counts\n")
+        return picture
+
+    def _spark(self, values: Iterable[float]) -> str:
+        return sparkline(list(values), encoding=OUT.encoding, columns=min(_COLUMNS, OUT.width) - 9)
 
     @property
     def has_window(self) -> bool:

@@ -172,7 +172,7 @@ def test_nothing_of_it_touches_the_acquisition(
 
         record = acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a", preview=show)
         assert record.complete and len(open_acquisition(tmp_path / "a").shots) == 10
-        assert shown[-1] in view._picture.plain
+        wait_for(lambda: shown[-1] in view._picture.plain)
         feed = view._feed
         assert feed is not None
         if fault in (user_closes, screen_goes):
