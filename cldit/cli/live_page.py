@@ -102,21 +102,30 @@ def write_pages(folder: Path, ended: threading.Event, *, known_bytes: int = 0) -
         known_bytes: as in `Watch`.
     """
     watch = Watch(folder, known_bytes=known_bytes)
-    wanted, problem, written_s, pause_s = True, "", 0.0, 0.0
+    wanted, unwritten, written_s, pause_s = True, "", 0.0, 0.0
     shot: LastShot | None = None
     while True:
         over = ended.wait(pause_s)
         begin_s = time.monotonic()
+        problems = [unwritten] if unwritten else []
         try:
             wanted = watch.look() or wanted
-            seen = watch.seen(ended=over)
-            if (wanted or over or begin_s - written_s >= _BEAT_s) and folder.is_dir():
-                shot = _newest(folder, seen, shot)
-                page = live_page(seen, shot, over=over, problem=problem, epoch_s=time.time())
-                _write(folder, page.encode(), seen)
-                wanted, problem, written_s = False, "", begin_s
         except ClditError as error:
-            problem, wanted = str(error), True
+            problems.append(str(error))
+        seen = watch.seen(ended=over)
+        if (wanted or over or begin_s - written_s >= _BEAT_s) and folder.is_dir():
+            try:
+                shot = _newest(folder, seen, shot)
+            except ClditError as error:
+                problems.append(str(error))
+            page = live_page(
+                seen, shot, over=over, problem="; ".join(problems), epoch_s=time.time()
+            )
+            try:
+                _write(folder, page.encode(), seen)
+                wanted, unwritten, written_s = False, "", begin_s
+            except ClditError as error:
+                wanted, unwritten = True, str(error)
         if over:
             return
         pause_s = max(_PAUSE_s, _REST * (time.monotonic() - begin_s))
@@ -133,9 +142,8 @@ def _newest(folder: Path, seen: Seen, before: LastShot | None) -> LastShot | Non
 
 def _write(folder: Path, page: bytes, seen: Seen) -> None:
     """Raises DiskFull where the room is kept for the shots."""
-    size = 0
-    if seen.last is not None:
-        size = shot_path(folder, seen.last["shot"]).stat().st_size
+    last = None if seen.last is None else shot_path(folder, seen.last["shot"])
+    size = last.stat().st_size if last is not None and last.is_file() else 0
     left = needed_bytes(seen.total - seen.done, picture_bytes=size)
     check_room(folder, left + len(page) + _SPARE_bytes)
     write_bytes(folder / PAGE, page, sync=False)

@@ -29,6 +29,10 @@ from cldit.scene import Scene, dump_scene, parse_scene
 from tests.conftest import tiny_weights
 
 WARM_s = 5.0
+SETTINGS = (
+    {"factor": None, "pause": 0.0, "shots": 250},
+    {"factor": 100.0, "pause": 20.0, "shots": 70},
+)
 
 
 def scene() -> Scene:

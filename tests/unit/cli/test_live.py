@@ -124,3 +124,5 @@ def test_acquire_live(
     result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "a")])
     assert result.exit_code == 0 and "10 of 10 shots" in result.output, result.output
     assert pictures
+    assert "page: " in result.output
+    assert "finished" in (tmp_path / "a" / "live.html").read_text(encoding="utf-8")
