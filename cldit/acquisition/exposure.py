@@ -12,8 +12,14 @@ from cldit.acquisition.quality import saturated_percent
 
 @dataclass(frozen=True, kw_only=True)
 class Exposure:
-    """pixels: (bins,) number of pixels in equal parts of 0..saturation_counts, what is above in the
-    last one; lowest, median, highest: in counts."""
+    """How the pixels lie in the range.
+
+    Attributes:
+        pixels: (N,) number of pixels in N equal parts of 0..saturation_counts; what is above is in
+            the last one.
+        lowest, median, highest: in counts.
+        saturation_counts, saturated_percent: where a pixel is full, and how many are.
+    """
 
     pixels: NDArray[np.int64]
     lowest: int

@@ -83,11 +83,14 @@ def _entries(path: Path) -> tuple[list[Entry], int, RunFolderError | None]:
 
 
 def parse_entry(line: bytes, number: int) -> tuple[str, Entry]:
-    """What is wrong with a line, or nothing; and the entry in it.
+    """The entry of one line.
 
     Args:
-        line: of a journal, without its end.
+        line: of a journal.
         number: its sequence number, from 0.
+
+    Returns:
+        What is wrong with it, or an empty text; and the entry.
     """
     try:
         entry = parse_json(line)
