@@ -18,6 +18,7 @@ import pytest
 
 from cldit.acquisition import Plan, SavedShot, acquire, open_acquisition
 from cldit.acquisition.journal import Journal
+from cldit.acquisition.watch import Watch
 from cldit.cli import live_page
 from cldit.cli.live import LiveView
 from cldit.cli.live_page import PAGE, PageWriter, write_pages
@@ -111,7 +112,7 @@ def test_an_earlier_session_is_no_state(
     """A resumed recording is being prepared until it says something itself."""
     folder = begun(tiny_rig, tiny_plan, tmp_path / "a", shots=3)
     size = (folder / "journal.jsonl").stat().st_size
-    watch = live_page.Watch(folder, known_bytes=size)
+    watch = Watch(folder, known_bytes=size)
     assert watch.look() and watch.seen().state == "preparing" and watch.seen().done == 3
     assert not watch.look()
     with Journal(folder / "journal.jsonl") as journal:
@@ -233,7 +234,7 @@ def test_sparkline(encoding: str, shown: str) -> None:
 
 
 def test_the_terminal_says_the_same(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Histogram, saturation, set point and what is left, as text."""
     from rich.console import Console
@@ -246,7 +247,7 @@ def test_the_terminal_says_the_same(
             console.print(group)
             texts.append(console.export_text())
 
-        view._live.update = update  # type: ignore[method-assign]
+        monkeypatch.setattr(view._live, "update", update)
         view._closing.set()  # no rests
         image = np.full((12, 16), 1000, np.uint16)
         image[0, :4] = 16383
@@ -259,3 +260,21 @@ def test_the_terminal_says_the_same(
     assert "0 of 10 shots left" in texts[-1] and "2.1 % saturated" in texts[-1]
     assert "1000..16383 counts" in texts[-1] and "16383 counts" in texts[-1] and "█" in texts[-1]
     assert re.search(r"black body \d+\.\d\d K, set point 4[48]0 K", text)
+
+
+def test_a_terminal_that_stands_still_holds_up_nothing(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As after Ctrl-S: what is written to it does not return before the last shot is there."""
+    goes_on, waits = threading.Event(), threading.Event()
+
+    def update(group: Any, *, refresh: bool) -> None:
+        waits.set()
+        assert goes_on.wait(_PATIENCE_s)
+
+    with LiveView(window=False) as view:
+        monkeypatch.setattr(view._live, "update", update)
+        record = acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a", progress=view.watch,
+                         preview=view.show)  # fmt: skip
+        assert record.complete and waits.is_set() and not goes_on.is_set()
+        goes_on.set()
