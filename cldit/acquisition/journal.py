@@ -24,6 +24,9 @@ _TYPES: dict[str, type | tuple[type, ...]] = {  # of what an entry may hold
     "sha256": str,
     "background_before_K": _NUMBER,
     "background_after_K": _NUMBER,
+    "background_K": _NUMBER,
+    "reading_K": _NUMBER,
+    "elapsed_s": _NUMBER,
     "saturated_percent": _NUMBER,
 }
 _OF_SHOT = ("shot", "attempt")
@@ -72,15 +75,23 @@ def _entries(path: Path) -> tuple[list[Entry], int, RunFolderError | None]:
     whole = data.rfind(b"\n") + 1  # what follows the last newline was never finished
     entries: list[Entry] = []
     for number, line in enumerate(data[:whole].splitlines()):
-        problem, entry = _entry(line, number)
+        problem, entry = parse_entry(line, number)
         if problem:
             return entries, whole, _damaged(path, number, problem)
         entries.append(entry)
     return entries, whole, None
 
 
-def _entry(line: bytes, number: int) -> tuple[str, Entry]:
-    """What is wrong with a line, or nothing; and the entry in it."""
+def parse_entry(line: bytes, number: int) -> tuple[str, Entry]:
+    """The entry of one line.
+
+    Args:
+        line: of a journal.
+        number: its sequence number, from 0.
+
+    Returns:
+        What is wrong with it, or an empty text; and the entry.
+    """
     try:
         entry = parse_json(line)
     except ValueError as error:

@@ -32,12 +32,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.acquisition.approach import ApproachLog
 from cldit.acquisition.disk import needed_bytes
 from cldit.acquisition.interrupts import Interrupts
 from cldit.acquisition.journal import Entry, Journal
 from cldit.acquisition.plan import Plan, Shot
 from cldit.acquisition.preflight import Ready, preflight
-from cldit.acquisition.progress import Eta, Progress
+from cldit.acquisition.progress import Approach, Eta, Progress
 from cldit.acquisition.quality import References
 from cldit.acquisition.shot import Rejected, Shooter, Taken
 from cldit.acquisition.storage import (
@@ -215,6 +216,17 @@ class Sequence:
             raise RigError(
                 f"background: set point reads back {got:g} K after {temperature_K:g} K was written"
             )
+        log = ApproachLog(journal, clock)
+
+        def approaches(now_K: float) -> None:
+            approach = Approach(
+                reading_K=now_K,
+                setpoint_K=temperature_K,
+                tolerance_K=self._plan.stability.tolerance_K,
+            )
+            log.note(approach)
+            self._say(f"background {now_K:.1f} K, to {temperature_K:g} K", approach)
+
         try:
             reading = wait_stable(
                 background,
@@ -222,9 +234,7 @@ class Sequence:
                 temperature_K,
                 self._plan.stable(),
                 should_stop=self._interrupts.should_stop,
-                on_progress=lambda now_K: self._say(
-                    f"background {now_K:.1f} K, to {temperature_K:g} K"
-                ),
+                on_progress=approaches,
             )
         except Aborted as error:
             raise _Stopped from error
@@ -321,9 +331,10 @@ class Sequence:
             rejected=sum(entry["event"] == "rejected" for entry in entries),
         )
 
-    def _say(self, phase: str) -> None:
+    def _say(self, phase: str, approach: Approach | None = None) -> None:
         if self._report is not None:
-            self._report(Progress(phase, len(self._done), len(self._steps), self._eta.left_s()))
+            done, total = len(self._done), len(self._steps)
+            self._report(Progress(phase, done, total, self._eta.left_s(), approach))
 
 
 class _Stopped(Exception):

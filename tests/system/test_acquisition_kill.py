@@ -134,11 +134,12 @@ def bench(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> Bench:
 
 
 def test_killed_at_every_kind_of_point(bench: Bench) -> None:
-    """One acquisition, killed eleven times in turn; each process gets a little further."""
+    """One acquisition, killed twelve times in turn; each process gets a little further."""
     deaths = [
         ("folder", "1"),
         ("folder", "3"),
         ("journal_line", "1"),  # start
+        ("torn_approach", "2"),
         ("torn_line", "2"),
         ("fire", "1"),
         ("fired", "1"),
@@ -155,7 +156,7 @@ def test_killed_at_every_kind_of_point(bench: Bench) -> None:
     assert code == 0, err
     bench.check()
     events = Counter(entry["event"] for entry in bench.lines())
-    assert events["start"] == 9 + 1 and events["lost"] >= 4
+    assert events["start"] == 10 + 1 and events["lost"] >= 4
     assert any(entry.get("adopted") for entry in bench.lines())
     lost = sum(entry["inject"] for entry in bench.lines() if entry["event"] == "lost")
     assert out.splitlines()[-1] == f"complete {lost}"

@@ -69,7 +69,7 @@ def test_pictures_of_the_window() -> None:
 
 def saved(image: np.ndarray[Any, np.dtype[np.uint16]]) -> SavedShot:
     shot = Shot("b00_ref_00", 0, 440.0, "reference", 0)
-    return SavedShot(shot, image, {"saturated_percent": 0.0})
+    return SavedShot(shot, image, {"saturated_percent": 0.0, "saturation_counts": 16383})
 
 
 def test_a_window_that_cannot_be_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -124,3 +124,5 @@ def test_acquire_live(
     result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "a")])
     assert result.exit_code == 0 and "10 of 10 shots" in result.output, result.output
     assert pictures
+    assert "page: " in result.output
+    assert "finished" in (tmp_path / "a" / "live.html").read_text(encoding="utf-8")

@@ -1,0 +1,49 @@
+"""How a shot fills the camera's range: its histogram and the share of saturated pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.acquisition.quality import saturated_percent
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exposure:
+    """How the pixels lie in the range.
+
+    Attributes:
+        pixels: (N,) number of pixels in N equal parts of 0..saturation_counts; what is above is in
+            the last one.
+        lowest, median, highest: in counts.
+        saturation_counts, saturated_percent: where a pixel is full, and how many are.
+    """
+
+    pixels: NDArray[np.int64]
+    lowest: int
+    median: float
+    highest: int
+    saturation_counts: int
+    saturated_percent: float
+
+
+def exposure(image: NDArray[np.uint16], *, saturation_counts: int, bins: int = 64) -> Exposure:
+    """The exposure of a shot.
+
+    Args:
+        image: (h, w) or (n, h, w) counts.
+        saturation_counts: from which a pixel is saturated.
+        bins: parts of the histogram.
+    """
+    clipped = np.minimum(image, saturation_counts)
+    pixels, _ = np.histogram(clipped, bins, range=(0.0, float(max(saturation_counts, 1))))
+    return Exposure(
+        pixels=pixels.astype(np.int64),
+        lowest=int(image.min()),
+        median=float(np.median(image)),
+        highest=int(image.max()),
+        saturation_counts=saturation_counts,
+        saturated_percent=saturated_percent(image, saturation_counts),
+    )

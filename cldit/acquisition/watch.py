@@ -1,0 +1,185 @@
+"""A recording as its folder tells it, for whoever looks on from another process.
+
+Nothing here writes, locks or asks the recording: it reads the plan once, and of the journal what
+is new. So nothing that happens here can stop or delay a shot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Literal
+
+from cldit.acquisition.journal import Entry, parse_entry
+from cldit.acquisition.plan import Plan, Shot, load_plan
+from cldit.acquisition.progress import Eta
+from cldit.acquisition.storage import JOURNAL, PLAN
+from cldit.errors import RunFolderError
+from cldit.files import open_regular
+
+State = Literal["preparing", "approaching", "recording", "finished", "stopped", "broken off"]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """The black body at a time of the rig, in seconds since this session began."""
+
+    time_s: float
+    reading_K: float
+    setpoint_K: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """Where a recording is. left_s: of the rig's time, None where not known yet. readings: of this
+    session. last: `saved` line of the newest shot. alarms: what may still be unsafe, a line each.
+    """
+
+    state: State
+    plan: Plan | None = None
+    doing: str = ""
+    done: int = 0
+    total: int = 0
+    left_s: float | None = None
+    rejected: int = 0
+    lost: int = 0
+    readings: tuple[Reading, ...] = ()
+    last: Entry | None = None
+    alarms: tuple[str, ...] = ()
+
+
+class Watch:
+    """Reads what is new of a journal whenever it is asked to look.
+
+    Args:
+        folder: of the acquisition, which need not be there yet.
+        known_bytes: length of the journal when the recording was begun: what is within was told
+            by earlier sessions.
+    """
+
+    def __init__(self, folder: Path, *, known_bytes: int = 0) -> None:
+        self._folder = folder
+        self._known_bytes = known_bytes
+        self._at = 0
+        self._lines = 0
+        self._plan: Plan | None = None
+        self._shots: dict[str, Shot] = {}
+        self._saved: set[str] = set()
+        self._eta = Eta()
+        self._event = ""
+        self._doing = ""
+        self._begin_s: float | None = None
+        self._before_s = 0.0
+        self._wasted = {"rejected": 0, "lost": 0}
+        self._readings: list[Reading] = []
+        self._last: Entry | None = None
+        self._alarms: tuple[str, ...] = ()
+
+    def look(self) -> bool:
+        """Takes in what is new, and says whether anything was.
+
+        Raises:
+            FileError: the journal or the plan cannot be read.
+            RunFolderError: the journal is damaged.
+        """
+        if self._plan is None:
+            if not (self._folder / PLAN).exists():
+                return False
+            self._plan = load_plan(self._folder / PLAN)
+            self._shots = {shot.id: shot for shot in self._plan.steps()}
+        path = self._folder / JOURNAL
+        if not path.exists():
+            return False
+        with open_regular(path) as stream:
+            stream.seek(self._at)
+            data = stream.read()
+        new = data[: data.rfind(b"\n") + 1]  # what follows is still being written
+        for line in new.splitlines(keepends=True):
+            problem, entry = parse_entry(line, self._lines)
+            if problem:
+                raise RunFolderError(f"{path}: line {self._lines + 1} {problem}")
+            self._at += len(line)
+            self._lines += 1
+            self._take(self._plan, entry, here=self._at > self._known_bytes)
+        return bool(new)
+
+    def seen(self, *, ended: bool = False) -> Seen:
+        """What is known by now.
+
+        Args:
+            ended: whether the process that records has ended.
+        """
+        plan = self._plan
+        if plan is None:
+            return Seen(state="broken off" if ended else "preparing")
+        total = len(self._shots)
+        return Seen(
+            state=self._state(complete=len(self._saved) == total, ended=ended),
+            plan=plan,
+            doing=self._doing,
+            done=len(self._saved),
+            total=total,
+            left_s=self._eta.left_s(),
+            rejected=self._wasted["rejected"],
+            lost=self._wasted["lost"],
+            readings=tuple(self._readings),
+            last=self._last,
+            alarms=self._alarms,
+        )
+
+    def _state(self, *, complete: bool, ended: bool) -> State:
+        if complete:
+            return "finished"
+        if ended:
+            return "stopped" if self._event == "stopped" else "broken off"
+        if self._event == "approaching":
+            return "approaching"
+        return "recording" if self._event else "preparing"
+
+    def _take(self, plan: Plan, entry: Entry, *, here: bool) -> None:
+        """One entry more; `here`: of this session."""
+        event = entry["event"]
+        if event == "saved":
+            self._saved.add(entry["shot"])
+            self._last = entry
+        if event in self._wasted:
+            self._wasted[event] += 1
+        if not here:
+            return
+        if event in ("unsafe", "made safe"):
+            self._alarms = tuple(str(each) for each in entry.get("problems", ()))
+            return
+        self._event = event
+        now_s = datetime.fromisoformat(entry["time"]).timestamp()
+        if self._begin_s is None:
+            self._begin_s = self._before_s = now_s
+        time_s = now_s - self._begin_s
+        if event == "start":
+            left = [shot for name, shot in self._shots.items() if name not in self._saved]
+            self._eta.plan(backgrounds=len({shot.background for shot in left}), shots=len(left))
+        elif event in ("approaching", "stable") and {"background_K", "reading_K"} <= set(entry):
+            setpoint_K = entry["background_K"]
+            self._readings.append(Reading(time_s, entry["reading_K"], setpoint_K))
+            self._doing = f"the black body goes to {setpoint_K:g} K"
+            if event == "stable":
+                self._eta.background(float(entry.get("elapsed_s", 0.0)))
+                self._doing = f"the black body is stable at {setpoint_K:g} K"
+        elif event in ("fired", "saved", "rejected", "lost"):
+            self._shot(plan, entry, time_s, now_s)
+        if event != "fired":
+            self._before_s = now_s
+
+    def _shot(self, plan: Plan, entry: Entry, time_s: float, now_s: float) -> None:
+        shot = self._shots.get(entry.get("shot", ""))
+        if shot is None:
+            return
+        self._doing = f"{plan.describe(shot)}: {entry['event']}"
+        if entry.get("reason"):
+            self._doing += f" ({entry['reason']})"
+        if entry["event"] == "saved" and not entry.get("adopted"):
+            self._eta.shot(max(now_s - self._before_s, 0.0))  # somebody may set the clock back
+            if "background_after_K" in entry:
+                self._readings.append(
+                    Reading(time_s, entry["background_after_K"], shot.background_K)
+                )

@@ -1,0 +1,280 @@
+"""The page of a recording: what it shows, that it needs nothing, and that it cannot do harm."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.acquisition import Plan, SavedShot, acquire, open_acquisition
+from cldit.acquisition.journal import Journal
+from cldit.acquisition.watch import Watch
+from cldit.cli import live_page
+from cldit.cli.live import LiveView
+from cldit.cli.live_page import PAGE, PageWriter, write_pages
+from cldit.cli.sparkline import sparkline
+from cldit.errors import DiskFull
+from cldit.rig.load import open_rig
+
+_PATIENCE_s = 60.0  # on a busy machine; nothing waits so long where all is well
+
+
+def wait_for(what: Any) -> None:
+    end = time.monotonic() + _PATIENCE_s
+    while not what():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def page_of(folder: Path, *, over: bool = True) -> str:
+    """The page that is written at once, of a recording that has ended or goes on."""
+    ended = threading.Event()
+    if over:
+        ended.set()
+        write_pages(folder, ended)
+    else:
+        thread = threading.Thread(target=write_pages, args=(folder, ended))
+        (folder / PAGE).unlink(missing_ok=True)
+        thread.start()
+        wait_for((folder / PAGE).exists)
+        text = (folder / PAGE).read_text(encoding="utf-8")
+        ended.set()
+        thread.join(_PATIENCE_s)
+        return text
+    return (folder / PAGE).read_text(encoding="utf-8")
+
+
+class Enough(Exception):
+    """Ends a recording in its middle."""
+
+
+def begun(rig: dict[str, Any], plan: Plan, folder: Path, *, shots: int) -> Path:
+    """A recording that was broken off after some shots."""
+    taken = []
+
+    def progress(state: Any) -> None:
+        taken.append(state.done)
+        if state.done == shots:
+            raise Enough
+
+    with pytest.raises(Enough):
+        acquire(open_rig(rig), plan, folder, progress=progress)
+    return folder
+
+
+def test_page_of_a_whole_recording(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """All that it is to show is there, as it was recorded; nothing outside is addressed."""
+    folder = tmp_path / "a"
+    acquire(open_rig(tiny_rig), tiny_plan, folder)
+    text = page_of(folder)
+    assert '<h1 id="state">finished</h1>' in text and "0 of 10 shots left" in text
+    assert 'http-equiv="refresh"' not in text and "<script" not in text
+    last = max(open_acquisition(folder).shots, key=lambda shot: shot.path.stat().st_mtime_ns)
+    image = open_acquisition(folder).load(last)
+    assert last.id in text and f"{last.background_setpoint_K:g} K, {last.kind}" in text
+    for value in (f"lowest {image.min()}", f"highest {image.max()}", "% of the pixels are sat"):
+        assert value in text
+    # 96 bars, and one band of the tolerance
+    assert len(re.findall("<rect", text)) == 97
+    assert "set point 480 K" in text and "within ±0.2 K" in text
+    assert text.count("data:image/png;base64,") == 2
+    without = re.sub(r"data:image/png;base64,[A-Za-z0-9+/=]+", "", text)
+    assert "//" not in without and not re.search(r"(src|href|url|import)\s*[=(]\s*[^\"]", without)
+    assert re.findall(r"(?:src|href)=\"([^\"]*)\"", without) == ["", ""]
+
+
+def test_page_in_the_middle(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+    """It loads itself while the recording goes on; one that was broken off says what to do."""
+    folder = begun(tiny_rig, tiny_plan, tmp_path / "a", shots=3)
+    going = page_of(folder, over=False)
+    assert '<meta http-equiv="refresh" content="2">' in going and "7 of 10 shots left, " in going
+    assert 'aria-valuenow="3"' in going and 'style="width:30.00%"' in going
+    ended = page_of(folder)
+    assert '<h1 id="state">broken off</h1>' in ended and 'http-equiv="refresh"' not in ended
+    assert "The same command goes on where it ended." in ended
+
+
+def test_an_earlier_session_is_no_state(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """A resumed recording is being prepared until it says something itself."""
+    folder = begun(tiny_rig, tiny_plan, tmp_path / "a", shots=3)
+    size = (folder / "journal.jsonl").stat().st_size
+    watch = Watch(folder, known_bytes=size)
+    assert watch.look() and watch.seen().state == "preparing" and watch.seen().done == 3
+    assert not watch.look()
+    with Journal(folder / "journal.jsonl") as journal:
+        journal.append("unsafe", time="2026-01-01T00:00:00+00:00", problems=["it may be <hot>"])
+    assert watch.look() and watch.seen().alarms == ("it may be <hot>",)
+    acquire(open_rig(tiny_rig), tiny_plan, folder)
+    assert watch.look() and watch.seen().state == "finished" and watch.seen().done == 10
+    readings = [reading.reading_K for reading in watch.seen().readings]
+    assert readings and all(290.0 < each < 490.0 for each in readings)
+
+
+def test_what_cannot_be_read_or_written_is_told_and_harms_nothing(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A full disk, then room again, while the writer goes on; nothing half written stays."""
+    folder = begun(tiny_rig, tiny_plan, tmp_path / "a", shots=3)
+    full = threading.Event()
+    full.set()
+    refused = []
+
+    def room(where: Path, needed: int) -> None:
+        if full.is_set():
+            refused.append(needed)
+            raise DiskFull(f"{where}: no room for <all>")
+
+    monkeypatch.setattr(live_page, "check_room", room)
+    monkeypatch.setattr(live_page, "_PAUSE_s", 0.02)
+    ended = threading.Event()
+    thread = threading.Thread(target=write_pages, args=(folder, ended))
+    thread.start()
+    wait_for(lambda: len(refused) > 1)
+    assert not (folder / PAGE).exists()
+    full.clear()
+    wait_for((folder / PAGE).exists)
+    assert "no room for &lt;all&gt;" in (folder / PAGE).read_text(encoding="utf-8")
+    ended.set()
+    thread.join(_PATIENCE_s)
+    assert not list(folder.glob("*.part"))
+    # Room for seven shots to come is kept, whatever the page takes.
+    assert min(refused) > 7 * (folder / "shots" / "b00_ref_00.tif").stat().st_size
+
+
+@pytest.mark.skipif(os.name == "nt", reason="SIGKILL is POSIX")
+def test_a_killed_writer_leaves_the_recording_alone(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """Killed before the second shot: every shot is there, and the view says what happened."""
+    folder = tmp_path / "a"
+    with LiveView(window=False, folder=folder) as view:
+        assert view.page is not None and view.page.process is not None
+        process = view.page.process
+
+        def progress(state: Any) -> None:
+            view.watch(state)
+            if state.done == 1 and process.poll() is None:
+                os.kill(process.pid, signal.SIGKILL)
+                process.wait()
+
+        record = acquire(open_rig(tiny_rig), tiny_plan, folder, progress=progress,
+                         preview=view.show)  # fmt: skip
+    assert record.complete and len(open_acquisition(folder).whole().shots) == 10
+    assert process.returncode == -signal.SIGKILL and "ended early (-9)" in view.page.problem
+
+
+@pytest.mark.skipif(os.name == "nt", reason="SIGKILL is POSIX")
+def test_the_writer_ends_with_a_killed_recording(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    """The pipe ends with whoever holds it, and the last page says so."""
+    folder = begun(tiny_rig, tiny_plan, tmp_path / "a", shots=3)
+    code = (
+        "import sys, time; from pathlib import Path; from cldit.cli.live_page import PageWriter\n"
+        "with PageWriter(Path(sys.argv[1])) as page:\n"
+        "    print(page.process.pid, flush=True); time.sleep(600)"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(folder)], stdout=subprocess.PIPE, text=True
+    ) as holder:
+        assert holder.stdout is not None
+        pid = int(holder.stdout.readline())
+        wait_for((folder / PAGE).exists)
+        assert "preparing" in (folder / PAGE).read_text(encoding="utf-8")
+        holder.kill()
+    wait_for(lambda: "broken off" in (folder / PAGE).read_text(encoding="utf-8"))
+    wait_for(lambda: not _runs(pid))
+
+
+def _runs(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"  # nobody may be there to collect it
+
+
+def test_damage_is_told(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+    """A journal and a picture that are damaged: the page shows what is whole, and says so."""
+    folder = begun(tiny_rig, tiny_plan, tmp_path / "a", shots=3)
+    (folder / "shots" / "b00_inj_00.tif").write_bytes(b"no picture")
+    with (folder / "journal.jsonl").open("ab") as stream:
+        stream.write(b"no entry\n")
+    text = page_of(folder)
+    assert "7 of 10 shots left" in text and "This page could not see all" in text
+    assert "b00_inj_00.tif" in text and "is not JSON" in text and "No shot yet." in text
+
+
+def test_a_folder_that_cannot_be_does_not_stop_anything(tmp_path: Path) -> None:
+    with PageWriter(tmp_path / "never made") as page:
+        pass
+    assert page.problem == "" and not page.path.exists()
+
+
+@pytest.mark.parametrize(("encoding", "shown"), [("utf-8", " ▁▄█"), ("ascii", " .=@")])
+def test_sparkline(encoding: str, shown: str) -> None:
+    """Nothing above 0 is blank; of many values the largest of each share is seen."""
+    assert sparkline([0.0, 1e-3, 4.0, 8.0], encoding=encoding, columns=9) == shown
+    assert sparkline([0.0, 0.0, 0.0, 8.0], encoding=encoding, columns=2) == " " + shown[-1]
+    assert sparkline([], encoding=encoding, columns=5) == ""
+
+
+def test_the_terminal_says_the_same(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Histogram, saturation, set point and what is left, as text."""
+    from rich.console import Console
+
+    texts: list[str] = []
+    with LiveView(window=False) as view:
+
+        def update(group: Any, *, refresh: bool) -> None:
+            console = Console(width=100, record=True, file=io.StringIO())
+            console.print(group)
+            texts.append(console.export_text())
+
+        monkeypatch.setattr(view._live, "update", update)
+        view._closing.set()  # no rests
+        image = np.full((12, 16), 1000, np.uint16)
+        image[0, :4] = 16383
+        seen: list[SavedShot] = []
+        acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a", progress=view.watch,
+                preview=seen.append)  # fmt: skip
+        meta = {**seen[-1].meta, "saturated_percent": 100.0 * 4 / 192}
+        view.show(SavedShot(seen[-1].shot, image, meta))
+    text = "".join(texts)
+    assert "0 of 10 shots left" in texts[-1] and "2.1 % saturated" in texts[-1]
+    assert "1000..16383 counts" in texts[-1] and "16383 counts" in texts[-1] and "█" in texts[-1]
+    assert re.search(r"black body \d+\.\d\d K, set point 4[48]0 K", text)
+
+
+def test_a_terminal_that_stands_still_holds_up_nothing(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As after Ctrl-S: what is written to it does not return before the last shot is there."""
+    goes_on, waits = threading.Event(), threading.Event()
+
+    def update(group: Any, *, refresh: bool) -> None:
+        waits.set()
+        assert goes_on.wait(_PATIENCE_s)
+
+    with LiveView(window=False) as view:
+        monkeypatch.setattr(view._live, "update", update)
+        record = acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a", progress=view.watch,
+                         preview=view.show)  # fmt: skip
+        assert record.complete and waits.is_set() and not goes_on.is_set()
+        goes_on.set()
