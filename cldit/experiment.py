@@ -21,7 +21,7 @@ from cldit.dit.delay_table import DelayRow, table_csv
 from cldit.dit.maps import Maps
 from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
 from cldit.dit.scattering import Medium, enclosure, medium_temperature, scattered_by
-from cldit.errors import EvaluationError, RunFolderError, Stopped
+from cldit.errors import EvaluationError, RunFolderError, SprayError, Stopped
 from cldit.files import write_text
 from cldit.gpu.device import Device
 from cldit.images import write_image
@@ -34,6 +34,7 @@ from cldit.rig.simulated import simulated_rig_data
 from cldit.run import Run, Say, Stage, simulate, with_stages
 from cldit.scene import Scene, load_scene
 from cldit.scene.delays import SAME_s, alone, delay_folder, delay_text, scene_at, spray_time_s
+from cldit.scene.spray import CfdSpray
 
 Watch = Callable[[Progress], None]
 
@@ -70,6 +71,7 @@ def run_experiment(
             "temperature; DIT needs at least two that differ"
         )
     at_delays = {delay_s: scene_at(scene, delay_s) for delay_s in scene.plan.delays_s}
+    _refuse_missing(scene)
 
     def reading(what: str, done: int, total: int) -> None:
         if watch is not None:
@@ -114,6 +116,22 @@ def run_experiment(
         progress("pictures and report")
     write_run_report(run)
     return run
+
+
+def _refuse_missing(scene: Scene) -> None:
+    """What a trace of each delay would refuse after the others, before anything is traced."""
+    spray = scene.spray
+    if not isinstance(spray, CfdSpray) or not scene.plan.delays_s:
+        return
+    from cldit.cfd.formats import contents  # brings VTK
+    from cldit.cfd.times import choose_time
+
+    known_s = contents(spray).times_s
+    for delay_s in scene.plan.delays_s if known_s else ():
+        try:
+            choose_time(str(spray.file), known_s, delay_s)
+        except SprayError as error:
+            raise SprayError(f"plan.delays_s: {delay_text(delay_s)}: {error}") from error
 
 
 def _of_run(found: tuple[DelayEvaluation, ...], shown_s: float | None) -> Maps | None:

@@ -158,6 +158,16 @@ def test_times_that_cannot_be(scene: Path, tmp_path: Path) -> None:
     assert "allowed is one of them" in done.output.replace("\n", " ")
 
 
+def test_a_delay_that_the_case_lacks_is_refused_before_anything_is_traced(
+    scene: Path, tmp_path: Path
+) -> None:
+    delays = ("--set", "plan.delays_s=[0.00004, 0.00005]")
+    done = run(scene, *delays, "--out", tmp_path / "out", *SMALL, fails=True)
+    words = " ".join(done.output.split())
+    assert "plan.delays_s: 0.05 ms:" in words and "no time 5e-05 s" in words
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_run_of_a_case_shows_how_far_its_reading_is(
     case: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
