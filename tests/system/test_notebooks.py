@@ -1,4 +1,4 @@
-"""Every notebook of the docs runs from its first to its last cell, and is stored without outputs."""
+"""Every notebook of the docs runs from first to last cell, and is stored without outputs."""
 
 from __future__ import annotations
 
