@@ -157,7 +157,10 @@ def picture_changes(
     """What the short options change, as `Scene.with_` takes it.
 
     Args:
-        pixels, field_mm, quick, accuracy_K: as typed; None where left out.
+        pixels: columns and rows, `N` or `NxM`.
+        field_mm: width and height, as `pixels`.
+        quick: whether it is a first look.
+        accuracy_K: that was asked for, which `quick` leaves as it is.
 
     Raises:
         SceneError: a text is neither one number nor two.
