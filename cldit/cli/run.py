@@ -162,6 +162,9 @@ def picture_changes(
         quick: whether it is a first look.
         accuracy_K: that was asked for, which `quick` leaves as it is.
 
+    Returns:
+        Values by the path of their key.
+
     Raises:
         SceneError: a text is neither one number nor two.
     """
