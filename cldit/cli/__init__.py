@@ -27,6 +27,7 @@ _COMMANDS = {
     "scattering": "cldit.cli.scattering:scattering_command",
     "show": "cldit.cli.show:show",
     "view": "cldit.cli.view:view_command",
+    "gallery": "cldit.cli.gallery:gallery_command",
     "study": "cldit.cli.study:study",
     "bench": "cldit.cli.bench:bench",
 }

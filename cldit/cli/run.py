@@ -110,7 +110,7 @@ def run(
     if "mapping" in keys:
         keys["mapping"] = str(keys["mapping"].resolve())
     chosen = _changed(load_scene(scene), cfd=cfd, keys=keys, preset=preset, transport=transport)
-    chosen = chosen.with_(**_picture(pixels, field_mm, quick=quick, accuracy_K=accuracy_K))
+    chosen = chosen.with_(**picture_changes(pixels, field_mm, quick=quick, accuracy_K=accuracy_K))
     chosen = chosen.with_(**dict(parse_change(text) for text in changes))
     folder = out or Path("runs") / chosen.name
     opened = open_device(device)
@@ -151,10 +151,23 @@ def _data(result: Run) -> dict[str, Any]:
             **result.info.to_dict()}  # fmt: skip
 
 
-def _picture(
+def picture_changes(
     pixels: str | None, field_mm: str | None, *, quick: bool, accuracy_K: float | None
 ) -> dict[str, Any]:
-    """What the short options change."""
+    """What the short options change, as `Scene.with_` takes it.
+
+    Args:
+        pixels: columns and rows, `N` or `NxM`.
+        field_mm: width and height, as `pixels`.
+        quick: whether it is a first look.
+        accuracy_K: that was asked for, which `quick` leaves as it is.
+
+    Returns:
+        Values by the path of their key.
+
+    Raises:
+        SceneError: a text is neither one number nor two.
+    """
     made: dict[str, Any] = {}
     if quick:
         made["camera.pixels"] = list(_QUICK_PIXELS)

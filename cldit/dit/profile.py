@@ -6,12 +6,14 @@ import csv
 import io
 import math
 from dataclasses import dataclass, fields
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError
+from cldit.files import write_text
 
 Floats = NDArray[np.float64]
 
@@ -43,6 +45,17 @@ class Profile:
         rows = np.stack([getattr(self, name) for name in names], axis=1)
         writer.writerows([f"{value:.7g}" for value in row] for row in rows)
         return stream.getvalue()
+
+    def save(self, path: str | Path) -> None:
+        """Writes `csv` to a file.
+
+        Args:
+            path: of the file; one that is there is replaced.
+
+        Raises:
+            DiskFull, FileError: as `cldit.files.written`.
+        """
+        write_text(Path(path), self.csv())
 
 
 def profile_of(

@@ -1,0 +1,36 @@
+"""Every notebook of the docs runs from first to last cell, and is stored without outputs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+nbclient = pytest.importorskip("nbclient", reason="nbclient is missing; install cldit[dev]")
+nbformat = pytest.importorskip("nbformat", reason="nbformat is missing; install cldit[dev]")
+
+_BOOKS = sorted((Path(__file__).parents[2] / "docs" / "notebooks").glob("*.ipynb"))
+_QUICK = "own-measurement"
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, id=path.stem, marks=[] if path.stem == _QUICK else [pytest.mark.slow])
+        for path in _BOOKS
+    ],
+)
+def test_notebook(path: Path, tmp_path: Path) -> None:
+    book = nbformat.read(path, as_version=4)
+    where = {"metadata": {"path": str(tmp_path)}}
+    nbclient.NotebookClient(book, timeout=600, kernel_name="python3", resources=where).execute()
+    code = [cell for cell in book.cells if cell.cell_type == "code"]
+    assert code[-1].outputs  # it ends with something to see
+
+
+def test_notebooks_are_stored_without_outputs() -> None:
+    assert len(_BOOKS) == 5
+    for path in _BOOKS:
+        for cell in nbformat.read(path, as_version=4).cells:
+            if cell.cell_type == "code":
+                assert cell.outputs == [] and cell.execution_count is None, path.name
