@@ -19,7 +19,7 @@ from cldit.plain_data import dump_yaml
 from cldit.terminal import tell
 
 from ..heater import Dynamics
-from .blackbody import ModbusPeer
+from .blackbody import FlukePeer, ModbusPeer
 from .dg645 import Dg645Peer, Edge
 from .gige_camera import GigePeer
 
@@ -40,13 +40,22 @@ CALIBRATION = {
 
 class PeerRig:
     """Enter it to switch everything on. The generator's output AB is the camera's Line1, CD the
-    injector, which brings fuel while `fuel_pressure`."""
+    injector, which brings fuel while `fuel_pressure`. The black body speaks Modbus, or `fluke`."""
 
     def __init__(
-        self, *, camera: GigePeer | None = None, dynamics: Dynamics = _FAST, start_K: float = 295.0
+        self,
+        *,
+        camera: GigePeer | None = None,
+        fluke: bool = False,
+        dynamics: Dynamics = _FAST,
+        start_K: float = 295.0,
     ) -> None:
         self.camera = camera or GigePeer()
-        self.blackbody = ModbusPeer("eurotherm-3200", dynamics=dynamics, start_K=start_K)
+        self.blackbody: FlukePeer | ModbusPeer = (
+            FlukePeer(dynamics=dynamics, start_K=start_K)
+            if fluke
+            else ModbusPeer("eurotherm-3200", dynamics=dynamics, start_K=start_K)
+        )
         self.generator = Dg645Peer(on_edge=self._wire)
         self.fuel_pressure = True
         self._injected_s = -1.0
@@ -96,20 +105,19 @@ class PeerRig:
                     "calibration": CALIBRATION,
                 },
             },
-            "background": {
-                "driver": "modbus_blackbody",
-                "settings": {
-                    "model": "eurotherm-3200",
-                    "host": self.blackbody.host,
-                    "port": self.blackbody.port,
-                    "limits_K": [283.0, 873.0],
-                },
-            },
+            "background": self._background(),
             "trigger": {
                 "driver": "dg645",
                 "settings": {"host": self.generator.host, "port": self.generator.port},
             },
         }
+
+    def _background(self) -> dict[str, Any]:
+        line = {"host": self.blackbody.host, "port": self.blackbody.port}
+        if isinstance(self.blackbody, FlukePeer):
+            return {"driver": "fluke418x", "settings": line}
+        own = {"model": "eurotherm-3200", "limits_K": [283.0, 873.0]}
+        return {"driver": "modbus_blackbody", "settings": {**own, **line}}
 
 
 def main() -> None:
