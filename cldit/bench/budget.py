@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -20,6 +21,7 @@ from cldit.report.sheet import figure_of
 from cldit.run import Run, simulate
 from cldit.scene import Scene
 
+_CLOSE = 0.1  # of a logarithm, of points whose labels would cover each other
 ASKED_K = (4.0, 2.0, 1.0, 0.5)
 _COLOURS = dict(zip(SCENES, ("tab:blue", "tab:orange", "tab:green", "tab:red"), strict=True))
 
@@ -197,6 +199,22 @@ def _cause(causes_K: dict[str, float | None], name: str) -> str:
     return "unknown" if error_K is None else number(error_K, 2)
 
 
+def _together(rows: Sequence[BudgetRow]) -> list[tuple[BudgetRow, str]]:
+    """Rows whose points do not lie on each other, with what all there asked for."""
+    out: list[tuple[BudgetRow, str]] = []
+    for row in rows:
+        if out:
+            last, asked = out[-1]
+            apart = max(
+                abs(math.log(row.core_s / last.core_s)), abs(math.log(row.true_K / last.true_K))
+            )
+            if apart < _CLOSE:
+                out[-1] = last, f"{asked}, {row.asked_K:g}"
+                continue
+        out.append((row, f"{row.asked_K:g}"))
+    return out
+
+
 def _figure(rows: Sequence[BudgetRow]) -> Figure:
     figure = figure_of(7.0, 4.5)
     axes: Any = figure.subplots()
@@ -207,9 +225,9 @@ def _figure(rows: Sequence[BudgetRow]) -> Figure:
         axes.plot(seconds, [row.true_K for row in mine], "o-", color=colour, label=name)
         stated = [np.nan if row.stated_K is None else row.stated_K for row in mine]
         axes.plot(seconds, stated, "x:", color=colour)
-        for row in mine:
+        for row, asked in _together(mine):
             axes.annotate(
-                f"{row.asked_K:g} K", (row.core_s, row.true_K), (4, 4), textcoords="offset points"
+                f"{asked} K", (row.core_s, row.true_K), (4, 4), textcoords="offset points"
             )
     axes.set_xscale("log")
     axes.set_yscale("log")
