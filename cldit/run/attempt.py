@@ -108,8 +108,14 @@ class Attempts:
         plan = Plan.first(self.scene)
         if not self.scene.transport.audit:
             self.stages.remark((_NO_AUDIT,))
+        before: Attempt | None = None
         while True:
             made = self._made(plan)
+            if before is not None and _errs_more(made, before):
+                # Memory did not hold what was wanted, and less is worse than what there was.
+                self.stages.remark((_KEPT.format(before=before.errors, made=made.errors),))
+                made = replace(before, plan=replace(before.plan, limited=made.plan.limited))
+                break
             better = None
             if made.errors is not None:
                 better = made.plan.refined(
@@ -121,7 +127,7 @@ class Attempts:
             if better is None:
                 break
             self.stages.remark((_again(made, better),))
-            plan = better
+            plan, before = better, made
         self._conclude(made)
         return made
 
@@ -157,7 +163,9 @@ class Attempts:
         except MediumError:
             if plan.lattice_of_m is None or plan.depth is None or plan.depth <= 3:
                 raise
-            return self._made(_coarser(plan, plan.lattice_of_m))
+            assert plan.spacing_m is not None
+            coarser = plan.on_lattice(_COARSER * plan.spacing_m)
+            return self._made(replace(coarser, limited=plan.limited or too_many(plan.spacing_m)))
         frame = medium.trees[0].frame
         say = self.stages.say
         result = trace_nodes(medium.trees, quadrature, scene, self.device, settings, report=say)
@@ -366,11 +374,20 @@ class Attempts:
             self.stages.remark(made.stated.remarks(wanted))
 
 
-_COARSER = 1.15  # steps to the finest lattice that a cone takes
+_COARSER = 1.15  # steps to the finest lattice that a cone takes, or that memory holds
+_KEPT = "error {made.text}: the picture before, of {before.text}, is kept"
 _NO_AUDIT = (
     "transport.audit: false: transport.accuracy_K is that of the trace alone, and the error of the "
     "picture is not measured"
 )
+
+
+def _errs_more(made: Attempt, before: Attempt) -> bool:
+    """Whether a picture that was to err less than the one before errs more."""
+    if made.errors is None or before.errors is None:
+        return False
+    now_K, then_K = made.errors.total_K, before.errors.total_K
+    return now_K is not None and then_K is not None and now_K > then_K
 
 
 def _coarser(plan: Plan, edge_m: float) -> Plan:
