@@ -77,37 +77,16 @@ def _quoted(name: str) -> str:
     return f'"{name}"' if "," in name else name
 
 
-def import_case(
-    spec: CfdSpray,
-    out: Path | None,
-    *,
-    watch: Watch = silent,
-) -> list[str]:
-    """Reads and checks the case of `spec`, and writes cldit's own file of it if `out` names one.
+def imported(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> Spray:
+    """The spray of a case, checked; cldit's own file of it is written if `out` names one.
 
     Args:
         spec: the case.
         out: of the file, which appears whole or not at all; None writes none.
         watch: told how far the work is.
 
-    Returns:
-        Lines on what came over: masses, sizes, penetration, and what was inferred.
-
     Raises:
         SprayError: as for `read_cfd` and `write_spray`; no file is written then.
-    """
-    spray = imported(spec, out, watch=watch)
-    return [*case_lines(spec, spray), *([] if out is None else [str(out)])]
-
-
-def imported(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> Spray:
-    """The spray of a case, checked; written as `import_case` does.
-
-    Args:
-        spec, out, watch: as for `import_case`.
-
-    Raises:
-        SprayError: as for `import_case`.
     """
     if spec.spread_m is not None:
         raise SprayError("spray.spread_m: parcels are spread when a scene reads the file, not here")

@@ -38,10 +38,10 @@ def _vtk(_: str, *files: str) -> list[Any]:
 
 
 def _cldit(folder: str, out: str = "") -> None:
-    from cldit.cfd.importing import cfd_spray, import_case
+    from cldit.cfd.importing import cfd_spray, imported
 
     spec = cfd_spray({"file": folder, "nozzle_m": (0.0, 0.0, 0.0), "axis": "-y"})
-    import_case(spec, Path(out) if out else None)
+    imported(spec, Path(out) if out else None)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from cldit.cfd import size
-from cldit.cfd.importing import import_case
+from cldit.cfd.importing import imported
 from cldit.cli import main
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
@@ -52,7 +52,7 @@ def test_progress_is_told(kind: str, tmp_path: Path, foam: Foam, writers: Writer
     told: list[tuple[str, int, int]] = []
     spec = written(kind, tmp_path / "case", foam, writers)
     out = tmp_path / "spray.npz"
-    import_case(spec, out, watch=lambda *each: told.append(each))
+    imported(spec, out, watch=lambda *each: told.append(each))
     assert all(0 <= done <= total for _, done, total in told)
     phases = [what for what, _, _ in told]
     assert "measuring cells" in phases
@@ -76,7 +76,7 @@ def test_control_c_leaves_nothing(phase: str, tmp_path: Path, foam: Foam, writer
 
     try:
         with pytest.raises(KeyboardInterrupt):
-            import_case(spec, folder / "spray.npz", watch=press)
+            imported(spec, folder / "spray.npz", watch=press)
         assert signal.getsignal(signal.SIGINT) is handler
     finally:
         signal.signal(signal.SIGINT, before)
@@ -91,7 +91,7 @@ def test_what_does_not_fit_is_refused_before_it_is_read(
     monkeypatch.setattr(size, "free_bytes", lambda: 0.1e9)
     told: list[Any] = []
     with pytest.raises(SprayError) as caught:
-        import_case(spec, None, watch=lambda *each: told.append(each))
+        imported(spec, None, watch=lambda *each: told.append(each))
     text = str(caught.value)
     assert text.startswith(str(tmp_path / "case"))
     assert re.search("24 cells.* need some 0.2 GB of memory, 0.1 GB are free", text) or kind in (
