@@ -22,9 +22,10 @@ from cldit.scene.transport import Transport
 class StatedError:
     """RMS errors of T_app; None where one is unknown.
 
-    halves_K: from the difference of two pictures, each of half of the directions or samples.
-    audit_K: from pixels that were traced by `path` as well, which sees what both pictures simplify,
-    and one standard error more.
+    halves_K: from the difference of two pictures, each of half of the directions or samples. It is
+    the error of one half, above that of the picture, and does not have what both simplify.
+    audit_K: from pixels that were traced by `path` as well: of the picture, with all that it
+    simplifies, and one standard error more.
     unknown: why the error is known in part only, or not at all; "" where it is known.
     map_K: (H, W) half the halves' difference in every pixel; None where it is not known.
     """
@@ -77,15 +78,15 @@ class StatedError:
         if self.error_K is None:
             return (Cause("trace", None, self.unknown),)
         how = "half the difference of two images, each by half of the ordinates or samples"
-        if self.audit_K is not None and self.audit_K == self.error_K:
+        if self.audit_K is not None:
             how = "some pixels traced by `path` as well, one standard error added"
         known = Cause("trace", self.error_K, f"{how}; holds ordinates, iteration and gather")
         return (known, Cause("audit", None, self.unknown)) if self.unknown else (known,)
 
     @property
     def error_K(self) -> float | None:
-        """The larger of the errors that are known [K]."""
-        return max((one for one in (self.halves_K, self.audit_K) if one is not None), default=None)
+        """The audit's where there is one, else the halves' [K]."""
+        return self.halves_K if self.audit_K is None else self.audit_K
 
     @property
     def can_shrink(self) -> bool:

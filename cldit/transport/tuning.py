@@ -92,7 +92,7 @@ class Tuning:
     audit_pixels: int = _number(500, "error of the audit, time", ERROR)
     audit_samples_least: int = _number(128, "a pixel: error of the audit, time", ERROR)
     audit_samples_most: int = _number(2048, "a pixel: error of the audit, time", ERROR)
-    audit_share: float = _number(0.5, "of accuracy_K, which it may miss: its error, time", ERROR)
+    audit_share: float = _number(0.03, "of accuracy_K, which it may miss: its error, time", ERROR)
     audit_even: float = _number(0.1, "share of the chance that is equal for all pixels", ERROR)
     audit_pixels_least: int = _number(16, "fewer tell too little to be traced", STABILITY)
     audit_scatterings: float = _number(2e7, "of an audit, in all: its error, time", STABILITY)

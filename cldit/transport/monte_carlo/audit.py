@@ -87,9 +87,6 @@ def audited(
         )
     )
     mine = _planes(weights, cells)
-    halves = None
-    if result.weights_difference is not None:
-        halves = _planes(result.weights_difference, cells)
 
     def enough(drawn: PixelSample, means: Floats, spread: Floats) -> bool:
         """Whether the audit is as sharp as the error: what more paths would tell is not asked."""
@@ -104,9 +101,6 @@ def audited(
             error_K(differences - spread), error_K(differences + spread), count=count
         )
         allowed = (tuning.audit_share * settings.accuracy_K) ** 2
-        if halves is not None:
-            own = error_K(halves[:, drawn.pixels])
-            allowed = max(allowed, drawn.mean_square(own, own, count=count)[0])
         # A square that is many times its doubt is no chance that ended the trace.
         return doubt <= max(allowed, square / 4)
 

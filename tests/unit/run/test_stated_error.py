@@ -26,12 +26,14 @@ from cldit.transport.result import Audit
     [
         (0.05, 0.24, {}, "audit by path tracing finds it, where directions and chains make some 0"),
         (0.05, 0.24, {"directions": 16}, "allowed is more transport.directions for that part"),
-        (0.24, 0.0, {}, "directions and chains make it; allowed is a smaller transport.accuracy_K"),
-        (0.24, 0.2, {"directions": 16}, "make it; allowed is more transport.directions"),
-        (0.24, 0.0, {"method": "path"}, "allowed is a larger transport.max_samples"),
+        (0.4, 0.24, {}, "directions and chains make it; allowed is a smaller transport.accuracy_K"),
+        (0.24, 0.24, {"directions": 16}, "make it; allowed is more transport.directions"),
+        (0.24, None, {"method": "path"}, "allowed is a larger transport.max_samples"),
     ],
 )
-def test_more_than_asked(halves: float, audit: float, asked: dict[str, Any], said: str) -> None:
+def test_more_than_asked(
+    halves: float, audit: float | None, asked: dict[str, Any], said: str
+) -> None:
     (text,) = StatedError(halves, audit).remarks(Transport(accuracy_K=0.1, **asked))
     assert text.startswith("stated error 0.24 K RMS, more than transport.accuracy_K: 0.1 asks for:")
     assert said in text
@@ -41,6 +43,13 @@ def test_more_than_asked(halves: float, audit: float, asked: dict[str, Any], sai
 def test_as_asked(halves: float, told: int) -> None:
     """As it is printed, with two digits."""
     assert len(StatedError(halves).remarks(Transport(accuracy_K=0.1))) == told
+
+
+def test_audit_is_stated() -> None:
+    """It is of the picture; halves have the error of half of the ordinates, and miss a part."""
+    assert StatedError(0.2, 0.1).error_K == 0.1
+    assert StatedError(0.1, 0.2).error_K == 0.2
+    assert StatedError(0.2).error_K == 0.2
 
 
 def test_unknown() -> None:
