@@ -9,3 +9,6 @@ PARTS = (
 
 ACCURACIES_K = (1.0, 0.3, 0.1, 0.05)
 """What `source` is asked for where nothing else is said."""
+
+ASKED_K = (4.0, 2.0, 1.0, 0.5)
+"""Errors of the picture that `budget` asks for where nothing else is said."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import tempfile
 from collections.abc import Sequence
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from cldit.bench import ASKED_K
 from cldit.bench.budget_scenes import SCENES, Reference, budget_scene
 from cldit.bench.case import BenchError, Say, changed, clocked
 from cldit.bench.report import Part, Table, number
@@ -22,7 +24,6 @@ from cldit.run import Run, simulate
 from cldit.scene import Scene
 
 _CLOSE = 0.1  # of a logarithm, of points whose labels would cover each other
-ASKED_K = (4.0, 2.0, 1.0, 0.5)
 _COLOURS = dict(zip(SCENES, ("tab:blue", "tab:orange", "tab:green", "tab:red"), strict=True))
 
 
@@ -31,7 +32,8 @@ class BudgetRow:
     """One run of one scene.
 
     asked_K: `transport.accuracy_K`. stated_K: what the run states; at_least: where something of it
-    is unknown. true_K: RMS against the reference. causes_K: by name.
+    is unknown. true_K: RMS against the reference. causes_K: by name. seed: of the trace, and of a
+    computed spray.
     """
 
     scene: str
@@ -42,6 +44,12 @@ class BudgetRow:
     core_s: float
     wall_s: float
     causes_K: dict[str, float | None]
+    seed: int = 1
+
+    @property
+    def ratio(self) -> float | None:
+        """Stated over true error; None where nothing is stated."""
+        return None if self.stated_K is None else self.stated_K / self.true_K
 
 
 def true_error_K(run: Run, reference: Reference) -> float:
@@ -62,7 +70,13 @@ def true_error_K(run: Run, reference: Reference) -> float:
 
 
 def measure(
-    scene: Scene, reference: Reference, device: Device, *, asked_K: float, cache: Path
+    scene: Scene,
+    reference: Reference,
+    device: Device,
+    *,
+    asked_K: float,
+    cache: Path,
+    seed: int = 1,
 ) -> BudgetRow:
     """Runs a scene once, from its spray to its errors, and compares it.
 
@@ -72,8 +86,10 @@ def measure(
         device: traces.
         asked_K: error of the picture.
         cache: folder of tables; computed sprays are in it after the first run, and then not paid.
+        seed: of the trace, and of a computed spray.
     """
-    wanted = changed(scene, transport={"accuracy_K": asked_K})
+    spray = {"spray": {"seed": seed}} if scene.spray.model == "lagrangian" else {}
+    wanted = changed(scene, transport={"accuracy_K": asked_K, "seed": seed}, **spray)
     run, cost = clocked(device, lambda: simulate(wanted, device=device, cache=cache))
     errors = run.errors
     assert errors is not None  # scenes of the benchmark are audited
@@ -86,6 +102,7 @@ def measure(
         core_s=cost.core_s,
         wall_s=cost.wall_s,
         causes_K={cause.name: cause.error_K for cause in errors.causes},
+        seed=seed,
     )
 
 
@@ -97,8 +114,9 @@ def budget(
     pixels: int = 100,
     scenes: Sequence[str] = SCENES,
     asked_K: Sequence[float] = ASKED_K,
+    seeds: int = 1,
 ) -> Part:
-    """Measures every scene that has a reference at every accuracy.
+    """Measures every scene that has a reference at every accuracy and seed.
 
     Args:
         device: traces.
@@ -107,6 +125,7 @@ def budget(
         pixels: along an edge; there must be references of so many.
         scenes: of `SCENES`.
         asked_K: errors of the picture.
+        seeds: 1 to this number.
 
     Raises:
         BenchError: no scene has a reference of so many pixels.
@@ -122,9 +141,11 @@ def budget(
             scene = budget_scene(name, pixels=pixels, folder=Path(folder))
             quick = changed(scene, transport={"accuracy_K": 20.0})
             simulate(quick, device=device, cache=cache)  # builds kernels, and the tables
-            for kelvin in asked_K:
-                say(f"{name}: {kelvin:g} K")
-                rows.append(measure(scene, reference, device, asked_K=kelvin, cache=cache))
+            for kelvin, seed in itertools.product(asked_K, range(1, seeds + 1)):
+                say(f"{name}: {kelvin:g} K, seed {seed}")
+                rows.append(
+                    measure(scene, reference, device, asked_K=kelvin, cache=cache, seed=seed)
+                )
     if not rows:
         raise BenchError(
             f"no reference of {pixels} x {pixels} pixels for {', '.join(scenes)}; "
@@ -149,11 +170,11 @@ def budget_part(
         left_out: scenes without one.
     """
     head = ("scene", "asked, K", "stated, K", "true, K", "stated / true", "core-s", "wall s")
-    lines = [_line(row) for row in rows]
-    names = list(dict.fromkeys(name for row in rows for name in row.causes_K))
+    first = [row for row in rows if row.seed == rows[0].seed]
+    names = list(dict.fromkeys(name for row in first for name in row.causes_K))
     by_cause = [
         (row.scene, f"{row.asked_K:g}", *(_cause(row.causes_K, name) for name in names))
-        for row in rows
+        for row in first
     ]
     text = [
         f"{pixels} x {pixels} pixels. Time is that of the whole run, from the spray to the stated "
@@ -168,28 +189,51 @@ def budget_part(
         name="budget",
         title="Error of the picture against time of the run",
         tables=(
-            Table.of(head, lines),
+            Table.of(head, [_line(row) for row in first]),
             Table.of(("scene", "asked, K", *(f"{name}, K" for name in names)), by_cause),
+            *([] if len(first) == len(rows) else [_by_seeds(rows)]),
         ),
         data={"pixels": pixels, "rows": [asdict(row) for row in rows]},
         text=tuple(text),
-        figure=_figure(rows),
+        figure=_figure(first),
         alternative="True and stated error of T_app against core seconds of the whole run",
     )
 
 
 def _line(row: BudgetRow) -> tuple[str, ...]:
     stated = number(row.stated_K, 2)
-    ratio = None if row.stated_K is None else row.stated_K / row.true_K
     return (
         row.scene,
         f"{row.asked_K:g}",
         f"at least {stated}" if row.at_least and row.stated_K is not None else stated,
         number(row.true_K, 2),
-        number(ratio, 2),
+        number(row.ratio, 2),
         number(row.core_s),
         number(row.wall_s),
     )
+
+
+def _by_seeds(rows: Sequence[BudgetRow]) -> Table:
+    """Lowest and highest over the seeds."""
+    lines = []
+    for name, kelvin in dict.fromkeys((row.scene, row.asked_K) for row in rows):
+        mine = [row for row in rows if (row.scene, row.asked_K) == (name, kelvin)]
+        ratios = [row.ratio for row in mine if row.ratio is not None]
+        lines.append(
+            (
+                name,
+                f"{kelvin:g}",
+                str(len(mine)),
+                _range(ratios) if len(ratios) == len(mine) else "unknown",
+                _range([row.true_K for row in mine]),
+                _range([row.core_s for row in mine]),
+            )
+        )
+    return Table.of(("scene", "asked, K", "seeds", "stated / true", "true, K", "core-s"), lines)
+
+
+def _range(values: Sequence[float]) -> str:
+    return f"{number(min(values), 2)} to {number(max(values), 2)}"
 
 
 def _cause(causes_K: dict[str, float | None], name: str) -> str:

@@ -6,8 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from cldit.bench import ASKED_K
 from cldit.bench.ablation import ablation
-from cldit.bench.budget import ASKED_K, budget
+from cldit.bench.budget import budget
 from cldit.bench.case import Case, Lattice, Say, changed, halved
 from cldit.bench.error import bench_error
 from cldit.bench.error_report import error_part
@@ -30,7 +31,7 @@ class Bench:
     """What is measured, and how much of it.
 
     lattice: pixels that `path` and the reference trace. samples: of the reference, a pixel.
-    accuracies_K: what `source` is asked for. pixels, asked_K: of `budget`. save: takes a part as
+    accuracies_K: what `source` is asked for. pixels, asked_K, seeds: of `budget`. save: takes a part as
     far as it has come.
     """
 
@@ -44,6 +45,7 @@ class Bench:
     save: Callable[[Part], None]
     pixels: int = 100
     asked_K: tuple[float, ...] = ASKED_K
+    seeds: int = 1
 
     def case(self, *, mie: bool = False, half: bool = False) -> Case:
         """The case with Mie's phase function (`mie`) or isotropic, at full or `half` resolution."""
@@ -83,6 +85,7 @@ MEASUREMENTS: dict[str, Callable[[Bench], Part]] = {
         say=bench.say,
         pixels=bench.pixels,
         asked_K=bench.asked_K,
+        seeds=bench.seeds,
     ),
     "memory": lambda bench: memory(bench.scene, bench.device, say=bench.say),
     "leave-out": lambda bench: leave_out(bench.case(), say=bench.say),

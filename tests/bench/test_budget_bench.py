@@ -52,8 +52,24 @@ def test_page_of_rows() -> None:
         BudgetRow("gdi-flow", 1.0, 2.0, True, 2.5, 60.0, 40.0, causes),
     ]
     part = budget_part(rows, pixels=20, references_K={"gdi": 0.1}, left_out=["even-grid"])
+    assert len(part.tables) == 2  # none of seeds
     first, second = part.tables
     assert first.rows[0][2:5] == ("0.9", "0.8", "1.1")
     assert first.rows[1][2] == "at least 2"
     assert second.rows[0][2:] == ("0.3", "-") and second.rows[1][2:] == ("0.3", "unknown")
     assert part.figure is not None and "even-grid" in part.text[-1]
+
+
+def test_page_of_seeds() -> None:
+    """The first seed has the tables and the picture; the others widen the ratio's range."""
+    rows = [
+        BudgetRow("gdi", 1.0, 0.9, False, 0.6, 20.0, 11.0, {"trace": 0.3}),
+        BudgetRow("gdi", 1.0, 0.8, False, 0.8, 21.0, 12.0, {"trace": 0.2}, seed=2),
+        BudgetRow("gdi-flow", 1.0, None, True, 2.5, 60.0, 40.0, {"trace": None}),
+        BudgetRow("gdi-flow", 1.0, 2.0, True, 2.5, 60.0, 40.0, {"trace": 0.2}, seed=2),
+    ]
+    part = budget_part(rows, pixels=20, references_K={"gdi": 0.1}, left_out=[])
+    first, _, seeds = part.tables
+    assert len(first.rows) == 2
+    assert seeds.rows[0] == ("gdi", "1", "2", "1 to 1.5", "0.6 to 0.8", "20 to 21")
+    assert seeds.rows[1][3] == "unknown"

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from cldit.bench import ACCURACIES_K, PARTS
+from cldit.bench import ACCURACIES_K, ASKED_K, PARTS
 from cldit.cli.console import plain_errors
 from cldit.cli.lazy import LazyGroup
 from cldit.cli.units import KELVIN, device_option
@@ -72,6 +72,22 @@ _OLD_PARTS = {"floor": "roofline", "peers": "mitsuba"}  # names of 0.1.0
     default=100,
     show_default=True,
     help="Of budget, along an edge; there must be references of so many.",
+)
+@click.option(
+    "--asked",
+    "asked_K",
+    type=KELVIN,
+    multiple=True,
+    default=ASKED_K,
+    show_default=True,
+    help="Of budget, K that the picture may err; may be repeated.",
+)
+@click.option(
+    "--seeds",
+    type=click.IntRange(1),
+    default=1,
+    show_default=True,
+    help="Of budget: runs at each accuracy.",
 )
 @click.option(
     "--out",

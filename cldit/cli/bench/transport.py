@@ -25,6 +25,8 @@ class Asked:
     samples: int
     accuracies_K: tuple[float, ...]
     pixels: int
+    asked_K: tuple[float, ...]
+    seeds: int
     out: Path
     device: str | None
 
@@ -32,7 +34,8 @@ class Asked:
         """What makes this part alone."""
         command = f"cldit bench --scene {self.scene} --only {part} --out {self.out}"
         if part == "budget":
-            command += f" --pixels {self.pixels}"
+            command += f" --pixels {self.pixels} --seeds {self.seeds}"
+            command += "".join(f" --asked {asked_K:g}K" for asked_K in self.asked_K)
         if part == "error":
             command += f" --every {self.every} --samples {self.samples}"
             command += "".join(f" --accuracy {accuracy_K:g}K" for accuracy_K in self.accuracies_K)
@@ -58,6 +61,8 @@ def bench_transport(asked: Asked) -> None:
         say=say,
         save=save,
         pixels=asked.pixels,
+        asked_K=asked.asked_K,
+        seeds=asked.seeds,
     )
     for name in asked.parts or (*USUAL, *(["mitsuba"] if asked.mitsuba else [])):
         part = MEASUREMENTS[name](measured)
