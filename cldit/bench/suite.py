@@ -31,8 +31,8 @@ class Bench:
     """What is measured, and how much of it.
 
     lattice: pixels that `path` and the reference trace. samples: of the reference, a pixel.
-    accuracies_K: what `source` is asked for. pixels, asked_K, seeds: of `budget`. save: takes a part as
-    far as it has come.
+    accuracies_K: what `source` is asked for. pixels, asked_K, seeds: of `budget`. save: takes a
+    part as far as it has come.
     """
 
     scene: Scene
