@@ -15,10 +15,8 @@ from cldit.report.series_report import write_series
 from cldit.run import Run, Say, simulate
 from cldit.run.folder import stored_run
 from cldit.run.series import SeriesTime, run_times
-from cldit.run.series_plan import SeriesPlan, Times
+from cldit.run.series_plan import SERIES_FILE, SeriesPlan, Times
 from cldit.scene import Scene, dump_scene, parse_scene
-
-_SCENE = "series.yaml"
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,7 @@ def run_series(
     for remark in plan.remarks:
         say(remark)
     make_folder(folder)
-    write_text(folder / _SCENE, dump_scene(scene))
+    write_text(folder / SERIES_FILE, dump_scene(scene))
     opened = device or open_device()
 
     def run(one: Scene, place: Path) -> Run:
@@ -109,9 +107,11 @@ def _check_folder(folder: Path, scene: Scene) -> None:
     """Raises RunFolderError where a folder holds something else than a series of this scene."""
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return
-    if not (folder / _SCENE).is_file():
+    if not (folder / SERIES_FILE).is_file():
         raise RunFolderError(f"{folder}: is not empty and holds no series; give another folder")
-    known = parse_scene(read_mapping(folder / _SCENE), source=str(folder / _SCENE), finished=True)
+    known = parse_scene(
+        read_mapping(folder / SERIES_FILE), source=str(folder / SERIES_FILE), finished=True
+    )
     if known != scene:
         raise RunFolderError(
             f"{folder}: holds a series of another scene, or with other settings; give another "

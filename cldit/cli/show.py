@@ -15,7 +15,7 @@ from cldit.report.run_report import show_folder
 @click.option("--open", "opened", is_flag=True, help="Open the picture in the system's viewer.")
 @plain_errors
 def show(folder: Path, opened: bool) -> None:
-    """The maps of a run or acquisition FOLDER, as a picture."""
+    """The maps of a run or acquisition FOLDER, as a picture; of a series as its film."""
     picture = show_folder(folder)
     OUT.print(str(picture))
     if opened:

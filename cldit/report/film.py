@@ -35,11 +35,11 @@ def durations_s(times: Sequence[float]) -> list[float]:
     return [*map(float, shown), _LAST_s]
 
 
-def write_film(stem: Path, pictures: Sequence[bytes], times: Sequence[float]) -> list[Path]:
-    """Writes `stem`.gif, and `stem`.mp4 if `mp4_possible`.
+def write_film(gif: Path, pictures: Sequence[bytes], times: Sequence[float]) -> list[Path]:
+    """Writes an animated GIF, and an MP4 beside it if `mp4_possible`.
 
     Args:
-        stem: path without an ending.
+        gif: its path.
         pictures: PNGs of one size, in their order.
         times: of the pictures, rising.
 
@@ -50,10 +50,10 @@ def write_film(stem: Path, pictures: Sequence[bytes], times: Sequence[float]) ->
         DiskFull, FileError: as `cldit.files.whole`.
     """
     stand_s = durations_s(times)
-    made = [stem.with_name(f"{stem.name}.gif")]
+    made = [gif]
     write_bytes(made[0], gif_of(pictures, stand_s))
     if mp4_possible():
-        made.append(stem.with_name(f"{stem.name}.mp4"))
+        made.append(gif.with_suffix(".mp4"))
         _write_mp4(made[1], pictures, stand_s)
     return made
 

@@ -27,9 +27,11 @@ from cldit.report.pictures import (
     nodes_picture,
     weights_picture,
 )
+from cldit.report.series_report import FILM_FILE
 from cldit.report.shares import Shares
 from cldit.run import Run, open_run
 from cldit.run.errors import Cause
+from cldit.run.series_plan import SERIES_FILE
 from cldit.scene import dump_scene
 from cldit.scene.delays import delay_text, spray_time_s
 
@@ -311,10 +313,20 @@ def write_pages(folder: str | Path) -> tuple[Path, ...]:
 def show_folder(folder: str | Path) -> Path:
     """Draws the maps of a run, acquisition or measured data; returns the picture's path.
 
+    Of a series it is the film, which the series itself made.
+
     Raises:
-        RunFolderError: the folder holds neither, or was not evaluated yet.
+        RunFolderError: the folder holds none of these, or was not evaluated yet.
     """
     place = Path(folder)
+    if (place / SERIES_FILE).is_file():
+        film = place / FILM_FILE
+        if not film.is_file():
+            raise RunFolderError(
+                f"{place}: the series has no film; `cldit run {place / SERIES_FILE} --times .. "
+                f"--out {place}` ends it"
+            )
+        return film
     if (place / "scene.yaml").is_file():
         write_pictures(open_run(place))
         return place / "pictures" / "maps.png"

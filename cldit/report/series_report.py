@@ -34,6 +34,7 @@ FIGURES = (
     "liquid_penetration_99_m",
     "vapour_penetration_m",
 )
+FILM_FILE = "film.gif"
 _OF_MAPS = ("pixels", "apparent_temperature_K", "emissivity")
 _NOTE = "white: transparent; grey: no apparent temperature for another reason"
 
@@ -121,7 +122,7 @@ def write_series(
         png = _picture(plan, scene, each, scale)
         pictures.append(png)
         write_bytes(out / "pictures" / f"{plan.folder(each.time)}.png", png)
-    return [*made, out / "pictures", *write_film(out / "film", pictures, [t.time for t in done])]
+    return [*made, out / "pictures", *write_film(out / FILM_FILE, pictures, [t.time for t in done])]
 
 
 def _picture(plan: SeriesPlan, scene: Scene, time: SeriesTime, scale: Scale) -> bytes:

@@ -85,6 +85,14 @@ def test_a_series(made: Path) -> None:
     assert (made / "series.png").stat().st_size > 10_000
 
 
+def test_show_names_the_film(made: Path, tmp_path: Path) -> None:
+    shown = CliRunner().invoke(main, ["show", str(made)])
+    assert shown.exit_code == 0 and shown.output.split()[-1].endswith("film.gif")
+    (tmp_path / "series.yaml").touch()
+    without = CliRunner().invoke(main, ["show", str(tmp_path)])
+    assert without.exit_code == 1 and "has no film" in without.output
+
+
 def test_it_goes_on_where_it_was(scene: Path, made: Path, tmp_path: Path) -> None:
     """One that lacks its last time makes that alone; the others are kept as they are."""
     out = tmp_path / "out"

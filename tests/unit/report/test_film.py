@@ -64,7 +64,7 @@ def test_an_mp4_has_the_pictures_in_turn(tmp_path: Path) -> None:
     """65 x 49 pixels become 64 x 48: colours of H.264 are stored for two by two."""
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     pictures = [picture(hue, size=(65, 49)) for hue in (10, 250)]
-    files = write_film(tmp_path / "film", pictures, [0.0, 1.0])
+    files = write_film(tmp_path / "film.gif", pictures, [0.0, 1.0])
     assert [path.name for path in files] == ["film.gif", "film.mp4"]
     command = [ffmpeg.get_ffmpeg_exe(), "-i", files[1], "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     raw = subprocess.run(command, capture_output=True, check=True).stdout
