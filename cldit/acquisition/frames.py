@@ -6,7 +6,9 @@ the dot. It is called with a `Source` and gives a `Stack`, or an array (frames, 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
@@ -55,6 +57,13 @@ def installed_readers() -> dict[str, EntryPoint]:
     return {entry.name.lower(): entry for entry in sorted(entry_points(group=GROUP))}
 
 
+@cache
+def _seen_readers(path: tuple[str, ...]) -> dict[str, EntryPoint]:
+    """Those that were installed along `sys.path` when a file was first opened: to look through all
+    that is installed takes longer than to read a picture."""
+    return installed_readers()
+
+
 def open_stack(source: Source) -> Stack:
     """Opens a file of pictures; nothing of them is read yet, where its reader can do that.
 
@@ -80,7 +89,9 @@ def open_stack(source: Source) -> Stack:
 
 def _reader(source: Source) -> Reader:
     ending = source.path.suffix.lower().removeprefix(".")
-    known = installed_readers()
+    known = _seen_readers(tuple(sys.path))
+    if ending not in known:
+        known = installed_readers()  # also what was installed since
     if ending not in known:
         allowed = ", ".join(f".{name}" for name in known) or "none: reinstall cldit"
         way_out = _WAY_OUT.get(ending)

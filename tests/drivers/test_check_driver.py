@@ -75,6 +75,8 @@ def test_a_lost_answer_that_is_taken_for_an_end(monkeypatch: pytest.MonkeyPatch)
 
 # Instruments; here their emulators stand for them.
 
+_ANSWER_s = 0.5  # a dead one is asked six times; a living one answers in a few milliseconds
+
 
 @pytest.fixture
 def rig(tiny_rig: dict[str, Any], tmp_path: Path) -> Iterator[tuple[Path, ModbusPeer, Dg645Peer]]:
@@ -90,7 +92,7 @@ def rig(tiny_rig: dict[str, Any], tmp_path: Path) -> Iterator[tuple[Path, Modbus
         }
         tiny_rig["trigger"] = {
             "driver": "dg645",
-            "settings": {"host": generator.host, "port": generator.port},
+            "settings": {"host": generator.host, "port": generator.port, "answer_s": _ANSWER_s},
         }
         tiny_rig["clock"] = {"model": "system"}
         path = tmp_path / "rig.yaml"

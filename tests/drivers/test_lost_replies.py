@@ -3,6 +3,8 @@ driver before its emulator. See there for what is done, and why."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import pytest
@@ -18,19 +20,26 @@ from tests.beds import CAMERAS, MANY, cases, make_of
 ON_LINES = cases(simulated=False, cameras=False)
 SHORT = [case for case in ON_LINES if case.values[0] not in MANY]
 GENERATORS = [case for case in ON_LINES if describe_drivers()[case.values[0]].kind == "trigger"]
+# Sessions side by side: their time is waiting. More of them would hold each other's answers up.
+AT_ONCE = 4
 
 
 @pytest.mark.parametrize(("driver", "variant"), SHORT)
 def test_each_reply_lost(driver: str, variant: str) -> None:
     make = make_of(driver, variant, {})
-    assert lost_replies.check_replies(make, lost_replies.every, lost_replies.lost) > 5
+    sessions = lost_replies.check_replies(
+        make, lost_replies.every, lost_replies.lost, at_once=AT_ONCE
+    )
+    assert sessions > 5
 
 
 @pytest.mark.parametrize(("driver", "variant"), SHORT)
 def test_each_reply_spoiled(driver: str, variant: str) -> None:
     """The kinds of faults in turn; all of each in the slow test."""
     make = make_of(driver, variant, {})
-    lost_replies.check_replies(make, lost_replies.every, lost_replies.spoiled_in_turn)
+    lost_replies.check_replies(
+        make, lost_replies.every, lost_replies.spoiled_in_turn, at_once=AT_ONCE
+    )
 
 
 @pytest.mark.parametrize(
@@ -41,7 +50,7 @@ def test_each_reply_spoiled(driver: str, variant: str) -> None:
     ],
 )
 def test_a_reply_lost_while_it_connects(driver: str, variant: str) -> None:
-    assert lost_replies.check_connect(make_of(driver, variant, {})) > 0
+    assert lost_replies.check_connect(make_of(driver, variant, {}), at_once=AT_ONCE) > 0
 
 
 @pytest.mark.parametrize(
@@ -65,8 +74,30 @@ def test_each_reply_each_fault(driver: str, variant: str) -> None:
     lost_replies.check_replies(make_of(driver, variant, {}), lost_replies.every, faults)
 
 
-@pytest.mark.parametrize(("driver", "variant"), cases(slow_cameras=True))
-def test_dead_after_its_session(driver: str, variant: str, tiny_rig: dict[str, Any]) -> None:
+@pytest.fixture(scope="module")
+def dead() -> Iterator[dict[tuple[str, str], Future[None]]]:
+    """What becomes of each driver on a line, all at once: each waits seconds for a dead one."""
+
+    def check(driver: str, variant: str) -> None:
+        lost_replies.check_dead(make_of(driver, variant, {}), times=2)
+
+    lines = [(str(driver), str(variant)) for driver, variant in (case.values for case in ON_LINES)]
+    with ThreadPoolExecutor(len(lines)) as pool:
+        yield {line: pool.submit(check, *line) for line in lines}
+
+
+@pytest.mark.parametrize(("driver", "variant"), ON_LINES)
+def test_dead_after_its_session(
+    driver: str, variant: str, dead: dict[tuple[str, str], Future[None]]
+) -> None:
+    dead[driver, variant].result()
+
+
+@pytest.mark.parametrize(
+    ("driver", "variant"),
+    [case for case in cases(slow_cameras=True) if case.id not in {line.id for line in ON_LINES}],
+)
+def test_dead_camera_or_simulated(driver: str, variant: str, tiny_rig: dict[str, Any]) -> None:
     times = 1 if driver in CAMERAS else 2  # they take seconds
     lost_replies.check_dead(make_of(driver, variant, tiny_rig), times=times)
 

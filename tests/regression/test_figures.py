@@ -40,7 +40,14 @@ def figures(run: Run) -> dict[str, float]:
     return out
 
 
-@pytest.mark.parametrize("name", SCENES)
+# Its spray and its octree are those of "gdi, Mie"; isotropic scattering is in "droplets-only".
+SLOW = {"gdi"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in SCENES],
+)
 def test_figures_of_shipped_scenes(name: str, device: Device, tables: Path) -> None:
     """Single precision and chains that part at a rounding: 64 of them in each pixel of some hundred
     that see thick cells leave 1e-3 of a weight; four of these. A count may differ by one pixel."""

@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from typing import Literal, get_args
 
-from scipy.stats import norm, t
+from scipy.special import ndtri, stdtrit
 
 from cldit.errors import EvaluationError
 
@@ -53,7 +53,7 @@ class Witness:
 
 def sure(degrees: int) -> float:
     """How many standard errors are no chance, where the error comes from so many degrees."""
-    return float(t.isf(_CHANCE, degrees) if degrees > 0 else norm.isf(_CHANCE))
+    return -float(stdtrit(degrees, _CHANCE) if degrees > 0 else ndtri(_CHANCE))
 
 
 def by_background(

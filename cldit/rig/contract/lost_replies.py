@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
 
 from cldit.rig.contract.bed import Bed, Make, Step, opened
 from cldit.rig.contract.expect import ContractBroken, expect, refuses
@@ -29,6 +30,7 @@ _DEAD_ANSWER_s, _REACH_s = 0.3, 20.0
 _SPOILED = [Fault.NAN, Fault.LATE, Fault.GARBAGE, Fault.HALF]
 _SAMPLES = 8
 
+C = TypeVar("C")
 Numbers = Callable[[int], Sequence[int]]
 Faults = Callable[[int], Sequence[Fault]]
 
@@ -69,6 +71,8 @@ def check_replies(
     numbers: Numbers,
     faults: Faults,
     settings: Mapping[str, Any] | None = None,
+    *,
+    at_once: int = 1,
 ) -> int:
     """A session for each reply and each of its faults; the number of sessions.
 
@@ -77,6 +81,8 @@ def check_replies(
         numbers: which replies, of so many.
         faults: what befalls the reply with this number, in a session each.
         settings: of the driver, without the address.
+        at_once: sessions side by side, each before an emulator of its own, as most of their time is
+            waiting for answers that do not come.
 
     Raises:
         ContractBroken: one line for each session that went wrong.
@@ -89,25 +95,27 @@ def check_replies(
         expect(not bed.left_on(), f"on after make_safe(): {bed.left_on()}")
         bed.device.close()
         replies = bed.replies.sent
-    failures, sessions = [], 0
-    for number in numbers(replies):
-        for fault in faults(number):
-            with opened(make, settings, answer_s=_ANSWER_s) as bed:
-                assert bed.replies is not None
-                bed.replies.spoil(fault, number, late_s=_LATE_s)
-                problem = _problem(bed, go_on=bool(number % 2))
-                sessions += 1
-                if problem:
-                    failures.append(f"reply {number} of {replies}, {fault}: {problem}")
-    expect(not failures, "\n".join(failures))
-    return sessions
+
+    def session(case: tuple[int, Fault]) -> str:
+        number, fault = case
+        with opened(make, settings, answer_s=_ANSWER_s) as bed:
+            assert bed.replies is not None
+            bed.replies.spoil(fault, number, late_s=_LATE_s)
+            problem = _problem(bed, go_on=bool(number % 2))
+        return f"reply {number} of {replies}, {fault}: {problem}" if problem else ""
+
+    cases = [(number, fault) for number in numbers(replies) for fault in faults(number)]
+    _all_right(session, cases, at_once)
+    return len(cases)
 
 
-def check_connect(make: Make, settings: Mapping[str, Any] | None = None) -> int:
+def check_connect(
+    make: Make, settings: Mapping[str, Any] | None = None, *, at_once: int = 1
+) -> int:
     """One reply that is lost while it connects is no reason to give up; the number of sessions.
 
     Args:
-        make, settings: as for `check_replies`.
+        make, settings, at_once: as for `check_replies`.
 
     Raises:
         ContractBroken: one line for each reply without which it does not connect.
@@ -116,8 +124,8 @@ def check_connect(make: Make, settings: Mapping[str, Any] | None = None) -> int:
         assert bed.replies is not None
         bed.device.connect()
         replies = bed.replies.sent
-    failures = []
-    for number in every(replies):
+
+    def session(number: int) -> str:
         with opened(make, settings, answer_s=_ANSWER_s) as bed:
             assert bed.replies is not None
             bed.replies.spoil(Fault.DROP, number)
@@ -125,8 +133,10 @@ def check_connect(make: Make, settings: Mapping[str, Any] | None = None) -> int:
                 bed.device.connect(5.0)
                 bed.device.make_safe()
             except RigError as error:
-                failures.append(f"reply {number} of {replies} lost: {error}")
-    expect(not failures, "\n".join(failures))
+                return f"reply {number} of {replies} lost: {error}"
+        return ""
+
+    _all_right(session, every(replies), at_once)
     return replies
 
 
@@ -184,6 +194,13 @@ def check_states(make: Make, settings: Mapping[str, Any] | None = None) -> None:
         bed.device.close()
         expect(bed.device.make_safe().connected, "closed while on, it does not reach for it")
         expect(not bed.left_on(), f"on after make_safe(): {bed.left_on()}")
+
+
+def _all_right(session: Callable[[C], str], cases: Sequence[C], at_once: int) -> None:
+    """Raises ContractBroken with what each case's session finds wrong; `at_once` of them a time."""
+    with ThreadPoolExecutor(at_once) as pool:
+        failures = [problem for problem in pool.map(session, cases) if problem]
+    expect(not failures, "\n".join(failures))
 
 
 def _session(bed: Bed, *, go_on: bool) -> list[str]:

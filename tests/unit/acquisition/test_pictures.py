@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 import tifffile
 from PIL import Image
 
+from cldit.acquisition import frames
 from cldit.acquisition.frames import FrameReader, open_stack
 from cldit.acquisition.pictures.source import Source, parse_source
 from cldit.acquisition.pictures.temperatures import read_temperatures
@@ -219,6 +221,33 @@ def test_axes_in_any_order(tmp_path: Path, axes: Any) -> None:
     for name in ("a.npy", "a.tif"):
         found = read_all(Source(tmp_path / name, axes=axes))
         np.testing.assert_array_equal(found, PICTURES)
+
+
+def test_a_reader_that_is_installed_later_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is installed is looked through once, and again for an ending that was not there."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    path = _npy(tmp_path)
+    np.testing.assert_array_equal(read_all(Source(path)), PICTURES)
+    asked: list[str] = []
+    plain = frames.installed_readers
+
+    def watched() -> dict[str, EntryPoint]:
+        asked.append("all")
+        return plain()
+
+    monkeypatch.setattr(frames, "installed_readers", watched)
+    np.testing.assert_array_equal(read_all(Source(path)), PICTURES)
+    assert not asked
+    info = tmp_path / "later-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: later\nVersion: 1.0\n")
+    reader = "cldit.acquisition.pictures.plain:open_npy"
+    (info / "entry_points.txt").write_text(f"[cldit.readers]\nlater = {reader}\n")
+    later = path.rename(path.with_suffix(".later"))
+    np.testing.assert_array_equal(read_all(Source(later)), PICTURES)
+    assert asked == ["all"]
 
 
 def test_a_part_of_any_file(tmp_path: Path) -> None:
