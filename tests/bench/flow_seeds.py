@@ -1,0 +1,130 @@
+"""What chance makes of a computed spray, its gas included, and what halves of its parcels say.
+
+Run by hand, a minute a seed:
+
+    python -m tests.bench.flow_seeds --seeds 4
+    python -m tests.bench.flow_seeds --seeds 4 --droplets-per-parcel 6000
+    python -m tests.bench.flow_seeds --seeds 4 --gas-cells-m 2e-3
+
+All is RMS of T_app over the pixels that have one, in pictures on cells of 0.39 mm. The difference
+of two seeds over sqrt(2) is what one picture errs by. Droplets of one seed in the gas of another
+tell both parts.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.bench.case import changed
+from cldit.caches import default_cache
+from cldit.dit.accuracy import has_temperature
+from cldit.gpu.device import Device, open_device
+from cldit.medium.cloud import SAMPLING, Kernel, variants
+from cldit.run import simulate
+from cldit.run.spray_factory import make_spray
+from cldit.scene import Scene, load_scene
+from cldit.spray.result import Spray
+
+Floats = NDArray[np.float64]
+
+# Of the difference from another sample of half as many, whose square holds both errors, by the
+# power -1/3 of the number; by -1/2 it would be 0.58 for 0.62.
+_OTHER_SAMPLE = (1.0 + 2.0 ** (2 / 3)) ** -0.5
+
+
+def scene_of(given: argparse.Namespace) -> Scene:
+    """gdi-flow in few pixels, traced so well that chance alone is left."""
+    return changed(
+        load_scene("gdi-flow"),
+        camera={"pixels": [given.pixels, given.pixels], "rays_per_pixel": 4},
+        domain={"leaf_edge_m": 0.5e-3},
+        transport={"accuracy_K": 0.3, "audit": False, "directions": 48},
+        optics={"compare_paper": False},
+    )
+
+
+def sprays_of(scene: Scene, count: int, **spray: float) -> dict[int, Spray]:
+    """Sprays of seeds 1 to `count`, with these keys."""
+    seeds = range(1, count + 1)
+    scenes = {seed: changed(scene, spray={"seed": seed, **spray}) for seed in seeds}
+    return {seed: make_spray(one.spray, cache=default_cache()) for seed, one in scenes.items()}
+
+
+def picture(scene: Scene, spray: Spray, device: Device) -> Floats:
+    """T_app (H, W), NaN where it does not count."""
+    maps = simulate(scene, device=device, spray=spray).maps
+    return np.where(has_temperature(maps), maps.apparent_temperature_K.astype(float), np.nan)
+
+
+def apart_K(one: Floats, other: Floats) -> float:
+    """RMS over the pixels that count in both."""
+    return float(np.sqrt(np.nanmean((one - other) ** 2)))
+
+
+def tell(what: str, each_K: Iterable[float]) -> None:
+    """One line: RMS of some errors, and their range."""
+    values = list(each_K)
+    rms = float(np.sqrt(np.mean(np.square(values))))
+    print(
+        f"{what}: {rms:.2f} K ({min(values):.2f} to {max(values):.2f}, {len(values)})", flush=True
+    )
+
+
+def by_halves(scene: Scene, sprays: Mapping[int, Spray], device: Device) -> list[float]:
+    """What each spray says of itself by halves of its parcels, which share its gas."""
+    found = (variants(spray, kernel=Kernel(), seed=1).halves for spray in sprays.values())
+    return [
+        SAMPLING * apart_K(*(picture(scene, half, device) for half in halves)) for halves in found
+    ]
+
+
+def main() -> None:
+    """Prints the scatter of seeds, and the parts of it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=4)
+    parser.add_argument("--pixels", type=int, default=100)
+    parser.add_argument("--droplets-per-parcel", type=float, default=1500.0)
+    parser.add_argument("--gas-cells-m", type=float, help="against those of the scene, and no more")
+    given = parser.parse_args()
+    device, scene = open_device(), scene_of(given)
+    droplets = given.droplets_per_parcel
+    sprays = sprays_of(scene, given.seeds, droplets_per_parcel=droplets)
+    pictures = {seed: picture(scene, spray, device) for seed, spray in sprays.items()}
+    pairs = list(combinations(sprays, 2))
+    tell("seeds", (apart_K(pictures[a], pictures[b]) / 2**0.5 for a, b in pairs))
+    if given.gas_cells_m is not None:
+        other = changed(scene, spray={"box": {"spacing_m": given.gas_cells_m}})
+        again = sprays_of(other, given.seeds, droplets_per_parcel=droplets)
+        mean, coarse = (
+            np.mean(each, axis=0)
+            for each in (
+                list(pictures.values()),
+                [picture(scene, spray, device) for spray in again.values()],
+            )
+        )
+        print(f"mean over seeds, other cells of gas: {apart_K(mean, coarse):.2f} K", flush=True)
+        return
+    tell("said by halves", by_halves(scene, sprays, device))
+    swapped = {
+        (a, b): picture(scene, replace(sprays[a], vapour=sprays[b].vapour), device)
+        for pair in zip(range(1, given.seeds, 2), range(2, given.seeds + 1, 2), strict=False)
+        for a, b in (pair, pair[::-1])
+    }
+    gas = (apart_K(pictures[a], one) / 2**0.5 for (a, _), one in swapped.items())
+    tell("same droplets in the gas of another seed", gas)
+    own = (apart_K(pictures[b], one) / 2**0.5 for (_, b), one in swapped.items())
+    tell("other droplets in the same gas", own)
+    halved = sprays_of(scene, given.seeds, droplets_per_parcel=2 * droplets)
+    half = {seed: picture(scene, spray, device) for seed, spray in halved.items()}
+    said = (_OTHER_SAMPLE * apart_K(pictures[a], half[b]) for a in sprays for b in half if a != b)
+    tell("said by another seed of half as many parcels", said)
+
+
+if __name__ == "__main__":
+    main()
