@@ -5,6 +5,8 @@ Run by hand, a minute a seed:
     python -m tests.bench.flow_seeds --seeds 4
     python -m tests.bench.flow_seeds --seeds 4 --droplets-per-parcel 6000
     python -m tests.bench.flow_seeds --seeds 4 --gas-cells-m 2e-3
+    python -m tests.bench.flow_seeds --seeds 2 --gas-cells-m 5e-4 --one-plume
+    python -m tests.bench.flow_seeds --seeds 6 --accuracy-K 4
 
 All is RMS of T_app over the pixels that have one, in pictures on cells of 0.39 mm. The difference
 of two seeds over sqrt(2) is what one picture errs by. Droplets of one seed in the gas of another
@@ -17,6 +19,7 @@ import argparse
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +29,7 @@ from cldit.caches import default_cache
 from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device, open_device
 from cldit.medium.cloud import SAMPLING, Kernel, variants
-from cldit.run import simulate
+from cldit.run import Run, simulate
 from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene, load_scene
 from cldit.spray.result import Spray
@@ -36,14 +39,23 @@ Floats = NDArray[np.float64]
 # Of the difference from another sample of half as many, whose square holds both errors, by the
 # power -1/3 of the number; by -1/2 it would be 0.58 for 0.62.
 _OTHER_SAMPLE = (1.0 + 2.0 ** (2 / 3)) ** -0.5
+_PLUME = {"inclination_deg": 0.0, "azimuth_deg": 0.0}
 
 
 def scene_of(given: argparse.Namespace) -> Scene:
-    """gdi-flow in few pixels, traced so well that chance alone is left."""
+    """gdi-flow in few pixels, traced so well that the spray's errors are left; or a plume of it."""
+    camera: dict[str, Any] = {"pixels": [given.pixels, given.pixels], "rays_per_pixel": 4}
+    domain = {"leaf_edge_m": 0.5e-3}
+    spray: dict[str, Any] = {}
+    if given.one_plume:
+        camera |= {"field_m": [0.04, 0.06]}
+        domain = {"edge_m": 0.12, "leaf_edge_m": 0.25e-3}
+        spray = {"plumes": [_PLUME], "injected_mass_kg": 1.25e-6}
     return changed(
         load_scene("gdi-flow"),
-        camera={"pixels": [given.pixels, given.pixels], "rays_per_pixel": 4},
-        domain={"leaf_edge_m": 0.5e-3},
+        spray=spray,
+        camera=camera,
+        domain=domain,
         transport={"accuracy_K": 0.3, "audit": False, "directions": 48},
         optics={"compare_paper": False},
     )
@@ -58,7 +70,12 @@ def sprays_of(scene: Scene, count: int, **spray: float) -> dict[int, Spray]:
 
 def picture(scene: Scene, spray: Spray, device: Device) -> Floats:
     """T_app (H, W), NaN where it does not count."""
-    maps = simulate(scene, device=device, spray=spray).maps
+    return temperature_K(simulate(scene, device=device, spray=spray))
+
+
+def temperature_K(run: Run) -> Floats:
+    """T_app (H, W) of a run, NaN where it does not count."""
+    maps = run.maps
     return np.where(has_temperature(maps), maps.apparent_temperature_K.astype(float), np.nan)
 
 
@@ -84,12 +101,37 @@ def by_halves(scene: Scene, sprays: Mapping[int, Spray], device: Device) -> list
     ]
 
 
+def stated(
+    scene: Scene, sprays: Mapping[int, Spray], pictures: Mapping[int, Floats], device: Device
+) -> None:
+    """A line for each seed: what a run states, and what it errs by against the other seeds' mean.
+
+    Args:
+        scene: its keys left to the plan.
+        sprays, pictures: of each seed.
+        device: traces.
+    """
+    for seed, spray in sprays.items():
+        run = simulate(scene, device=device, spray=spray)
+        others = [one for other, one in pictures.items() if other != seed]
+        # The others' mean errs by their scatter over the root of their number.
+        own2 = np.nanmean(np.var(others, axis=0, ddof=1)) / len(others)
+        true_K = (apart_K(temperature_K(run), np.mean(others, axis=0)) ** 2 - own2) ** 0.5
+        assert run.errors is not None and run.errors.total_K is not None
+        ratio = run.errors.total_K / true_K
+        print(
+            f"seed {seed}: stated {run.errors.text}, true {true_K:.2f} K: {ratio:.2f}", flush=True
+        )
+
+
 def main() -> None:
     """Prints the scatter of seeds, and the parts of it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--pixels", type=int, default=100)
     parser.add_argument("--droplets-per-parcel", type=float, default=1500.0)
+    parser.add_argument("--one-plume", action="store_true", help="one of the eight, straight down")
+    parser.add_argument("--accuracy-K", type=float, help="asked of runs that are held against it")
     parser.add_argument("--gas-cells-m", type=float, help="against those of the scene, and no more")
     given = parser.parse_args()
     device, scene = open_device(), scene_of(given)
@@ -98,6 +140,15 @@ def main() -> None:
     pictures = {seed: picture(scene, spray, device) for seed, spray in sprays.items()}
     pairs = list(combinations(sprays, 2))
     tell("seeds", (apart_K(pictures[a], pictures[b]) / 2**0.5 for a, b in pairs))
+    if given.accuracy_K is not None:
+        wanted = changed(
+            load_scene("gdi-flow"),
+            camera={"pixels": [given.pixels, given.pixels], "rays_per_pixel": 16},
+            transport={"accuracy_K": given.accuracy_K},
+            optics={"compare_paper": False},
+        )
+        stated(wanted, sprays, pictures, device)
+        return
     if given.gas_cells_m is not None:
         other = changed(scene, spray={"box": {"spacing_m": given.gas_cells_m}})
         again = sprays_of(other, given.seeds, droplets_per_parcel=droplets)
