@@ -28,7 +28,7 @@ def test_seeds_of_gdi_flow_differ_by_3_kelvin_at_most(tmp_path: Path) -> None:
     pairs; with the paper's 1e4 droplets a parcel it is 6 K.
 
     By SAMPLING times the difference of its halves a spray says what it errs by. The halves share
-    one gas; of that alone the seeds differ by 1.4 K. Four seeds said 0.77 to 1.2 times what six
+    one gas; of that alone the seeds differ by 1.4 K. Seeds said 0.7 to 1.2 times what six
     showed. What a run states is to lie within half and twice the truth."""
     data = cldit.load_scene("gdi-flow").model_dump(mode="json")
     data["camera"]["pixels"] = [150, 150]
