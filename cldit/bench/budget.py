@@ -183,6 +183,10 @@ def budget_part(
         + ", ".join(f"{name} {error_K:.2g} K" for name, error_K in references_K.items())
         + "."
     ]
+    if "gdi-flow" in references_K:
+        text.append(
+            "The reference of gdi-flow has the run's own cells of gas: their error is in none."
+        )
     if left_out:
         text.append(f"Without a reference of so many pixels: {', '.join(left_out)}.")
     return Part(

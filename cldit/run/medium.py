@@ -33,8 +33,8 @@ _INTEGRATED = ("vapour_absorption", "droplet_absorption", "droplet_scattering")
 _GAS = {
     "cfd": "the gas comes on one grid alone; compare with a run from a finer one",
     "grid": "the gas comes on one grid alone; compare with a run from a finer one",
-    "lagrangian": "a run on gas cells twice as large has droplets of other chances, which differ "
-    "by more than the grid does; compare means of several seeds on two spray.box.spacing_m",
+    "lagrangian": "often the largest: about the difference from a run on twice spray.box.spacing_m "
+    "(first order; 10 K in gdi-flow)",
 }
 
 
