@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +71,21 @@ class StatedError:
         square, doubt = audit.sample.mean_square(one, other, count=count)
         return cls(halves_K, float(np.sqrt(max(square, 0.0) + doubt)), map_K=map_K)
 
+    def beyond(self, cells_K: float | None) -> StatedError:
+        """The error without what the audit finds of the cells' size.
+
+        `path` sees what even sources in cells of this size miss. The step to other cells, of which
+        `cells` is found, has that in it as well. So the square of the audit that `cells_K` explains
+        is left to the cells. Were the audit's part none of the cells', that takes a factor
+        2^(1/2) from the sum of both at most; counted twice, it would add as much.
+
+        Args:
+            cells_K: error of the cells; None where it is unknown.
+        """
+        if self.audit_K is None or cells_K is None:
+            return self
+        return replace(self, audit_K=max(self.audit_K**2 - cells_K**2, 0.0) ** 0.5)
+
     @property
     def causes(self) -> tuple[Cause, ...]:
         """The trace's part of the picture's errors, and what of it is not known."""
@@ -78,7 +93,7 @@ class StatedError:
             return (Cause("trace", None, self.unknown),)
         how = "half the difference of two images, each by half of the ordinates or samples"
         if self.audit_K is not None and self.audit_K == self.error_K:
-            how = "some pixels traced by `path` as well, one standard error added"
+            how = "some pixels traced by `path` as well, one standard error added, less the cells'"
         known = Cause("trace", self.error_K, f"{how}; holds ordinates, iteration and gather")
         return (known, Cause("audit", None, self.unknown)) if self.unknown else (known,)
 
