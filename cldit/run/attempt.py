@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from cldit.camera.sensor import SensorModel
 from cldit.dit.accuracy import has_temperature
-from cldit.dit.maps import Maps
 from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, build_octree
 from cldit.optics.spectral import Quadrature
-from cldit.radiance.weights import Weights
 from cldit.run.accuracy import StatedError
 from cldit.run.budget import Budget, Sized, foretold_K
 from cldit.run.cell_choice import finest_lattice_m
@@ -26,7 +20,7 @@ from cldit.run.error_maps import error_maps
 from cldit.run.errors import Cause, Errors
 from cldit.run.evaluation import evaluated, sensor_of
 from cldit.run.medium import Medium, Prepared, prepare
-from cldit.run.model_spread import model_spread
+from cldit.run.outcome import Attempt
 from cldit.run.picture import Picture, Step
 from cldit.run.pilot import Pilot, Probed
 from cldit.run.plan import Plan, free_causes
@@ -34,7 +28,6 @@ from cldit.run.record import traced_stages
 from cldit.run.spectral import (
     Difference,
     NodeTraces,
-    SpectralInfo,
     node_settings,
     trace_nodes,
 )
@@ -45,41 +38,6 @@ from cldit.spray.result import Spray
 from cldit.transport.trace import Settings, settings_for, trace
 
 Found = list[tuple[Cause, Step | None]]
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """A scene traced by a plan.
-
-    error_maps: of `errors` (H, W), by cause. errors: None where the scene wants no audit.
-    """
-
-    scene: Scene
-    plan: Plan
-    medium: Medium
-    result: NodeTraces
-    reference: Weights
-    maps: Maps
-    sensor: SensorModel
-    stated: StatedError | None
-    errors: Errors | None
-    error_maps: Mapping[str, NDArray[np.float32]]
-
-    @property
-    def quadrature(self) -> Quadrature:
-        """The nodes that were traced."""
-        return self.medium.properties.chosen.quadrature
-
-    def spectral(self, from_paper: Difference | None) -> SpectralInfo:
-        """How the filter was resolved, with the difference from the paper's optics."""
-        errors_K = self.medium.properties.chosen.errors_K
-        return SpectralInfo.of(self.quadrature, errors_K, from_paper)
-
-    def with_model(self, from_paper: Difference | None) -> Errors | None:
-        """The errors, and beside them what is known of the model's own spread."""
-        if self.errors is None:
-            return None
-        return replace(self.errors, model=model_spread(self.scene, from_paper))
 
 
 @dataclass
