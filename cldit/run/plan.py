@@ -22,12 +22,13 @@ from cldit.scene.spray import ConeSpray, GridSpray
 MOST_REFINEMENTS = 2
 # The number of cells grows as h^-3, their error falls at least as h. A trace errs by the number of
 # its ordinates to the power -2/3, wavelengths and classes by about one over their number, a
-# lattice by its spacing to the power 3/2; classes and lattice cost time where the medium is made.
+# lattice by its spacing to the power 3/2; classes and lattice cost time where the medium is made,
+# a third of a run of gdi at 0.5 K.
 EFFORTS = {
     "cells": Effort(3.0),
     "trace": Effort(1.5),
     "wavelengths": Effort(1.0),
-    "size classes": Effort(1.0, share=0.1),
+    "size classes": Effort(1.0, share=0.3),
     "gas grid": Effort(2.0, share=0.3),
 }
 # What comes out of a trace or of wavelengths is mostly below what was asked of them. Cells can only
