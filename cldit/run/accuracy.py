@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +27,14 @@ class StatedError:
     the error of one half, above that of the picture, and does not have what both simplify.
     audit_K: from pixels that were traced by `path` as well: of the picture, with all that it
     simplifies, and one standard error more.
+    cells_K: error of the cells that is stated beside this one, and has a part of the audit's in it.
     unknown: why the error is known in part only, or not at all; "" where it is known.
     map_K: (H, W) half the halves' difference in every pixel; None where it is not known.
     """
 
     halves_K: float | None
     audit_K: float | None = None
+    cells_K: float = 0.0
     unknown: str = ""
     map_K: NDArray[np.float64] | None = field(default=None, compare=False, repr=False)
 
@@ -72,6 +75,19 @@ class StatedError:
         square, doubt = audit.sample.mean_square(one, other, count=count)
         return cls(halves_K, float(np.sqrt(max(square, 0.0) + doubt)), map_K=map_K)
 
+    def beyond(self, cells_K: float | None) -> StatedError:
+        """The error without what the audit finds of the cells' size.
+
+        `path` sees what even sources in cells of this size miss. The step to other cells, of which
+        `cells` is found, has that in it as well. So the square of the audit that `cells_K` explains
+        is left to the cells. Were the audit's part none of the cells', that takes a factor
+        2^(1/2) from the sum of both at most; counted twice, it would add as much.
+
+        Args:
+            cells_K: error of the cells; None where it is unknown.
+        """
+        return replace(self, cells_K=cells_K or 0.0)
+
     @property
     def causes(self) -> tuple[Cause, ...]:
         """The trace's part of the picture's errors, and what of it is not known."""
@@ -79,14 +95,20 @@ class StatedError:
             return (Cause("trace", None, self.unknown),)
         how = "half the difference of two images, each by half of the ordinates or samples"
         if self.audit_K is not None:
-            how = "some pixels traced by `path` as well, one standard error added"
+            how = "some pixels traced by `path` as well, one standard error added, less the cells'"
         known = Cause("trace", self.error_K, f"{how}; holds ordinates, iteration and gather")
         return (known, Cause("audit", None, self.unknown)) if self.unknown else (known,)
 
     @property
     def error_K(self) -> float | None:
-        """The audit's where there is one, else the halves' [K]."""
-        return self.halves_K if self.audit_K is None else self.audit_K
+        """The audit's where there is one, less what the cells explain; else the halves' [K].
+
+        The halves' part is not the cells', and is left as far as the audit finds so much.
+        """
+        if self.audit_K is None or self.halves_K is None:
+            return self.halves_K
+        rest = math.sqrt(max(self.audit_K**2 - self.cells_K**2, 0.0))
+        return max(rest, min(self.halves_K, self.audit_K))
 
     @property
     def can_shrink(self) -> bool:

@@ -2,38 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from cldit.camera.sensor import SensorModel
 from cldit.dit.accuracy import has_temperature
-from cldit.dit.maps import Maps
 from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, build_octree
 from cldit.optics.spectral import Quadrature
-from cldit.radiance.weights import Weights
 from cldit.run.accuracy import StatedError
-from cldit.run.budget import Budget, Sized
+from cldit.run.budget import Budget, Sized, foretold_K
 from cldit.run.cell_choice import finest_lattice_m
 from cldit.run.cells import Cells, choose_cells, error_at, foretold_cells, too_fine, too_many
 from cldit.run.error_maps import error_maps
 from cldit.run.errors import Cause, Errors
 from cldit.run.evaluation import evaluated, sensor_of
 from cldit.run.medium import Medium, Prepared, prepare
-from cldit.run.model_spread import model_spread
-from cldit.run.pilot import Pilot, Probed, Step
+from cldit.run.outcome import Attempt
+from cldit.run.picture import Picture, Step
+from cldit.run.pilot import Pilot, Probed
 from cldit.run.plan import Plan, free_causes
 from cldit.run.record import traced_stages
 from cldit.run.spectral import (
     Difference,
     NodeTraces,
-    SpectralInfo,
     node_settings,
     trace_nodes,
 )
@@ -44,41 +38,6 @@ from cldit.spray.result import Spray
 from cldit.transport.trace import Settings, settings_for, trace
 
 Found = list[tuple[Cause, Step | None]]
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """A scene traced by a plan.
-
-    error_maps: of `errors` (H, W), by cause. errors: None where the scene wants no audit.
-    """
-
-    scene: Scene
-    plan: Plan
-    medium: Medium
-    result: NodeTraces
-    reference: Weights
-    maps: Maps
-    sensor: SensorModel
-    stated: StatedError | None
-    errors: Errors | None
-    error_maps: Mapping[str, NDArray[np.float32]]
-
-    @property
-    def quadrature(self) -> Quadrature:
-        """The nodes that were traced."""
-        return self.medium.properties.chosen.quadrature
-
-    def spectral(self, from_paper: Difference | None) -> SpectralInfo:
-        """How the filter was resolved, with the difference from the paper's optics."""
-        errors_K = self.medium.properties.chosen.errors_K
-        return SpectralInfo.of(self.quadrature, errors_K, from_paper)
-
-    def with_model(self, from_paper: Difference | None) -> Errors | None:
-        """The errors, and beside them what is known of the model's own spread."""
-        if self.errors is None:
-            return None
-        return replace(self.errors, model=model_spread(self.scene, from_paper))
 
 
 @dataclass
@@ -179,7 +138,11 @@ class Attempts:
         errors, images = None, {}
         if pilot is not None:
             with self.stages.stage("errors"):
-                found = self._causes(pilot, medium, result, stated, plan)
+                of_cells = self._of_cells(pilot, result, plan)
+                if stated is not None:
+                    known = {cause.name: cause.error_K for cause, _ in of_cells}
+                    stated = stated.beyond(known.get("cells"))
+                found = self._causes(pilot, medium, stated, plan, of_cells)
                 errors = Errors.of(cause for cause, _ in found)
                 maps_K = {cause.name: step.map_K for cause, step in found if step is not None}
                 images = error_maps(errors, maps_K, has_temperature(maps))
@@ -259,7 +222,8 @@ class Attempts:
         elif "cells" not in free_causes(self.scene):
             chosen = foretold_cells(pilot, depth)
         else:
-            chosen = self._chosen_cells(plan, pilot) or Cells(depth, None)
+            plan, found = self._chosen_cells(plan, pilot)
+            chosen = found or Cells(depth, None)
         plan = plan.at_depth(chosen.depth, chosen.limited)
         if plan.lattice_of_m is not None and plan.spacing_m is not None:
             plan = plan.on_lattice(plan.spacing_m * chosen.less)
@@ -272,15 +236,21 @@ class Attempts:
         }
         return plan.settled(self.scene, chosen.error_K, known)
 
-    def _chosen_cells(self, plan: Plan, pilot: Pilot) -> Cells | None:
+    def _chosen_cells(self, plan: Plan, pilot: Pilot) -> tuple[Plan, Cells | None]:
+        """The plan that knows what the pilots foretell of other causes, and its cells."""
+
+        def knowing(picture: Picture) -> Plan:
+            return replace(plan, foretold_K=foretold_K(pilot, picture, plan.trace_K))
+
         with self.stages.stage("pilots") as note:
-            chosen = choose_cells(pilot, plan.cells_K, self.stages.tell)
+            chosen = choose_cells(pilot, lambda one: knowing(one).cells_K, self.stages.tell)
+            plan = knowing(pilot.kept[max(pilot.kept)])
             if chosen is None:
                 note.append("no pixel has a T_app: cells as the paper's")
             else:
                 cell_mm = 1e3 * pilot.probed.frame.edge_m / 2**chosen.depth
                 note.append(f"cells of {cell_mm:.3g} mm for {plan.cells_K:.2g} K")
-        return chosen
+        return plan, chosen
 
     def _grown(self, prepared: Prepared, plan: Plan) -> tuple[Plan, Medium]:
         """The medium; on larger cells where those of the plan do not fit the memory."""
@@ -295,13 +265,22 @@ class Attempts:
                     raise
                 plan = _coarser(plan, prepared.frame.edge_m)
 
+    def _of_cells(self, pilot: Pilot, result: NodeTraces, plan: Plan) -> Found:
+        if self._nothing_there(pilot):
+            return []
+        assert plan.depth is not None
+        budget = Budget(self.scene, pilot, plan.depth, self.stages.tell)
+        if self.scene.transport.method != "source":
+            return budget.of_cells_by_pilot()
+        return budget.of_cells(Picture.of(result.traces[pilot.probed.number]))
+
     def _causes(
         self,
         pilot: Pilot,
         medium: Medium,
-        result: NodeTraces,
         stated: StatedError | None,
         plan: Plan,
+        of_cells: Found,
     ) -> Found:
         found: Found = []
         if self._nothing_there(pilot):
@@ -320,11 +299,6 @@ class Attempts:
             found.append((Cause("wavelengths", spectral.error_K, how, fixed), None))
         assert plan.depth is not None
         budget = Budget(self.scene, pilot, plan.depth, self.stages.tell)
-        one = result.traces[pilot.probed.number]
-        if self.scene.transport.method == "source":
-            found += budget.of_cells(one.weights, one.middle)
-        else:
-            found += budget.of_cells_by_pilot()
         if self._sources is None:
             self._sources = budget.of_sources()
         sizes = {
@@ -332,7 +306,7 @@ class Attempts:
             "gas grid": plan.spacing_m or 0.0,
         }
         sized = [one.at(sizes[name]) for name, one in self._sized.items()]
-        return [*found, *self._sources, *sized, *budget.unsized(self._sized)]
+        return [*found, *of_cells, *self._sources, *sized, *budget.unsized(self._sized)]
 
     def _nothing_there(self, pilot: Pilot) -> bool:
         """Whether camera and background have nothing between them that a trace could get wrong."""

@@ -13,10 +13,10 @@ from typing import Any
 
 from cldit.errors import SprayError
 from cldit.medium.resolution import swept_cells
-from cldit.radiance.weights import Weights
 from cldit.run.cells import Refined, error_at
 from cldit.run.errors import Cause
-from cldit.run.pilot import Pilot, Step
+from cldit.run.picture import Picture, Step
+from cldit.run.pilot import Pilot
 from cldit.run.pixels import pixel_error
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray, GridSpray
@@ -40,18 +40,17 @@ class Budget:
     depth: int
     say: Callable[[str], None]
 
-    def of_cells(self, picture: Weights, middle: Weights | None) -> list[tuple[Cause, Step | None]]:
+    def of_cells(self, picture: Picture) -> list[tuple[Cause, Step | None]]:
         """Errors of cells and pixels, which depend on the chosen cells.
 
         Args:
             picture: (H, W) at the wavelength of the pilot, by `source`.
-            middle: of one ray a pixel, where `picture` is of several.
 
         Returns:
             Each cause, with its map where there is one.
         """
         self.pilot.kept[self.depth] = self.pilot.thinned(picture)
-        return [self._cells(), pixel_error(self.scene, self.pilot.probed, picture, middle)]
+        return [self._cells(), pixel_error(self.scene, self.pilot.probed, picture)]
 
     def of_cells_by_pilot(self) -> list[tuple[Cause, Step | None]]:
         """The same for a picture by another method, whose noise would hide them."""
@@ -152,7 +151,7 @@ class Budget:
         out[name] = Sized(name, found.step, found.order, cone.lattice_m, how, fixed)
         return out | self._classes(wider[0], coarser)
 
-    def _classes(self, cone: ConeSpray, picture: Weights | None = None) -> dict[str, Sized]:
+    def _classes(self, cone: ConeSpray, picture: Picture | None = None) -> dict[str, Sized]:
         """Of the classes of size; `picture` is that of the `cone`, None: of the larger cells."""
         if cone.droplets is None or cone.classes < 2:
             return {}
@@ -184,8 +183,27 @@ class Budget:
             out.append((Cause("size classes", None, why, "spray.size_classes"), None))
         return out
 
-    def _resprayed(self, cone: ConeSpray) -> Weights:
+    def _resprayed(self, cone: ConeSpray) -> Picture:
         return self.pilot.traced(self.pilot.probed.resprayed(cone), self._coarse)
+
+
+def foretold_K(pilot: Pilot, picture: Picture, trace_K: float) -> dict[str, float]:
+    """Errors of the run's picture by what a pilot's picture shows beside its cells.
+
+    Args:
+        pilot: traces at one wavelength.
+        picture: of this pilot.
+        trace_K: asked of the trace of all wavelengths.
+
+    Returns:
+        By cause; what is not known is left out.
+    """
+    found = {"trace": picture.error_K(pilot.temperature)}
+    if found["trace"]:  # each wavelength has ordinates of its own, whose errors are independent
+        found["trace"] *= trace_K / pilot.settings.accuracy_K
+    if pilot.stride == 1:
+        found["pixel sampling"] = pixel_error(pilot.scene, pilot.probed, picture)[0].error_K
+    return {name: error_K for name, error_K in found.items() if error_K is not None}
 
 
 @dataclass(frozen=True)

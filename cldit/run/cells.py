@@ -2,8 +2,9 @@
 
 From cells of edge h to the next of h / 2 the error falls by 2^p. With d(h) the difference of the
 pictures at 2 h and h, the order is p = log2(d(2 h) / d(h)), and the error at h is d(h) / (2^p - 1)
-(Roache, J. Fluids Eng. 116, 405, 1994); other ratios of size likewise. Orders are taken between 1,
-that of even cells, and 2.
+(Roache, J. Fluids Eng. 116, 405, 1994); other ratios of size likewise. Orders are between 1, that
+of even cells, and 2, that of linear ones. Steps that fall faster tell no order: the coarsest cells
+miss what the others have. First order is taken then, and finer cells tell more.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from dataclasses import dataclass
 from scipy.optimize import brentq
 
 from cldit.errors import MediumError, SprayError, TransportError
-from cldit.run.pilot import Pilot, Step
+from cldit.run.picture import Picture, Step
+from cldit.run.pilot import Pilot
 
 _ORDERS = (1.0, 2.0)
 _FINEST = 12  # 4096 cells along an edge
@@ -60,12 +62,14 @@ class Refined:
     """What two coarser pictures say of the error that is left.
 
     order: p. step: error of the finest, with its map. sizes: of the three pictures' cells over that
-    of the finest.
+    of the finest. most_K: where the steps fall faster than second order allows, so that no order is
+    known, what the larger of both says by first order; else None.
     """
 
     order: float
     step: Step
     sizes: tuple[float, float, float] = (1.0, 2.0, 4.0)
+    most_K: float | None = None
 
     @classmethod
     def of(cls, before: Step, last: Step, *, once: float = 2.0, twice: float = 4.0) -> Refined:
@@ -78,7 +82,7 @@ class Refined:
             last: of `once` h against h.
             once, twice: above 1, and above `once`.
         """
-        order = _ORDERS[0]
+        order, most_K = _ORDERS[0], None
         if before.error_K and last.error_K:
             ratio = before.error_K / last.error_K
 
@@ -86,12 +90,14 @@ class Refined:
                 return float((twice**p - once**p) / (once**p - 1.0)) - ratio
 
             low, high = _ORDERS
-            if above(high) <= 0.0:
+            if above(high) < -1e-6 * ratio:
+                most_K = max(last.error_K / (once - 1.0), before.error_K / (twice - once))
+            elif above(high) <= 0.0:
                 order = high
             elif above(low) < 0.0:
                 order = float(brentq(above, low, high, xtol=1e-6))
         step = last.times(1.0 / (once**order - 1.0))
-        return cls(order, step, (1.0, once, twice))
+        return cls(order, step, (1.0, once, twice), most_K)
 
 
 @dataclass(frozen=True)
@@ -140,15 +146,17 @@ def foretold_cells(pilot: Pilot, depth: int) -> Cells:
     return Cells(depth, found.step.error_K / 2**found.order)
 
 
-def choose_cells(pilot: Pilot, wanted_K: float, say: Callable[[str], None]) -> Cells | None:
-    """The largest cells whose error is within `wanted_K`; None: no pixel says which.
+def choose_cells(
+    pilot: Pilot, allowed_K: Callable[[Picture], float], say: Callable[[str], None]
+) -> Cells | None:
+    """The largest cells whose error is as allowed; None: no pixel says which.
 
     Goes on until the error that is foretold for the next finer cells is small enough, so that these
     are traced once, for the picture.
 
     Args:
         pilot: traces.
-        wanted_K: error that the cells may have.
+        allowed_K: error that the cells may have, by what their picture tells of other causes.
         say: told of each trace.
 
     Raises:
@@ -184,6 +192,10 @@ def choose_cells(pilot: Pilot, wanted_K: float, say: Callable[[str], None]) -> C
             return foretold_cells(pilot, depth)
         if found is None or found.step.error_K is None:
             return None
+        wanted_K = allowed_K(pilot.level(depth))
+        if found.most_K is not None and found.most_K > wanted_K and depth < _FINEST:
+            depth += 1  # what the coarsest cells miss is none of what these do
+            continue
         # Coarse cells foretell too high an order: what it may be for the next is bounded.
         less = (_SAFE * wanted_K / found.step.error_K) ** (1.0 / min(found.order, _FORETOLD))
         if pilot.probed.on_lattice and less >= _LEAST:

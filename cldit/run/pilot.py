@@ -1,7 +1,8 @@
 """Traces of variants of a medium at few pixels and one wavelength, and how far they are apart.
 
-A variant is compared with a trace by the same ordinates, whose own error so cancels. The pixels are
-every third, fifth, .. of the picture, whose lines of sight are those of the picture's own pixels.
+A variant is compared with a trace by the same ordinates, whose own error cancels in part; what is
+left of it is told from the rest by the halves of either (`cldit.run.picture`). The pixels are every
+third, fifth, .. of the picture, whose lines of sight are those of the picture's own pixels.
 """
 
 from __future__ import annotations
@@ -12,16 +13,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.dit.accuracy import VISIBLE_EMISSIVITY
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources, build_octrees
 from cldit.medium.resolution import on_grid
 from cldit.optics.spectral import SpectralNode
-from cldit.radiance.weights import Weights
 from cldit.run.cell_choice import finest_lattice_m
 from cldit.run.node_temperature import NodeTemperature
+from cldit.run.picture import Picture, Step
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray
 from cldit.transport.cells import OpticalCells
@@ -71,45 +71,12 @@ class Probed:
 
 
 @dataclass(frozen=True)
-class Step:
-    """Difference of T_app of two pictures.
-
-    error_K: RMS over the pixels of emissivity above 0.05 in both; None: there is none. map_K:
-    (H, W) its size in each of them, NaN elsewhere.
-    """
-
-    error_K: float | None
-    map_K: Floats
-
-    def times(self, factor: float) -> Step:
-        """The difference, scaled."""
-        error_K = None if self.error_K is None else factor * self.error_K
-        return Step(error_K, factor * self.map_K)
-
-    @classmethod
-    def between(cls, temperature: NodeTemperature, one: Weights, other: Weights) -> Step:
-        """Compares two pictures.
-
-        Args:
-            temperature: of the scene and wavelength.
-            one, other: weights (H, W).
-        """
-        both = (1.0 - one.background > VISIBLE_EMISSIVITY) & (
-            1.0 - other.background > VISIBLE_EMISSIVITY
-        )
-        apart = np.abs(temperature(one) - temperature(other))
-        apart[~both] = np.nan
-        known = apart[np.isfinite(apart)]
-        return cls(float(np.sqrt(np.mean(known**2))) if known.size else None, apart)
-
-
-@dataclass(frozen=True)
 class Pilot:
     """Traces variants of a medium.
 
-    scene: with fewer pixels, every `stride`-th. kept: weights of the medium itself by how often
-    its cube is halved. earlier: weights of the same spray on other lattices and their cells, by the
-    cells' edge in m.
+    scene: with fewer pixels, every `stride`-th. kept: pictures of the medium itself by how often
+    its cube is halved. earlier: pictures of the same spray on other lattices and their cells, by
+    the cells' edge in m.
     """
 
     scene: Scene
@@ -118,8 +85,8 @@ class Pilot:
     probed: Probed
     stride: int
     temperature: NodeTemperature
-    kept: dict[int, Weights] = field(default_factory=dict)
-    earlier: Mapping[float, Weights] = field(default_factory=dict)
+    kept: dict[int, Picture] = field(default_factory=dict)
+    earlier: Mapping[float, Picture] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -151,17 +118,20 @@ class Pilot:
             probed=probed,
             stride=stride,
             temperature=temperature_of(few, probed),
-            earlier={} if before is None else before._serving(few),
+            earlier={} if before is None else before._serving(few, probed),
         )
 
-    def _serving(self, scene: Scene) -> dict[float, Weights]:
-        """Its traces by the cells' edge in m, where they are a scene's but for the lattice."""
+    def _serving(self, scene: Scene, probed: Probed) -> dict[float, Picture]:
+        """Its traces by the cells' edge in m, where they are a scene's but for the lattice, and in
+        the same light: wavelengths are chosen for each spray."""
         if not self.probed.on_lattice or _off_lattice(self.scene) != _off_lattice(scene):
+            return {}
+        if self.probed.node != probed.node:
             return {}
         edge_m = self.probed.frame.edge_m
         return {**self.earlier, **{edge_m / 2**depth: one for depth, one in self.kept.items()}}
 
-    def coarser(self, depth: int) -> tuple[tuple[float, Weights], tuple[float, Weights]]:
+    def coarser(self, depth: int) -> tuple[tuple[float, Picture], tuple[float, Picture]]:
         """The medium on two coarser cells, by the ratio of their edge to that of the cells.
 
         Args:
@@ -189,7 +159,7 @@ class Pilot:
         second, first = ((2.0**up, self.level(depth - up)) for up in (2, 1))
         return first, second
 
-    def level(self, depth: int) -> Weights:
+    def level(self, depth: int) -> Picture:
         """The medium itself, its cube halved `depth` times; traced once.
 
         Raises:
@@ -227,8 +197,8 @@ class Pilot:
         """
         return cone.model_copy(update={"spacing_m": self.probed.frame.edge_m / 2**depth})
 
-    def traced(self, sources: Sources, depth: int) -> Weights:
-        """Weights of other sources in the same cube; where they have its cells, laid on them.
+    def traced(self, sources: Sources, depth: int) -> Picture:
+        """Picture of other sources in the same cube; where they have its cells, laid on them.
 
         Args:
             sources: droplets and gas at the wavelength that is probed.
@@ -243,12 +213,12 @@ class Pilot:
             optical_depth_split=self.probed.optical_depth_split,
             max_cells=self.probed.limit,
         )[0]
-        return trace(tree, self.scene, self.device, self.settings).weights
+        return Picture.of(trace(tree, self.scene, self.device, self.settings))
 
-    def thinned(self, weights: Weights) -> Weights:
-        """The pilot's pixels of the picture's `weights`."""
+    def thinned(self, picture: Picture) -> Picture:
+        """The pilot's pixels of the run's picture."""
         first, step = self.stride // 2, self.stride
-        return weights.map(lambda image: image[first::step, first::step])
+        return picture.map(lambda image: image[first::step, first::step])
 
     def spread(self, image: Floats) -> Floats:
         """A map over the pixels of the picture.
@@ -261,11 +231,11 @@ class Pilot:
         """
         return image.repeat(self.stride, 0).repeat(self.stride, 1)
 
-    def step(self, one: Weights, other: Weights) -> Step:
+    def step(self, one: Picture, other: Picture) -> Step:
         """Difference of two of the pilot's pictures; its map is that of the picture.
 
         Args:
-            one, other: weights of the pilot's pixels.
+            one, other: of the pilot's pixels.
         """
         found = Step.between(self.temperature, one, other)
         return Step(found.error_K, self.spread(found.map_K))

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from cldit.radiance.weights import Weights
 from cldit.run.errors import Cause
 from cldit.run.node_temperature import NodeTemperature
-from cldit.run.pilot import Probed, Step, temperature_of
+from cldit.run.picture import Picture, Step
+from cldit.run.pilot import Probed, temperature_of
 from cldit.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -27,16 +28,13 @@ _KEY = "camera.rays_per_pixel"
 _ADAPTIVE = 4  # rays a pixel, in the mean of the steep ones and others
 
 
-def pixel_error(
-    scene: Scene, probed: Probed, picture: Weights, middle: Weights | None
-) -> tuple[Cause, Step | None]:
+def pixel_error(scene: Scene, probed: Probed, picture: Picture) -> tuple[Cause, Step | None]:
     """Error of T_app by pixel sampling, and its map.
 
     Args:
         scene: whose camera has the pixels.
         probed: the medium, for its wavelength.
         picture: (H, W).
-        middle: of one ray a pixel, where `picture` is of several.
 
     Returns:
         The cause, with its map where there is one.
@@ -44,9 +42,9 @@ def pixel_error(
     if min(scene.camera.pixels) < 3 * _LARGE:
         return Cause("pixel sampling", None, "the picture has too few pixels", _KEY), None
     temperature = temperature_of(scene, probed)
-    if middle is not None:
-        return _several(scene, temperature, picture, middle)
-    small, large = (_of_blocks(temperature, picture, edge) for edge in (_SMALL, _LARGE))
+    if picture.middle is not None:
+        return _several(scene, temperature, picture.weights, picture.middle)
+    small, large = (_of_blocks(temperature, picture.weights, edge) for edge in (_SMALL, _LARGE))
     if small.error_K is None:
         return Cause("pixel sampling", None, "no pixel has a T_app", _KEY), None
     order = _order(small, large, _LARGE / _SMALL)
@@ -67,7 +65,7 @@ def _several(
     Where light is smooth, the rays of a pixel err alike, as n^-2. Where edges cross pixels, each
     ray errs as n^-1/2 and by chance, and their mean as n^-3/2.
     """
-    one = Step.between(temperature, middle, picture)
+    one = Step.between(temperature, Picture(middle), Picture(picture))
     if one.error_K is None:
         return Cause("pixel sampling", None, "no pixel has a T_app", _KEY), None
     order = _order(one, _of_blocks(temperature, middle, _SMALL), _SMALL)
@@ -98,4 +96,4 @@ def _of_blocks(temperature: NodeTemperature, weights: Weights, edge: int) -> Ste
     of_blocks = NodeTemperature(temperature.scene, temperature.grid_K, temperature.radiance, inside)
     mean = weights.map(lambda image: np.asarray(blocks(image).mean(axis=(1, 3))))
     middle = weights.map(lambda image: np.asarray(blocks(image)[:, half, :, half]))
-    return Step.between(of_blocks, middle, mean)
+    return Step.between(of_blocks, Picture(middle), Picture(mean))

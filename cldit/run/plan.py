@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from cldit.run.cells import too_fine
@@ -22,21 +22,26 @@ from cldit.scene.spray import ConeSpray, GridSpray
 MOST_REFINEMENTS = 2
 # The number of cells grows as h^-3, their error falls at least as h. A trace errs by the number of
 # its ordinates to the power -2/3, wavelengths and classes by about one over their number, a
-# lattice by its spacing to the power 3/2; classes and lattice cost time where the medium is made.
+# lattice by its spacing to the power 3/2; classes and lattice cost time where the medium is made,
+# a third of a run of gdi at 0.5 K.
 EFFORTS = {
     "cells": Effort(3.0),
     "trace": Effort(1.5),
     "wavelengths": Effort(1.0),
-    "size classes": Effort(1.0, share=0.1),
+    "size classes": Effort(1.0, share=0.3),
     "gas grid": Effort(2.0, share=0.3),
 }
 # What comes out of a trace or of wavelengths is mostly below what was asked of them. Cells can only
 # be halved, at eight times the cost: they may take what others are likely to leave.
 _COMES_OUT = 0.6
+# What pilots foretell may leave cells next to nothing. At half of its share they are eight times as
+# many; what is left too large is then said.
+_LEAST_OF_SHARE = 0.5
 _CLOSE = 1.1  # in squares: not worth another spray
 _MOST_CLASSES = 64
 _FINEST_LATTICE_m = 0.1e-3
 _FIRST_LATTICE_m = 1e-3
+# A trace has as many more ordinates as it is asked to err less, hence the power of EFFORTS.
 # A refinement halves cells and quarters other errors at most: what cannot be made smaller may leave
 # the rest next to nothing, and its share would cost more than the picture is worth.
 _MOST_LARGER = 4.0
@@ -48,9 +53,9 @@ class Plan:
     """How a scene is traced.
 
     domain_m: edge of the domain. wanted_K: error of all causes together. shares_K: errors that free
-    causes may have. depth: how often the cube is halved; None: as the scene has it. trace_K,
-    spectral_K: asked of the trace and of the choice of wavelengths. size_classes, spacing_m: of the
-    cone; None: there is none.
+    causes may have; foretold_K: that causes will have, whatever their share, as pilots say. depth:
+    how often the cube is halved; None: as the scene has it. trace_K, spectral_K: asked of the trace
+    and of the choice of wavelengths. size_classes, spacing_m: of the cone; None: there is none.
     lattice_of_m: edge of the cube whose cells are the cone's lattice as well, where the scene
     leaves both to choice; spacing_m then follows depth. refinements: made so far. limited: why
     cells are not finer, where they should be, and what is allowed; else empty. finest_lattice:
@@ -69,6 +74,7 @@ class Plan:
     refinements: int = 0
     limited: str = ""
     finest_lattice: bool = False
+    foretold_K: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def first(cls, scene: Scene) -> Plan:
@@ -128,8 +134,14 @@ class Plan:
     @property
     def cells_K(self) -> float:
         """Error that the cells may have: what the other causes are likely to leave."""
-        others = sum(one**2 for name, one in self.shares_K.items() if name != "cells")
-        return float((self.wanted_K**2 - _COMES_OUT**2 * others) ** 0.5)
+        least_K = _LEAST_OF_SHARE * self.shares_K["cells"]
+        return float(max(self._left_K2("cells"), least_K**2) ** 0.5)
+
+    def _left_K2(self, *names: str) -> float:
+        """What of the wanted error's square others than these causes are likely to leave."""
+        likely_K = {name: _COMES_OUT * one for name, one in self.shares_K.items()}
+        likely_K.update(self.foretold_K)
+        return self.wanted_K**2 - sum(e**2 for name, e in likely_K.items() if name not in names)
 
     def scene(self, scene: Scene) -> Scene:
         """The scene with what the plan chose where it leaves keys out."""
@@ -152,10 +164,7 @@ class Plan:
             errors_K: of classes and lattice by cause, and the order in which they fall.
         """
         free = set(free_causes(scene))
-        left = self.wanted_K**2 - (cells_K or 0.0) ** 2
-        left -= sum(
-            (_COMES_OUT * self.shares_K.get(name, 0.0)) ** 2 for name in ("trace", "wavelengths")
-        )
+        left = self._left_K2("cells", "size classes", "gas grid") - (cells_K or 0.0) ** 2
         left -= sum(e**2 for name, (e, _) in errors_K.items() if name not in free)
         mine = {name: e for name, (e, _) in errors_K.items() if name in free}
         if left <= 0 or not mine or sum(e**2 for e in mine.values()) <= _CLOSE * left:
@@ -216,7 +225,8 @@ class Plan:
                 less = (_SAFE / larger["cells"]) ** (1.0 / orders.get("cells", 1.0))
                 plan = plan.on_lattice(plan.spacing_m * max(less, 0.5))
         if "trace" in larger:
-            plan = replace(plan, trace_K=self.trace_K / larger["trace"])
+            finer = larger["trace"] ** EFFORTS["trace"].power
+            plan = replace(plan, trace_K=self.trace_K / finer)
         if "wavelengths" in larger:
             plan = replace(plan, spectral_K=_spectral_K(scene, shares_K["wavelengths"]))
         return plan.resized(larger, orders)
@@ -231,7 +241,7 @@ class Plan:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        return {**asdict(self), "shares_K": dict(self.shares_K)}
+        return asdict(self)
 
 
 def follows_cells(scene: Scene) -> bool:

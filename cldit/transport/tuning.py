@@ -83,7 +83,9 @@ class Tuning:
     paths: float = _number(1e8, "of an image, at most: core-minutes", ERROR)
     noise_tile: int = _number(12, "pixels along a tile whose noise is estimated", ERROR)
     noise_share: float = _number(0.5, "of accuracy_K, which paths may leave", ERROR)
-    noise_bright: float = _number(3.0, "noise before the brightest walls over that of gdi", ERROR)
+    noise_bright: float = _number(
+        3.0, "of noise before walls as bright as the cells, over the scene's", ERROR
+    )
 
     # Path tracing, and the audit that it makes.
     path_cutoff: float = _number(1e-6, "transmission at which its rays end, at most", ERROR)

@@ -304,16 +304,22 @@ class Gather:
             samples = wanted_of
             means = sums / samples
             mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
-            # The walls count as the hottest cell: the trace must hold for any wall temperature.
-            error_K = before * np.nan_to_num(
-                temperature_error_K(
-                    seen + mean[:-1], difference[:-1], cells, scene, outside=cells.scale
+            # The trace must hold for any wall temperature. Walls count as the scene has them, and
+            # as bright as the cells' largest source, which is dark where cells hardly absorb.
+            before_own, before_bright = (
+                before
+                * np.nan_to_num(
+                    temperature_error_K(
+                        seen + mean[:-1], difference[:-1], cells, scene, outside=outside
+                    )
                 )
+                for outside in (None, cells.scale)
             )
+            error_K = np.maximum(np.abs(before_own), np.abs(before_bright) / tuning.noise_bright)
             energy = np.bincount(tiles, error_K**2).astype(np.float64)
             counted = before & (1 - (seen + mean[:-1])[0] > VISIBLE)
             visible = max(int(np.count_nonzero(counted)) + other, 1)
-            allowed = visible * (tuning.noise_share * tuning.noise_bright * wanted) ** 2
+            allowed = visible * (tuning.noise_share * wanted) ** 2
             if energy.sum() <= allowed:
                 break
             size_of = np.bincount(tiles)
@@ -323,7 +329,7 @@ class Gather:
             wanted_of = np.maximum(np.minimum(ideal, limit), samples)
             paths_in_all = 2.0 * across**2 * wanted_of.sum()
             if np.array_equal(wanted_of, samples) or paths_in_all > tuning.paths:
-                noise_K = float(np.sqrt(energy.sum() / visible)) / tuning.noise_bright
+                noise_K = float(np.sqrt(energy.sum() / visible))
                 self.short = (
                     f"paths in thick cells: stopped at {most} samples a pixel, or "
                     f"{tuning.paths:.0e} in all, with noise of {noise_K:.2g} K RMS left, where "

@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
-from cldit.run.attempt import Attempt, Attempts
+from cldit.run.attempt import Attempts
 from cldit.run.errors import Cause, Errors
+from cldit.run.outcome import Attempt
 from cldit.run.plan import Plan
 from cldit.run.stages import Stages
 from cldit.scene import load_scene

@@ -12,7 +12,7 @@ import pytest
 
 from cldit.errors import MediumError, SprayError
 from cldit.run.cells import Refined, choose_cells, error_at, foretold_cells
-from cldit.run.pilot import Step
+from cldit.run.picture import Step
 
 
 class KnownPilot:
@@ -66,7 +66,9 @@ def test_error_is_that_of_the_finest(order: float) -> None:
 def test_orders_are_bounded() -> None:
     """A step that is small by chance is no proof of a high order, nor a large one of none."""
     one = np.ones((1, 1))
-    assert Refined.of(Step(8.0, one), Step(0.1, one)).order == 2.0
+    lucky = Refined.of(Step(8.0, one), Step(0.1, one))
+    assert lucky.order == 1.0 and lucky.step.error_K == 0.1 and lucky.most_K == 8.0 / (4 - 2)
+    assert Refined.of(Step(8.0, one), Step(2.0, one)).order == 2.0
     assert Refined.of(Step(1.0, one), Step(2.0, one)).order == 1.0
     assert Refined.of(Step(1.0, one), Step(0.0, one)).step.error_K == 0.0
 
@@ -86,7 +88,7 @@ def test_order_by_any_sizes(order: float, once: float, twice: float) -> None:
 def test_largest_cells_that_do(order: float, wanted_K: float) -> None:
     """And none finer than one level above them is traced on the way."""
     pilot: Any = KnownPilot(order)
-    chosen = choose_cells(pilot, wanted_K, lambda _: None)
+    chosen = choose_cells(pilot, lambda _: wanted_K, lambda _: None)
     assert chosen is not None and not chosen.limited
     assert pilot.true_K(chosen.depth) <= wanted_K * (1 + 1e-9)
     assert chosen.error_K == pytest.approx(pilot.true_K(chosen.depth))
@@ -95,9 +97,25 @@ def test_largest_cells_that_do(order: float, wanted_K: float) -> None:
     assert max(pilot.traced) <= max(chosen.depth - 1, 8)
 
 
+@pytest.mark.parametrize(("wanted_K", "depth"), [(5.0, 8), (0.7, 9), (0.5, 9), (0.2, 11)])
+def test_cells_that_miss_what_finer_ones_see(wanted_K: float, depth: int) -> None:
+    """The coarsest step is large, the next small by chance: no order, and finer cells tell more.
+
+    The larger step foretells 4 K by first order, the smaller 0.1: where 4 K are too much, the next
+    cells are traced, and err by 0.5 K of first order.
+    """
+    true_K = {6: 9.1, 7: 1.1, 8: 1.0, 9: 0.5, 10: 0.25, 11: 0.125}
+    pilot: Any = KnownPilot(1.0)
+    pilot.true_K = true_K.__getitem__
+    found = error_at(pilot, 8)
+    assert found is not None and found.order == 1.0 and found.most_K == pytest.approx(4.0)
+    chosen = choose_cells(pilot, lambda _: wanted_K, lambda _: None)
+    assert chosen is not None and chosen.depth == depth
+
+
 def test_memory_ends_it() -> None:
     pilot: Any = KnownPilot(1.0, finest=9)
-    chosen = choose_cells(pilot, 0.01, lambda _: None)
+    chosen = choose_cells(pilot, lambda _: 0.01, lambda _: None)
     assert chosen is not None and chosen.depth == 9
     assert chosen.error_K == pytest.approx(pilot.true_K(9))
     assert chosen.limited.startswith(f"memory does not hold cells of {200 / 2**10:.3g} mm; allowed")
@@ -105,7 +123,7 @@ def test_memory_ends_it() -> None:
 
 def test_halvings_end() -> None:
     pilot: Any = KnownPilot(1.0)
-    chosen = choose_cells(pilot, 1e-3, lambda _: None)
+    chosen = choose_cells(pilot, lambda _: 1e-3, lambda _: None)
     assert chosen is not None and chosen.depth == 12
     assert "halved 12 times at most; allowed is a smaller domain.edge_m" in chosen.limited
 
@@ -118,7 +136,7 @@ def test_a_lattice_takes_any_edge(order: float, wanted_K: float) -> None:
     Orders are known up to 1.4, beyond which none is trusted for what is foretold.
     """
     pilot: Any = KnownPilot(order, on_lattice=True)
-    chosen = choose_cells(pilot, wanted_K, lambda _: None)
+    chosen = choose_cells(pilot, lambda _: wanted_K, lambda _: None)
     assert chosen is not None and not chosen.limited
     at_K = pilot.true_K(chosen.depth) * chosen.less**order
     assert at_K == pytest.approx(0.92 * wanted_K) == pytest.approx(chosen.error_K)
@@ -128,18 +146,18 @@ def test_a_lattice_takes_any_edge(order: float, wanted_K: float) -> None:
 
 def test_coarse_lattices_that_no_cone_takes_are_passed_over() -> None:
     pilot: Any = KnownPilot(1.0, on_lattice=True, coarsest=8)
-    chosen = choose_cells(pilot, 0.2, lambda _: None)
+    chosen = choose_cells(pilot, lambda _: 0.2, lambda _: None)
     assert chosen is not None and min(pilot.traced) == 8
     assert pilot.true_K(chosen.depth) * chosen.less == pytest.approx(0.92 * 0.2)
     none: Any = KnownPilot(1.0, on_lattice=True, coarsest=13)
     with pytest.raises(SprayError):
-        choose_cells(none, 1.0, lambda _: None)
+        choose_cells(none, lambda _: 1.0, lambda _: None)
 
 
 def test_a_lattice_too_fine_for_the_cone_is_wanted_all_the_same() -> None:
     """The run steps back from it, to the finest that the cone takes; memory is not to blame."""
     pilot: Any = KnownPilot(1.0, on_lattice=True, finest=9, ends=SprayError)
-    chosen = choose_cells(pilot, 0.01, lambda _: None)
+    chosen = choose_cells(pilot, lambda _: 0.01, lambda _: None)
     assert chosen is not None and not chosen.limited
     assert chosen.depth == 10 and chosen.error_K == pytest.approx(pilot.true_K(10))
 
@@ -153,5 +171,5 @@ def test_fixed_cells_are_foretold_by_coarser_ones() -> None:
 
 def test_a_lattice_no_coarser_than_a_pilot() -> None:
     pilot: Any = KnownPilot(1.0, on_lattice=True)
-    chosen = choose_cells(pilot, 50.0, lambda _: None)
+    chosen = choose_cells(pilot, lambda _: 50.0, lambda _: None)
     assert chosen is not None and chosen.less == 1.0 and max(pilot.traced) == chosen.depth

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cldit.radiance.weights import Weights
 from cldit.run import pixels
 from cldit.run.node_temperature import NodeTemperature
+from cldit.run.picture import Picture
 from cldit.scene import Scene, load_scene, parse_scene
 
 FINE = 30  # points along a pixel's edge
@@ -60,7 +61,8 @@ def test_stated_and_true(light: Any, rays: int, monkeypatch: pytest.MonkeyPatch)
 
     mean, seen, middle = of(FINE), of(int(rays**0.5)), of(1)
     probed: Any = SimpleNamespace()
-    cause, step = pixels.pixel_error(scene, probed, seen, None if rays == 1 else middle)
+    picture = Picture(seen, middle=None if rays == 1 else middle)
+    cause, step = pixels.pixel_error(scene, probed, picture)
     true = float(np.sqrt(np.mean((temperature(seen) - temperature(mean)) ** 2)))
     assert step is not None and step.map_K.shape == (COUNT, COUNT)
     assert cause.error_K is not None

@@ -65,6 +65,17 @@ def test_shares_fill_the_whole() -> None:
     assert plan.trace_K == plan.shares_K["trace"] < plan.cells_K < 2.0
 
 
+def test_what_pilots_foretell_is_left_out_of_the_cells() -> None:
+    plan = Plan.first(scene_of(transport={"accuracy_K": 0.5}))
+    small = replace(plan, foretold_K={"trace": 0.1, "pixel sampling": 0.0})
+    assert plan.cells_K < small.cells_K < 0.5
+    seen = replace(small, foretold_K={**small.foretold_K, "pixel sampling": 0.24})
+    assert seen.cells_K**2 == pytest.approx(small.cells_K**2 - 0.24**2)
+    # Where these alone are more than was asked for, cells do not grow without end.
+    much = replace(plan, foretold_K={"pixel sampling": 0.9})
+    assert much.cells_K == 0.5 * plan.shares_K["cells"]
+
+
 def test_without_an_audit_it_is_the_trace() -> None:
     plan = Plan.first(scene_of(transport={"accuracy_K": 2.0, "audit": False}))
     assert plan.trace_K == 2.0 and plan.depth is None
@@ -109,7 +120,8 @@ def test_what_is_too_large_is_refined() -> None:
     errors = errors_of(cells=0.1, trace=2.0)
     better = plan.refined(errors, scene, reducible={"cells", "trace"}, orders={})
     assert better is not None and better.depth == 8
-    assert better.trace_K == pytest.approx(plan.trace_K * (1 - 0.1**2) ** 0.5 / 2.0)
+    # Ordinates grow as 1 / trace_K, the error falls with their number to the power 2/3.
+    assert better.trace_K == pytest.approx(plan.trace_K * ((1 - 0.1**2) ** 0.5 / 2.0) ** 1.5)
 
 
 def test_nothing_is_refined_in_vain() -> None:
@@ -183,7 +195,7 @@ def test_other_causes_shrink_four_times_at_most() -> None:
     plan = replace(Plan.first(scene), depth=8)
     errors = errors_of(cells=0.1, trace=30.0, size_classes=0.1)
     better = plan.refined(errors, scene, reducible={"cells", "trace", "size classes"}, orders={})
-    assert better is not None and better.trace_K == pytest.approx(plan.trace_K / 4)
+    assert better is not None and better.trace_K == pytest.approx(plan.trace_K / 4**1.5)
 
 
 def test_the_finest_lattice_limits_the_gas_grid() -> None:

@@ -62,6 +62,28 @@ def test_unknown() -> None:
     assert len(StatedError(0.2, unknown="why").remarks(Transport(accuracy_K=0.1))) == 2
 
 
+@pytest.mark.parametrize("audit_K", [0.0, 0.3, 0.8, 2.0])
+@pytest.mark.parametrize("cells_K", [0.0, 0.4, 0.8])
+def test_what_the_cells_explain_is_not_counted_twice(audit_K: float, cells_K: float) -> None:
+    """The sum with the cells is neither below either of both, nor 2^1/2 too small or too large.
+
+    The audit finds errors of even sources in cells (a part of the cells' error) and others. Its
+    square is theirs together; which part is whose, nobody knows.
+    """
+    halves_K = 0.2
+    trace_K = StatedError(halves_K, audit_K).beyond(cells_K).error_K
+    assert trace_K is not None and trace_K >= min(halves_K, audit_K)
+    stated = (trace_K**2 + cells_K**2) ** 0.5
+    assert stated >= max(audit_K, cells_K) - 1e-12
+    both = (audit_K**2 + cells_K**2) ** 0.5
+    assert both / 2**0.5 - 1e-12 <= stated <= both + 1e-12
+
+
+def test_unknown_cells_explain_nothing() -> None:
+    assert StatedError(0.2, 0.5).beyond(None) == StatedError(0.2, 0.5)
+    assert StatedError(0.2, None).beyond(1.0).error_K == 0.2
+
+
 def flat(value: float) -> Weights:
     """Weights of two by two pixels that all are of one value."""
     image = np.full((2, 2), value, np.float32)

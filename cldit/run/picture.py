@@ -1,0 +1,113 @@
+"""A traced picture with its halves, and how far two pictures' T_app are apart beyond their noise.
+
+Ordinates and paths err by chance, and in cells of another size they err otherwise. So the
+difference of two pictures holds the noise of both. Each picture is the mean of two halves, A and B,
+whose ordinates and paths are independent. So the product of the differences of the A and of the B
+has the square of the true difference for its mean, whatever the noise is. With d the difference of
+the pictures and e that of half of A - B, the product is (d + e)(d - e).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.dit.accuracy import VISIBLE_EMISSIVITY
+from cldit.radiance.weights import Image, Weights
+from cldit.run.node_temperature import NodeTemperature
+from cldit.transport.trace import Trace
+
+Floats = NDArray[np.float64]
+
+_NEARBY = 0.05  # of the picture's edge: that of a block whose pixels may err together
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Weights (H, W) of one wavelength.
+
+    difference: half the difference of the images by either half; None where nothing is by chance.
+    middle: of one ray a pixel, where `weights` are of several.
+    """
+
+    weights: Weights
+    difference: Weights | None = None
+    middle: Weights | None = None
+
+    @classmethod
+    def of(cls, result: Trace) -> Picture:
+        """What a trace holds of it."""
+        return cls(result.weights, result.weights_difference, result.middle)
+
+    def map(self, change: Callable[[Image], Any]) -> Picture:
+        """`change` of every image."""
+        further = (
+            None if one is None else one.map(change) for one in (self.difference, self.middle)
+        )
+        return Picture(self.weights.map(change), *further)
+
+    def noise_K(self, temperature: NodeTemperature) -> Floats:
+        """(H, W) half the difference of the halves' T_app: the picture's own error is as large."""
+        if self.difference is None:
+            return np.zeros(self.weights.background.shape)
+        mean, half = self.weights.images, self.difference.images
+        one, other = (
+            temperature(Weights.of({name: mean[name] + sign * half[name] for name in mean}))
+            for sign in (1, -1)
+        )
+        return (one - other) / 2.0
+
+    def error_K(self, temperature: NodeTemperature) -> float | None:
+        """RMS of `noise_K` over the pixels of emissivity above 0.05; None: there is none."""
+        noise = self.noise_K(temperature)
+        known = noise[np.isfinite(noise) & (1.0 - self.weights.background > VISIBLE_EMISSIVITY)]
+        return float(np.sqrt(np.mean(known**2))) if known.size else None
+
+
+@dataclass(frozen=True)
+class Step:
+    """Difference of T_app of two pictures.
+
+    error_K: RMS over the pixels of emissivity above 0.05 in both, without the pictures' noise, and
+    one standard error of its square added; None: there is no pixel. map_K: (H, W) size of the
+    difference in each of them, noise and all, NaN elsewhere.
+    """
+
+    error_K: float | None
+    map_K: Floats
+
+    def times(self, factor: float) -> Step:
+        """The difference, scaled."""
+        error_K = None if self.error_K is None else factor * self.error_K
+        return Step(error_K, factor * self.map_K)
+
+    @classmethod
+    def between(cls, temperature: NodeTemperature, one: Picture, other: Picture) -> Step:
+        """Compares two pictures.
+
+        The square of (A^2 - B^2) / 2, summed over pixels that err together, has the variance of the
+        sum of A B for its mean where there is noise alone.
+
+        Args:
+            temperature: of the scene and wavelength.
+            one, other: of as many pixels.
+        """
+        apart = temperature(one.weights) - temperature(other.weights)
+        noise = one.noise_K(temperature) - other.noise_K(temperature)
+        both = np.isfinite(apart) & np.isfinite(noise)
+        for each in (one, other):
+            both &= 1.0 - each.weights.background > VISIBLE_EMISSIVITY
+        map_K = np.where(both, np.abs(apart), np.nan)
+        count = int(np.count_nonzero(both))
+        if not count:
+            return cls(None, map_K)
+        d, e = apart[both], noise[both]
+        edge = max(1, round(_NEARBY * max(both.shape)))
+        row, column = np.nonzero(both)
+        blocks = np.bincount(row // edge * both.shape[1] + column // edge, 2.0 * d * e)
+        square = max(float(np.sum(d**2 - e**2)), 0.0) + float(np.sqrt(np.sum(blocks**2)))
+        return cls((square / count) ** 0.5, map_K)
