@@ -15,6 +15,7 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.scene import Scene, parse_scene
 from cldit.transport.cells import OpticalCells
+from cldit.transport.phase import ScatteringTable, henyey_greenstein
 from cldit.transport.result import Method
 from cldit.transport.trace import Settings, trace
 
@@ -159,8 +160,18 @@ def test_path_and_source_see_one_medium(
         assert other > 3 * error, (name, error, other)
 
 
-@pytest.mark.parametrize("method", ["source", "path", "branching"])
-def test_cavity_is_flat(device: Device, method: Method) -> None:
+@pytest.mark.parametrize(
+    ("method", "phase"),
+    [
+        ("source", None),
+        ("source", henyey_greenstein(0.86)),
+        ("path", None),
+        ("path", henyey_greenstein(0.86)),
+        ("branching", None),
+    ],
+    ids=["source", "source-forward", "path", "path-forward", "branching"],
+)
+def test_cavity_is_flat(device: Device, method: Method, phase: ScatteringTable | None) -> None:
     """Weights lie in 0 to 1 and those of an isothermal cavity sum to 1, whatever the gradients."""
     rng = np.random.default_rng(4)
     frame = Frame(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=4)
@@ -180,7 +191,7 @@ def test_cavity_is_flat(device: Device, method: Method) -> None:
     assert np.abs(OpticalCells.of(tree).linear.extinction).max() > 1
     chosen = replace(
         SETTINGS, method=method, linear_coefficients=True, accuracy_K=0.5, max_samples=512,
-        order=1 if method == "branching" else None, audit=False,
+        order=1 if method == "branching" else None, audit=False, phase=phase,
     )  # fmt: skip
     got = trace(tree, scene(), device, chosen).weights
     images = np.stack(list(got.images.values()))
