@@ -199,13 +199,23 @@ __kernel void thick_intervals(
         if (density > R(0)) {
             const Extinction here_ = extinction_along(
                 density, GRADIENTS_OF(cell_gradients, cell.address), &traversal, &cell);
-            const lane_t shares =
-                absorbed((lane_t)optical_depth(here_, traversal_length(&traversal, &cell)));
+            const lane_t t = (lane_t)optical_depth(here_, traversal_length(&traversal, &cell));
+            const lane_t shares = absorbed(t);
             const real share = LANE(shares, 0);
             real taken = transmitted * share;
             transmitted -= taken;
             if (transmitted <= R(CUTOFF)) taken += transmitted; /* as in image.cl */
-            const real here = taken * albedo[cell.address];
+            real scatters = albedo[cell.address];
+#ifdef LINEAR_COEFFICIENTS
+            if (scatters > R(0) && share > R(0)) { /* at the mean place, as by mean_place */
+                const lane_t nearer = t * rising(t, shares, mean_transmission(t, shares));
+                const real at = R(0.5) * (traversal.t + cell.next)
+                    - LANE(nearer, 0) / share * (cell.next - traversal.t);
+                scatters += along_gradient(
+                    GRADIENTS_OF(cell_gradients, cell.address) + 3, place_in(&traversal, &cell, at));
+            }
+#endif
+            const real here = taken * scatters;
             if (here > R(0)) {
                 loss += here;
                 if (fill) {

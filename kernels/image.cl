@@ -66,6 +66,11 @@
 #define ONE SOURCES
 #endif
 #define RECORD (FIRST + IMAGES * ONE)
+#ifdef GATHER
+#define IS_THICK(record) ((record)[ALBEDO] > R(0))
+#else
+#define IS_THICK(record) 0
+#endif
 
 /* The medium, by stored cells. */
 typedef struct {
@@ -99,10 +104,11 @@ INLINE void add_source(real *sum, real taken, __global const real *record)
 
 #ifdef LINEAR_SOURCE
 /* Adds the gradient's part of the source, at the mean place of what reaches the camera from the cell. t:
-   optical depth of the crossing. */
+   optical depth of the crossing. thick: what is scattered is the gather's. The boundaries' gradients are
+   then that of the albedo in all. */
 INLINE void add_gradient(
     real *sum, real transmitted, real t, real share, const Traversal *traversal, const Crossing *cell,
-    __global const real *gradient)
+    __global const real *gradient, int thick)
 {
     const real taken = transmitted * share;
     const real nearer = transmitted * t * rising(t, share, mean_transmission(t, share));
@@ -115,7 +121,7 @@ INLINE void add_gradient(
     UNROLL for (int c = FIRST_SOURCE; c < COMPONENTS; ++c, ++gradient) {
         const real more = x * gradient[0] + y * gradient[SOURCES] + z * gradient[2 * SOURCES];
         UNROLL for (int p = 0; p < IMAGES; ++p) {
-            sum[p * PARTS + c] += more;
+            if (c >= BOUNDARIES || !thick) sum[p * PARTS + c] += more;
             if (c < BOUNDARIES) sum[p * PARTS + WITHIN] -= more;
         }
     }
@@ -144,7 +150,7 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
             if (number < m->scattering)
                 add_gradient(
                     sum, transmitted, t, share, &traversal, &cell,
-                    m->gradient + number * (3 * SOURCES));
+                    m->gradient + number * (3 * SOURCES), IS_THICK(last));
 #endif
             transmitted -= taken;
         }

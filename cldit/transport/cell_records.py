@@ -56,7 +56,8 @@ class CellRecords:
 
         Returns:
             Sources (C, N) for `records`; and (F, 3 S) gradients of the S components that begin in
-            cells. Those of thick cells are 0: the gather has one albedo in each.
+            cells. Thick cells have the emission's, and the albedo's in place of the first
+            boundary's: it moves light between the emission and the gather.
         """
         cells, needs, linear = self.cells, self.cells.needs, self.cells.linear
         first = 0 if needs.scattering else needs.boundaries
@@ -87,7 +88,10 @@ class CellRecords:
                 change[:, :, mine] = own / edge
             table[some] = change[:, first:].transpose(2, 0, 1)
         if thick is not None:
+            at = cells.address[thick]
             table[thick] = 0.0
+            table[thick, :, 0] = linear.albedo[at]
+            table[thick, :, needs.boundaries :] = linear.emission[:, at].transpose(1, 2, 0)
         return out, table.reshape(len(self.at), 3 * table.shape[2])
 
     def records(
@@ -124,7 +128,7 @@ class CellRecords:
         out[:, :albedo_at] = head
         row = self.number[cells.address]
         if thick is not None:
-            out[row[thick], albedo_at] = cells.albedo[thick]
+            out[row[thick], albedo_at] = middles.albedo[thick]
         for image, source in enumerate(listed):
             mine = out[:, first + parts * image : first + parts * (image + 1)]
             mine[:, needs.boundaries : -1] = thermal
@@ -139,9 +143,7 @@ class CellRecords:
             if thick is not None:
                 # The gather adds what is scattered.
                 value[thick, :-1] = 0.0
-                value[thick, -1] = (cells.coalbedo + made)[thick]
-                value[thick, needs.boundaries : -1] = cells.thermal_planes(
-                    real, cells.address[thick]
-                ).T
+                value[thick, -1] = (middles.coalbedo + made)[thick]
+                value[thick, needs.boundaries : -1] = thermal[row[thick]]
             mine[row] = value
         return out

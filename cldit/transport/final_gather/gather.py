@@ -186,7 +186,8 @@ class Gather:
             self._defines.update(PHASE_BINS=phase.bins, PHASE_STEPS=PHASE_STEPS)
         real = self._real
         albedo = np.zeros(len(cells.depth), real)
-        albedo[cells.address[thick.listed]] = cells.albedo[thick.listed]
+        middles = cells.middles() if settings.linear_coefficients else cells
+        albedo[cells.address[thick.listed]] = middles.albedo[thick.listed]
         records = ends.records.astype(real)
         order = hilbert_order(directions.unit)
         drawn = Ordinates(directions.unit[order], directions.weight[order])

@@ -75,8 +75,8 @@ def test_isothermal_medium_stays_so() -> None:
 
 
 def test_sources_of_the_image() -> None:
-    """Mean over a cell, weighted by extinction, as given; none below 0 at a corner; thick cells
-    constant."""
+    """Mean over a cell, weighted by extinction, as given; none below 0 at a corner. Thick cells
+    have the gradients of the medium's own emission, and of what it leaves to the gather."""
     cells = random_cells(4)
     made = CellRecords.of(cells, linear=True)
     rng = np.random.default_rng(5)
@@ -89,7 +89,12 @@ def test_sources_of_the_image() -> None:
     thick = np.arange(0, count, 7)
     sources, table = made.linear_sources(list(given), gradient, thick)
     steep = table.reshape(len(made.at), 3, 4)
-    assert not steep[thick].any()
+    own = cells.linear
+    at = cells.address[thick]
+    np.testing.assert_array_equal(steep[thick][:, :, 0], own.albedo[at])
+    assert not steep[thick][:, :, 1:inner].any()
+    emission = steep[thick][:, :, inner:].transpose(2, 0, 1)
+    np.testing.assert_array_equal(emission, own.emission[:, at])
     points = CORNERS / 3**0.5
     extinction = 1 + cells.linear.extinction[cells.address].astype(float) @ points.T
     for source, before in zip(sources, given, strict=True):
