@@ -199,9 +199,9 @@ def _span(counts: list[int]) -> str:
 
 
 def is_measured(path: str | Path) -> bool:
-    """Whether a path is measured data: a folder with measured.yaml, or such a file."""
+    """Whether a path is measured data: a folder with measured.yaml, or such a file, be it there."""
     path = Path(path)
-    return path.suffix in (".yaml", ".yml") if path.is_file() else (path / MEASURED).is_file()
+    return (path / MEASURED).is_file() if path.is_dir() else path.suffix in (".yaml", ".yml")
 
 
 def open_measured(path: str | Path) -> Measured:

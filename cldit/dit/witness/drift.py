@@ -78,7 +78,7 @@ def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Found:
     drifts = {cause: replace(plain, variance=variance, each=each, jitter=jitter)}
     for of, one in trends.items():
         known = drifts.get(of, replace(plain, cause=of))
-        drifts[of] = replace(known, modes=one.modes, course=one.course)
+        drifts[of] = replace(known, modes=one.modes, course=one.course, apart=one.apart)
     return Found(drifts=tuple(drifts.values()), cause=says, through=through)
 
 

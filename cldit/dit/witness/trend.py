@@ -35,12 +35,13 @@ class Trend:
 
     rate: (K,) an interval of the axis before each background. course: (K,) of the references'
     means. modes: (M, K) parts of the course, each of variance 1; the modes of all trends of an
-    acquisition belong together.
+    acquisition belong together. apart: (M, K) how much more of each the injections' means have.
     """
 
     rate: Floats
     course: Floats
     modes: Floats
+    apart: Floats | None = None
 
 
 Trends = Mapping[Cause, Trend]
@@ -75,36 +76,43 @@ def _with_steps(evidence: Evidence, trends: Trends) -> Trends:
 
     The line is one over all parts: those of a background with a break within show it by themselves.
     """
-    first = int(min(places.part.min() for places in evidence.places["reference"]))
-    if not (count := evidence.breaks):
+    if not evidence.breaks:
         return trends
+    first = min(int(places.part.min()) for places in evidence.places["reference"])
+    breaks = first + np.arange(evidence.breaks)
+    share = {  # (breaks, K) of a kind's shots that are after each
+        kind: np.stack([(one.part[:, None] > breaks).mean(axis=0) for one in places], axis=1)
+        for kind, places in evidence.places.items()
+    }
     still = without(evidence, trends)
-    rows, values, sizes = [], [], []
-    share = np.zeros((count, len(evidence.setpoints)))
-    for k, places in enumerate(evidence.places["reference"]):
-        after = places.part[:, None] > first + np.arange(count)  # (n, breaks)
-        share[:, k] = after.mean(axis=0)
-        one = still.shots["reference"][k].mean(axis=1)
-        along = sum((trend.rate[k] * unit(still, of)[k] for of, trend in trends.items()), 0.0)
-        one = one - along * (places.at - places.at.mean())
+    x, every = evidence.source["reference"], np.ones(evidence.blocks, bool)
+    rows, values, weight = [], [], []
+    for k, (places, one) in enumerate(
+        zip(evidence.places["reference"], still.picture("reference", every), strict=True)
+    ):
+        rate = sum((trend.rate[k] * unit(still, of)[k] for of, trend in trends.items()), 0.0)
+        one = one - rate * (places.at - places.at.mean())
         for part in np.unique(places.part):
             here = places.part == part
-            x = evidence.source["reference"]
-            rows.append([x[k] / x.max(), 1.0, *after[here][0].astype(float)])
+            rows.append([x[k] / x.max(), 1.0, *(part > breaks)])
             values.append(one[here].mean())
-            sizes.append(np.sqrt(np.count_nonzero(here)) / evidence.rise[k])
-    weight = np.array(sizes)
-    step = np.linalg.lstsq(np.array(rows) * weight[:, None], np.array(values) * weight)[0][2:]
-    plain = np.zeros(len(evidence.setpoints))
+            weight.append(np.sqrt(np.count_nonzero(here)) / evidence.rise[k])
+    weights = np.array(weight)
+    design = np.array(rows, float) * weights[:, None]
+    step = np.linalg.lstsq(design, np.array(values) * weights)[0][2:]
+    none = np.zeros(len(x))
     modes = max((len(one.modes) for one in trends.values()), default=0)
-    old = trends.get("offset", Trend(rate=plain, course=plain, modes=np.zeros((modes, len(plain)))))
-    course = step @ share
+    old = trends.get("offset", Trend(rate=none, course=none, modes=np.zeros((modes, len(x)))))
+    course = step @ share["reference"]
+    new = step[:, None] * share["reference"]
+    more = step[:, None] * (share["injection"] - share["reference"])
     return {
         **trends,
         "offset": Trend(
             rate=old.rate,
             course=old.course + course - course.mean(),
-            modes=np.concatenate([old.modes, step[:, None] * share]),
+            modes=np.concatenate([old.modes, new]),
+            apart=np.concatenate([np.zeros_like(old.modes), more]),
         ),
     }
 
