@@ -37,12 +37,13 @@ AROUND = Surroundings(
         Window(side="rear", material="CaF2", thickness_m=0.01, temperature_K=415.0),
     ),
 )
-_SHOT_MINUTES = 1.0 / 30.0
+_INTERVAL_s = 2.0  # between two shots
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drifts:
-    """Of a shot: offset in counts, gain relative; of a minute: black body in kelvin."""
+    """Of an interval between shots: offset in counts, gain relative; of a minute: black body in
+    kelvin, from the first shot before each background on."""
 
     offset_counts: float = 0.0
     gain: float = 0.0
@@ -80,6 +81,8 @@ def laboratory(
     patch_pixels: float | None = None,
     interleave: bool = True,
     drifts: Drifts | None = None,
+    waits: Sequence[float] = (),
+    timed: bool = False,
     offset_of_injections: float = 0.0,
     blackbody_of_injections_K: float = 0.0,
     off_K: dict[float, float] | None = None,
@@ -98,6 +101,8 @@ def laboratory(
             field. patch_pixels: in patches of this size alone; None: in both.
         interleave: kinds alternate as in a plan; else all references come first.
         drifts: of camera and black body, from the first shot to the last.
+        waits: for the black body, in intervals: between two backgrounds, in turns.
+        timed: shots tell when they were taken.
         offset_of_injections: counts by which the camera differs.
         blackbody_of_injections_K: kelvin by which the black body is warmer with injections.
         off_K: kelvin by which the black body is warmer than said, by set point.
@@ -123,9 +128,11 @@ def laboratory(
         order="given",
     )
     found: list[Shot] = []
-    for taken, step in enumerate(plan.steps()):
+    for number, step in enumerate(plan.steps()):
+        since = number % (references + shots)
+        taken = number + sum(waits[k % len(waits)] for k in range(step.background) if waits)
         real_K = step.background_K + (off_K or {}).get(step.background_K, 0.0)
-        real_K += drifts.blackbody_K * _SHOT_MINUTES * (taken % (references + shots))
+        real_K += drifts.blackbody_K * _INTERVAL_s / 60.0 * since
         offset = drifts.offset_counts * taken
         amount = np.zeros(shape)
         if step.kind == "injection":
@@ -145,7 +152,8 @@ def laboratory(
         noisy = rng.poisson(electrons) + 200.0 * rng.standard_normal(shape)
         counts = np.rint(CAMERA.offset_counts + dark + offset + noisy / 40.0)
         image = np.clip(counts, 0, 16383).astype(np.uint16)
-        found.append(Shot(step.id, step.kind, step.background_K, step.background_K, image))
+        time_s = _INTERVAL_s * taken if timed else None
+        found.append(Shot(step.id, step.kind, step.background_K, step.background_K, image, time_s))
     return Laboratory(
         Recorded(found, AROUND, CAMERA.to_dict()), emissivity=emissivity, kelvin=kelvin
     )

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.acquisition.hcc import HccError
-from cldit.acquisition.pictures.source import AXES, ArrayStack, Source, Stack
+from cldit.acquisition.pictures.source import AXES, ArrayStack, Source, Stack, Told
 from cldit.errors import EvaluationError, FileError
 
 GROUP = "cldit.readers"
@@ -146,6 +146,7 @@ class _Part:
         self._last = len(stack) if source.last is None else source.last
         self.notes = getattr(stack, "notes", ())
         self.unit = getattr(stack, "unit", "")
+        self.told = tuple(getattr(stack, "told", ()))[self._first : self._last]
 
     def __len__(self) -> int:
         return self._last - self._first
@@ -173,6 +174,12 @@ class FrameReader:
         stack = self._open(source)
         unit = str(getattr(stack, "unit", ""))
         return (*getattr(stack, "notes", ()), *([f"unit {unit}"] if unit else []))
+
+    def told(self, source: Source) -> tuple[Told, ...]:
+        """What the file says of time and exposure of each of its pictures."""
+        stack = self._open(source)
+        found = tuple(getattr(stack, "told", ()))
+        return found if len(found) == len(stack) else (Told(),) * len(stack)
 
     def read(self, source: Source, number: int) -> NDArray[Any]:
         """Picture `number` of the file `source`, (rows, columns).

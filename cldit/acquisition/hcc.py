@@ -52,7 +52,7 @@ def read_hcc(path: str | Path) -> HccFilm:
                 [1e-6 * float(header["ExposureTime"]) for header in headers]
             ),
             frame_ids=np.array([header["FrameID"] for header in headers], np.int64),
-            time=tuple(_time(header) for header in headers),
+            time=tuple(frame_time(header) for header in headers),
             frame_rate_Hz=reader.frame_rate_Hz,
             corrected=reader.corrected,
             headers=headers,
@@ -132,7 +132,7 @@ class HccReader:
         self.close()
 
 
-def _time(header: dict[str, Any]) -> datetime:
-    """Whole seconds, and 100 ns steps beside them."""
+def frame_time(header: dict[str, Any]) -> datetime:
+    """When a frame was taken, in UTC: whole seconds of its `header`, and 100 ns steps."""
     seconds = header.get("POSIXTime", 0) + 1e-7 * header.get("SubSecondTime", 0)
     return datetime.fromtimestamp(seconds, UTC)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -109,6 +110,33 @@ def parse_entry(line: bytes, number: int) -> tuple[str, Entry]:
         if name in entry and (wrong or not isinstance(known, kind)):
             return f"holds {name}: {known!r}, which is of another type", {}
     return "", entry
+
+
+def shot_times(entries: Sequence[Entry]) -> dict[str, tuple[float, float | None]]:
+    """When each kept shot was taken, and when its background had become stable.
+
+    Args:
+        entries: of a journal, in order.
+
+    Returns:
+        Seconds since 1970 by shot; without a second one where no background became stable before.
+        Empty where the time of any shot does not rise over the one before: somebody set the clock.
+    """
+    found: dict[str, tuple[float, float | None]] = {}
+    stable_s: float | None = None
+    last_s = -math.inf
+    for entry in entries:
+        if entry["event"] not in ("stable", "saved"):
+            continue
+        time_s = datetime.fromisoformat(entry["time"]).timestamp()
+        if entry["event"] == "stable":
+            stable_s = time_s
+            continue
+        if not time_s > last_s:
+            return {}
+        last_s = time_s
+        found[entry["shot"]] = (time_s, stable_s)
+    return found
 
 
 def check_entry(path: Path, entry: Entry) -> None:

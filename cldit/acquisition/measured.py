@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, ValidationError
 
 from cldit.acquisition.frames import FrameReader
-from cldit.acquisition.pictures.source import AXES, Axis, Source, parse_source
+from cldit.acquisition.pictures.source import AXES, Axis, Source, Told, parse_source
 from cldit.acquisition.pictures.temperatures import read_temperatures
+from cldit.acquisition.pictures.told import check_exposures, check_times, read_times, told_lines
 from cldit.acquisition.plan import Kind
 from cldit.camera.calibration import Calibration
 from cldit.dit.witness.finding import Acceptable
@@ -36,6 +37,7 @@ Files = Annotated[
 ]
 Count = Annotated[int, Within(1, 1_000_000)]
 Readings = tuple[Temperature, ...] | str
+Times = tuple[Annotated[float, Within(-1e12, 1e12)], ...] | str
 
 
 def _all_axes(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
@@ -72,6 +74,10 @@ class MeasuredBackground(Section):
     """Of the black body at each picture: numbers, `log.csv::column`, or `run.nxs::/entry/log`."""
     injections_K: Readings | None = None
     """The same of the injections; left out: temperature_K."""
+    references_s: Times | None = None
+    """When each picture was taken: seconds of one clock, or as above, and dates in a table."""
+    injections_s: Times | None = None
+    """The same of the injections; where no background has any: what the files say."""
 
 
 class MeasuredFile(Section):
@@ -82,7 +88,7 @@ class MeasuredFile(Section):
     filter_um: Filter
     """Two edges, a list of (um, transmission), or a file of both."""
     integration_time_s: Annotated[float, Within(1e-9, 10.0)] | None = None
-    """For the record."""
+    """Of every picture; left out: what the files say."""
     setup: Setup
     """What no picture can say."""
     sensor: MeasuredSensor
@@ -111,6 +117,8 @@ class MeasuredShot:
     background_K: float
     source: Source
     number: int
+    told: Told
+    time_s: float | None
 
 
 @dataclass(frozen=True)
@@ -175,6 +183,7 @@ class Measured:
             f"{min(kelvin):g}..{max(kelvin):g} K); {kinds} each; "
             f"{', '.join(dict.fromkeys(forms))}; first pictures {low:g}..{high:g}"
         ]
+        lines += told_lines([(shot.told, shot.time_s) for shot in self.shots])
         for note, names in notes.items():
             more = f" and {len(names) - 1} more" if len(names) > 1 else ""
             lines.append(f"{names[0]}{more}: {note}")
@@ -190,9 +199,9 @@ def _span(counts: list[int]) -> str:
 
 
 def is_measured(path: str | Path) -> bool:
-    """Whether a path is measured data: a folder with measured.yaml, or such a file."""
+    """Whether a path is measured data: a folder with measured.yaml, or such a file, be it there."""
     path = Path(path)
-    return path.suffix in (".yaml", ".yml") if path.is_file() else (path / MEASURED).is_file()
+    return (path / MEASURED).is_file() if path.is_dir() else path.suffix in (".yaml", ".yml")
 
 
 def open_measured(path: str | Path) -> Measured:
@@ -214,6 +223,7 @@ def open_measured(path: str | Path) -> Measured:
     reader = FrameReader()
     shots: list[MeasuredShot] = []
     owners: dict[Source, str] = {}
+    by_yaml = any(one.references_s or one.injections_s for one in given.backgrounds)  # one clock
     setpoints: set[float] = set()
     for background in given.backgrounds:
         setpoint_K = background.temperature_K
@@ -222,11 +232,25 @@ def open_measured(path: str | Path) -> Measured:
                 f"{file}: backgrounds: {setpoint_K:g} K stands there twice; give its files together"
             )
         setpoints.add(setpoint_K)
-        wanted: tuple[tuple[Kind, tuple[str, ...], int | None, Readings | None], ...] = (
-            ("reference", background.references, given.references, background.references_K),
-            ("injection", background.injections, given.shots, background.injections_K),
+        wanted: tuple[
+            tuple[Kind, tuple[str, ...], int | None, Readings | None, Times | None], ...
+        ] = (
+            (
+                "reference",
+                background.references,
+                given.references,
+                background.references_K,
+                background.references_s,
+            ),
+            (
+                "injection",
+                background.injections,
+                given.shots,
+                background.injections_K,
+                background.injections_s,
+            ),
         )
-        for kind, patterns, count, readings in wanted:
+        for kind, patterns, count, readings, times in wanted:
             where = f"{kind}s before {setpoint_K:g} K"
             found: list[MeasuredShot] = []
             for source in _sources(folder, patterns, where, given.axes):
@@ -243,8 +267,10 @@ def open_measured(path: str | Path) -> Measured:
                         setpoint_K,
                         source,
                         number,
+                        told,
+                        None if by_yaml else told.time_s,
                     )
-                    for number in range(reader.count(source))
+                    for number, told in enumerate(reader.told(source))
                 ]
             if not found or (count is not None and len(found) != count):
                 raise EvaluationError(
@@ -258,7 +284,14 @@ def open_measured(path: str | Path) -> Measured:
                 found = [
                     replace(shot, background_K=one) for shot, one in zip(found, kelvin, strict=True)
                 ]
+            if times is not None:
+                taken_s = read_times(folder, times, where=where, count=len(found))
+                found = [
+                    replace(shot, time_s=one) for shot, one in zip(found, taken_s, strict=True)
+                ]
             shots += found
+    check_times((shot.id, shot.told, shot.time_s) for shot in shots)
+    check_exposures(((shot.id, shot.told) for shot in shots), given.integration_time_s)
     bad_pixels = _bad_pixels(folder, given.bad_pixels, reader)
     reader.close()
     return Measured(
@@ -278,7 +311,11 @@ def open_measured(path: str | Path) -> Measured:
 
 def _files(folder: Path, given: MeasuredFile) -> Iterator[Path]:
     """Logs of temperatures, and the picture of defective pixels."""
-    logs = (one for each in given.backgrounds for one in (each.references_K, each.injections_K))
+    logs = (
+        one
+        for each in given.backgrounds
+        for one in (each.references_K, each.injections_K, each.references_s, each.injections_s)
+    )
     for text in (*logs, given.bad_pixels):
         if isinstance(text, str):
             yield folder / parse_source(text)[0]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from cldit.acquisition.journal import shot_times
 from cldit.acquisition.plan import Kind, Plan, load_plan
 from cldit.acquisition.storage import (
     CONFIGURATION,
@@ -34,7 +35,8 @@ from cldit.scene.delays import delay_folder
 @dataclass(frozen=True)
 class Picture:
     """One shot that was kept. `background_K` is the mean of the readings before and after it;
-    `background` and `delay` are indices into the plan's temperatures and delays."""
+    `background` and `delay` are indices into the plan's temperatures and delays. time_s, stable_s:
+    when it was taken and its background became stable, since 1970, where the journal knows."""
 
     id: str
     path: Path
@@ -44,6 +46,8 @@ class Picture:
     background_K: float
     saturated_percent: float
     delay: int = 0
+    time_s: float | None = None
+    stable_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -203,6 +207,7 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
             f"{folder / CONFIGURATION}: is damaged ({what}); restore it"
         ) from error
     known = {**found.adoptable, **found.saved}
+    times = shot_times(found.entries)
     shots = tuple(
         Picture(
             id=shot.id,
@@ -213,6 +218,8 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
             background_K=(entry["background_before_K"] + entry["background_after_K"]) / 2.0,
             saturated_percent=entry["saturated_percent"],
             delay=shot.delay,
+            time_s=times[shot.id][0] if shot.id in times else None,
+            stable_s=times[shot.id][1] if shot.id in times else None,
         )
         for shot in plan.steps()
         if (entry := known.get(shot.id)) is not None

@@ -64,6 +64,7 @@ class Shot:
     background_setpoint_K: float
     background_K: float
     image: NDArray[Any]
+    time_s: float | None = None
 
 
 @dataclass

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Self
 
 import click
 
 from cldit.acquisition.dry_run import SECONDS_PER_KELVIN, DryRun, dry_run
 from cldit.acquisition.plan import load_plan
+from cldit.acquisition.preview import Preview
+from cldit.acquisition.progress import Progress
 from cldit.acquisition.runner import acquire
 from cldit.cli.console import OUT, ProgressBar, plain_errors
 from cldit.errors import RunFolderError
@@ -32,21 +35,44 @@ def acquire_command(rig: Path, plan: Path, out: Path, dry: bool, live: bool) -> 
         finally:
             asked.close()  # not made safe: that would move the black body
         return
-    with open_rig(rig) as opened:
-        if live:
-            from cldit.cli.live import LiveView  # needs matplotlib
+    if live:
+        from cldit.cli.live import LiveView  # needs matplotlib
 
-            with LiveView(folder=out) as view:
-                record = acquire(opened, sequence, out, progress=view.watch, preview=view.show)
-        else:
-            with ProgressBar() as bar:
-                record = acquire(opened, sequence, out, progress=bar.watch)
+        with open_rig(rig) as opened, LiveView(folder=out) as view:
+            record = acquire(opened, sequence, out, progress=view.watch, preview=view.show)
+    else:
+        with RecordingBar() as bar, open_rig(rig) as opened:
+            record = acquire(opened, sequence, out, progress=bar.watch)
     OUT.print(
         f"{record.saved} of {record.total} shots in {out}; {record.rejected} rejected, "
         f"{record.lost_injections} injections without a kept picture"
     )
     if not record.complete:
         raise RunFolderError("not complete; run the same command again to go on")
+
+
+class RecordingBar:
+    """A bar that is drawn in a thread of its own.
+
+    A terminal that stands still (Ctrl-S) keeps up the bar alone, which then shows what is newest.
+    """
+
+    def __init__(self) -> None:
+        self._bar = ProgressBar()
+        self._drawn: Preview[Progress] = Preview(self._bar.watch)
+
+    def __enter__(self) -> Self:
+        self._drawn.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._drawn.__exit__()
+        if self._drawn.ended:  # else the terminal still stands, and the bar holds its lock
+            self._bar.__exit__()
+
+    def watch(self, progress: Progress) -> None:
+        """Shows how far the recording is, without waiting for the terminal."""
+        self._drawn.offer(progress)
 
 
 def _estimate(found: DryRun) -> None:

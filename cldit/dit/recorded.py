@@ -14,6 +14,7 @@ from cldit.camera.calibration import Calibration
 from cldit.camera.curve import Curve, CurveFit, fit_curve
 from cldit.camera.photon_transfer import photon_transfer
 from cldit.dit.budget import Budget, budget
+from cldit.dit.drift_axis import drift_axis
 from cldit.dit.evaluate import blocks, check_span, stack
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.outliers import Outlier, check_not_mirrored, judge
@@ -47,7 +48,7 @@ class Evaluation:
     remarks: one line each. outliers: shots unlike the others. fitted: the calibration curve, where
     it was fitted to the references. calibration: as used, with what the pictures gave. witnesses:
     what the shots say of the measurement (`cldit.dit.witness`). drifts: the terms of the covariance
-    that both kinds share. budget: what no shot shows.
+    that both kinds share, drift_axis: over what a drift is told. budget: what no shot shows.
     origin: when, by which command and from which files; None where no folder was evaluated.
     """
 
@@ -58,6 +59,7 @@ class Evaluation:
     calibration: Calibration
     witnesses: tuple[Witness, ...] = ()
     drifts: tuple[DriftTerm, ...] = ()
+    drift_axis: str = ""
     budget: Budget | None = None
     origin: Origin | None = None
 
@@ -75,6 +77,7 @@ class Evaluation:
     def lines(self) -> tuple[str, ...]:
         """All that is worth a line: remarks, witnesses, goodness of fit, and the budget."""
         found = [*self.remarks, *(one.text for one in self.witnesses)]
+        found += [self.drift_axis] if self.drift_axis else []
         if np.isfinite(self.maps.fit_probability).any():
             found.append(
                 f"{100.0 * self.improbable:.2g} % of the pixels have a fit_probability below "
@@ -97,6 +100,7 @@ class Evaluation:
             "calibration": self.calibration.to_dict(),
             "witnesses": [one.to_dict() for one in self.witnesses],
             "drifts": [one.to_dict() for one in self.drifts],
+            "drift_axis": self.drift_axis,
             "improbable_share": self.improbable,
             "budget": None if self.budget is None else self.budget.to_dict(),
             "curve": None
@@ -149,7 +153,8 @@ def evaluate_shots(
     """
     setpoints = check_shots(acquisition.shots)
     stated_counts = _saturation(acquisition.calibration)
-    sums = accumulate(acquisition, stated_counts, progress)
+    axis = drift_axis(acquisition.shots)
+    sums = accumulate(acquisition, stated_counts, progress, places=axis.places)
     around = acquisition.surroundings
     witnesses, saturation = examine_pictures(
         sums, setpoints, around, saturation_counts=stated_counts
@@ -221,6 +226,7 @@ def evaluate_shots(
         calibration=calibration,
         witnesses=tuple(witnesses),
         drifts=examined.terms,
+        drift_axis=axis.said(through=examined.through),
         budget=budget(
             maps,
             around,

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.dit.drift_axis import Place
 from cldit.errors import EvaluationError
 from cldit.radiance.boundary import Surroundings
 
@@ -17,7 +18,7 @@ Floats = NDArray[np.float64]
 
 
 class Shot(Protocol):
-    """One recorded picture."""
+    """One recorded picture. `time_s` and `stable_s` may be there too (`cldit.dit.drift_axis`)."""
 
     @property
     def id(self) -> str:
@@ -69,9 +70,8 @@ class Sums:
     """Sums of the pictures (h, w) of one kind before one background.
 
     total, squares, course: (h, w) weighted sums of counts, of their squares, and of counts times
-    the shot's number, that of the first taken as 0. largest: (h, w) of any exposure.
-    Lists hold an entry a shot: digests of the pictures' bytes, numbers in the order of the
-    acquisition's shots.
+    the shot's place, that of the first taken as 0. largest: (h, w) of any exposure.
+    Lists hold an entry a shot: digests of the pictures' bytes, places on the drift's axis.
     """
 
     temperatures_K: list[float]
@@ -84,7 +84,7 @@ class Sums:
     thumbnails: list[NDArray[np.float32]]
     ids: list[str]
     digests: list[bytes]
-    numbers: list[int]
+    places: list[Place]
 
     @classmethod
     def empty(cls, shape: tuple[int, ...], saturation_counts: float) -> Sums:
@@ -98,16 +98,16 @@ class Sums:
         """(h, w) where at least one exposure was saturated."""
         return np.asarray(self.largest >= self.saturation_counts)
 
-    def add(self, image: NDArray[Any], shot: Shot, *, number: int) -> None:
+    def add(self, image: NDArray[Any], shot: Shot, *, place: Place) -> None:
         """Counts one picture in full.
 
         Args:
             image: (h, w) counts.
             shot: whose picture it is.
-            number: of the shot among all, in their order.
+            place: of the shot on the drift's axis.
         """
-        self.numbers.append(number)
-        counts = self._weigh(image, 1.0, number)
+        self.places.append(place)
+        counts = self._weigh(image, 1.0, place)
         np.maximum(self.largest, image, out=self.largest, casting="unsafe")
         self.digests.append(blake2b(np.ascontiguousarray(image).data, digest_size=16).digest())
         self.temperatures_K.append(shot.background_K)
@@ -123,13 +123,13 @@ class Sums:
             number: of the picture, in the order of adding.
             weight: the new one.
         """
-        self._weigh(image, weight - self.weights[number], self.numbers[number])
+        self._weigh(image, weight - self.weights[number], self.places[number])
         self.weights[number] = weight
 
-    def _weigh(self, image: NDArray[Any], weight: float, number: int) -> Floats:
+    def _weigh(self, image: NDArray[Any], weight: float, place: Place) -> Floats:
         counts = image.astype(np.float64)
-        if place := weight * (number - self.numbers[0]):
-            self.course += place * counts
+        if way := weight * (place.at - self.places[0].at):
+            self.course += way * counts
         self.total += counts if weight == 1.0 else weight * counts
         self.squares += counts**2 if weight == 1.0 else weight * counts**2
         return counts
@@ -164,7 +164,7 @@ class Sums:
 
         Args:
             rows: which.
-            steady: about each pixel's straight line over the shots' numbers: a steady drift is no
+            steady: about each pixel's straight line over the shots' places: a steady drift is no
                 scatter.
 
         Returns:
@@ -175,7 +175,7 @@ class Sums:
             return np.zeros_like(self.total[rows])
         spread = self.squares[rows] - self.total[rows] ** 2 / weights.sum()
         if steady:
-            places = np.array(self.numbers, float) - self.numbers[0]
+            places = np.array([place.at for place in self.places]) - self.places[0].at
             middle = float(np.average(places, weights=weights))
             along = self.course[rows] - middle * self.total[rows]
             spread = spread - along**2 / float(weights @ (places - middle) ** 2)
@@ -242,6 +242,8 @@ def accumulate(
     acquisition: Acquisition,
     saturation_counts: float,
     progress: Callable[[int, int], None] | None,
+    *,
+    places: Sequence[Place],
 ) -> dict[tuple[float, str], Sums]:
     """Reads every shot once, and sums by set point and kind.
 
@@ -249,6 +251,7 @@ def accumulate(
         acquisition: recorded shots.
         saturation_counts: at and above which a pixel is full.
         progress: called with (shots read, shots in all).
+        places: of the shots on the drift's axis, in their order.
 
     Returns:
         Sums by set point [K] and kind.
@@ -259,7 +262,7 @@ def accumulate(
     sums: dict[tuple[float, str], Sums] = {}
     bad = acquisition.bad_pixels
     shape = None if bad is None else bad.shape
-    for done, shot in enumerate(acquisition.shots, start=1):
+    for done, (shot, place) in enumerate(zip(acquisition.shots, places, strict=True), start=1):
         image = acquisition.load(shot)
         if image.ndim != 2 or image.size == 0 or (shape is not None and image.shape != shape):
             raise EvaluationError(
@@ -277,7 +280,7 @@ def accumulate(
         key = (shot.background_setpoint_K, shot.kind)
         if key not in sums:
             sums[key] = Sums.empty(shape, saturation_counts)
-        sums[key].add(image, shot, number=done)
+        sums[key].add(image, shot, place=place)
         if progress is not None:
             progress(done, len(acquisition.shots))
     return sums

@@ -41,7 +41,8 @@ class Drift:
     variance: (K,) of the mean before each background: radiance^2, for the gain relative. Another
         one before each.
     modes: (M, K) of a steady drift, in the root of these units: each is one number of variance 1
-        before all backgrounds, the same for all causes. course: (K,) of that drift as found.
+        before all backgrounds, the same for all causes. apart: (M, K) by how much more of each the
+        injections have; None: nothing. course: (K,) of that drift as found.
     each: (K,) of one exposure about that mean. jitter: (K,) of it, what differs from one exposure
         to the next; the rest is slow, and drops out of kinds that alternate.
     """
@@ -52,6 +53,7 @@ class Drift:
     course: Floats
     each: Floats
     jitter: Floats
+    apart: Floats | None = None
 
     def factors(self, lines: Pair, signals: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
         """(N,) or (K, N) for references and for injections, of fitted `lines` and `signals`."""
@@ -212,8 +214,8 @@ def solve(
             ],
             steady=[
                 SteadyError(
-                    reference=np.sum([mode[:, None] * p for mode, (p, _) in parts], axis=0),
-                    injection=np.sum([mode[:, None] * q for mode, (_, q) in parts], axis=0),
+                    reference=np.sum([mode[:, None] * p for mode, _, (p, _) in parts], axis=0),
+                    injection=np.sum([mode[:, None] * q for _, mode, (_, q) in parts], axis=0),
                 )
                 for parts in _modes(drifts, factors)
             ],
@@ -239,15 +241,18 @@ def solve(
 
 def _modes(
     drifts: Sequence[Drift], factors: Sequence[tuple[Floats, Floats]]
-) -> list[list[tuple[Floats, tuple[Floats, Floats]]]]:
-    """By mode, the courses (K,) of all causes that have it, and their factors."""
+) -> list[list[tuple[Floats, Floats, tuple[Floats, Floats]]]]:
+    """By mode, the courses (K,) of both kinds, of all causes that have it, and their factors."""
     steady = [
-        (drift.modes, both)
+        (drift.modes, drift.modes + (0.0 if drift.apart is None else drift.apart), both)
         for drift, both in zip(drifts, factors, strict=True)
         if drift.modes.any()
     ]
-    most = max((len(modes) for modes, _ in steady), default=0)
-    return [[(modes[m], both) for modes, both in steady if m < len(modes)] for m in range(most)]
+    most = max((len(before) for before, _, _ in steady), default=0)
+    return [
+        [(before[m], during[m], both) for before, during, both in steady if m < len(before)]
+        for m in range(most)
+    ]
 
 
 def _maps(

@@ -86,6 +86,7 @@ def _content(stored: Any, maps: Path, frame: Frame, title: str) -> EvaluationCon
                 for one in stored.get("drifts", [])
             ],
         ),
+        drift_axis=str(stored.get("drift_axis", "")),
         budget=_budget(parts),
         pictures=_pictures(list(parts), maps, frame, title),
     )

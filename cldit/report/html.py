@@ -50,7 +50,8 @@ class EvaluationContent:
     """What a page shows of an evaluation.
 
     remarks: a line each. findings: what witnesses name, a line each. witnesses, drifts: in kelvin
-    by background. others: witnesses without kelvin. budget: medians by part. pictures: its maps.
+    by background. drift_axis: over what a drift is told. others: witnesses without kelvin. budget:
+    medians by part. pictures: its maps.
     """
 
     remarks: tuple[str, ...] = ()
@@ -59,6 +60,7 @@ class EvaluationContent:
     others: tuple[str, ...] = ()
     improbable: str = ""
     drifts: Table = ([], [])
+    drift_axis: str = ""
     budget: Table = ([], [])
     pictures: tuple[Picture, ...] = ()
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.acquisition.pictures.source import ArrayStack, Source
+from cldit.acquisition.pictures.source import ArrayStack, Source, Told, moment_s
 from cldit.errors import EvaluationError
 from cldit.files import check_regular
 
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
 _INSTALL = 'pip install "cldit[files]"'
 
 
@@ -22,6 +23,7 @@ class Hdf5(ArrayStack):
         self._source = source
         self._file, data = _open(source, (2, 3))
         super().__init__(data, source.axes, unit=str(data.attrs.get("units", "")))
+        self.told = _told(data.parent, len(self))
 
     def read(self, number: int) -> NDArray[Any]:
         """Picture `number`, (rows, columns)."""
@@ -33,6 +35,41 @@ class Hdf5(ArrayStack):
     def close(self) -> None:
         """Closes the file."""
         self._file.close()
+
+
+def _told(group: Any, count: int) -> tuple[Told, ...]:
+    """By NeXus' NXdetector: `count_time`, and `start_time` with its attribute `start`."""
+    if _text(group.attrs.get("NX_class")) != "NXdetector":
+        return ()
+    exposed_s, begun_s = (_seconds(group, name, count) for name in ("count_time", "start_time"))
+    start_s: float | None = None
+    if "start_time" in group and (start := _text(group["start_time"].attrs.get("start"))):
+        try:
+            start_s = moment_s(start)
+        except ValueError:
+            start_s = None
+    return tuple(
+        Told(
+            None if start_s is None or begun_s is None else start_s + float(begun_s[number]),
+            None if exposed_s is None else float(exposed_s[number]),
+        )
+        for number in range(count)
+    )
+
+
+def _seconds(group: Any, name: str, count: int) -> NDArray[np.float64] | None:
+    """(count,) of a field in a unit of time; None where there is none, or of another length."""
+    if name not in group:
+        return None
+    unit = _SECONDS.get(_text(group[name].attrs.get("units")))
+    values = np.asarray(group[name][()], float).ravel()
+    if unit is None or values.size not in (1, count) or not np.all(np.isfinite(values)):
+        return None
+    return np.broadcast_to(values * unit, (count,))
+
+
+def _text(value: Any) -> str:
+    return value.decode() if isinstance(value, bytes) else str(value or "")
 
 
 def read_line(source: Source) -> NDArray[np.float64]:

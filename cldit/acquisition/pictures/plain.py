@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from cldit.acquisition.hcc import HccReader
-from cldit.acquisition.pictures.source import Source
+from cldit.acquisition.hcc import HccReader, frame_time
+from cldit.acquisition.pictures.source import Source, Told
 from cldit.files import check_regular, open_regular, read_text
 
 
@@ -65,6 +65,13 @@ class Hcc:
     def __init__(self, source: Source) -> None:
         check_regular(source.path)
         self._film = HccReader(source.path)
+        self.told = tuple(
+            Told(
+                frame_time(header).timestamp() if header.get("POSIXTime") else None,
+                1e-6 * float(header["ExposureTime"]) or None,
+            )
+            for header in self._film.headers
+        )
 
     def __len__(self) -> int:
         return len(self._film.headers)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -41,8 +42,27 @@ class Source:
         return f"{self.path}::{self.dataset}" if self.dataset else str(self.path)
 
 
+@dataclass(frozen=True)
+class Told:
+    """Of one picture; None where its file does not say. time_s: since 1970, of the file's clock."""
+
+    time_s: float | None = None
+    integration_time_s: float | None = None
+
+
+def moment_s(text: str) -> float:
+    """Seconds since 1970 of an ISO 8601 date, in UTC where it has no zone.
+
+    Raises:
+        ValueError: it is none.
+    """
+    found = datetime.fromisoformat(text.strip())
+    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
+
+
 class Stack(Protocol):
-    """Pictures of one file. `notes` and `unit` may be there too: what the file says of them."""
+    """Pictures of one file. `notes`, `unit` and `told`, a `Told` a picture, may be there too: what
+    the file says of them."""
 
     def __len__(self) -> int: ...
 

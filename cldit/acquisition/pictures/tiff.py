@@ -7,6 +7,7 @@ import os
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from importlib.util import find_spec
 from typing import Any
 
@@ -14,12 +15,13 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from cldit.acquisition.pictures.source import Source
+from cldit.acquisition.pictures.ome import told_by_ome
+from cldit.acquisition.pictures.source import Source, Told
 from cldit.errors import EvaluationError
 from cldit.files import open_regular
 from cldit.plain_data import parse_json
 
-_ORIENTATION, _TIME = 274, 306
+_ORIENTATION, _TIME, _EXIF = 274, 306, 34665
 
 
 class Tiff:
@@ -42,6 +44,7 @@ class Tiff:
             self._turn = self._tag(0, _ORIENTATION, 1)
             self.unit = self._told_unit()
             self.notes = self._notes()
+            self.told = self._told()
         except BaseException:
             self._stream.close()
             raise
@@ -107,8 +110,15 @@ class Tiff:
         if self._turn != 1:
             found.append(f"turned as orientation tag {self._turn} says")
         if taken := self._tag(0, _TIME, ""):
-            found.append(f"taken {taken}")
+            found.append(f"file made {taken}")
         return tuple(found)
+
+    def _told(self) -> tuple[Told, ...]:
+        if self._file.is_ome:
+            return told_by_ome(self._file.ome_metadata or "", len(self))
+        if not self._tag(0, _EXIF, {}):
+            return ()
+        return tuple(told_by_exif(self._tag(n, _EXIF, {})) for n in range(self._pages))
 
     def __len__(self) -> int:
         return self._pages if self._stack is None else len(self._stack)
@@ -147,6 +157,28 @@ class Tiff:
         self._stack = None
         self._file.close()
         self._stream.close()
+
+
+def told_by_exif(tags: dict[str, Any]) -> Told:
+    """Exposure and original time by Exif 2.3 (`ExposureTime`, `DateTimeOriginal`).
+
+    Args:
+        tags: of a page's Exif directory, by name.
+
+    Returns:
+        What they hold of both.
+    """
+    exposed = tags.get("ExposureTime")
+    taken = str(tags.get("DateTimeOriginal", "")).strip()
+    try:
+        exposed_s = exposed[0] / exposed[1] if isinstance(exposed, tuple) else exposed
+        parts = str(tags.get("SubsecTimeOriginal", "")).strip("\0 ")
+        within_s = float(f"0.{parts}") if parts else 0.0
+        moment = datetime.strptime(taken, "%Y:%m:%d %H:%M:%S") if taken else None
+    except (ValueError, ZeroDivisionError, IndexError):
+        return Told()
+    time_s = None if moment is None else moment.replace(tzinfo=UTC).timestamp() + within_s
+    return Told(time_s, None if exposed_s is None else float(exposed_s))
 
 
 def turned(picture: NDArray[Any], orientation: int) -> NDArray[Any]:

@@ -35,10 +35,12 @@ _LONE = 0.1  # share of what is explained, that one background alone may leave
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """drifts: for the fit. cause: in words; empty where references lie on their line."""
+    """drifts: for the fit. cause: in words; empty where references lie on their line. through:
+    whether a drift goes on through a break."""
 
     drifts: tuple[Drift, ...]
     cause: str
+    through: bool = False
 
 
 def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Found:
@@ -52,6 +54,14 @@ def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Found:
     none = np.zeros(len(evidence.setpoints))
     beyond = off is not None and _beyond(evidence, off)
     trends = steady(evidence, beyond=beyond)
+    through = False
+    if evidence.breaks:
+        whole = evidence.through()
+        going_on = steady(whole, beyond=beyond, steps=False)
+        left = references(without(whole, going_on), stated_K=stated_K)[1]
+        through = left is None or (bool(going_on) and not _beyond(whole, left))
+        if through:
+            evidence, trends = whole, going_on
     cause: Cause = _largest(evidence, trends)
     says = _SAYS[cause] if beyond else ""
     variance = none
@@ -68,8 +78,8 @@ def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Found:
     drifts = {cause: replace(plain, variance=variance, each=each, jitter=jitter)}
     for of, one in trends.items():
         known = drifts.get(of, replace(plain, cause=of))
-        drifts[of] = replace(known, modes=one.modes, course=one.course)
-    return Found(drifts=tuple(drifts.values()), cause=says)
+        drifts[of] = replace(known, modes=one.modes, course=one.course, apart=one.apart)
+    return Found(drifts=tuple(drifts.values()), cause=says, through=through)
 
 
 def _beyond(evidence: Evidence, off: OffLine) -> bool:
@@ -203,11 +213,11 @@ def _wander(evidence: Evidence, cause: Cause, trends: Trends) -> tuple[Floats, F
         np.zeros(len(evidence.setpoints)),
     )
     series = [
-        one - slope * (places - places.mean())
+        one - slope * (places.at - places.at.mean())
         for one, slope, places in zip(
             evidence.picture("reference", every),
             rate,
-            evidence.numbers["reference"],
+            evidence.places["reference"],
             strict=True,
         )
     ]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.camera.calibration import Calibration
+from cldit.dit.drift_axis import Places
 from cldit.dit.shots import Sums, thumbnail
 from cldit.radiance.boundary import Boundary
 
@@ -24,7 +25,7 @@ class Evidence:
     temperatures_K, source: of the black body, and of its radiance in the chamber, (K,) by kind.
     rise: (K,) radiance per kelvin. shots: by kind, for each background (n, B) radiance of each
     shot. camera: (K, B) by kind, variance of one shot's block by the camera's noise.
-    numbers: by kind, for each background (n,) places of the shots among all.
+    places: by kind, for each background those of the n shots on the drift's axis.
     own_radiance: of a black body, over its temperature. warmest: radiance that no spray without a
     flame exceeds.
     """
@@ -35,7 +36,7 @@ class Evidence:
     rise: Floats
     shots: Mapping[str, tuple[Floats, ...]]
     camera: Mapping[str, Floats]
-    numbers: Mapping[str, tuple[Floats, ...]]
+    places: Mapping[str, tuple[Places, ...]]
     own_radiance: Callable[[Floats], Floats]
     warmest: float
 
@@ -68,7 +69,7 @@ class Evidence:
         scale = calibration.counts_per_radiance * whole.front.transmission
         shots: dict[str, tuple[Floats, ...]] = {}
         camera: dict[str, Floats] = {}
-        numbers: dict[str, tuple[Floats, ...]] = {}
+        places: dict[str, tuple[Places, ...]] = {}
         temperatures = {
             kind: np.array([sums[k, kind].temperature_K for k in setpoints]) for kind in KINDS
         }
@@ -83,8 +84,8 @@ class Evidence:
                 ]
                 parts.append((np.array(kept, float) - calibration.offset_counts) / scale)
             shots[kind] = tuple(parts)
-            numbers[kind] = tuple(
-                np.array(sums[k, kind].numbers, float)[np.array(sums[k, kind].weights) > 0.0]
+            places[kind] = tuple(
+                Places.of(sums[k, kind].places)[np.array(sums[k, kind].weights) > 0.0]
                 for k in setpoints
             )
             counts = np.array([part.mean(axis=0) for part in parts]) * scale
@@ -98,7 +99,7 @@ class Evidence:
             rise=(whole.leaving(near + 0.01) - whole.leaving(near - 0.01)) / 0.02,
             shots=shots,
             camera=camera,
-            numbers=numbers,
+            places=places,
             own_radiance=whole.radiance,
             warmest=float(whole.radiance(warmest_K)),
         )
@@ -117,10 +118,22 @@ class Evidence:
             return replace(
                 self,
                 shots={k: tuple(part[first::2] for part in self.shots[k]) for k in KINDS},
-                numbers={k: tuple(part[first::2] for part in self.numbers[k]) for k in KINDS},
+                places={k: tuple(part[first::2] for part in self.places[k]) for k in KINDS},
             )
 
         return half(0), half(1)
+
+    @property
+    def breaks(self) -> int:
+        """How many there are between the first picture and the last."""
+        parts = [part.part for kind in KINDS for part in self.places[kind]]
+        return len(np.unique(np.concatenate(parts))) - 1
+
+    def through(self) -> Evidence:
+        """The same with breaks in full length."""
+        return replace(
+            self, places={k: tuple(part.through() for part in self.places[k]) for k in KINDS}
+        )
 
     def number(self, kind: str) -> Floats:
         """(K,) shots of a kind."""
@@ -128,8 +141,10 @@ class Evidence:
 
     def degrees(self, kind: str) -> int:
         """Degrees of freedom of `jitter`, over all backgrounds."""
-        spare: Floats = _spare(self.number(kind))
-        return round(float(spare.sum()))
+        return round(float(self._spare(kind).sum()))
+
+    def _spare(self, kind: str) -> Floats:
+        return np.array([float(_spare(places)) for places in self.places[kind]])
 
     def mean(self, kind: str) -> Floats:
         """(K, B) means over the shots of a kind."""
@@ -142,8 +157,9 @@ class Evidence:
     def jitter(self, kind: str, chosen: NDArray[np.bool_]) -> Floats:
         """(K,) variance of one shot's mean over the `chosen` blocks (B,), without what is slow.
 
-        It is that about a straight line over the places of the shots: a steady drift is no noise
-        of their mean. Of two shots it is half the square of their difference.
+        It is that about a straight line over the places of the shots, which starts anew after a
+        break: a steady drift is no noise of their mean. Of two shots it is half the square of their
+        difference.
 
         Args:
             kind: of the shots.
@@ -155,7 +171,7 @@ class Evidence:
         return np.array(
             [
                 _about_line(places, one)
-                for places, one in zip(self.numbers[kind], self.picture(kind, chosen), strict=True)
+                for places, one in zip(self.places[kind], self.picture(kind, chosen), strict=True)
             ]
         )
 
@@ -175,7 +191,7 @@ class Evidence:
         n = self.number(kind)
         noise = self.camera[kind][:, chosen].mean(axis=1) / chosen.sum()
         each = self.jitter(kind, chosen)
-        spare = _spare(n)
+        spare = self._spare(kind)
         pooled = np.sum(each * spare) / max(np.sum(spare), 1.0)
         return np.asarray(np.maximum(np.maximum(noise, each), pooled) / n)
 
@@ -214,16 +230,19 @@ class Evidence:
         return np.asarray((camera + alone * difference**2) / n), together
 
 
-def _spare(n: Floats) -> Floats:
+def _spare(places: Places) -> int:
     """Degrees of freedom about a line, of two points about their mean."""
-    return np.asarray(np.maximum(n - 2.0, np.minimum(n - 1.0, 1.0)))
+    about_means = len(places.at) - places.parts
+    return max(about_means - 1, min(about_means, 1))
 
 
-def _about_line(places: Floats, values: Floats) -> float:
-    """Variance of `values` (n,) about a straight line over `places` (n,); 0 of one."""
-    if len(values) < 3:
-        return float(np.var(values, ddof=1)) if len(values) == 2 else 0.0
-    away = places - places.mean()
-    off = values - values.mean()
-    off = off - away * float(away @ off) / float(away @ away)
-    return float(off @ off) / (len(values) - 2)
+def _about_line(places: Places, values: Floats) -> float:
+    """Variance of `values` (n,) about a straight line over `places`; 0 of one."""
+    spare = _spare(places)
+    if not spare:
+        return 0.0
+    off = places.away(values)
+    if len(values) - places.parts > 1:
+        away = places.away(places.at)
+        off = off - away * float(away @ off) / float(away @ away)
+    return float(off @ off) / spare

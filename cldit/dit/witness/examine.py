@@ -26,12 +26,14 @@ AllSums = Mapping[tuple[float, str], Sums]
 
 @dataclass(frozen=True, kw_only=True)
 class Examined:
-    """What the witnesses say, and what of it goes into the fit. terms: the drifts in kelvin."""
+    """What the witnesses say, and what of it goes into the fit. terms: the drifts in kelvin.
+    through: whether a drift goes on through a break."""
 
     witnesses: tuple[Witness, ...]
     drifts: tuple[Drift, ...]
     systematic: Systematic
     terms: tuple[DriftTerm, ...] = ()
+    through: bool = False
 
 
 def examine_pictures(
@@ -138,6 +140,7 @@ def examine(
         drifts=(*given, *common.drifts),
         systematic=replace(between.systematic, extra=extra),
         terms=terms(evidence, given=given, found=common.drifts),
+        through=common.through,
     )
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.dit.solve import Cause
-from cldit.dit.witness.evidence import KINDS, Evidence
+from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import sure
 from cldit.dit.witness.lines import squares
 
@@ -33,20 +33,21 @@ _NEAR = 0.5  # by how much a course may differ from what the rates foretell, rel
 class Trend:
     """A steady drift, radiance or (gain) relative.
 
-    rate: (K,) a shot before each background. course: (K,) of the references' means. modes: (M, K)
-    parts of the course, each of variance 1; the modes of all trends of an acquisition belong
-    together.
+    rate: (K,) an interval of the axis before each background. course: (K,) of the references'
+    means. modes: (M, K) parts of the course, each of variance 1; the modes of all trends of an
+    acquisition belong together. apart: (M, K) how much more of each the injections' means have.
     """
 
     rate: Floats
     course: Floats
     modes: Floats
+    apart: Floats | None = None
 
 
 Trends = Mapping[Cause, Trend]
 
 
-def steady(evidence: Evidence, *, beyond: bool) -> Trends:
+def steady(evidence: Evidence, *, beyond: bool, steps: bool = True) -> Trends:
     """What changes from shot to shot, the same way before all backgrounds.
 
     A black body starts anew before each background: where it drifts, references are nearer to their
@@ -55,16 +56,65 @@ def steady(evidence: Evidence, *, beyond: bool) -> Trends:
     Args:
         evidence: of K backgrounds.
         beyond: whether references lie off their line.
+        steps: the camera's offset is another number after each break.
     """
     camera = _of_camera(evidence)
     if len(evidence.setpoints) == 2:  # there is no line that would tell
         return camera
     blackbody = _of_blackbody(evidence)
+    if steps:
+        camera, blackbody = (_with_steps(evidence, one) for one in (camera, blackbody))
     if not beyond:
         return blackbody
     x, rise = evidence.source["reference"], evidence.rise
     left = [squares(x, signal(without(evidence, one)), rise) for one in (camera, blackbody)]
     return camera if left[0] < left[1] else blackbody
+
+
+def _with_steps(evidence: Evidence, trends: Trends) -> Trends:
+    """The offset's course with what each break did to it, from the references' line.
+
+    The line is one over all parts: those of a background with a break within show it by themselves.
+    """
+    if not evidence.breaks:
+        return trends
+    first = min(int(places.part.min()) for places in evidence.places["reference"])
+    breaks = first + np.arange(evidence.breaks)
+    share = {  # (breaks, K) of a kind's shots that are after each
+        kind: np.stack([(one.part[:, None] > breaks).mean(axis=0) for one in places], axis=1)
+        for kind, places in evidence.places.items()
+    }
+    still = without(evidence, trends)
+    x, every = evidence.source["reference"], np.ones(evidence.blocks, bool)
+    rows, values, weight = [], [], []
+    for k, (places, one) in enumerate(
+        zip(evidence.places["reference"], still.picture("reference", every), strict=True)
+    ):
+        rate = sum((trend.rate[k] * unit(still, of)[k] for of, trend in trends.items()), 0.0)
+        one = one - rate * (places.at - places.at.mean())
+        for part in np.unique(places.part):
+            here = places.part == part
+            rows.append([x[k] / x.max(), 1.0, *(part > breaks)])
+            values.append(one[here].mean())
+            weight.append(np.sqrt(np.count_nonzero(here)) / evidence.rise[k])
+    weights = np.array(weight)
+    design = np.array(rows, float) * weights[:, None]
+    step = np.linalg.lstsq(design, np.array(values) * weights)[0][2:]
+    none = np.zeros(len(x))
+    modes = max((len(one.modes) for one in trends.values()), default=0)
+    old = trends.get("offset", Trend(rate=none, course=none, modes=np.zeros((modes, len(x)))))
+    course = step @ share["reference"]
+    new = step[:, None] * share["reference"]
+    more = step[:, None] * (share["injection"] - share["reference"])
+    return {
+        **trends,
+        "offset": Trend(
+            rate=old.rate,
+            course=old.course + course - course.mean(),
+            modes=np.concatenate([old.modes, new]),
+            apart=np.concatenate([np.zeros_like(old.modes), more]),
+        ),
+    }
 
 
 def _of_camera(evidence: Evidence) -> Trends:
@@ -90,8 +140,7 @@ def _of_camera(evidence: Evidence) -> Trends:
 def _of_blackbody(evidence: Evidence) -> Trends:
     """Offset, and a black body that starts anew before each background."""
     way, rise = _way(evidence), evidence.rise
-    begin = [min(evidence.numbers[kind][k].min() for kind in KINDS) for k in range(len(way))]
-    since = _middle(evidence) - begin
+    since = np.array([places.since.mean() for places in evidence.places["reference"]])
     rates = _rates(evidence, {"offset": np.ones_like(way), "black body": rise})
     found: dict[Cause, Trend] = {}
     for cause in rates.causes:
@@ -104,13 +153,9 @@ def _of_blackbody(evidence: Evidence) -> Trends:
     return found
 
 
-def _middle(evidence: Evidence) -> Floats:
-    return np.array([places.mean() for places in evidence.numbers["reference"]])
-
-
 def _way(evidence: Evidence) -> Floats:
-    """(K,) where the middle of the references lies among all shots."""
-    middle = _middle(evidence)
+    """(K,) where the middle of the references lies on the drift's axis."""
+    middle = np.array([places.at.mean() for places in evidence.places["reference"]])
     return np.asarray(middle - middle.mean())
 
 
@@ -135,7 +180,7 @@ def unit(evidence: Evidence, cause: Cause) -> Floats:
 
 @dataclass(frozen=True)
 class _Rates:
-    """Rates (N,) that are no chance, a shot, and their covariance (N, N)."""
+    """Rates (N,) that are no chance, an interval, and their covariance (N, N)."""
 
     causes: tuple[Cause, ...]
     best: Floats
@@ -161,7 +206,7 @@ class _Rates:
 def _rates(
     evidence: Evidence, columns: Mapping[Cause, Floats], *, beside: Floats | None = None
 ) -> _Rates:
-    """Change of the references' mean a shot, in proportion to `columns`, (K,) each.
+    """Change of the references' mean an interval, in proportion to `columns`, (K,) each.
 
     What may be chance is left out, and the others are found without it. Those that remain are found
     once more beside another change, in proportion to `beside`, where there are backgrounds enough.
@@ -170,9 +215,9 @@ def _rates(
     series = evidence.picture("reference", every)
     variance = evidence.variance("reference", every) * evidence.number("reference")
     rate, weight = np.zeros(len(series)), np.zeros(len(series))
-    for k, (places, one) in enumerate(zip(evidence.numbers["reference"], series, strict=True)):
-        away = places - places.mean()
-        if len(one) > 2:
+    for k, (places, one) in enumerate(zip(evidence.places["reference"], series, strict=True)):
+        away = places.away(places.at)
+        if len(one) - places.parts > 1:
             rate[k] = away @ one / (away @ away)
             weight[k] = (away @ away) / variance[k]
     least = sure(evidence.degrees("reference"))

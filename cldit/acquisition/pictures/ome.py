@@ -1,0 +1,55 @@
+"""OME-XML in a TIFF: when each plane was taken, and how long it was exposed."""
+
+from __future__ import annotations
+
+from typing import Any
+from xml.etree import ElementTree
+
+from cldit.acquisition.pictures.source import Told, moment_s
+
+_SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+_AXES = ("TheT", "TheZ", "TheC")
+
+
+def told_by_ome(xml: str, count: int) -> tuple[Told, ...]:
+    """Of each picture, where one image has a plane a picture along one axis.
+
+    `AcquisitionDate`, `DeltaT` and `ExposureTime` are those of the OME data model (2016-06), whose
+    default unit is the second.
+
+    Args:
+        xml: the file's description.
+        count: pictures of the file.
+
+    Returns:
+        One a picture; none where planes and pictures do not match.
+    """
+    try:
+        images = ElementTree.fromstring(xml).findall("{*}Image")
+    except ElementTree.ParseError:
+        return ()
+    if len(images) != 1:
+        return ()
+    planes = images[0].findall("{*}Pixels/{*}Plane")
+    varying = [axis for axis in _AXES if len({plane.get(axis) for plane in planes}) > 1]
+    if len(planes) != count or len(varying) > 1:
+        return ()
+    try:
+        if varying:
+            planes.sort(key=lambda plane: int(plane.get(varying[0]) or 0))
+        date = images[0].findtext("{*}AcquisitionDate")
+        start_s = moment_s(date) if date else None
+        return tuple(_of(plane, start_s) for plane in planes)
+    except ValueError:
+        return ()
+
+
+def _of(plane: Any, start_s: float | None) -> Told:
+    later_s, exposed_s = (_seconds(plane, name) for name in ("DeltaT", "ExposureTime"))
+    taken_s = None if start_s is None or later_s is None else start_s + later_s
+    return Told(taken_s, exposed_s)
+
+
+def _seconds(plane: Any, name: str) -> float | None:
+    value, unit = plane.get(name), plane.get(f"{name}Unit", "s")
+    return None if value is None or unit not in _SECONDS else float(value) * _SECONDS[unit]

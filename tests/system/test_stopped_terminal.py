@@ -1,0 +1,75 @@
+"""`cldit acquire` at a terminal that takes nothing (Ctrl-S): the recording goes on without it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from cldit.acquisition import Plan, open_acquisition
+from cldit.acquisition.journal import read_journal
+
+termios = pytest.importorskip("termios")
+
+_PATIENCE_s = 120.0  # for the start of Python on a busy computer; the recording takes a second
+
+
+def _events(folder: Path) -> list[str]:
+    return [entry["event"] for entry in read_journal(folder / "journal.jsonl")]
+
+
+def test_a_recording_does_not_wait_for_its_terminal(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+) -> None:
+    (tmp_path / "rig.yaml").write_text(yaml.safe_dump(tiny_rig), encoding="utf-8")
+    (tmp_path / "plan.yaml").write_text(tiny_plan.dump(), encoding="utf-8")
+    folder = tmp_path / "shots"
+    ours, terminal = os.openpty()
+    shown: list[bytes] = []
+    reader = threading.Thread(target=_read, args=(ours, shown), daemon=True)
+    try:
+        termios.tcflow(terminal, termios.TCOOFF)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "cldit", "acquire", "rig.yaml", "plan.yaml", "--out", folder],
+            cwd=tmp_path,
+            stdin=terminal,
+            stdout=terminal,
+            stderr=terminal,
+            env=os.environ | {"TERM": "xterm", "COLUMNS": "100", "LINES": "30"},
+        )
+        try:
+            end_s = time.monotonic() + _PATIENCE_s
+            while "finished" not in _events(folder):
+                assert process.poll() is None, os.read(ours, 65536).decode(errors="replace")
+                assert time.monotonic() < end_s, _events(folder)
+                time.sleep(0.05)
+            opened = open_acquisition(folder)
+            assert opened.complete and len(opened.shots) == len(tiny_plan.steps())
+            reader.start()
+            termios.tcflow(terminal, termios.TCOON)
+            assert process.wait(_PATIENCE_s) == 0
+        finally:
+            process.kill()
+            process.wait()
+    finally:
+        os.close(terminal)
+        if reader.is_alive():
+            reader.join(5.0)
+        os.close(ours)
+    assert f"{len(tiny_plan.steps())} of {len(tiny_plan.steps())} shots" in b"".join(shown).decode()
+
+
+def _read(terminal: int, into: list[bytes]) -> None:
+    """Until nobody holds its other side any more."""
+    try:
+        while data := os.read(terminal, 65536):
+            into.append(data)
+    except OSError:  # Linux says so with an error
+        return
