@@ -100,6 +100,11 @@ class StatedError:
         return (known, Cause("audit", None, self.unknown)) if self.unknown else (known,)
 
     @property
+    def whole_K(self) -> float | None:
+        """The audit's where there is one, with what it finds of the cells; else the halves' [K]."""
+        return self.halves_K if self.audit_K is None else self.audit_K
+
+    @property
     def error_K(self) -> float | None:
         """The audit's where there is one, less what the cells explain; else the halves' [K].
 

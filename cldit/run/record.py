@@ -87,7 +87,7 @@ def run_info(
         device=f"{device.info.index} {device.info.name} ({device.info.platform})",
         device_reason=device.reason,
         stages=tuple(stages.done),
-        accuracy_K=None if stated is None else stated.error_K,
+        accuracy_K=None if stated is None else stated.whole_K,
         spray=notes,
         files=files,
         integrals=integrals,

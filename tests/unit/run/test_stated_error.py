@@ -71,7 +71,9 @@ def test_what_the_cells_explain_is_not_counted_twice(audit_K: float, cells_K: fl
     square is theirs together; which part is whose, nobody knows.
     """
     halves_K = 0.2
-    trace_K = StatedError(halves_K, audit_K).beyond(cells_K).error_K
+    found = StatedError(halves_K, audit_K).beyond(cells_K)
+    assert found.whole_K == audit_K
+    trace_K = found.error_K
     assert trace_K is not None and trace_K >= min(halves_K, audit_K)
     stated = (trace_K**2 + cells_K**2) ** 0.5
     assert stated >= max(audit_K, cells_K) - 1e-12
