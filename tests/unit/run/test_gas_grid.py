@@ -85,7 +85,7 @@ def test_no_spray_where_none_tells(spacing_m: float, here: Vapour, why: str) -> 
     def never(_: LagrangianSpray) -> Sources:
         raise AssertionError("made")
 
-    spec = LagrangianSpray(box={"spacing_m": spacing_m})  # type: ignore[arg-type]
+    spec = LagrangianSpray(box={"spacing_m": spacing_m})
     found = coarser_gas(spec, here, CUBE, never)
     assert found.sources is None and why in found.how
 
