@@ -158,14 +158,13 @@ def main() -> None:
     if given.gas_cells_m is not None:
         other = changed(scene, spray={"box": {"spacing_m": given.gas_cells_m}})
         again = sprays_of(other, given.seeds, droplets_per_parcel=droplets)
-        mean, coarse = (
-            np.mean(each, axis=0)
-            for each in (
-                list(pictures.values()),
-                [picture(scene, spray, device) for spray in again.values()],
-            )
-        )
-        print(f"mean over seeds, other cells of gas: {apart_K(mean, coarse):.2f} K", flush=True)
+        coarse = {seed: picture(scene, spray, device) for seed, spray in again.items()}
+        alike = (apart_K(pictures[a], coarse[a]) for a in sprays)
+        tell("same seed, other cells of gas", alike)
+        others = (apart_K(pictures[a], coarse[b]) for a in sprays for b in sprays if a != b)
+        tell("another seed, other cells of gas", others)
+        means = (np.mean(list(each.values()), axis=0) for each in (pictures, coarse))
+        print(f"mean over seeds, other cells of gas: {apart_K(*means):.2f} K", flush=True)
         return
     tell("said by halves", by_halves(scene, sprays, device))
     swapped = {
