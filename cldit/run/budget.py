@@ -1,8 +1,8 @@
 """Measuring what each cause of the medium adds to the error of T_app.
 
 A cause is found by a second trace in which it alone differs: on larger cells, with either half of
-the parcels, with parcels spread less, with fewer classes of size, on a coarser lattice. What does
-not depend on the cells is traced on cells twice as large as the picture's.
+the parcels, with parcels spread less, with fewer classes of size, on a coarser lattice, on larger
+cells of gas. What does not depend on the cells is traced on cells twice as large as the picture's.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from cldit.errors import SprayError
+from cldit.errors import MediumError, SprayError, TransportError
 from cldit.medium.resolution import swept_cells
 from cldit.run.cells import Refined, error_at
 from cldit.run.errors import Cause
+from cldit.run.gas_grid import GasGrid, without_chance
 from cldit.run.picture import Picture, Step
 from cldit.run.pilot import Pilot
 from cldit.run.pixels import pixel_error
@@ -58,12 +59,27 @@ class Budget:
         return [self._cells(), (Cause("pixel sampling", None, why, "camera.rays_per_pixel"), None)]
 
     def of_sources(self) -> list[tuple[Cause, Step | None]]:
-        """Errors of parcels and their width, and of a gas that comes on one grid."""
-        probed = self.pilot.probed
+        """Errors of parcels and their width, and of the gas's own grid."""
         out = self._parcels()
-        if probed.gas:
-            out.append((Cause("gas grid", None, probed.gas), None))
+        gas = self.pilot.probed.gas
+        if gas is not None:
+            known = {cause.name: cause.error_K for cause, _ in out}
+            out.append(self._gas_grid(gas, known.get("parcels")))
         return out
+
+    def _gas_grid(self, gas: GasGrid, sampling_K: float | None) -> tuple[Cause, Step | None]:
+        """By the picture's own cells: larger ones would blur what smaller cells of gas show."""
+        name, how = "gas grid", gas.how
+        if gas.sources is None:
+            return Cause(name, None, how, gas.fixed), None
+        self.say("errors: larger cells of gas")
+        try:
+            other = self.pilot.traced(gas.sources, self.depth)
+        except (MediumError, TransportError) as error:  # it fills more cells, or reaches further
+            return Cause(name, None, f"the spray on larger cells of gas: {error}", gas.fixed), None
+        step = self.pilot.step(self.pilot.level(self.depth), other)
+        step, chance = without_chance(step, sampling_K)
+        return _cause(name, step, f"{how}; {chance}", gas.fixed)
 
     @property
     def _coarse(self) -> int:

@@ -17,25 +17,21 @@ from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.provenance import FileRead
 from cldit.run.case_fit import misfits
 from cldit.run.cell_choice import cells_that_fit, chosen_frame, lattice_frames
+from cldit.run.gas_grid import GasGrid, coarser_gas
 from cldit.run.phases import droplets_content, in_classes, mean_phase, phase_choice, sizes_left
 from cldit.run.pilot import ParcelVariants, Probed
 from cldit.run.spray_factory import make_spray
 from cldit.run.stages import Stages
 from cldit.scene import Scene
 from cldit.scene.optics import MOST_WAVELENGTHS, Optics
-from cldit.scene.spray import CfdSpray, ConeSpray
+from cldit.scene.spray import CfdSpray, ConeSpray, LagrangianSpray
 from cldit.spray.result import Spray
 from cldit.transport.phase import ScatteringTable
 
 _SEED = 1  # of the halves of the parcels
 _INTEGRATED = ("vapour_absorption", "droplet_absorption", "droplet_scattering")
-# Why the error of a gas's own grid is not known.
-_GAS = {
-    "cfd": "the gas comes on one grid alone; compare with a run from a finer one",
-    "grid": "the gas comes on one grid alone; compare with a run from a finer one",
-    "lagrangian": "often the largest: about the difference from a run on twice spray.box.spacing_m "
-    "(first order; 10 K in gdi-flow)",
-}
+# Why the error of the grid of a gas that is read is not known.
+_GAS = "the gas comes on one grid alone; compare with a run from a finer one"
 
 
 @dataclass(frozen=True)
@@ -248,7 +244,7 @@ def prepare(
         stages.remark(remarks)
     probed = None
     if scene.transport.audit:
-        probed = _probed(scene, (made, spray), found, cache, frame=cube, limit=limit)
+        probed = _probed(scene, (made, spray), found, cache, stages, frame=cube, limit=limit)
         probed = replace(probed, on_lattice=lattice_of_m is not None)
     return Prepared(frame, scene.domain.optical_depth_split, found, notes, files, probed, limit)
 
@@ -263,6 +259,7 @@ def _probed(
     sprays: tuple[Spray, Spray],
     found: Properties,
     cache: Path,
+    stages: Stages,
     *,
     frame: Frame,
     limit: int,
@@ -273,15 +270,17 @@ def _probed(
     chosen = found.chosen
     at_K = chosen.quadrature.reference_K
     number = int(np.argmax([float(node.share(at_K)) for node in chosen.nodes]))
-    gas, cone = "", scene.spray
-    band = chosen.bands[number]
-    if spray.vapour is not None and not isinstance(cone, ConeSpray):
-        gas = _GAS.get(scene.spray.model, _GAS["cfd"])
+    gas, cone = None, scene.spray
+    band, phase = chosen.bands[number], found.phases[number]
 
-    phase = found.phases[number]
+    def resprayed(other: ConeSpray | LagrangianSpray) -> Sources:
+        return _sources(deposited(scene, make_spray(other, cache=cache)), band, phase)
 
-    def resprayed(other: ConeSpray) -> Sources:
-        return _sources(make_spray(other, cache=cache), band, phase)
+    if spray.vapour is not None and isinstance(cone, LagrangianSpray):
+        with stages.stage("spray on cells of gas twice as large"):
+            gas = coarser_gas(cone, spray.vapour, frame, resprayed)
+    elif spray.vapour is not None and not isinstance(cone, ConeSpray):
+        gas = GasGrid(None, _GAS)
 
     return Probed(
         frame=frame,

@@ -20,6 +20,7 @@ from cldit.medium.octree import Sources, build_octrees
 from cldit.medium.resolution import on_grid
 from cldit.optics.spectral import SpectralNode
 from cldit.run.cell_choice import finest_lattice_m
+from cldit.run.gas_grid import GasGrid
 from cldit.run.node_temperature import NodeTemperature
 from cldit.run.picture import Picture, Step
 from cldit.scene import Scene
@@ -52,9 +53,9 @@ class Probed:
 
     frame: the cube, divided as the scene has it; on_lattice: whose cells are the cone's lattice, so
     that another cone goes with other cells. limit: cells that fit the memory. sources: at the
-    wavelength of `node`, its `number`. parcels: None where the droplets are no sample. gas: why the
-    error of the gas's own grid is not known; empty: there is no gas, or its error is measured.
-    cone: the cone, where the spray is one; resprayed: the sources of another.
+    wavelength of `node`, its `number`. parcels: None where the droplets are no sample. gas: the
+    spray on other cells of gas; None: there is no gas, or its cells are the cone's. cone: the cone,
+    where the spray is one; resprayed: the sources of another.
     """
 
     frame: Frame
@@ -62,7 +63,7 @@ class Probed:
     number: int
     node: SpectralNode
     parcels: ParcelVariants | None
-    gas: str
+    gas: GasGrid | None
     optical_depth_split: float
     limit: int
     on_lattice: bool

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.bench.budget import beside_reference
 from cldit.bench.budget_scenes import Reference, budget_scene
 from cldit.bench.case import changed
 from cldit.caches import default_cache
@@ -123,9 +124,13 @@ def stated(scene: Scene, seeds: int, device: Device) -> None:
         shared = 1 if seed in _OF_REFERENCE else -1
         found_K = apart_K(temperature_K(run), reference.temperature_K)
         true_K = (found_K**2 + shared * reference.error_K**2) ** 0.5
-        assert run.errors is not None and run.errors.total_K is not None
-        ratio, text = run.errors.total_K / true_K, run.errors.text
+        assert run.errors is not None
+        errors = beside_reference(run.errors, scene)
+        assert errors.total_K is not None
+        ratio, text = errors.total_K / true_K, errors.text
         print(f"seed {seed}: stated {text}, true {true_K:.2f} K: {ratio:.2f}", flush=True)
+        (gas,) = (cause for cause in run.errors.causes if cause.name == "gas grid")
+        print(f"  in all {run.errors.text}, gas grid {gas.text}: {gas.how}", flush=True)
 
 
 def main() -> None:
@@ -153,14 +158,13 @@ def main() -> None:
     if given.gas_cells_m is not None:
         other = changed(scene, spray={"box": {"spacing_m": given.gas_cells_m}})
         again = sprays_of(other, given.seeds, droplets_per_parcel=droplets)
-        mean, coarse = (
-            np.mean(each, axis=0)
-            for each in (
-                list(pictures.values()),
-                [picture(scene, spray, device) for spray in again.values()],
-            )
-        )
-        print(f"mean over seeds, other cells of gas: {apart_K(mean, coarse):.2f} K", flush=True)
+        coarse = {seed: picture(scene, spray, device) for seed, spray in again.items()}
+        alike = (apart_K(pictures[a], coarse[a]) for a in sprays)
+        tell("same seed, other cells of gas", alike)
+        others = (apart_K(pictures[a], coarse[b]) for a in sprays for b in sprays if a != b)
+        tell("another seed, other cells of gas", others)
+        means = (np.mean(list(each.values()), axis=0) for each in (pictures, coarse))
+        print(f"mean over seeds, other cells of gas: {apart_K(*means):.2f} K", flush=True)
         return
     tell("said by halves", by_halves(scene, sprays, device))
     swapped = {
