@@ -201,11 +201,10 @@ __kernel void image(__global real *planes, ARGUMENTS)
     for (int c = 0; c < PLANES; ++c) planes[c * rows * columns + pixel] = sum[c];
 }
 
-#ifdef RAYS_ACROSS
-/* The mean of RAYS_ACROSS^2 rays through each listed pixel, one in the middle of each equal part of it.
+/* The mean of rays_across^2 rays through each listed pixel, one in the middle of each equal part of it.
    planes, out: [plane][list]. */
 __kernel void refine(
-    __global real *planes, __global const int *list, const int count, ARGUMENTS)
+    __global real *planes, __global const int *list, const int count, const int rays_across, ARGUMENTS)
 {
     const int item = get_global_id(0);
     if (item >= count) return;
@@ -215,13 +214,12 @@ __kernel void refine(
     const Medium medium = MEDIUM;
     real sum[PLANES];
     for (int c = 0; c < PLANES; ++c) sum[c] = R(0);
-    for (int part = 0; part < RAYS_ACROSS * RAYS_ACROSS; ++part) {
-        const real across = column + (part % RAYS_ACROSS + R(0.5)) / RAYS_ACROSS;
-        const real down = row + (part / RAYS_ACROSS + R(0.5)) / RAYS_ACROSS;
+    for (int part = 0; part < rays_across * rays_across; ++part) {
+        const real across = column + (part % rays_across + R(0.5)) / rays_across;
+        const real down = row + (part / rays_across + R(0.5)) / rays_across;
         const Ray ray = ray_at(across, down, columns, rows, middle, pitch_x, pitch_z, distance);
         formal_solution(sum, &ray, &medium);
     }
     for (int c = 0; c < PLANES; ++c)
-        planes[c * count + item] = sum[c] / (RAYS_ACROSS * RAYS_ACROSS);
+        planes[c * count + item] = sum[c] / (rays_across * rays_across);
 }
-#endif

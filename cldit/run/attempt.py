@@ -111,6 +111,8 @@ class Attempts:
         settings = node_settings(scene, quadrature, properties.phases)
         pilot = None
         if prepared.probed is not None:
+            number = prepared.probed.number
+            settings[number] = replace(settings[number], subpixels=True)
             pilot = self._piloted(scene, prepared.probed, settings)
             if plan.depth is None:
                 settled = self._settled(plan, pilot)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cldit.dit.accuracy import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Image, Weights
 from cldit.run.node_temperature import NodeTemperature
-from cldit.transport.trace import Trace
+from cldit.transport.result import Subpixels, Trace
 
 Floats = NDArray[np.float64]
 
@@ -31,24 +31,22 @@ class Picture:
     """Weights (H, W) of one wavelength.
 
     difference: half the difference of the images by either half; None where nothing is by chance.
-    middle: of one ray a pixel, where `weights` are of several.
+    subpixels: some of its pixels by many more rays; None: it was not asked for.
     """
 
     weights: Weights
     difference: Weights | None = None
-    middle: Weights | None = None
+    subpixels: Subpixels | None = None
 
     @classmethod
     def of(cls, result: Trace) -> Picture:
         """What a trace holds of it."""
-        return cls(result.weights, result.weights_difference, result.middle)
+        return cls(result.weights, result.weights_difference, result.subpixels)
 
     def map(self, change: Callable[[Image], Any]) -> Picture:
-        """`change` of every image."""
-        further = (
-            None if one is None else one.map(change) for one in (self.difference, self.middle)
-        )
-        return Picture(self.weights.map(change), *further)
+        """`change` of every image, which is not of the same pixels then."""
+        difference = None if self.difference is None else self.difference.map(change)
+        return Picture(self.weights.map(change), difference)
 
     def noise_K(self, temperature: NodeTemperature) -> Floats:
         """(H, W) half the difference of the halves' T_app: the picture's own error is as large."""

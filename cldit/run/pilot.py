@@ -115,7 +115,7 @@ class Pilot:
         return cls(
             scene=few,
             device=device,
-            settings=replace(settings, method="source", audit=False),
+            settings=replace(settings, method="source", audit=False, subpixels=stride == 1),
             probed=probed,
             stride=stride,
             temperature=temperature_of(few, probed),
@@ -175,7 +175,7 @@ class Pilot:
                 cone = self.cone_at(probed.cone, depth)
                 self._refuse_large(probed.cone, cone)
                 sources = probed.resprayed(cone)
-            self.kept[depth] = self.traced(sources, depth)
+            self.kept[depth] = self._traced(sources, depth, self.settings)
         return self.kept[depth]
 
     def _refuse_large(self, known: ConeSpray, wanted: ConeSpray) -> None:
@@ -205,6 +205,9 @@ class Pilot:
             sources: droplets and gas at the wavelength that is probed.
             depth: how often the cube is halved.
         """
+        return self._traced(sources, depth, replace(self.settings, subpixels=False))
+
+    def _traced(self, sources: Sources, depth: int, settings: Settings) -> Picture:
         frame = replace(self.probed.frame, depth=depth)
         if self.probed.on_lattice:
             frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
@@ -214,10 +217,12 @@ class Pilot:
             optical_depth_split=self.probed.optical_depth_split,
             max_cells=self.probed.limit,
         )[0]
-        return Picture.of(trace(tree, self.scene, self.device, self.settings))
+        return Picture.of(trace(tree, self.scene, self.device, settings))
 
     def thinned(self, picture: Picture) -> Picture:
         """The pilot's pixels of the run's picture."""
+        if self.stride == 1:
+            return picture
         first, step = self.stride // 2, self.stride
         return picture.map(lambda image: image[first::step, first::step])
 

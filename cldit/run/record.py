@@ -30,7 +30,11 @@ def traced_stages(result: NodeTraces, order: int | None) -> list[Stage]:
     counts = result.counts
     iterations = [one.solution.iterations for one in result.traces if one.solution is not None]
     samples = f"{counts['samples']} samples a pixel" if "samples" in counts else ""
-    notes = {"audit": "of some pixels, by path tracing", "gather": samples}
+    notes = {
+        "audit": "of some pixels, by path tracing",
+        "gather": samples,
+        "subpixels": "more rays through some pixels",
+    }
     scattering = []
     if order is not None:
         scattering.append(f"up to order {order}, beyond it the wall is seen")
@@ -42,7 +46,8 @@ def traced_stages(result: NodeTraces, order: int | None) -> list[Stage]:
         scattering.append(f"{counts['scattered_rays']} rays started by scattering")
     notes["scattering"] = "; ".join(scattering)
     usual = ("compile", "scattering", "image")
-    steps = [*usual, *(name for name in ("gather", "audit") if name in result.seconds)]
+    others = ("gather", "audit", "subpixels")
+    steps = [*usual, *(name for name in others if name in result.seconds)]
     return [
         Stage(name, result.seconds[name], notes.get(name, ""))
         if name in result.seconds

@@ -28,7 +28,7 @@ Reals = NDArray[np.floating]  # of the device's precision
 # that have a T_app: what to add to each image, (images, C + 1, N).
 Gathered = Callable[[NDArray[np.int64], int, Reals, int], Floats]
 
-_ACROSS = {1: 1, 4: 2, 16: 4, 64: 8, "adaptive": 4}
+RAYS_ACROSS = {1: 1, 4: 2, 16: 4, 64: 8, "adaptive": 4}  # by `camera.rays_per_pixel`
 _GROUP = 64
 
 
@@ -92,9 +92,6 @@ class FormalSolution:
         if linear or "LINEAR_COEFFICIENTS" in defines:
             defines["LINEAR_SOURCE"] = 1
         real: type[np.floating] = np.float64 if "USE_FLOAT64" in defines else np.float32
-        rays = scene.camera.rays_per_pixel
-        if rays != 1:
-            defines["RAYS_ACROSS"] = _ACROSS[rays]
         cell_records = CellRecords.of(cells, linear="LINEAR_COEFFICIENTS" in defines)
         parts = [
             _Part(
@@ -144,11 +141,42 @@ class FormalSolution:
             whole = images[0, :-1].reshape(-1, rows, columns)
             pixels = pixels_to_refine(whole, self.cells, self.scene, accuracy_K=self.accuracy_K)
         if len(pixels):
-            several, left = self._images(self._listed(records, pixels))
-            self._gather(several, left, pixels, _ACROSS[rays], gather)
-            images[:, :, pixels] = several
+            images[:, :, pixels] = self._several(records, pixels, RAYS_ACROSS[rays], gather)
         planes = list(images.reshape(*images.shape[:2], rows, columns))
         return planes, middle, len(pixels)
+
+    def several(
+        self,
+        pixels: NDArray[np.int64],
+        across: int,
+        listed: list[NDArray[np.floating] | None],
+        defect: Floats,
+        gather: Gathered | None = None,
+        *,
+        gradient: NDArray[np.floating] | None = None,
+    ) -> Reals:
+        """Means of several rays through some pixels.
+
+        Args:
+            pixels: (N,) flat numbers, one at least.
+            across: across^2 rays go through each.
+            listed, defect, gather, gradient: as of `images`.
+
+        Returns:
+            Weights (images, C + 1, N).
+        """
+        return self._several(self._records(listed, defect, gradient), pixels, across, gather)
+
+    def _several(
+        self,
+        records: list[dict[str, Any]],
+        pixels: NDArray[np.int64],
+        across: int,
+        gather: Gathered | None,
+    ) -> Reals:
+        several, left = self._images(self._listed(records, pixels, across))
+        self._gather(several, left, pixels, across, gather)
+        return several
 
     def _records(
         self,
@@ -229,8 +257,10 @@ class FormalSolution:
                 download(part.device, out, plane[mine], first=first)
         return planes
 
-    def _listed(self, records: list[dict[str, Any]], pixels: NDArray[np.int64]) -> Reals:
-        """Means, planes (P, N), of several rays through the listed pixels."""
+    def _listed(
+        self, records: list[dict[str, Any]], pixels: NDArray[np.int64], across: int
+    ) -> Reals:
+        """Means, planes (P, N), of across^2 rays through each of the listed pixels."""
         outs = []
         divided = shares(self.parts[0].device, len(pixels))
         for part, some, (_, mine) in zip(self.parts, records, divided, strict=True):
@@ -246,6 +276,7 @@ class FormalSolution:
                         "planes": out,
                         "list": upload(part.device, "pixels", some_pixels),
                         "count": count,
+                        "rays_across": across,
                         **some,
                         **part.arguments,
                     },

@@ -40,6 +40,7 @@ class Settings:
     linear_coefficients: the extinction is linear in cells for all rays but the sweeps'.
     thick_depth: optical depth of a cell's edge from which the final gather refines it.
     path_depth: optical depth from which its paths go on in a cell.
+    subpixels: more rays go through some pixels, to tell what those of the picture miss.
     """
 
     directions: int
@@ -58,6 +59,7 @@ class Settings:
     linear_coefficients: bool = False
     thick_depth: float = Tuning.thick_depth
     path_depth: float = Tuning.path_depth
+    subpixels: bool = False
     tuning: Tuning = field(default_factory=Tuning)
 
     @property
@@ -99,6 +101,21 @@ class Audit:
 
 
 @dataclass(frozen=True)
+class Subpixels:
+    """Some pixels of an image by many more rays each than the image has.
+
+    sample: the pixels.
+    across: across^2 rays went through each.
+    weights: (1, N) means of these rays; difference: as `Trace.weights_difference`.
+    """
+
+    sample: PixelSample
+    across: int
+    weights: Weights
+    difference: Weights | None
+
+
+@dataclass(frozen=True)
 class Trace:
     """Result of a trace.
 
@@ -117,6 +134,8 @@ class Trace:
     short: why the final gather stopped before the wanted accuracy, if it did.
     pixel_sample: the pixels of which the images are one row, where `path` traced only some.
     closure: energy balance; None where no pixel was traced.
+    subpixels: what more rays see of some pixels, where `Settings.subpixels` asks for it and a pixel
+        has a T_app.
     """
 
     weights: Weights
@@ -134,6 +153,7 @@ class Trace:
     short: str = ""
     pixel_sample: PixelSample | None = None
     closure: EnergyBalance | None = None
+    subpixels: Subpixels | None = None
 
 
 def weights_of(image: NDArray[np.floating], cells: OpticalCells) -> Weights:

@@ -34,6 +34,7 @@ from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.final_gather.gather import Gather
 from cldit.transport.image import FormalSolution
 from cldit.transport.result import Settings, Trace, weights_of
+from cldit.transport.subpixels import sampled_subpixels
 from cldit.transport.thick_region import ThickRegion
 from cldit.transport.view import View, check_boundary
 
@@ -83,14 +84,13 @@ def trace_source(
     if region is not None and camera is not None and camera.cell_sources is not None:
         gather = Gather(image, cells.box(), region, camera.cell_sources, settings)
 
+    sources: list[NDArray[np.floating] | None] = [None] if camera is None else [*camera.halves]
+    defect = np.zeros(0) if camera is None else camera.defect
+    gradient = None if camera is None else camera.gradient
     start = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # of a broken image, which the balance finds
-        halves, middle, refined = image.images(  # 4, and 5 by `gather`
-            [None] if camera is None else list(camera.halves),
-            np.zeros(0) if camera is None else camera.defect,
-            gather,
-            gradient=None if camera is None else camera.gradient,
-        )
+        # 4, and 5 by `gather`
+        halves, middle, refined = image.images(sources, defect, gather, gradient=gradient)
         seconds["image"] = time.perf_counter() - start
         mean = halves[0] if len(halves) < 2 else (halves[0] + halves[1]) / 2
         balance = EnergyBalance.of(
@@ -110,6 +110,16 @@ def trace_source(
             seconds["image"] - gather.seconds, 0.0
         )  # devices gather side by side
     seconds["compile"] = sum(program.build_s for program in programs)
+    short = "" if gather is None else gather.short
+    subpixels = None
+    if settings.subpixels:
+        start = time.perf_counter()
+
+        def several(pixels: NDArray[np.int64], across: int) -> NDArray[np.floating]:
+            return image.several(pixels, across, sources, defect, gather, gradient=gradient)
+
+        subpixels = sampled_subpixels(mean, several, cells, scene, view, settings)
+        seconds["subpixels"] = time.perf_counter() - start
     difference = None if len(halves) < 2 else (halves[0] - halves[1]) / 2
     return Trace(
         weights=weights_of(mean, cells),
@@ -121,8 +131,9 @@ def trace_source(
         seconds=seconds,
         counts=counts,
         precision="float64" if settings.precision == "float64" else "float32",
-        short="" if gather is None else gather.short,
+        short=short,
         closure=balance,
+        subpixels=subpixels,
     )
 
 

@@ -61,6 +61,20 @@ def counted(
     return out
 
 
+def apparent_temperature_K(mean: NDArray[np.floating], cells: OpticalCells, scene: Scene) -> Floats:
+    """T_app of weights in the whole filter.
+
+    Args:
+        mean: (C, N) weights of pixels that have a T_app.
+        cells, scene: give the radiance of each weight, and the filter.
+
+    Returns:
+        (N,) in K.
+    """
+    apparent = _sum(_radiances(cells, scene)[1:], mean[1:]) / (1.0 - mean[0])
+    return temperature_of_radiance(np.maximum(apparent, 0.0), filter_um=scene_filter(scene))
+
+
 def temperature_error_K(
     mean: NDArray[np.floating],
     difference: NDArray[np.floating],

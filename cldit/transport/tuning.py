@@ -99,5 +99,8 @@ class Tuning:
     audit_pixels_least: int = _number(16, "fewer tell too little to be traced", STABILITY)
     audit_scatterings: float = _number(2e7, "of an audit, in all: its error, time", STABILITY)
 
+    # Pixels of which many rays tell what those of the picture miss.
+    subpixels: int = _number(256, "such pixels: error of what they tell, time", ERROR)
+
     # Energy balance.
     closure: float = _number(1e-3, "error of the balance in single precision", STABILITY)

@@ -1,0 +1,100 @@
+"""What the rays of a picture miss of its pixels: a few of them are traced by many more rays.
+
+A pixel's light is the mean over its area. How far the picture's rays are from it is measured in a
+sample of pixels, on the same sources; nothing is extrapolated. What a pixel hides is about as
+much as it differs from its neighbours. So pixels are drawn with probabilities in proportion to the
+square of that, by which the variance of the errors' sum of squares is least; a share of the chance
+is equal for all, since structures smaller than a pixel show in none. No ray of the sample decides
+what is drawn, so there is no bias.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.scene.schema import Scene
+from cldit.transport.cells import OpticalCells
+from cldit.transport.image import RAYS_ACROSS
+from cldit.transport.monte_carlo.pixel_sampling import PixelSample
+from cldit.transport.result import Settings, Subpixels, weights_of
+from cldit.transport.temperature_error import apparent_temperature_K, counted
+from cldit.transport.tuning import Tuning
+from cldit.transport.view import View
+
+Floats = NDArray[np.float64]
+
+# Times as many rays across: they err by a 16th of what the picture's do where light is smooth, and
+# by an 8th at edges, whose square adds a 64th.
+_MORE = 4
+
+
+def sampled_subpixels(
+    image: NDArray[np.floating],
+    several: Callable[[NDArray[np.int64], int], NDArray[np.floating]],
+    cells: OpticalCells,
+    scene: Scene,
+    view: View,
+    settings: Settings,
+) -> Subpixels | None:
+    """Draws pixels of an image and traces them by more rays.
+
+    Args:
+        image: (C + 1, H, W) weights, the part from within the medium last.
+        several: of pixels (N,) and rays across each, weights (1 or 2, C + 1, N) by either half of
+            the ordinates.
+        cells, scene, view: of the trace.
+        settings: of the trace.
+
+    Returns:
+        The sample; None where no pixel has a T_app.
+    """
+    parts, rows, columns = image.shape
+    flat = image.reshape(parts, -1)
+    seen = counted(view, 1.0 - flat[0], np.arange(flat.shape[1]))
+    apparent_K = np.full(flat.shape[1], np.nan)
+    if not seen.any():
+        return None
+    apparent_K[seen] = apparent_temperature_K(flat[:-1, seen], cells, scene)
+    sample = drawn(apparent_K.reshape(rows, columns), tuning=settings.tuning, seed=settings.seed)
+    across = _MORE * RAYS_ACROSS[scene.camera.rays_per_pixel]
+    halves = several(sample.pixels, across)[:, :, None, :]
+    difference = None if len(halves) < 2 else weights_of((halves[0] - halves[1]) / 2, cells)
+    return Subpixels(sample, across, weights_of(halves.mean(axis=0), cells), difference)
+
+
+def drawn(temperature_K: Floats, *, tuning: Tuning, seed: int) -> PixelSample:
+    """A sample of the pixels that have a temperature, most of them where contrast is.
+
+    Args:
+        temperature_K: (H, W), NaN where there is none; not all of them.
+        tuning: how many, and the share of the chance that is equal for all.
+        seed: of the random start.
+    """
+    square = contrast_K(temperature_K).reshape(-1) ** 2
+    known = np.isfinite(square)
+    even = tuning.audit_even * float(square[known].mean()) or 1.0  # where nothing differs
+    importance = np.where(known, square + even, 0.0)
+    return PixelSample.of(importance, most=tuning.subpixels, seed=seed)
+
+
+def contrast_K(temperature_K: Floats) -> Floats:
+    """How far each pixel is from its neighbours, RMS over those across and down that are known.
+
+    Args:
+        temperature_K: (H, W), NaN where there is none.
+
+    Returns:
+        (H, W), 0 where no neighbour is known, NaN where the pixel is not.
+    """
+    square, count = np.zeros(temperature_K.shape), np.zeros(temperature_K.shape)
+    for axis in (0, 1):
+        apart = np.diff(temperature_K, axis=axis) ** 2
+        known = np.isfinite(apart)
+        for side in (slice(1, None), slice(None, -1)):
+            here = (side, slice(None)) if axis == 0 else (slice(None), side)
+            square[here] += np.where(known, apart, 0.0)
+            count[here] += known
+    return np.where(np.isfinite(temperature_K), np.sqrt(square / np.maximum(count, 1.0)), np.nan)
