@@ -28,6 +28,9 @@ def penetrations_m(parcels: Parcels, shares: Sequence[float]) -> tuple[float, ..
     Args:
         parcels: with some mass.
         shares: 0 to 1.
+
+    Returns:
+        Metres, one for each share.
     """
     depth, mass = -parcels.position_m[:, 2], parcels.masses_kg
     # Classes of size that share a box follow each other: the sort takes each box once.
@@ -45,6 +48,9 @@ def liquid_figures(parcels: Parcels, known: Mapping[str, float] | None = None) -
     Args:
         parcels: the liquid.
         known: figures that are there already, and are left out.
+
+    Returns:
+        Figures by name, SI.
     """
     known = known or {}
     figures = {} if "liquid_mass_kg" in known else {"liquid_mass_kg": parcels.mass_kg}
