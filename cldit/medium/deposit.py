@@ -18,6 +18,7 @@ Ints = NDArray[np.int64]
 
 _CELLS_PER_BRICK = BRICK**3
 _PAIRS_AT_ONCE = 4_000_000  # bounds the memory of a deposit: some 60 bytes a pair
+_BOXES_AT_ONCE = 20_000  # whose bricks are marked while they are in the cache
 _OUTSIDE = 1e-9  # share of a box that may stick out of the cube: rounding of its corners
 
 
@@ -115,8 +116,8 @@ class Boxes:
         """
         lower, upper = frame.to_cells(lower_m), frame.to_cells(upper_m)
         slack = _OUTSIDE * frame.cells + _OUTSIDE * np.abs(lower).max(initial=0.0)
-        outside = np.any((lower < -slack) | (upper > frame.cells + slack), axis=1)
-        if np.any(outside):
+        if (lower < -slack).any() or (upper > frame.cells + slack).any():
+            outside = np.any((lower < -slack) | (upper > frame.cells + slack), axis=1)
             _refuse(
                 frame,
                 f"{what} (cells)",
@@ -124,7 +125,9 @@ class Boxes:
                 lower_m[outside].min(axis=0),
                 upper_m[outside].max(axis=0),
             )
-        return cls(np.clip(lower, 0, frame.cells), np.clip(upper, 0, frame.cells))
+        for each in (lower, upper):
+            np.clip(each, 0, frame.cells, out=each)
+        return cls(lower, upper)
 
     def span(self) -> tuple[Ints, Ints]:
         """First finest cell and number of finest cells that each box touches, (N, 3) both."""
@@ -167,15 +170,22 @@ class Boxes:
 
     def mark(self, mark: NDArray[np.bool_]) -> None:
         """Sets the bricks (nb, nb, nb) that the boxes touch."""
+        for start in range(0, len(self.lower), _BOXES_AT_ONCE):
+            part = slice(start, start + _BOXES_AT_ONCE)
+            Boxes(self.lower[part], self.upper[part])._mark(mark)
+
+    def _mark(self, mark: NDArray[np.bool_]) -> None:
         first, count = self.span()
         low = first // BRICK
         high = np.minimum((first + count - 1) // BRICK, len(mark) - 1)
         extent = high - low + 1
-        small = np.all(extent <= 4, axis=1)
+        x, y, z = extent.T
+        small = np.maximum(np.maximum(x, y), z) <= 4
         steps = extent[small].max(axis=0, initial=0)
         for further in np.ndindex(*steps):
             # Most boxes lie in one brick: the others alone are looked at further.
-            step = low[small & np.all(extent > further, axis=1)] + further
+            i, j, k = further
+            step = low[small & (x > i) & (y > j) & (z > k)] + further
             mark[step[:, 2], step[:, 1], step[:, 0]] = True
         for lo, hi in zip(low[~small], high[~small] + 1, strict=True):
             mark[lo[2] : hi[2], lo[1] : hi[1], lo[0] : hi[0]] = True
@@ -294,7 +304,9 @@ def place_droplets(
     """
     if isinstance(extent, Box):
         # Classes of size that share a box follow each other.
-        other = np.any(position_m[1:] != position_m[:-1], axis=1)
+        other = np.zeros(max(len(position_m) - 1, 0), bool)
+        for along in position_m.T:
+            other |= along[1:] != along[:-1]
         starts = np.append(0, np.flatnonzero(other) + 1)
         middle, half = position_m[starts], extent.edge_m / 2
         placed = Boxes.place(frame, middle - half, middle + half, what="droplets")

@@ -54,4 +54,6 @@ class Frame:
 
     def to_cells(self, position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Positions (N, 3) in units of cells from the lower corner."""
-        return np.asarray((position_m - np.asarray(self.lower_m)) / self.cell_m)
+        cells = position_m - np.asarray(self.lower_m)
+        cells /= self.cell_m
+        return np.asarray(cells)

@@ -40,6 +40,7 @@ _FINER = (2, 8)  # samples a step where means are taken, from k = ...
 _SHARP = 0.0005  # ... on, and below, where resonances are narrower still
 _MOST_SAMPLES = 6e5
 _FORM = 4  # of the file
+_AT_ONCE = 50_000  # diameters, whose steps stay in the cache
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,15 @@ class DropletTable:
                 f"droplet diameter: {bad:g} m is outside 0..{self.largest_m:g} m, the range of "
                 f"the Mie table for {self.wavelength_um:g} um"
             )
+        found = [np.empty(d.shape) for _ in columns]
+        flat, parts = d.reshape(-1), [one.reshape(-1) for one in found]
+        for start in range(0, d.size, _AT_ONCE):
+            part = slice(start, start + _AT_ONCE)
+            for whole, values in zip(parts, self._looked_up(flat[part], columns), strict=True):
+                whole[part] = values
+        return found
+
+    def _looked_up(self, d: Floats, columns: tuple[Floats, ...]) -> list[Floats]:
         x = d * (np.pi / (self.wavelength_um * 1e-6))
         place = (np.log(x) - self.log_x_start) / self.log_x_step
         last = len(self.scattering) - 1
@@ -115,8 +125,11 @@ class DropletTable:
                 these = solved[which].reshape(d.shape)
                 q_abs = np.where(these, exact.absorption[place], q_abs)
                 q_sca = np.where(these, exact.scattering[place], q_sca)
-        area = d * d * (np.pi / 4)
-        return q_abs * area, q_sca * area
+        area = d * d
+        area *= np.pi / 4
+        q_abs *= area
+        q_sca *= area
+        return q_abs, q_sca
 
 
 def _between(values: Floats, cell: NDArray[np.intp], part: Floats) -> Floats:

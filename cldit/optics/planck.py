@@ -134,7 +134,9 @@ def _evaluate(temperature_K: ArrayLike, filter_um: Filter, *, slope: bool) -> ND
         # At a subnormal temperature x overflows to infinity; a picokelvin has B = 0 as well.
         positive_K = np.maximum(flat[part], 1e-12)
         log_band, power = (
-            _looked_up(positive_K, filter_um) if tabulated else _log_band(positive_K, pieces)
+            _looked_up(positive_K, filter_um, slope=slope)
+            if tabulated
+            else _log_band(positive_K, pieces)
         )
         if slope:
             log_band = log_band + np.log(power) - np.log(positive_K)
@@ -161,14 +163,16 @@ def _calibration(filter_um: Filter) -> CubicHermiteSpline:
     return CubicHermiteSpline(log_temperature, spline.x, 1.0 / spline(spline.x, 1))
 
 
-def _looked_up(temperature_K: Floats, filter_um: Filter) -> tuple[Floats, Floats]:
+def _looked_up(
+    temperature_K: Floats, filter_um: Filter, *, slope: bool
+) -> tuple[Floats, Floats | float]:
     spline = _calibration(filter_um)
     log_temperature = np.log(temperature_K)
     inside = np.clip(log_temperature, spline.x[0], spline.x[-1])
     # Above the table B grows in proportion to T; below it, B is 0 in any case.
     beyond = log_temperature - inside
     log_band = spline(inside) + np.where(beyond > 0.0, beyond, 1e6 * beyond)
-    return log_band, np.where(beyond == 0.0, spline(inside, 1), 1.0)
+    return log_band, np.where(beyond == 0.0, spline(inside, 1), 1.0) if slope else 1.0
 
 
 def band_radiance(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:

@@ -72,7 +72,9 @@ class Parcels:
     @property
     def masses_kg(self) -> Floats:
         """Liquid of each parcel (N,), n rho pi d^3 / 6."""
-        each = self.droplets * self.density_kg_m3 * self.diameter_m**3 * (np.pi / 6)
+        each = self.droplets * self.density_kg_m3
+        each *= self.diameter_m**3
+        each *= np.pi / 6
         return np.asarray(each)
 
     @property

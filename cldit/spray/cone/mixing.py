@@ -38,6 +38,7 @@ _ZOOMS = 7  # each by 299: 1e15 down to rounding
 _ENTRIES = 3000  # of a table of one slice
 _FINE = 400  # entries of a table of many slices, where liquid can be
 _SLICES = 41
+_AT_ONCE = 20_000  # states, whose steps stay in the cache
 
 
 @dataclass(frozen=True)
@@ -75,11 +76,23 @@ class Mixture:
 
         Both have one shape; the ends of the table hold beyond them.
         """
+        content, share = np.broadcast_arrays(np.asarray(fuel_kg_m3, dtype=float), kinetic)
+        state = State(*(np.empty(content.shape) for _ in range(4)))
+        wholes = [one.reshape(-1) for one in vars(state).values()]
+        content, share = content.reshape(-1), share.reshape(-1)
+        for start in range(0, content.size, _AT_ONCE):
+            part = slice(start, start + _AT_ONCE)
+            for whole, values in zip(wholes, self._state(content[part], share[part]), strict=True):
+                whole[part] = values
+        return state
+
+    def _state(self, fuel_kg_m3: Floats, kinetic: Floats) -> tuple[Floats, ...]:
         with np.errstate(divide="ignore"):
-            wanted = np.log(np.asarray(fuel_kg_m3, dtype=float))
+            wanted = np.log(fuel_kg_m3)
         axis, tables = self._by_content
         gas, liquid, ratio = _bilinear(self.kinetic, axis, tables, kinetic, wanted)
-        return State(gas, liquid, self.evaporated(np.exp(ratio), kinetic), np.exp(ratio))
+        fuel_to_gas = np.exp(ratio)
+        return gas, liquid, self.evaporated(fuel_to_gas, kinetic), fuel_to_gas
 
     def evaporated(self, fuel_to_gas: ArrayLike, kinetic: ArrayLike = 1.0) -> Floats:
         """The smaller of `kinetic` and what heat and saturation allow at `fuel_to_gas` (...,)."""

@@ -51,6 +51,7 @@ THIN = 2e-4  # of the liquid: the thinnest cells count as evaporated
 SMALLEST_m = 1e-7  # droplets below count as evaporated
 RESOLVED = 1.5  # the plume is at least this many cells wide (radius)
 MOST_CELLS = 2e8  # looked at, in the boxes around all plumes
+_AT_ONCE = 1e5  # of these, whose steps stay in the cache
 _AVOGADRO = 6.02214076e23
 
 
@@ -89,8 +90,8 @@ def make_cone(spec: ConeSpray) -> Spray:
     state = source.mixture.at(content, kinetic)
     parcels, liquid = _parcels(spec, source, index, mass, state)
     gone = mass - liquid
-    distance = np.linalg.norm((index + 0.5) * spec.lattice_m, axis=1)
     share = state.evaporated * state.fuel_to_gas / (1 + state.fuel_to_gas)
+    seen = (index[share >= 1e-3] + 0.5) * spec.lattice_m
     notes |= source.notes
     if source.disc > 0:
         largest = max(plume.mass_fraction for plume in spec.plumes)
@@ -100,7 +101,7 @@ def make_cone(spec: ConeSpray) -> Spray:
         "jet_speed_m_s": source.speed_m_s,
         "cells": float(len(index)),
         "coldest_K": float(state.gas_K.min()),
-        "vapour_penetration_m": float(np.max(distance, where=share >= 1e-3, initial=0.0)),
+        "vapour_penetration_m": float(np.linalg.norm(seen, axis=1).max(initial=0.0)),
         "vapour_mass_kg": float(gone.sum()),
         "liquid_mass_kg": 0.0 if parcels is None else parcels.mass_kg,
     }
@@ -114,7 +115,7 @@ def make_cone(spec: ConeSpray) -> Spray:
         notes |= {
             "parcels": float(len(parcels.diameter_m)),
             "sauter_mean_diameter_m": parcels.sauter_mean_diameter_m,
-            "liquid_penetration_m": _mass_depth_m(parcels, 0.97, spacing_m=spec.lattice_m),
+            "liquid_penetration_m": _mass_depth_m(index, liquid, 0.97, spacing_m=spec.lattice_m),
         }
     vapour = _vapour(spec, index, gone, state.gas_K)
     return Spray(parcels=parcels, vapour=vapour, notes=notes, remarks=remarks)
@@ -157,22 +158,40 @@ def _grid(
         masses.append(content * (share * injected / content.sum()))
         filled.append(masses[-1] * part)
         shares.append(masses[-1] * kinetic)
-    together = np.concatenate(indices)
-    low = together.min(axis=0)
-    shape = together.max(axis=0) - low + 1
-    keys, place = np.unique(
-        np.ravel_multi_index(tuple((together - low).T), tuple(shape)), return_inverse=True
-    )
-    mass = np.bincount(place, weights=np.concatenate(masses))
-    part = np.bincount(place, weights=np.concatenate(filled)) / mass
-    kinetic = np.bincount(place, weights=np.concatenate(shares)) / mass
-    order = np.argsort(mass)
-    thin = np.cumsum(mass[order]) <= NEGLIGIBLE * injected
-    kept = np.sort(order[~thin])
+    low = np.min([index.min(axis=0) for index in indices], axis=0)
+    high = np.max([index.max(axis=0) for index in indices], axis=0)
+    shape = tuple(high - low + 1)
+    runs = [np.ravel_multi_index(tuple((index - low).T), shape) for index in indices]
+    joined = np.concatenate(runs)
+    # Each plume's cells are in order: a stable sort merges them.
+    order = np.argsort(joined, kind="stable")
+    joined = joined[order]
+    new = np.append(True, joined[1:] != joined[:-1])
+    keys, place = joined[new], np.cumsum(new) - 1
+
+    def summed(values: list[Floats]) -> Floats:
+        return np.bincount(place, np.concatenate(values)[order]).astype(float, copy=False)
+
+    mass = summed(masses)
+    part, kinetic = summed(filled) / mass, summed(shares) / mass
+    kept = np.delete(np.arange(len(mass)), _thinnest(mass, NEGLIGIBLE * injected))
     mass = mass[kept] * (injected / mass[kept].sum())
-    index = np.stack(np.unravel_index(keys[kept], tuple(shape)), axis=1) + low
+    index = np.stack(np.unravel_index(keys[kept], shape), axis=1) + low
     content = mass / (part[kept] * spec.lattice_m**3)
     return index, mass, content, np.minimum(kinetic[kept], 1.0)
+
+
+def _thinnest(amount: Floats, most: float) -> Ints:
+    """Places of the smallest of amounts (N,) that are together at most `most`."""
+    bound = float(amount.max())
+    fewer = amount
+    # What is sorted are the few below a bound that together are more than that.
+    while bound > 0 and (fewer := fewer[fewer <= bound / 2]).sum() > most:
+        bound /= 2
+    among = np.flatnonzero(amount <= bound)
+    # Stable: which of equal cells go does not depend on the processor.
+    order = among[np.argsort(amount[among], kind="stable")]
+    return np.asarray(order[np.cumsum(amount[order]) <= most])
 
 
 def _plume(
@@ -203,7 +222,7 @@ def _plume(
             f"{len(spec.plumes)}; allowed is {finest:.2g}..{reach / 2:.2g}"
         )
     low, high = np.floor(least / h).astype(np.int64), np.ceil(most / h).astype(np.int64)
-    slabs = max(1, int(np.prod((high - low).astype(float)) / 1e6))
+    slabs = max(1, int(np.prod((high - low).astype(float)) / _AT_ONCE))
     indices, contents, parts, shares = [], [], [], []
     for x in np.array_split(np.arange(low[0], high[0]), slabs):
         if not x.size:
@@ -287,8 +306,7 @@ def _parcels(
     """
     liquid = mass * (1 - state.evaporated)
     if source.bulb is not None:
-        order = np.argsort(liquid)
-        liquid[order[np.cumsum(liquid[order]) <= THIN * liquid.sum()]] = 0.0
+        liquid[_thinnest(liquid, THIN * liquid.sum())] = 0.0
     wet = np.flatnonzero(liquid > 0)
     if source.sizes is None or not wet.size:
         return None, np.zeros(len(mass))
@@ -297,18 +315,20 @@ def _parcels(
     density = heptane_density_kg_m3(temperature)
     diameter = source.sizes.diameters_m(state.evaporated[wet], count)
     diameter *= np.cbrt(source.density_kg_m3 / density)[:, None]
-    droplets = (liquid[wet] / density / count)[:, None] / (np.pi / 6 * diameter**3)
+    droplets = diameter**3
+    droplets *= np.pi / 6
+    np.divide((liquid[wet] / density / count)[:, None], droplets, out=droplets)
     seen = diameter >= SMALLEST_m
     liquid[wet] *= np.mean(seen, axis=1)
     if not seen.any():
         return None, liquid
-    cell = np.broadcast_to(np.arange(wet.size)[:, None], seen.shape)[seen]
+    here = count if seen.all() else np.count_nonzero(seen, axis=1)
     parcels = Parcels(
-        position_m=np.asarray((index[wet][cell] + 0.5) * spec.lattice_m, dtype=float),
+        position_m=np.repeat((index[wet] + 0.5) * spec.lattice_m, here, axis=0),
         diameter_m=diameter[seen],
         droplets=droplets[seen],
-        temperature_K=temperature[cell],
-        density_kg_m3=density[cell],
+        temperature_K=np.repeat(temperature, here),
+        density_kg_m3=np.repeat(density, here),
         extent=Box(np.full(3, spec.lattice_m)),
     )
     return parcels, liquid
@@ -319,19 +339,21 @@ def _vapour(spec: ConeSpray, index: Ints, mass: Floats, temperature: Floats) -> 
     if not held.any():
         return None
     molar = METHANE.molar_mass_kg_mol if spec.fuel == "methane" else HEPTANE_MOLAR_MASS_kg_mol
-    corners = [np.asarray(place * spec.lattice_m, dtype=float) for place in (index, index + 1)]
+    index = index[held]
+    lower, upper = (np.asarray(at * spec.lattice_m, dtype=float) for at in (index, index + 1))
     return Vapour(
-        cells=Cells(lower_m=corners[0][held], upper_m=corners[1][held]),
+        cells=Cells(lower_m=lower, upper_m=upper),
         number_density_m3=mass[held] / spec.lattice_m**3 * (_AVOGADRO / molar),
         temperature_K=temperature[held],
         molar_mass_kg_mol=molar,
     )
 
 
-def _mass_depth_m(parcels: Parcels, share: float, *, spacing_m: float) -> float:
+def _mass_depth_m(index: Ints, liquid: Floats, share: float, *, spacing_m: float) -> float:
     """Depth below the nozzle within which `share` of the liquid lies; it fills its cells evenly."""
-    layer = np.floor(-parcels.position_m[:, 2] / spacing_m).astype(np.int64)
+    wet = liquid > 0
+    layer = -1 - index[wet, 2]
     first = int(layer.min())
-    below = np.append(0.0, np.cumsum(np.bincount(layer - first, parcels.masses_kg)))
+    below = np.append(0.0, np.cumsum(np.bincount(layer - first, liquid[wet])))
     depth = np.interp(share * below[-1], below, np.arange(len(below)) + first)
     return float(depth * spacing_m)

@@ -9,7 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.errors import MediumError
-from cldit.medium.frame import Frame
+from cldit.medium import deposit
+from cldit.medium.deposit import Boxes
+from cldit.medium.frame import BRICK, Frame
 from cldit.medium.lattice import Lattice
 from cldit.medium.octree import FIELDS, CellSource, Octree, PointSource, build_octree
 
@@ -199,3 +201,17 @@ def test_lattice_is_the_same_as_boxes_one_by_one(spacing: float) -> None:
         assert at(together, name, (x, y, z)) == pytest.approx(
             at(single, name, (x, y, z)), rel=2e-5, abs=2e-5
         )
+
+
+def test_boxes_mark_the_bricks_that_they_touch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In parts, as all at once, as one by one; some are in one brick, some larger than four."""
+    monkeypatch.setattr(deposit, "_BOXES_AT_ONCE", 70)
+    rng = np.random.default_rng(2)
+    lower = rng.uniform(0.0, 100.0, (300, 3))
+    upper = np.minimum(lower + np.exp(rng.uniform(-1.0, 4.0, (300, 3))), 128.0)
+    mark, expected = np.zeros((2, 16, 16, 16), bool)
+    Boxes(lower, upper).mark(mark)
+    for low, high in zip(np.floor(lower).astype(int), np.ceil(upper).astype(int), strict=True):
+        x, y, z = (slice(a // BRICK, (b - 1) // BRICK + 1) for a, b in zip(low, high, strict=True))
+        expected[z, y, x] = True
+    np.testing.assert_array_equal(mark, expected)

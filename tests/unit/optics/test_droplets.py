@@ -190,3 +190,12 @@ def test_what_docs_say_of_miepython_holds() -> None:
     assert found.own < 1e-3 and found.other > 1e-2
     alike = compare_solvers(n=1.338, k=1e-4)  # resonances are as wide as the samples lie apart
     assert max(alike.own, alike.other) < 1e-6
+
+
+def test_many_sizes_are_those_of_each_alone(paper: DropletTable) -> None:
+    """Sizes are looked up in parts; where a part ends does not matter."""
+    d = np.exp(np.random.default_rng(1).uniform(np.log(1e-8), np.log(4e-4), 120_000))
+    many = paper.efficiencies(d)
+    for part in (slice(49_990, 50_010), slice(99_990, 100_010), slice(119_000, None)):
+        for whole, few in zip(many, paper.efficiencies(d[part]), strict=True):
+            np.testing.assert_array_equal(whole[part], few)

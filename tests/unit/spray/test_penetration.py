@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cldit.run.spray_factory import make_spray
 from cldit.scene.spray import ConeSpray, EmptySpray
-from cldit.spray.penetration import penetration_m, with_figures
+from cldit.spray.extent import Box
+from cldit.spray.penetration import penetration_m, penetrations_m, with_figures
 from cldit.spray.result import Parcels, Spray
 
 
@@ -25,6 +28,18 @@ def test_it_is_by_mass_and_not_by_number_of_parcels() -> None:
     assert penetration_m(some, 0.95) == 0.003
     assert penetration_m(some, 0.99) == 0.004
     assert penetration_m(some, 1.0) == 0.004
+
+
+def test_classes_of_a_box_are_sorted_once() -> None:
+    """The depth is that of a sort of all parcels, one by one."""
+    rng = np.random.default_rng(3)
+    depth = np.repeat(1e-4 * rng.integers(1, 300, 2000), 4)
+    some = replace(parcels(list(depth), list(rng.random(8000))), extent=Box(np.full(3, 1e-4)))
+    shares = (0.1, 0.5, 0.9, 0.95, 0.99)
+    order = np.argsort(depth)
+    reached = np.cumsum(some.masses_kg[order])
+    expected = [depth[order][np.argmax(reached >= share * reached[-1])] for share in shares]
+    assert penetrations_m(some, shares) == tuple(expected)
 
 
 def test_what_a_model_says_itself_stays() -> None:

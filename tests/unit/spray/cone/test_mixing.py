@@ -242,3 +242,15 @@ def test_methane_keeps_energy_with_its_motion() -> None:
     supply = z * METHANE.enthalpy_J_kg(370.0) + (1 - z) * NITROGEN.enthalpy_J_kg(520.0)
     assert np.max(np.abs(static + 0.5 * (z * jet.speed_m_s) ** 2 - supply)) < 1e-3  # of 1e6 J/kg
     assert np.all(np.diff(table.fuel_kg_m3, axis=1) > 0)
+
+
+def test_many_states_are_those_of_each_alone() -> None:
+    """States are looked up in parts; where a part ends does not matter."""
+    mixture = heptane_mixture(pressure_Pa=0.6e6, gas_K=570.0, fuel_K=370.0)
+    rng = np.random.default_rng(1)
+    content, kinetic = np.exp(rng.uniform(-8.0, 6.0, 50_000)), rng.random(50_000)
+    many = vars(mixture.at(content, kinetic))
+    for chosen in ([0, 19_999, 20_000, 39_999, 40_000, 49_999], np.arange(19_000, 21_000)):
+        few = vars(mixture.at(content[chosen], kinetic[chosen]))
+        for name, values in few.items():
+            np.testing.assert_array_equal(many[name][chosen], values)
