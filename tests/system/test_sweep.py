@@ -13,7 +13,7 @@ import pytest
 
 import cldit
 from cldit.errors import SceneError, StudyError
-from cldit.run import RunCache
+from cldit.run import RunCache, reevaluated
 from cldit.scene import Scene, parse_scene
 from cldit.study.grid import Grid
 from cldit.study.sweep import Progress, run_sweep
@@ -97,10 +97,15 @@ def test_sources_are_not_traced_again(scene: Scene, tmp_path: Path) -> None:
     grid = Grid.parse("walls.temperature_K=0:600:300,background.emissivity=0.9,1")
     runs = [kept.run(point.scene) for point in grid.points(scene)]
     assert kept.computed == ["swept"]
-    hot, cold = runs[-1], runs[1]
-    alone = cldit.simulate(hot.scene, cache=tmp_path)
+    first, cold, hot = runs[0], runs[1], runs[-1]
+    alone = cldit.simulate(first.scene, cache=tmp_path)
+    for one in (first, reevaluated(hot, first.scene)):
+        np.testing.assert_array_equal(
+            one.maps.apparent_temperature_K, alone.maps.apparent_temperature_K
+        )
     np.testing.assert_array_equal(
-        hot.maps.apparent_temperature_K, alone.maps.apparent_temperature_K
+        hot.maps.apparent_temperature_K,
+        reevaluated(alone, hot.scene).maps.apparent_temperature_K,
     )
     np.testing.assert_array_equal(hot.weights.wall, cold.weights.wall)
     kept.run(runs[0].scene.model_copy(update={"transport": runs[0].scene.transport}))
