@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -29,7 +30,7 @@ def smooth(x: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64
 
 def edges(x: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
     """Blocks of e pixels: edges lie anywhere in pixels, not always on the same rays."""
-    column, row = (np.floor(axis * COUNT / np.e).astype(int) for axis in (x, z))
+    column, row = (np.floor(axis * COUNT / math.e).astype(int) for axis in (x, z))
     return np.asarray(0.2 + 0.2 * np.random.default_rng(3).random((80, 80))[row, column])
 
 
