@@ -43,6 +43,11 @@ class Picture:
         """What a trace holds of it."""
         return cls(result.weights, result.weights_difference, result.subpixels)
 
+    @property
+    def visible(self) -> NDArray[np.bool_]:
+        """(H, W) which pixels have an emissivity above 0.05."""
+        return np.asarray(1.0 - self.weights.background > VISIBLE_EMISSIVITY)
+
     def map(self, change: Callable[[Image], Any]) -> Picture:
         """`change` of every image, which is not of the same pixels then."""
         difference = None if self.difference is None else self.difference.map(change)
@@ -62,7 +67,7 @@ class Picture:
     def error_K(self, temperature: NodeTemperature) -> float | None:
         """RMS of `noise_K` over the pixels of emissivity above 0.05; None: there is none."""
         noise = self.noise_K(temperature)
-        known = noise[np.isfinite(noise) & (1.0 - self.weights.background > VISIBLE_EMISSIVITY)]
+        known = noise[np.isfinite(noise) & self.visible]
         return float(np.sqrt(np.mean(known**2))) if known.size else None
 
 
@@ -96,9 +101,7 @@ class Step:
         """
         apart = temperature(one.weights) - temperature(other.weights)
         noise = one.noise_K(temperature) - other.noise_K(temperature)
-        both = np.isfinite(apart) & np.isfinite(noise)
-        for each in (one, other):
-            both &= 1.0 - each.weights.background > VISIBLE_EMISSIVITY
+        both = np.isfinite(apart) & np.isfinite(noise) & one.visible & other.visible
         map_K = np.where(both, np.abs(apart), np.nan)
         count = int(np.count_nonzero(both))
         if not count:

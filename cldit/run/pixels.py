@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.dit.accuracy import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
 from cldit.run.errors import Cause
 from cldit.run.node_temperature import NodeTemperature
@@ -40,7 +39,7 @@ def pixel_error(scene: Scene, probed: Probed, picture: Picture) -> tuple[Cause, 
     found = picture.subpixels
     temperature = temperature_of(scene, probed)
     apparent_K = temperature(picture.weights)
-    seen = np.isfinite(apparent_K) & _visible(picture.weights)
+    seen = np.isfinite(apparent_K) & picture.visible
     if found is None or not seen.any():
         return Cause(_NAME, None, "no pixel has a T_app", _KEY), None
     pixels = found.sample.pixels
@@ -59,8 +58,7 @@ def pixel_error(scene: Scene, probed: Probed, picture: Picture) -> tuple[Cause, 
     there = Picture(found.weights, found.difference)
     apart = few(here.weights) - few(there.weights)
     noise = here.noise_K(few) - there.noise_K(few)
-    both = np.isfinite(apart) & np.isfinite(noise)
-    both &= _visible(here.weights) & _visible(there.weights)
+    both = np.isfinite(apart) & np.isfinite(noise) & here.visible & there.visible
     one, other = (np.where(both, apart + sign * noise, 0.0)[0] for sign in (1, -1))
     square, doubt = found.sample.mean_square(one, other, count=int(np.count_nonzero(seen)))
     error_K = (max(square, 0.0) + doubt) ** 0.5
@@ -69,7 +67,3 @@ def pixel_error(scene: Scene, probed: Probed, picture: Picture) -> tuple[Cause, 
     map_K *= error_K / rms_K if rms_K > 0 else 0.0
     how = f"the picture's rays against {found.across**2}, in each of {len(pixels)} pixels"
     return Cause(_NAME, error_K, how, _KEY), Step(error_K, map_K)
-
-
-def _visible(weights: Weights) -> NDArray[np.bool_]:
-    return np.asarray(1.0 - weights.background > VISIBLE_EMISSIVITY)
