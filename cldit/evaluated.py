@@ -12,7 +12,7 @@ import numpy as np
 from cldit.acquisition.measured import Measured, is_measured, open_measured
 from cldit.acquisition.record import open_acquisition
 from cldit.dit.recorded import CurveSource, Evaluation
-from cldit.experiment import acquisition_in, evaluate_folder, evaluate_scattering
+from cldit.folder_evaluation import acquisition_in, evaluate_folder, evaluate_scattering
 from cldit.labels import xarray_module
 from cldit.run import Run, Say
 from cldit.run.labelled import labelled_maps

@@ -19,6 +19,8 @@ from cldit.radiance.weights import Weights
 from cldit.run import Run, RunInfo
 from cldit.run.evaluation import evaluated, sensor_of
 from cldit.scene import Scene, parse_scene
+from cldit.view import save_page
+from cldit.view.traced import traced_item
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -188,6 +190,12 @@ class Viewer:
     def _image(self, found: Mapping[str, Any], name: str) -> NDArray[np.float32]:
         flat = np.frombuffer(base64.b64decode(found[name]), np.float32)
         return flat.reshape(found["rows"], found["columns"])
+
+
+def open_page(viewer: Viewer, folder: Path, *runs: Run) -> None:
+    """Saves the page of these runs in the folder, and opens it."""
+    save_page(folder / "page.html", [traced_item(run, source="made.yaml") for run in runs])
+    viewer.open(folder / "page.html")
 
 
 def screenshot(page: Path, picture: Path) -> None:

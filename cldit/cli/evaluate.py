@@ -15,7 +15,7 @@ from cldit.cli.exit_codes import Exit
 from cldit.dit.recorded import CurveSource, Evaluation
 from cldit.dit.witness.finding import ACCEPTABLE
 from cldit.errors import EvaluationError
-from cldit.experiment import (
+from cldit.folder_evaluation import (
     DelayEvaluation,
     acquisition_in,
     delay_problems,

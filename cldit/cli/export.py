@@ -9,6 +9,7 @@ import click
 from cldit.acquisition.export import FORMATS, ExportError, export
 from cldit.acquisition.record import open_acquisition
 from cldit.cli.console import OUT, plain_errors, say
+from cldit.folder_evaluation import acquisition_in
 
 _OCTREE = ("vtkhdf", "vtu")
 
@@ -30,7 +31,7 @@ def export_command(
         return
     if node is not None or own_frame or device is not None:
         raise ExportError(f"--node, --own-frame and --device are for {' and '.join(_OCTREE)}")
-    acquisition = open_acquisition(_acquisition_in(folder))
+    acquisition = open_acquisition(acquisition_in(folder))
     path = export(acquisition, form, out)
     if acquisition.missing:
         OUT.print(f"[yellow]{len(acquisition.missing)} shots are still to be taken[/]")
@@ -64,7 +65,3 @@ def _octree(
     )
     for path in written:
         OUT.print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
-
-
-def _acquisition_in(folder: Path) -> Path:
-    return folder / "acquisition" if (folder / "acquisition").is_dir() else folder

@@ -30,7 +30,6 @@ class Quantity(_Float):
 
 
 KELVIN = Quantity("K")
-SECOND = Quantity("s")
 device_option = click.option(
     "--device", help="OpenCL device: platform:device, or part of its name."
 )

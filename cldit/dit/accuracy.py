@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 from cldit.dit.maps import Maps
 from cldit.optics.planck import band_radiance, band_radiance_slope
 from cldit.optics.response import Filter
+from cldit.optics.visible import VISIBLE_EMISSIVITY as VISIBLE_EMISSIVITY
 from cldit.optics.windows import Pane
 from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.radiance.weights import Weights, compose
-
-VISIBLE_EMISSIVITY = 0.05  # below it a temperature says little, whatever the trace
 
 
 def has_temperature(maps: Maps) -> NDArray[np.bool_]:

@@ -27,6 +27,7 @@ from cldit.optics.response import Filter, scene_filter
 from cldit.optics.sightlines import Sightlines
 from cldit.optics.spectral import Quadrature, SpectralNode, reference_temperature_K
 from cldit.optics.spectrum import Spectrum
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.scene.schema import Scene
 from cldit.scene.transport import HenyeyGreenstein
 from cldit.spray.result import Spray
@@ -38,7 +39,6 @@ Groups = NDArray[np.intp]
 MOST_NODES = 24  # unless the scene asks for more
 _FORM = 5  # of kept choices
 _TYPICAL = 12  # lines of sight that groups are made by
-_VISIBLE = 0.05  # emissivity from which T_app counts, as in the error of a picture
 
 
 @dataclass(frozen=True)
@@ -297,7 +297,7 @@ def _chosen(
     depths = _depths(spectrum, lines, _asymmetry(scene))
     glow = Glow.of(scene, lines, _quadrature(spectrum, samples, filter_um, reference_K))
     exact, emissivity = glow.apparent(depths, filter_um)
-    seen = emissivity > min(_VISIBLE, 0.5 * float(emissivity.max()))
+    seen = emissivity > min(VISIBLE_EMISSIVITY, 0.5 * float(emissivity.max()))
     typical = np.linspace(0, len(lines) - 1, min(_TYPICAL, len(lines))).round().astype(int)
     looks = _looks([depth[typical] for depth in depths])
     through = looks[: len(typical)].sum(axis=0)

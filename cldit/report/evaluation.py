@@ -18,7 +18,8 @@ from cldit.files import write_text
 from cldit.images import read_image
 from cldit.plain_data import read_json
 from cldit.report.html import EvaluationContent, Picture, Table, render
-from cldit.report.pictures import Frame, Panel, errors_picture, map_picture, panels_picture
+from cldit.report.panels import Frame, Panel, panels_picture
+from cldit.report.pictures import errors_picture, map_picture
 
 PAGE = "report.html"
 STORED = "evaluation.json"

@@ -14,12 +14,11 @@ from cldit.dit.profile import profile_of
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.plain_data import parse_json
 from cldit.report.curves import budget_figure, errors_by_cause, profile_figure, spectrum_figure
+from cldit.report.panels import Frame, panels_figure
 from cldit.report.pictures import (
-    Frame,
     error_maps_panels,
     errors_panels,
     map_figure,
-    panels_figure,
     weights_panels,
 )
 from cldit.report.spray_report import views_figure

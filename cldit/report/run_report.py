@@ -18,8 +18,8 @@ from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.report.evaluation import evaluation_content, write_evaluation_page
 from cldit.report.figures import human_figures
 from cldit.report.html import EvaluationContent, Picture, ReportContent, write_report
+from cldit.report.panels import Frame
 from cldit.report.pictures import (
-    Frame,
     camera_pictures,
     error_maps_picture,
     errors_picture,

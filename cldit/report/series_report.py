@@ -18,7 +18,8 @@ from cldit.files import make_folder, write_bytes, write_text
 from cldit.plain_data import dump_yaml
 from cldit.report.colours import emissivity_scale, temperature_range_K
 from cldit.report.film import write_film
-from cldit.report.pictures import Frame, map_picture
+from cldit.report.panels import Frame
+from cldit.report.pictures import map_picture
 from cldit.report.sheet import figure_of, plain, png_of
 from cldit.run.series import SeriesTime
 from cldit.run.series_plan import SeriesPlan

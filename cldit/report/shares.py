@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.radiance.weights import Weights, compose
-from cldit.report.pictures import Frame, Panel, panels_picture
+from cldit.report.panels import Frame, Panel, panels_picture
 
 
 @dataclass(frozen=True)

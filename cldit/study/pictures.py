@@ -21,7 +21,7 @@ from cldit.report.colours import (
     picture_colours,
     temperature_range_K,
 )
-from cldit.report.pictures import Frame
+from cldit.report.panels import Frame
 from cldit.report.sheet import figure_of, png_of
 from cldit.run import Run
 

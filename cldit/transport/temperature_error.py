@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from cldit.optics.planck import band_radiance, band_radiance_slope, temperature_of_radiance
 from cldit.optics.response import scene_filter
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import background_radiance
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
-
-VISIBLE = 0.05  # emissivity below which T_app says little, whatever the trace
 
 
 def _radiances(cells: OpticalCells, scene: Scene) -> Floats:
@@ -56,7 +55,7 @@ def counted(
         emissivity: (N,) of the medium.
         pixels: (N,) flat numbers.
     """
-    out = np.asarray(emissivity > VISIBLE)
+    out = np.asarray(emissivity > VISIBLE_EMISSIVITY)
     out[out] = view.on_background(pixels[out])
     return out
 
@@ -104,7 +103,7 @@ def temperature_error_K(
     emissivity = 1.0 - mean[0]
     apparent = _sum(own, mean[1:]) / np.maximum(emissivity, 1e-9)
     out = np.full(mean.shape[1], np.nan)
-    here = (emissivity > VISIBLE) & (apparent > 0)
+    here = (emissivity > VISIBLE_EMISSIVITY) & (apparent > 0)
     if here.any():
         apparent = apparent[here]
         radiance = _sum(own, difference[1:, here]) + difference[0, here] * apparent

@@ -16,7 +16,6 @@ import struct
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,20 +23,11 @@ from numpy.typing import NDArray
 from cldit.rig.contract.replies import BINARY_NAN, Replies
 
 from . import gige_registers as reg
-
-Image = Callable[[int, float], NDArray[np.uint16]]
+from .gige_stream import Image, pattern, picture_packets
 
 _GVCP = 3956
 _DENIED, _BAD_ADDRESS, _UNSUPPORTED = 0x8006, 0x8003, 0x8001
-_HEADERS = 36  # of IP, UDP and GVSP, which the packet size includes
 _KEPT = 8  # pictures that can be sent again
-
-
-def pattern(sensor: tuple[int, int]) -> Image:
-    """14-bit noise that differs from picture to picture and can be calculated again."""
-    columns, rows = sensor
-    base = np.random.default_rng(7).integers(0, 2**13, (rows, columns), dtype=np.uint16)
-    return lambda number, exposure_s: base + np.uint16(number % 2**13)
 
 
 class GigePeer:
@@ -234,21 +224,14 @@ class GigePeer:
             self._triggers.put(next_s)
 
     def _packets(self, block: int, taken_s: float) -> list[bytes]:
-        picture = self.image(self.taken)
-        pixel = self._get(reg.PIXEL_FORMAT)
-        kind = "<u2" if pixel == reg.MONO16 else "u1"
-        data = np.ascontiguousarray(picture, dtype=kind).tobytes()
-        rows, columns = picture.shape
-        x, y = self._get(reg.OFFSET_X), self._get(reg.OFFSET_Y)
-        stamp = round(1e9 * taken_s)
-        leader = struct.pack(">HHQIIIIIHH", 0, 1, stamp, pixel, columns, rows, x, y, 0, 0)
-        size = (self._get(reg.PACKET_SIZE) & 0xFFFF) - _HEADERS
-        parts = [data[at : at + size] for at in range(0, len(data), size)]
-        bodies = [(1, leader), *((3, part) for part in parts), (2, struct.pack(">HHI", 0, 1, rows))]
-        return [
-            struct.pack(">HHI", 0, block, (form << 24) | number) + body
-            for number, (form, body) in enumerate(bodies)
-        ]
+        return picture_packets(
+            self.image(self.taken),
+            block=block,
+            taken_s=taken_s,
+            pixel=self._get(reg.PIXEL_FORMAT),
+            corner=(self._get(reg.OFFSET_X), self._get(reg.OFFSET_Y)),
+            packet_size=self._get(reg.PACKET_SIZE) & 0xFFFF,
+        )
 
     def _send(self, packet: bytes, target: tuple[str, int]) -> None:
         if self.loss and self._random.random() < self.loss:

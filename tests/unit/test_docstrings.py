@@ -19,6 +19,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -39,6 +40,7 @@ SHAPE = re.compile(
 )
 
 
+@cache  # not when collected, which every worker does
 def _errors() -> set[str]:
     """Names of `ClditError` and of what is derived from it, anywhere in the package."""
     bases: dict[str, set[str]] = {}
@@ -50,9 +52,6 @@ def _errors() -> set[str]:
     while more := {name for name, of in bases.items() if of & found} - found:
         found |= more
     return found
-
-
-ERRORS = _errors()
 
 
 class Function(NamedTuple):
@@ -87,7 +86,7 @@ def _raised(node: ast.AST) -> set[str]:
     for one in ast.walk(node):
         if isinstance(one, ast.Raise) and isinstance(one.exc, ast.Call):
             names.add(ast.unparse(one.exc.func).split(".")[-1])
-    return names & ERRORS
+    return names & _errors()
 
 
 def faults_of(function: Function) -> list[str]:

@@ -30,7 +30,7 @@ from cldit.dit.design import (
 )
 from cldit.dit.subject import Subject, coldest_K, opaque_errors_K
 from cldit.errors import EvaluationError
-from cldit.experiment import evaluate_folder
+from cldit.folder_evaluation import evaluate_folder
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K

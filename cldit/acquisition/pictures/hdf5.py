@@ -8,11 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.acquisition.pictures.source import ArrayStack, Source, Told, moment_s
+from cldit.acquisition.pictures.source import (
+    SECONDS_OF_UNIT,
+    ArrayStack,
+    Source,
+    Told,
+    moment_s,
+)
 from cldit.errors import EvaluationError
 from cldit.files import check_regular
 
-_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
 _INSTALL = 'pip install "cldit[files]"'
 
 
@@ -61,7 +66,7 @@ def _seconds(group: Any, name: str, count: int) -> NDArray[np.float64] | None:
     """(count,) of a field in a unit of time; None where there is none, or of another length."""
     if name not in group:
         return None
-    unit = _SECONDS.get(_text(group[name].attrs.get("units")))
+    unit = SECONDS_OF_UNIT.get(_text(group[name].attrs.get("units")))
     values = np.asarray(group[name][()], float).ravel()
     if unit is None or values.size not in (1, count) or not np.all(np.isfinite(values)):
         return None

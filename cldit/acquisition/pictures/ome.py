@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 from xml.etree import ElementTree
 
-from cldit.acquisition.pictures.source import Told, moment_s
+from cldit.acquisition.pictures.source import SECONDS_OF_UNIT, Told, moment_s
 
-_SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 _AXES = ("TheT", "TheZ", "TheC")
 
 
@@ -52,4 +51,6 @@ def _of(plane: Any, start_s: float | None) -> Told:
 
 def _seconds(plane: Any, name: str) -> float | None:
     value, unit = plane.get(name), plane.get(f"{name}Unit", "s")
-    return None if value is None or unit not in _SECONDS else float(value) * _SECONDS[unit]
+    if value is None or unit not in SECONDS_OF_UNIT:
+        return None
+    return float(value) * SECONDS_OF_UNIT[unit]

@@ -50,6 +50,11 @@ class Told:
     integration_time_s: float | None = None
 
 
+# Units that files name, with both signs of Unicode for micro.
+SECONDS_OF_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
+SECONDS_OF_UNIT |= {"min": 60.0, "h": 3600.0}
+
+
 def moment_s(text: str) -> float:
     """Seconds since 1970 of an ISO 8601 date, in UTC where it has no zone.
 

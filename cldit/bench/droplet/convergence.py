@@ -52,7 +52,6 @@ class Convergence:
     model: str
     step_s: Floats
     step_error: Floats
-    step_seconds: Floats
     adaptive_error: Floats
     adaptive_seconds: Floats
 
@@ -191,7 +190,6 @@ def measure(case: Case, model: str, fuel: Fuel, gas: Gas) -> Convergence:
         model=model,
         step_s=wanted.life_s / 2 / np.array(_STEPS),
         step_error=error[:fixed],
-        step_seconds=seconds[:fixed],
         adaptive_error=error[fixed:],
         adaptive_seconds=seconds[fixed:],
     )

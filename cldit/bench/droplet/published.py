@@ -29,7 +29,6 @@ class Microgravity:
 
 # Nomura et al., Symp. (Int.) Combust. 26, 1267 (1996): n-heptane in nitrogen at 0.1 MPa in
 # microgravity, 0.7 mm, 298 K, on a silica fibre; digitised for PeleLMeX (SingleDropEvap).
-NOMURA_DIAMETER_M = 0.7e-3
 NOMURA_LIQUID_K = 298.0
 NOMURA_Pa = 0.1e6
 NOMURA = (

@@ -89,11 +89,30 @@ def mean(one: Floats, other: Floats, factor: float, result: Floats) -> None:
 
 
 @compiled
+def _copy(row: Floats, result: Floats) -> None:
+    """A row by its numbers: for arrays that are assigned to slices numba compiles its messages."""
+    for k in range(row.shape[0]):
+        result[k] = row[k]
+
+
+@compiled
+def _close(plane: Floats, along: int, result: Floats) -> None:
+    """A plane (Y, Z) with its first row (along 0) or column (along 1) once more at the end."""
+    ny, nz = plane.shape
+    for j in range(ny):
+        _copy(plane[j], result[j])
+        if along == 1:
+            result[j, nz] = plane[j, 0]
+    if along == 0:
+        _copy(plane[0], result[ny])
+
+
+@compiled
 def _rows(plane: Floats, closed: bool, result: Floats) -> None:
     """A plane (Y, Z) with two more rows at both ends, (Y + 4, Z)."""
     count = plane.shape[0]
     for j in range(count + 4):
-        result[j] = plane[neighbour(j - 2, count, closed)]
+        _copy(plane[neighbour(j - 2, count, closed)], result[j])
 
 
 @compiled
@@ -111,7 +130,7 @@ def lengthen(plane: Floats, closed: bool, result: Floats) -> None:
         for j in range(plane.shape[0]):
             result[j, n] = plane[j, k]
     for j in range(plane.shape[0]):
-        result[j, 2 : count + 2] = plane[j]
+        _copy(plane[j], result[j, 2:])
 
 
 @compiled
@@ -188,8 +207,7 @@ def carry(
         if i == first:
             continue
         c = i - 1  # the cells between the two planes of faces
-        m_rows[:ny] = flux[1, c]
-        m_rows[ny] = flux[1, c, 0]
+        _close(flux[1, c], 0, m_rows)
         _rows(density[c], closed, rows)
         _halves(rows.reshape(-1), nz, False, 1.0, mass[:upright])
         _rows(exchange[c], closed, rows)
@@ -199,8 +217,7 @@ def carry(
             m, out = m_rows.reshape(-1), beside[s].reshape(-1)
             there = m, mass[:upright], share[:upright]
             _through(*there, ratio, True, rows.reshape(-1), nz, out)
-        m_ends[:, :nz] = flux[2, c]
-        m_ends[:, nz] = flux[2, c, :, 0]
+        _close(flux[2, c], 1, m_ends)
         lengthen(density[c], closed, ends)
         _halves(ends.reshape(-1), 1, False, 1.0, mass[:flat])
         lengthen(exchange[c], closed, ends)
@@ -303,8 +320,7 @@ def push(
             continue
         c = i - 1
         _staggered(flux[1], c, along, m)
-        m_rows[:ny] = m
-        m_rows[ny] = m[0]
+        _close(m, 0, m_rows)
         _rows(density[c], held[1], rows)
         _halves(rows.reshape(-1), nz, along == 1, 1.0, mass[:upright])
         _rows(viscosity[c], held[1], rows)
@@ -313,8 +329,7 @@ def push(
         there = m_rows.reshape(-1), mass[:upright], share[:upright]
         _through(*there, ratio, False, rows.reshape(-1), nz, beside.reshape(-1))
         _staggered(flux[2], c, along, m)
-        m_ends[:, :nz] = m
-        m_ends[:, nz] = m[:, 0]
+        _close(m, 1, m_ends)
         lengthen(density[c], held[2], ends)
         _halves(ends.reshape(-1), 1, along == 2, 1.0, mass[:flat])
         lengthen(viscosity[c], held[2], ends)

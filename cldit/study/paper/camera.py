@@ -11,7 +11,7 @@ from cldit.camera.sensor import SensorModel
 from cldit.camera.view import SensorView
 from cldit.radiance.boundary import Boundary, Surroundings, picture
 from cldit.report.html import Picture
-from cldit.report.pictures import Frame
+from cldit.report.panels import Frame
 from cldit.report.sheet import figure_of
 from cldit.run import Run
 from cldit.study.lab import Lab

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.report.html import Picture
-from cldit.report.pictures import Frame, Panel, panels_picture
+from cldit.report.panels import Frame, Panel, panels_picture
 from cldit.study.page import Page
 from cldit.study.page import Row as Cells
 from cldit.study.scattering.findings import findings

@@ -21,6 +21,7 @@ from cldit.gpu.buffers import download, unset, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.partition import shares
 from cldit.gpu.program import Define, Program, build
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.transport.cell_phases import class_shares
 from cldit.transport.cells import Box
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
@@ -35,7 +36,7 @@ from cldit.transport.image import FormalSolution
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.result import Settings
 from cldit.transport.sobol import points
-from cldit.transport.temperature_error import VISIBLE, temperature_error_K
+from cldit.transport.temperature_error import temperature_error_K
 from cldit.transport.thick_region import ThickRegion
 from cldit.transport.view import upload_tree
 
@@ -318,7 +319,7 @@ class Gather:
             )
             error_K = np.maximum(np.abs(before_own), np.abs(before_bright) / tuning.noise_bright)
             energy = np.bincount(tiles, error_K**2).astype(np.float64)
-            counted = before & (1 - (seen + mean[:-1])[0] > VISIBLE)
+            counted = before & (1 - (seen + mean[:-1])[0] > VISIBLE_EMISSIVITY)
             visible = max(int(np.count_nonzero(counted)) + other, 1)
             allowed = visible * (tuning.noise_share * wanted) ** 2
             if energy.sum() <= allowed:

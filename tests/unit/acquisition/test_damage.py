@@ -13,7 +13,7 @@ import pytest
 from cldit.acquisition import Plan, acquire, open_acquisition
 from cldit.acquisition.journal import read_whole_entries
 from cldit.errors import EvaluationError, RunFolderError
-from cldit.experiment import evaluate_folder
+from cldit.folder_evaluation import evaluate_folder
 from cldit.rig.load import open_rig
 from tests.wrapped import pulses
 

@@ -17,7 +17,7 @@ from cldit.acquisition.export import export
 from cldit.cli import main
 from cldit.dit.maps import Maps
 from cldit.errors import ClditError, EvaluationError, SceneError
-from cldit.experiment import evaluate_delays, evaluate_folder
+from cldit.folder_evaluation import evaluate_delays, evaluate_folder
 from cldit.images import read_image
 from cldit.rig.errors import ConfigRejected, OutOfLimits
 from cldit.rig.load import open_rig

@@ -21,7 +21,7 @@ from cldit.bench.evaluation import bench_evaluation
 from cldit.cli import main
 from cldit.dit.maps import Maps, Reason
 from cldit.errors import EvaluationError, SceneError
-from cldit.experiment import evaluate_folder
+from cldit.folder_evaluation import evaluate_folder
 from cldit.optics.planck import band_radiance
 
 FILTER = (3.3, 3.5)

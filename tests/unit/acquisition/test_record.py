@@ -14,7 +14,7 @@ import tifffile
 from cldit.acquisition import Plan, acquire, open_acquisition
 from cldit.camera.calibration import Calibration
 from cldit.errors import RunFolderError
-from cldit.experiment import evaluate_folder
+from cldit.folder_evaluation import evaluate_folder
 from cldit.images import read_image, write_image
 from cldit.rig.load import open_rig
 

@@ -10,7 +10,7 @@ import numpy as np
 from cldit.acquisition import Plan, acquire, open_acquisition
 from cldit.acquisition.journal import Entry, shot_times
 from cldit.dit.drift_axis import drift_axis
-from cldit.experiment import evaluate_folder
+from cldit.folder_evaluation import evaluate_folder
 from cldit.rig.load import open_rig
 
 

@@ -19,14 +19,11 @@ from cldit.report.colours import (
     picture_colours,
     temperature_range_K,
 )
+from cldit.report.panels import Frame, Panel, panels_picture, robust_limits
 from cldit.report.pictures import (
-    Frame,
-    Panel,
     camera_pictures,
     errors_picture,
     map_picture,
-    panels_picture,
-    robust_limits,
     weights_picture,
 )
 from cldit.report.shares import Shares

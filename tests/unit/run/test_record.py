@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.experiment import evaluate_folder
+from cldit.folder_evaluation import evaluate_folder
 from cldit.provenance import FileRead
 from cldit.run.record import origin_of
 from cldit.run.result import RunInfo

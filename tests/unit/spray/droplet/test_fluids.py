@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import CoolProp.CoolProp as coolprop
 import numpy as np
 import pytest
 
@@ -24,6 +23,8 @@ def heptane() -> Fuel:
 
 @pytest.mark.parametrize("name", ["n-Heptane", "n-Dodecane", "Methane"])
 def test_between_its_points_a_table_is_what_it_was_built_from(name: str) -> None:
+    import CoolProp.CoolProp as coolprop  # takes two seconds, which every worker would spend
+
     table = fuel_table(name.lower(), cache=None)
     state = coolprop.AbstractState("HEOS", name)
     rng = np.random.default_rng(1)

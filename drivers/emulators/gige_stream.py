@@ -1,0 +1,55 @@
+"""Pictures on the stream channel of GigE Vision (GVSP): their packets, and a picture to send."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import gige_registers as reg
+
+Image = Callable[[int, float], NDArray[np.uint16]]
+
+_HEADERS = 36  # of IP, UDP and GVSP, which the packet size includes
+
+
+def pattern(sensor: tuple[int, int]) -> Image:
+    """14-bit noise that differs from picture to picture and can be calculated again."""
+    columns, rows = sensor
+    base = np.random.default_rng(7).integers(0, 2**13, (rows, columns), dtype=np.uint16)
+    return lambda number, exposure_s: base + np.uint16(number % 2**13)
+
+
+def picture_packets(
+    picture: NDArray[np.uint16],
+    *,
+    block: int,
+    taken_s: float,
+    pixel: int,
+    corner: tuple[int, int],
+    packet_size: int,
+) -> list[bytes]:
+    """Leader, parts and trailer of a picture, in this order.
+
+    Args:
+        picture: (rows, columns).
+        block: its number on the stream.
+        taken_s: when it was taken.
+        pixel: the pixel format's number.
+        corner: column and row of its first pixel on the sensor.
+        packet_size: bytes, with all headers.
+    """
+    kind = "<u2" if pixel == reg.MONO16 else "u1"
+    data = np.ascontiguousarray(picture, dtype=kind).tobytes()
+    rows, columns = picture.shape
+    stamp = round(1e9 * taken_s)
+    leader = struct.pack(">HHQIIIIIHH", 0, 1, stamp, pixel, columns, rows, *corner, 0, 0)
+    size = packet_size - _HEADERS
+    parts = [data[at : at + size] for at in range(0, len(data), size)]
+    bodies = [(1, leader), *((3, part) for part in parts), (2, struct.pack(">HHI", 0, 1, rows))]
+    return [
+        struct.pack(">HHI", 0, block, (form << 24) | number) + body
+        for number, (form, body) in enumerate(bodies)
+    ]
