@@ -334,8 +334,8 @@ def _parcels(
         return wide.reshape(-1) if every else wide[seen]
 
     place = np.empty((3, np.count_nonzero(seen)))  # an axis at a time: rows of three are slow
-    for row, along in zip(place, index[wet].T, strict=True):
-        row[:] = for_each(((along + 0.5) * spec.lattice_m)[:, None])
+    for row, along in zip(place, index.T, strict=True):
+        row[:] = for_each(((along[wet] + 0.5) * spec.lattice_m)[:, None])
     parcels = Parcels(
         position_m=place.T,
         diameter_m=for_each(diameter),
@@ -352,7 +352,7 @@ def _vapour(spec: ConeSpray, index: Ints, mass: Floats, temperature: Floats) -> 
     if not held.any():
         return None
     molar = METHANE.molar_mass_kg_mol if spec.fuel == "methane" else HEPTANE_MOLAR_MASS_kg_mol
-    index = index[held]
+    index = np.stack([along[held] for along in index.T]).T
     lower, upper = (np.asarray(at * spec.lattice_m, dtype=float) for at in (index, index + 1))
     return Vapour(
         cells=Cells(lower_m=lower, upper_m=upper),
