@@ -301,8 +301,13 @@ def place_boxes(
     """Boxes in the cube; those of a lattice that is the cells', as points in these.
 
     Args:
-        frame, lower_m, upper_m, what: as in `Boxes.place`.
+        frame: the cube.
+        lower_m, upper_m: (N, 3) corners.
+        what: named by errors.
         shared: as in `Boxes`.
+
+    Returns:
+        As `Boxes`, or as `Points` in the cells.
 
     Raises:
         MediumError: as `Boxes.place`.

@@ -49,7 +49,17 @@ class Division:
     def of(
         cls, frame: Frame, touched: Touched, every: list[dict[str, Floats]], bound: float
     ) -> Division:
-        """Top-down division of the cube by the sums of the finest cells."""
+        """Top-down division of the cube by the sums of the finest cells.
+
+        Args:
+            frame: the cube.
+            touched: its stored bricks.
+            every: fields of the finest cells (S * 512,), a wavelength each.
+            bound: optical depth above which a cube of vapour is halved.
+
+        Returns:
+            The division, the same for all wavelengths.
+        """
         shape = (touched.slots, BRICK, BRICK, BRICK)
         vapour = reduce(np.maximum, (f["vapour_absorption"] for f in every)).reshape(shape)
         wet = (f["droplet_absorption"] + f["droplet_scattering"] > 0 for f in every)
@@ -97,6 +107,9 @@ class Division:
 
         Args:
             data: of the finest cells (S * 512,).
+
+        Returns:
+            (P,) in the tree's addresses.
         """
         fine, empty = len(self.keep) * _CELLS_PER_BRICK, self.frame.depth + 1
         values = np.zeros(fine + empty + int(self.filled.sum()), np.float32)
