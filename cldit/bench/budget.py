@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from cldit.bench import ASKED_K
-from cldit.bench.budget_scenes import SCENES, Reference, budget_scene
+from cldit.bench import ASKED_K, BUDGET_SCENES
+from cldit.bench.budget_scenes import Reference, budget_scene
 from cldit.bench.case import BenchError, Say, changed, clocked
 from cldit.bench.report import Part, Table, number
 from cldit.dit.accuracy import has_temperature
@@ -25,7 +25,7 @@ from cldit.run.errors import Errors
 from cldit.scene import Scene
 
 _CLOSE = 0.1  # of a logarithm, of points whose labels would cover each other
-_COLOURS = dict(zip(SCENES, ("tab:blue", "tab:orange", "tab:green", "tab:red"), strict=True))
+_COLOURS = dict(zip(BUDGET_SCENES, ("tab:blue", "tab:orange", "tab:green", "tab:red"), strict=True))
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def budget(
     cache: Path,
     say: Say,
     pixels: int = 100,
-    scenes: Sequence[str] = SCENES,
+    scenes: Sequence[str] = BUDGET_SCENES,
     asked_K: Sequence[float] = ASKED_K,
     seeds: int = 1,
 ) -> Part:
@@ -136,7 +136,7 @@ def budget(
         cache: folder of tables and computed sprays.
         say: told of each run.
         pixels: along an edge; there must be references of so many.
-        scenes: of `SCENES`.
+        scenes: of `BUDGET_SCENES`.
         asked_K: errors of the picture.
         seeds: 1 to this number.
 
@@ -208,7 +208,7 @@ def budget_part(
         tables=(
             Table.of(head, [_line(row) for row in first]),
             Table.of(("scene", "asked, K", *(f"{name}, K" for name in names)), by_cause),
-            *([] if len(first) == len(rows) else [_by_seeds(rows)]),
+            *([] if len(first) == len(rows) else [_by_seeds(rows), _each_seed(rows)]),
         ),
         data={"pixels": pixels, "rows": [asdict(row) for row in rows]},
         text=tuple(text),
@@ -247,6 +247,22 @@ def _by_seeds(rows: Sequence[BudgetRow]) -> Table:
             )
         )
     return Table.of(("scene", "asked, K", "seeds", "stated / true", "true, K", "core-s"), lines)
+
+
+def _each_seed(rows: Sequence[BudgetRow]) -> Table:
+    """Stated and true error and core seconds, in the order of the seeds."""
+    lines = []
+    for name, kelvin in dict.fromkeys((row.scene, row.asked_K) for row in rows):
+        mine = [row for row in rows if (row.scene, row.asked_K) == (name, kelvin)]
+        columns: tuple[list[float | None], ...] = (
+            [row.stated_K for row in mine],
+            [row.true_K for row in mine],
+            [row.core_s for row in mine],
+        )
+        texts = (", ".join(number(value, 2) for value in column) for column in columns)
+        lines.append((name, f"{kelvin:g}", *texts))
+    head = ("scene", "asked, K", "stated by seed, K", "true by seed, K", "core-s by seed")
+    return Table.of(head, lines)
 
 
 def _range(values: Sequence[float]) -> str:

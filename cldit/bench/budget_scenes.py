@@ -14,7 +14,6 @@ from cldit.scene import Scene, load_scene, parse_scene
 
 Floats = NDArray[np.float64]
 
-SCENES = ("gdi", "gdi-flow", "droplets-only", "even-grid")
 FOLDER = Path(__file__).parent / "references"
 _RAYS = {1000: 1}  # else 16: pixels larger than the paper's hide much of the spray within them
 _STEP_K = 0.01  # of stored temperatures, in 16 bits
@@ -24,7 +23,7 @@ def budget_scene(name: str, *, pixels: int, folder: Path) -> Scene:
     """A scene whose keys are left to the plan.
 
     Args:
-        name: one of `SCENES`.
+        name: one of `BUDGET_SCENES`.
         pixels: along an edge.
         folder: of files that the scene needs.
     """

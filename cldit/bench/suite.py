@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from cldit.bench import ASKED_K
+from cldit.bench import ASKED_K, BUDGET_SCENES
 from cldit.bench.ablation import ablation
 from cldit.bench.budget import budget
 from cldit.bench.case import Case, Lattice, Say, changed, halved
@@ -31,8 +31,8 @@ class Bench:
     """What is measured, and how much of it.
 
     lattice: pixels that `path` and the reference trace. samples: of the reference, a pixel.
-    accuracies_K: what `source` is asked for. pixels, asked_K, seeds: of `budget`. save: takes a
-    part as far as it has come.
+    accuracies_K: what `source` is asked for. pixels, asked_K, seeds, budget_scenes: of `budget`.
+    save: takes a part as far as it has come.
     """
 
     scene: Scene
@@ -46,6 +46,7 @@ class Bench:
     pixels: int = 100
     asked_K: tuple[float, ...] = ASKED_K
     seeds: int = 1
+    budget_scenes: tuple[str, ...] = BUDGET_SCENES
 
     def case(self, *, mie: bool = False, half: bool = False) -> Case:
         """The case with Mie's phase function (`mie`) or isotropic, at full or `half` resolution."""
@@ -86,6 +87,7 @@ MEASUREMENTS: dict[str, Callable[[Bench], Part]] = {
         pixels=bench.pixels,
         asked_K=bench.asked_K,
         seeds=bench.seeds,
+        scenes=bench.budget_scenes,
     ),
     "memory": lambda bench: memory(bench.scene, bench.device, say=bench.say),
     "leave-out": lambda bench: leave_out(bench.case(), say=bench.say),

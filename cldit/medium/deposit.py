@@ -32,11 +32,11 @@ class Touched:
     directory: NDArray[np.int32]
     slots: int
 
-    def address(self, cell: Ints) -> Ints:
+    def address(self, cell: NDArray[np.signedinteger]) -> Ints:
         """Storage address (N,) of finest cells (N, 3; x, y, z)."""
-        brick, inside = np.divmod(cell, BRICK)
-        slot = self.directory[brick[:, 2], brick[:, 1], brick[:, 0]].astype(np.int64)
-        local = (inside[:, 2] * BRICK + inside[:, 1]) * BRICK + inside[:, 0]
+        x, y, z = cell.T
+        slot = self.directory[z // BRICK, y // BRICK, x // BRICK].astype(np.int64)
+        local = (z % BRICK * BRICK + y % BRICK) * BRICK + x % BRICK
         return np.asarray(slot * _CELLS_PER_BRICK + local)
 
     def layer(self, z: int, y: Ints, x: Ints) -> tuple[Ints, NDArray[np.bool_]]:
@@ -172,10 +172,10 @@ class Boxes:
         """Sets the bricks (nb, nb, nb) that the boxes touch."""
         for start in range(0, len(self.lower), _BOXES_AT_ONCE):
             part = slice(start, start + _BOXES_AT_ONCE)
-            Boxes(self.lower[part], self.upper[part])._mark(mark)
+            self._mark(mark, part)
 
-    def _mark(self, mark: NDArray[np.bool_]) -> None:
-        first, count = self.span()
+    def _mark(self, mark: NDArray[np.bool_], part: slice) -> None:
+        first, count = Boxes(self.lower[part], self.upper[part]).span()
         low = first // BRICK
         high = np.minimum((first + count - 1) // BRICK, len(mark) - 1)
         extent = high - low + 1
@@ -198,8 +198,7 @@ class Boxes:
             amounts: (N,) each.
             targets: (S,) each, added to.
         """
-        if self.shared is not None:
-            amounts = [np.add.reduceat(amount, self.shared) for amount in amounts]
+        amounts = _together(amounts, self.shared)
         lattice = Lattice.of(self.lower, self.upper)
         if lattice is not None:
             x, y = (
@@ -217,11 +216,19 @@ class Boxes:
                 target += np.bincount(address, amount[box] * share, minlength=len(target))
 
 
+def _together(amounts: list[Floats], shared: Ints | None) -> list[Floats]:
+    return amounts if shared is None else [np.add.reduceat(one, shared) for one in amounts]
+
+
 @dataclass(frozen=True)
 class Points:
-    """Points in the cube: the finest cell (N, 3) of each."""
+    """Points in the cube, or what lies in one finest cell: the cell (N, 3) of each.
 
-    cell: Ints
+    shared: as in `Boxes`.
+    """
+
+    cell: NDArray[np.signedinteger]
+    shared: Ints | None = None
 
     def mark(self, mark: NDArray[np.bool_]) -> None:
         """Sets the bricks (nb, nb, nb) that hold a point."""
@@ -237,7 +244,7 @@ class Points:
             targets: (S,) each, added to.
         """
         address = touched.address(self.cell)
-        for target, amount in zip(targets, amounts, strict=True):
+        for target, amount in zip(targets, _together(amounts, self.shared), strict=True):
             target += np.bincount(address, amount, minlength=len(target))
 
 
@@ -288,6 +295,29 @@ class Clouds:
 Placed = Points | Boxes | Clouds
 
 
+def place_boxes(
+    frame: Frame, lower_m: Floats, upper_m: Floats, *, what: str, shared: Ints | None = None
+) -> Boxes | Points:
+    """Boxes in the cube; those of a lattice that is the cells', as points in these.
+
+    Args:
+        frame: the cube.
+        lower_m, upper_m: (N, 3) corners.
+        what: named by errors.
+        shared: as in `Boxes`.
+
+    Returns:
+        As `Boxes`, or as `Points` in the cells.
+
+    Raises:
+        MediumError: as `Boxes.place`.
+    """
+    boxes = Boxes.place(frame, lower_m, upper_m, what=what)
+    lattice = Lattice.of(boxes.lower, boxes.upper)
+    cells = None if lattice is None else lattice.cells()
+    return replace(boxes, shared=shared) if cells is None else Points(cells, shared)
+
+
 def place_droplets(
     frame: Frame, position_m: Floats, extent: Extent | None, amount: Floats
 ) -> Placed:
@@ -308,9 +338,9 @@ def place_droplets(
         for along in position_m.T:
             other |= along[1:] != along[:-1]
         starts = np.append(0, np.flatnonzero(other) + 1)
-        middle, half = position_m[starts], extent.edge_m / 2
-        placed = Boxes.place(frame, middle - half, middle + half, what="droplets")
-        return replace(placed, shared=starts)
+        middle = np.stack([along[starts] for along in position_m.T]).T
+        half = extent.edge_m / 2
+        return place_boxes(frame, middle - half, middle + half, what="droplets", shared=starts)
     cell = cells_of_points(frame, position_m, amount, what="droplets")
     if extent is None:
         return Points(cell)

@@ -58,6 +58,15 @@ class Lattice:
             first=(parts[0][0], parts[1][0], parts[2][0]),
         )
 
+    def cells(self) -> NDArray[np.signedinteger] | None:
+        """The one cell (N, 3; x, y, z) that each box lies in; None where boxes lie in several."""
+        within = [share.tocsc() for share in self.shares]
+        if any(share.nnz > share.shape[1] for share in within):
+            return None
+        places = reversed(np.unravel_index(self.place, self.shape))
+        along = zip(self.first, within, places, strict=True)
+        return np.stack([first + share.indices[place] for first, share, place in along]).T
+
     def layers(self, amounts: list[Floats]) -> Iterator[tuple[int, list[Floats]]]:
         """Sums of each of the amounts, (N,) each, in the cells, [y, x], with the z of their layer.
 

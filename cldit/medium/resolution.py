@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import MediumError
-from cldit.medium.deposit import Boxes, Placed, place_droplets
+from cldit.medium.deposit import Placed, place_boxes, place_droplets
 from cldit.medium.frame import BRICK, Frame
 from cldit.medium.octree import Sources
 from cldit.spray.extent import Box, Cloud
@@ -283,7 +283,7 @@ def _placed(frame: Frame, sources: Sources) -> list[Placed]:
     if points is not None:
         optical = points.absorption_m2 + points.scattering_m2
         placed.append(place_droplets(frame, points.position_m, points.extent, optical))
-    gas = [Boxes.place(frame, source.lower_m, source.upper_m, what="gas") for source in cells]
+    gas = [place_boxes(frame, source.lower_m, source.upper_m, what="gas") for source in cells]
     return [*placed, *gas]
 
 

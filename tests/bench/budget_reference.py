@@ -22,7 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.bench.budget_scenes import SCENES, Reference, budget_scene
+from cldit.bench import BUDGET_SCENES
+from cldit.bench.budget_scenes import Reference, budget_scene
 from cldit.bench.case import changed
 from cldit.caches import default_cache
 from cldit.dit.accuracy import has_temperature
@@ -118,7 +119,7 @@ def seeds_of(given: argparse.Namespace) -> range:
 def main() -> None:
     """Makes what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scene", action="append", choices=SCENES, required=True)
+    parser.add_argument("--scene", action="append", choices=BUDGET_SCENES, required=True)
     parser.add_argument("--pixels", type=int, default=100)
     parser.add_argument("--leaf-edge-m", type=float, default=0.2e-3)
     parser.add_argument("--spacing-m", type=float, default=0.2e-3)

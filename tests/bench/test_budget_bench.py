@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cldit.bench import BUDGET_SCENES
 from cldit.bench.budget import BudgetRow, budget_part, true_error_K
 from cldit.bench.budget_scenes import Reference, budget_scene
 from cldit.bench.case import BenchError
+from cldit.cli.bench.transport import Asked
 
 
 def test_a_reference_is_kept(tmp_path: Path) -> None:
@@ -69,7 +71,30 @@ def test_page_of_seeds() -> None:
         BudgetRow("gdi-flow", 1.0, 2.0, True, 2.5, 60.0, 40.0, {"trace": 0.2}, seed=2),
     ]
     part = budget_part(rows, pixels=20, references_K={"gdi": 0.1}, left_out=[])
-    first, _, seeds = part.tables
+    first, _, seeds, each = part.tables
     assert len(first.rows) == 2
     assert seeds.rows[0] == ("gdi", "1", "2", "1 to 1.5", "0.6 to 0.8", "20 to 21")
     assert seeds.rows[1][3] == "unknown"
+    assert each.rows[0] == ("gdi", "1", "0.9, 0.8", "0.6, 0.8", "20, 21")
+    assert each.rows[1][2] == "-, 2"
+
+
+def test_command_of_some_scenes_names_them() -> None:
+    """What is printed over the page makes the same rows again."""
+    options: dict[str, Any] = {
+        "scene": "gdi",
+        "parts": ("budget",),
+        "mitsuba": False,
+        "every": 5,
+        "samples": 512,
+        "accuracies_K": (1.0,),
+        "pixels": 100,
+        "asked_K": (4.0,),
+        "seeds": 5,
+        "out": Path("docs"),
+        "device": None,
+    }
+    asked = Asked(**options, budget_scenes=("gdi", "droplets-only"))
+    command = asked.command("budget")
+    assert command.endswith(" --asked 4K --budget-scene gdi --budget-scene droplets-only")
+    assert "--budget-scene" not in Asked(**options, budget_scenes=BUDGET_SCENES).command("budget")

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from cldit.bench import ACCURACIES_K, ASKED_K, PARTS
+from cldit.bench import ACCURACIES_K, ASKED_K, BUDGET_SCENES, PARTS
 from cldit.cli.console import plain_errors
 from cldit.cli.lazy import LazyGroup
 from cldit.cli.units import KELVIN, device_option
@@ -88,6 +88,14 @@ _OLD_PARTS = {"floor": "roofline", "peers": "mitsuba"}  # names of 0.1.0
     default=1,
     show_default=True,
     help="Of budget: runs at each accuracy.",
+)
+@click.option(
+    "--budget-scene",
+    "budget_scenes",
+    type=click.Choice(BUDGET_SCENES),
+    multiple=True,
+    default=BUDGET_SCENES,
+    help="Of budget: a scene with a reference; may be repeated; all.",
 )
 @click.option(
     "--out",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from cldit.bench import BUDGET_SCENES
 from cldit.bench.case import Lattice
 from cldit.bench.report import Part, write_part
 from cldit.bench.suite import MEASUREMENTS, USUAL, Bench
@@ -27,6 +28,7 @@ class Asked:
     pixels: int
     asked_K: tuple[float, ...]
     seeds: int
+    budget_scenes: tuple[str, ...]
     out: Path
     device: str | None
 
@@ -36,6 +38,8 @@ class Asked:
         if part == "budget":
             command += f" --pixels {self.pixels} --seeds {self.seeds}"
             command += "".join(f" --asked {asked_K:g}K" for asked_K in self.asked_K)
+            if self.budget_scenes != BUDGET_SCENES:
+                command += "".join(f" --budget-scene {name}" for name in self.budget_scenes)
         if part == "error":
             command += f" --every {self.every} --samples {self.samples}"
             command += "".join(f" --accuracy {accuracy_K:g}K" for accuracy_K in self.accuracies_K)
@@ -63,6 +67,7 @@ def bench_transport(asked: Asked) -> None:
         pixels=asked.pixels,
         asked_K=asked.asked_K,
         seeds=asked.seeds,
+        budget_scenes=asked.budget_scenes,
     )
     for name in asked.parts or (*USUAL, *(["mitsuba"] if asked.mitsuba else [])):
         part = MEASUREMENTS[name](measured)

@@ -161,7 +161,7 @@ def _grid(
     low = np.min([index.min(axis=0) for index in indices], axis=0)
     high = np.max([index.max(axis=0) for index in indices], axis=0)
     shape = tuple(high - low + 1)
-    runs = [np.ravel_multi_index(tuple((index - low).T), shape) for index in indices]
+    runs = [np.ravel_multi_index(tuple(index.T - low[:, None]), shape) for index in indices]
     joined = np.concatenate(runs)
     # Each plume's cells are in order: a stable sort merges them.
     order = np.argsort(joined, kind="stable")
@@ -176,15 +176,15 @@ def _grid(
     part, kinetic = summed(filled) / mass, summed(shares) / mass
     kept = np.delete(np.arange(len(mass)), _thinnest(mass, NEGLIGIBLE * injected))
     mass = mass[kept] * (injected / mass[kept].sum())
-    index = np.stack(np.unravel_index(keys[kept], shape), axis=1) + low
+    index = (np.stack(np.unravel_index(keys[kept], shape)) + low[:, None]).T
     content = mass / (part[kept] * spec.lattice_m**3)
     return index, mass, content, np.minimum(kinetic[kept], 1.0)
 
 
 def _thinnest(amount: Floats, most: float) -> Ints:
     """Places of the smallest of amounts (N,) that are together at most `most`."""
-    bound = float(amount.max())
-    fewer = amount
+    bound = min(float(amount.max()), most)  # one alone that is more does not go
+    fewer = amount[amount <= bound]
     # What is sorted are the few below a bound that together are more than that.
     while bound > 0 and (fewer := fewer[fewer <= bound / 2]).sum() > most:
         bound /= 2
@@ -232,20 +232,23 @@ def _plume(
         centre = [(one + 0.5) * h for one in np.ix_(*ranges)]
         s = sum(a * c for a, c in zip(axis, centre, strict=True))
         r2 = sum(c * c for c in centre) - s * s
-        near = np.nonzero((s > 0) & (s < start + reach) & (r2 < wide[-1] ** 2))
-        index = np.stack([one[i] for one, i in zip(ranges, near, strict=True)], axis=1)
-        s, r2 = s[near], r2[near]
+        at = np.flatnonzero((s > 0) & (s < start + reach) & (r2 < wide[-1] ** 2))
+        box = s.shape
+        s, r2 = s.reshape(-1)[at], r2.reshape(-1)[at]
         # In the barrel the fuel is as it is where the jet begins: unmixed.
         s = np.maximum(s - start, along[0])
-        xi2 = np.maximum(r2, 0.0) / np.interp(s, along, wide) ** 2
+        width = np.interp(s, along, wide)
+        xi2 = np.maximum(r2, 0.0) / width**2
         near = xi2 < 1
-        index, s, xi2 = index[near], s[near], xi2[near]
+        at, s, xi2, width = at[near], s[near], xi2[near], width[near]
         ratio = jet.axis_ratio(s) * profile(np.sqrt(xi2))
-        part = (np.interp(s, along, edge) / np.interp(s, along, wide)) ** 2
-        kinetic = source.kinetic(_age_s(jet, s, xi2))
-        content = source.mixture.content(ratio, kinetic) * part * _present(spec, jet, s, xi2)
+        part = (np.interp(s, along, edge) / width) ** 2
+        travel = jet.travel_s(s)
+        kinetic = source.kinetic(_age_s(travel, xi2))
+        content = source.mixture.content(ratio, kinetic) * part * _present(spec, travel, xi2)
         held = content > 0
-        indices.append(index[held])
+        found = np.unravel_index(at[held], box)
+        indices.append(np.stack([one[i] for one, i in zip(ranges, found, strict=True)]))
         contents.append(content[held])
         parts.append(part[held])
         shares.append(kinetic[held])
@@ -255,39 +258,38 @@ def _plume(
             f"allowed is {finest:.2g}..{reach / 20:.2g}"
         )
     content, part, kinetic = (np.concatenate(each) for each in (contents, parts, shares))
-    return np.concatenate(indices), content, part, kinetic
+    return np.concatenate(indices, axis=1).T, content, part, kinetic
 
 
-def _age_s(jet: Jet, along_m: Floats, xi2: Floats) -> Floats:
+def _age_s(travel_s: Floats, xi2: Floats) -> Floats:
     """Time since the fuel left the hole: the plume's edge lags its axis."""
-    return jet.travel_s(along_m) / (1 - ROUNDING * (xi2 - MEAN_SQUARE))
+    return travel_s / (1 - ROUNDING * (xi2 - MEAN_SQUARE))
 
 
 def _edge_m(jet: Jet, source: Source, along_m: Floats) -> Floats:
     """Radius of the plume at distances (N,): what rate / speed of fuel a length needs."""
     xi = (np.arange(64) + 0.5) / 64
     ratio = jet.axis_ratio(along_m)[:, None] * profile(xi)
-    kinetic = source.kinetic(_age_s(jet, along_m[:, None], xi * xi))
+    kinetic = source.kinetic(_age_s(jet.travel_s(along_m)[:, None], xi * xi))
     content = source.mixture.content(ratio, kinetic)
     mean = np.sum(content * 2 * xi / 64, axis=1)
     line = jet.rate_kg_s / jet.mean_speed_m_s(along_m)
     return np.asarray(np.sqrt(line / (np.pi * mean)))
 
 
-def _present(spec: ConeSpray, jet: Jet, along_m: Floats, xi2: Floats) -> Floats:
+def _present(spec: ConeSpray, travel_s: Floats, xi2: Floats) -> Floats:
     """Share (0..1) of the fuel that is there yet and not yet gone.
 
     Both steps are symmetric in the time of travel and the lag of the edge averages to nothing, so
     that the mass between tip and tail is what was injected.
     """
-    travel = jet.travel_s(along_m)
     first = spec.time_s * (1 - ROUNDING * (xi2 - MEAN_SQUARE))
     last = first - min(spec.injection_duration_s, spec.time_s) * (first / spec.time_s)
-    present = _smooth_step((first - travel) / (SOFTNESS * spec.time_s))
+    present = _smooth_step((first - travel_s) / (SOFTNESS * spec.time_s))
     if spec.time_s <= spec.injection_duration_s:
         return present
     width = SOFTNESS * (spec.time_s - spec.injection_duration_s)
-    return present * _smooth_step((travel - last) / width)
+    return present * _smooth_step((travel_s - last) / width)
 
 
 def _smooth_step(x: Floats) -> Floats:
@@ -315,20 +317,31 @@ def _parcels(
     density = heptane_density_kg_m3(temperature)
     diameter = source.sizes.diameters_m(state.evaporated[wet], count)
     diameter *= np.cbrt(source.density_kg_m3 / density)[:, None]
-    droplets = diameter**3
+    droplets = diameter * diameter
+    droplets *= diameter
     droplets *= np.pi / 6
     np.divide((liquid[wet] / density / count)[:, None], droplets, out=droplets)
     seen = diameter >= SMALLEST_m
-    liquid[wet] *= np.mean(seen, axis=1)
+    every = bool(seen.all())
+    if not every:
+        liquid[wet] *= np.mean(seen, axis=1)
     if not seen.any():
         return None, liquid
-    here = count if seen.all() else np.count_nonzero(seen, axis=1)
+
+    def for_each(values: Floats) -> Floats:
+        """Of cells (W, 1) or of their classes (W, count), for each of the parcels (N,)."""
+        wide = np.broadcast_to(values, seen.shape)
+        return wide.reshape(-1) if every else wide[seen]
+
+    place = np.empty((3, np.count_nonzero(seen)))  # an axis at a time: rows of three are slow
+    for row, along in zip(place, index.T, strict=True):
+        row[:] = for_each(((along[wet] + 0.5) * spec.lattice_m)[:, None])
     parcels = Parcels(
-        position_m=np.repeat((index[wet] + 0.5) * spec.lattice_m, here, axis=0),
-        diameter_m=diameter[seen],
-        droplets=droplets[seen],
-        temperature_K=np.repeat(temperature, here),
-        density_kg_m3=np.repeat(density, here),
+        position_m=place.T,
+        diameter_m=for_each(diameter),
+        droplets=for_each(droplets),
+        temperature_K=for_each(temperature[:, None]),
+        density_kg_m3=for_each(density[:, None]),
         extent=Box(np.full(3, spec.lattice_m)),
     )
     return parcels, liquid
@@ -339,7 +352,7 @@ def _vapour(spec: ConeSpray, index: Ints, mass: Floats, temperature: Floats) -> 
     if not held.any():
         return None
     molar = METHANE.molar_mass_kg_mol if spec.fuel == "methane" else HEPTANE_MOLAR_MASS_kg_mol
-    index = index[held]
+    index = np.stack([along[held] for along in index.T]).T
     lower, upper = (np.asarray(at * spec.lattice_m, dtype=float) for at in (index, index + 1))
     return Vapour(
         cells=Cells(lower_m=lower, upper_m=upper),

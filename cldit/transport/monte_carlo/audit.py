@@ -34,6 +34,8 @@ from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
 
+_BY_PATHS = 0.5  # of the audit's variance: below it, the choice of pixels makes more
+
 
 def audited(
     cells: OpticalCells,
@@ -89,7 +91,7 @@ def audited(
     mine = _planes(weights, cells)
 
     def enough(drawn: PixelSample, means: Floats, spread: Floats) -> bool:
-        """Whether the audit is as sharp as the error: what more paths would tell is not asked."""
+        """Whether the audit is as sharp as the error, or more paths would not sharpen it."""
 
         def error_K(error: Floats) -> Floats:
             known = mine[:, drawn.pixels]
@@ -97,12 +99,14 @@ def audited(
 
         differences = mine[:, drawn.pixels] - means
         count = max(int(np.count_nonzero(visible)), 1)
-        square, doubt = drawn.mean_square(
-            error_K(differences - spread), error_K(differences + spread), count=count
-        )
+        halves = error_K(differences - spread), error_K(differences + spread)
+        square, doubt = drawn.mean_square(*halves, count=count)
         allowed = (tuning.audit_share * settings.accuracy_K) ** 2
         # A square that is many times its doubt is no chance that ended the trace.
-        return doubt <= max(allowed, square / 4)
+        if doubt <= max(allowed, square / 4):
+            return True
+        # Without all that paths make of it, the doubt would be 0.7 of what it is, or more.
+        return drawn.by_noise(*halves) <= _BY_PATHS
 
     sparse = replace(settings, max_samples=samples, accuracy_K=0.0, seed=settings.seed + 1)
     truth = trace_path(cells, scene, device, sparse, None, draw=draw, enough=enough, view=view)

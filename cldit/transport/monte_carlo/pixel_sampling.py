@@ -77,7 +77,27 @@ class PixelSample:
         Returns:
             Mean square, below 0 where noise has it so; and its standard error.
         """
-        # Of a product of two numbers with the same mean and noise, this is the variance.
-        variance = (one**2 - other**2) ** 2 / 4
-        total, doubt = self.total(one * other, variance)
+        total, doubt = self.total(one * other, _of_product(one, other))
         return total / count, doubt / count
+
+    def by_noise(self, one: Floats, other: Floats) -> float:
+        """Share of the variance of `mean_square` that less noise of the estimates would take away.
+
+        The rest is by the choice of the pixels, and stays. The noise of a drawn pixel is in the sum
+        over all with the square of 1 / chance.
+
+        Args:
+            one, other: (N,) as in `mean_square`.
+
+        Returns:
+            0 to 1; 0 where there is no variance at all.
+        """
+        variance = _of_product(one, other)
+        doubt = self.total(one * other, variance)[1]
+        noise = float(np.sum(variance / self.chance**2))
+        return min(noise / doubt**2, 1.0) if doubt > 0.0 else 0.0
+
+
+def _of_product(one: Floats, other: Floats) -> Floats:
+    """Variance of the product of two numbers with the same mean and noise, estimated by them."""
+    return (one**2 - other**2) ** 2 / 4

@@ -90,3 +90,24 @@ def test_one_pixel_far_above_all_others() -> None:
     total, error = drawn.total(importance[drawn.pixels], np.zeros(11))
     assert total == pytest.approx(importance.sum())
     assert error == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_noise_makes_of_the_doubt(importance: np.ndarray) -> None:
+    """New noise in the same pixels: the mean square varies by the share that is told to be noise's.
+
+    A variance of 1000 draws is good to (2 / 1000)^(1/2), four of which are allowed.
+    """
+    draws, rng = 1000, np.random.default_rng(5)
+    drawn = PixelSample.of(importance, most=200, seed=6)
+    error = np.sqrt(importance[drawn.pixels]) * rng.gamma(2.0, 1.0, len(drawn.pixels))
+    squares, told = [], []
+    for _ in range(draws):
+        one, other = error + 0.5 * error * rng.standard_normal((2, len(error)))
+        square, doubt = drawn.mean_square(one, other, count=2000)
+        squares.append(square)
+        told.append(drawn.by_noise(one, other) * doubt**2)
+    assert np.mean(told) == pytest.approx(np.var(squares, ddof=1), rel=4 * (2 / draws) ** 0.5)
+    assert drawn.by_noise(error, error) == 0.0  # all of it is by the choice of pixels
+    every = PixelSample(drawn.pixels, np.ones(len(error)))
+    assert every.by_noise(error, 1.1 * error) == pytest.approx(1.0)  # none of it
+    assert every.by_noise(error, error) == 0.0

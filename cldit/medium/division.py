@@ -1,0 +1,220 @@
+"""How the cube of an octree is divided into leaves, and where every value of its cells goes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.medium.deposit import Touched
+from cldit.medium.frame import BRICK, Frame
+
+Floats = NDArray[np.float64]
+_CELLS_PER_BRICK = BRICK**3
+
+
+def _blocks(values: NDArray[np.generic], edge: int) -> NDArray[np.generic]:
+    """View of (S, 8, 8, 8) values as blocks of edge^3: (S, n, edge, n, edge, n, edge)."""
+    count = BRICK // edge
+    return values.reshape(-1, count, edge, count, edge, count, edge)
+
+
+_IN_BLOCK = (2, 4, 6)
+_IN_BRICK = (1, 2, 3, 4, 5, 6)
+
+
+@dataclass(frozen=True)
+class Division:
+    """How the cube is divided, and where every value of the finest cells goes.
+
+    keep: touched brick of every stored one. whole, member: bricks (nb, nb, nb) that lie in a coarse
+    leaf, and which; filled: coarse leaves that hold something. unsplit: blocks of cells in stored
+    bricks that stay one leaf, (edge, where).
+    """
+
+    frame: Frame
+    touched: Touched
+    directory: NDArray[np.int32]
+    keep: NDArray[np.int32]
+    whole: NDArray[np.bool_]
+    member: NDArray[np.int64]
+    filled: NDArray[np.bool_]
+    coarse_level: NDArray[np.int32]
+    unsplit: list[tuple[int, NDArray[np.bool_]]]
+    leaves: tuple[int, ...]
+
+    @classmethod
+    def of(
+        cls, frame: Frame, touched: Touched, every: list[dict[str, Floats]], bound: float
+    ) -> Division:
+        """Top-down division of the cube by the sums of the finest cells.
+
+        Args:
+            frame: the cube.
+            touched: its stored bricks.
+            every: fields of the finest cells (S * 512,), a wavelength each.
+            bound: optical depth above which a cube of vapour is halved.
+
+        Returns:
+            The division, the same for all wavelengths.
+        """
+        shape = (touched.slots, BRICK, BRICK, BRICK)
+        vapour = reduce(np.maximum, (f["vapour_absorption"] for f in every)).reshape(shape)
+        wet = (f["droplet_absorption"] + f["droplet_scattering"] > 0 for f in every)
+        droplets = reduce(np.logical_or, wet).reshape(shape)
+        leaves = [0] * (frame.depth + 1)
+        inside = _inside(frame)
+
+        mark = touched.directory >= 0
+        brick_vapour = np.zeros(mark.shape)
+        brick_droplets = np.zeros(mark.shape, bool)
+        brick_vapour[mark] = vapour[inside].mean(axis=(1, 2, 3))
+        brick_droplets[mark] = droplets[inside].any(axis=(1, 2, 3))
+        parent, level, split = _coarse_levels(frame, brick_vapour, brick_droplets, bound, leaves)
+
+        # Bricks that stay whole become coarse leaves, as do those of a larger leaf.
+        stored = mark & (split | (frame.depth == 0))  # a tree of one cell keeps it in a brick
+        directory = np.full(mark.shape, -1, np.int32)
+        keep = touched.directory[stored]
+        directory[stored] = np.arange(len(keep), dtype=np.int32)
+        whole = ~stored
+        used, member = np.unique(parent[whole], return_inverse=True)
+        filled = np.bincount(member, brick_vapour[whole] + brick_droplets[whole], len(used)) > 0
+        empty = frame.depth + 1  # the first coarse leaves: empty space of every level
+        node_level = np.zeros(len(used), np.int32)
+        node_level[member] = level[whole]
+        index = node_level.copy()
+        index[filled] = empty + np.arange(int(filled.sum()), dtype=np.int32)
+        directory[whole] = -1 - index[member]
+        unsplit = _merge_in_bricks(frame, vapour, droplets, keep, bound, leaves)
+        return cls(
+            frame=frame,
+            touched=touched,
+            directory=directory,
+            keep=keep,
+            whole=whole,
+            member=member,
+            filled=filled,
+            coarse_level=np.concatenate([np.arange(empty), node_level[filled]]).astype(np.int32),
+            unsplit=unsplit,
+            leaves=tuple(leaves),
+        )
+
+    def fill(self, data: Floats) -> NDArray[np.float32]:
+        """Values of a field in the leaves of the tree (P,).
+
+        Args:
+            data: of the finest cells (S * 512,).
+
+        Returns:
+            (P,) in the tree's addresses.
+        """
+        fine, empty = len(self.keep) * _CELLS_PER_BRICK, self.frame.depth + 1
+        values = np.zeros(fine + empty + int(self.filled.sum()), np.float32)
+        if not data.any():
+            return values
+        bricks = data.reshape(self.touched.slots, BRICK, BRICK, BRICK)
+        # Coarse leaves: the mean of their bricks, of which those without a slot hold nothing.
+        slots = self.touched.directory[self.whole]
+        held = slots >= 0
+        total = np.zeros(len(slots))
+        total[held] = bricks[slots[held]][_inside(self.frame)].mean(axis=(1, 2, 3))
+        members = np.bincount(self.member, minlength=len(self.filled))
+        means = np.bincount(self.member, total, len(members)) / members
+        values[fine + empty :] = means[self.filled]
+        cells = bricks[self.keep]
+        for side, block in self.unsplit:
+            some = np.flatnonzero(block.any(axis=_IN_BRICK))
+            part = cells[some]
+            view = _blocks(part, side)
+            np.copyto(view, view.mean(axis=_IN_BLOCK, keepdims=True), where=block[some])
+            cells[some] = part
+        values[:fine] = cells.reshape(-1)
+        return values
+
+
+def _inside(frame: Frame) -> tuple[slice, slice, slice, slice]:
+    """The used part of (S, 8, 8, 8): a cube of fewer than eight cells is one brick, partly used."""
+    used = slice(0, min(BRICK, frame.cells))
+    return slice(None), used, used, used
+
+
+def _coarse_levels(
+    frame: Frame,
+    vapour: Floats,
+    droplets: NDArray[np.bool_],
+    bound: float,
+    leaves: list[int],
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.bool_]]:
+    """Divides from the cube down to bricks.
+
+    Returns (nb, nb, nb) arrays: number and level of the leaf that covers a brick, and whether the
+    brick itself is divided further (where the leaf means nothing).
+    """
+    pyramid = [(vapour, droplets)]
+    while pyramid[-1][0].shape[0] > 1:
+        v, d = pyramid[-1]
+        half = v.shape[0] // 2
+        v = v.reshape(half, 2, half, 2, half, 2).mean(axis=(1, 3, 5))
+        d = np.asarray(d.reshape(half, 2, half, 2, half, 2).any(axis=(1, 3, 5)))
+        pyramid.append((v, d))
+    number = np.zeros((1, 1, 1), np.int64)
+    found = np.zeros((1, 1, 1), np.int32)
+    open_ = np.ones((1, 1, 1), bool)
+    following = 1
+    for level, (v, d) in enumerate(reversed(pyramid)):
+        edge_m = frame.edge_m / 2**level
+        finest = level == frame.depth
+        divide = open_ & (d | (v * edge_m > bound)) & (not finest)
+        closed = open_ & ~divide
+        leaves[level] += int(closed.sum())
+        number[closed] = following + np.arange(int(closed.sum()))
+        following += int(closed.sum())
+        found[closed] = level
+        if v.shape[0] == frame.bricks:
+            return number, found, divide
+        number = number.repeat(2, 0).repeat(2, 1).repeat(2, 2)
+        found = found.repeat(2, 0).repeat(2, 1).repeat(2, 2)
+        open_ = divide.repeat(2, 0).repeat(2, 1).repeat(2, 2)
+    raise AssertionError("the pyramid ends at the bricks")
+
+
+def _merge_in_bricks(
+    frame: Frame,
+    vapour: Floats,
+    droplets: NDArray[np.bool_],
+    keep: NDArray[np.int32],
+    bound: float,
+    leaves: list[int],
+) -> list[tuple[int, NDArray[np.bool_]]]:
+    """Blocks of 4^3 and 2^3 cells in divided bricks that stay one leaf: (edge, where)."""
+    edge = min(BRICK, frame.cells)
+    level = frame.depth - edge.bit_length() + 1
+    open_: NDArray[np.bool_] | None = None
+    merged: list[tuple[int, NDArray[np.bool_]]] = []
+    side = edge // 2
+    while side >= 1:
+        level += 1
+        if open_ is None:
+            count = edge // side
+            present = np.zeros((len(keep), *(BRICK // side, 1) * 3), bool)
+            present[:, :count, :, :count, :, :count] = True
+        else:
+            present = open_.repeat(2, 1).repeat(2, 3).repeat(2, 5)
+        if side == 1:  # a finest cell is a leaf whatever it holds
+            leaves[level] += int(present.sum())
+            break
+        blocks = _blocks(droplets[keep], side)
+        divide = np.asarray(blocks.any(axis=_IN_BLOCK, keepdims=True), bool)
+        dry = np.flatnonzero(~divide.all(axis=_IN_BRICK))  # vapour alone is in parts of few bricks
+        v = _blocks(vapour[keep[dry]], side).mean(axis=_IN_BLOCK, keepdims=True)
+        divide[dry] |= v * side * frame.cell_m > bound
+        divide &= present
+        closed = present & ~divide
+        leaves[level] += int(closed.sum())
+        merged.append((side, closed))
+        open_ = divide
+        side //= 2
+    return merged
