@@ -12,6 +12,7 @@ from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, build_octree
 from cldit.optics.spectral import Quadrature
+from cldit.optics.wavelengths import Wavelengths
 from cldit.run.accuracy import StatedError
 from cldit.run.budget import Budget, Sized, foretold_K
 from cldit.run.cell_choice import finest_lattice_m
@@ -19,6 +20,7 @@ from cldit.run.cells import Cells, choose_cells, error_at, foretold_cells, too_f
 from cldit.run.error_maps import error_maps
 from cldit.run.errors import Cause, Errors
 from cldit.run.evaluation import evaluated, sensor_of
+from cldit.run.fixed_causes import fixed_causes
 from cldit.run.medium import Medium, Prepared, prepare
 from cldit.run.outcome import Attempt
 from cldit.run.picture import Picture, Step
@@ -115,7 +117,10 @@ class Attempts:
             settings[number] = replace(settings[number], subpixels=True)
             pilot = self._piloted(scene, prepared.probed, settings)
             if plan.depth is None:
-                settled = self._settled(plan, pilot)
+                settled = self._knowing(plan, pilot, properties.chosen)
+                if settled.scene(self.scene) == scene:
+                    settled = self._settled(settled, pilot)
+                    self.stages.remark(settled.bounded())
                 if settled.scene(self.scene) != scene:
                     return self._made(settled)
                 plan = settled
@@ -212,9 +217,17 @@ class Attempts:
             self._pilot = scene, Pilot.of(scene, self.device, mine, probed, before)
         return self._pilot[1]
 
+    def _knowing(self, plan: Plan, pilot: Pilot, chosen: Wavelengths) -> Plan:
+        """The plan that knows what the scene errs by whatever is chosen."""
+        if plan.proven is not None or self._nothing_there(pilot):
+            return plan
+        with self.stages.stage("pilots of fixed causes") as note:
+            causes = fixed_causes(self.scene, pilot, chosen, self.stages.tell)
+            note.append(", ".join(f"{one.name} {one.text}" for one in causes) or "none")
+        return plan.knowing(self.scene, causes)
+
     def _settled(self, plan: Plan, pilot: Pilot) -> Plan:
-        """The plan with the cells that it needs, or that the scene fixes; and with classes and
-        lattice for what these leave."""
+        """The plan with its cells, chosen or fixed; classes and lattice for what these leave."""
         points, boxes = pilot.probed.sources
         depth = pilot.probed.frame.depth
         if points is None and not boxes:
@@ -242,7 +255,8 @@ class Attempts:
         """The plan that knows what the pilots foretell of other causes, and its cells."""
 
         def knowing(picture: Picture) -> Plan:
-            return replace(plan, foretold_K=foretold_K(pilot, picture, plan.trace_K))
+            foretold = foretold_K(pilot, picture, plan.trace_K)
+            return replace(plan, foretold_K={**plan.foretold_K, **foretold})
 
         with self.stages.stage("pilots") as note:
             chosen = choose_cells(pilot, lambda one: knowing(one).cells_K, self.stages.tell)

@@ -9,12 +9,12 @@ made smaller, twice at most.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from cldit.run.cells import too_fine
-from cldit.run.errors import Errors
+from cldit.run.errors import Cause, Errors
 from cldit.run.split import Effort, split
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray, GridSpray
@@ -38,6 +38,10 @@ _COMES_OUT = 0.6
 # many; what is left too large is then said.
 _LEAST_OF_SHARE = 0.5
 _CLOSE = 1.1  # in squares: not worth another spray
+# What causes that a plan may choose for add to the square of those that it may not. By the powers
+# above cost grows as their error to the power -5.5. The sum is 5 % more than the fixed causes alone
+# then, and a per cent of it costs (1 + 10) times what it costs where nothing is fixed.
+_IN_VAIN = 0.1
 _MOST_CLASSES = 64
 _FINEST_LATTICE_m = 0.1e-3
 _FIRST_LATTICE_m = 1e-3
@@ -53,9 +57,11 @@ class Plan:
     """How a scene is traced.
 
     domain_m: edge of the domain. wanted_K: error of all causes together. shares_K: errors that free
-    causes may have; foretold_K: that causes will have, whatever their share, as pilots say. depth:
-    how often the cube is halved; None: as the scene has it. trace_K, spectral_K: asked of the trace
-    and of the choice of wavelengths. size_classes, spacing_m: of the cone; None: there is none.
+    causes may have; foretold_K: that causes will have, whatever their share, as pilots say; proven:
+    those among them that the plan cannot make smaller, and whose error is no upper bound; None:
+    they were not looked for. depth: how often the cube is halved; None: as the scene has it.
+    trace_K, spectral_K: asked of the trace and of the choice of wavelengths. size_classes,
+    spacing_m: of the cone; None: there is none.
     lattice_of_m: edge of the cube whose cells are the cone's lattice as well, where the scene
     leaves both to choice; spacing_m then follows depth. refinements: made so far. limited: why
     cells are not finer, where they should be, and what is allowed; else empty. finest_lattice:
@@ -75,6 +81,7 @@ class Plan:
     limited: str = ""
     finest_lattice: bool = False
     foretold_K: Mapping[str, float] = field(default_factory=dict)
+    proven: tuple[str, ...] | None = None
 
     @classmethod
     def first(cls, scene: Scene) -> Plan:
@@ -92,12 +99,9 @@ class Plan:
         if not scene.transport.audit:
             edge_m = scene.domain.edge_m
             return cls(wanted_K, {}, wanted_K, scene.optics.bound_K, classes, spacing_m, edge_m)
-        shares_K = split(wanted_K, {name: EFFORTS[name] for name in free_causes(scene)})
         return cls(
             wanted_K=wanted_K,
-            shares_K=shares_K,
-            trace_K=shares_K.get("trace", wanted_K),
-            spectral_K=_spectral_K(scene, shares_K.get("wavelengths", wanted_K)),
+            **_shared(scene, wanted_K),
             size_classes=classes,
             spacing_m=spacing_m,
             domain_m=scene.domain.edge_m,
@@ -132,16 +136,44 @@ class Plan:
         return replace(self, depth=depth, spacing_m=spacing_m, lattice_of_m=edge_m)
 
     @property
+    def aim_K(self) -> float:
+        """Error of all causes together that is worth its cost: the wanted one, or what the proven
+        causes err by with little added to it.
+
+        With F of the proven ones and R of the rest, their sum falls by R^2 / (F^2 + R^2) per cent
+        where R falls by one; the cost grows by as many per cent whatever F is.
+        """
+        proven_K2 = sum(self.foretold_K.get(name, 0.0) ** 2 for name in self.proven or ())
+        return float(max(self.wanted_K, ((1.0 + _IN_VAIN) * proven_K2) ** 0.5))
+
+    def knowing(self, scene: Scene, causes: Iterable[Cause]) -> Plan:
+        """The plan that knows what the scene errs by whatever is chosen for it.
+
+        Args:
+            scene: as the user wrote it.
+            causes: measured, those of `free_causes` not among them.
+        """
+        known_K = {one.name: (one.error_K, one.at_most) for one in causes if one.error_K}
+        errors_K = {name: error_K for name, (error_K, _) in known_K.items()}
+        proven = tuple(name for name, (_, at_most) in known_K.items() if not at_most)
+        if "trace" not in free_causes(scene):
+            proven += ("trace",)
+        plan = replace(self, foretold_K={**self.foretold_K, **errors_K}, proven=proven)
+        left_K2 = plan.aim_K**2 - sum(error_K**2 for error_K in errors_K.values())
+        left_K = max(left_K2, self.wanted_K**2) ** 0.5
+        return replace(plan, **_shared(scene, left_K))
+
+    @property
     def cells_K(self) -> float:
         """Error that the cells may have: what the other causes are likely to leave."""
         least_K = _LEAST_OF_SHARE * self.shares_K["cells"]
         return float(max(self._left_K2("cells"), least_K**2) ** 0.5)
 
     def _left_K2(self, *names: str) -> float:
-        """What of the wanted error's square others than these causes are likely to leave."""
+        """What of the square of `aim_K` others than these causes are likely to leave."""
         likely_K = {name: _COMES_OUT * one for name, one in self.shares_K.items()}
         likely_K.update(self.foretold_K)
-        return self.wanted_K**2 - sum(e**2 for name, e in likely_K.items() if name not in names)
+        return self.aim_K**2 - sum(e**2 for name, e in likely_K.items() if name not in names)
 
     def scene(self, scene: Scene) -> Scene:
         """The scene with what the plan chose where it leaves keys out."""
@@ -239,6 +271,20 @@ class Plan:
             limits["gas grid"] = too_fine(self.spacing_m)
         return limits
 
+    def bounded(self) -> tuple[str, ...]:
+        """That what the plan cannot make smaller bounds what it chooses; else nothing."""
+        if self.aim_K <= self.wanted_K:
+            return ()
+        proven_K = {name: self.foretold_K.get(name, 0.0) for name in self.proven or ()}
+        fixed_K = sum(error_K**2 for error_K in proven_K.values()) ** 0.5
+        most = sorted(proven_K, key=lambda name: -proven_K[name])[:2]
+        named = ", ".join(f"{name} {proven_K[name]:.2g} K" for name in most)
+        return (
+            f"causes that the run cannot make smaller err by {fixed_K:.2g} K on coarse cells "
+            f"({named}); transport.accuracy_K: {self.wanted_K:g} asks for less. The rest is chosen "
+            f"for a sum of {self.aim_K:.2g} K",
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         return asdict(self)
@@ -253,13 +299,17 @@ def follows_cells(scene: Scene) -> bool:
     return (
         isinstance(scene.spray, ConeSpray)
         and scene.spray.spacing_m is None
-        and _cells_are_free(scene)
+        and cells_are_free(scene)
         and scene.transport.audit
     )
 
 
-def _cells_are_free(scene: Scene) -> bool:
-    """A grid of the user's is its own cells."""
+def cells_are_free(scene: Scene) -> bool:
+    """Whether the scene leaves its cells to choice. A grid of the user's is its own cells.
+
+    Args:
+        scene: as the user wrote it.
+    """
     domain = scene.domain
     own = isinstance(scene.spray, GridSpray)
     return domain.leaf_edge_m is None and domain.rule == "need" and not own
@@ -272,7 +322,7 @@ def free_causes(scene: Scene) -> tuple[str, ...]:
         scene: as the user wrote it.
     """
     free = []
-    if _cells_are_free(scene):
+    if cells_are_free(scene):
         free.append("cells")
     droplets = getattr(scene.spray, "droplets", True) is not None
     if scene.transport.directions is None and droplets:
@@ -290,6 +340,16 @@ def free_causes(scene: Scene) -> tuple[str, ...]:
     if isinstance(spray, ConeSpray) and spray.spacing_m is None and not follows_cells(scene):
         free.append("gas grid")
     return tuple(free)
+
+
+def _shared(scene: Scene, free_K: float) -> dict[str, Any]:
+    """What a plan asks of causes that it may choose for, where they may err by this together."""
+    shares_K = split(free_K, {name: EFFORTS[name] for name in free_causes(scene)})
+    return {
+        "shares_K": shares_K,
+        "trace_K": shares_K.get("trace", free_K),
+        "spectral_K": _spectral_K(scene, shares_K.get("wavelengths", free_K)),
+    }
 
 
 def _shares(left_K2: float, known_K: Mapping[str, float]) -> dict[str, float]:
