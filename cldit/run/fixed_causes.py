@@ -8,20 +8,25 @@ blur what these causes do, and with it what they are seen to err by.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from cldit.errors import SprayError, TransportError
-from cldit.optics.wavelengths import Wavelengths
-from cldit.run.budget import Budget
+from cldit.run.budget import Budget, foretold_K
 from cldit.run.cells import coarse_depths, error_at
 from cldit.run.errors import Cause
+from cldit.run.picture import Picture
 from cldit.run.pilot import Pilot
-from cldit.run.plan import cells_are_free, free_causes
+from cldit.run.plan import Plan, cells_are_free, free_causes
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray, GridSpray
 
 
 def fixed_causes(
-    scene: Scene, pilot: Pilot, chosen: Wavelengths, say: Callable[[str], None]
+    scene: Scene,
+    pilot: Pilot,
+    say: Callable[[str], None],
+    *,
+    depth: int | None = None,
 ) -> tuple[Cause, ...]:
     """What a scene errs by whatever is chosen for it, as far as it is known.
 
@@ -31,31 +36,51 @@ def fixed_causes(
     Args:
         scene: as the user wrote it.
         pilot: traces at one wavelength.
-        chosen: the wavelengths.
         say: told of each trace.
+        depth: of the cells, which were traced already; None: the coarsest that will do.
 
     Returns:
         Causes whose error is known.
     """
     out = [*_of_cells(scene, pilot)]
     free = free_causes(scene)
-    if chosen.errors_K and "wavelengths" not in free:
-        out.append(Cause("wavelengths", chosen.error_K, "on lines of sight", at_most=True))
     spray, probed = scene.spray, pilot.probed
     keys = isinstance(spray, ConeSpray) and (spray.size_classes or spray.spacing_m)
     if probed.parcels is None and probed.gas is None and not keys:
         return tuple(out)
-    for depth in coarse_depths(pilot):
-        budget = Budget(scene, pilot, depth + 1, say)
+    for on in coarse_depths(pilot) if depth is None else (depth,):
+        budget = Budget(scene, pilot, on + 1, say)
         try:
-            pilot.level(depth)
-            out += [cause for cause, _ in budget.of_sources(depth)]
+            pilot.level(on)
+            out += [cause for cause, _ in budget.of_sources(on)]
         except (SprayError, TransportError):  # no cone has the lattice, or cells reach too far
             continue
         sized = budget.sized().values() if keys else ()
         out += [one.at(one.size)[0] for one in sized if one.name not in free]
         break
     return tuple(cause for cause in out if cause.error_K is not None)
+
+
+def foreseen(
+    plan: Plan,
+    scene: Scene,
+    pilot: Pilot,
+    picture: Picture,
+    say: Callable[[str], None],
+) -> Plan:
+    """The plan that knows what the finest pilot's picture errs by beside its cells.
+
+    What is fixed is seen on cells twice as large, as it is measured of a picture on the pilot's.
+
+    Args:
+        plan: to choose cells by.
+        scene, pilot, say: as in `fixed_causes`.
+        picture: of the pilot's finest cells.
+    """
+    fixed = fixed_causes(scene, pilot, say, depth=max(pilot.kept) - 1)
+    known = plan.knowing(scene, fixed)
+    seen_K = foretold_K(pilot, picture, plan.trace_K)
+    return replace(known, foretold_K={**known.foretold_K, **seen_K})
 
 
 def _of_cells(scene: Scene, pilot: Pilot) -> tuple[Cause, ...]:

@@ -49,6 +49,7 @@ _FIRST_LATTICE_m = 1e-3
 # A refinement halves cells and quarters other errors at most: what cannot be made smaller may leave
 # the rest next to nothing, and its share would cost more than the picture is worth.
 _MOST_LARGER = 4.0
+_PIXELS = "pixel sampling"
 _SAFE = 0.9  # of an error that is foretold
 
 
@@ -147,7 +148,8 @@ class Plan:
         return float(max(self.wanted_K, ((1.0 + _IN_VAIN) * proven_K2) ** 0.5))
 
     def knowing(self, scene: Scene, causes: Iterable[Cause]) -> Plan:
-        """The plan that knows what the scene errs by whatever is chosen for it.
+        """The plan that knows what the scene errs by whatever is chosen for it. No plan chooses
+        pixels, nor directions that the scene sets: what pilots foretell of both counts as well.
 
         Args:
             scene: as the user wrote it.
@@ -155,13 +157,19 @@ class Plan:
         """
         known_K = {one.name: (one.error_K, one.at_most) for one in causes if one.error_K}
         errors_K = {name: error_K for name, (error_K, _) in known_K.items()}
-        proven = tuple(name for name, (_, at_most) in known_K.items() if not at_most)
+        proven = (*(name for name, (_, at_most) in known_K.items() if not at_most), _PIXELS)
         if "trace" not in free_causes(scene):
             proven += ("trace",)
-        plan = replace(self, foretold_K={**self.foretold_K, **errors_K}, proven=proven)
-        left_K2 = plan.aim_K**2 - sum(error_K**2 for error_K in errors_K.values())
-        left_K = max(left_K2, self.wanted_K**2) ** 0.5
-        return replace(plan, **_shared(scene, left_K))
+        return replace(self, foretold_K={**self.foretold_K, **errors_K}, proven=proven)
+
+    def shared(self, scene: Scene) -> Plan:
+        """The plan with shares of what the known causes leave, and never less than before.
+
+        Args:
+            scene: as the user wrote it.
+        """
+        left_K2 = self.aim_K**2 - sum(error_K**2 for error_K in self.foretold_K.values())
+        return replace(self, **_shared(scene, max(left_K2, self.wanted_K**2) ** 0.5))
 
     @property
     def cells_K(self) -> float:

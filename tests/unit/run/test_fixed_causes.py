@@ -15,7 +15,6 @@ from cldit.run.picture import Step
 from cldit.run.pilot import ParcelVariants
 from cldit.scene import Scene, load_scene, parse_scene
 
-NO_WAVELENGTHS: Any = SimpleNamespace(errors_K=(), error_K=0.0)
 GAS: Any = GasGrid("coarse gas", "step", "spray.box.spacing_m")  # type: ignore[arg-type]
 PARCELS: Any = ParcelVariants(("one", "other"), "narrower", 0.5)  # type: ignore[arg-type]
 KNOWN_K = {"one": 1.0, "other": -1.0, "narrower": 0.75, "coarse gas": 9.0}
@@ -49,8 +48,8 @@ class Pilot:
         return Step(abs(one - other), np.full((2, 2), abs(one - other)))
 
 
-def found(scene: Scene, pilot: Any, chosen: Any = NO_WAVELENGTHS) -> dict[str, Any]:
-    causes = fixed_causes(scene, pilot, chosen, lambda _: None)
+def found(scene: Scene, pilot: Any) -> dict[str, Any]:
+    causes = fixed_causes(scene, pilot, lambda _: None)
     return {one.name: (one.error_K, one.at_most) for one in causes}
 
 
@@ -86,13 +85,6 @@ def test_cells_of_the_scene() -> None:
     error_K, at_most = found(own, Pilot(cell_K=256.0))["cells"]
     assert error_K == pytest.approx(2.0) and not at_most
     assert found(gdi_flow(), Pilot(cell_K=256.0)) == {}
-
-
-def test_wavelengths_of_the_scene() -> None:
-    chosen: Any = SimpleNamespace(errors_K=(3.0, 0.7), error_K=0.7)
-    own = gdi_flow(optics={"preset": "spectral", "wavelengths": 2})
-    assert found(own, Pilot(), chosen) == {"wavelengths": (0.7, True)}
-    assert found(gdi_flow(optics={"preset": "spectral"}), Pilot(), chosen) == {}
 
 
 def test_an_error_that_is_unknown_bounds_nothing() -> None:

@@ -72,9 +72,12 @@ def test_what_pilots_foretell_is_left_out_of_the_cells() -> None:
     assert plan.cells_K < small.cells_K < 0.5
     seen = replace(small, foretold_K={**small.foretold_K, "pixel sampling": 0.24})
     assert seen.cells_K**2 == pytest.approx(small.cells_K**2 - 0.24**2)
-    # Where these alone are more than was asked for, cells do not grow without end.
+    # Where what may be an upper bound is more than was asked for, cells do not grow without end.
     much = replace(plan, foretold_K={"pixel sampling": 0.9})
     assert much.cells_K == 0.5 * plan.shares_K["cells"]
+    # Pixels are no choice of the plan: beside 3 K of theirs finer cells are in vain.
+    coarse = replace(plan.knowing(scene_of(), []), foretold_K={"trace": 0.1, "pixel sampling": 3.0})
+    assert coarse.cells_K == pytest.approx(0.1**0.5 * 3.0, rel=0.05)  # classes have some of it
 
 
 def fixed(error_K: float, *, at_most: bool = False, name: str = "gas grid") -> Cause:
@@ -85,7 +88,7 @@ def test_what_is_fixed_bounds_what_is_chosen() -> None:
     """Of a sum of squares that fixed causes make 10/11 of, the others have the rest."""
     scene = scene_of("gdi-flow", transport={"accuracy_K": 0.5})
     first = Plan.first(scene)
-    plan = first.knowing(scene, [fixed(9.0), fixed(1.2, name="parcels")])
+    plan = first.knowing(scene, [fixed(9.0), fixed(1.2, name="parcels")]).shared(scene)
     fixed_K2 = 9.0**2 + 1.2**2
     assert plan.aim_K**2 == pytest.approx(1.1 * fixed_K2)
     assert sum(one**2 for one in plan.shares_K.values()) == pytest.approx(0.1 * fixed_K2)
@@ -103,6 +106,7 @@ def test_a_larger_wanted_error_never_makes_finer_cells() -> None:
     for asked_K in [0.1 * 1.03**k for k in range(200)]:  # to 36 K
         scene = scene_of("gdi-flow", transport={"accuracy_K": asked_K})
         plan = Plan.first(scene).knowing(scene, [fixed(3.0), fixed(1.0, name="parcels")])
+        plan = plan.shared(scene)
         seen = replace(plan, foretold_K={**plan.foretold_K, "trace": 0.02})
         cells_K.append(seen.cells_K)
         trace_K.append(plan.trace_K)
@@ -118,7 +122,7 @@ def test_an_upper_bound_makes_nothing_coarser() -> None:
     """It leaves cells less, and half of their share at least."""
     scene = scene_of("gdi-flow", transport={"accuracy_K": 1.0})
     first = Plan.first(scene)
-    plan = first.knowing(scene, [fixed(9.0, at_most=True)])
+    plan = first.knowing(scene, [fixed(9.0, at_most=True)]).shared(scene)
     assert plan.aim_K == 1.0 and plan.bounded() == ()
     assert plan.trace_K == first.trace_K
     assert plan.cells_K == 0.5 * first.shares_K["cells"]
