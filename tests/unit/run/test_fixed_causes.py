@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from cldit.errors import TransportError
+from cldit.run.budget import Budget
+from cldit.run.errors import Errors
 from cldit.run.fixed_causes import fixed_causes
 from cldit.run.gas_grid import GasGrid
 from cldit.run.picture import Step
@@ -89,3 +91,16 @@ def test_cells_of_the_scene() -> None:
 
 def test_an_error_that_is_unknown_bounds_nothing() -> None:
     assert found(gdi_flow(), Pilot(gas=GasGrid(None, "one grid alone"))) == {}
+
+
+@pytest.mark.parametrize(("parcels", "known"), [(12_999, False), (13_000, True)])
+def test_few_parcels_of_a_computed_spray_say_at_least(parcels: int, known: bool) -> None:
+    """Their halves share a gas that they drive. Parcels of a case that is read drive none here."""
+    pilot: Any = Pilot(parcels=PARCELS)
+    pilot.probed.sources = SimpleNamespace(position_m=np.zeros((parcels, 3))), []
+    computed = gdi_flow()
+    errors = Errors.of(cause for cause, _ in Budget(computed, pilot, 6, print).of_sources())
+    assert errors.unknown == (() if known else ("gas of few parcels",))
+    assert errors.text.startswith("at least") != known
+    read = computed.model_copy(update={"spray": SimpleNamespace(droplets_per_parcel=None)})
+    assert not Errors.of(c for c, _ in Budget(read, pilot, 6, print).of_sources()).unknown
