@@ -218,7 +218,7 @@ class Attempts:
 
     def _knowing(self, plan: Plan, pilot: Pilot) -> Plan:
         """The plan that knows what the scene errs by whatever is chosen."""
-        if plan.proven is not None or self._nothing_there(pilot):
+        if plan.fixed is not None or self._nothing_there(pilot):
             return plan
         with self.stages.stage("pilots of fixed causes") as note:
             causes = fixed_causes(self.scene, pilot, self.stages.tell)

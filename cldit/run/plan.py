@@ -58,9 +58,9 @@ class Plan:
     """How a scene is traced.
 
     domain_m: edge of the domain. wanted_K: error of all causes together. shares_K: errors that free
-    causes may have; foretold_K: that causes will have, whatever their share, as pilots say; proven:
-    those among them that the plan cannot make smaller, and whose error is no upper bound; None:
-    they were not looked for. depth: how often the cube is halved; None: as the scene has it.
+    causes may have; foretold_K: that causes will have, whatever their share, as pilots say; fixed:
+    those among them that the plan cannot make smaller, and whether their error is an upper bound;
+    None: they were not looked for. depth: how often the cube is halved; None: as the scene has it.
     trace_K, spectral_K: asked of the trace and of the choice of wavelengths. size_classes,
     spacing_m: of the cone; None: there is none.
     lattice_of_m: edge of the cube whose cells are the cone's lattice as well, where the scene
@@ -82,7 +82,7 @@ class Plan:
     limited: str = ""
     finest_lattice: bool = False
     foretold_K: Mapping[str, float] = field(default_factory=dict)
-    proven: tuple[str, ...] | None = None
+    fixed: Mapping[str, bool] | None = None
 
     @classmethod
     def first(cls, scene: Scene) -> Plan:
@@ -138,14 +138,21 @@ class Plan:
 
     @property
     def aim_K(self) -> float:
-        """Error of all causes together that is worth its cost: the wanted one, or what the proven
-        causes err by with little added to it.
+        """Error of all causes together that is worth its cost: the wanted one, or what is fixed
+        with little added to it, by what of that is no upper bound.
 
-        With F of the proven ones and R of the rest, their sum falls by R^2 / (F^2 + R^2) per cent
+        With F of what is fixed and R of the rest, their sum falls by R^2 / (F^2 + R^2) per cent
         where R falls by one; the cost grows by as many per cent whatever F is.
         """
-        proven_K2 = sum(self.foretold_K.get(name, 0.0) ** 2 for name in self.proven or ())
-        return float(max(self.wanted_K, ((1.0 + _IN_VAIN) * proven_K2) ** 0.5))
+        proven_K2, bounds_K2 = self._fixed_K2
+        return float(max(self.wanted_K, ((1.0 + _IN_VAIN) * proven_K2 + bounds_K2) ** 0.5))
+
+    @property
+    def _fixed_K2(self) -> tuple[float, float]:
+        """Squares of what is fixed: measured, and upper bounds."""
+        each = {name: self.foretold_K.get(name, 0.0) ** 2 for name in self.fixed or {}}
+        bounds = sum(each[name] for name, at_most in (self.fixed or {}).items() if at_most)
+        return sum(each.values()) - bounds, bounds
 
     def knowing(self, scene: Scene, causes: Iterable[Cause]) -> Plan:
         """The plan that knows what the scene errs by whatever is chosen for it. No plan chooses
@@ -155,12 +162,12 @@ class Plan:
             scene: as the user wrote it.
             causes: measured, those of `free_causes` not among them.
         """
-        known_K = {one.name: (one.error_K, one.at_most) for one in causes if one.error_K}
-        errors_K = {name: error_K for name, (error_K, _) in known_K.items()}
-        proven = (*(name for name, (_, at_most) in known_K.items() if not at_most), _PIXELS)
+        known = [one for one in causes if one.error_K is not None]
+        errors_K = {one.name: one.error_K for one in known if one.error_K is not None}
+        fixed = {one.name: one.at_most for one in known} | {_PIXELS: False}
         if "trace" not in free_causes(scene):
-            proven += ("trace",)
-        return replace(self, foretold_K={**self.foretold_K, **errors_K}, proven=proven)
+            fixed["trace"] = False
+        return replace(self, foretold_K={**self.foretold_K, **errors_K}, fixed=fixed)
 
     def shared(self, scene: Scene) -> Plan:
         """The plan with shares of what the known causes leave, and never less than before.
@@ -281,16 +288,18 @@ class Plan:
 
     def bounded(self) -> tuple[str, ...]:
         """That what the plan cannot make smaller bounds what it chooses; else nothing."""
-        if self.aim_K <= self.wanted_K:
+        proven_K2, bounds_K2 = self._fixed_K2
+        left_K2 = self.wanted_K**2 - proven_K2 - bounds_K2
+        rest_K2 = _IN_VAIN * proven_K2
+        if rest_K2 <= max(left_K2, (_LEAST_OF_SHARE * self.wanted_K) ** 2):
             return ()
-        proven_K = {name: self.foretold_K.get(name, 0.0) for name in self.proven or ()}
-        fixed_K = sum(error_K**2 for error_K in proven_K.values()) ** 0.5
-        most = sorted(proven_K, key=lambda name: -proven_K[name])[:2]
-        named = ", ".join(f"{name} {proven_K[name]:.2g} K" for name in most)
+        known_K = {name: self.foretold_K.get(name, 0.0) for name in self.fixed or {}}
+        most = sorted(known_K, key=lambda name: -known_K[name])[:2]
+        named = ", ".join(f"{name} {known_K[name]:.2g} K" for name in most)
         return (
-            f"causes that the run cannot make smaller err by {fixed_K:.2g} K on coarse cells "
-            f"({named}); transport.accuracy_K: {self.wanted_K:g} asks for less. The rest is chosen "
-            f"for a sum of {self.aim_K:.2g} K",
+            f"causes that the run cannot make smaller err by {(proven_K2 + bounds_K2) ** 0.5:.2g} K "
+            f"on coarse cells ({named}), and transport.accuracy_K: {self.wanted_K:g} asks for "
+            f"less: the rest is chosen for {rest_K2**0.5:.2g} K",
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -96,7 +96,7 @@ def test_what_is_fixed_bounds_what_is_chosen() -> None:
     trace_K = 0.6 * plan.trace_K
     assert plan.cells_K**2 + trace_K**2 == pytest.approx(0.1 * fixed_K2)
     (remark,) = plan.bounded()
-    assert "gas grid 9 K, parcels 1.2 K" in remark and "for a sum of 9.5 K" in remark
+    assert "gas grid 9 K, parcels 1.2 K" in remark and "the rest is chosen for 2.9 K" in remark
     assert plan.scene(scene).spray == scene.spray
 
 
@@ -123,9 +123,13 @@ def test_an_upper_bound_makes_nothing_coarser() -> None:
     scene = scene_of("gdi-flow", transport={"accuracy_K": 1.0})
     first = Plan.first(scene)
     plan = first.knowing(scene, [fixed(9.0, at_most=True)]).shared(scene)
-    assert plan.aim_K == 1.0 and plan.bounded() == ()
+    assert plan.bounded() == ()
     assert plan.trace_K == first.trace_K
     assert plan.cells_K == 0.5 * first.shares_K["cells"]
+    beside = [fixed(9.0, at_most=True), fixed(5.0, name="parcels")]
+    both = first.knowing(scene, beside).shared(scene)  # nor does it hide what is no bound
+    assert sum(one**2 for one in both.shares_K.values()) == pytest.approx(0.1 * 5.0**2)
+    assert both.bounded()
     some = first.knowing(scene, [fixed(0.5, at_most=True)])
     assert some.cells_K**2 == pytest.approx(first.cells_K**2 - 0.25)
 
