@@ -13,12 +13,13 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, build_octree
 from cldit.optics.spectral import Quadrature
 from cldit.run.accuracy import StatedError
-from cldit.run.budget import Budget, Sized, foretold_K
+from cldit.run.budget import Budget, Sized
 from cldit.run.cell_choice import finest_lattice_m
 from cldit.run.cells import Cells, choose_cells, error_at, foretold_cells, too_fine, too_many
 from cldit.run.error_maps import error_maps
 from cldit.run.errors import Cause, Errors
 from cldit.run.evaluation import evaluated, sensor_of
+from cldit.run.fixed_causes import fixed_causes, foreseen
 from cldit.run.medium import Medium, Prepared, prepare
 from cldit.run.outcome import Attempt
 from cldit.run.picture import Picture, Step
@@ -115,7 +116,10 @@ class Attempts:
             settings[number] = replace(settings[number], subpixels=True)
             pilot = self._piloted(scene, prepared.probed, settings)
             if plan.depth is None:
-                settled = self._settled(plan, pilot)
+                settled = self._knowing(plan, pilot)
+                if settled.scene(self.scene) == scene:
+                    settled = self._settled(settled, pilot)
+                    self.stages.remark(settled.bounded())
                 if settled.scene(self.scene) != scene:
                     return self._made(settled)
                 plan = settled
@@ -212,9 +216,17 @@ class Attempts:
             self._pilot = scene, Pilot.of(scene, self.device, mine, probed, before)
         return self._pilot[1]
 
+    def _knowing(self, plan: Plan, pilot: Pilot) -> Plan:
+        """The plan that knows what the scene errs by whatever is chosen."""
+        if plan.fixed is not None or self._nothing_there(pilot):
+            return plan
+        with self.stages.stage("pilots of fixed causes") as note:
+            causes = fixed_causes(self.scene, pilot, self.stages.tell)
+            note.append(", ".join(f"{one.name} {one.text}" for one in causes) or "none")
+        return plan.knowing(self.scene, causes).shared(self.scene)
+
     def _settled(self, plan: Plan, pilot: Pilot) -> Plan:
-        """The plan with the cells that it needs, or that the scene fixes; and with classes and
-        lattice for what these leave."""
+        """The plan with its cells, chosen or fixed; classes and lattice for what these leave."""
         points, boxes = pilot.probed.sources
         depth = pilot.probed.frame.depth
         if points is None and not boxes:
@@ -242,7 +254,7 @@ class Attempts:
         """The plan that knows what the pilots foretell of other causes, and its cells."""
 
         def knowing(picture: Picture) -> Plan:
-            return replace(plan, foretold_K=foretold_K(pilot, picture, plan.trace_K))
+            return foreseen(plan, self.scene, pilot, picture, self.stages.tell)
 
         with self.stages.stage("pilots") as note:
             chosen = choose_cells(pilot, lambda one: knowing(one).cells_K, self.stages.tell)

@@ -20,10 +20,13 @@ from cldit.run.picture import Picture, Step
 from cldit.run.pilot import Pilot
 from cldit.run.pixels import pixel_error
 from cldit.scene import Scene
-from cldit.scene.spray import ConeSpray, GridSpray
+from cldit.scene.spray import ConeSpray, GridSpray, LagrangianSpray
 
 # The bias of the width falls with its fourth power: from a variance to its half goes 3/4 of it.
 _OF_WIDTH = 4.0 / 3.0
+# Halves of 13,700 parcels of gdi-flow say 0.9 of what seeds show, those of 6,900 say 0.67
+# (docs/errors.md): fewer drive the gas, which halves share, more by chance than droplets differ.
+_FEWEST_PARCELS = 13_000
 _FINER_CELLS = 4e6  # swept, of a trace that is to tell the error of a grid's voxels
 _NO_PIXEL = "no pixel has a T_app on either"
 
@@ -58,28 +61,35 @@ class Budget:
         why = "a picture of samples does not tell it; method source does"
         return [self._cells(), (Cause("pixel sampling", None, why, "camera.rays_per_pixel"), None)]
 
-    def of_sources(self) -> list[tuple[Cause, Step | None]]:
-        """Errors of parcels and their width, and of the gas's own grid."""
-        out = self._parcels()
+    def of_sources(self, depth: int | None = None) -> list[tuple[Cause, Step | None]]:
+        """Errors of parcels and their width, and of the gas's own grid.
+
+        Args:
+            depth: of the cells that all are traced on. None: parcels are on cells twice as large as
+                the picture's, the gas on the picture's own: larger ones blur what its cells show.
+        """
+        out = self._parcels(self._coarse if depth is None else depth)
         gas = self.pilot.probed.gas
         if gas is not None:
             known = {cause.name: cause.error_K for cause, _ in out}
-            out.append(self._gas_grid(gas, known.get("parcels")))
+            fine = self.depth if depth is None else depth
+            out.append(self._gas_grid(gas, known.get("parcels"), fine))
         return out
 
-    def _gas_grid(self, gas: GasGrid, sampling_K: float | None) -> tuple[Cause, Step | None]:
-        """By the picture's own cells: larger ones would blur what smaller cells of gas show."""
+    def _gas_grid(
+        self, gas: GasGrid, sampling_K: float | None, depth: int
+    ) -> tuple[Cause, Step | None]:
         name, how = "gas grid", gas.how
         if gas.sources is None:
             return Cause(name, None, how, gas.fixed), None
         self.say("errors: larger cells of gas")
         try:
-            other = self.pilot.traced(gas.sources, self.depth)
+            other = self.pilot.variant(name, gas.sources, depth)
         except (MediumError, TransportError) as error:  # it fills more cells, or reaches further
             return Cause(name, None, f"the spray on larger cells of gas: {error}", gas.fixed), None
-        step = self.pilot.step(self.pilot.level(self.depth), other)
-        step, chance = without_chance(step, sampling_K)
-        return _cause(name, step, f"{how}; {chance}", gas.fixed)
+        whole = self.pilot.step(self.pilot.level(depth), other)
+        step, chance = without_chance(whole, sampling_K)
+        return _cause(name, step, f"{how}; {chance}", gas.fixed, at_most=step is whole)
 
     @property
     def _coarse(self) -> int:
@@ -120,12 +130,15 @@ class Budget:
         how = f"cells of {h_mm / 2:.3g} mm for {h_mm:.3g} mm: twice the step, by the first order"
         return _cause("cells", step.times(2.0), how, fixed)
 
-    def _parcels(self) -> list[tuple[Cause, Step | None]]:
+    def _parcels(self, depth: int) -> list[tuple[Cause, Step | None]]:
         parcels = self.pilot.probed.parcels
         if parcels is None:
             return []
         self.say("errors: either half of the parcels")
-        one, other = (self.pilot.traced(half, self._coarse) for half in parcels.halves)
+        one, other = (
+            self.pilot.variant(f"half {number} of the parcels", half, depth)
+            for number, half in enumerate(parcels.halves)
+        )
         sampling = self.pilot.step(one, other).times(parcels.sampling)
         how = f"{parcels.sampling:.2g} of the difference of two halves of the parcels"
         fixed = getattr(self.scene.spray, "droplets_per_parcel", None) is not None
@@ -133,10 +146,18 @@ class Budget:
         out = [_cause("parcels", sampling, how, key)]
         if parcels.narrower is not None:
             self.say("errors: parcels spread less")
-            narrower = self.pilot.traced(parcels.narrower, self._coarse)
-            narrow = self.pilot.step(self.pilot.level(self._coarse), narrower).times(_OF_WIDTH)
+            narrower = self.pilot.variant("parcels spread less", parcels.narrower, depth)
+            narrow = self.pilot.step(self.pilot.level(depth), narrower).times(_OF_WIDTH)
             how = "4/3 of the step to half of the variance, as bias of fourth order has it"
-            out.append(_cause("deposit width", narrow, how, key))
+            out.append(_cause("deposit width", narrow, how, key, at_most=True))
+        points, _ = self.pilot.probed.sources
+        if isinstance(self.scene.spray, LagrangianSpray) and points is not None:
+            if len(points.position_m) < _FEWEST_PARCELS:
+                why = (
+                    f"{len(points.position_m)} parcels, whose halves share a gas that they drive; "
+                    f"below {_FEWEST_PARCELS} seeds differ by more than halves say"
+                )
+                out.append((Cause("gas of few parcels", None, why, key), None))
         return out
 
     def sized(self) -> dict[str, Sized]:
@@ -164,7 +185,8 @@ class Budget:
         how = f"cone on lattices of {sizes} mm, extrapolated by order {found.order:.2g}"
         fixed = "" if given.spacing_m is None else "spray.spacing_m"
         name = "gas grid"
-        out[name] = Sized(name, found.step, found.order, cone.lattice_m, how, fixed)
+        fast = found.most_K is not None
+        out[name] = Sized(name, found.step, found.order, cone.lattice_m, how, fixed, fast)
         return out | self._classes(wider[0], coarser)
 
     def _classes(self, cone: ConeSpray, picture: Picture | None = None) -> dict[str, Sized]:
@@ -227,6 +249,7 @@ class Sized:
     """Error of a cause that follows a size by a known order.
 
     size: for which `step` is the error; metres of a lattice, or one over a number of classes.
+    at_most: whether `step` is an upper bound.
     """
 
     name: str
@@ -235,15 +258,20 @@ class Sized:
     size: float
     how: str
     fixed: str
+    at_most: bool = False
 
     def at(self, size: float) -> tuple[Cause, Step | None]:
         """The cause where the size is another."""
         how = self.how
         if abs(size / self.size - 1) > 1e-9:
             how += f"; scaled to {size / self.size:.2g} of that size"
-        return _cause(self.name, self.step.times((size / self.size) ** self.order), how, self.fixed)
+        step = self.step.times((size / self.size) ** self.order)
+        return _cause(self.name, step, how, self.fixed, at_most=self.at_most)
 
 
-def _cause(name: str, step: Step, how: str, fixed: str) -> tuple[Cause, Step | None]:
-    known = step.error_K is not None
-    return Cause(name, step.error_K, how if known else _NO_PIXEL, fixed), step if known else None
+def _cause(
+    name: str, step: Step, how: str, fixed: str, *, at_most: bool = False
+) -> tuple[Cause, Step | None]:
+    if step.error_K is None:
+        return Cause(name, None, _NO_PIXEL, fixed), None
+    return Cause(name, step.error_K, how, fixed, at_most), step

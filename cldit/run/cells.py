@@ -133,6 +133,17 @@ def error_at(pilot: Pilot, depth: int) -> Refined | None:
     return None if last.error_K is None else Refined.of(before, last, once=once, twice=twice)
 
 
+def coarse_depths(pilot: Pilot) -> range:
+    """How often the cube is halved for coarse pilots: the first is the coarsest to try.
+
+    Args:
+        pilot: traces.
+    """
+    across = pilot.scene.camera.field_m
+    depth = max(3, math.ceil(math.log2(_ACROSS * pilot.probed.frame.edge_m / max(across))))
+    return range(min(depth, _FINEST - 3), _FINEST - 2)
+
+
 def foretold_cells(pilot: Pilot, depth: int) -> Cells:
     """Cells that the scene fixes, with the error that coarser ones foretell.
 
@@ -164,17 +175,16 @@ def choose_cells(
         TransportError: cells reach behind a patch, however small.
         MediumError: not even coarse cells fit the memory.
     """
-    frame, across = pilot.probed.frame, pilot.scene.camera.field_m
-    depth = max(3, math.ceil(math.log2(_ACROSS * frame.edge_m / max(across))))
-    depth = min(depth, _FINEST - 3)
-    traced = 0
+    frame = pilot.probed.frame
+    coarse = coarse_depths(pilot)
+    depth, traced = coarse[0], 0
     while traced < 2:
         say(f"pilot: cells of {1e3 * frame.edge_m / 2**depth:.3g} mm")
         try:
             pilot.level(depth)
             traced += 1
         except (SprayError, TransportError):  # as in `error_at`
-            if depth >= _FINEST - 3:
+            if depth >= coarse[-1]:
                 raise
             traced = 0
         depth += 1

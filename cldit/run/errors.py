@@ -12,13 +12,15 @@ class Cause:
     """One cause of error.
 
     error_K: RMS of T_app over the pixels that have one; None where nobody knows. how: what was
-    compared, or why it is unknown. fixed: by a key of the scene, which names it.
+    compared, or why it is unknown. fixed: by a key of the scene, which names it. at_most: whether
+    the error is an upper bound.
     """
 
     name: str
     error_K: float | None
     how: str
     fixed: str = ""
+    at_most: bool = False
 
     def __post_init__(self) -> None:
         if self.error_K is not None and not self.error_K >= 0.0:

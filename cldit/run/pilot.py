@@ -77,7 +77,8 @@ class Pilot:
 
     scene: with fewer pixels, every `stride`-th. kept: pictures of the medium itself by how often
     its cube is halved. earlier: pictures of the same spray on other lattices and their cells, by
-    the cells' edge in m.
+    the cells' edge in m. variants: pictures of other sources by their name and how often the cube
+    is halved.
     """
 
     scene: Scene
@@ -88,6 +89,7 @@ class Pilot:
     temperature: NodeTemperature
     kept: dict[int, Picture] = field(default_factory=dict)
     earlier: Mapping[float, Picture] = field(default_factory=dict)
+    variants: dict[tuple[str, int], Picture] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -206,6 +208,18 @@ class Pilot:
             depth: how often the cube is halved.
         """
         return self._traced(sources, depth, replace(self.settings, subpixels=False))
+
+    def variant(self, name: str, sources: Sources, depth: int) -> Picture:
+        """As `traced`, once for each name and depth.
+
+        Args:
+            name: of the sources, which are always the same.
+            sources: droplets and gas at the wavelength that is probed.
+            depth: how often the cube is halved.
+        """
+        if (name, depth) not in self.variants:
+            self.variants[name, depth] = self.traced(sources, depth)
+        return self.variants[name, depth]
 
     def _traced(self, sources: Sources, depth: int, settings: Settings) -> Picture:
         frame = replace(self.probed.frame, depth=depth)

@@ -9,12 +9,12 @@ made smaller, twice at most.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from cldit.run.cells import too_fine
-from cldit.run.errors import Errors
+from cldit.run.errors import Cause, Errors
 from cldit.run.split import Effort, split
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray, GridSpray
@@ -38,6 +38,10 @@ _COMES_OUT = 0.6
 # many; what is left too large is then said.
 _LEAST_OF_SHARE = 0.5
 _CLOSE = 1.1  # in squares: not worth another spray
+# What causes that a plan may choose for add to the square of those that it may not. By the powers
+# above cost grows as their error to the power -5.5. The sum is 5 % more than the fixed causes alone
+# then, and a per cent of it costs (1 + 10) times what it costs where nothing is fixed.
+_IN_VAIN = 0.1
 _MOST_CLASSES = 64
 _FINEST_LATTICE_m = 0.1e-3
 _FIRST_LATTICE_m = 1e-3
@@ -45,6 +49,7 @@ _FIRST_LATTICE_m = 1e-3
 # A refinement halves cells and quarters other errors at most: what cannot be made smaller may leave
 # the rest next to nothing, and its share would cost more than the picture is worth.
 _MOST_LARGER = 4.0
+_PIXELS = "pixel sampling"
 _SAFE = 0.9  # of an error that is foretold
 
 
@@ -53,9 +58,11 @@ class Plan:
     """How a scene is traced.
 
     domain_m: edge of the domain. wanted_K: error of all causes together. shares_K: errors that free
-    causes may have; foretold_K: that causes will have, whatever their share, as pilots say. depth:
-    how often the cube is halved; None: as the scene has it. trace_K, spectral_K: asked of the trace
-    and of the choice of wavelengths. size_classes, spacing_m: of the cone; None: there is none.
+    causes may have; foretold_K: that causes will have, whatever their share, as pilots say; fixed:
+    those among them that the plan cannot make smaller, and whether their error is an upper bound;
+    None: they were not looked for. depth: how often the cube is halved; None: as the scene has it.
+    trace_K, spectral_K: asked of the trace and of the choice of wavelengths. size_classes,
+    spacing_m: of the cone; None: there is none.
     lattice_of_m: edge of the cube whose cells are the cone's lattice as well, where the scene
     leaves both to choice; spacing_m then follows depth. refinements: made so far. limited: why
     cells are not finer, where they should be, and what is allowed; else empty. finest_lattice:
@@ -75,6 +82,7 @@ class Plan:
     limited: str = ""
     finest_lattice: bool = False
     foretold_K: Mapping[str, float] = field(default_factory=dict)
+    fixed: Mapping[str, bool] | None = None
 
     @classmethod
     def first(cls, scene: Scene) -> Plan:
@@ -92,12 +100,9 @@ class Plan:
         if not scene.transport.audit:
             edge_m = scene.domain.edge_m
             return cls(wanted_K, {}, wanted_K, scene.optics.bound_K, classes, spacing_m, edge_m)
-        shares_K = split(wanted_K, {name: EFFORTS[name] for name in free_causes(scene)})
         return cls(
             wanted_K=wanted_K,
-            shares_K=shares_K,
-            trace_K=shares_K.get("trace", wanted_K),
-            spectral_K=_spectral_K(scene, shares_K.get("wavelengths", wanted_K)),
+            **_shared(scene, wanted_K),
             size_classes=classes,
             spacing_m=spacing_m,
             domain_m=scene.domain.edge_m,
@@ -132,16 +137,58 @@ class Plan:
         return replace(self, depth=depth, spacing_m=spacing_m, lattice_of_m=edge_m)
 
     @property
+    def aim_K(self) -> float:
+        """Error of all causes together that is worth its cost: the wanted one, or what is fixed
+        with little added to it, by what of that is no upper bound.
+
+        With F of what is fixed and R of the rest, their sum falls by R^2 / (F^2 + R^2) per cent
+        where R falls by one; the cost grows by as many per cent whatever F is.
+        """
+        proven_K2, bounds_K2 = self._fixed_K2
+        return float(max(self.wanted_K, ((1.0 + _IN_VAIN) * proven_K2 + bounds_K2) ** 0.5))
+
+    @property
+    def _fixed_K2(self) -> tuple[float, float]:
+        """Squares of what is fixed: measured, and upper bounds."""
+        each = {name: self.foretold_K.get(name, 0.0) ** 2 for name in self.fixed or {}}
+        bounds = sum(each[name] for name, at_most in (self.fixed or {}).items() if at_most)
+        return sum(each.values()) - bounds, bounds
+
+    def knowing(self, scene: Scene, causes: Iterable[Cause]) -> Plan:
+        """The plan that knows what the scene errs by whatever is chosen for it. No plan chooses
+        pixels, nor directions that the scene sets: what pilots foretell of both counts as well.
+
+        Args:
+            scene: as the user wrote it.
+            causes: measured, those of `free_causes` not among them.
+        """
+        known = [one for one in causes if one.error_K is not None]
+        errors_K = {one.name: one.error_K for one in known if one.error_K is not None}
+        fixed = {one.name: one.at_most for one in known} | {_PIXELS: False}
+        if "trace" not in free_causes(scene):
+            fixed["trace"] = False
+        return replace(self, foretold_K={**self.foretold_K, **errors_K}, fixed=fixed)
+
+    def shared(self, scene: Scene) -> Plan:
+        """The plan with shares of what the known causes leave, and never less than before.
+
+        Args:
+            scene: as the user wrote it.
+        """
+        left_K2 = self.aim_K**2 - sum(error_K**2 for error_K in self.foretold_K.values())
+        return replace(self, **_shared(scene, max(left_K2, self.wanted_K**2) ** 0.5))
+
+    @property
     def cells_K(self) -> float:
         """Error that the cells may have: what the other causes are likely to leave."""
         least_K = _LEAST_OF_SHARE * self.shares_K["cells"]
         return float(max(self._left_K2("cells"), least_K**2) ** 0.5)
 
     def _left_K2(self, *names: str) -> float:
-        """What of the wanted error's square others than these causes are likely to leave."""
+        """What of the square of `aim_K` others than these causes are likely to leave."""
         likely_K = {name: _COMES_OUT * one for name, one in self.shares_K.items()}
         likely_K.update(self.foretold_K)
-        return self.wanted_K**2 - sum(e**2 for name, e in likely_K.items() if name not in names)
+        return self.aim_K**2 - sum(e**2 for name, e in likely_K.items() if name not in names)
 
     def scene(self, scene: Scene) -> Scene:
         """The scene with what the plan chose where it leaves keys out."""
@@ -239,6 +286,22 @@ class Plan:
             limits["gas grid"] = too_fine(self.spacing_m)
         return limits
 
+    def bounded(self) -> tuple[str, ...]:
+        """That what the plan cannot make smaller bounds what it chooses; else nothing."""
+        proven_K2, bounds_K2 = self._fixed_K2
+        left_K2 = self.wanted_K**2 - proven_K2 - bounds_K2
+        rest_K2 = _IN_VAIN * proven_K2
+        if rest_K2 <= max(left_K2, (_LEAST_OF_SHARE * self.wanted_K) ** 2):
+            return ()
+        known_K = {name: self.foretold_K.get(name, 0.0) for name in self.fixed or {}}
+        most = sorted(known_K, key=lambda name: -known_K[name])[:2]
+        named = ", ".join(f"{name} {known_K[name]:.2g} K" for name in most)
+        return (
+            f"causes that the run cannot make smaller err by {(proven_K2 + bounds_K2) ** 0.5:.2g} K "
+            f"on coarse cells ({named}), and transport.accuracy_K: {self.wanted_K:g} asks for "
+            f"less: the rest is chosen for {rest_K2**0.5:.2g} K",
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         return asdict(self)
@@ -253,13 +316,17 @@ def follows_cells(scene: Scene) -> bool:
     return (
         isinstance(scene.spray, ConeSpray)
         and scene.spray.spacing_m is None
-        and _cells_are_free(scene)
+        and cells_are_free(scene)
         and scene.transport.audit
     )
 
 
-def _cells_are_free(scene: Scene) -> bool:
-    """A grid of the user's is its own cells."""
+def cells_are_free(scene: Scene) -> bool:
+    """Whether the scene leaves its cells to choice. A grid of the user's is its own cells.
+
+    Args:
+        scene: as the user wrote it.
+    """
     domain = scene.domain
     own = isinstance(scene.spray, GridSpray)
     return domain.leaf_edge_m is None and domain.rule == "need" and not own
@@ -272,7 +339,7 @@ def free_causes(scene: Scene) -> tuple[str, ...]:
         scene: as the user wrote it.
     """
     free = []
-    if _cells_are_free(scene):
+    if cells_are_free(scene):
         free.append("cells")
     droplets = getattr(scene.spray, "droplets", True) is not None
     if scene.transport.directions is None and droplets:
@@ -290,6 +357,16 @@ def free_causes(scene: Scene) -> tuple[str, ...]:
     if isinstance(spray, ConeSpray) and spray.spacing_m is None and not follows_cells(scene):
         free.append("gas grid")
     return tuple(free)
+
+
+def _shared(scene: Scene, free_K: float) -> dict[str, Any]:
+    """What a plan asks of causes that it may choose for, where they may err by this together."""
+    shares_K = split(free_K, {name: EFFORTS[name] for name in free_causes(scene)})
+    return {
+        "shares_K": shares_K,
+        "trace_K": shares_K.get("trace", free_K),
+        "spectral_K": _spectral_K(scene, shares_K.get("wavelengths", free_K)),
+    }
 
 
 def _shares(left_K2: float, known_K: Mapping[str, float]) -> dict[str, float]:

@@ -63,6 +63,28 @@ def test_paths_are_as_sharp_as_asked(seed: int) -> None:
     assert squares[0] - squares[1] < 0.15**2 + 3 * 2 * 0.3 * 0.15 / 50**0.5
 
 
+def test_what_no_plan_makes_smaller_bounds_the_cells() -> None:
+    """Pixels of 2 mm err by 5.7 K in gdi: cells for the 0.5 K that are asked for are in vain.
+
+    Of the sum of squares a tenth of that of the pixels is left to the rest. Pilots on coarse cells
+    told 0.8 to 1.2 of what pixels err by, and cells come out at 0.5 to 1.3 of what they may: their
+    error is 0.12 to 0.5 of that of the pixels. It is 0.08 where 0.5 K bound it.
+    """
+    data: dict[str, Any] = cldit.load_scene("gdi").model_dump(mode="json")
+    data["camera"]["pixels"] = [50, 50]
+    data["optics"]["compare_paper"] = False
+    data["transport"]["accuracy_K"] = 0.5
+    run = cldit.simulate(cldit.parse_scene(data))
+    found = by_name(run.errors)
+    pixels, cells = found["pixel sampling"], found["cells"]
+    assert pixels is not None and cells is not None and pixels > 2.0
+    assert 0.12 < cells / pixels < 0.5
+    assert run.errors is not None and run.errors.total_K is not None
+    assert run.errors.total_K < (1 + 0.5**2) ** 0.5 * pixels
+    (remark,) = (text for text in run.info.remarks if "cannot make smaller" in text)
+    assert "pixel sampling" in remark and "accuracy_K: 0.5 asks for less" in remark
+
+
 def test_no_audit_no_errors(run_block: Callable[..., Run]) -> None:
     assert run_block(EVEN, **SMALL, transport={"audit": False}).errors is None
 

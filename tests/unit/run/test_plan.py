@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -71,9 +72,78 @@ def test_what_pilots_foretell_is_left_out_of_the_cells() -> None:
     assert plan.cells_K < small.cells_K < 0.5
     seen = replace(small, foretold_K={**small.foretold_K, "pixel sampling": 0.24})
     assert seen.cells_K**2 == pytest.approx(small.cells_K**2 - 0.24**2)
-    # Where these alone are more than was asked for, cells do not grow without end.
+    # Where what may be an upper bound is more than was asked for, cells do not grow without end.
     much = replace(plan, foretold_K={"pixel sampling": 0.9})
     assert much.cells_K == 0.5 * plan.shares_K["cells"]
+    # Pixels are no choice of the plan: beside 3 K of theirs finer cells are in vain.
+    coarse = replace(plan.knowing(scene_of(), []), foretold_K={"trace": 0.1, "pixel sampling": 3.0})
+    assert coarse.cells_K == pytest.approx(0.1**0.5 * 3.0, rel=0.05)  # classes have some of it
+
+
+def fixed(error_K: float, *, at_most: bool = False, name: str = "gas grid") -> Cause:
+    return Cause(name, error_K, "x", at_most=at_most)
+
+
+def test_what_is_fixed_bounds_what_is_chosen() -> None:
+    """Of a sum of squares that fixed causes make 10/11 of, the others have the rest."""
+    scene = scene_of("gdi-flow", transport={"accuracy_K": 0.5})
+    first = Plan.first(scene)
+    plan = first.knowing(scene, [fixed(9.0), fixed(1.2, name="parcels")]).shared(scene)
+    fixed_K2 = 9.0**2 + 1.2**2
+    assert plan.aim_K**2 == pytest.approx(1.1 * fixed_K2)
+    assert sum(one**2 for one in plan.shares_K.values()) == pytest.approx(0.1 * fixed_K2)
+    assert plan.trace_K == plan.shares_K["trace"] > first.trace_K
+    trace_K = 0.6 * plan.trace_K
+    assert plan.cells_K**2 + trace_K**2 == pytest.approx(0.1 * fixed_K2)
+    (remark,) = plan.bounded()
+    assert "gas grid 9 K, parcels 1.2 K" in remark and "the rest is chosen for 2.9 K" in remark
+    assert plan.scene(scene).spray == scene.spray
+
+
+def test_a_larger_wanted_error_never_makes_finer_cells() -> None:
+    """Without a step where what is fixed becomes less than what is asked for."""
+    cells_K, trace_K = [], []
+    for asked_K in [0.1 * 1.03**k for k in range(200)]:  # to 36 K
+        scene = scene_of("gdi-flow", transport={"accuracy_K": asked_K})
+        plan = Plan.first(scene).knowing(scene, [fixed(3.0), fixed(1.0, name="parcels")])
+        plan = plan.shared(scene)
+        seen = replace(plan, foretold_K={**plan.foretold_K, "trace": 0.02})
+        cells_K.append(seen.cells_K)
+        trace_K.append(plan.trace_K)
+    for values in (cells_K, trace_K):
+        assert all(a <= b * (1 + 1e-9) for a, b in pairwise(values))
+    # Where the sum of squares is (1 + 0.1) F^2, a step of 3 % in it makes one of a third in what
+    # is left, the most that there is.
+    assert max(b / a for a, b in pairwise(cells_K)) < (1 + (1.03**2 - 1) * 1.1 / 0.1) ** 0.5
+    assert cells_K[-1] ** 2 == pytest.approx(asked_K**2 - 3.0**2 - 1.0**2 - 0.02**2)
+
+
+def test_an_upper_bound_makes_nothing_coarser() -> None:
+    """It leaves cells less, and half of their share at least."""
+    scene = scene_of("gdi-flow", transport={"accuracy_K": 1.0})
+    first = Plan.first(scene)
+    plan = first.knowing(scene, [fixed(9.0, at_most=True)]).shared(scene)
+    assert plan.bounded() == ()
+    assert plan.trace_K == first.trace_K
+    assert plan.cells_K == 0.5 * first.shares_K["cells"]
+    beside = [fixed(9.0, at_most=True), fixed(5.0, name="parcels")]
+    both = first.knowing(scene, beside).shared(scene)  # nor does it hide what is no bound
+    assert sum(one**2 for one in both.shares_K.values()) == pytest.approx(0.1 * 5.0**2)
+    assert both.bounded()
+    some = first.knowing(scene, [fixed(0.5, at_most=True)])
+    assert some.cells_K**2 == pytest.approx(first.cells_K**2 - 0.25)
+
+
+def test_directions_of_the_scene_are_fixed() -> None:
+    """What a pilot shows of their error bounds the cells."""
+    scene = scene_of(transport={"accuracy_K": 0.5, "directions": 8})
+    plan = Plan.first(scene).knowing(scene, [])
+    seen = replace(plan, foretold_K={"trace": 4.0})
+    assert seen.aim_K == pytest.approx(1.1**0.5 * 4.0)
+    assert seen.cells_K == pytest.approx(0.1**0.5 * 4.0, rel=0.05)  # classes have some of it
+    free = scene_of(transport={"accuracy_K": 0.5})
+    noise = replace(Plan.first(free).knowing(free, []), foretold_K={"trace": 4.0})
+    assert noise.aim_K == 0.5  # ordinates can make it smaller
 
 
 def test_without_an_audit_it_is_the_trace() -> None:
