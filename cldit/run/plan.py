@@ -290,15 +290,15 @@ class Plan:
         """That what the plan cannot make smaller bounds what it chooses; else nothing."""
         proven_K2, bounds_K2 = self._fixed_K2
         left_K2 = self.wanted_K**2 - proven_K2 - bounds_K2
-        rest_K2 = _IN_VAIN * proven_K2
+        rest_K2, fixed_K = _IN_VAIN * proven_K2, (proven_K2 + bounds_K2) ** 0.5
         if rest_K2 <= max(left_K2, (_LEAST_OF_SHARE * self.wanted_K) ** 2):
             return ()
         known_K = {name: self.foretold_K.get(name, 0.0) for name in self.fixed or {}}
         most = sorted(known_K, key=lambda name: -known_K[name])[:2]
         named = ", ".join(f"{name} {known_K[name]:.2g} K" for name in most)
         return (
-            f"causes that the run cannot make smaller err by {(proven_K2 + bounds_K2) ** 0.5:.2g} K "
-            f"on coarse cells ({named}), and transport.accuracy_K: {self.wanted_K:g} asks for "
+            f"causes that the run cannot make smaller err by {fixed_K:.2g} K on coarse cells "
+            f"({named}), and transport.accuracy_K: {self.wanted_K:g} asks for "
             f"less: the rest is chosen for {rest_K2**0.5:.2g} K",
         )
 
