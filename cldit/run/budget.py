@@ -50,7 +50,7 @@ class Budget:
         Returns:
             Each cause, with its map where there is one.
         """
-        self.pilot.kept[self.depth] = self.pilot.thinned(picture)
+        self.pilot.kept[self.depth] = self.pilot.picked(picture)
         return [self._cells(), pixel_error(self.scene, self.pilot.probed, picture)]
 
     def of_cells_by_pilot(self) -> list[tuple[Cause, Step | None]]:
@@ -214,10 +214,10 @@ def foretold_K(pilot: Pilot, picture: Picture, trace_K: float) -> dict[str, floa
     Returns:
         By cause; what is not known is left out.
     """
-    found = {"trace": picture.error_K(pilot.temperature)}
+    found = {"trace": pilot.noise_K(picture)}
     if found["trace"]:  # each wavelength has ordinates of its own, whose errors are independent
         found["trace"] *= trace_K / pilot.settings.accuracy_K
-    if pilot.stride == 1:
+    if pilot.drawn is None:
         found["pixel sampling"] = pixel_error(pilot.scene, pilot.probed, picture)[0].error_K
     return {name: error_K for name, error_K in found.items() if error_K is not None}
 

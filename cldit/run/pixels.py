@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from cldit.radiance.weights import Weights
 from cldit.run.errors import Cause
-from cldit.run.node_temperature import NodeTemperature
 from cldit.run.picture import Picture, Step
 from cldit.run.pilot import Probed, temperature_of
 from cldit.scene import Scene
@@ -43,12 +42,7 @@ def pixel_error(scene: Scene, probed: Probed, picture: Picture) -> tuple[Cause, 
     if found is None or not seen.any():
         return Cause(_NAME, None, "no pixel has a T_app", _KEY), None
     pixels = found.sample.pixels
-    few = NodeTemperature(
-        temperature.scene,
-        temperature.grid_K,
-        temperature.radiance,
-        temperature.before_background.reshape(1, -1)[:, pixels],
-    )
+    few = temperature.picked(pixels)
 
     def sampled(weights: Weights) -> Weights:
         return weights.map(lambda image: image.reshape(1, -1)[:, pixels])

@@ -16,13 +16,14 @@ import numpy as np
 import pytest
 
 import cldit
-from cldit.bench.case import Case
+from cldit.bench.case import Case, changed
 from cldit.dit.accuracy import has_temperature
 from cldit.errors import DeviceError, TransportError
 from cldit.gpu import buffers
 from cldit.gpu.device import Device, open_device, split
 from cldit.run import Run
 from cldit.scene import load_scene
+from cldit.transport.trace import trace
 from tests.bench.pixel_sampling import measured, scene_of
 
 EDGE = 0.2
@@ -269,3 +270,24 @@ def test_stated_error_of_a_thin_jet(device: Device, tables: Path, pixels: int) -
     scene = scene_of(load_scene("methane-jet").model_dump(mode="json"), leaf_m=1e-3, order=None)
     found = measured(Case.of(scene, device, cache=tables), pixels=pixels, rays=1)
     assert 0.75 < found.stated_K / found.true_K < 1.4
+
+
+@pytest.mark.parametrize("rays", [1, 4])
+@pytest.mark.parametrize(("name", "order"), [("methane-jet", None), ("gdi", 1)])
+def test_some_pixels_are_those_of_the_picture(
+    device: Device, tables: Path, name: str, order: int | None, rays: int
+) -> None:
+    """By the very same rays, in any order of the pixels."""
+    scene = scene_of(load_scene(name).model_dump(mode="json"), leaf_m=2e-3, order=order)
+    scene = changed(scene, camera={"pixels": [40, 30], "rays_per_pixel": rays})
+    case = Case.of(scene, device, cache=tables)
+    settings = case.settings(gather=False)
+    pixels = np.array([1100, 17, 618, 619, 620, 3])
+    whole, some = (
+        trace(case.tree, case.scene, device, settings, pixels=listed).weights
+        for listed in (None, pixels)
+    )
+    for name, image in whole.images.items():
+        assert some.images[name].shape == (1, len(pixels))
+        np.testing.assert_allclose(some.images[name][0], image.flat[pixels], rtol=1e-6, atol=1e-9)
+    assert 0.0 < whole.background.flat[618] < 1.0
